@@ -1,0 +1,1 @@
+"""Networks, losses, training and evaluation; the training side reads only the packed dataset."""

@@ -1,0 +1,4 @@
+"""The `pbrnet` command."""
+
+
+def main() -> None: ...

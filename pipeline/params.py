@@ -1,0 +1,230 @@
+"""All parameters of the pipeline: `params.yaml` into frozen, checked dataclasses, read once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+import yaml
+
+from scenes.checked import build, within
+from scenes.errors import ParameterError
+from scenes.params import AssetParams, SceneParams
+
+Variant = Literal["auto", "llvm_ad_rgb", "cuda_ad_rgb", "scalar_rgb"]
+
+
+@dataclass(frozen=True)
+class ImageParams:
+    """Size of every frame; the field of view follows PBRS at 4:3 (half-angle in x is fixed)."""
+
+    width: int = field(default=160, metadata=within(16, 8192))
+    height: int = field(default=120, metadata=within(16, 8192))
+    half_fov_x: float = field(default=0.5534, metadata=within(0.05, 1.4))  # radians
+
+
+@dataclass(frozen=True)
+class FarmParams:
+    """How the work is spread over dask workers; never changes a pixel."""
+
+    workers: int = field(default=0, metadata=within(0, 4096))  # 0: one per allowed CPU
+    batch: int = field(default=8, metadata=within(1, 1024))  # views of one scene per task
+    window: int = field(default=4, metadata=within(1, 64))  # tasks in flight per worker
+    retries: int = field(default=2, metadata=within(0, 10))  # further attempts for a failing view
+    variant: Variant = "auto"
+
+
+@dataclass(frozen=True)
+class CameraParams:
+    """View sampling after PBRS (Zhang et al. 2017): the paper's text, plus real clearance."""
+
+    views_per_room: int = field(default=2, metadata=within(1, 64))
+    views_per_scene: int = field(default=8, metadata=within(1, 1024))
+    grid: float = field(default=0.25, metadata=within(0.05, 5))  # metres, jittered in the cell
+    eye_height: float = field(default=1.55, metadata=within(0.2, 3))  # metres above the floor
+    eye_jitter: float = field(default=0.05, metadata=within(0, 0.5))  # metres
+    tilt: float = field(default=-0.2, metadata=within(-2, 2))  # towards.z before normalising
+    sectors: int = field(default=6, metadata=within(1, 36))
+    min_objects: int = field(default=3, metadata=within(0, 100))
+    min_coverage: float = field(default=0.01, metadata=within(0, 1))  # of the pixels, per object
+    min_score: float = field(default=0.0, metadata=within(0))
+    clearance: float = field(default=0.10, metadata=within(0, 2))  # metres around the eye
+    # id render: pixels a side of the candidate images, and candidates per room and sector
+    id_width: int = field(default=80, metadata=within(16, 640))
+    candidates: int = field(default=12, metadata=within(1, 4096))
+
+
+@dataclass(frozen=True)
+class IlluminationParams:
+    """Panorama of visible light sources; its height is half its width."""
+
+    width: int = field(default=160, metadata=within(16, 4096))
+    supersampling: int = field(default=4, metadata=within(1, 16))  # per axis, per pixel
+    light_samples: int = field(default=64, metadata=within(1, 4096))  # per small light
+
+    def verify(self, where: str) -> None:
+        """The height must be whole; raises ValueError."""
+        if self.width % 2:
+            raise ValueError(f"{where}.width: {self.width} is odd; the height is half of it")
+
+
+@dataclass(frozen=True)
+class GroundTruthParams:
+    """Path-traced shading and colour."""
+
+    spp: int = field(default=64, metadata=within(1, 1 << 20))
+    block_spp: int = field(default=16, metadata=within(1, 4096))  # one seeded block
+    max_depth: int = field(default=11, metadata=within(1, 1000))
+    rr_depth: int = field(default=5, metadata=within(1, 1000))
+
+    def verify(self, where: str) -> None:
+        """Blocks must divide the samples; raises ValueError."""
+        if self.spp % self.block_spp and self.spp > self.block_spp:
+            raise ValueError(f"{where}.spp: {self.spp} is not a multiple of block_spp")
+
+
+@dataclass(frozen=True)
+class ShadingParams:
+    """What stands in for every removed colour."""
+
+    albedo: float = field(default=0.5, metadata=within(0.01, 1))
+
+
+@dataclass(frozen=True)
+class CheckParams:
+    """When a finished frame is rejected from the dataset; each rejection is listed."""
+
+    max_noise: float = field(default=2.0, metadata=within(0))  # relative, see frames
+    min_valid: float = field(default=0.5, metadata=within(0, 1))  # share of pixels with a surface
+    max_black: float = field(default=0.9, metadata=within(0, 1))  # share of pixels at exactly 0
+    max_blown: float = field(default=0.5, metadata=within(0, 1))  # share at the half-float limit
+    max_fireflies: float = field(default=0.02, metadata=within(0, 1))
+
+
+@dataclass(frozen=True)
+class SplitParams:
+    """Shares of plans in each split, by plan, never by view; the rest trains."""
+
+    validation: float = field(default=0.1, metadata=within(0, 0.9))
+    test: float = field(default=0.2, metadata=within(0, 0.9))
+
+
+@dataclass(frozen=True)
+class DatasetParams:
+    """Packing into Parquet."""
+
+    shard_mb: int = field(default=192, metadata=within(1, 4096))
+    row_group: int = field(default=16, metadata=within(1, 1024))
+    preview_width: int = field(default=256, metadata=within(16, 2048))
+    splits: SplitParams = SplitParams()
+    checks: CheckParams = CheckParams()
+
+
+@dataclass(frozen=True)
+class BackboneParams:
+    """Pretrained features of the perceptual loss."""
+
+    # auto: VGG-19 from `weights` or torch's cache, else download if allowed, else the packaged net
+    network: Literal["auto", "vgg19", "efficientnet_lite0"] = "auto"
+    weights: str = ""  # a VGG-19 file with torchvision's state-dict names
+    download: bool = False
+
+
+@dataclass(frozen=True)
+class LossParams:
+    """Part-perceptual loss (paper, equations 1 and 2): input, then conv1_2 ... conv5_2."""
+
+    kind: Literal["part", "full", "fifth", "l1"] = "part"
+    part: tuple[float, ...] = (1.0, 1.5, 1.5, 0.5, 0.0, 0.0)
+
+    def verify(self, where: str) -> None:
+        """Six weights; raises ValueError."""
+        if len(self.part) != 6:
+            raise ValueError(f"{where}.part: {len(self.part)} weights, six are needed")
+
+
+@dataclass(frozen=True)
+class StageTrainParams:
+    """One network's training."""
+
+    epochs: int = field(default=12, metadata=within(1, 100_000))
+    steps_per_epoch: int = field(default=0, metadata=within(0, 10_000_000))  # 0: each view once
+    width: int = field(default=32, metadata=within(1, 1024))  # channels of the first level
+    levels: int = field(default=5, metadata=within(1, 8))
+
+
+@dataclass(frozen=True)
+class TrainParams:
+    """Two-stage training: the shading network, then fixed, the composition network."""
+
+    learning_rate: float = field(default=1e-4, metadata=within(above=0))
+    batch: int = field(default=1, metadata=within(1, 256))
+    precision: Literal["auto", "float32", "bfloat16"] = "auto"
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    exposure: Literal["own", "shared"] = "shared"
+    checkpoint_steps: int = field(default=500, metadata=within(1))
+    loss: LossParams = LossParams()
+    shading: StageTrainParams = StageTrainParams()
+    composition: StageTrainParams = StageTrainParams(levels=3)
+    unet: StageTrainParams = StageTrainParams()  # the direct U-Net they are compared with
+
+
+@dataclass(frozen=True)
+class ToneParams:
+    """Reinhard's photographic operator as PBRS used it."""
+
+    key: float = field(default=0.8, metadata=within(above=0))
+    burn: float = field(default=0.2, metadata=within(above=0))
+
+
+@dataclass(frozen=True)
+class EvaluateParams:
+    """Evaluation on the test split."""
+
+    split: Literal["test", "validation", "train"] = "test"
+    timing_views: int = field(default=4, metadata=within(1, 1000))
+
+
+@dataclass(frozen=True)
+class Params:
+    """Everything in `params.yaml`."""
+
+    seed: int = field(default=0, metadata=within(0))
+    image: ImageParams = ImageParams()
+    farm: FarmParams = FarmParams()
+    assets: AssetParams = AssetParams()
+    scenes: SceneParams = SceneParams()
+    cameras: CameraParams = CameraParams()
+    illumination: IlluminationParams = IlluminationParams()
+    groundtruth: GroundTruthParams = GroundTruthParams()
+    shading: ShadingParams = ShadingParams()
+    tone: ToneParams = ToneParams()
+    dataset: DatasetParams = DatasetParams()
+    backbone: BackboneParams = BackboneParams()
+    train: TrainParams = TrainParams()
+    evaluate: EvaluateParams = EvaluateParams()
+
+
+def load_params(path: Path, seed: int | None = None) -> Params:
+    """Read and check a parameter file; `seed`, if given, overrides its root seed.
+
+    Raises `ParameterError` that names file, key, value and what is allowed.
+    """
+    try:
+        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ParameterError(
+            f"{path}: no such parameter file; put one in place with: pbrnet preset quick"
+        ) from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ParameterError(f"{path}: not valid YAML ({error})") from None
+    try:
+        params = build(Params, data or {})
+    except ParameterError as error:
+        raise ParameterError(f"{path}: {error}") from None
+    if seed is None:
+        return params
+    if seed < 0:
+        raise ParameterError(f"--seed: {seed} is not allowed; must be at least 0")
+    return replace(params, seed=seed)

@@ -1,0 +1,117 @@
+"""Views: a camera in a scene, in the OpenCV convention, and the files that list them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.params import ImageParams
+from scenes.checked import build, plain
+from scenes.errors import InputError
+from scenes.files import read_json, write_json
+
+Matrix = tuple[tuple[float, ...], ...]
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class View:
+    """One camera.
+
+    `camera_to_world` is 4x4 and rigid, metres; the camera frame is OpenCV's: x right, y down,
+    z forward. `K` is 3x3 in pixels with pixel centres at +0.5:
+    pixel = K @ (x/z, y/z, 1), so the first pixel's centre is (0.5, 0.5).
+    """
+
+    scene_id: str
+    view_id: str
+    width: int
+    height: int
+    K: Matrix
+    camera_to_world: Matrix
+    room: str | None = None
+    room_type: str = "other"
+    sector: int = -1
+    score: float = 0.0
+    seen: dict[str, int] = field(default_factory=dict)  # object id -> pixels in the id render
+
+    def verify(self, where: str) -> None:
+        """Shapes, rigidity and focal lengths; raises ValueError."""
+        pose, intrinsics = np.array(self.camera_to_world), np.array(self.K)
+        if pose.shape != (4, 4) or intrinsics.shape != (3, 3):
+            raise ValueError(f"{where}: camera_to_world must be 4x4 and K 3x3")
+        turn = pose[:3, :3]
+        if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-4) or np.linalg.det(turn) < 0:
+            raise ValueError(f"{where}.camera_to_world: not a rotation and a translation")
+        if intrinsics[0, 0] <= 0 or intrinsics[1, 1] <= 0:
+            raise ValueError(f"{where}.K: focal lengths must be positive")
+
+    @property
+    def pose(self) -> FloatArray:
+        """`camera_to_world` as float64 (4, 4)."""
+        return np.array(self.camera_to_world, dtype=np.float64)
+
+    @property
+    def intrinsics(self) -> FloatArray:
+        """`K` as float64 (3, 3)."""
+        return np.array(self.K, dtype=np.float64)
+
+    @property
+    def eye(self) -> FloatArray:
+        """Camera position in the world, metres, float64 (3,)."""
+        return self.pose[:3, 3]
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """`data/cameras/<scene_id>.json`: the views kept, and why the other candidates were not."""
+
+    scene_id: str
+    views: tuple[View, ...]
+    candidates: int = 0
+    rejected: dict[str, int] = field(default_factory=dict)  # reason -> candidates
+    fingerprint: str = ""
+
+
+def look(eye: Any, towards: Any, up: Any = (0.0, 0.0, 1.0)) -> FloatArray:
+    """`camera_to_world` (4, 4) of a camera at `eye` that looks along `towards`, OpenCV axes."""
+    forward = np.asarray(towards, dtype=np.float64)
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, np.asarray(up, dtype=np.float64))
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, 0], pose[:3, 1], pose[:3, 2] = right, np.cross(forward, right), forward
+    pose[:3, 3] = eye
+    return pose
+
+
+def intrinsics_of(image: ImageParams) -> FloatArray:
+    """`K` (3, 3) in pixels with square pixels: the half-angle in x fixes the focal length."""
+    focal = 0.5 * image.width / math.tan(image.half_fov_x)
+    return np.array(
+        [[focal, 0.0, 0.5 * image.width], [0.0, focal, 0.5 * image.height], [0.0, 0.0, 1.0]]
+    )
+
+
+def as_matrix(array: FloatArray) -> Matrix:
+    """A 2-D array as nested tuples of Python floats."""
+    return tuple(tuple(float(value) for value in row) for row in array)
+
+
+def save_cameras(path: Path, cameras: CameraFile) -> None:
+    """Write a camera file by rename."""
+    write_json(path, plain(cameras))
+
+
+def load_cameras(path: Path) -> CameraFile:
+    """Read and check a camera file; `InputError` names what is wrong."""
+    cameras = build(CameraFile, read_json(path), str(path), InputError)
+    names = [view.view_id for view in cameras.views]
+    if len(set(names)) != len(names):
+        raise InputError(f"{path}: a view_id is used twice")
+    return cameras

@@ -1,0 +1,1 @@
+"""Scene sources and the scene contract; knows nothing of `pipeline` or `model`."""

@@ -1,0 +1,154 @@
+"""Plain data (from YAML or JSON) into frozen dataclasses, refusing what does not fit."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import types
+import typing
+from collections.abc import Callable
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from scenes.errors import ParameterError, PbrnetError
+
+T = TypeVar("T")
+
+
+def within(
+    low: float = -math.inf, high: float = math.inf, *, above: float = -math.inf
+) -> dict[str, Any]:
+    """Field metadata: the value (or each element) must lie in [low, high] and exceed `above`."""
+    words = []
+    if math.isfinite(above):
+        words.append(f"above {above:g}")
+    if math.isfinite(low) and math.isfinite(high):
+        words.append(f"from {low:g} to {high:g}")
+    elif math.isfinite(low):
+        words.append(f"at least {low:g}")
+    elif math.isfinite(high):
+        words.append(f"at most {high:g}")
+    return {
+        "check": lambda value: low <= value <= high and value > above,
+        "allowed": " and ".join(words),
+    }
+
+
+def build(cls: type[T], data: Any, where: str = "", error: type[PbrnetError] = ParameterError) -> T:
+    """Read `data` (mappings, lists, scalars) as the dataclass `cls`.
+
+    Missing keys take the field's default; an unknown key, a wrong type or a value outside the
+    field's `within(...)` raises `error`, naming key, value and what is allowed.
+    """
+    if not isinstance(data, dict):
+        raise error(f"{where or cls.__name__}: expected a mapping of keys, got {data!r}")
+    hints = get_type_hints(cls)
+    fields = {field.name: field for field in dataclasses.fields(cls) if field.init}  # type: ignore[arg-type]
+    for key in data:
+        if key not in fields:
+            close = difflib.get_close_matches(str(key), fields, n=1)
+            hint = f"; did you mean {close[0]!r}?" if close else ""
+            raise error(f"{_join(where, key)}: unknown key{hint} (known: {', '.join(fields)})")
+    values = {}
+    for name, field in fields.items():
+        key = _join(where, name)
+        if name in data:
+            values[name] = _convert(hints[name], data[name], key, field.metadata, error)
+        elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
+            raise error(f"{key}: missing; expected {_describe(hints[name])}")
+    built = cls(**values)
+    verify: Callable[[str], None] | None = getattr(built, "verify", None)
+    if verify is not None:
+        try:
+            verify(where)
+        except ValueError as wrong:
+            raise error(str(wrong)) from None
+    return built
+
+
+def plain(value: Any) -> Any:
+    """The reverse: dataclasses and tuples into mappings and lists that JSON can hold."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {
+            field.name: plain(getattr(value, field.name))
+            for field in dataclasses.fields(value)
+            if field.init
+        }
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    return value
+
+
+def _join(where: str, key: object) -> str:
+    return f"{where}.{key}" if where else str(key)
+
+
+def _convert(hint: Any, value: Any, key: str, metadata: Any, error: type[PbrnetError]) -> Any:
+    origin = get_origin(hint)
+    if dataclasses.is_dataclass(hint):
+        return build(hint, value, key, error)  # type: ignore[arg-type]
+    if origin in (Union, types.UnionType):
+        options = [option for option in get_args(hint) if option is not type(None)]
+        if value is None and type(None) in get_args(hint):
+            return None
+        return _convert(options[0], value, key, metadata, error)
+    if origin is tuple:
+        return _convert_tuple(hint, value, key, metadata, error)
+    if origin is dict:
+        if not isinstance(value, dict):
+            raise error(f"{key}: expected {_describe(hint)}, got {value!r}")
+        item_hint = get_args(hint)[1]
+        return {
+            str(name): _convert(item_hint, item, _join(key, name), metadata, error)
+            for name, item in value.items()
+        }
+    if origin is Literal:
+        if value not in get_args(hint):
+            raise error(f"{key}: {value!r} is not one of {', '.join(map(repr, get_args(hint)))}")
+        return value
+    if hint is Any:
+        return value
+    if hint is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
+        raise error(f"{key}: expected {_describe(hint, metadata)}, got {value!r}")
+    if hint is float and not math.isfinite(value):
+        raise error(f"{key}: expected a finite number, got {value!r}")
+    if "check" in metadata and not metadata["check"](value):
+        raise error(f"{key}: {value!r} is not allowed; must be {metadata['allowed']}")
+    return value
+
+
+def _convert_tuple(
+    hint: Any, value: Any, key: str, metadata: Any, error: type[PbrnetError]
+) -> tuple[Any, ...]:
+    if not isinstance(value, (list, tuple)):
+        raise error(f"{key}: expected {_describe(hint)}, got {value!r}")
+    item_hints = get_args(hint)
+    if len(item_hints) == 2 and item_hints[1] is Ellipsis:
+        item_hints = (item_hints[0],) * len(value)
+    if len(item_hints) != len(value):
+        raise error(f"{key}: expected {len(item_hints)} values, got {value!r}")
+    return tuple(
+        _convert(item_hint, item, f"{key}[{index}]", metadata, error)
+        for index, (item_hint, item) in enumerate(zip(item_hints, value, strict=True))
+    )
+
+
+def _describe(hint: Any, metadata: Any = types.MappingProxyType({})) -> str:
+    names = {int: "a whole number", float: "a number", str: "text", bool: "true or false"}
+    if hint in names:
+        allowed = metadata.get("allowed", "")
+        return f"{names[hint]} {allowed}".strip()
+    origin = get_origin(hint)
+    if origin is tuple:
+        return "a list"
+    if origin is dict:
+        return "a mapping"
+    if origin in (Union, types.UnionType):
+        return " or ".join(
+            "nothing" if option is type(None) else _describe(option) for option in get_args(hint)
+        )
+    return str(getattr(hint, "__name__", typing.cast(Any, hint)))

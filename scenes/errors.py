@@ -1,0 +1,32 @@
+"""Errors meant for the reader: what was wrong, where, and what to do about it."""
+
+from __future__ import annotations
+
+
+class PbrnetError(Exception):
+    """A failure the user can act on; the command line prints its text, not a traceback.
+
+    Subclasses set `exit_code`, which the command line returns:
+    1 some of the work failed, 2 bad usage or parameters, 3 bad input file, 4 the machine
+    lacks something (disk space, a library, weights).
+    """
+
+    exit_code = 1
+
+
+class ParameterError(PbrnetError):
+    """A parameter is unknown, of the wrong type or impossible."""
+
+    exit_code = 2
+
+
+class InputError(PbrnetError):
+    """A file given to us cannot be used: broken, missing, hostile or of an unknown kind."""
+
+    exit_code = 3
+
+
+class MachineError(PbrnetError):
+    """The machine lacks what the work needs: disk space, a library, weights."""
+
+    exit_code = 4

@@ -1,0 +1,42 @@
+"""Parameters of scene making, read once at the rim."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from scenes.checked import within
+
+LightSetting = Literal["day", "evening", "night", "mixed"]
+
+
+@dataclass(frozen=True)
+class AssetParams:
+    """Optional furniture catalogues."""
+
+    enabled: bool = False
+
+
+@dataclass(frozen=True)
+class SceneParams:
+    """Which scenes the `scenes` stage makes."""
+
+    homes: int = field(default=12, metadata=within(0, 1_000_000))
+    rooms_min: int = field(default=1, metadata=within(1, 6))
+    rooms_max: int = field(default=6, metadata=within(1, 6))
+    # Light settings, dealt out in turn so that every split sees each.
+    lighting: tuple[LightSetting, ...] = ("day", "evening", "night", "mixed")
+    texture_size: int = field(default=512, metadata=within(64, 4096))  # pixels a side
+    # Scenes of one's own: files that `pbrnet import` reads, brought in by the same stage.
+    imports: tuple[str, ...] = ()
+
+    def verify(self, where: str) -> None:
+        """Checks across fields; raises ValueError."""
+        if self.rooms_min > self.rooms_max:
+            raise ValueError(
+                f"{where}.rooms_min: {self.rooms_min} is more than rooms_max {self.rooms_max}"
+            )
+        if not self.lighting:
+            raise ValueError(f"{where}.lighting: name at least one of day, evening, night, mixed")
+        if not self.homes and not self.imports:
+            raise ValueError(f"{where}.homes: 0 homes and no imports leave nothing to do")
