@@ -46,8 +46,8 @@ KINDS: dict[Kind, dict[str, type]] = {
         "object": np.uint32,
     },
     "illumination": {"intensity.Y": np.float32, "distance.Z": np.float32},
-    "shading": {band: np.float16 for band in RGB},
-    "color": {band: np.float16 for band in RGB},
+    "shading": dict.fromkeys(RGB, np.float16),
+    "color": dict.fromkeys(RGB, np.float16),
 }
 HALF_MAX = float(np.finfo(np.float16).max)
 
@@ -90,7 +90,8 @@ def write_frame(path: Path, kind: Kind, channels: Channels, view: View, **meta: 
     kinds = KINDS[kind]
     if set(channels) != set(kinds):
         raise ValueError(f"{path}: channels {sorted(channels)}, expected {sorted(kinds)}")
-    pixels, clamped = {}, 0
+    pixels: Channels = {}
+    clamped = 0
     for name, dtype in kinds.items():
         values = np.asarray(channels[name])
         if np.issubdtype(values.dtype, np.floating) and not np.isfinite(values).all():

@@ -1,0 +1,68 @@
+"""Progress of long work: a bar with rate and time left on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+
+from tqdm import tqdm
+
+
+class Progress:
+    """Counts finished items; use as a context manager and call `advance`.
+
+    On a terminal a bar is redrawn in place; elsewhere a line is printed at most every
+    `every` seconds and once at the end. Everything goes to standard error.
+    """
+
+    def __init__(self, total: int, label: str, unit: str = "views", every: float = 10.0) -> None:
+        self.total, self.label, self.unit, self.every = total, label, unit, every
+        self.done = 0
+        self._started = self._spoke = time.monotonic()
+        self._bar = (
+            tqdm(total=total, desc=label, unit=unit.removesuffix("s"), file=sys.stderr)
+            if sys.stderr.isatty()
+            else None
+        )
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.close()
+        else:
+            self._say()
+
+    def advance(self, count: int = 1, note: str = "") -> None:
+        """Count `count` more finished items; `note` is shown beside the bar."""
+        self.done += count
+        if self._bar is not None:
+            if note:
+                self._bar.set_postfix_str(note, refresh=False)
+            self._bar.update(count)
+        elif time.monotonic() - self._spoke >= self.every:
+            self._say(note)
+
+    def write(self, line: str) -> None:
+        """Print a line without disturbing the bar."""
+        if self._bar is not None:
+            self._bar.write(line, file=sys.stderr)
+        else:
+            print(line, file=sys.stderr, flush=True)
+
+    def _say(self, note: str = "") -> None:
+        self._spoke = time.monotonic()
+        seconds = self._spoke - self._started
+        rate = self.done / seconds if seconds > 0 else 0.0
+        left = (
+            f", {(self.total - self.done) / rate:.0f} s left" if 0 < self.done < self.total else ""
+        )
+        text = f"{self.label}: {self.done}/{self.total} {self.unit}, {rate:.2f}/s{left}"
+        print(f"{text} {note}".rstrip(), file=sys.stderr, flush=True)

@@ -1,0 +1,86 @@
+"""Reinhard's photographic tone mapping with PBRS's key and burn: the one place that tone-maps.
+
+Reinhard et al., *Photographic Tone Reproduction for Digital Images* (2002), equations 1, 2 and 4,
+with the meaning of `burn` that the renderer of PBRS gave it: 0 compresses everything,
+1 lets everything above the key burn out. Luminance is mapped, chromaticity kept.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.params import ToneParams
+
+Image = npt.NDArray[np.floating]
+REC709 = np.array([0.2126, 0.7152, 0.0722])
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """`scale` multiplies radiance before compression; `white` is the scaled luminance that maps
+    to 1 (infinite where nothing burns out)."""
+
+    scale: float
+    white: float
+
+
+def luminance(image: Image) -> Image:
+    """Rec. 709 luminance (..., ) of linear RGB (..., 3)."""
+    return image @ REC709.astype(image.dtype)
+
+
+def exposure_of(image: Image, tone: ToneParams) -> Exposure:
+    """The exposure of linear HDR `image` (H, W, 3) by its own log-average luminance.
+
+    Pixels at exactly zero carry no light information and are left out; an all-black image
+    has scale 1.
+    """
+    lum = luminance(np.asarray(image, dtype=np.float64))
+    lit = lum[lum > 0]
+    if lit.size == 0:
+        return Exposure(1.0, 1.0)
+    scale = tone.key / float(np.exp(np.mean(np.log(lit))))
+    burn = min(1.0, max(1e-8, 1.0 - tone.burn))
+    return Exposure(scale, float(lit.max()) * scale * burn**2)
+
+
+def tonemap(image: Image, exposure: Exposure) -> npt.NDArray[np.float32]:
+    """Linear HDR (..., 3) to display values: compressed, sRGB-encoded, float32 in [0, 1]."""
+    scaled = np.maximum(np.asarray(image, dtype=np.float32), 0) * np.float32(exposure.scale)
+    lum = luminance(scaled)[..., None]
+    factor = (1 + lum / np.float32(exposure.white**2)) / (1 + lum)
+    return encode_srgb(np.clip(scaled * factor, 0, 1))
+
+
+def untonemap(display: Image, exposure: Exposure) -> npt.NDArray[np.float32]:
+    """The inverse of `tonemap` up to its clipping: display values to linear HDR, float32."""
+    compressed = decode_srgb(np.clip(np.asarray(display, dtype=np.float32), 0, 1))
+    lum = luminance(compressed)[..., None].astype(np.float64)
+    # mapped = L (1 + L / w^2) / (1 + L)  <=>  L^2 / w^2 + L (1 - mapped) - mapped = 0
+    inverse_white2 = 1.0 / exposure.white**2
+    half = 0.5 * (1 - lum)
+    scaled = lum / np.maximum(half + np.sqrt(half**2 + inverse_white2 * lum), 1e-12)
+    ratio = np.where(lum > 0, scaled / np.maximum(lum, 1e-12), 1.0)
+    return (compressed * ratio / exposure.scale).astype(np.float32)
+
+
+def encode_srgb(linear: Image) -> npt.NDArray[np.float32]:
+    """Linear [0, 1] to sRGB [0, 1] (IEC 61966-2-1)."""
+    linear = np.asarray(linear, dtype=np.float32)
+    high = 1.055 * np.maximum(linear, 0.0031308) ** np.float32(1 / 2.4) - 0.055
+    return np.where(linear <= 0.0031308, 12.92 * linear, high).astype(np.float32)
+
+
+def decode_srgb(display: Image) -> npt.NDArray[np.float32]:
+    """sRGB [0, 1] to linear [0, 1]."""
+    display = np.asarray(display, dtype=np.float32)
+    high = ((np.maximum(display, 0.04045) + 0.055) / 1.055) ** np.float32(2.4)
+    return np.where(display <= 0.04045, display / 12.92, high).astype(np.float32)
+
+
+def to_bytes(display: Image) -> npt.NDArray[np.uint8]:
+    """Display values in [0, 1] to 8 bits."""
+    return np.clip(np.rint(np.asarray(display) * 255), 0, 255).astype(np.uint8)

@@ -1,0 +1,1 @@
+"""Procedural homes: floor plans, furniture, materials and light from a seed."""

@@ -1,0 +1,104 @@
+"""What furniture is made of: materials asked for, parts, lamps, and how a piece wants to stand.
+
+A piece lives in its own frame: metres, Z up, origin at the centre of its footprint on the
+surface that carries it (floor, table top; the ceiling for hanging pieces, where z <= 0; the
+wall for mounted pieces, where the wall is the plane y = 0). Its back is towards +Y, its front
+faces -Y.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+MaterialKind = Literal[
+    "wood",  # grain along u
+    "tiles",
+    "fabric",  # woven; sofas, curtains, bedding
+    "carpet",
+    "leather",
+    "plaster",  # walls and ceilings
+    "stone",  # worktops, sills
+    "paint",  # smooth coat, no texture
+    "plastic",
+    "metal",
+    "mirror",
+    "glass",  # clear, thin or solid ornament, never window panes
+    "ceramic",
+    "paper",  # book pages, pictures, lampshades
+    "leaf",
+    "soil",
+    "picture",  # an abstract picture over uv [0, 1]
+]
+Anchor = Literal["wall", "corner", "centre", "free", "on_top", "on_wall", "ceiling"]
+Color = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Material:
+    """A material asked for; `materials` turns it into a BSDF and its textures.
+
+    `color` is the mean reflectance, linear RGB in [0, 1] (F0 for metals). Textures are laid out
+    in metres: one uv unit is one metre, except for "picture".
+    """
+
+    kind: MaterialKind
+    color: Color
+    roughness: float = 0.5  # perceptual, [0, 1]; GGX alpha is its square
+    accent: Color | None = None  # grout, second yarn, knots
+    scale: float = 1.0  # size of the pattern, 1 is the usual one of its kind
+    variant: int = 0  # seed of the pattern
+    translucent: bool = False  # lets light through, as lampshades and thin curtains do
+
+
+@dataclass(frozen=True)
+class Part:
+    """One shape: a triangle mesh of one material.
+
+    `vertices` float (V, 3) metres; `faces` int (F, 3), counter-clockwise seen from outside;
+    `uvs` float (V, 2), in metres; `smooth` asks for shared vertex normals, else facets.
+    """
+
+    name: str
+    vertices: npt.NDArray[np.float64]
+    faces: npt.NDArray[np.int64]
+    uvs: npt.NDArray[np.float64]
+    material: Material
+    smooth: bool = False
+    lumens: float = 0.0  # above 0: this part emits, lit when the home's lamps are on
+    kelvin: float = 2800.0  # colour temperature of what it emits
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A horizontal rectangle other pieces may stand on: centre x, y, height z, half sizes."""
+
+    x: float
+    y: float
+    z: float
+    half_x: float
+    half_y: float
+    headroom: float = 10.0  # metres free above it
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A piece of furniture or a fitting, ready to be placed."""
+
+    name: str
+    category: str
+    parts: tuple[Part, ...]
+    anchor: Anchor
+    front_clearance: float = 0.0  # metres to keep free before it, for use
+    side_clearance: float = 0.0
+    surfaces: tuple[Surface, ...] = ()
+    mount_height: float = 0.0  # on_wall: height of the origin above the floor
+
+    @property
+    def bounds(self) -> npt.NDArray[np.float64]:
+        """Axis-aligned bounds in its own frame, (2, 3) metres."""
+        points = np.concatenate([part.vertices for part in self.parts])
+        return np.stack([points.min(axis=0), points.max(axis=0)])
