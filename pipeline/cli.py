@@ -1,4 +1,118 @@
-"""The `pbrnet` command."""
+"""The `pbrnet` command: one click group, its commands loaded when they are asked for."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from typing import Any
+
+import click
+
+from scenes.errors import MachineError, PbrnetError
+
+# Command: where it is defined, and its line in `pbrnet --help` (so that help loads nothing heavy).
+GROUPS: dict[str, dict[str, tuple[str, str]]] = {
+    "Stages, in the order of dvc.yaml": {
+        "assets": ("pipeline.stage_commands:assets", "Fetch optional furniture catalogues."),
+        "scenes": ("pipeline.stage_commands:scenes", "Make procedural homes, import scenes."),
+        "cameras": ("pipeline.stage_commands:cameras", "Sample views that see much furniture."),
+        "inputs": ("pipeline.stage_commands:inputs", "Render depth, normal, reflectance."),
+        "illumination": (
+            "pipeline.stage_commands:illumination",
+            "Render panoramas of the visible light sources.",
+        ),
+        "groundtruth": (
+            "pipeline.stage_commands:groundtruth",
+            "Path-trace shading and colour of every view.",
+        ),
+        "dataset": ("pipeline.data_commands:dataset", "Check the frames and pack them."),
+        "backbone": ("model.commands:backbone", "Get the perceptual loss's features."),
+        "train": ("model.commands:train", "Train a network: shading, composition, unet."),
+        "evaluate": ("model.commands:evaluate", "Measure the networks on the test scenes."),
+        "report": ("pipeline.data_commands:report", "Write the self-contained HTML report."),
+    },
+    "Halves of groundtruth": {
+        "shading": ("pipeline.stage_commands:shading", "Path-trace textureless shading only."),
+        "color": ("pipeline.stage_commands:color", "Path-trace colour only."),
+    },
+    "Tools": {
+        "import": ("pipeline.import_command:import_command", "Bring in one scene of your own."),
+        "inspect": ("pipeline.data_commands:inspect", "Say what a file holds, and draw it."),
+        "predict": ("model.commands:predict", "Make an image through the trained networks."),
+        "preset": ("pipeline.setup_commands:preset", "Put a parameter preset in place."),
+        "doctor": ("pipeline.setup_commands:doctor", "Say what this machine has and lacks."),
+    },
+}
+COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}
 
 
-def main() -> None: ...
+class LazyGroup(click.Group):
+    """A group whose commands are imported on use and listed by topic."""
+
+    def list_commands(self, context: click.Context) -> list[str]:
+        """All command names, in the order of `GROUPS`."""
+        return list(COMMANDS)
+
+    def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        """Import and return a command, None if there is no such one."""
+        if name not in COMMANDS:
+            return None
+        module, attribute = COMMANDS[name][0].split(":")
+        command: click.Command = getattr(importlib.import_module(module), attribute)
+        return command
+
+    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands by topic without importing them."""
+        for title, group in GROUPS.items():
+            with formatter.section(title):
+                formatter.write_dl([(name, line) for name, (_, line) in group.items()])
+
+
+@click.group(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="""\b
+Examples:
+  pbrnet preset quick                     start from the quick-start parameters
+  dvc repro                               run every stage that is out of date
+  pbrnet groundtruth --workers 8          run one stage alone
+  pbrnet import room.xml --out data/scenes/room
+  pbrnet inspect data/dataset
+
+Exit codes: 0 all that was asked for is done, 1 part of it failed, 2 bad usage or parameters,
+3 bad input file, 4 the machine lacks something, 130 interrupted.
+Shell completion: eval "$(_PBRNET_COMPLETE=bash_source pbrnet)" (or zsh_source, fish_source).""",
+)
+@click.version_option(package_name="pbrnet")
+def cli() -> None:
+    """Render training data physically based, and learn to imitate the renderer."""
+
+
+def main(arguments: list[str] | None = None) -> Any:
+    """Run the command line; every failure becomes one message and an exit code."""
+    try:
+        status = cli.main(args=arguments, prog_name="pbrnet", standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except (KeyboardInterrupt, click.Abort):
+        click.echo(
+            "\nInterrupted. Finished files are kept; the same command goes on from there.", err=True
+        )
+        sys.exit(130)
+    except BrokenPipeError:
+        # The reader of our output went away; keep the interpreter from complaining at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    except PbrnetError as error:
+        click.echo(f"Error: {error}", err=True)
+        sys.exit(error.exit_code)
+    except OSError as error:
+        click.echo(f"Error: {error.filename or 'file'}: {os.strerror(error.errno or 0)}", err=True)
+        sys.exit(MachineError.exit_code)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+if __name__ == "__main__":
+    main()

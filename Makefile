@@ -1,0 +1,54 @@
+# make repro   environment, then every stage of dvc.yaml that is out of date
+# make test    formatting, lint, types, tests
+# make check   what is too long for every test run: hundreds of homes, long fault runs
+# make bench   measured ratios, printed and written to benchmarks/results.json
+# make lock    pin anew what pyproject.toml allows
+# make clean   remove what the pipeline made (not the environment)
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+export PATH := $(CURDIR)/$(BIN):$(PATH)
+
+.PHONY: env repro test check bench lock clean distclean
+
+env: $(VENV)/.installed
+
+$(VENV)/.installed: pyproject.toml requirements.lock
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] < (3, 11))' \
+		|| { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet --requirement requirements.lock
+	$(BIN)/python -m pip install --quiet --no-deps --editable .
+	touch $@
+
+repro: env
+	@$(BIN)/pbrnet doctor
+	$(BIN)/dvc repro
+
+test: env
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/python -m pytest -q --durations=15
+
+check: env
+	$(BIN)/python -m pytest -q --durations=15 -m check
+
+bench: env
+	$(BIN)/python -m benchmarks.run
+
+lock:
+	$(PYTHON) -m venv build/lock
+	build/lock/bin/python -m pip install --quiet --upgrade pip
+	build/lock/bin/python -m pip install --quiet --editable '.[dev]'
+	build/lock/bin/python -m pip freeze --exclude-editable --exclude pip --exclude setuptools \
+		| sed 's/+cpu$$//' > requirements.lock
+	rm -rf build/lock
+
+clean:
+	rm -rf data models metrics plots report benchmarks/results.json
+
+distclean: clean
+	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache
