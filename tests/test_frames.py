@@ -1,0 +1,142 @@
+"""Frames are self-describing, complete or absent, and damage is found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from pipeline import frames
+from pipeline.params import ImageParams
+from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, load_cameras, look
+from scenes.checked import plain
+from scenes.errors import InputError, MachineError
+from scenes.files import write_json
+
+IMAGE = ImageParams(width=32, height=24)
+
+
+@pytest.fixture
+def view() -> View:
+    pose = look((1.0, 2.0, 1.5), (0.3, 1.0, -0.2))
+    return View("home", "v0", 32, 24, as_matrix(intrinsics_of(IMAGE)), as_matrix(pose))
+
+
+def some_color(seed: int = 0) -> frames.Channels:
+    rng = np.random.default_rng(seed)
+    return {band: rng.lognormal(size=(24, 32)) for band in frames.RGB}
+
+
+def test_a_frame_comes_back_as_it_was_written(tmp_path: Path, view: View) -> None:
+    path = frames.frame_path(tmp_path, "color", view)
+    channels = some_color()
+    frames.write_frame(path, "color", channels, view, fingerprint="f", spp=4)
+    frame = frames.read_frame(path)
+    for band in frames.RGB:
+        np.testing.assert_array_equal(frame.channels[band], channels[band].astype(np.float16))
+    assert frame.meta["spp"] == 4
+    assert frame.meta["view"]["view_id"] == "v0"
+    assert frames.holds(path, "f")
+    assert not frames.holds(path, "g")
+
+
+def test_the_standard_attribute_is_the_inverse_pose(tmp_path: Path, view: View) -> None:
+    path = tmp_path / "a.exr"
+    frames.write_frame(path, "color", some_color(), view, fingerprint="f")
+    with OpenEXR.File(str(path), header_only=True) as file:
+        matrix = np.array(file.header()["worldToCamera"])
+    np.testing.assert_allclose(matrix @ view.pose, np.eye(4), atol=1e-6)
+
+
+def test_equal_pixels_give_equal_bytes(tmp_path: Path, view: View) -> None:
+    for name in ("a.exr", "b.exr"):
+        frames.write_frame(tmp_path / name, "color", some_color(), view, fingerprint="f")
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
+
+
+def test_values_beyond_half_are_clamped_and_counted(tmp_path: Path, view: View) -> None:
+    channels = some_color()
+    channels["R"][0, :3] = 1e6
+    frames.write_frame(tmp_path / "a.exr", "color", channels, view, fingerprint="f")
+    frame = frames.read_frame(tmp_path / "a.exr")
+    assert frame.meta["clamped"] == 3
+    assert frame.channels["R"][0, 0] == frames.HALF_MAX
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_nan_is_never_written(tmp_path: Path, view: View, bad: float) -> None:
+    channels = some_color()
+    channels["G"][3, 4] = bad
+    with pytest.raises(ValueError, match="NaN or infinity"):
+        frames.write_frame(tmp_path / "a.exr", "color", channels, view, fingerprint="f")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_damage_is_found(tmp_path: Path, view: View) -> None:
+    path = tmp_path / "a.exr"
+    frames.write_frame(path, "color", some_color(), view, fingerprint="f")
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match=r"a\.exr"):
+        frames.read_frame(path)
+    path.write_bytes(b"not an image")
+    with pytest.raises(InputError, match="not a readable EXR"):
+        frames.read_frame(path)
+    with pytest.raises(InputError, match="no such frame"):
+        frames.read_frame(tmp_path / "b.exr")
+
+
+def test_changed_pixels_are_found(tmp_path: Path, view: View) -> None:
+    path = tmp_path / "a.exr"
+    frames.write_frame(path, "color", some_color(), view, fingerprint="f")
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        pixels = {name: channel.pixels.copy() for name, channel in file.channels().items()}
+        header = {"pbrnet": file.header()["pbrnet"]}
+    pixels["R"][0, 0] += 1
+    with OpenEXR.File(header, pixels) as file:
+        file.write(str(path))
+    with pytest.raises(InputError, match="checksum"):
+        frames.read_frame(path)
+
+
+def test_a_foreign_exr_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    with OpenEXR.File({}, {"R": np.zeros((4, 4), np.float32)}) as file:
+        file.write(str(path))
+    with pytest.raises(InputError, match="not a pbrnet frame"):
+        frames.read_frame(path)
+
+
+def test_a_full_disk_leaves_no_half_frame(small_disk: Path, view: View) -> None:
+    rng = np.random.default_rng(0)
+    big = {band: rng.random((800, 800)) for band in frames.RGB}
+    with pytest.raises(MachineError):
+        frames.write_frame(small_disk / "a.exr", "color", big, view, fingerprint="f")
+    assert list(small_disk.iterdir()) == []
+
+
+def test_projection_of_known_points(view: View) -> None:
+    """The principal axis meets the image centre; one focal length to the right is x/z = 1."""
+    ahead = view.pose @ np.array([0.0, 0.0, 5.0, 1.0])
+    local = np.linalg.inv(view.pose) @ ahead
+    pixel = view.intrinsics @ (local[:3] / local[2])
+    np.testing.assert_allclose(pixel[:2], (16, 12), atol=1e-9)
+    assert view.pose[2, 1] < 0  # the camera's y axis points down in the Z-up world
+
+
+def test_bad_camera_files_are_refused(tmp_path: Path, view: View) -> None:
+    path = tmp_path / "home.json"
+    write_json(path, {"scene_id": "home", "views": [{"scene_id": "home"}]})
+    with pytest.raises(InputError, match=r"views\[0\]\.view_id"):
+        load_cameras(path)
+    data = plain(CameraFile("home", (view, view)))
+    write_json(path, data)
+    with pytest.raises(InputError, match="used twice"):
+        load_cameras(path)
+    data["views"] = data["views"][:1]
+    data["views"][0]["camera_to_world"][0][0] += 0.5
+    write_json(path, data)
+    with pytest.raises(InputError, match="rotation"):
+        load_cameras(path)
