@@ -162,7 +162,12 @@ class TrainParams:
     batch: int = field(default=1, metadata=within(1, 256))
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
     device: Literal["auto", "cpu", "cuda"] = "auto"
+    # constant: the paper; cosine: the rate falls to nothing by the last step, best for short runs
+    decay: Literal["constant", "cosine"] = "constant"
     exposure: Literal["own", "shared"] = "shared"
+    flips: bool = True  # mirror every second view, drawn by lot
+    # How the panorama joins the image, see docs/networks.md
+    panorama: Literal["resize", "normal"] = "normal"
     checkpoint_steps: int = field(default=500, metadata=within(1))
     loss: LossParams = LossParams()
     shading: StageTrainParams = StageTrainParams()
