@@ -1,0 +1,14 @@
+"""Read the dataset with pyarrow and NumPy alone: python with_pyarrow.py data/dataset"""
+
+import json
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+
+for shard in sorted(Path(sys.argv[1]).glob("train-*.parquet")):
+    for batch in pq.ParquetFile(shard).iter_batches(4, columns=["scene_id", "depth", "color"]):
+        for name in ("depth", "color"):
+            shape = json.loads(batch.schema.field(name).metadata[b"shape"])
+            images = batch[name].flatten().to_numpy().reshape(-1, *shape)
+            print(name, images.shape, images.dtype, "mean", float(images.astype(float).mean()))

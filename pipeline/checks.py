@@ -1,0 +1,258 @@
+"""What keeps a view out of the dataset, each with a named reason and the figure behind it.
+
+`load_frames` reads a view's four frames and says what is missing or damaged; `check_frames` is
+a pure function of pixels and limits. Views are never dropped silently: whatever these return is
+listed in `rejected.csv`.
+
+A panorama without any light is no reason: a room lit through an open door is worth learning
+from, and the dataset card counts such views.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.frames import HALF_MAX, Channels, Frame, Kind, frame_path, read_frame
+from pipeline.params import CheckParams
+from pipeline.tonemap import luminance
+from pipeline.views import View
+from scenes.errors import InputError
+from scenes.files import read_json
+
+Size = tuple[int, int]  # width, height
+Frames = dict[Kind, Frame]
+
+REASONS = {
+    "failed": "rendering failed, and failed again when retried",
+    "missing": "a frame is not there",
+    "damaged": "a frame cannot be read, or its pixels do not match their checksum",
+    "stale": "a frame was rendered for another camera than the one listed now",
+    "size": "the frames do not have the size that this dataset has",
+    "not_finite": "NaN or infinity in a channel",
+    "negative": "a negative radiance, depth or distance",
+    "inconsistent": "depth or normal make no sense where a surface is seen",
+    "few_surfaces": "too few pixels see a surface",
+    "black": "too many pixels without any light",
+    "blown_out": "too many pixels at the limit of half floats",
+    "fireflies": "too many pixels far brighter than all around them",
+    "noise": "the noise estimate is above the limit",
+}
+
+# A firefly outshines the median of its neighbours this many times, and is no dim speck either.
+_FIREFLY_RATIO = 16.0
+_FIREFLY_FLOOR = 0.25  # of the image's mean luminance
+
+
+@dataclass(frozen=True)
+class Rejection:
+    """Why a view is not in the dataset: a key of `REASONS`, and the figures."""
+
+    reason: str
+    detail: str
+
+    def __post_init__(self) -> None:
+        if self.reason not in REASONS:
+            raise ValueError(f"{self.reason!r} is not a known reason")
+
+
+def read_failures(data: Path) -> dict[tuple[str, str], str]:
+    """What the rendering stages gave up on: (scene_id, view_id) -> stage and message.
+
+    Reads `data/failures/*.json`, each a list of objects with `scene_id`, `view_id`, `error`;
+    entries without a view concern a whole scene and are left to the stage's own report.
+    """
+    failures: dict[tuple[str, str], str] = {}
+    for path in sorted((Path(data) / "failures").glob("*.json")):
+        content = read_json(path)
+        entries = content.get("failures", []) if isinstance(content, dict) else content
+        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+            raise InputError(f"{path}: expected a list of failures; delete it and render again")
+        for entry in entries:
+            if entry.get("view_id"):
+                key = (str(entry.get("scene_id", "")), str(entry["view_id"]))
+                failures.setdefault(key, f"{path.stem}: {entry.get('error', 'no message')}")
+    return failures
+
+
+def load_frames(
+    data: Path, view: View, failures: Mapping[tuple[str, str], str]
+) -> Frames | Rejection:
+    """Read and verify a view's four frames, or say why they are no use.
+
+    A frame that is there and sound counts, even if an earlier run had listed the view as failed.
+    """
+    frames: Frames = {}
+    for kind in get_args(Kind):
+        path = frame_path(data, kind, view)
+        if not path.exists():
+            failure = failures.get((view.scene_id, view.view_id))
+            if failure:
+                return Rejection("failed", _one_line(failure))
+            return Rejection("missing", f"no {kind} frame")
+        try:
+            frame = read_frame(path)
+        except InputError as error:
+            return Rejection(
+                "damaged", f"{kind}: {_one_line(str(error)).removeprefix(f'{path}: ')}"
+            )
+        if frame.meta.get("kind") != kind:
+            return Rejection("damaged", f"{kind}: holds a frame of kind {frame.meta.get('kind')!r}")
+        frames[kind] = frame
+    return frames
+
+
+def check_frames(
+    view: View, frames: Mapping[Kind, Frame], size: Size, panorama: Size, limits: CheckParams
+) -> Rejection | None:
+    """The first reason not to use these frames, None if there is none.
+
+    `size` and `panorama` are (width, height) of the dataset's images and panoramas.
+    """
+    inputs, panorama_frame = frames["inputs"].channels, frames["illumination"].channels
+    renders = {kind: frames[kind].rgb for kind in ("shading", "color")}
+    return (
+        _stale(view, frames)
+        or _wrong_size(frames, size, panorama)
+        or _not_finite(frames)
+        or _negative(inputs, panorama_frame, renders)
+        or _inconsistent(inputs)
+        or _few_surfaces(inputs, limits.min_valid)
+        or _over("black", "pixels are black", renders, black_share, limits.max_black)
+        or _over("blown_out", "pixels are at the limit", renders, blown_share, limits.max_blown)
+        or _over("fireflies", "pixels are fireflies", renders, firefly_share, limits.max_fireflies)
+        or _noisy(frames, limits.max_noise)
+    )
+
+
+def black_share(image: npt.NDArray[np.float32]) -> float:
+    """Share of pixels of linear RGB (H, W, 3) at exactly zero."""
+    return float((image == 0).all(axis=-1).mean())
+
+
+def blown_share(image: npt.NDArray[np.float32]) -> float:
+    """Share of pixels of linear RGB (H, W, 3) with a channel at half's largest value."""
+    return float((image >= HALF_MAX).any(axis=-1).mean())
+
+
+def firefly_share(image: npt.NDArray[np.float32]) -> float:
+    """Share of pixels of linear RGB (H, W, 3) that outshine their eight neighbours' median
+    16 times and the image's mean by a quarter of it: path-tracing speckles, not noise."""
+    lum = luminance(image)
+    height, width = lum.shape
+    padded = np.pad(lum, 1, mode="reflect" if min(lum.shape) > 1 else "edge")
+    around = np.stack(
+        [
+            padded[row : row + height, column : column + width]
+            for row in range(3)
+            for column in range(3)
+            if (row, column) != (1, 1)
+        ]
+    )
+    around.partition((3, 4), axis=0)
+    median = 0.5 * (around[3] + around[4])
+    bright = lum > _FIREFLY_RATIO * median
+    return float((bright & (lum > _FIREFLY_FLOOR * lum.mean())).mean())
+
+
+def noise_of(frame: Frame) -> float | None:
+    """A rendered frame's relative noise estimate, None if it carries none."""
+    noise = frame.meta.get("noise")
+    return float(noise) if isinstance(noise, (int, float)) else None
+
+
+def _stale(view: View, frames: Mapping[Kind, Frame]) -> Rejection | None:
+    for kind, frame in frames.items():
+        made_for: dict[str, Any] = frame.meta.get("view") or {}
+        for key in ("scene_id", "view_id"):
+            if made_for.get(key) != getattr(view, key):
+                return Rejection("stale", f"{kind}: its {key} is {made_for.get(key)!r}")
+        for key in ("camera_to_world", "K"):
+            theirs = np.array(made_for.get(key, ()), dtype=np.float64)
+            if not np.array_equal(theirs, np.array(getattr(view, key))):
+                return Rejection("stale", f"{kind}: rendered with another {key}; render it again")
+    return None
+
+
+def _wrong_size(frames: Mapping[Kind, Frame], size: Size, panorama: Size) -> Rejection | None:
+    for kind, frame in frames.items():
+        expected = panorama if kind == "illumination" else size
+        for name, values in frame.channels.items():
+            if values.shape != expected[::-1]:
+                found = "x".join(map(str, values.shape[::-1]))
+                wanted = f"{expected[0]}x{expected[1]}"
+                return Rejection("size", f"{kind}: {name} is {found}, the dataset's is {wanted}")
+    return None
+
+
+def _not_finite(frames: Mapping[Kind, Frame]) -> Rejection | None:
+    for kind, frame in frames.items():
+        for name, values in frame.channels.items():
+            wrong = values.size - int(np.isfinite(values).sum())
+            if wrong:
+                return Rejection("not_finite", f"{kind}: {wrong} pixels of {name}")
+    return None
+
+
+def _negative(
+    inputs: Channels, panorama: Channels, renders: Mapping[str, npt.NDArray[np.float32]]
+) -> Rejection | None:
+    for kind, image in renders.items():
+        if image.min() < 0:
+            return Rejection("negative", f"{kind}: radiance down to {image.min():.4g}")
+    for name, values in (("Z", inputs["Z"]), *sorted(panorama.items())):
+        if values.min() < 0:
+            return Rejection("negative", f"{name} down to {values.min():.4g}")
+    return None
+
+
+def _inconsistent(inputs: Channels) -> Rejection | None:
+    valid = inputs["valid"] > 0
+    if not valid.any():
+        return None
+    flat = float((inputs["Z"][valid] <= 0).mean())
+    if flat > 0:
+        return Rejection("inconsistent", f"{flat:.1%} of the surface pixels have no depth")
+    lengths = np.sqrt(sum(inputs[f"N.{axis}"][valid].astype(np.float32) ** 2 for axis in "XYZ"))
+    crooked = float((np.abs(lengths - 1) > 0.01).mean())
+    if crooked > 0:
+        return Rejection("inconsistent", f"{crooked:.1%} of the normals are not of unit length")
+    return None
+
+
+def _few_surfaces(inputs: Channels, least: float) -> Rejection | None:
+    share = float((inputs["valid"] > 0).mean())
+    if share < least:
+        return Rejection("few_surfaces", f"{share:.1%} of the pixels, at least {least:.1%} needed")
+    return None
+
+
+def _over(
+    reason: str,
+    what: str,
+    renders: Mapping[str, npt.NDArray[np.float32]],
+    measure: Any,
+    limit: float,
+) -> Rejection | None:
+    for kind, image in renders.items():
+        share = measure(image)
+        if share > limit:
+            return Rejection(reason, f"{kind}: {share:.1%} of the {what}, limit {limit:.1%}")
+    return None
+
+
+def _noisy(frames: Mapping[Kind, Frame], limit: float) -> Rejection | None:
+    for kind in ("shading", "color"):
+        noise = noise_of(frames[kind])
+        if noise is not None and not noise <= limit:
+            return Rejection("noise", f"{kind}: relative noise {noise:.3g}, limit {limit:.3g}")
+    return None
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())[:300]

@@ -1,0 +1,154 @@
+"""The dataset's columns: types, shapes, units and meaning, stated once.
+
+The Parquet schema, the dataset card and the Croissant description are all made from here.
+Images are flat fixed-size lists, row-major, with their shape in the field's metadata:
+Hugging Face `datasets` cannot read Arrow's tensor type, and this form loads everywhere.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import pyarrow as pa
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column; `shape` is empty for scalars, and `dtype` then the scalar's type."""
+
+    name: str
+    dtype: pa.DataType
+    description: str
+    unit: str = ""
+    shape: tuple[int, ...] = ()
+
+    @property
+    def length(self) -> int:
+        """Numbers in one cell."""
+        return math.prod(self.shape)
+
+    @property
+    def is_image(self) -> bool:
+        """Whether this is a picture or panorama: large, and never searched by value."""
+        return len(self.shape) >= 2 and self.length > 16
+
+    @property
+    def type(self) -> pa.DataType:
+        """Arrow type of the column."""
+        return pa.list_(self.dtype, self.length) if self.shape else self.dtype
+
+    @property
+    def field(self) -> pa.Field:
+        """Arrow field with shape, unit and description as metadata."""
+        metadata = {"description": self.description}
+        if self.unit:
+            metadata["unit"] = self.unit
+        if self.shape:
+            metadata["shape"] = json.dumps(list(self.shape))
+        return pa.field(self.name, self.type, metadata=metadata)
+
+
+PREVIEW = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+
+
+def dataset_columns(size: tuple[int, int], panorama: tuple[int, int]) -> tuple[Column, ...]:
+    """All columns, in order, for images and panoramas of these (width, height)."""
+    plane, volume = (size[1], size[0]), (size[1], size[0], 3)
+    sphere = (panorama[1], panorama[0])
+    text, half, single, double = pa.string(), pa.float16(), pa.float32(), pa.float64()
+    radiance = "W/(m^2 sr), relative"
+    return (
+        Column("scene_id", text, "Scene; with view_id it names the row."),
+        Column("view_id", text, "View within the scene."),
+        Column("split", text, "train, validation or test; whole floor plans, never single views."),
+        Column("room_type", text, "living, bedroom, kitchen, bathroom, study, dining or other."),
+        Column("lighting", text, "Light setting: day, evening, night, mixed or unknown."),
+        Column("preview", PREVIEW, "8-bit sRGB PNG of the tone-mapped colour, to look at."),
+        Column("width", pa.int32(), "Width of the images.", "pixel"),
+        Column("height", pa.int32(), "Height of the images.", "pixel"),
+        Column(
+            "depth",
+            single,
+            "Distance along the optical axis (z-depth, not ray distance); 0: no surface.",
+            "metre",
+            plane,
+        ),
+        Column(
+            "normal",
+            half,
+            "Unit surface normal facing the camera, in camera axes: x right, y down, z forward.",
+            "",
+            volume,
+        ),
+        Column("reflectance", half, "Linear RGB base colour, 0 to 1.", "", volume),
+        Column("valid", pa.uint8(), "1 where a surface is seen, else 0.", "", plane),
+        Column(
+            "intensity",
+            single,
+            "Equirectangular panorama in the camera's frame, centre column straight ahead, top "
+            "row up: Rec. 709 luminance of the light source visible there; 0: none.",
+            radiance,
+            sphere,
+        ),
+        Column(
+            "distance",
+            single,
+            "The same panorama: distance to that light source, for the sky to the window; 0: none.",
+            "metre",
+            sphere,
+        ),
+        Column(
+            "shading",
+            half,
+            "Linear HDR RGB, path traced with every colour and texture replaced by one grey.",
+            radiance,
+            volume,
+        ),
+        Column("color", half, "Linear HDR RGB, path traced full scene.", radiance, volume),
+        Column(
+            "K", double, "Camera intrinsics, row-major; pixel centres at +0.5.", "pixel", (3, 3)
+        ),
+        Column(
+            "camera_to_world",
+            double,
+            "Pose, row-major; camera axes x right, y down, z forward; world Z up.",
+            "metre",
+            (4, 4),
+        ),
+        Column("exposure_shading", double, "Scale before tone mapping, by shading's log average."),
+        Column("white_shading", double, "Scaled luminance of shading that maps to white."),
+        Column("exposure_color", double, "Scale before tone mapping, by color's log average."),
+        Column("white_color", double, "Scaled luminance of color that maps to white."),
+        Column("spp", pa.int32(), "Samples per pixel of shading and color."),
+        Column("noise_shading", single, "Relative noise estimate of shading."),
+        Column("noise_color", single, "Relative noise estimate of color."),
+        Column("score", single, "Camera score: how much furniture the view shows."),
+        Column("seed", pa.int64(), "Seed of the path tracer; 64 bits in two's complement."),
+        Column("renderer", text, "Renderer, its version and variant."),
+        Column("source", text, "Where the scene came from."),
+        Column("licence", text, "Licence of the scene's parts, SPDX expression."),
+        Column("attribution", text, "Title, author and licence of every part of the scene."),
+    )
+
+
+def arrow_schema(columns: tuple[Column, ...]) -> pa.Schema:
+    """The Parquet schema, with the features that Hugging Face `datasets` reads from it."""
+    features = {column.name: _feature(column) for column in columns}
+    huggingface = json.dumps({"info": {"features": features}}, sort_keys=False)
+    return pa.schema(
+        [column.field for column in columns], metadata={"huggingface": huggingface, "pbrnet": "1"}
+    )
+
+
+def _feature(column: Column) -> dict[str, Any]:
+    if column.dtype == PREVIEW:
+        return {"_type": "Image"}
+    names = {"halffloat": "float16", "float": "float32", "double": "float64"}
+    value = {"dtype": names.get(str(column.dtype), str(column.dtype)), "_type": "Value"}
+    if not column.shape:
+        return value
+    # "Sequence" is understood by old and new releases of `datasets`, "List" by new ones only.
+    return {"feature": value, "length": column.length, "_type": "Sequence"}

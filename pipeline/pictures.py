@@ -1,0 +1,176 @@
+"""Arrays into pictures a person can read: colour maps, contact sheets, PNG and JPEG bytes.
+
+Every function takes linear, scene-referred arrays and returns uint8 (H, W, 3), sRGB.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+
+import matplotlib
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw, ImageFont
+
+from pipeline.tonemap import Exposure, encode_srgb, to_bytes, tonemap
+
+Picture = npt.NDArray[np.uint8]
+Array = npt.NDArray[np.floating]
+
+NOTHING = np.array([38, 38, 42], dtype=np.uint8)  # where there is no surface or no light
+
+
+def color_map(values: Array, low: float, high: float, name: str = "viridis") -> Picture:
+    """Scalars (H, W) through one of matplotlib's colour maps, `low` to `high`."""
+    span = high - low if high > low else 1.0
+    unit = np.clip((np.asarray(values, dtype=np.float64) - low) / span, 0, 1)
+    return to_bytes(matplotlib.colormaps[name](unit)[..., :3])
+
+
+def depth_picture(depth: Array, valid: npt.NDArray[np.generic] | None = None) -> Picture:
+    """Depth (H, W), metres: near is bright, far is dark, no surface is grey."""
+    there = (np.asarray(depth) > 0) if valid is None else (np.asarray(valid) > 0)
+    seen = np.asarray(depth)[there]
+    low, high = (float(seen.min()), float(np.percentile(seen, 99))) if seen.size else (0.0, 1.0)
+    picture = color_map(-np.asarray(depth, dtype=np.float64), -high, -low, "magma")
+    picture[~there] = NOTHING
+    return picture
+
+
+def normal_picture(normal: Array, valid: npt.NDArray[np.generic] | None = None) -> Picture:
+    """Unit normals (H, W, 3) in camera axes: red right, green up, blue towards the camera."""
+    normal = np.asarray(normal, dtype=np.float32)
+    there = (normal != 0).any(axis=-1) if valid is None else np.asarray(valid) > 0
+    picture = to_bytes(0.5 + 0.5 * normal * np.array([1, -1, -1], dtype=np.float32))
+    picture[~there] = NOTHING
+    return picture
+
+
+def reflectance_picture(reflectance: Array) -> Picture:
+    """Linear reflectance (H, W, 3) in [0, 1]."""
+    return to_bytes(encode_srgb(np.clip(np.asarray(reflectance, dtype=np.float32), 0, 1)))
+
+
+def intensity_picture(intensity: Array, decades: float = 4.0) -> Picture:
+    """Panorama luminance (h, w), logarithmic over the `decades` below its maximum."""
+    intensity = np.asarray(intensity, dtype=np.float64)
+    top = float(intensity.max(initial=0.0))
+    if top <= 0:
+        return np.broadcast_to(NOTHING, (*intensity.shape, 3)).copy()
+    floor = top * 10.0**-decades
+    # Dim sources must still stand out from the darkness around them: start above the map's foot.
+    logarithm = np.log10(np.maximum(intensity, floor) / floor)
+    picture = color_map(logarithm + 0.25 * decades, 0, 1.25 * decades, "inferno")
+    picture[intensity <= 0] = NOTHING
+    return picture
+
+
+def distance_picture(distance: Array) -> Picture:
+    """Panorama distance (h, w), metres to the light source: near is bright, none is grey."""
+    return depth_picture(distance)
+
+
+def tone_picture(image: Array, exposure: Exposure) -> Picture:
+    """Linear HDR (H, W, 3) through the photographic operator."""
+    return to_bytes(tonemap(image, exposure))
+
+
+def error_picture(error: Array, high: float = 1.0) -> Picture:
+    """Errors (H, W), 0 to `high`: dark is right, bright is wrong."""
+    return color_map(error, 0.0, high, "magma")
+
+
+def fit(picture: Picture, width: int) -> Picture:
+    """The picture no wider than `width` pixels; area-averaged if it has to shrink."""
+    height_now, width_now = picture.shape[:2]
+    if width_now <= width:
+        return picture
+    height = max(1, round(height_now * width / width_now))
+    return np.asarray(Image.fromarray(picture).resize((width, height), Image.Resampling.BOX))
+
+
+def enlarge(picture: Picture, width: int) -> Picture:
+    """Small pictures in whole multiples, hard pixel edges, up to about `width` pixels wide."""
+    factor = max(1, width // picture.shape[1])
+    return picture.repeat(factor, axis=0).repeat(factor, axis=1)
+
+
+def contact_sheet(
+    pictures: Sequence[Picture],
+    columns: int,
+    labels: Sequence[str] = (),
+    gap: int = 6,
+    background: tuple[int, int, int] = (24, 24, 27),
+) -> Picture:
+    """Pictures in rows of `columns`, each centred in its cell above its label."""
+    if not pictures:
+        return np.full((32, 32, 3), background, dtype=np.uint8)
+    columns = max(1, min(columns, len(pictures)))
+    rows = -(-len(pictures) // columns)
+    font = ImageFont.load_default(13)
+    label_height = 18 if labels else 0
+    cell_width = max(picture.shape[1] for picture in pictures)
+    heights = [
+        max(picture.shape[0] for picture in pictures[row * columns : (row + 1) * columns])
+        for row in range(rows)
+    ]
+    size = (
+        gap + columns * (cell_width + gap),
+        gap + sum(height + label_height + gap for height in heights),
+    )
+    sheet = Image.new("RGB", size, background)
+    draw = ImageDraw.Draw(sheet)
+    top = gap
+    for row in range(rows):
+        for column in range(columns):
+            index = row * columns + column
+            if index >= len(pictures):
+                break
+            picture = pictures[index]
+            left = gap + column * (cell_width + gap)
+            sheet.paste(
+                Image.fromarray(picture),
+                (
+                    left + (cell_width - picture.shape[1]) // 2,
+                    top + (heights[row] - picture.shape[0]) // 2,
+                ),
+            )
+            if index < len(labels):
+                text = _shorten(draw, labels[index], font, cell_width)
+                draw.text((left, top + heights[row] + 1), text, (228, 228, 231), font)
+        top += heights[row] + label_height + gap
+    return np.asarray(sheet)
+
+
+def png_bytes(picture: Picture) -> bytes:
+    """Deterministic PNG: same pixels, same bytes (no time, no text chunks)."""
+    stream = io.BytesIO()
+    Image.fromarray(picture).save(stream, "PNG", compress_level=9)
+    return stream.getvalue()
+
+
+def jpeg_bytes(picture: Picture, quality: int = 85) -> bytes:
+    """JPEG of photographs-like pictures, for pages that must stay small."""
+    stream = io.BytesIO()
+    Image.fromarray(picture).save(stream, "JPEG", quality=quality, optimize=True)
+    return stream.getvalue()
+
+
+def read_picture(source: bytes) -> Picture:
+    """PNG or JPEG bytes as uint8 (H, W, 3)."""
+    with Image.open(io.BytesIO(source)) as image:
+        return np.asarray(image.convert("RGB"))
+
+
+def _shorten(
+    draw: ImageDraw.ImageDraw,
+    text: str,
+    font: ImageFont.FreeTypeFont | ImageFont.ImageFont,
+    width: int,
+) -> str:
+    if draw.textlength(text, font) <= width:
+        return text
+    while text and draw.textlength(text + "…", font) > width:
+        text = text[:-1]
+    return text + "…"
