@@ -1,0 +1,301 @@
+"""Streaming reader of the packed dataset: bounded memory, seeded order, exact positions.
+
+The order of a shuffled pass is computed from row counts alone, before a pixel is read. So a
+position, one number, is all that a checkpoint needs to go on with the very same rows.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pipeline.tonemap import Exposure
+from scenes.errors import InputError
+from scenes.files import digest_bytes, digest_file
+from scenes.seeds import generator
+
+Array = npt.NDArray[Any]
+Split = Literal["train", "validation", "test"]
+
+# Image columns and the number of channels of each; None: a plain (H, W) image.
+IMAGES: dict[str, int | None] = {
+    "depth": None,
+    "normal": 3,
+    "reflectance": 3,
+    "valid": None,
+    "intensity": None,
+    "distance": None,
+    "shading": 3,
+    "color": 3,
+}
+SCALARS = (
+    "scene_id",
+    "view_id",
+    "split",
+    "exposure_shading",
+    "white_shading",
+    "exposure_color",
+    "white_color",
+)
+_SHARD = re.compile(r"(train|validation|test)-(\d{5})-of-(\d{5})\.parquet")
+
+
+@dataclass(frozen=True)
+class Example:
+    """One view, as the networks meet it; camera frame OpenCV (x right, y down, z forward)."""
+
+    scene_id: str
+    view_id: str
+    depth: Array  # float32 (H, W), z-depth in metres, 0 where there is no surface
+    normal: Array  # float32 (H, W, 3), unit, facing the camera
+    reflectance: Array  # float32 (H, W, 3), linear, [0, 1]
+    valid: Array  # bool (H, W), whether there is a surface
+    intensity: Array  # float32 (h, w = 2h), luminance of visible light sources, 0 elsewhere
+    distance: Array  # float32 (h, w), metres to them, 0 elsewhere
+    shading: Array  # float32 (H, W, 3), linear HDR radiance without textures and colours
+    color: Array  # float32 (H, W, 3), linear HDR radiance
+    exposure_shading: Exposure  # by shading's own log-average luminance
+    exposure_color: Exposure  # by color's own
+
+    @property
+    def name(self) -> str:
+        """Scene and view, for messages and file names."""
+        return f"{self.scene_id}/{self.view_id}"
+
+
+@dataclass(frozen=True)
+class Row:
+    """Where a row lies."""
+
+    shard: int
+    group: int
+    row: int
+
+
+class Dataset:
+    """The shards of one split, opened for reading.
+
+    Raises `InputError` if the folder holds no such split, if a shard is missing, truncated,
+    or not a table of this kind. Files are opened one at a time and only while read.
+    """
+
+    def __init__(self, folder: Path, split: Split) -> None:
+        self.folder, self.split = Path(folder), split
+        self.shards = _shards(self.folder, split)
+        self.groups = [_group_sizes(path) for path in self.shards]
+        self.held = 0  # rows in memory now, while a pass is being read
+
+    def __len__(self) -> int:
+        return sum(map(sum, self.groups))
+
+    def ordered(self) -> Iterator[Example]:
+        """Every row once, in file order."""
+        yield from self._read(
+            [
+                Row(shard, group, row)
+                for shard, sizes in enumerate(self.groups)
+                for group, count in enumerate(sizes)
+                for row in range(count)
+            ]
+        )
+
+    def shuffled(self, seed: int, buffer: int = 64, start: int = 0) -> Iterator[Example]:
+        """Endless passes, each over every row once in an order of its own, from row `start` on.
+
+        `start` counts over all passes, so `shuffled(seed, start=k)` goes on exactly where
+        another reader stood after k rows. At most `buffer` rows and one row group are held.
+        """
+        rows_per_pass = len(self)
+        if rows_per_pass == 0:
+            raise InputError(f"{self.folder}: the {self.split} split has no rows")
+        number, skip = divmod(start, rows_per_pass)
+        while True:
+            order = self.order(seed, number, buffer)
+            yield from self._read(order[skip:])
+            number, skip = number + 1, 0
+
+    def order(self, seed: int, number: int, buffer: int) -> list[Row]:
+        """The rows of pass `number`: row groups shuffled, then rows through a shuffle buffer."""
+        rng = generator(seed, "order", number)
+        groups = [(s, g) for s, sizes in enumerate(self.groups) for g in range(len(sizes))]
+        order: list[Row] = []
+        held: list[Row] = []
+        for index in rng.permutation(len(groups)):
+            shard, group = groups[index]
+            held += [Row(shard, group, row) for row in range(self.groups[shard][group])]
+            while len(held) > buffer:
+                order.append(held.pop(int(rng.integers(len(held)))))
+        while held:
+            order.append(held.pop(int(rng.integers(len(held)))))
+        return order
+
+    def column(self, name: str) -> list[Any]:
+        """A column of the split that is no image, as Python values; empty if there is none."""
+        values: list[Any] = []
+        for path in self.shards:
+            with _reading(path), pq.ParquetFile(path) as file:
+                if name in file.schema_arrow.names:
+                    values += file.read(columns=[name]).column(0).to_pylist()
+        return values
+
+    def plans(self) -> dict[str, str]:
+        """Scene -> floor plan, from the `scenes.csv` beside the shards; empty without one."""
+        path = self.folder / "scenes.csv"
+        if not path.is_file():
+            return {}
+        with path.open(newline="", encoding="utf-8") as stream:
+            return {
+                row["scene_id"]: row["plan"]
+                for row in csv.DictReader(stream)
+                if row.get("scene_id") and row.get("plan")
+            }
+
+    def fingerprint(self) -> str:
+        """SHA-256 over the bytes of all shards."""
+        return digest_bytes(*(digest_file(path).encode() for path in self.shards))
+
+    def _read(self, order: Sequence[Row]) -> Iterator[Example]:
+        """The rows of `order`; a row group is decoded when its first row is due."""
+        due: dict[tuple[int, int], set[int]] = {}
+        for row in order:
+            due.setdefault((row.shard, row.group), set()).add(row.row)
+        loaded: dict[tuple[int, int], dict[int, Any]] = {}
+        try:
+            for row in order:
+                key = (row.shard, row.group)
+                if key not in loaded:
+                    loaded[key] = self._load(*key, due[key])
+                    self.held += len(loaded[key])
+                record = loaded[key].pop(row.row)
+                self.held -= 1
+                yield _example(record)
+        finally:
+            self.held = 0
+
+    def _load(self, shard: int, group: int, wanted: set[int]) -> dict[int, dict[str, Any]]:
+        path = self.shards[shard]
+        with _reading(path), pq.ParquetFile(path) as file:
+            table = file.read_row_group(group, columns=[*SCALARS, *IMAGES])
+            shapes = {name: _shape(path, table.schema.field(name)) for name in IMAGES}
+        images = {name: _pixels(path, table.column(name), shapes[name]) for name in IMAGES}
+        scalars = {name: table.column(name).to_pylist() for name in SCALARS}
+        strangers = sorted(set(scalars["split"]) - {self.split})
+        if strangers:
+            raise InputError(f"{path}: holds rows of the split {strangers[0]!r}; pack it again")
+        return {
+            row: {
+                **{name: values[row] for name, values in scalars.items()},
+                **{name: values[row].copy() for name, values in images.items()},
+            }
+            for row in sorted(wanted)
+        }
+
+
+def mirrored(example: Example) -> Example:
+    """The view seen in a mirror: columns reversed, normals' x and the panorama with them."""
+    flipped = {name: getattr(example, name)[:, ::-1].copy() for name in IMAGES}
+    flipped["normal"] = flipped["normal"] * np.array([-1, 1, 1], np.float32)
+    return replace(example, **flipped)
+
+
+def coin_flips(seed: int, start: int, rows_per_pass: int) -> Iterator[bool]:
+    """For each row of the endless stream from `start` on: whether to mirror it."""
+    number, skip = divmod(start, rows_per_pass)
+    while True:
+        flips = generator(seed, "flip", number).integers(2, size=rows_per_pass)
+        yield from (bool(flip) for flip in flips[skip:])
+        number, skip = number + 1, 0
+
+
+def _shards(folder: Path, split: Split) -> list[Path]:
+    found = [
+        (path, match) for path in sorted(folder.glob("*")) if (match := _SHARD.fullmatch(path.name))
+    ]
+    if not found:
+        raise InputError(f"{folder}: no dataset shards here; make them with: pbrnet dataset")
+    own = [(path, match) for path, match in found if match[1] == split]
+    if not own:
+        raise InputError(
+            f"{folder}: the {split} split is empty; render more homes, or change dataset.splits"
+        )
+    count = int(own[0][1][3])
+    if [(int(match[2]), int(match[3])) for _, match in own] != [(i, count) for i in range(count)]:
+        raise InputError(
+            f"{folder}: {len(own)} of {count} {split} shards; pack it again with: pbrnet dataset"
+        )
+    return [path for path, _ in own]
+
+
+def _group_sizes(path: Path) -> list[int]:
+    with _reading(path), pq.ParquetFile(path) as file:
+        names = file.schema_arrow.names
+        missing = [name for name in (*SCALARS, *IMAGES) if name not in names]
+        if missing:
+            raise InputError(
+                f"{path}: not a dataset of this project: the column {missing[0]!r} is missing"
+            )
+        return [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
+
+
+def _shape(path: Path, field: pa.Field) -> tuple[int, ...]:
+    name = field.name
+    try:
+        shape = tuple(int(size) for size in json.loads(field.metadata[b"shape"]))
+    except (KeyError, TypeError, ValueError):
+        raise InputError(f"{path}: the column {name!r} has no readable shape metadata") from None
+    channels = IMAGES[name]
+    plain = shape[:2] if channels is None and shape[2:] in ((), (1,)) else shape
+    if len(plain) != (2 if channels is None else 3) or (channels and plain[2] != channels):
+        raise InputError(f"{path}: the column {name!r} has the impossible shape {list(shape)}")
+    if not pa.types.is_fixed_size_list(field.type) or field.type.list_size != np.prod(plain):
+        raise InputError(f"{path}: the column {name!r} does not hold {list(shape)} values a row")
+    return plain
+
+
+def _pixels(path: Path, column: pa.ChunkedArray, shape: tuple[int, ...]) -> Array:
+    values = column.combine_chunks()
+    if isinstance(values, pa.ChunkedArray):
+        values = values.chunk(0)
+    if values.null_count:
+        raise InputError(f"{path}: a row without pixels; pack it again with: pbrnet dataset")
+    return values.flatten().to_numpy(zero_copy_only=False).reshape(len(values), *shape)
+
+
+def _example(record: dict[str, Any]) -> Example:
+    images = {name: record[name].astype(np.float32) for name in IMAGES if name != "valid"}
+    return Example(
+        scene_id=record["scene_id"],
+        view_id=record["view_id"],
+        valid=record["valid"] > 0,
+        exposure_shading=Exposure(record["exposure_shading"], record["white_shading"]),
+        exposure_color=Exposure(record["exposure_color"], record["white_color"]),
+        **images,
+    )
+
+
+class _reading:
+    """Turns Arrow's errors about `path` into an `InputError`."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, (pa.ArrowException, OSError)):
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise InputError(
+                f"{self.path}: damaged, truncated or not Parquet ({reason}); "
+                "pack it again with: pbrnet dataset"
+            ) from None

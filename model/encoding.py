@@ -1,0 +1,83 @@
+"""From a view to what the networks take and give.
+
+Inputs are scale-free where the target is: shading is tone-mapped by its own log average, so
+brightening every light changes nothing, and panoramic intensity is taken relative to its mean
+over the sphere. Logarithms tame the ranges: a bare bulb is 10^5 times a dim wall.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+import torch
+
+from model.data import Array, Example
+from pipeline.tonemap import Exposure, encode_srgb, tonemap
+
+Policy = Literal["own", "shared"]
+Tensors = dict[str, torch.Tensor]
+
+# Channels of every encoded input.
+CHANNELS = {"depth": 2, "normal": 3, "intensity": 1, "distance": 1, "reflectance": 3}
+NEAR, FAR = 0.05, 100.0  # metres: depths and distances are clamped to this range
+
+
+def encode(examples: Sequence[Example]) -> Tensors:
+    """Network inputs, float32 (N, C, H, W), `CHANNELS` each; all views must be of one size.
+
+    * `depth`: ln(depth / m) / 2, 0 where there is no surface; and the validity mask
+    * `normal`: camera frame, unit
+    * `intensity`: relative to its mean over the sphere by solid angle; all 0 where no light shows
+    * `distance`: metres, at most `FAR`; both are made logarithmic by the network, which may have
+      to average them first
+    * `reflectance`: sRGB-encoded, so that it lives on the scale of the display values it meets
+    """
+    return {
+        "depth": _stack([_depth(example) for example in examples]),
+        "normal": _stack([example.normal for example in examples]),
+        "intensity": _stack([_intensity(example.intensity) for example in examples]),
+        "distance": _stack([np.minimum(example.distance, FAR)[..., None] for example in examples]),
+        "reflectance": _stack([encode_srgb(example.reflectance) for example in examples]),
+    }
+
+
+def targets(examples: Sequence[Example], policy: Policy) -> Tensors:
+    """Display values in [0, 1], float32 (N, 3, H, W): `shading` and `color`."""
+    return {
+        "shading": _stack([tonemap(e.shading, e.exposure_shading) for e in examples]),
+        "color": _stack([tonemap(e.color, color_exposure(e, policy)) for e in examples]),
+    }
+
+
+def color_exposure(example: Example, policy: Policy) -> Exposure:
+    """`own`: the colour image's own exposure (the paper); `shared`: shading's for both."""
+    return example.exposure_shading if policy == "shared" else example.exposure_color
+
+
+def to_image(batch: torch.Tensor) -> Array:
+    """The first of (N, 3, H, W) network outputs as display values float32 (H, W, 3), [0, 1]."""
+    return batch[0].detach().float().clamp(0, 1).permute(1, 2, 0).cpu().numpy()
+
+
+def solid_angles(height: int, width: int) -> Array:
+    """Steradians of each pixel of an equirectangular image, float32 (height, 1)."""
+    edges = np.cos(np.linspace(0, np.pi, height + 1))
+    return ((edges[:-1] - edges[1:]) * (2 * np.pi / width)).astype(np.float32)[:, None]
+
+
+def _depth(example: Example) -> Array:
+    log = np.log(np.clip(example.depth, NEAR, FAR)) / 2
+    valid = example.valid.astype(np.float32)
+    return np.stack([log * valid, valid], axis=-1)
+
+
+def _intensity(intensity: Array) -> Array:
+    mean = float((intensity * solid_angles(*intensity.shape)).sum() / (4 * np.pi))
+    return (intensity / mean if mean > 0 else np.zeros_like(intensity))[..., None]
+
+
+def _stack(images: Sequence[Array]) -> torch.Tensor:
+    batch = np.stack(images).astype(np.float32).transpose(0, 3, 1, 2)
+    return torch.from_numpy(np.ascontiguousarray(batch))

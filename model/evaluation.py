@@ -1,0 +1,257 @@
+"""The evaluate stage: how near the networks come to the renderer on scenes they never saw."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import mean
+from typing import Any
+
+import numpy as np
+import torch
+from matplotlib import colormaps
+from PIL import Image
+
+from model.data import Array, Dataset, Example
+from model.encoding import color_exposure
+from model.inference import Networks, load_networks, product
+from model.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
+from model.training import Folders
+from pipeline.params import Params
+from pipeline.progress import Progress
+from pipeline.tonemap import to_bytes, tonemap
+from scenes.checked import plain
+from scenes.errors import InputError
+from scenes.files import atomic_directory, atomic_file, write_json, write_text
+from scenes.seeds import derive
+
+METHODS = ("pbrnet", "product", "unet", "ceiling")
+EXAMPLES = 4  # best and as many worst views are drawn
+RENDERER_STAGES = ("groundtruth", "color", "shading", "inputs", "illumination")
+
+
+class LeakError(InputError):
+    """A network would be tested on what it was trained on."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """A row of `evaluation.csv`."""
+
+    scene_id: str
+    view_id: str
+    method: str
+    values: dict[str, float | None]  # by metric
+
+
+def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
+    """Measure every method on the split; write `evaluation.json`, `.csv` and example pictures.
+
+    Methods: `pbrnet` (both networks), `product` (reflectance x predicted shading), `unet` if it
+    has been trained, and `ceiling` (reflectance x true shading), the best that `product` can do.
+    Raises `LeakError` if a scene, or another scene of its plan, was trained on.
+    """
+    torch.set_num_threads(len(os.sched_getaffinity(0)))
+    networks = load_networks(folders.models)
+    dataset = Dataset(folders.data / "dataset", params.evaluate.split)
+    refuse_leaks(dataset, networks)
+    lpips = find_lpips()
+    if lpips is None:
+        print("evaluate: LPIPS left out, its weights are not on this machine")
+
+    scores: list[Score] = []
+    with Progress(len(dataset), "evaluate") as progress:
+        for example in dataset.ordered():
+            truth = true_color(example, networks)
+            for method, image in _images(example, networks).items():
+                if method in METHODS:
+                    values = measure(truth, image, lpips)
+                    scores.append(Score(example.scene_id, example.view_id, method, values))
+            progress.advance()
+
+    ranked = sorted(
+        (score for score in scores if score.method == "pbrnet"),
+        key=lambda score: (score.values["flip"], score.scene_id, score.view_id),
+    )
+    best, worst = ranked[:EXAMPLES], ranked[EXAMPLES:][-EXAMPLES:][::-1]
+    seconds = time_networks(dataset, networks, params.evaluate.timing_views)
+    result = {
+        "split": params.evaluate.split,
+        "views": len(dataset),
+        "scenes": len({score.scene_id for score in scores}),
+        "backbone": networks.card.backbone["network"],
+        "exposure": networks.exposure_policy,
+        "methods": {
+            method: {
+                **_summary([score for score in scores if score.method == method], params.seed),
+                "seconds": _method_seconds(method, seconds),
+            }
+            for method in METHODS
+            if any(score.method == method for score in scores)
+        },
+        "timing": {**seconds, **renderer_seconds(folders.data, scores)},
+        "examples": {
+            "best": [[score.scene_id, score.view_id] for score in best],
+            "worst": [[score.scene_id, score.view_id] for score in worst],
+        },
+    }
+    _draw_examples(folders.metrics / "examples", dataset, networks, [*best, *worst])
+    _write_scores(folders.metrics / "evaluation.csv", scores)
+    write_json(folders.metrics / "evaluation.json", result)
+    return result
+
+
+def refuse_leaks(dataset: Dataset, networks: Networks) -> None:
+    """Raise `LeakError` if any network was trained on a scene or plan of this dataset.
+
+    The training split itself may be measured: whoever asks for it knows.
+    """
+    if dataset.split == "train":
+        return
+    plans = dataset.plans()
+    scenes = sorted(set(dataset.column("scene_id")))
+    for name, card in networks.cards.items():
+        for scene in scenes:
+            if scene in card.data.scenes:
+                raise LeakError(
+                    f"scene {scene!r} is in the {dataset.split} split, but {name} was trained on "
+                    "it; train again on this dataset's own training split"
+                )
+            if plans.get(scene, scene) in card.data.plans:
+                raise LeakError(
+                    f"scene {scene!r} has the floor plan {plans.get(scene, scene)!r}, which "
+                    f"{name} was trained on; train again on this dataset's own training split"
+                )
+
+
+def true_color(example: Example, networks: Networks) -> Array:
+    """The truth as the networks' policy displays it, float32 (H, W, 3)."""
+    policy = "shared" if networks.exposure_policy == "shared" else "own"
+    return tonemap(example.color, color_exposure(example, policy))
+
+
+def time_networks(dataset: Dataset, networks: Networks, views: int) -> dict[str, float]:
+    """Seconds an image of every part, the median over a few views after one to warm up."""
+    examples = [example for _, example in zip(range(views + 1), dataset.ordered(), strict=False)]
+    examples = [examples[0], *examples] if len(examples) == 1 else examples
+    parts: dict[str, list[float]] = {}
+
+    def timed(part: str, call: Callable[[], Array]) -> Array:
+        began = time.perf_counter()
+        image = call()
+        parts.setdefault(part, []).append(time.perf_counter() - began)
+        return image
+
+    for example in examples:
+        shading = timed("shading", lambda e=example: networks.predict_shading(e))
+        timed("composition", lambda e=example, s=shading: networks.predict_color(e, s))
+        timed("product", lambda e=example, s=shading: _product(e, s, networks))
+        if networks.unet is not None:
+            timed("unet", lambda e=example: networks.predict_directly(e))
+    return {part: float(np.median(times[1:])) for part, times in parts.items()}
+
+
+def renderer_seconds(data: Path, scores: Sequence[Score]) -> dict[str, float]:
+    """Mean seconds a view of each rendering stage, from `data/ledger/*.csv` where there is one."""
+    wanted = {(score.scene_id, score.view_id) for score in scores}
+    found: dict[str, list[float]] = {}
+    for path in sorted((data / "ledger").glob("*.csv")):
+        with path.open(newline="", encoding="utf-8") as stream:
+            for row in csv.DictReader(stream):
+                try:
+                    stage, seconds = str(row["stage"]), float(row["seconds"])
+                    view = (row["scene_id"], row["view_id"])
+                except (KeyError, TypeError, ValueError):
+                    raise InputError(
+                        f"{path}: not a ledger of rendering costs; delete it and render again"
+                    ) from None
+                if view in wanted and stage in RENDERER_STAGES:
+                    found.setdefault(f"renderer_{stage}", []).append(seconds)
+    return {stage: mean(times) for stage, times in sorted(found.items())}
+
+
+def error_picture(truth: Array, image: Array) -> Array:
+    """FLIP's error map in magma's colours, display values float32 (H, W, 3)."""
+    return colormaps["magma"](flip_map(truth, image))[..., :3].astype(np.float32)
+
+
+def save_png(path: Path, display: Array) -> None:
+    """Write display values (H, W, 3) in [0, 1] as an 8-bit PNG, by rename."""
+    with atomic_file(path) as partial:
+        Image.fromarray(to_bytes(display)).save(partial, format="PNG")
+
+
+def _images(example: Example, networks: Networks) -> dict[str, Array]:
+    """Every method's picture of a view, and `shading`, the predicted shading."""
+    shading = networks.predict_shading(example)
+    true_shading = tonemap(example.shading, example.exposure_shading)
+    images = {
+        "shading": shading,
+        "pbrnet": networks.predict_color(example, shading),
+        "product": _product(example, shading, networks),
+        "ceiling": _product(example, true_shading, networks),
+    }
+    if networks.unet is not None:
+        images["unet"] = networks.predict_directly(example)
+    return images
+
+
+def _product(example: Example, shading: Array, networks: Networks) -> Array:
+    return product(example.reflectance, shading, example.exposure_shading, networks.card)
+
+
+def _summary(scores: Sequence[Score], seed: int) -> dict[str, Any]:
+    summary: dict[str, Any] = {}
+    for name in NAMES:
+        by_scene: dict[str, list[float]] = {}
+        for score in scores:
+            value = score.values[name]
+            if value is not None:
+                by_scene.setdefault(score.scene_id, []).append(value)
+        interval = bootstrap(by_scene, derive(seed, "evaluate", name)) if by_scene else None
+        summary[name] = plain(interval) if interval else None
+    return summary
+
+
+def _method_seconds(method: str, parts: dict[str, float]) -> float | None:
+    needed = {
+        "pbrnet": ("shading", "composition"),
+        "product": ("shading", "product"),
+        "unet": ("unet",),
+    }
+    return sum(parts[part] for part in needed[method]) if method in needed else None
+
+
+def _draw_examples(
+    folder: Path, dataset: Dataset, networks: Networks, chosen: Iterable[Score]
+) -> None:
+    wanted = {(score.scene_id, score.view_id) for score in chosen}
+    names = {"pbrnet": "prediction", "shading": "shading", "unet": "unet", "product": "product"}
+    with atomic_directory(folder) as partial:
+        for example in dataset.ordered():
+            if (example.scene_id, example.view_id) not in wanted:
+                continue
+            images = _images(example, networks)
+            stem = f"{example.scene_id}--{example.view_id}"
+            for method, name in names.items():
+                if method in images:
+                    save_png(partial / f"{stem}--{name}.png", images[method])
+            error = error_picture(true_color(example, networks), images["pbrnet"])
+            save_png(partial / f"{stem}--error.png", error)
+
+
+def _write_scores(path: Path, scores: Sequence[Score]) -> None:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("scene_id", "view_id", "method", *NAMES))
+    for score in scores:
+        values = [
+            "" if score.values[name] is None else f"{score.values[name]:.6g}" for name in NAMES
+        ]
+        writer.writerow((score.scene_id, score.view_id, score.method, *values))
+    write_text(path, text.getvalue())

@@ -1,0 +1,444 @@
+"""Training: one loop for every network, two stages for ours.
+
+The shading network first; then, fixed, it feeds the composition network (paper, section III-B).
+On one machine a run that was killed and started again ends with the same bits as one that was
+not: data order, mirroring and learning rate are functions of the step, and a checkpoint holds the
+rest.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import torch
+from torch import nn
+
+from model.backbone import Backbone, load_backbone
+from model.data import Dataset, Example, coin_flips, mirrored
+from model.encoding import Tensors, encode, targets
+from model.loss import PerceptualLoss
+from model.networks import Architecture, Kind, build_network, channels_last
+from model.store import ModelCard, TrainingData, load_model, save_model
+from pipeline.params import Params, StageTrainParams, TrainParams
+from pipeline.progress import Progress
+from scenes.checked import plain
+from scenes.errors import InputError, PbrnetError
+from scenes.files import atomic_file, digest_bytes, digest_file, write_json, write_text
+from scenes.seeds import derive, derive32
+
+BASELINES: tuple[Kind, ...] = ("unet",)
+VALIDATION_VIEWS = 32  # at most so many are looked at after each epoch
+LICENCE = "MIT"
+
+Forward = Callable[[Tensors], torch.Tensor]
+
+
+class TrainingError(PbrnetError):
+    """The training went astray."""
+
+
+@dataclass(frozen=True)
+class Folders:
+    """Where training reads and writes."""
+
+    data: Path = Path("data")
+    models: Path = Path("models")
+    metrics: Path = Path("metrics")
+    plots: Path = Path("plots")
+
+
+@dataclass(frozen=True)
+class CurvePoint:
+    """A row of `plots/train_NAME.csv`."""
+
+    step: int
+    epoch: int
+    train_loss: float
+    validation_loss: float | None
+
+
+@dataclass
+class State:
+    """What a checkpoint holds beside weights and Adam's moments."""
+
+    step: int = 0
+    loss_sum: float = 0.0  # over the steps of this epoch
+    curve: list[CurvePoint] = field(default_factory=list)
+
+
+def train_network(
+    name: Kind, params: Params, folders: Folders, start: Path | None = None
+) -> ModelCard:
+    """Train one network and write its model, card, metrics and learning curve.
+
+    `start`: a model file of the same architecture to go on from (fine-tuning).
+    Raises `TrainingError` that names view and step if the loss stops being a number,
+    `InputError` for a dataset, backbone or model that cannot be used.
+    """
+    torch.set_num_threads(len(os.sched_getaffinity(0)))
+    stage: StageTrainParams = getattr(params.train, name)
+    architecture = Architecture(name, stage.width, stage.levels, params.train.panorama)
+    dataset = Dataset(folders.data / "dataset", "train")
+    validation = _validation_views(folders.data / "dataset")
+    backbone = load_backbone(folders.models)
+    channels_last(backbone)
+    shading, needs = _fixed_shading(name, params, folders)
+    device = choose_device(params.train)
+    precision = choose_precision(params.train, device)
+
+    network = _initial(architecture, params.seed, start)
+    steps_per_epoch = stage.steps_per_epoch or math.ceil(len(dataset) / params.train.batch)
+    steps = stage.epochs * steps_per_epoch
+    data = _seen(dataset)
+    identity = _identity(params, architecture, data, backbone, needs, start, steps, precision)
+
+    network = channels_last(network.to(device))
+    loss = PerceptualLoss(backbone.to(device), params.train.loss)
+    optimiser = torch.optim.Adam(network.parameters(), lr=params.train.learning_rate)
+    if shading is not None:
+        shading = shading.to(device)
+    target = "shading" if name == "shading" else "color"
+    judge = Judge(network, shading, loss, target, params.train, device, precision)
+
+    checkpoint = folders.models / "checkpoints" / f"{name}.pt"
+    state = _resume(checkpoint, identity, network, optimiser)
+    began, first = time.monotonic(), state.step
+    batches = _batches(dataset, params, state.step)
+    with Progress(steps, f"train {name}", "steps") as progress:
+        progress.advance(state.step)
+        try:
+            while state.step < steps:
+                examples = next(batches)
+                for group in optimiser.param_groups:
+                    group["lr"] = learning_rate(params.train, state.step, steps)
+                value = judge.loss(examples)
+                _stop_if_diverged(value, name, state.step, examples)
+                optimiser.zero_grad(set_to_none=True)
+                value.backward()  # type: ignore[no-untyped-call]
+                optimiser.step()
+                state.step += 1
+                state.loss_sum += float(value.detach())
+                if state.step % steps_per_epoch == 0:
+                    point = _close_epoch(state, steps_per_epoch, judge, validation)
+                    progress.write(_sentence(name, point, stage.epochs))
+                if state.step % params.train.checkpoint_steps == 0 and state.step < steps:
+                    _save_checkpoint(checkpoint, identity, network, optimiser, state)
+                progress.advance()
+        except KeyboardInterrupt:
+            _save_checkpoint(checkpoint, identity, network, optimiser, state)
+            raise
+    seconds = (time.monotonic() - began) / max(1, steps - first)
+
+    last = state.curve[-1]
+    results = {"train_loss": last.train_loss, "validation_loss": last.validation_loss}
+    whites = [float(white) for white in dataset.column("white_shading")]
+    card = save_model(
+        folders.models,
+        network,
+        {
+            "name": name,
+            "architecture": architecture,
+            "exposure": params.train.exposure,
+            "white": float(median(whites)),
+            "tone": plain(params.tone),
+            "albedo": params.shading.albedo,
+            "training": {
+                **_settings(params.train),
+                **plain(stage),
+                "seed": params.seed,
+                "steps": steps,
+                "precision": precision,
+                "started_from": digest_file(start) if start else None,
+            },
+            "data": data,
+            "backbone": _backbone_words(backbone),
+            "metrics": results,
+            "needs": needs,
+            "versions": {"pbrnet": version("pbrnet"), "torch": torch.__version__},
+            "licence": LICENCE,
+        },
+    )
+    _write_curve(folders.plots / f"train_{name}.csv", state.curve)
+    write_json(
+        folders.metrics / f"train_{name}.json",
+        {
+            **results,
+            "steps": steps,
+            "epochs": stage.epochs,
+            "views": len(dataset),
+            "parameters": card.parameters,
+            "seconds_per_step": round(seconds, 4) if steps > first else None,
+            "backbone": backbone.card.network,
+            "precision": precision,
+            "exposure": params.train.exposure,
+        },
+    )
+    checkpoint.unlink(missing_ok=True)
+    return card
+
+
+class Judge:
+    """The forward pass and its loss, the same for training and validation."""
+
+    def __init__(
+        self,
+        network: nn.Module,
+        shading: nn.Module | None,
+        loss: PerceptualLoss,
+        target: str,
+        params: TrainParams,
+        device: torch.device,
+        precision: str,
+    ) -> None:
+        self.network, self.shading, self.criterion = network, shading, loss
+        self.target, self.params, self.device = target, params, device
+        self.half = precision == "bfloat16"
+
+    def loss(self, examples: Sequence[Example]) -> torch.Tensor:
+        """Loss of the network on these views, a scalar with gradient."""
+        inputs = {name: self._put(value) for name, value in encode(examples).items()}
+        truth = self._put(targets(examples, self.params.exposure)[self.target])
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.half):
+            prediction = self._predict(inputs)
+            return self.criterion(prediction.float(), truth)
+
+    def _predict(self, inputs: Tensors) -> torch.Tensor:
+        if self.shading is None:
+            return self.network(inputs)
+        with torch.no_grad():
+            shading = self.shading(inputs).float().clamp(0, 1)
+        return self.network(shading, inputs["reflectance"])
+
+    def _put(self, value: torch.Tensor) -> torch.Tensor:
+        return value.to(self.device, memory_format=torch.channels_last)
+
+
+def learning_rate(params: TrainParams, step: int, steps: int) -> float:
+    """Constant as in the paper, or half a cosine down to nothing at `steps`."""
+    if params.decay == "constant":
+        return params.learning_rate
+    return params.learning_rate * 0.5 * (1 + math.cos(math.pi * step / steps))
+
+
+def choose_device(params: TrainParams) -> torch.device:
+    """The device that `params.device` means here; `auto` is CUDA where there is one."""
+    if params.device == "cuda" and not torch.cuda.is_available():
+        raise InputError("train.device is cuda, but torch sees no CUDA device; use auto or cpu")
+    if params.device == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    return torch.device(params.device)
+
+
+def choose_precision(params: TrainParams, device: torch.device) -> str:
+    """`auto`: bfloat16 where the processor multiplies it natively, and so faster; else float32.
+
+    Decided by capability flags, not by a stopwatch: the same machine always gives the same bits.
+    """
+    if params.precision != "auto":
+        return params.precision
+    if device.type == "cuda":
+        return "bfloat16" if torch.cuda.is_bf16_supported() else "float32"
+    flags = torch.cpu.get_capabilities()
+    native = any(flags.get(name) for name in ("avx512_bf16", "amx_bf16", "bf16"))
+    return "bfloat16" if native else "float32"
+
+
+def _initial(architecture: Architecture, seed: int, start: Path | None) -> nn.Module:
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(derive32(seed, "initial", architecture.kind))
+        network = build_network(architecture)
+    if start is None:
+        return network
+    earlier, card = load_model(start)
+    if card.architecture != architecture:
+        raise InputError(
+            f"{start}: is a {plain(card.architecture)}; the parameters ask for "
+            f"{plain(architecture)}; make train.{architecture.kind} equal to start from it"
+        )
+    network.load_state_dict(earlier.state_dict())
+    return network
+
+
+def _fixed_shading(
+    name: Kind, params: Params, folders: Folders
+) -> tuple[nn.Module | None, dict[str, str]]:
+    """The trained shading network whose predictions the composition network learns from."""
+    if name != "composition":
+        return None, {}
+    network, card = load_model(folders.models / "shading.safetensors")
+    if card.tone != plain(params.tone):
+        raise InputError(
+            f"{folders.models}/shading.json: trained with the tone mapping {card.tone}, now it is "
+            f"{plain(params.tone)}; train the shading network again"
+        )
+    return network, {"shading": card.sha256}
+
+
+def _validation_views(folder: Path) -> list[Example]:
+    try:
+        dataset = Dataset(folder, "validation")
+    except InputError:
+        if list(folder.glob("validation-*.parquet")):
+            raise
+        return []
+    return [example for _, example in zip(range(VALIDATION_VIEWS), dataset.ordered(), strict=False)]
+
+
+def _seen(dataset: Dataset) -> TrainingData:
+    scenes = sorted(set(dataset.column("scene_id")))
+    plans = dataset.plans()
+    return TrainingData(
+        fingerprint=dataset.fingerprint(),
+        views=len(dataset),
+        scenes=tuple(scenes),
+        plans=tuple(sorted({plans.get(scene, scene) for scene in scenes})),
+        licences=tuple(sorted(set(dataset.column("licence")))),
+        attributions=tuple(sorted(set(dataset.column("attribution")))),
+    )
+
+
+def _identity(
+    params: Params,
+    architecture: Architecture,
+    data: TrainingData,
+    backbone: Backbone,
+    needs: dict[str, str],
+    start: Path | None,
+    steps: int,
+    precision: str,
+) -> str:
+    """All that determines the weights: a checkpoint of another identity is not gone on from."""
+    parts = (
+        *(params.seed, _settings(params.train), plain(params.tone), plain(architecture)),
+        data.fingerprint,
+        *(plain(backbone.card), needs, digest_file(start) if start else "", steps, precision),
+    )
+    return digest_bytes(*(repr(part).encode() for part in parts))
+
+
+def _settings(params: TrainParams) -> dict[str, Any]:
+    """What all networks share of the parameters that determine the weights."""
+    others = ("checkpoint_steps", "device", "shading", "composition", "unet")
+    return {name: value for name, value in plain(params).items() if name not in others}
+
+
+def _batches(dataset: Dataset, params: Params, step: int) -> Iterator[list[Example]]:
+    """Endless batches from `step` on; the same ones whether or not training stopped between."""
+    batch, seed = params.train.batch, derive(params.seed, "train")
+    position = step * batch
+    views = dataset.shuffled(seed, start=position)
+    flips = coin_flips(seed, position, len(dataset))
+    while True:
+        examples = [
+            mirrored(example) if params.train.flips and flip else example
+            for _, example, flip in zip(range(batch), views, flips, strict=False)
+        ]
+        _same_size(examples)
+        yield examples
+
+
+def _same_size(examples: Sequence[Example]) -> None:
+    sizes = {(example.depth.shape, example.intensity.shape) for example in examples}
+    if len(sizes) > 1:
+        raise InputError(
+            f"views of different sizes in one batch ({examples[0].name} and others); "
+            "set train.batch: 1, or render all scenes at one size"
+        )
+
+
+def _stop_if_diverged(
+    value: torch.Tensor, name: str, step: int, examples: Sequence[Example]
+) -> None:
+    if not torch.isfinite(value):
+        views = ", ".join(example.name for example in examples)
+        raise TrainingError(
+            f"train {name}: the loss became {float(value)} at step {step} on view {views}; "
+            "look at the view with pbrnet inspect, or lower train.learning_rate"
+        )
+
+
+def _close_epoch(
+    state: State, steps_per_epoch: int, judge: Judge, validation: Sequence[Example]
+) -> CurvePoint:
+    with torch.no_grad():
+        losses = [float(judge.loss([example])) for example in validation]
+    point = CurvePoint(
+        step=state.step,
+        epoch=state.step // steps_per_epoch,
+        train_loss=state.loss_sum / steps_per_epoch,
+        validation_loss=sum(losses) / len(losses) if losses else None,
+    )
+    state.loss_sum = 0.0
+    state.curve.append(point)
+    return point
+
+
+def _sentence(name: str, point: CurvePoint, epochs: int) -> str:
+    seen = "none" if point.validation_loss is None else f"{point.validation_loss:.2f}"
+    return (
+        f"train {name}: epoch {point.epoch} of {epochs}, "
+        f"loss {point.train_loss:.2f}, validation {seen}"
+    )
+
+
+def _save_checkpoint(
+    path: Path, identity: str, network: nn.Module, optimiser: torch.optim.Optimizer, state: State
+) -> None:
+    content = {
+        "identity": identity,
+        "network": network.state_dict(),
+        "optimiser": optimiser.state_dict(),
+        "step": state.step,
+        "loss_sum": state.loss_sum,
+        "curve": [plain(point) for point in state.curve],
+    }
+    with atomic_file(path) as partial:
+        torch.save(content, partial)
+
+
+def _resume(
+    path: Path, identity: str, network: nn.Module, optimiser: torch.optim.Optimizer
+) -> State:
+    """Go on from the checkpoint if it is of this very training, else from the start."""
+    if not path.is_file():
+        return State()
+    try:
+        content: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
+        if content["identity"] != identity:
+            return State()
+        network.load_state_dict(content["network"])
+        optimiser.load_state_dict(content["optimiser"])
+    except Exception as error:
+        raise InputError(
+            f"{path}: damaged checkpoint ({type(error).__name__}); delete it to start over"
+        ) from None
+    return State(
+        step=content["step"],
+        loss_sum=content["loss_sum"],
+        curve=[CurvePoint(**point) for point in content["curve"]],
+    )
+
+
+def _backbone_words(backbone: Backbone) -> dict[str, Any]:
+    card = backbone.card
+    return {"network": card.network, "source": card.source, "sha256": card.sha256}
+
+
+def _write_curve(path: Path, curve: Sequence[CurvePoint]) -> None:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("step", "epoch", "train_loss", "validation_loss"))
+    for point in curve:
+        seen = "" if point.validation_loss is None else f"{point.validation_loss:.6g}"
+        writer.writerow((point.step, point.epoch, f"{point.train_loss:.6g}", seen))
+    write_text(path, text.getvalue())
