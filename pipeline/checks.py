@@ -44,7 +44,7 @@ REASONS = {
     "noise": "the noise estimate is above the limit",
 }
 
-# A firefly outshines the median of its neighbours this many times, and is no dim speck either.
+# A firefly outshines its neighbours this many times, and is no dim speck either.
 _FIREFLY_RATIO = 16.0
 _FIREFLY_FLOOR = 0.25  # of the image's mean luminance
 
@@ -98,9 +98,9 @@ def load_frames(
         try:
             frame = read_frame(path)
         except InputError as error:
-            return Rejection(
-                "damaged", f"{kind}: {_one_line(str(error)).removeprefix(f'{path}: ')}"
-            )
+            # Without the path: the list must not depend on where the data lie.
+            words = str(error).removeprefix(f"{path}: ").replace(str(path), path.name)
+            return Rejection("damaged", f"{kind}: {_one_line(words)}")
         if frame.meta.get("kind") != kind:
             return Rejection("damaged", f"{kind}: holds a frame of kind {frame.meta.get('kind')!r}")
         frames[kind] = frame
@@ -141,11 +141,15 @@ def blown_share(image: npt.NDArray[np.float32]) -> float:
 
 
 def firefly_share(image: npt.NDArray[np.float32]) -> float:
-    """Share of pixels of linear RGB (H, W, 3) that outshine their eight neighbours' median
-    16 times and the image's mean by a quarter of it: path-tracing speckles, not noise."""
+    """Share of pixels of linear RGB (H, W, 3) that stand alone: 16 times brighter than all but
+    two of their eight neighbours, and not dim beside the image's mean.
+
+    So path-tracing speckles count, noise does not, and the corner of a bright window (three
+    bright neighbours) does not either.
+    """
     lum = luminance(image)
     height, width = lum.shape
-    padded = np.pad(lum, 1, mode="reflect" if min(lum.shape) > 1 else "edge")
+    padded = np.pad(lum, 1, mode="edge")
     around = np.stack(
         [
             padded[row : row + height, column : column + width]
@@ -154,10 +158,9 @@ def firefly_share(image: npt.NDArray[np.float32]) -> float:
             if (row, column) != (1, 1)
         ]
     )
-    around.partition((3, 4), axis=0)
-    median = 0.5 * (around[3] + around[4])
-    bright = lum > _FIREFLY_RATIO * median
-    return float((bright & (lum > _FIREFLY_FLOOR * lum.mean())).mean())
+    third_brightest = np.partition(around, 5, axis=0)[5]
+    alone = lum > _FIREFLY_RATIO * third_brightest
+    return float((alone & (lum > _FIREFLY_FLOOR * lum.mean())).mean())
 
 
 def noise_of(frame: Frame) -> float | None:
