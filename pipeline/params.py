@@ -30,7 +30,7 @@ class FarmParams:
 
     workers: int = field(default=0, metadata=within(0, 4096))  # 0: one per allowed CPU
     batch: int = field(default=8, metadata=within(1, 1024))  # views of one scene per task
-    window: int = field(default=4, metadata=within(1, 64))  # tasks in flight per worker
+    window: int = field(default=2, metadata=within(1, 64))  # tasks in flight per worker
     retries: int = field(default=2, metadata=within(0, 10))  # further attempts for a failing view
     variant: Variant = "auto"
 
@@ -50,6 +50,10 @@ class CameraParams:
     min_coverage: float = field(default=0.01, metadata=within(0, 1))  # of the pixels, per object
     min_score: float = field(default=0.0, metadata=within(0))
     clearance: float = field(default=0.10, metadata=within(0, 2))  # metres around the eye
+    # a view is blocked when more than `max_near` of it is nearer than `near` metres
+    near: float = field(default=0.6, metadata=within(0, 10))
+    max_near: float = field(default=0.35, metadata=within(0, 1))
+    stored_views: bool = True  # keep the cameras that imported scenes bring with them
     # id render: pixels a side of the candidate images, and candidates per room and sector
     id_width: int = field(default=80, metadata=within(16, 640))
     candidates: int = field(default=12, metadata=within(1, 4096))
