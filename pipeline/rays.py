@@ -1,0 +1,360 @@
+"""Rays against a loaded scene: arrays in, arrays out, in wavefront and scalar variants alike.
+
+Sight passes clear glass (smooth dielectrics, thin panes, null surfaces) undeviated and masks
+where their opacity is below one half, up to `LAYERS` of them. A wavefront variant traces all
+rays in one kernel; `scalar_rgb` has no arrays and loops over the rays, with equal results.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+
+LAYERS = 16  # clear surfaces that one ray may pass: a glass cabinet before a glass door and so on
+CHUNK = 1 << 21  # rays in flight, which bounds memory
+
+Floats = npt.NDArray[np.float32]
+Ints = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Target:
+    """What rays are traced against.
+
+    `objects[i]` is the object index of shape i (-1: belongs to none), `clear[i]` says that
+    sight passes shape i, `masked[i]` that its BSDF has an alpha mask.
+    """
+
+    scene: Any  # mi.Scene
+    shapes: tuple[Any, ...]
+    objects: Ints
+    clear: npt.NDArray[np.bool_]
+    masked: npt.NDArray[np.bool_]
+    reflectances: tuple[Any, ...]  # reflectance twin of each shape's BSDF
+
+
+@dataclass(frozen=True)
+class Hits:
+    """First surface each of N rays sees; where `shape` is -1 there is none and the rest is 0.
+
+    `distance` is metres along the ray (infinite for none), `position` (N, 3) world metres,
+    `geometric` and `shading` are unit normals (N, 3) as modelled, not flipped,
+    `reflectance` (N, 3) is linear RGB in [0, 1].
+    """
+
+    shape: Ints
+    distance: Floats
+    position: Floats
+    geometric: Floats
+    shading: Floats
+    reflectance: Floats
+
+
+def is_scalar() -> bool:
+    """Whether the current variant has no wavefront arrays."""
+    return str(mi.variant()).startswith("scalar")
+
+
+def pixel_directions(intrinsics: npt.ArrayLike, width: int, height: int) -> npt.NDArray[np.float64]:
+    """Directions through all pixel centres, camera frame (OpenCV), (H, W, 3), z = 1."""
+    inverse = np.linalg.inv(np.asarray(intrinsics, dtype=np.float64))
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    return np.stack([x, y, np.ones_like(x)], axis=-1) @ inverse.T
+
+
+def unit(vectors: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """Vectors (..., 3) scaled to length 1; zero stays zero."""
+    vectors = np.asarray(vectors, dtype=np.float64)
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.where(length > 0, length, 1)
+
+
+def nearest(
+    target: Target, origins: npt.ArrayLike, directions: npt.ArrayLike, through: bool = True
+) -> tuple[Ints, Floats]:
+    """Index of the first shape each ray sees (-1: none) and the distance to it (infinite: none).
+
+    `origins` (N, 3) or (3,), `directions` (N, 3) of length 1. With `through=False` clear
+    surfaces and masks stop a ray like any other.
+    """
+    shape, distance = [], []
+    for o, d in _chunks(origins, directions):
+        if is_scalar():
+            found = [
+                _scalar_first(target, _scalar_ray(*ray), through) for ray in zip(o, d, strict=True)
+            ]
+            shape.append(np.array([hit[0] for hit in found], dtype=np.int32))
+            distance.append(np.array([hit[1] for hit in found], dtype=np.float32))
+        else:
+            first, travelled, _, _ = _wave_first(target, _wave_ray(o, d), through)
+            shape.append(first.numpy())
+            distance.append(travelled.numpy())
+    return _joined(shape, np.int32), _joined(distance, np.float32)
+
+
+def surfaces(target: Target, origins: npt.ArrayLike, directions: npt.ArrayLike) -> Hits:
+    """What each ray sees, with normals and reflectance; arguments as in `nearest`."""
+    parts = []
+    for o, d in _chunks(origins, directions):
+        if is_scalar():
+            parts.append(_scalar_surfaces(target, o, d))
+        else:
+            parts.append(_wave_surfaces(target, o, d))
+    return Hits(
+        *(
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in Hits.__dataclass_fields__
+        )
+    )
+
+
+def reached(
+    target: Target, origin: npt.ArrayLike, directions: npt.ArrayLike, distances: npt.ArrayLike
+) -> npt.NDArray[np.bool_]:
+    """Whether nothing but clear surfaces lies within `distances` (N,) of `origin` (3,)."""
+    _, free = nearest(target, origin, directions)
+    limit = np.asarray(distances, dtype=np.float64)
+    # Float32 hit points on either side of a surface differ by about 1e-6 of the coordinates;
+    # this tolerance is far above that and far below the thickness of a lampshade.
+    reach: npt.NDArray[np.bool_] = free >= limit - np.maximum(2e-4 * limit, 2e-4)
+    return reach
+
+
+def ids(
+    target: Target, poses: npt.ArrayLike, intrinsics: npt.ArrayLike, width: int, height: int
+) -> npt.NDArray[np.uint32]:
+    """Object index + 1 at every pixel centre, 0 for none: uint32 (N, height, width).
+
+    `poses` (N, 4, 4) are camera_to_world, OpenCV; all cameras share `intrinsics` (3, 3).
+    """
+    poses = np.asarray(poses, dtype=np.float64).reshape(-1, 4, 4)
+    local = unit(pixel_directions(intrinsics, width, height).reshape(-1, 3))
+    found = []
+    per_chunk = max(1, CHUNK // len(local))
+    for start in range(0, len(poses), per_chunk):
+        some = poses[start : start + per_chunk]
+        if is_scalar():
+            found += [nearest(target, pose[:3, 3], local @ pose[:3, :3].T)[0] for pose in some]
+        else:
+            ray = _wave_camera_rays(some, local)
+            found.append(_wave_first(target, ray, True)[0].numpy())
+    shapes = _joined(found, np.int32)
+    numbers = np.append(target.objects, -1).astype(np.int64) + 1  # shape -1 reads the last entry
+    return numbers[shapes].astype(np.uint32).reshape(len(poses), height, width)
+
+
+def registry_table(pairs: list[tuple[Any, Any]], pointer: Any, fill: int, dtype: Any) -> Any:
+    """A Dr.Jit array over registry ids: `table[id of object] = value`, `fill` elsewhere."""
+    numbers = [registry_id(thing, pointer) for thing, _ in pairs]
+    table = np.full(max(numbers, default=0) + 1, fill, dtype=np.int64)
+    for number, (_, value) in zip(numbers, pairs, strict=True):
+        table[number] = value
+    return dtype(table.astype(np.int32 if dtype is mi.Int32 else np.uint32))
+
+
+def registry_id(thing: Any, pointer: Any) -> int:
+    """The number under which Dr.Jit's vectorised calls know an object."""
+    return int(dr.reinterpret_array(mi.UInt32, pointer(thing))[0])
+
+
+def _chunks(
+    origins: npt.ArrayLike, directions: npt.ArrayLike
+) -> Iterator[tuple[npt.NDArray[Any], npt.NDArray[Any]]]:
+    d = np.asarray(directions, dtype=np.float64).reshape(-1, 3)
+    o = np.broadcast_to(np.asarray(origins, dtype=np.float64), d.shape)
+    for start in range(0, max(len(d), 1), CHUNK):
+        yield o[start : start + CHUNK], d[start : start + CHUNK]
+
+
+def _joined(parts: list[Any], dtype: Any) -> npt.NDArray[Any]:
+    return np.concatenate(parts).astype(dtype, copy=False) if parts else np.zeros(0, dtype)
+
+
+# Wavefront variants
+
+
+def _wave_ray(origins: npt.NDArray[Any], directions: npt.NDArray[Any]) -> Any:
+    o, d = (np.ascontiguousarray(v.T, dtype=np.float32) for v in (origins, directions))
+    return mi.Ray3f(mi.Point3f(o), mi.Vector3f(d))
+
+
+def _wave_camera_rays(poses: npt.NDArray[Any], local: npt.NDArray[Any]) -> Any:
+    """Rays of every pose (N, 4, 4) through every local direction (P, 3), pose by pose."""
+    count = len(local)
+    index = dr.arange(mi.UInt32, len(poses) * count)
+    pose, pixel = index // dr.opaque(mi.UInt32, count), index % dr.opaque(mi.UInt32, count)
+    table = mi.Float(poses[:, :3, :].astype(np.float32).ravel())
+    row = [[dr.gather(mi.Float, table, pose * 12 + 4 * i + j) for j in range(4)] for i in range(3)]
+    x, y, z = (
+        dr.gather(mi.Float, mi.Float(local[:, i].astype(np.float32)), pixel) for i in range(3)
+    )
+    return mi.Ray3f(
+        mi.Point3f(row[0][3], row[1][3], row[2][3]),
+        mi.Vector3f(*(row[i][0] * x + row[i][1] * y + row[i][2] * z for i in range(3))),
+    )
+
+
+def _wave_first(target: Target, ray: Any, through: bool) -> tuple[Any, Any, Any, Any]:
+    """Shape index, distance from the ray's origin, the preliminary hit and the ray it belongs to.
+
+    A ray goes on behind each clear surface from a slightly later start, on the same line.
+    """
+    tables = _wave_tables(target)
+    any_mask, any_clear = bool(target.masked.any()), bool(target.clear.any())
+    hit = target.scene.ray_intersect_preliminary(ray, coherent=True)
+    start = mi.Point3f(ray.o)
+    if through and (any_mask or any_clear):
+        passing = _wave_passes(target, tables, hit, ray, any_mask)
+        layer = mi.UInt32(0)
+        passing, hit, ray, layer = dr.while_loop(
+            state=(passing, hit, ray, layer),
+            cond=lambda passing, hit, ray, layer: passing & (layer < LAYERS),
+            body=lambda passing, hit, ray, layer: _wave_step(
+                target, tables, any_mask, hit, ray, layer
+            ),
+            labels=("passing", "hit", "ray", "layer"),
+        )
+        hit.t = dr.select(passing, dr.inf, hit.t)
+    valid = hit.is_valid()
+    number = dr.reinterpret_array(mi.UInt32, hit.shape)
+    shape = dr.select(valid, dr.gather(mi.Int32, tables["shape"], number, valid), -1)
+    distance = dr.select(valid, hit.t + dr.dot(ray.o - start, ray.d), dr.inf)
+    return shape, distance, hit, ray
+
+
+def _wave_step(
+    target: Target, tables: dict[str, Any], any_mask: bool, hit: Any, ray: Any, layer: Any
+) -> tuple[Any, Any, Any, Any]:
+    # Past the surface by a little more than the rounding of the hit point.
+    onward = hit.t + 1e-5 * (1 + dr.max(dr.abs(ray(hit.t))))
+    ray = mi.Ray3f(ray)
+    ray.o = ray(onward)
+    hit = target.scene.ray_intersect_preliminary(ray, coherent=True)
+    return _wave_passes(target, tables, hit, ray, any_mask), hit, ray, layer + 1
+
+
+def _wave_passes(target: Target, tables: dict[str, Any], hit: Any, ray: Any, any_mask: bool) -> Any:
+    valid = hit.is_valid()
+    number = dr.reinterpret_array(mi.UInt32, hit.shape)
+    passes = dr.gather(mi.UInt32, tables["clear"], number, valid) == 1
+    if any_mask:
+        masked = dr.gather(mi.UInt32, tables["masked"], number, valid) == 1
+        si = hit.compute_surface_interaction(ray, mi.RayFlags.All, masked)
+        share = si.bsdf().eval_null_transmission(si, masked)
+        passes |= masked & (dr.mean(mi.unpolarized_spectrum(share)) > 0.5)
+    return passes & valid
+
+
+def _wave_surfaces(target: Target, origins: npt.NDArray[Any], directions: npt.NDArray[Any]) -> Hits:
+    shape, distance, hit, ray = _wave_first(target, _wave_ray(origins, directions), True)
+    valid = shape >= 0
+    si = hit.compute_surface_interaction(ray, mi.RayFlags.All, valid)
+    tables = _wave_tables(target)
+    twin = dr.gather(
+        mi.UInt32, tables["reflectance"], dr.reinterpret_array(mi.UInt32, si.shape), valid
+    )
+    bsdf = dr.reinterpret_array(mi.BSDFPtr, twin)
+    reflectance = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(si, valid))
+    columns = [
+        dr.select(valid, value, 0) for value in (si.p, si.n, si.sh_frame.n, mi.Color3f(reflectance))
+    ]
+    dr.eval(shape, distance, *columns)
+    position, geometric, shading, colour = (column.numpy().T for column in columns)
+    return Hits(
+        shape.numpy(), distance.numpy(), position, geometric, shading, np.clip(colour, 0, 1)
+    )
+
+
+def _wave_tables(target: Target) -> dict[str, Any]:
+    """Properties of shapes by registry id, kept with the target."""
+    tables = target.__dict__.get("tables")
+    if tables is None:
+        numbers = list(enumerate(target.shapes))
+        tables = {
+            "shape": registry_table([(s, i) for i, s in numbers], mi.ShapePtr, -1, mi.Int32),
+            "clear": registry_table(
+                [(s, int(target.clear[i])) for i, s in numbers], mi.ShapePtr, 0, mi.UInt32
+            ),
+            "masked": registry_table(
+                [(s, int(target.masked[i])) for i, s in numbers], mi.ShapePtr, 0, mi.UInt32
+            ),
+            "reflectance": registry_table(
+                [
+                    (s, registry_id(twin, mi.BSDFPtr))
+                    for s, twin in zip(target.shapes, target.reflectances, strict=True)
+                    if twin is not None
+                ],
+                mi.ShapePtr,
+                0,
+                mi.UInt32,
+            ),
+        }
+        object.__setattr__(target, "tables", tables)
+    return tables
+
+
+# The scalar variant
+
+
+def _scalar_ray(origin: npt.NDArray[Any], direction: npt.NDArray[Any]) -> Any:
+    return mi.Ray3f(mi.ScalarPoint3f(origin), mi.ScalarVector3f(direction))
+
+
+def _scalar_first(target: Target, ray: Any, through: bool) -> tuple[int, float, Any, Any]:
+    """As `_wave_first`, for one ray."""
+    numbers = _scalar_numbers(target)
+    travelled = 0.0
+    for _ in range(LAYERS + 1):
+        hit = target.scene.ray_intersect_preliminary(ray)
+        if not hit.is_valid():
+            break
+        shape = numbers[hit.shape.ptr]
+        if not (through and _scalar_passes(target, shape, hit, ray)):
+            return shape, travelled + hit.t, hit, ray
+        onward = hit.t + 1e-5 * (1 + max(abs(value) for value in ray(hit.t)))
+        travelled += onward
+        ray = mi.Ray3f(ray(onward), ray.d)
+    return -1, float("inf"), None, ray
+
+
+def _scalar_passes(target: Target, shape: int, hit: Any, ray: Any) -> bool:
+    if target.clear[shape] or not target.masked[shape]:
+        return bool(target.clear[shape])
+    si = hit.compute_surface_interaction(ray)
+    return float(np.mean(si.bsdf().eval_null_transmission(si))) > 0.5
+
+
+def _scalar_numbers(target: Target) -> dict[int, int]:
+    numbers: dict[int, int] | None = target.__dict__.get("numbers")
+    if numbers is None:
+        numbers = {shape.ptr: index for index, shape in enumerate(target.shapes)}
+        object.__setattr__(target, "numbers", numbers)
+    return numbers
+
+
+def _scalar_surfaces(
+    target: Target, origins: npt.NDArray[Any], directions: npt.NDArray[Any]
+) -> Hits:
+    count = len(directions)
+    hits = Hits(
+        np.full(count, -1, np.int32),
+        np.full(count, np.inf, np.float32),
+        *(np.zeros((count, 3), np.float32) for _ in range(4)),
+    )
+    numbers = _scalar_numbers(target)
+    for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
+        shape, distance, hit, ray = _scalar_first(target, _scalar_ray(o, d), True)
+        if shape < 0:
+            continue
+        si = hit.compute_surface_interaction(ray)
+        hits.shape[i], hits.distance[i] = shape, distance
+        hits.position[i], hits.geometric[i], hits.shading[i] = si.p, si.n, si.sh_frame.n
+        twin = target.reflectances[numbers[si.shape.ptr]]
+        hits.reflectance[i] = np.clip(twin.eval_diffuse_reflectance(si), 0, 1)
+    return hits

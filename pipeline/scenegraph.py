@@ -1,0 +1,164 @@
+"""A scene folder's `scene.xml` as live Mitsuba objects: nothing merged, every shape known by id.
+
+The file is read by Mitsuba's own parser and then instantiated node by node here, because that
+gives three things the plain loader does not: images are read without Mitsuba's EXR code (which
+hangs when its thread pool has one thread), every BSDF can have twins (neutral, reflectance)
+that share its textures, and errors name the element they come from.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import OpenEXR
+
+from scenes.errors import InputError
+
+# What a scene file may say about how it wants to be rendered; the stages decide that themselves.
+_NOT_BUILT = ("Sensor", "Integrator", "Sampler", "Film", "ReconstructionFilter")
+
+
+@dataclass(frozen=True)
+class Graph:
+    """The parsed nodes of one scene file and the objects made from them.
+
+    `nodes[0]` is the scene; `props` values that refer to another node are
+    `mi.Properties.ResolvedReference`. Objects are made on first use and kept.
+    """
+
+    xml: Path
+    state: Any  # mi.parser.ParserState
+    made: dict[int, Any]
+
+    @property
+    def nodes(self) -> Any:
+        """All nodes (`mi.parser.SceneNode`), by index."""
+        return self.state.nodes
+
+    def plugin(self, index: int) -> str:
+        """The plugin's name, e.g. "roughconductor"."""
+        return str(self.nodes[index].props.plugin_name())
+
+    def kind(self, index: int) -> str:
+        """The kind of object, e.g. "BSDF", "Texture", "Shape", "Emitter"."""
+        return str(self.nodes[index].type).rpartition(".")[2]
+
+    def props(self, index: int) -> Any:
+        """A copy of a node's properties (`mi.Properties`)."""
+        return mi.Properties(self.nodes[index].props)
+
+    def references(self, index: int) -> dict[str, int]:
+        """Property name -> node index, for the properties that are nodes themselves."""
+        props = self.nodes[index].props
+        found = {}
+        for key in props.keys():  # noqa: SIM118 (mi.Properties is not iterable)
+            value = props[key]
+            if isinstance(value, mi.Properties.ResolvedReference):
+                found[key] = value.index()
+        return found
+
+    def nested(self, index: int, kind: str) -> list[int]:
+        """The nodes of one kind that a node holds directly, in the file's order."""
+        return [child for child in self.references(index).values() if self.kind(child) == kind]
+
+    def make(self, index: int) -> Any:
+        """The object of a node (made once); raises `InputError`."""
+        if index not in self.made:
+            self.made[index] = self.make_from(index, self.props(index))
+        return self.made[index]
+
+    def make_from(self, index: int, props: Any) -> Any:
+        """A new object for a node with other properties than the file's; raises `InputError`."""
+        for key in list(props.keys()):
+            value = props[key]
+            if isinstance(value, mi.Properties.ResolvedReference):
+                if self.kind(value.index()) in _NOT_BUILT:
+                    props.remove_property(key)
+                else:
+                    props[key] = self.make(value.index())
+        if props.has_property("filename"):
+            self._resolve_file(index, props)
+        try:
+            return create(props)
+        except RuntimeError as error:
+            raise InputError(f"{self.where(index)}: {_first_words(error)}") from None
+
+    def where(self, index: int) -> str:
+        """File, line and element of a node, for error messages."""
+        node = self.nodes[index]
+        try:
+            place = str(mi.parser.file_location(self.state, node))
+        except RuntimeError:
+            place = str(self.xml)
+        name = f" {node.props.id()!r}" if node.props.id() else ""
+        return f"{place}: {self.kind(index).lower()} of type {self.plugin(index)!r}{name}"
+
+    def _resolve_file(self, index: int, props: Any) -> None:
+        path = self.xml.parent / str(props["filename"])
+        if not path.is_file():
+            raise InputError(f"{self.where(index)}: file {path} is missing")
+        if path.suffix.lower() == ".exr" and self.kind(index) in ("Texture", "Emitter"):
+            props.remove_property("filename")
+            props["bitmap"] = mi.Bitmap(read_exr(path))
+        else:
+            props["filename"] = str(path)
+
+
+def parse(xml: Path) -> Graph:
+    """Parse `scene.xml`; raises `InputError` with file and line if it is broken."""
+    if not Path(xml).is_file():
+        raise InputError(f"{xml}: no such scene file")
+    config = mi.parser.ParserConfig(mi.variant())
+    config.merge_meshes = False
+    config.merge_equivalent = False
+    config.parallel = False
+    try:
+        state = mi.parser.parse_file(config, str(xml))
+        mi.parser.transform_all(config, state)
+    except RuntimeError as error:
+        raise InputError(f"{xml}: {_first_words(error)}") from None
+    if not len(state.nodes) or str(state.nodes[0].type).rpartition(".")[2] != "Scene":
+        raise InputError(f"{xml}: its outermost element is not <scene>")
+    return Graph(Path(xml), state, {})
+
+
+def create(props: Any) -> Any:
+    """Make one Mitsuba object from complete properties; raises RuntimeError as Mitsuba does."""
+    made = mi.PluginManager.instance().create_object(props)
+    unused = list(props.unqueried())
+    if unused:
+        raise RuntimeError(f"unknown property {unused[0]!r}")
+    expanded = made.expand()
+    return expanded[0] if len(expanded) == 1 else made
+
+
+def shapes_of(graph: Graph) -> Iterator[int]:
+    """Nodes of all shapes, those inside shape groups too, in the file's order."""
+    for index in range(len(graph.nodes)):
+        if graph.kind(index) == "Shape":
+            yield index
+
+
+def read_exr(path: Path) -> np.ndarray:
+    """An EXR image as float32 (H, W, C), C = 1, 3 or 4; raises `InputError` if damaged."""
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            channels = {name: channel.pixels for name, channel in file.channels().items()}
+    except (RuntimeError, ValueError) as error:
+        raise InputError(f"{path}: damaged or truncated EXR ({error})") from None
+    for names in (("R", "G", "B", "A"), ("R", "G", "B"), ("Y",)):
+        if all(name in channels for name in names):
+            return np.stack([channels[name].astype(np.float32) for name in names], axis=-1)
+    raise InputError(f"{path}: an EXR without colour channels (has {', '.join(channels)})")
+
+
+def _first_words(error: Exception) -> str:
+    """Mitsuba's message without its log decoration, on one line."""
+    text = re.sub(r"^.*?\[[\w.:]+\]\s*", "", str(error).strip(), count=1, flags=re.DOTALL)
+    return " ".join((text or str(error)).split())[:600]
