@@ -14,8 +14,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from matplotlib import colormaps
-from PIL import Image
 
 from model.data import Array, Dataset, Example
 from model.encoding import color_exposure
@@ -23,11 +21,12 @@ from model.inference import Networks, load_networks, product
 from model.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
 from model.training import Folders
 from pipeline.params import Params
+from pipeline.pictures import error_picture, png_bytes
 from pipeline.progress import Progress
 from pipeline.tonemap import to_bytes, tonemap
 from scenes.checked import plain
 from scenes.errors import InputError
-from scenes.files import atomic_directory, atomic_file, write_json, write_text
+from scenes.files import atomic_directory, write_json, write_text
 from scenes.seeds import derive
 
 METHODS = ("pbrnet", "product", "unet", "ceiling")
@@ -85,7 +84,7 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
         "views": len(dataset),
         "scenes": len({score.scene_id for score in scores}),
         "backbone": networks.card.backbone["network"],
-        "exposure": networks.exposure_policy,
+        "exposure": networks.card.exposure,
         "methods": {
             method: {
                 **_summary([score for score in scores if score.method == method], params.seed),
@@ -131,8 +130,7 @@ def refuse_leaks(dataset: Dataset, networks: Networks) -> None:
 
 def true_color(example: Example, networks: Networks) -> Array:
     """The truth as the networks' policy displays it, float32 (H, W, 3)."""
-    policy = "shared" if networks.exposure_policy == "shared" else "own"
-    return tonemap(example.color, color_exposure(example, policy))
+    return tonemap(example.color, color_exposure(example, networks.card.exposure))
 
 
 def time_networks(dataset: Dataset, networks: Networks, views: int) -> dict[str, float]:
@@ -141,18 +139,18 @@ def time_networks(dataset: Dataset, networks: Networks, views: int) -> dict[str,
     examples = [examples[0], *examples] if len(examples) == 1 else examples
     parts: dict[str, list[float]] = {}
 
-    def timed(part: str, call: Callable[[], Array]) -> Array:
+    def timed(part: str, call: Callable[..., Array], *arguments: Any) -> Array:
         began = time.perf_counter()
-        image = call()
+        image = call(*arguments)
         parts.setdefault(part, []).append(time.perf_counter() - began)
         return image
 
     for example in examples:
-        shading = timed("shading", lambda e=example: networks.predict_shading(e))
-        timed("composition", lambda e=example, s=shading: networks.predict_color(e, s))
-        timed("product", lambda e=example, s=shading: _product(e, s, networks))
+        shading = timed("shading", networks.predict_shading, example)
+        timed("composition", networks.predict_color, example, shading)
+        timed("product", _product, example, shading, networks)
         if networks.unet is not None:
-            timed("unet", lambda e=example: networks.predict_directly(e))
+            timed("unet", networks.predict_directly, example)
     return {part: float(np.median(times[1:])) for part, times in parts.items()}
 
 
@@ -173,17 +171,6 @@ def renderer_seconds(data: Path, scores: Sequence[Score]) -> dict[str, float]:
                 if view in wanted and stage in RENDERER_STAGES:
                     found.setdefault(f"renderer_{stage}", []).append(seconds)
     return {stage: mean(times) for stage, times in sorted(found.items())}
-
-
-def error_picture(truth: Array, image: Array) -> Array:
-    """FLIP's error map in magma's colours, display values float32 (H, W, 3)."""
-    return colormaps["magma"](flip_map(truth, image))[..., :3].astype(np.float32)
-
-
-def save_png(path: Path, display: Array) -> None:
-    """Write display values (H, W, 3) in [0, 1] as an 8-bit PNG, by rename."""
-    with atomic_file(path) as partial:
-        Image.fromarray(to_bytes(display)).save(partial, format="PNG")
 
 
 def _images(example: Example, networks: Networks) -> dict[str, Array]:
@@ -240,9 +227,10 @@ def _draw_examples(
             stem = f"{example.scene_id}--{example.view_id}"
             for method, name in names.items():
                 if method in images:
-                    save_png(partial / f"{stem}--{name}.png", images[method])
-            error = error_picture(true_color(example, networks), images["pbrnet"])
-            save_png(partial / f"{stem}--error.png", error)
+                    picture = to_bytes(images[method])
+                    (partial / f"{stem}--{name}.png").write_bytes(png_bytes(picture))
+            errors = flip_map(true_color(example, networks), images["pbrnet"])
+            (partial / f"{stem}--error.png").write_bytes(png_bytes(error_picture(errors)))
 
 
 def _write_scores(path: Path, scores: Sequence[Score]) -> None:

@@ -31,11 +31,6 @@ class Networks:
         """The composition network's card, which speaks for the pair."""
         return self.cards["composition"]
 
-    @property
-    def exposure_policy(self) -> str:
-        """Whose exposure the colours have: `own` or `shared`."""
-        return self.card.exposure
-
     @torch.no_grad()
     def predict_shading(self, example: Example) -> Array:
         """Display values float32 (H, W, 3)."""

@@ -61,7 +61,7 @@ def psnr(truth: Array, image: Array) -> float:
 
 
 def flip_map(truth: Array, image: Array) -> Array:
-    """LDR-FLIP (Andersson et al. 2020) of every pixel, float32 (H, W), 0 equal, 67 pixels/degree."""
+    """LDR-FLIP (Andersson et al. 2020), 67 pixels a degree: float32 (H, W), 0 where equal."""
     errors, _, _ = flip_evaluator.evaluate(
         np.ascontiguousarray(truth, np.float32),
         np.ascontiguousarray(image, np.float32),

@@ -10,6 +10,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import nn
 
+from model.encoding import Policy
 from model.networks import Architecture, build_network, channels_last
 from scenes.checked import build, plain
 from scenes.errors import InputError
@@ -36,7 +37,7 @@ class ModelCard:
     architecture: Architecture
     parameters: int
     sha256: str  # of the weights
-    exposure: str  # whose exposure the colours it gives have: "own" or "shared"
+    exposure: Policy  # whose exposure the colours it gives have
     white: float  # the median white point of the training shadings, for images without truth
     tone: dict[str, float]  # key and burn of the tone mapping
     albedo: float  # grey of the shading frames, 0.5: a surface's shading is half its irradiance

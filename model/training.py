@@ -55,6 +55,14 @@ class Folders:
     models: Path = Path("models")
     metrics: Path = Path("metrics")
     plots: Path = Path("plots")
+    backbone: Path = Path("models")
+
+    @staticmethod
+    def beside(data: Path, models: Path, backbone: Path) -> Folders:
+        """Metrics and plots in their usual places, or inside `models` if that is another folder."""
+        if models == Path("models"):
+            return Folders(data=data, backbone=backbone)
+        return Folders(data, models, models / "metrics", models / "plots", backbone)
 
 
 @dataclass(frozen=True)
@@ -90,7 +98,7 @@ def train_network(
     architecture = Architecture(name, stage.width, stage.levels, params.train.panorama)
     dataset = Dataset(folders.data / "dataset", "train")
     validation = _validation_views(folders.data / "dataset")
-    backbone = load_backbone(folders.models)
+    backbone = load_backbone(folders.backbone)
     channels_last(backbone)
     shading, needs = _fixed_shading(name, params, folders)
     device = choose_device(params.train)

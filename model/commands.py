@@ -1,0 +1,252 @@
+"""`pbrnet backbone`, `train`, `evaluate` and `predict`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from model import evaluation
+from model import predict as prediction
+from model.backbone import make_backbone
+from model.inference import load_networks
+from model.metrics import NAMES
+from model.networks import Kind
+from model.training import BASELINES, Folders, train_network
+from pipeline.frames import read_frame
+from pipeline.options import common_options
+from pipeline.params import Params
+from pipeline.pictures import png_bytes
+from pipeline.tonemap import to_bytes
+from pipeline.views import View
+from scenes.checked import build
+from scenes.errors import InputError
+from scenes.files import atomic_file
+
+_FOLDER = click.Path(path_type=Path, file_okay=False)
+_FILE = click.Path(path_type=Path, dir_okay=False)
+
+
+def _models_option(help_text: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    return click.option(
+        "--models",
+        type=_FOLDER,
+        default=Path("models"),
+        show_default=True,
+        help=help_text,
+    )
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet backbone                      VGG-19 if its weights are here, else EfficientNet-Lite0
+  pbrnet backbone --models /tmp/other  write it elsewhere
+
+params.yaml, section backbone: `network`, `weights` (a VGG-19 file with torchvision's names),
+`download` (whether VGG-19 may be fetched)."""
+)
+@_models_option("Where backbone.safetensors and backbone.json go.")
+@common_options
+def backbone(params: Params, data: Path, models: Path) -> None:
+    """Get the pretrained features that the perceptual loss compares."""
+    card = make_backbone(params.backbone, models)
+    click.echo(f"backbone: {card.network} from {card.source}, in {models}")
+
+
+@click.group(
+    epilog="""\b
+Examples:
+  pbrnet train shading                 first stage
+  pbrnet train composition             second stage, on the fixed shading network
+  pbrnet train baselines               every network they are compared with
+  pbrnet train shading --data data/room --models models/room \\
+      --from models/shading.safetensors      fine-tune on another dataset
+
+A training that was stopped goes on from its last checkpoint when started again."""
+)
+def train() -> None:
+    """Train a network; each has its own section in params.yaml, train.NAME."""
+
+
+def _train_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    for option in (
+        click.option(
+            "--from",
+            "start",
+            type=_FILE,
+            default=None,
+            metavar="MODEL",
+            help="Start from this model's weights (fine-tuning) instead of random ones.",
+        ),
+        click.option(
+            "--backbone",
+            "backbone_folder",
+            type=_FOLDER,
+            default=Path("models"),
+            show_default=True,
+            help="Folder with the perceptual loss's backbone.",
+        ),
+        _models_option("Where models are read and written; metrics and plots go along."),
+    ):
+        command = option(command)
+    return common_options(command)
+
+
+def _train(
+    name: Kind, params: Params, data: Path, models: Path, backbone: Path, start: Path | None
+) -> None:
+    folders = Folders.beside(data, models, backbone)
+    card = train_network(name, params, folders, start)
+    loss = card.metrics["validation_loss"]
+    seen = "" if loss is None else f", validation loss {loss:.2f}"
+    click.echo(f"{models}/{name}.safetensors: {card.parameters / 1e6:.2f} M parameters{seen}")
+
+
+@train.command("shading", epilog="Example: pbrnet train shading --seed 3")
+@_train_options
+def train_shading(
+    params: Params, data: Path, models: Path, backbone_folder: Path, start: Path | None
+) -> None:
+    """First stage: shading from depth, normal and panorama."""
+    _train("shading", params, data, models, backbone_folder, start)
+
+
+@train.command("composition", epilog="Example: pbrnet train composition")
+@_train_options
+def train_composition(
+    params: Params, data: Path, models: Path, backbone_folder: Path, start: Path | None
+) -> None:
+    """Second stage: colour from the fixed network's shading and reflectance."""
+    _train("composition", params, data, models, backbone_folder, start)
+
+
+@train.command("unet", epilog="Example: pbrnet train unet")
+@_train_options
+def train_unet(
+    params: Params, data: Path, models: Path, backbone_folder: Path, start: Path | None
+) -> None:
+    """Baseline: one U-Net from all inputs straight to colour."""
+    _train("unet", params, data, models, backbone_folder, start)
+
+
+@train.command("baselines", epilog="Example: pbrnet train baselines")
+@_train_options
+def train_baselines(
+    params: Params, data: Path, models: Path, backbone_folder: Path, start: Path | None
+) -> None:
+    """Every network that ours are compared with."""
+    if start is not None and len(BASELINES) > 1:
+        raise click.UsageError("--from fits one network; train the baselines one by one")
+    for name in BASELINES:
+        _train(name, params, data, models, backbone_folder, start)
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet evaluate                      the split that params.yaml names (evaluate.split)
+  pbrnet evaluate --models models/room --data data/room
+
+Refused if a test scene, or another scene of its floor plan, was trained on.""",
+)
+@_models_option("Trained networks.")
+@common_options
+def evaluate(params: Params, data: Path, models: Path) -> None:
+    """Measure the networks beside reflectance x shading and the direct U-Net."""
+    result = evaluation.evaluate(params, Folders.beside(data, models, models))
+    click.echo(f"{result['views']} views of {result['scenes']} {result['split']} scenes")
+    for method in evaluation.METHODS:
+        if method in result["methods"]:
+            click.echo(_line(method, result["methods"][method]))
+
+
+def _line(method: str, values: dict[str, Any]) -> str:
+    parts = []
+    for name in NAMES:
+        if values[name] is not None:
+            low, high = values[name]["low"], values[name]["high"]
+            around = "" if low is None else f" ({low:.3f} to {high:.3f})"
+            parts.append(f"{name.upper()} {values[name]['mean']:.3f}{around}")
+    return f"{method:>10}: {', '.join(parts)}"
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet predict data/scenes/home-0000 --view VIEW --out picture.png
+  pbrnet predict data/scenes/home-0000 --view VIEW --size 640x480 --compare
+  pbrnet predict --inputs in.exr --illumination panorama.exr --out picture.png
+
+VIEW is a view_id of the camera file, data/cameras/SCENE.json unless --camera names another.
+--compare reads the truth from the data folder, or renders it, and puts it beside the
+prediction with the error.""",
+)
+@click.argument("scene", type=_FOLDER, required=False)
+@click.option("--view", "view_id", default=None, help="View of the camera file.")
+@click.option("--camera", type=_FILE, default=None, help="Camera file of the scene.")
+@click.option("--inputs", type=_FILE, default=None, help="Frame with depth, normal, reflectance.")
+@click.option("--illumination", type=_FILE, default=None, help="Frame with the panorama.")
+@click.option("--size", default=None, metavar="WxH", help="Render the inputs at this size.")
+@click.option("--compare", "with_truth", is_flag=True, help="Put truth and error beside it.")
+@click.option(
+    "--out", type=_FILE, default=Path("prediction.png"), show_default=True, help="PNG to write."
+)
+@_models_option("Trained networks.")
+@common_options
+def predict(
+    params: Params,
+    data: Path,
+    models: Path,
+    scene: Path | None,
+    view_id: str | None,
+    camera: Path | None,
+    inputs: Path | None,
+    illumination: Path | None,
+    size: str | None,
+    with_truth: bool,
+    out: Path,
+) -> None:
+    """Make an image through the trained networks, from SCENE or from frames."""
+    networks = load_networks(models)
+    if scene is not None:
+        if view_id is None or inputs or illumination:
+            raise click.UsageError("with SCENE, name a --view, and no --inputs or --illumination")
+        camera = camera or data / "cameras" / f"{scene.name}.json"
+        view = prediction.find_view(scene, camera, view_id, _parse_size(size))
+        example = prediction.from_scene(scene, view, params, networks, data, with_truth)
+    else:
+        if inputs is None or illumination is None:
+            raise click.UsageError("name a SCENE and a --view, or --inputs and --illumination")
+        if size or view_id or camera:
+            raise click.UsageError("--size, --view and --camera need a SCENE")
+        frame = read_frame(inputs)
+        truth = None
+        if with_truth:
+            shown = build(View, frame.meta["view"], str(inputs), InputError)
+            truth = prediction.known_truth(data, shown)
+            if truth is None:
+                raise InputError(
+                    f"{data}: no shading and colour frames of {shown.scene_id}/{shown.view_id} to "
+                    "compare with; render them, or predict from the scene"
+                )
+        example = prediction.from_frames(frame, read_frame(illumination), networks, truth)
+    result = prediction.predict(networks, example)
+    picture, words = to_bytes(result.color), ""
+    if with_truth:
+        picture, words = prediction.compare(networks, example, result)
+    with atomic_file(out) as partial:
+        partial.write_bytes(png_bytes(picture))
+    click.echo(f"{out}: {example.name}, {result.color.shape[1]}x{result.color.shape[0]} {words}")
+
+
+def _parse_size(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    match = re.fullmatch(r"(\d{1,5})[xX](\d{1,5})", text)
+    if match is None or min(int(match[1]), int(match[2])) < 1:
+        raise click.BadParameter(f"{text!r} is no size; write it like 640x480", param_hint="--size")
+    return int(match[1]), int(match[2])
