@@ -8,8 +8,11 @@ import click
 
 from pipeline.card import DatasetSummary
 from pipeline.dataset import pack_dataset
+from pipeline.inspection import inspect_path
 from pipeline.options import common_options
 from pipeline.params import Params
+from pipeline.pictures import png_bytes
+from scenes.files import atomic_file
 
 
 @click.command(
@@ -41,3 +44,36 @@ def _summary_lines(summary: DatasetSummary, folder: Path) -> list[str]:
         reasons = ", ".join(f"{reason} {count}" for reason, count in summary.rejected.items())
         lines.append(f"rejected: {reasons}; see {folder / 'rejected.csv'}")
     return lines
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet inspect data/scenes/home-0000                 rooms, furniture, lights, and a plan
+  pbrnet inspect data/cameras/home-0000.json           views, and why others were dropped
+  pbrnet inspect data/color/home-0000/000.exr          figures of every channel, and pictures
+  pbrnet inspect data/dataset --out sheet.png          columns, sizes, and a contact sheet
+  pbrnet inspect models/shading.safetensors --json     layers and card, machine-readable"""
+)
+@click.argument("path", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=None,
+    help="Where to draw it.  [default: inspect-<name>.png, here]",
+)
+@click.option("--text-only", is_flag=True, help="Draw nothing.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
+@click.option(
+    "--seed", type=int, default=None, expose_value=False, help="Not used: nothing is random."
+)
+def inspect(path: Path, out: Path | None, text_only: bool, as_json: bool) -> None:
+    """Say what PATH holds (scene, cameras, frame, shard, dataset, model), and draw it."""
+    inspection = inspect_path(path)
+    click.echo(inspection.json if as_json else inspection.text)
+    if not text_only:
+        target = out or Path(f"inspect-{path.resolve().stem}.png")
+        picture = png_bytes(inspection.draw())
+        with atomic_file(target) as partial:
+            partial.write_bytes(picture)
+        click.echo(f"\nDrawn: {target}", err=as_json)

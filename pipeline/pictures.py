@@ -29,11 +29,14 @@ def color_map(values: Array, low: float, high: float, name: str = "viridis") -> 
 
 
 def depth_picture(depth: Array, valid: npt.NDArray[np.generic] | None = None) -> Picture:
-    """Depth (H, W), metres: near is bright, far is dark, no surface is grey."""
-    there = (np.asarray(depth) > 0) if valid is None else (np.asarray(valid) > 0)
-    seen = np.asarray(depth)[there]
-    low, high = (float(seen.min()), float(np.percentile(seen, 99))) if seen.size else (0.0, 1.0)
-    picture = color_map(-np.asarray(depth, dtype=np.float64), -high, -low, "magma")
+    """Depth (H, W), metres: near is bright, far is violet, no surface is grey."""
+    depth = np.asarray(depth, dtype=np.float64)
+    there = depth > 0 if valid is None else np.asarray(valid) > 0
+    seen = depth[there]
+    near, far = (float(seen.min()), float(np.percentile(seen, 99))) if seen.size else (0.0, 1.0)
+    span = max(far - near, 1e-6)
+    # The map's dark foot is left out: far must not look like nothing.
+    picture = color_map(-depth, -far - 0.2 * span, -near, "magma")
     picture[~there] = NOTHING
     return picture
 

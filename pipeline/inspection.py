@@ -1,0 +1,636 @@
+"""What a file of ours holds, in words and as a picture: `pbrnet inspect`.
+
+Understands a scene folder, a camera file, a frame, a shard, a dataset folder and a model.
+Whatever else, or damaged, is refused with an `InputError` that says what it looks like.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon, Rectangle, Wedge
+from safetensors import SafetensorError, safe_open
+
+from pipeline.frames import RGB, Frame, read_frame
+from pipeline.params import ToneParams
+from pipeline.pictures import (
+    Picture,
+    color_map,
+    contact_sheet,
+    depth_picture,
+    distance_picture,
+    enlarge,
+    fit,
+    intensity_picture,
+    normal_picture,
+    read_picture,
+    reflectance_picture,
+    tone_picture,
+)
+from pipeline.tonemap import exposure_of
+from pipeline.views import CameraFile, View, load_cameras
+from scenes.checked import build
+from scenes.contract import Point2, Room, Scene, load_scene
+from scenes.errors import InputError
+from scenes.files import read_json
+
+Table = list[dict[str, Any]]
+# A section is a mapping of names to values, a table, or a list of sentences.
+Section = dict[str, Any] | Table | list[str]
+
+KNOWN = (
+    "a scene folder, a camera file (.json), a frame (.exr), a shard (.parquet), "
+    "a dataset folder or a model (.safetensors)"
+)
+ROOM_COLORS = {
+    "living": "#f2d6a2",
+    "bedroom": "#c9d8f0",
+    "kitchen": "#f3c5b5",
+    "bathroom": "#bfe5e1",
+    "study": "#d9ceec",
+    "dining": "#e6e2a8",
+}
+_SHEET_PICTURES = 24
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """`sections` hold what there is to say, as plain data; `draw` makes the picture."""
+
+    kind: str
+    title: str
+    sections: dict[str, Section]
+    draw: Callable[[], Picture]
+
+    @property
+    def text(self) -> str:
+        """The sections as aligned text."""
+        parts = [self.title]
+        for name, section in self.sections.items():
+            if section:
+                parts.append(f"\n{name}\n" + "\n".join(_section_lines(section)))
+        return "\n".join(parts)
+
+    @property
+    def json(self) -> str:
+        """The same, machine-readable."""
+        content = {"kind": self.kind, "title": self.title, **self.sections}
+        return json.dumps(content, indent=1, default=str)
+
+
+def inspect_path(path: Path) -> Inspection:
+    """Find out what `path` is and describe it; `InputError` if it is none of ours or damaged."""
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: there is nothing here")
+    if path.is_dir():
+        if (path / "scene.json").is_file():
+            return inspect_scene(path)
+        if any(path.glob("*.parquet")):
+            return inspect_shards(sorted(path.glob("*.parquet")), str(path))
+        raise InputError(f"{path}: neither a scene nor a dataset folder; can inspect {KNOWN}")
+    readers: dict[str, Callable[[Path], Inspection]] = {
+        ".exr": inspect_frame,
+        ".parquet": lambda file: inspect_shards([file], file.name),
+        ".safetensors": inspect_model,
+        ".json": _inspect_json,
+    }
+    if path.name == "scene.xml":
+        return inspect_scene(path.parent)
+    if path.suffix.lower() not in readers:
+        raise InputError(f"{path}: do not know this kind of file; can inspect {KNOWN}")
+    return readers[path.suffix.lower()](path)
+
+
+def inspect_scene(folder: Path) -> Inspection:
+    """Rooms, objects, lights, portals, credits; drawn as a plan, with cameras if there are any."""
+    scene = load_scene(folder)
+    camera_path = folder.resolve().parent.parent / "cameras" / f"{scene.scene_id}.json"
+    views = load_cameras(camera_path).views if camera_path.is_file() else ()
+    rooms: Table = [
+        {
+            "room": room.id,
+            "name": room.name,
+            "type": room.type,
+            "m2": round(_area(room.floor), 1),
+            "height m": round(room.ceiling_z - room.floor_z, 2),
+            "light": "yes" if room.has_light else "no",
+            "objects": sum(thing.room == room.id for thing in scene.objects),
+            "views": sum(view.room == room.id for view in views),
+        }
+        for room in scene.rooms
+    ]
+    categories = Counter(thing.category for thing in scene.objects if not thing.is_structure)
+    lumens = [light.lumens for light in scene.lights if light.lumens is not None]
+    meshes = [file for file in (folder / "meshes").rglob("*") if file.is_file()]
+    textures = [file for file in (folder / "textures").rglob("*") if file.is_file()]
+    return Inspection(
+        "scene",
+        f"Scene {scene.scene_id}: {_count(scene.rooms, 'room')}, "
+        f"{_count(scene.objects, 'object')}, {_count(scene.lights, 'light')}, "
+        f"{_count(scene.portals, 'portal')}",
+        {
+            "General": {
+                **{f"source {key}": value for key, value in scene.source.items()},
+                "lighting": scene.lighting,
+                "plan": scene.plan or scene.scene_id,
+                "units": scene.units,
+                "shapes": sum(len(thing.shapes) for thing in scene.objects),
+                "meshes": f"{len(meshes)} files, {_megabytes(meshes)}",
+                "textures": f"{len(textures)} files, {_megabytes(textures)}",
+                "views sampled": len(views),
+            },
+            "Rooms": rooms,
+            "Furniture": dict(categories.most_common()),
+            "Lights": {
+                **Counter(light.kind for light in scene.lights),
+                **({"lumens together": round(sum(lumens))} if lumens else {}),
+            },
+            "Portals": [
+                {
+                    "portal": portal.id,
+                    "kind": portal.kind,
+                    "clear": "yes" if portal.clear else "no",
+                    "room": portal.room or "",
+                }
+                for portal in scene.portals
+            ],
+            "Credits": [
+                {
+                    "part": credit.part,
+                    "title": credit.title,
+                    "author": credit.author,
+                    "licence": credit.licence,
+                    "source": credit.source,
+                }
+                for credit in scene.credits
+            ],
+            "Changed or lost in import": list(scene.changes),
+        },
+        lambda: draw_plan(scene, views),
+    )
+
+
+def inspect_cameras(path: Path) -> Inspection:
+    """Views with score and what they see, and why candidates were dropped; drawn on the plan."""
+    cameras = load_cameras(path)
+    folder = path.resolve().parent.parent / "scenes" / cameras.scene_id
+    scene = load_scene(folder) if (folder / "scene.json").is_file() else None
+    views: Table = [
+        {
+            "view": view.view_id,
+            "room": view.room or "",
+            "type": view.room_type,
+            "sector": view.sector,
+            "score": round(view.score, 2),
+            "objects": len(view.seen),
+            "size": f"{view.width}x{view.height}",
+            "eye": " ".join(f"{value:.2f}" for value in view.eye),
+            "sees most": ", ".join(sorted(view.seen, key=lambda name: -view.seen[name])[:3]),
+        }
+        for view in cameras.views
+    ]
+    return Inspection(
+        "cameras",
+        f"Cameras of scene {cameras.scene_id}: {_count(cameras.views, 'view')} "
+        f"from {cameras.candidates} candidates",
+        {"Candidates dropped": dict(cameras.rejected), "Views": views},
+        lambda: draw_plan(scene, cameras.views) if scene else _draw_cameras_only(cameras),
+    )
+
+
+def inspect_frame(path: Path) -> Inspection:
+    """Figures of every channel and the frame's own description; drawn as pictures."""
+    frame = read_frame(path)
+    meta = frame.meta
+    view = meta.get("view") or {}
+    figures: Table = []
+    for name, values in sorted(frame.channels.items()):
+        wide = values.astype(np.float64)
+        figures.append(
+            {
+                "channel": name,
+                "type": str(values.dtype),
+                "size": f"{values.shape[1]}x{values.shape[0]}",
+                "min": f"{wide.min():.5g}",
+                "mean": f"{wide.mean():.5g}",
+                "max": f"{wide.max():.5g}",
+                "not zero": f"{(wide != 0).mean():.1%}",
+            }
+        )
+    hidden = ("view", "digest")
+    camera: dict[str, Any] = {}
+    if view:
+        seen_from = build(View, view, str(path), InputError)
+        half = math.atan(0.5 * seen_from.width / seen_from.intrinsics[0, 0])
+        forward = seen_from.pose[:3, 2]
+        camera = {
+            "room": f"{seen_from.room or 'unknown'} ({seen_from.room_type})",
+            "eye": " ".join(f"{value:.3f}" for value in seen_from.eye) + " m",
+            "towards": " ".join(f"{value:.3f}" for value in forward),
+            "field of view": f"{2 * math.degrees(half):.1f} degrees wide",
+            "score": round(seen_from.score, 3),
+        }
+    return Inspection(
+        "frame",
+        f"Frame {path.name} of kind {meta.get('kind', 'unknown')}, scene "
+        f"{view.get('scene_id', 'unknown')}, view {view.get('view_id', 'unknown')}",
+        {
+            "Description": {key: value for key, value in meta.items() if key not in hidden},
+            "Camera": camera,
+            "Channels": figures,
+        },
+        lambda: draw_frame(frame),
+    )
+
+
+def inspect_shards(paths: Sequence[Path], name: str) -> Inspection:
+    """Rows, columns and sizes of one shard or a whole dataset; drawn as a sheet of previews."""
+    files = [_open_shard(path) for path in paths]
+    schema = files[0].schema_arrow
+    sizes: Counter[str] = Counter()
+    raw: Counter[str] = Counter()
+    encodings: dict[str, str] = {}
+    for file in files:
+        for group in range(file.metadata.num_row_groups):
+            row_group = file.metadata.row_group(group)
+            for index in range(row_group.num_columns):
+                chunk = row_group.column(index)
+                column = chunk.path_in_schema.split(".")[0]
+                sizes[column] += chunk.total_compressed_size
+                raw[column] += chunk.total_uncompressed_size
+                encodings[column] = _encoding(chunk.encodings)
+    columns: Table = []
+    for field in schema:
+        metadata = field.metadata or {}
+        listed = pa.types.is_fixed_size_list(field.type)
+        columns.append(
+            {
+                "column": field.name,
+                "type": str(field.type.value_type if listed else field.type).split("<")[0],
+                "shape": " x ".join(map(str, json.loads(metadata.get(b"shape", b"[]")))),
+                "unit": metadata.get(b"unit", b"").decode(),
+                "kB": round(sizes[field.name] / 1e3, 1),
+                "of raw": f"{sizes[field.name] / max(1, raw[field.name]):.0%}",
+                "encoding": encodings.get(field.name, ""),
+            }
+        )
+    rows: Table = []
+    scenes: dict[str, set[str]] = {}
+    for path, file in zip(paths, files, strict=True):
+        ids = file.read(columns=["scene_id", "split"])
+        split = ids["split"][0].as_py() if file.metadata.num_rows else "?"
+        scenes.setdefault(split, set()).update(ids["scene_id"].to_pylist())
+        rows.append(
+            {
+                "file": path.name,
+                "rows": file.metadata.num_rows,
+                "row groups": file.metadata.num_row_groups,
+                "MB": round(path.stat().st_size / 1e6, 2),
+            }
+        )
+    total = sum(file.metadata.num_rows for file in files)
+    return Inspection(
+        "dataset" if len(paths) > 1 else "shard",
+        f"{name}: {_count(range(total), 'view')} in {_count(paths, 'file')}",
+        {
+            "Scenes by split": {split: len(names) for split, names in sorted(scenes.items())},
+            "Files": rows,
+            "Columns": columns,
+        },
+        lambda: draw_previews(files),
+    )
+
+
+def inspect_model(path: Path) -> Inspection:
+    """Layers, parameter counts and the JSON card beside it; drawn as bars of layer sizes."""
+    tensors: Table = []
+    counts: Counter[str] = Counter()
+    try:
+        with safe_open(str(path), framework="numpy") as file:
+            notes = dict(file.metadata() or {})
+            for name in file.keys():  # noqa: SIM118  (not a mapping)
+                part = file.get_slice(name)
+                shape = part.get_shape()
+                tensors.append(
+                    {"tensor": name, "type": part.get_dtype(), "shape": " x ".join(map(str, shape))}
+                )
+                counts[name.rpartition(".")[0] or name] += math.prod(shape)
+    except (SafetensorError, OSError, ValueError) as error:
+        raise InputError(f"{path}: not a readable safetensors file ({error})") from None
+    card_path = path.with_suffix(".json")
+    card = read_json(card_path) if card_path.is_file() else {}
+    if not isinstance(card, dict):
+        raise InputError(f"{card_path}: expected a JSON object")
+    return Inspection(
+        "model",
+        f"Model {path.name}: {sum(counts.values()):,} parameters in {_count(tensors, 'tensor')}",
+        {
+            "Card": _flatten(card) or ["There is no JSON card beside it."],
+            "Notes in the file": notes,
+            "Tensors": tensors,
+        },
+        lambda: _draw_layers(path.name, counts),
+    )
+
+
+def draw_plan(scene: Scene, views: Sequence[View] = ()) -> Picture:
+    """The scene from above, one plan a storey: rooms, furniture, lights, portals, cameras."""
+    levels = sorted({round(room.floor_z, 1) for room in scene.rooms}) or [0.0]
+    figure = Figure(figsize=(9 * len(levels), 8.5), dpi=110, layout="constrained")
+    all_axes = figure.subplots(1, len(levels), squeeze=False)[0]
+    emitting = {shape for light in scene.lights for shape in light.shapes}
+    for axes, level, above in zip(all_axes, levels, [*levels[1:], math.inf], strict=True):
+        for room in scene.rooms:
+            if round(room.floor_z, 1) == level:
+                _draw_room(axes, room)
+        here = [
+            thing
+            for thing in scene.objects
+            if level - 0.5 <= thing.bbox_min[2] < above - 0.3 and not thing.is_structure
+        ]
+        # The largest first, so that what stands on something is seen on it.
+        for thing in sorted(here, key=lambda thing: -_footprint(thing)):
+            (left, bottom, _), (right, top, _) = thing.bbox_min, thing.bbox_max
+            lit = not emitting.isdisjoint(thing.shapes)
+            axes.add_patch(
+                Rectangle(
+                    (left, bottom),
+                    right - left,
+                    top - bottom,
+                    facecolor="#ffd84d" if lit else "#ffffff",
+                    edgecolor="#8a6d00" if lit else "#666666",
+                    alpha=0.9 if lit else 0.55,
+                    linewidth=0.8,
+                )
+            )
+            if min(right - left, top - bottom) > 0.45:
+                axes.text(
+                    (left + right) / 2,
+                    (bottom + top) / 2,
+                    thing.category,
+                    fontsize=6,
+                    ha="center",
+                    va="center",
+                    clip_on=True,
+                )
+        for portal in scene.portals:
+            points = np.array(portal.polygon)
+            if level - 0.5 <= points[:, 2].mean() < above:
+                ends = _extent(points[:, :2])
+                color = "#0b84d8" if portal.clear else "#7a8b99"
+                axes.plot(ends[:, 0], ends[:, 1], color=color, linewidth=4, solid_capstyle="butt")
+        for view in views:
+            if level - 0.5 <= view.eye[2] < above:
+                _draw_camera(axes, view)
+        axes.set_aspect("equal")
+        axes.autoscale_view()
+        axes.set_xlabel("x, metres")
+        axes.set_ylabel("y, metres")
+        axes.grid(alpha=0.25, linewidth=0.5)
+        storey = f", floor at {level:g} m" if len(levels) > 1 else ""
+        axes.set_title(
+            f"{scene.scene_id}{storey} · {scene.lighting} · {_count(views, 'view')}", fontsize=10
+        )
+    figure.supxlabel(
+        "yellow: lit · blue: clear window or opening · grey bar: frosted or closed · red: cameras",
+        fontsize=8,
+    )
+    return _picture_of(figure)
+
+
+def draw_frame(frame: Frame) -> Picture:
+    """All channels of a frame as labelled pictures."""
+    channels, tone = frame.channels, ToneParams()
+    names = set(channels)
+    pictures: list[tuple[str, Picture]] = []
+    if set(RGB) <= names:
+        image = frame.rgb
+        exposure = exposure_of(image, tone)
+        pictures.append(
+            (f"tone-mapped, exposure {exposure.scale:.4g}", tone_picture(image, exposure))
+        )
+        logarithm = np.log10(np.maximum(image.mean(axis=-1), 1e-8))
+        low, high = float(np.percentile(logarithm, 1)), float(logarithm.max())
+        pictures.append(
+            (f"log10 of the mean, {low:.1f} to {high:.1f}", color_map(logarithm, low, high))
+        )
+    if "Z" in names:
+        valid, depth = channels["valid"], channels["Z"]
+        seen = depth[valid > 0]
+        span = f"{seen.min():.2f} to {seen.max():.2f} m" if seen.size else "no surface"
+        pictures += [
+            (f"depth, {span}", depth_picture(depth, valid)),
+            ("normal", normal_picture(frame.stack("N.X", "N.Y", "N.Z"), valid)),
+            ("reflectance", reflectance_picture(frame.stack(*(f"albedo.{b}" for b in RGB)))),
+            (f"objects, {len(np.unique(channels['object']))}", _label_picture(channels["object"])),
+        ]
+    if "intensity.Y" in names:
+        intensity, distance = channels["intensity.Y"], channels["distance.Z"]
+        lit = distance[distance > 0]
+        span = f"{lit.min():.2f} to {lit.max():.2f} m" if lit.size else "no light source"
+        pictures += [
+            (f"intensity, log, up to {intensity.max():.4g}", intensity_picture(intensity)),
+            (f"distance, {span}", distance_picture(distance)),
+        ]
+    return contact_sheet(
+        [enlarge(fit(picture, 640), 480) for _, picture in pictures],
+        2 if len(pictures) > 1 else 1,
+        [label for label, _ in pictures],
+    )
+
+
+def draw_previews(files: Sequence[pq.ParquetFile], most: int = _SHEET_PICTURES) -> Picture:
+    """A contact sheet of previews, spread evenly over the rows."""
+    total = sum(file.metadata.num_rows for file in files)
+    wanted = set(np.unique(np.linspace(0, total - 1, min(total, most)).astype(int)).tolist())
+    pictures, labels, row = [], [], 0
+    columns = ["scene_id", "view_id", "split", "preview"]
+    for file in files:
+        for batch in file.iter_batches(64, columns=columns):
+            chosen = [index for index in range(batch.num_rows) if row + index in wanted]
+            for record in batch.take(chosen).to_pylist():
+                pictures.append(enlarge(fit(read_picture(record["preview"]["bytes"]), 256), 240))
+                labels.append(f"{record['scene_id']} {record['view_id']} {record['split']}")
+            row += batch.num_rows
+    return contact_sheet(pictures, 4, labels)
+
+
+def _inspect_json(path: Path) -> Inspection:
+    content = read_json(path)
+    if path.name == "scene.json":
+        return inspect_scene(path.parent)
+    if isinstance(content, dict) and "views" in content:
+        return inspect_cameras(path)
+    if path.with_suffix(".safetensors").is_file():
+        return inspect_model(path.with_suffix(".safetensors"))
+    raise InputError(f"{path}: JSON, but neither cameras nor a model's card; can inspect {KNOWN}")
+
+
+def _open_shard(path: Path) -> pq.ParquetFile:
+    try:
+        file = pq.ParquetFile(path)
+    except (pa.ArrowInvalid, OSError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: damaged, truncated or not Parquet ({reason})") from None
+    needed = {"scene_id", "view_id", "split", "preview"}
+    missing = needed - set(file.schema_arrow.names)
+    if missing:
+        raise InputError(f"{path}: Parquet, but not ours: no column {', '.join(sorted(missing))}")
+    return file
+
+
+def _encoding(names: Sequence[str]) -> str:
+    """The one that matters of the encodings in a column chunk."""
+    if "BYTE_STREAM_SPLIT" in names:
+        return "byte stream split"
+    return "dictionary" if "RLE_DICTIONARY" in names else "plain"
+
+
+def _draw_room(axes: Axes, room: Room) -> None:
+    axes.add_patch(
+        Polygon(
+            room.floor,
+            facecolor=ROOM_COLORS.get(room.type, "#dddddd"),
+            edgecolor="#222222",
+            linewidth=2,
+            alpha=0.8,
+        )
+    )
+    center = np.mean(room.floor, axis=0)
+    label = f"{room.name}\n{_area(room.floor):.1f} m²"
+    axes.text(*center, label, fontsize=8, ha="center", va="center", color="#333333", alpha=0.8)
+
+
+def _draw_camera(axes: Axes, view: View) -> None:
+    forward = view.pose[:3, 2]
+    half = math.degrees(math.atan(0.5 * view.width / view.intrinsics[0, 0]))
+    heading = math.degrees(math.atan2(forward[1], forward[0]))
+    x, y = view.eye[:2]
+    axes.add_patch(
+        Wedge((x, y), 0.9, heading - half, heading + half, color="#d62728", alpha=0.25, zorder=4)
+    )
+    axes.plot([x], [y], "o", color="#d62728", markersize=4, zorder=5)
+    axes.text(
+        x + 0.95 * math.cos(math.radians(heading)),
+        y + 0.95 * math.sin(math.radians(heading)),
+        view.view_id,
+        fontsize=6,
+        color="#8b0000",
+        ha="center",
+        va="center",
+        zorder=6,
+    )
+
+
+def _draw_cameras_only(cameras: CameraFile) -> Picture:
+    figure = Figure(figsize=(8, 8), dpi=110, layout="constrained")
+    axes = figure.subplots()
+    for view in cameras.views:
+        _draw_camera(axes, view)
+    axes.set_aspect("equal")
+    axes.margins(0.3)
+    axes.autoscale_view()
+    axes.set_title(f"{cameras.scene_id}: cameras from above (its scene is not here)", fontsize=10)
+    return _picture_of(figure)
+
+
+def _draw_layers(name: str, counts: Counter[str]) -> Picture:
+    shown = list(counts.items())[:60]
+    figure = Figure(figsize=(9, 1.2 + 0.2 * len(shown)), dpi=110, layout="constrained")
+    axes = figure.subplots()
+    labels = [label for label, _ in shown]
+    axes.barh(range(len(shown)), [count for _, count in shown], color="#3b76af")
+    axes.set_yticks(range(len(shown)), labels, fontsize=7)
+    axes.invert_yaxis()
+    axes.set_xscale("log")
+    axes.set_xlabel("parameters")
+    more = f" (first {len(shown)} of {len(counts)} layers)" if len(counts) > len(shown) else ""
+    axes.set_title(f"{name}: {sum(counts.values()):,} parameters{more}", fontsize=10)
+    return _picture_of(figure)
+
+
+def _picture_of(figure: Figure) -> Picture:
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    stream = io.BytesIO()
+    canvas.print_png(stream)
+    return read_picture(stream.getvalue())
+
+
+def _label_picture(labels: np.ndarray[Any, Any]) -> Picture:
+    """Object indices as colours that differ between neighbours; none is grey."""
+    hashed = labels.astype(np.uint32) * np.uint32(2654435761)
+    shifts = [(hashed >> np.uint32(shift)).astype(np.uint8) for shift in (8, 16, 24)]
+    picture: Picture = (np.stack(shifts, axis=-1) // 2 + 96).astype(np.uint8)
+    picture[labels == 0] = 40
+    return picture
+
+
+def _extent(points: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """The two points (2, 2) farthest apart: an upright polygon seen from above is a line."""
+    gaps = np.linalg.norm(points[:, None] - points[None], axis=-1)
+    first, last = np.unravel_index(gaps.argmax(), gaps.shape)
+    return points[[first, last]]
+
+
+def _area(polygon: Sequence[Point2]) -> float:
+    x, y = np.array(polygon).T
+    return float(0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
+
+
+def _footprint(thing: Any) -> float:
+    return float((thing.bbox_max[0] - thing.bbox_min[0]) * (thing.bbox_max[1] - thing.bbox_min[1]))
+
+
+def _megabytes(files: Iterable[Path]) -> str:
+    return f"{sum(file.stat().st_size for file in files) / 1e6:.1f} MB"
+
+
+def _count(things: Sequence[Any], noun: str) -> str:
+    return f"{len(things)} {noun}{'' if len(things) == 1 else 's'}"
+
+
+def _flatten(value: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, item in value.items():
+        if isinstance(item, dict):
+            flat.update(_flatten(item, f"{prefix}{key}."))
+        else:
+            flat[f"{prefix}{key}"] = item
+    return flat
+
+
+def _section_lines(section: Section) -> list[str]:
+    if isinstance(section, dict):
+        width = max(len(key) for key in section)
+        return [f"  {key:{width}}  {value}" for key, value in section.items()]
+    if isinstance(section[0], str):
+        return [f"  - {sentence}" for sentence in section]
+    rows = [row for row in section if isinstance(row, dict)]
+    names = list(rows[0])
+    widths = {name: max(len(name), *(len(str(row[name])) for row in rows)) for name in names}
+    numeric = {name: all(isinstance(row[name], (int, float)) for row in rows) for name in names}
+    lines = ["  " + "  ".join(_pad(name, widths[name], numeric[name]) for name in names).rstrip()]
+    lines += [
+        "  " + "  ".join(_pad(row[name], widths[name], numeric[name]) for name in names).rstrip()
+        for row in rows
+    ]
+    return lines
+
+
+def _pad(value: Any, width: int, right: bool) -> str:
+    return f"{value!s:>{width}}" if right else f"{value!s:<{width}}"
