@@ -1,0 +1,188 @@
+"""Ground truth of a view: the path-traced image, in colour or of the scene's neutral twin.
+
+Samples are taken in blocks, each an independent stratified estimate (multi-jittered, box filter)
+with its own derived seed, and averaged in float64. That bounds memory, makes the image equal
+whatever the number of threads, and yields the noise estimate. Left out: participating media,
+lens blur, motion blur, wavelengths, and pixels that are not square.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import median_filter
+
+from pipeline.frames import HALF_MAX, RGB, Channels
+from pipeline.params import GroundTruthParams
+from pipeline.renderer import RenderScene
+from pipeline.tonemap import luminance
+from pipeline.views import View
+from scenes.errors import InputError
+from scenes.seeds import derive32
+
+REVISION = 1
+_NEAR, _FAR = 1e-3, 1e5  # metres
+_FIREFLY_RATIO = 8.0  # times the median of the 5 x 5 pixels around
+_FIREFLY_DOUBT = 0.5  # relative error from which a bright pixel is chance, not a small lamp
+
+Float64 = npt.NDArray[np.float64]
+
+
+def render_truth(
+    render_scene: RenderScene, view: View, params: GroundTruthParams, seed: int
+) -> tuple[Channels, dict[str, Any]]:
+    """Path-trace a view; `render_scene.neutral(albedo)` gives shading, the scene itself colour.
+
+    Returns channels `R`, `G`, `B`, float32 (H, W), linear radiance >= 0, and statistics:
+
+    * `spp`: samples a pixel that were taken; `blocks`: in how many blocks;
+    * `noise`: root mean square over the pixels of the relative standard error of luminance,
+      see `noise_estimate`;
+    * `nan_pixels`: pixels where a block was not finite (replaced by the other blocks' mean, by 0
+      if no block was finite: `lost_pixels`); `negative_pixels`: pixels with a negative mean
+      in any band (set to 0; skies may be slightly negative);
+    * `black`, `blown`, `fireflies`: shares of pixels at exactly 0, at or above half the largest
+      half float, and far brighter than all around by chance.
+
+    `seed` is the view's own seed, see `scenes.seeds`. Raises `InputError` for a view whose
+    pixels are not square.
+    """
+    sizes = block_sizes(params)
+    sensor, integrator = _sensor(view), _integrator(params.max_depth, params.rr_depth)
+    scene = render_scene.mitsuba
+    total = np.zeros((view.height, view.width, 3))
+    finite = np.zeros((view.height, view.width, 1))
+    lights = []
+    for block, spp in enumerate(sizes):
+        image = mi.render(
+            scene,
+            sensor=sensor,
+            integrator=integrator,
+            spp=spp,
+            seed=derive32(seed, "block", block),
+        )
+        pixels = np.asarray(image, dtype=np.float64)
+        sound = np.isfinite(pixels).all(axis=-1, keepdims=True)
+        pixels = np.where(sound, pixels, 0)
+        total += pixels
+        finite += sound
+        lights.append(np.where(sound[..., 0], luminance(pixels), np.nan))
+    mean = total / np.maximum(finite, 1)
+    negative = (mean < 0).any(axis=-1)
+    mean = np.maximum(mean, 0)
+    error = relative_error(np.stack(lights))
+    lum = luminance(mean)
+    stats = {
+        "spp": int(sum(sizes)),
+        "blocks": len(sizes),
+        "noise": float(np.sqrt(np.mean(error**2))),
+        "nan_pixels": int((finite < len(sizes)).sum()),
+        "lost_pixels": int((finite == 0).sum()),
+        "negative_pixels": int(negative.sum()),
+        "black": float((lum == 0).mean()),
+        "blown": float((mean.max(axis=-1) >= HALF_MAX / 2).mean()),
+        "fireflies": float(_fireflies(lum, error).mean()),
+    }
+    return {name: mean[..., i].astype(np.float32) for i, name in enumerate(RGB)}, stats
+
+
+def block_sizes(params: GroundTruthParams) -> tuple[int, ...]:
+    """Samples a pixel of each block: equal, at least two blocks unless there is one sample.
+
+    A noise estimate needs two independent blocks, so samples that would fit into one block are
+    shared by two (or, if odd, taken one by one). The sampler wants a number with a factor
+    near its root; other numbers are rounded up.
+    """
+    spp, size = params.spp, min(params.block_spp, params.spp)
+    if spp // size < 2 and spp > 1:
+        size = spp // 2 if spp % 2 == 0 else 1
+    return (stratified(size),) * (spp // size)
+
+
+def stratified(spp: int) -> int:
+    """`spp` as the `multijitter` sampler takes it: rounded up to a grid of nearly equal sides."""
+    side = int(np.sqrt(spp))
+    return side * -(-spp // side)
+
+
+def relative_error(blocks: Float64) -> Float64:
+    """Relative standard error of each pixel's mean, (H, W), from block means (B, H, W).
+
+    sqrt(s² / B) / (m + δ), where m and s² are mean and variance of the pixel's finite blocks
+    and δ is 1 % of the image's mean, so that darkness does not count as noise. Radiance is not
+    negative, so a single block that holds all the light gives 1, the largest value possible:
+    no firefly can dominate the view's noise. With one block, neighbouring pixels stand in.
+    """
+    if len(blocks) == 1:
+        image = np.nan_to_num(np.maximum(blocks[0], 0))
+        shifted = np.stack([image, np.roll(image, 1, axis=1)])
+        return relative_error(shifted) * np.sqrt(2)
+    blocks = np.maximum(blocks, 0)
+    count = np.isfinite(blocks).sum(axis=0)
+    values = np.nan_to_num(blocks)
+    mean = values.sum(axis=0) / np.maximum(count, 1)
+    squares = (np.where(np.isfinite(blocks), values - mean, 0) ** 2).sum(axis=0)
+    variance = squares / np.maximum(count * (count - 1), 1)
+    floor = 0.01 * mean.mean()
+    safe = mean + floor
+    return np.where(safe > 0, np.sqrt(variance) / np.where(safe > 0, safe, 1), 0)
+
+
+def _fireflies(lum: Float64, error: Float64) -> npt.NDArray[np.bool_]:
+    around = median_filter(lum, size=5, mode="nearest")
+    floor = 0.01 * lum.mean()
+    bright: npt.NDArray[np.bool_] = lum > _FIREFLY_RATIO * (around + floor)
+    return bright & (error > _FIREFLY_DOUBT)
+
+
+def _sensor(view: View) -> Any:
+    """A Mitsuba sensor for exactly this camera."""
+    intrinsics, pose = view.intrinsics, view.pose
+    focal = intrinsics[0, 0]
+    if abs(intrinsics[1, 1] - focal) > 1e-6 * focal or abs(intrinsics[0, 1]) > 1e-9:
+        raise InputError(
+            f"view {view.view_id} of {view.scene_id}: K has pixels that are not square "
+            f"(fx {focal:g}, fy {intrinsics[1, 1]:g}, skew {intrinsics[0, 1]:g}), "
+            "which the path tracer's camera cannot do"
+        )
+    # Mitsuba's camera has x to the left and y up.
+    to_world = pose @ np.diag([-1.0, -1.0, 1.0, 1.0])
+    return mi.load_dict(
+        {
+            "type": "perspective",
+            "to_world": mi.ScalarTransform4f(to_world),
+            "fov": float(np.degrees(2 * np.arctan(0.5 * view.width / focal))),
+            "fov_axis": "x",
+            "principal_point_offset_x": float(0.5 - intrinsics[0, 2] / view.width),
+            "principal_point_offset_y": float(0.5 - intrinsics[1, 2] / view.height),
+            "near_clip": _NEAR,
+            "far_clip": _FAR,
+            "sampler": {"type": "multijitter"},
+            "film": {
+                "type": "hdrfilm",
+                "width": view.width,
+                "height": view.height,
+                "rfilter": {"type": "box"},  # bit-exact for any number of threads
+                "pixel_format": "rgb",
+                "component_format": "float32",
+            },
+        }
+    )
+
+
+@lru_cache(maxsize=8)
+def _integrator(max_depth: int, rr_depth: int) -> Any:
+    # A fixed block size: the scalar variant seeds by block and would choose it by thread count.
+    return mi.load_dict(
+        {
+            "type": "path",
+            "max_depth": max_depth,
+            "rr_depth": rr_depth,
+            "hide_emitters": False,
+            "block_size": 16,
+        }
+    )
