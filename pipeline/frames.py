@@ -20,9 +20,10 @@ from __future__ import annotations
 
 import errno
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -151,8 +152,31 @@ def read_meta(path: Path) -> dict[str, Any]:
 def holds(path: Path, expected: str) -> bool:
     """Whether a complete frame with this fingerprint lies at `path` (its pixels are not read)."""
     try:
-        return bool(read_meta(path).get("fingerprint") == expected)
+        return bool(read_meta(path).get("fingerprint") == expected) and is_complete(path)
     except InputError:
+        return False
+
+
+def is_complete(path: Path) -> bool:
+    """Whether a frame file is as long as its own table of chunks says: finds truncated files
+    without reading pixels (OpenEXR file layout, single-part scan lines)."""
+    try:
+        with Path(path).open("rb") as stream:
+            size = stream.seek(0, os.SEEK_END)
+            stream.seek(8)  # magic number and version
+            while _read_name(stream):
+                _read_name(stream)  # the attribute's type
+                stream.seek(int.from_bytes(stream.read(4), "little"), os.SEEK_CUR)
+            table = stream.tell()
+            first = int.from_bytes(stream.read(8), "little")
+            if not table + 8 <= first < size:
+                return False
+            stream.seek(first - 8)  # chunks follow the table: its last entry lies before them
+            last = int.from_bytes(stream.read(8), "little")
+            stream.seek(last + 4)  # past the chunk's first line number
+            length = int.from_bytes(stream.read(4), "little")
+            return first <= last and last + 8 + length == size
+    except OSError:
         return False
 
 
@@ -163,6 +187,13 @@ def pixels_digest(channels: Channels) -> str:
         values = np.ascontiguousarray(channels[name])
         parts += [name.encode(), str((values.dtype.str, values.shape)).encode(), values.tobytes()]
     return digest_bytes(*parts)
+
+
+def _read_name(stream: BinaryIO) -> bytes:
+    name = b""
+    while (byte := stream.read(1)) not in (b"", b"\0"):
+        name += byte
+    return name
 
 
 def _write_error(path: Path, error: Exception) -> Exception:
