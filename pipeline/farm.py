@@ -1,0 +1,376 @@
+"""The farm: work spread over dask workers, results as they come. The one place that knows dask.
+
+Whose workers: `--scheduler`, then `DASK_SCHEDULER_ADDRESS`, then a cluster of our own on this
+machine, one process per allowed CPU. Workers hand back paths and figures, never pixels.
+
+What may go wrong, and what becomes of it:
+
+* an item raises: tried again `retries` times by itself, then reported as a failure;
+* a worker dies: dask gives its batches to another; a batch that keeps killing its workers is
+  taken apart and its items run one at a time with nothing beside them, so that only the guilty
+  one is reported;
+* the machine lacks something (`MachineError`: a full disk, a missing library): everything stops;
+* the scheduler goes away: `MachineError`, and the same command goes on where this run stopped.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import queue
+import signal
+import tempfile
+import threading
+import time
+import traceback
+import uuid
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import dask
+from dask.system import cpu_count
+from distributed import Client, Future, KilledWorker, LocalCluster
+
+from pipeline.params import FarmParams
+from scenes.errors import MachineError
+
+WORKER_PATIENCE = 300.0  # seconds without a single worker before the farm gives up
+_GO_ON = "run the same command again to go on where this run stopped"
+_rendering = threading.Lock()  # one batch at a time per process: Dr.Jit's state is the process's
+
+
+@dataclass(frozen=True)
+class Item:
+    """A piece of work: `payload` goes to the work function; `group` names the costly state
+    (an opened scene) that items share."""
+
+    key: str
+    group: str
+    payload: Any
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of an item: `value` from the work function, or `error` in words."""
+
+    key: str
+    value: Any = None
+    error: str = ""
+    fatal: bool = False
+    seconds: float = 0.0
+    worker: str = ""
+    attempt: int = 1
+
+
+class Farm:
+    """A context manager: workers are there inside it and gone after it.
+
+    `setup` runs on a worker before each batch and must be quick when repeated; it is given the
+    number of threads that the worker may use (0: its own choice). It and the work function must
+    be importable by name.
+    """
+
+    def __init__(
+        self, params: FarmParams, scheduler: str | None, setup: Callable[[int], None], items: int
+    ) -> None:
+        self.params, self.setup = params, setup
+        self.address = scheduler or os.environ.get("DASK_SCHEDULER_ADDRESS") or ""
+        self.wanted = min(params.workers or cpu_count(), max(1, items))
+        self.threads = 0 if self.address else max(1, cpu_count() // self.wanted)
+        self._stack = contextlib.ExitStack()
+        self._cluster: LocalCluster | None = None
+
+    def __enter__(self) -> Farm:
+        try:
+            self._start()
+        except BaseException:
+            self._stack.close()
+            raise
+        return self
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        # Interrupted work is worth nothing: do not wait for it to end.
+        if kind is not None and self._cluster is not None:
+            self._kill_workers(self._cluster)
+        self._stack.close()
+
+    def run(self, work: Callable[[Any], Any], items: Sequence[Item]) -> Iterator[Outcome]:
+        """Yield exactly one final outcome per item, in order of completion.
+
+        Raises `MachineError` when the scheduler or all workers are gone, or a worker's machine
+        lacks what any item would need.
+        """
+        yield from _Run(self, self._client, work, items).outcomes()
+
+    def _start(self) -> None:
+        if self.address:
+            try:
+                self._client = Client(self.address, timeout=15, set_as_default=False)
+            except (OSError, ValueError, TimeoutError) as error:
+                raise MachineError(
+                    f"no dask scheduler answers at {self.address!r} ({error}); start one with "
+                    "'dask scheduler', or unset DASK_SCHEDULER_ADDRESS to use this machine alone"
+                ) from None
+            self._stack.callback(self._close_quietly, self._client)
+            return
+        folder = self._stack.enter_context(
+            tempfile.TemporaryDirectory(prefix="pbrnet-farm-", ignore_cleanup_errors=True)
+        )
+        self._stack.enter_context(
+            dask.config.set(
+                {
+                    "distributed.scheduler.allowed-failures": self.params.retries,
+                    # A renderer's memory is native: it cannot be spilled, and pausing would be
+                    # for ever. The nanny ends a worker that outgrows its share.
+                    "distributed.worker.memory.target": False,
+                    "distributed.worker.memory.spill": False,
+                    "distributed.worker.memory.pause": False,
+                    "distributed.worker.memory.terminate": 0.95,
+                }
+            )
+        )
+        try:
+            self._cluster = LocalCluster(
+                n_workers=self.wanted,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",
+                silence_logs=logging.CRITICAL,
+                local_directory=folder,
+                preload=["pipeline.farm"],
+            )
+        except (OSError, RuntimeError, TimeoutError) as error:
+            raise MachineError(f"the render workers could not be started ({error})") from error
+        self._stack.callback(self._close_quietly, self._cluster)
+        self._client = Client(self._cluster, set_as_default=False)
+        self._stack.callback(self._close_quietly, self._client)
+
+    @staticmethod
+    def _close_quietly(thing: Any) -> None:
+        with contextlib.suppress(Exception):
+            thing.close(timeout=5)
+
+    @staticmethod
+    def _kill_workers(cluster: LocalCluster) -> None:
+        for nanny in cluster.workers.values():
+            process = getattr(nanny, "process", None)
+            if process is not None and process.pid:
+                with contextlib.suppress(OSError):
+                    os.kill(process.pid, signal.SIGKILL)
+
+
+class _Run:
+    """One pass over a list of items: what is waiting, in flight and under suspicion."""
+
+    def __init__(
+        self, farm: Farm, client: Client, work: Callable[[Any], Any], items: Sequence[Item]
+    ) -> None:
+        self.farm, self.client, self.work = farm, client, work
+        self.attempts = {item.key: 0 for item in items}
+        if len(self.attempts) != len(items):
+            raise ValueError("two items have the same key")
+        self.waiting = Waiting(items, farm.params.batch, farm.params.window)
+        self.again: deque[Item] = deque()  # failed once or more: each by itself
+        self.suspects: deque[Item] = deque()  # were on workers that died: run alone, at the end
+        self.alone = ""  # the suspect now in flight with nothing beside it
+        self.flight: dict[Future, tuple[tuple[Item, ...], str]] = {}
+        self.done: queue.Queue[Future] = queue.Queue()
+        self.name = f"pbrnet-{uuid.uuid4().hex[:12]}"  # a shared scheduler sees other runs' keys
+        self.submitted = 0
+        self.last_worker_seen = time.monotonic()
+
+    def outcomes(self) -> Iterator[Outcome]:
+        try:
+            while True:
+                self.feed()
+                if not self.flight and not (self.waiting or self.again or self.suspects):
+                    return
+                future = self.next_done()
+                if future is not None and future in self.flight:
+                    yield from self.settle(future)
+        finally:
+            with contextlib.suppress(Exception):
+                if self.farm.address and self.flight and self.client.status == "running":
+                    self.client.cancel(list(self.flight))
+
+    def feed(self) -> None:
+        """Keep every worker's window full; suspects wait until the farm is empty.
+
+        Which worker runs a batch is dask's choice: it takes the least busy one, which is nearly
+        always the one whose window had room. (Tying batches to workers, even loosely, leaves
+        them waiting for ever if all workers die at once.)
+        """
+        workers = self.workers()
+        load = dict.fromkeys(workers, 0)
+        for _, worker in self.flight.values():
+            if worker in load:
+                load[worker] += 1
+        for worker in sorted(workers, key=lambda name: (load[name], name)):
+            while load[worker] < self.farm.params.window:
+                batch = self.waiting.take(worker, len(workers))
+                if not batch and self.again:
+                    batch = (self.again.popleft(),)
+                if not batch:
+                    break
+                self.submit(batch, worker)
+                load[worker] += 1
+        if workers and not self.flight and self.suspects:
+            suspect = self.suspects.popleft()
+            self.alone = suspect.key
+            self.submit((suspect,), workers[0])
+
+    def submit(self, batch: tuple[Item, ...], worker: str) -> None:
+        self.submitted += 1
+        attempts = []
+        for item in batch:
+            self.attempts[item.key] += 1
+            attempts.append(self.attempts[item.key])
+        future = self.client.submit(
+            _work_batch,
+            self.farm.setup,
+            self.farm.threads,
+            self.work,
+            batch,
+            attempts,
+            key=f"{self.name}-{self.submitted}",
+            pure=False,
+        )
+        self.flight[future] = (batch, worker)
+        future.add_done_callback(self.done.put)
+
+    def next_done(self) -> Future | None:
+        """The next finished batch, or None after a second; notices when the farm is gone."""
+        if self.client.status not in ("running", "newly-created"):
+            raise MachineError(f"the dask scheduler has gone; {_GO_ON}")
+        if time.monotonic() - self.last_worker_seen > WORKER_PATIENCE:
+            raise MachineError(
+                f"no dask worker has been there for {WORKER_PATIENCE:.0f} s; start one with "
+                f"'dask worker ADDRESS', then {_GO_ON}"
+            )
+        try:
+            return self.done.get(timeout=1)
+        except queue.Empty:
+            return None
+
+    def settle(self, future: Future) -> Iterator[Outcome]:
+        """Yield what is final of a finished batch and put the rest back in line."""
+        batch, worker = self.flight.pop(future)
+        alone, self.alone = self.alone, ""
+        if future.status == "finished":
+            by_key = {item.key: item for item in batch}
+            for outcome in future.result():
+                if outcome.fatal:
+                    raise MachineError(outcome.error)
+                if outcome.error and outcome.attempt <= self.farm.params.retries:
+                    self.again.append(by_key[outcome.key])
+                else:
+                    yield outcome
+        elif future.status == "cancelled":
+            raise MachineError(f"the dask scheduler has gone; {_GO_ON}")
+        else:
+            error = future.exception()
+            if not isinstance(error, KilledWorker):
+                raise MachineError(f"a worker cannot run our work: {error!r}")
+            if batch[0].key == alone:
+                yield Outcome(
+                    key=batch[0].key,
+                    error="its worker process died each time (out of memory, or a crash)",
+                    worker=worker,
+                    attempt=self.attempts[batch[0].key],
+                )
+            else:
+                self.suspects.extend(batch)
+
+    def workers(self) -> list[str]:
+        names = sorted(self.client.scheduler_info()["workers"])
+        if names:
+            self.last_worker_seen = time.monotonic()
+        return names
+
+
+class Waiting:
+    """Items not yet submitted, by group, the biggest group first.
+
+    A worker is kept on the group it had before; a worker that has none left opens the next
+    untouched group, and at the end helps with the one that has most left. Batches shrink
+    towards the end so that all workers finish at about the same time.
+    """
+
+    def __init__(self, items: Sequence[Item], batch: int, window: int) -> None:
+        groups: dict[str, deque[Item]] = {}
+        for item in items:
+            groups.setdefault(item.group, deque()).append(item)
+        order = sorted(groups, key=lambda name: (-len(groups[name]), name))
+        self.groups = {name: groups[name] for name in order}
+        self.untouched = deque(order)
+        self.batch, self.window = batch, window
+        self.left = len(items)
+        self.home: dict[str, str] = {}  # worker -> the group it had last
+
+    def __bool__(self) -> bool:
+        return self.left > 0
+
+    def take(self, worker: str, workers: int) -> tuple[Item, ...]:
+        """The next batch for `worker`, one of `workers`; empty when nothing is left."""
+        if not self.left:
+            return ()
+        group = self.home.get(worker, "")
+        if not self.groups.get(group):
+            while self.untouched and not self.groups[self.untouched[0]]:
+                self.untouched.popleft()
+            if self.untouched:
+                group = self.untouched.popleft()
+            else:
+                group = max(self.groups, key=lambda name: len(self.groups[name]))
+            self.home[worker] = group
+        fair = -(-self.left // (self.window * max(1, workers)))
+        size = min(self.batch, fair, len(self.groups[group]))
+        self.left -= size
+        return tuple(self.groups[group].popleft() for _ in range(size))
+
+
+def dask_setup(worker: Any) -> None:
+    """Dask calls this in each of our own workers as it starts: Ctrl-C is the main process's
+    business, which ends its workers itself."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _work_batch(
+    setup: Callable[[int], None],
+    threads: int,
+    work: Callable[[Any], Any],
+    batch: tuple[Item, ...],
+    attempts: list[int],
+) -> list[Outcome]:
+    """Runs on a worker: every item's outcome, up to the first that no other could survive."""
+    worker = f"{os.uname().nodename}:{os.getpid()}"
+    outcomes = []
+    with _rendering:
+        for item, attempt in zip(batch, attempts, strict=True):
+            started = time.perf_counter()
+            value, words, fatal = None, "", False
+            try:
+                setup(threads)
+                value = work(item.payload)
+            except MachineError as error:
+                words, fatal = str(error), True
+            except Exception as error:
+                words = _words(error)
+            seconds = time.perf_counter() - started
+            outcomes.append(Outcome(item.key, value, words, fatal, seconds, worker, attempt))
+            if fatal:
+                break
+    return outcomes
+
+
+def _words(error: Exception) -> str:
+    """An error in one line, with the place it came from unless it was meant for the reader."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    frames = traceback.extract_tb(error.__traceback__)
+    if hasattr(error, "exit_code") or not frames:
+        return text
+    return f"{type(error).__name__}: {text} (in {frames[-1].name}, line {frames[-1].lineno})"

@@ -1,0 +1,98 @@
+"""What a stage writes beside its data: costs per view, failures, and the lock on a data folder."""
+
+from __future__ import annotations
+
+import csv
+import fcntl
+import io
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from scenes.errors import PbrnetError
+from scenes.files import write_json, write_text
+
+LEDGER_COLUMNS = ("stage", "scene_id", "view_id", "seconds", "worker", "attempt", "spp")
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A scene or view that could not be done; `view_id` is empty where a whole scene failed."""
+
+    stage: str
+    scene_id: str
+    view_id: str
+    error: str
+
+    def __str__(self) -> str:
+        place = "/".join(part for part in (self.scene_id, self.view_id) if part)
+        return f"{self.stage} {place}: {self.error}"
+
+
+def save_failures(data: Path, stage: str, failures: list[Failure]) -> None:
+    """Write `data/failures/<stage>.json`, or remove it when nothing failed."""
+    path = data / "failures" / f"{stage}.json"
+    if failures:
+        write_json(path, [asdict(failure) for failure in failures])
+    else:
+        path.unlink(missing_ok=True)
+
+
+class Ledger:
+    """Appends cost rows to `data/ledger/<stage>.csv`, by rename, every `every` seconds and at
+    the end. Costs are a record of this machine: nothing that determines data reads them."""
+
+    def __init__(self, data: Path, stage: str, every: float = 30.0) -> None:
+        self.path = data / "ledger" / f"{stage}.csv"
+        self.every = every
+        self._rows: list[tuple[object, ...]] = []
+        self._saved = time.monotonic()
+
+    def add(self, *row: object) -> None:
+        """Add one row, in the order of `LEDGER_COLUMNS`."""
+        self._rows.append(row)
+        if time.monotonic() - self._saved >= self.every:
+            self.save()
+
+    def save(self) -> None:
+        """Write the rows that are not on the disk yet."""
+        if not self._rows:
+            return
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        if self.path.is_file():
+            text.write(self.path.read_text(encoding="utf-8"))
+        else:
+            writer.writerow(LEDGER_COLUMNS)
+        writer.writerows(self._rows)
+        write_text(self.path, text.getvalue())
+        self._rows.clear()
+        self._saved = time.monotonic()
+
+
+@contextmanager
+def data_lock(data: Path, stage: str) -> Iterator[None]:
+    """Hold the data folder for one run; raises `PbrnetError` if another run holds it.
+
+    The lock is the kernel's and ends with the process, however that ends.
+    """
+    data.mkdir(parents=True, exist_ok=True)
+    path = data / ".lock"
+    with path.open("a+", encoding="utf-8") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            stream.seek(0)
+            holder = stream.read().strip() or "another run"
+            raise PbrnetError(
+                f"{data}: in use by {holder}; wait for it to end, or give this run another "
+                "folder with --data"
+            ) from None
+        stream.seek(0)
+        stream.truncate()
+        stream.write(f"'pbrnet {stage}' (process {os.getpid()} on {os.uname().nodename})")
+        stream.flush()
+        yield

@@ -1,0 +1,117 @@
+"""Commands of the stages that fill the data folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from pipeline.options import common_options, farm_options
+from pipeline.params import Params
+from pipeline.stages import (
+    Summary,
+    run_cameras,
+    run_groundtruth,
+    run_illumination,
+    run_inputs,
+    run_scenes,
+)
+from scenes.errors import ParameterError
+from scenes.files import write_json
+
+
+@click.command(epilog="Example:  pbrnet assets --params params.yaml")
+@common_options
+def assets(params: Params, data: Path) -> None:
+    """Fetch optional furniture catalogues, with provenance, into DATA/assets.
+
+    Off by default (assets.enabled): procedural homes bring their own furniture.
+    """
+    if params.assets.enabled:
+        raise ParameterError(
+            "assets.enabled: true is not allowed yet; furniture catalogues are not supported "
+            "in this version, set it to false"
+        )
+    write_json(data / "assets" / "provenance.json", {"catalogues": []})
+    click.echo("assets: catalogues are off (assets.enabled), nothing to fetch")
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet scenes                      what params.yaml asks for
+  pbrnet scenes --seed 7 --data /tmp/seven"""
+)
+@farm_options
+@common_options
+def scenes(params: Params, data: Path, scheduler: str | None) -> None:
+    """Make procedural homes from seeds, and bring in the scenes of scenes.imports.
+
+    Keeps the scenes that are up to date, and those that 'pbrnet import' put into DATA/scenes.
+    """
+    _say(run_scenes(data, params, scheduler))
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet cameras
+  pbrnet cameras --workers 1 --data /tmp/seven"""
+)
+@farm_options
+@common_options
+def cameras(params: Params, data: Path, scheduler: str | None) -> None:
+    """Sample views that see much furniture; says why the other candidates were not taken."""
+    _say(run_cameras(data, params, scheduler))
+
+
+@click.command(epilog="Example:  pbrnet inputs --workers 4")
+@farm_options
+@common_options
+def inputs(params: Params, data: Path, scheduler: str | None) -> None:
+    """Render depth, normal, reflectance, valid mask and object ids of every view."""
+    _say(run_inputs(data, params, scheduler))
+
+
+@click.command(epilog="Example:  pbrnet illumination --workers 4")
+@farm_options
+@common_options
+def illumination(params: Params, data: Path, scheduler: str | None) -> None:
+    """Render panoramas of every light source that the camera position can see."""
+    _say(run_illumination(data, params, scheduler))
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet groundtruth
+  pbrnet groundtruth --scheduler tcp://head:8786"""
+)
+@farm_options
+@common_options
+def groundtruth(params: Params, data: Path, scheduler: str | None) -> None:
+    """Path-trace textureless shading and full colour of every view.
+
+    Frames that are up to date are kept, so an interrupted run goes on where it stopped.
+    """
+    _say(run_groundtruth(data, params, scheduler))
+
+
+@click.command(epilog="Example:  pbrnet shading --workers 4")
+@farm_options
+@common_options
+def shading(params: Params, data: Path, scheduler: str | None) -> None:
+    """Path-trace only the textureless shading of every view."""
+    _say(run_groundtruth(data, params, scheduler, parts=("shading",)))
+
+
+@click.command(epilog="Example:  pbrnet color --workers 4")
+@farm_options
+@common_options
+def color(params: Params, data: Path, scheduler: str | None) -> None:
+    """Path-trace only the full colour of every view."""
+    _say(run_groundtruth(data, params, scheduler, parts=("color",)))
+
+
+def _say(summary: Summary) -> None:
+    click.echo(str(summary))

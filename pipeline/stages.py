@@ -1,0 +1,573 @@
+"""The stages that fill the data folder: scenes, cameras, inputs, illumination, ground truth.
+
+Each one is the same in outline: say what should be there and by what fingerprint, keep what holds,
+remove what belongs to nothing any more, have the farm make the rest, and check that all of it is
+there. So a killed run resumes, a changed parameter never leaves stale data, and a run with
+nothing to do starts no worker.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import defusedxml.ElementTree as ElementTree
+
+from pipeline import cameras
+from pipeline.farm import Farm, Item, Outcome
+from pipeline.frames import Kind, fingerprint, frame_path, holds
+from pipeline.jobs import (
+    STAGE_MARK,
+    CameraJob,
+    FrameJob,
+    HomeJob,
+    ImportJob,
+    make_scene,
+    no_renderer,
+    render_frame,
+    sample_scene,
+    use_renderer,
+)
+from pipeline.params import Params
+from pipeline.passes import frame_fingerprint
+from pipeline.progress import Progress
+from pipeline.records import Failure, Ledger, data_lock, save_failures
+from pipeline.renderer import renderer_version, set_variant
+from pipeline.views import CameraFile, View, load_cameras
+from scenes.checked import plain
+from scenes.contract import Scene, load_scene, scene_folders
+from scenes.errors import InputError, PbrnetError
+from scenes.files import digest_bytes, digest_file, digest_folder, remove_partials
+from scenes.procedural import home
+from scenes.seeds import derive
+
+Part = Literal["shading", "color"]
+A = TypeVar("A")
+B = TypeVar("B")
+_SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,199}")
+_SHOWN = 20  # failures named on the terminal; all of them are in data/failures
+
+
+class StageError(PbrnetError):
+    """Everything else was done, but some scenes or views failed; the text names them."""
+
+    exit_code = 1
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a stage did."""
+
+    stage: str
+    made: int
+    kept: int
+    removed: int
+    seconds: float
+    notes: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        parts = [f"{self.stage}: {self.made} made, {self.kept} kept, {self.removed} removed"]
+        return "\n".join([f"{parts[0]}, {self.seconds:.1f} s", *self.notes])
+
+
+@dataclass
+class _Work:
+    """A stage's plan: what is to be done, how, and what is already known to fail."""
+
+    stage: str
+    unit: str
+    work: Callable[[Any], Any]
+    items: list[Item] = field(default_factory=list)
+    labels: dict[str, tuple[str, str, str]] = field(default_factory=dict)  # stage, scene, view
+    failures: list[Failure] = field(default_factory=list)
+    kept: int = 0
+    removed: int = 0
+    renders: bool = True
+
+    targets: dict[str, Path] = field(default_factory=dict)  # key -> what the item writes
+
+    def add(self, stage: str, scene_id: str, view_id: str, target: Path, job: Any) -> None:
+        """Add an item; what lies at `target` now is out of date."""
+        key = f"{stage}/{scene_id}/{view_id}"
+        self.items.append(Item(key, scene_id, job))
+        self.labels[key] = (stage, scene_id, view_id)
+        self.targets[key] = target
+
+
+def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summary:
+    """Fill `data/scenes`: homes from seeds, then the imports that the parameters name.
+
+    A scene that another tool put there (`pbrnet import`) is left alone and used like the rest;
+    scenes of this stage that the parameters no longer ask for are removed.
+    """
+    started = time.monotonic()
+    data = Path(data).resolve()
+    with data_lock(data, "scenes"):
+        root = data / "scenes"
+        remove_partials(root)
+        work = _Work("scenes", "scenes", make_scene, renders=False)
+        wanted: dict[str, HomeJob | ImportJob] = {}
+        for job in (*_home_jobs(root, params), *_import_jobs(root, params, work.failures)):
+            if job.scene_id in wanted:
+                raise InputError(f"scenes.imports: two scenes would be named {job.scene_id!r}")
+            wanted[job.scene_id] = job
+        work.removed = _remove_old_scenes(root, set(wanted))
+        for scene_id, job in wanted.items():
+            mark = _mark_of(job.folder)
+            if mark == job.fingerprint:
+                work.kept += 1
+            elif mark is None and (job.folder / "scene.json").is_file():
+                work.failures.append(
+                    Failure(
+                        "scenes",
+                        scene_id,
+                        "",
+                        f"{job.folder} is a scene from elsewhere; rename or remove it",
+                    )
+                )
+            else:
+                work.add("scenes", scene_id, "", job.folder, job)
+        made = _carry_out(data, params, scheduler, work)
+        return _finish(data, work, made, started)
+
+
+def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Summary:
+    """Write `data/cameras/<scene_id>.json` for every scene."""
+    started = time.monotonic()
+    data = Path(data).resolve()
+    with data_lock(data, "cameras"):
+        root = data / "cameras"
+        remove_partials(root)
+        renderer = _renderer(params)
+        work = _Work("cameras", "scenes", sample_scene)
+        scenes = _scenes(data, work)
+        digests = _digests(data, scenes)
+        spared = {failure.scene_id for failure in work.failures}
+        work.removed = _remove_old_cameras(root, {*scenes, *spared})
+        for scene_id in scenes:
+            path = root / f"{scene_id}.json"
+            mark = _camera_fingerprint(scene_id, params, digests[scene_id], renderer)
+            if _cameras_hold(path, mark):
+                work.kept += 1
+            else:
+                job = CameraJob(
+                    path,
+                    data / "scenes" / scene_id,
+                    digests[scene_id],
+                    params,
+                    params.seed,
+                    mark,
+                )
+                work.add("cameras", scene_id, "", path, job)
+        made = _carry_out(data, params, scheduler, work, renderer)
+        return _finish(data, work, made, started, lambda: _camera_notes(root, scenes))
+
+
+def run_inputs(data: Path, params: Params, scheduler: str | None = None) -> Summary:
+    """Render `data/inputs`: depth, normal, reflectance, valid mask and object ids."""
+    return _run_frames("inputs", ("inputs",), data, params, scheduler)
+
+
+def run_illumination(data: Path, params: Params, scheduler: str | None = None) -> Summary:
+    """Render `data/illumination`: panoramas of the visible light sources."""
+    return _run_frames("illumination", ("illumination",), data, params, scheduler)
+
+
+def run_groundtruth(
+    data: Path,
+    params: Params,
+    scheduler: str | None = None,
+    parts: Sequence[Part] = ("shading", "color"),
+) -> Summary:
+    """Render `data/shading` and `data/color`, or one of them."""
+    stage = "groundtruth" if len(parts) > 1 else parts[0]
+    return _run_frames(stage, tuple(parts), data, params, scheduler)
+
+
+def _run_frames(
+    stage: str, kinds: tuple[Kind, ...], data: Path, params: Params, scheduler: str | None
+) -> Summary:
+    started = time.monotonic()
+    data = Path(data).resolve()
+    with data_lock(data, stage):
+        renderer = _renderer(params)
+        work = _Work(stage, "views" if len(kinds) == 1 else "frames", render_frame)
+        scenes = _scenes(data, work)
+        digests = _digests(data, scenes)
+        views = _views(data, params, scenes, digests, renderer, work)
+        jobs: dict[Path, FrameJob] = {}
+        for kind in kinds:
+            for view in views:
+                digest = digests[view.scene_id]
+                mark = frame_fingerprint(kind, view, params, digest, renderer)
+                job = FrameJob(data, kind, view, digest, params, mark)
+                jobs[frame_path(data, kind, view)] = job
+            # A scene that cannot be read now may be whole again tomorrow: its frames stay.
+            spared = {failure.scene_id for failure in work.failures}
+            work.removed += _remove_stranger_frames(data / kind, jobs, spared)
+        stale = _not_holding(jobs)
+        work.kept = len(jobs) - len(stale)
+        # By scene, then kind: a worker changes neither more often than it must.
+        for path in sorted(stale, key=lambda path: (jobs[path].view.scene_id, jobs[path].kind)):
+            job = jobs[path]
+            work.add(job.kind, job.view.scene_id, job.view.view_id, path, job)
+        made = _carry_out(data, params, scheduler, work, renderer)
+        # An earlier run's worker may have outlived it and written its frame over ours.
+        for path in _not_holding({path: jobs[path] for path in stale if made[path]}):
+            made[path] = False
+            view = jobs[path].view
+            error = f"{path} was overwritten by another run; run again"
+            work.failures.append(Failure(jobs[path].kind, view.scene_id, view.view_id, error))
+        return _finish(data, work, made, started)
+
+
+def _carry_out(
+    data: Path, params: Params, scheduler: str | None, work: _Work, renderer: str = ""
+) -> dict[Path, bool]:
+    """Have the farm do the work; says of each target whether it was made, and adds to the
+    work's failures."""
+    made = dict.fromkeys(work.targets.values(), False)
+    if not work.items:
+        return made
+    setup: Callable[[int], None] = no_renderer
+    if work.renders:
+        setup = partial(use_renderer, set_variant(params.farm.variant), renderer)
+    ledger = Ledger(data, work.stage)
+    with Progress(work.kept + len(work.items), work.stage, work.unit) as progress:
+        progress.advance(work.kept)
+        try:
+            with Farm(params.farm, scheduler, setup, len(work.items)) as farm:
+                for outcome in farm.run(work.work, work.items):
+                    made[work.targets[outcome.key]] = not outcome.error
+                    _record(outcome, work, ledger, progress)
+        finally:
+            ledger.save()
+    return made
+
+
+def _record(outcome: Outcome, work: _Work, ledger: Ledger, progress: Progress) -> None:
+    stage, scene_id, view_id = work.labels[outcome.key]
+    if outcome.error:
+        failure = Failure(stage, scene_id, view_id, outcome.error)
+        work.failures.append(failure)
+        progress.write(f"failed: {failure}")
+    else:
+        seconds = f"{outcome.seconds:.3f}"
+        spp = outcome.value.get("spp", 0)
+        ledger.add(stage, scene_id, view_id, seconds, outcome.worker, outcome.attempt, spp)
+    progress.advance(1, scene_id)
+
+
+def _finish(
+    data: Path,
+    work: _Work,
+    made: dict[Path, bool],
+    started: float,
+    notes: Callable[[], Iterable[str]] = tuple,
+) -> Summary:
+    """Remove what is out of date and could not be made again, and write the failures list.
+
+    Raises `StageError` if there is anything on it. (Out-of-date files go only now, not before
+    the work: a run begun by mistake and interrupted loses nothing that it has not replaced.)
+    """
+    for path in [path for path, fine in made.items() if not fine]:
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+    failures = sorted(work.failures, key=lambda f: (f.scene_id, f.view_id, f.stage))
+    save_failures(data, work.stage, failures)
+    count = sum(made.values())
+    if failures:
+        named = [f"  {failure}" for failure in failures[:_SHOWN]]
+        if len(failures) > _SHOWN:
+            named.append(f"  and {len(failures) - _SHOWN} more")
+        raise StageError(
+            f"{work.stage}: {len(failures)} failed, {count} made, {work.kept} kept\n"
+            + "\n".join(named)
+            + f"\nThe whole list is in {data / 'failures' / (work.stage + '.json')}; everything "
+            "else is done. Run the same command again to retry."
+        )
+    seconds = time.monotonic() - started
+    return Summary(work.stage, count, work.kept, work.removed, seconds, tuple(notes()))
+
+
+def _renderer(params: Params) -> str:
+    set_variant(params.farm.variant)
+    return renderer_version()
+
+
+def _home_jobs(root: Path, params: Params) -> Iterable[HomeJob]:
+    wanted = params.scenes
+    # The generator's own source stands for its revision: a home is made in seconds, and frames
+    # ask for the scene's content, not for this.
+    sources = sorted(Path(home.__file__).parent.rglob("*.py"))
+    revision = digest_bytes(*(digest_file(source).encode() for source in sources))
+    for index in range(wanted.homes):
+        scene_id = f"home-{index:04d}"
+        lighting = wanted.lighting[index % len(wanted.lighting)]
+        seed = derive(params.seed, "home", index)
+        mark = fingerprint(
+            kind="home",
+            revision=revision,
+            scene_id=scene_id,
+            seed=seed,
+            lighting=lighting,
+            rooms=(wanted.rooms_min, wanted.rooms_max),
+            texture_size=wanted.texture_size,
+        )
+        yield HomeJob(root / scene_id, scene_id, wanted, seed, lighting, mark)
+
+
+def _import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable[ImportJob]:
+    for name in params.scenes.imports:
+        path = Path(name).expanduser().resolve()
+        scene_id = _scene_name(path)
+        if not path.exists():
+            failures.append(Failure("scenes", scene_id, "", f"{name}: no such file"))
+            continue
+        mark = fingerprint(kind="import", scene_id=scene_id, content=_digest_import(path))
+        yield ImportJob(root / scene_id, scene_id, path, mark)
+
+
+def _scene_name(path: Path) -> str:
+    """A scene id from a file's name, or its folder's where the file is just called "scene"."""
+    stem = path.stem if path.suffix else path.name
+    if stem.lower() in ("scene", "main", "index") and path.parent.name:
+        stem = path.parent.name
+    return re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-") or "scene"
+
+
+def _digest_import(path: Path) -> str:
+    """A digest of a scene file and, for XML, of every file beside it that it names."""
+    if path.is_dir():
+        return digest_folder(path)
+    parts = {path.name: digest_file(path)}
+    if path.suffix.lower() == ".xml":
+        try:
+            values = {
+                value
+                for element in ElementTree.parse(path).iter()
+                for value in element.attrib.values()
+            }
+        except (ElementTree.ParseError, ValueError):
+            values = set()  # the importer will say what is wrong
+        for value in sorted(values):
+            file = path.parent / value
+            if len(value) < 1000 and "\0" not in value and file.is_file():
+                parts[value] = digest_file(file)
+    return fingerprint(files=parts)
+
+
+def _mark_of(folder: Path) -> str | None:
+    """The fingerprint this stage left in a complete scene; None: another tool's, or none.
+
+    A broken scene of ours counts as ours without fingerprint, to be made again.
+    """
+    if not folder.is_dir():
+        return None
+    try:
+        mark = load_scene(folder).source.get(STAGE_MARK)
+    except InputError:
+        return ""
+    return str(mark) if mark is not None else None
+
+
+def _remove_old_scenes(root: Path, wanted: set[str]) -> int:
+    removed = 0
+    for folder in scene_folders(root):
+        if folder.name not in wanted and _mark_of(folder):
+            shutil.rmtree(folder)
+            removed += 1
+    return removed
+
+
+def _scenes(data: Path, work: _Work) -> dict[str, Scene]:
+    """All readable scenes by id; the others become failures of the stage."""
+    scenes = {}
+    for folder in scene_folders(data / "scenes"):
+        try:
+            scene = load_scene(folder)
+            if scene.scene_id != folder.name:
+                raise InputError(
+                    f"{folder}: its scene.json says {scene.scene_id!r}; rename the folder"
+                )
+            if not _SAFE_NAME.fullmatch(scene.scene_id):
+                raise InputError(
+                    f"{folder}: a scene id may hold letters, digits, '.', '_' and '-' only"
+                )
+            scenes[scene.scene_id] = scene
+        except InputError as error:
+            work.failures.append(Failure(work.stage, folder.name, "", str(error)))
+    if not scenes and not work.failures:
+        raise InputError(f"{data / 'scenes'}: no scenes there; run first: pbrnet scenes")
+    return scenes
+
+
+def _digests(data: Path, scenes: Iterable[str]) -> dict[str, str]:
+    names = list(scenes)
+    digests = _threaded(lambda name: _scene_digest(data / "scenes" / name), names)
+    return dict(zip(names, digests, strict=True))
+
+
+def _scene_digest(folder: Path) -> str:
+    """A digest of all that a scene folder holds, but for this stage's own mark."""
+    scene = load_scene(folder)
+    bare = replace(scene, source={k: v for k, v in scene.source.items() if k != STAGE_MARK})
+    files = sorted(file for file in folder.rglob("*") if file.is_file())
+    contents = {
+        file.relative_to(folder).as_posix(): digest_file(file)
+        for file in files
+        if file != folder / "scene.json"
+    }
+    return fingerprint(scene=bare, files=contents)
+
+
+def _threaded(function: Callable[[A], B], values: Sequence[A]) -> list[B]:
+    """Map over values with a few threads: the time goes into reading files."""
+    with ThreadPoolExecutor(4) as pool:
+        return list(pool.map(function, values))
+
+
+def _camera_fingerprint(scene_id: str, params: Params, digest: str, renderer: str) -> str:
+    return fingerprint(
+        kind="cameras",
+        revision=cameras.REVISION,
+        scene_id=scene_id,
+        cameras=plain(params.cameras),
+        image=plain(params.image),
+        scene=digest,
+        renderer=renderer,
+        seed=params.seed,
+    )
+
+
+def _cameras_hold(path: Path, mark: str) -> bool:
+    try:
+        return load_cameras(path).fingerprint == mark
+    except InputError:
+        return False
+
+
+def _camera_notes(root: Path, scenes: Iterable[str]) -> list[str]:
+    """Lines for the terminal: views, and why the other candidates were not taken."""
+    files = [load_cameras(root / f"{scene_id}.json") for scene_id in scenes]
+    rejected: Counter[str] = Counter()
+    for file in files:
+        rejected += Counter(file.rejected)
+    total = sum(len(file.views) for file in files)
+    lines = [f"{total} views of {sum(file.candidates for file in files)} candidates; not taken:"]
+    lines += [f"  {count:>8}  {reason}" for reason, count in rejected.most_common()]
+    lines += [f"no view in {file.scene_id}: {_why_none(file)}" for file in files if not file.views]
+    return lines
+
+
+def _why_none(file: CameraFile) -> str:
+    if not file.rejected:
+        return "it has no rooms"
+    reasons = sorted(file.rejected.items(), key=lambda entry: (-entry[1], entry[0]))
+    return ", ".join(f"{reason} ({count})" for reason, count in reasons)
+
+
+def _views(
+    data: Path,
+    params: Params,
+    scenes: dict[str, Scene],
+    digests: dict[str, str],
+    renderer: str,
+    work: _Work,
+) -> list[View]:
+    """The views of all scenes, sorted; broken camera files become failures."""
+    views: list[View] = []
+    stale = []
+    for scene_id in scenes:
+        path = data / "cameras" / f"{scene_id}.json"
+        try:
+            if not path.is_file():
+                raise InputError(f"{path}: no cameras for this scene; run first: pbrnet cameras")
+            file = load_cameras(path)
+            for view in file.views:
+                if view.scene_id != scene_id or not _SAFE_NAME.fullmatch(view.view_id):
+                    raise InputError(
+                        f"{path}: view {view.view_id!r} of scene {view.scene_id!r} cannot be "
+                        f"a view of {scene_id!r}; run again: pbrnet cameras"
+                    )
+        except InputError as error:
+            work.failures.append(Failure(work.stage, scene_id, "", str(error)))
+            continue
+        if file.fingerprint != _camera_fingerprint(scene_id, params, digests[scene_id], renderer):
+            stale.append(scene_id)
+        views += file.views
+    if stale:
+        print(
+            f"note: the cameras of {_some(stale)} were sampled with other parameters or in "
+            "another version of the scene; 'pbrnet cameras' renews them",
+            file=sys.stderr,
+        )
+    if not views and not work.failures:
+        raise InputError(
+            f"{data / 'cameras'}: no scene has a view; 'pbrnet cameras' says why, and "
+            "cameras.min_objects or cameras.min_score may be too high"
+        )
+    return sorted(views, key=lambda view: (view.scene_id, view.view_id))
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+
+
+def _not_holding(jobs: dict[Path, FrameJob]) -> list[Path]:
+    """Paths whose frame is missing, truncated or was made from something else."""
+    paths = list(jobs)
+    good = _threaded(lambda path: holds(path, jobs[path].fingerprint), paths)
+    return [path for path, fine in zip(paths, good, strict=True) if not fine]
+
+
+def _remove_stranger_frames(root: Path, wanted: dict[Path, Any], spared: set[str]) -> int:
+    """Remove frames below `root` that belong to no view, and what killed runs left behind.
+
+    Only what looks like ours goes: EXR files one folder deep, partial files, and folders that
+    are empty then. Anything else is named and left alone.
+    """
+    removed = remove_partials(root)
+    foreign = []
+    for folder in sorted(root.iterdir()) if root.is_dir() else ():
+        if not folder.is_dir():
+            foreign.append(folder)
+            continue
+        removed += remove_partials(folder)
+        for file in sorted(folder.iterdir()):
+            if file in wanted:
+                continue
+            if file.is_file() and file.suffix == ".exr":
+                if folder.name not in spared:
+                    file.unlink()
+                    removed += 1
+            else:
+                foreign.append(file)
+        if not any(folder.iterdir()):
+            folder.rmdir()
+    if foreign:
+        print(
+            f"note: not ours, left alone: {_some([str(path) for path in foreign])}",
+            file=sys.stderr,
+        )
+    return removed
+
+
+def _remove_old_cameras(root: Path, wanted: set[str]) -> int:
+    removed = 0
+    for file in sorted(root.glob("*.json")):
+        if file.is_file() and file.stem not in wanted:
+            file.unlink()
+            removed += 1
+    return removed
