@@ -16,7 +16,9 @@ import numpy.typing as npt
 
 MaterialKind = Literal[
     "wood",  # grain along u
+    "planks",  # floor boards, laid along u
     "tiles",
+    "brick",
     "fabric",  # woven; sofas, curtains, bedding
     "carpet",
     "leather",
@@ -30,11 +32,13 @@ MaterialKind = Literal[
     "ceramic",
     "paper",  # book pages, pictures, lampshades
     "leaf",
+    "grass",
     "soil",
     "picture",  # an abstract picture over uv [0, 1]
 ]
 Anchor = Literal["wall", "corner", "centre", "free", "on_top", "on_wall", "ceiling"]
 Color = tuple[float, float, float]
+CREASE = float(np.cos(np.radians(50)))
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,7 @@ class Part:
     """One shape: a triangle mesh of one material.
 
     `vertices` float (V, 3) metres; `faces` int (F, 3), counter-clockwise seen from outside;
-    `uvs` float (V, 2), in metres; `smooth` asks for shared vertex normals, else facets.
+    `uvs` float (V, 2), in metres; `smooth` asks for the vertex normals of `normals`, else facets.
     """
 
     name: str
@@ -70,6 +74,34 @@ class Part:
     smooth: bool = False
     lumens: float = 0.0  # above 0: this part emits, lit when the home's lamps are on
     kelvin: float = 2800.0  # colour temperature of what it emits
+
+    @property
+    def normals(self) -> npt.NDArray[np.float64]:
+        """Unit vertex normals (V, 3), weighted by area.
+
+        Vertices at one place share theirs where the surface turns by less than 50 degrees, so
+        seams of the uvs stay invisible and creases stay sharp.
+        """
+        a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
+        facets = np.cross(b - a, c - a)
+        own = np.zeros_like(self.vertices)
+        for corner in range(3):
+            np.add.at(own, self.faces[:, corner], facets)
+        unit = own / np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1e-30)
+        places = np.unique(np.round(self.vertices, 6) + 0.0, axis=0, return_inverse=True)[1]
+        places = places.reshape(-1)
+        order = np.argsort(places, kind="stable")
+        shared = own.copy()
+        for step in range(1, int(np.bincount(places).max(initial=1))):
+            first, second = order[:-step], order[step:]
+            alike = (places[first] == places[second]) & (
+                (unit[first] * unit[second]).sum(axis=1) > CREASE
+            )
+            first, second = first[alike], second[alike]
+            np.add.at(shared, first, own[second])
+            np.add.at(shared, second, own[first])
+        length = np.linalg.norm(shared, axis=1, keepdims=True)
+        return np.where(length > 0, shared / np.maximum(length, 1e-30), [0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)

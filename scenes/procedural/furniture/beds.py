@@ -1,0 +1,243 @@
+"""Beds, made or slept in; the head is at the back."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scenes.procedural.furniture.build import Builder
+from scenes.procedural.furniture.cabinets import feet, leg_material
+from scenes.procedural.furniture.geometry import (
+    Array,
+    Mesh,
+    box,
+    pillow,
+    rounded_box,
+    span,
+    thick_sheet,
+)
+from scenes.procedural.furniture.style import Style
+from scenes.procedural.piece import Material, Piece
+
+
+def double_bed(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+    """A bed for two; `width` of its mattress, metres."""
+    width = float(rng.choice([1.4, 1.6, 1.8])) if width is None else width
+    return _bed(rng, style, "double bed", width, 2)
+
+
+def single_bed(rng: np.random.Generator, style: Style, width: float = 0.9) -> Piece:
+    """A bed for one."""
+    return _bed(rng, style, "single bed", width, 1)
+
+
+def _drape(beyond: Array, radius: float) -> tuple[Array, Array]:
+    """Outward and downward way of cloth that has run `beyond` metres past the start of an edge."""
+    arc = np.clip(beyond, 0, radius * np.pi / 2)
+    hang = np.maximum(beyond - radius * np.pi / 2, 0)
+    out = np.minimum(beyond, 0) + radius * np.sin(arc / radius) + 0.08 * hang
+    return out, radius * (1 - np.cos(arc / radius)) + hang
+
+
+def _cover(
+    rng: np.random.Generator,
+    half_x: float,
+    foot: float,
+    head: float,
+    top: float,
+    hang: float,
+    foot_hang: float,
+    thickness: float,
+    rumple: float,
+    counts: tuple[int, int] = (41, 27),
+) -> Mesh:
+    """Bedding from y = foot to y = head over a mattress of half width `half_x`, hanging down."""
+    radius = 0.07
+    core = half_x - radius + 0.02
+    reach = core + radius * np.pi / 2 + hang
+    s = np.sin(np.linspace(-1, 1, counts[0]) * 1.25) / np.sin(1.25) * reach
+    start = foot + radius if foot_hang > 0 else foot
+    low = start - (radius * np.pi / 2 + foot_hang) if foot_hang > 0 else foot
+    t = np.linspace(low, head, counts[1])
+    out_x, drop_x = _drape(np.abs(s) - core, radius)
+    x = np.sign(s) * (core + out_x)
+    out_y, drop_y = _drape(start - t, radius)
+    y = start - out_y
+    if foot_hang <= 0:
+        y, drop_y = t, 0 * t
+    grid_s, grid_t = np.meshgrid(s, t, indexing="ij")
+    px = np.broadcast_to(x[:, None], grid_s.shape).copy()
+    py = np.broadcast_to(y[None, :], grid_s.shape).copy()
+    down_x = np.broadcast_to(drop_x[:, None], grid_s.shape)
+    down_y = np.broadcast_to(drop_y[None, :], grid_s.shape)
+    pz = top - down_x - down_y
+    for _ in range(7):
+        a, c = rng.uniform(-7, 7, 2)
+        phase = rng.uniform(0, 6.3)
+        pz += rumple * 0.4 * np.sin(a * grid_s + c * grid_t + phase)
+    for _ in range(3):  # creases run askew over the top
+        turn = rng.uniform(0, np.pi)
+        way = grid_s * np.cos(turn) + grid_t * np.sin(turn)
+        pz += rumple * 0.9 * np.exp(-(((way - rng.uniform(-0.5, 0.5)) / 0.05) ** 2))
+    folds = np.sin(9 * grid_t + rng.uniform(0, 6)) + 0.6 * np.sin(17 * grid_t + rng.uniform(0, 6))
+    px += np.sign(grid_s) * 0.018 * np.minimum(down_x / 0.2, 1.2) * folds
+    folds = np.sin(9 * grid_s + rng.uniform(0, 6)) + 0.6 * np.sin(15 * grid_s + rng.uniform(0, 6))
+    py -= 0.015 * np.minimum(down_y / 0.2, 1.2) * folds
+    return thick_sheet(np.stack([px, py, pz], axis=-1), thickness)
+
+
+def _bed(rng: np.random.Generator, style: Style, name: str, width: float, sleepers: int) -> Piece:
+    length = 2.0
+    b = Builder(name, "bed", "wall", front_clearance=0.5, side_clearance=0.5 * (sleepers == 2))
+    outer = width + 0.08
+    padded = rng.random() < 0.4
+    frame = style.upholstery if padded else (style.wood if rng.random() < 0.7 else style.lacquer)
+    rail_low, rail_high = rng.uniform(0.12, 0.2), rng.uniform(0.32, 0.38)
+    head = float(rng.uniform(0.9, 1.15))
+    back = length / 2 + 0.08
+    front = -length / 2 - 0.04
+    middle = (front + back) / 2  # the footprint's centre is the origin
+    parts = Builder("", "", "free")
+    parts.add(
+        leg_material(style, style.wood),
+        *(m.moved(y=middle) for m in feet(style, outer, back - front, rail_low + 0.02, 0.06, 0.02)),
+    )
+    if padded:
+        parts.add(
+            frame,
+            rounded_box(
+                (outer, back - front - 0.06, rail_high - rail_low),
+                (0, middle - 0.03, rail_low),
+                0.025,
+            ),
+        )
+        parts.add(
+            frame,
+            rounded_box(
+                (outer + 0.04, 0.1, head - 0.08), (0, back - 0.05, 0.08), 0.035, (0, 0.006, 0)
+            ),
+        )
+        columns = max(3, round(outer / 0.3))
+        for k in range(columns):
+            each = outer / columns
+            parts.add(
+                frame,
+                rounded_box(
+                    (each - 0.006, 0.05, head - rail_high - 0.12),
+                    (-outer / 2 + (k + 0.5) * each, back - 0.1, rail_high + 0.08),
+                    0.022,
+                    (0, 0.012, 0),
+                ),
+            )
+    else:
+        for side in (-1, 1):
+            parts.add(
+                frame,
+                box(
+                    (0.028, length + 0.02, rail_high - rail_low),
+                    (side * (outer / 2 - 0.014), -0.0, rail_low),
+                    0.003,
+                ),
+            )
+        parts.add(
+            frame,
+            box((outer, 0.03, rail_high - rail_low + 0.001), (0, front + 0.015, rail_low), 0.003),
+        )
+        parts.add(
+            frame,
+            span(
+                (-outer / 2 + 0.02, front + 0.03, rail_low + 0.02),
+                (outer / 2 - 0.02, length / 2, rail_low + 0.05),
+            ),
+        )
+        if rng.random() < 0.5:
+            parts.add(frame, box((outer + 0.02, 0.032, head - 0.1), (0, back - 0.03, 0.1), 0.005))
+        else:
+            for side in (-1, 1):
+                parts.add(
+                    frame,
+                    box((0.05, 0.045, head), (side * (outer / 2 - 0.005), back - 0.035, 0), 0.005),
+                )
+            for z in np.arange(rail_high, head - 0.12, 0.16):
+                parts.add(
+                    frame, box((outer - 0.06, 0.022, 0.12), (0, back - 0.035, float(z)), 0.003)
+                )
+    mattress_z = rail_high - 0.06
+    top = mattress_z + float(rng.uniform(0.18, 0.22))
+    sheet = Material("fabric", (0.8, 0.79, 0.76), 0.95)
+    parts.add(
+        sheet,
+        rounded_box((width, length, top - mattress_z), (0, 0, mattress_z), 0.05, (0, 0, 0.006)),
+        name="mattress",
+    )
+    cover = _cover(
+        rng,
+        width / 2,
+        -length / 2 if rng.random() < 0.6 else -length / 2 + 0.02,
+        length / 2 - float(rng.uniform(0.45, 0.6)),
+        top + 0.042,
+        float(rng.uniform(0.12, 0.22)),
+        0.14 if not padded else 0.0,
+        0.034,
+        float(rng.uniform(0.004, 0.012)),
+    )
+    parts.add(style.bedding, cover, name="duvet")
+    edge = float(cover.vertices[:, 1].max())
+    parts.add(
+        sheet,
+        _cover(
+            rng,
+            width / 2 + 0.02,
+            edge - 0.26,
+            edge + 0.008,
+            top + 0.066,
+            0.1,
+            0.0,
+            0.02,
+            0.004,
+            (35, 9),
+        ),
+        name="fold",
+    )
+    if rng.random() < 0.5:
+        start = -length / 2 + 0.22
+        parts.add(
+            style.throw,
+            _cover(
+                rng,
+                width / 2 + 0.025,
+                start,
+                start + 0.5,
+                top + 0.062,
+                0.2,
+                0.0,
+                0.011,
+                0.004,
+                (41, 15),
+            ),
+            name="throw",
+        )
+    for k in range(sleepers):
+        x = (k - (sleepers - 1) / 2) * (width / 2)
+        for row in range(2 if sleepers == 2 and rng.random() < 0.7 else 1):
+            size = (min(0.72, width / sleepers - 0.06), 0.46, 0.17)
+            lean = rng.uniform(24, 36) + 14 * (row == 0)
+            cloth = style.bedding if row == 1 else sheet
+            parts.add(
+                cloth,
+                pillow(size, rng=rng)
+                .turned("z", float(rng.uniform(-4, 4)))
+                .turned("x", float(lean))
+                .moved(x, length / 2 - 0.22 - 0.17 * row, top + 0.215 - 0.035 * row - 0.085),
+                name="pillow",
+            )
+    if rng.random() < 0.45:
+        size = 0.4
+        parts.add(
+            style.cushions[0],
+            pillow((size, 0.3, 0.14), rng=rng)
+            .turned("x", 48)
+            .moved(0.0, length / 2 - 0.58, top + 0.1),
+            name="cushion",
+        )
+    b.take(parts, y=-middle)
+    return b.piece()

@@ -1,0 +1,229 @@
+"""Joinery that cupboards share: carcasses, doors, drawers, handles and feet.
+
+Cabinets have their back at y = depth / 2; the outer faces of their fronts lie at -depth / 2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scenes.procedural.furniture.build import Builder
+from scenes.procedural.furniture.geometry import (
+    Mesh,
+    bar,
+    box,
+    cylinder,
+    lathe,
+    post,
+    span,
+    tube,
+)
+from scenes.procedural.furniture.style import Style
+from scenes.procedural.piece import Material
+
+BOARD = 0.018  # metres
+FRONT = 0.019
+GAP = 0.003  # between neighbouring fronts
+
+
+def carcass(
+    width: float, depth: float, z0: float, z1: float, top: bool = True, back: bool = True
+) -> list[Mesh]:
+    """An open-fronted box of boards; the fronts' thickness is kept free before it."""
+    front, rear = -depth / 2 + FRONT + 0.002, depth / 2
+    half = width / 2
+    boards = [
+        span((-half, front, z0), (-half + BOARD, rear, z1)),
+        span((half - BOARD, front, z0), (half, rear, z1)),
+        span((-half + BOARD, front + 0.001, z0 + 0.001), (half - BOARD, rear - 0.001, z0 + BOARD)),
+    ]
+    if top:
+        boards.append(
+            span(
+                (-half + BOARD, front + 0.001, z1 - BOARD), (half - BOARD, rear - 0.001, z1 - 0.001)
+            )
+        )
+    if back:
+        boards.append(
+            span(
+                (-half + BOARD, rear - 0.012, z0 + BOARD), (half - BOARD, rear - 0.004, z1 - BOARD)
+            )
+        )
+    return boards
+
+
+def shelf(width: float, depth: float, z: float, thickness: float = BOARD) -> Mesh:
+    """A board between the sides of a carcass, its top face at z."""
+    return span(
+        (-width / 2 + BOARD, -depth / 2 + FRONT + 0.012, z - thickness),
+        (width / 2 - BOARD, depth / 2 - 0.013, z),
+    )
+
+
+def panel(width: float, height: float, style: Style) -> list[Mesh]:
+    """A door or drawer front: bottom centred at the origin, back at y = 0, front at -FRONT."""
+    rail = 0.065
+    if style.front == "flat" or min(width, height) < 3.2 * rail:
+        return [span((-width / 2, -FRONT, 0), (width / 2, 0, height), bevel=0.0015)]
+    w, h = width / 2, height
+    return [
+        span((-w, -FRONT, 0), (-w + rail, 0, h), 0.0015),
+        span((w - rail, -FRONT, 0), (w, 0, h), 0.0015),
+        span((-w + rail, -FRONT + 0.0005, 0.0003), (w - rail, -0.0003, rail), 0.0015, "x"),
+        span((-w + rail, -FRONT + 0.0005, h - rail), (w - rail, -0.0003, h - 0.0003), 0.0015, "x"),
+        span(
+            (-w + rail - 0.004, -0.011, rail - 0.004), (w - rail + 0.004, -0.001, h - rail + 0.004)
+        ),
+    ]
+
+
+def handle(style: Style, vertical: bool, room: float) -> list[Mesh]:
+    """A handle on a front whose outer face is y = 0; it reaches out to y = -0.035 at most.
+
+    `room` is how long it may be, metres.
+    """
+    if style.handle == "knob":
+        knob = lathe(
+            [(0.006, -0.002), (0.006, 0.01), (0.015, 0.017), (0.016, 0.022), (0.011, 0.027)], 14
+        )
+        return [knob.turned("x", 90)]
+    if style.handle == "edge":
+        length = min(0.12, 0.8 * room)
+        size = (0.012, 0.022, length) if vertical else (length, 0.022, 0.012)
+        at = (0.0, -0.009, -length / 2 if vertical else -0.006)
+        return [box(size, at, bevel=0.003)]
+    half = min(0.16, 0.7 * room) / 2
+    ends = [(0.0, 0.002, -half), (0.0, -0.028, -half), (0.0, -0.028, half), (0.0, 0.002, half)]
+    meshes = [
+        bar((0, -0.03, -half - 0.012), (0, -0.03, half + 0.012), 0.006, 8),
+        bar(ends[0], ends[1], 0.0045, 8),
+        bar(ends[3], ends[2], 0.0045, 8),
+    ]
+    return meshes if vertical else [mesh.turned("y", 90) for mesh in meshes]
+
+
+def add_door(
+    b: Builder,
+    style: Style,
+    material: Material,
+    x0: float,
+    x1: float,
+    z0: float,
+    z1: float,
+    depth: float,
+    hinge: str = "left",
+    angle: float = 0.0,
+    handle_low: bool = False,
+) -> None:
+    """A door over [x0, x1] x [z0, z1] of a cabinet, opened by `angle` degrees."""
+    width, height = x1 - x0 - GAP, z1 - z0 - GAP
+    side = 1.0 if hinge == "left" else -1.0
+    grip_z = height * (0.5 if height > 1.0 else (0.2 if handle_low else 0.8))
+    grip_x = side * (width / 2 - 0.035)
+
+    def place(mesh: Mesh) -> Mesh:
+        hung = mesh.moved(x=side * width / 2).turned("z", -side * angle)
+        edge = x0 + GAP / 2 if hinge == "left" else x1 - GAP / 2
+        return hung.moved(edge, -depth / 2 + FRONT, z0 + GAP / 2)
+
+    b.add(material, *(place(mesh) for mesh in panel(width, height, style)), name="front")
+    grips = handle(style, True, height)
+    b.add(
+        style.metal,
+        *(place(mesh.moved(grip_x, -FRONT, grip_z)) for mesh in grips),
+        name="handle",
+    )
+
+
+def add_drawer(
+    b: Builder,
+    style: Style,
+    material: Material,
+    inside: Material,
+    x0: float,
+    x1: float,
+    z0: float,
+    z1: float,
+    depth: float,
+    pulled: float = 0.0,
+) -> None:
+    """A drawer whose front covers [x0, x1] x [z0, z1], pulled out by metres."""
+    width, height = x1 - x0 - GAP, z1 - z0 - GAP
+    at = {"x": (x0 + x1) / 2, "y": -depth / 2 + FRONT - pulled, "z": z0 + GAP / 2}
+    b.add(material, *(mesh.moved(**at) for mesh in panel(width, height, style)), name="front")
+    for offset in (-0.25, 0.25) if width > 0.85 else (0.0,):
+        b.add(
+            style.metal,
+            *(
+                mesh.moved(offset * width, -FRONT, height / 2).moved(**at)
+                for mesh in handle(style, False, width)
+            ),
+            name="handle",
+        )
+    if pulled <= 0:
+        return
+    half, wall, length = width / 2 - 0.025, 0.012, depth - 0.1
+    low, high = 0.02, max(0.05, height - 0.04)
+    b.add(
+        inside,
+        *(
+            mesh.moved(**at)
+            for mesh in (
+                span((-half, 0.001, low), (-half + wall, length, high)),
+                span((half - wall, 0.001, low), (half, length, high)),
+                span(
+                    (-half + wall, length - wall, low), (half - wall, length - 0.001, high - 0.002)
+                ),
+                span((-half + wall, 0.001, low + 0.002), (half - wall, length - wall, low + 0.01)),
+            )
+        ),
+        name="drawer",
+    )
+
+
+def feet(
+    style: Style,
+    width: float,
+    depth: float,
+    height: float,
+    thickness: float = 0.04,
+    inset: float = 0.03,
+    splay: float = 0.0,
+) -> list[Mesh]:
+    """Four legs from the floor to `height`, of the style's kind."""
+    meshes = []
+    for sx in (-1.0, 1.0):
+        for sy in (-1.0, 1.0):
+            x = sx * (width / 2 - inset - thickness / 2)
+            y = sy * (depth / 2 - inset - thickness / 2)
+            foot = (x + sx * splay, y + sy * splay, 0.0)
+            if style.legs == "square":
+                meshes.append(post([(x, y, 0), (x, y, height)], [(thickness, thickness)] * 2))
+            elif style.legs == "tapered":
+                sizes = [(0.55 * thickness, 0.55 * thickness), (thickness, thickness)]
+                meshes.append(post([foot, (x, y, height)], sizes))
+            elif style.legs == "round":
+                meshes.append(_round_leg((x, y, height), foot, 0.5 * thickness))
+            else:
+                bottom = cylinder(0.45 * thickness, 0, 0.006, 12).moved(x, y, 0)
+                stem = tube([(x, y, 0.004), (x, y, height)], 0.3 * thickness, 12)
+                meshes += [bottom, stem]
+    return meshes
+
+
+def _round_leg(top: tuple[float, float, float], foot: tuple[float, ...], radius: float) -> Mesh:
+    """A turned leg, thicker above; its sections stay horizontal."""
+    t = np.array([0.0, 0.06, 0.75, 1.0])
+    radii = radius * np.array([0.55, 0.6, 1.0, 1.0])
+    leg = lathe(np.stack([radii, t * top[2]], axis=1).tolist(), 12)
+    share = leg.vertices[:, 2:] / top[2]
+    offset = np.array([[foot[0], foot[1]]]) * (1 - share) + np.array([[top[0], top[1]]]) * share
+    leg.vertices[:, :2] += offset
+    return leg
+
+
+def leg_material(style: Style, wooden: Material) -> Material:
+    """Legs are of the piece's wood, unless the style's legs are metal."""
+    if style.legs == "metal":
+        return style.metal
+    return wooden if wooden.kind == "wood" else style.wood

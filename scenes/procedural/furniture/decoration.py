@@ -1,0 +1,741 @@
+"""Plants, pictures, screens and the small things that make a room lived in."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scenes.procedural.furniture.build import Builder
+from scenes.procedural.furniture.geometry import (
+    Mesh,
+    bar,
+    box,
+    cylinder,
+    grid,
+    lathe,
+    loft,
+    merge,
+    rounded_box,
+    span,
+    sphere,
+    tube,
+)
+from scenes.procedural.furniture.storage import add_basket, add_stack, add_vase
+from scenes.procedural.furniture.style import (
+    BLACK_PLASTIC,
+    CERAMIC,
+    CHROME,
+    GLASS,
+    MIRROR,
+    SCREEN,
+    SOIL,
+    STEEL,
+    TERRACOTTA,
+    WHITE_PAINT,
+    WICKER,
+    Style,
+    tone,
+)
+from scenes.procedural.piece import Material, Piece
+
+LABEL = Material("paper", tone("#e9e1cc"), 0.8)
+LEAVES = ("#4f7a3a", "#3c6a3a", "#5f8a4a", "#2f5a3a", "#74935a", "#4a6b3f")
+
+
+def _leaf(length: float, width: float, droop: float, rows: int = 7) -> Mesh:
+    """A leaf along +X from the origin, folded along its rib, its tip bending down."""
+    t = np.linspace(0, 1, rows)
+    half = 0.5 * width * np.sin(np.pi * t**0.8) ** 0.8
+    half[-1] = 0.002
+    half[0] = 0.004
+    bend = droop * t
+    x = np.concatenate([[0], np.cumsum(np.cos(0.5 * (bend[1:] + bend[:-1])) * np.diff(t))]) * length
+    z = (
+        -np.concatenate([[0], np.cumsum(np.sin(0.5 * (bend[1:] + bend[:-1])) * np.diff(t))])
+        * length
+    )
+    points = np.empty((rows, 3, 3))
+    for column, side in enumerate((-1.0, 0.0, 1.0)):
+        points[:, column, 0] = x
+        points[:, column, 1] = side * half
+        points[:, column, 2] = z + 0.35 * abs(side) * half
+    return grid(points)
+
+
+def _add_pot(
+    b: Builder, rng: np.random.Generator, style: Style, radius: float, tall: float
+) -> None:
+    """A pot with soil."""
+    wall = 0.08 * radius
+    kind = rng.random()
+    if kind < 0.25:
+        add_basket(b, 0, 0, 0, (radius, radius), tall)
+        b.add(SOIL, cylinder(radius - 0.028, 0.5 * tall, 0.82 * tall, 28), name="soil")
+        return
+    material = TERRACOTTA if kind < 0.5 else style.accents[int(rng.integers(len(style.accents)))]
+    if kind > 0.8:
+        material = CERAMIC
+    foot = float(rng.uniform(0.65, 0.9)) * radius
+    profile = [
+        (foot, 0.0),
+        (radius - 0.06 * radius, 0.86 * tall),
+        (radius, 0.87 * tall),
+        (radius, tall),
+        (radius - wall, tall),
+        (radius - 1.6 * wall, 0.7 * tall),
+    ]
+    b.add(material, lathe(profile, 28), name="pot")
+    b.add(
+        SOIL,
+        lathe(
+            [(0.8 * radius, 0.72 * tall), (radius - 1.25 * wall, 0.86 * tall), (0, 0.89 * tall)], 24
+        ),
+        name="soil",
+    )
+
+
+def plant(rng: np.random.Generator, style: Style, height: float | None = None) -> Piece:
+    """A tall pot plant: broad leaves on stalks, a palm's fronds, or sword leaves."""
+    height = float(rng.uniform(0.8, 1.5)) if height is None else height
+    b = Builder("plant", "plant", "corner")
+    _foliage(b, rng, style, height, float(rng.uniform(0.14, 0.18)), float(rng.uniform(0.26, 0.34)))
+    return b.piece()
+
+
+def small_plant(rng: np.random.Generator, style: Style) -> Piece:
+    """A pot plant for tables and sills."""
+    b = Builder("small plant", "plant", "on_top")
+    _foliage(
+        b,
+        rng,
+        style,
+        float(rng.uniform(0.22, 0.4)),
+        float(rng.uniform(0.05, 0.07)),
+        float(rng.uniform(0.08, 0.12)),
+    )
+    return b.piece()
+
+
+def _foliage(
+    b: Builder, rng: np.random.Generator, style: Style, height: float, radius: float, pot: float
+) -> None:
+    _add_pot(b, rng, style, radius, pot)
+    green = tone(LEAVES[int(rng.integers(len(LEAVES)))])
+    pale = (min(1.0, green[0] * 1.35), min(1.0, green[1] * 1.3), min(1.0, green[2] * 1.2))
+    leaves = tuple(
+        Material("leaf", color, 0.45, accent=pale, variant=int(rng.integers(1 << 30)))
+        for color in (green, pale)
+    )
+    stalk = Material("leaf", (green[0] * 1.1, green[1] * 0.9, green[2] * 0.8), 0.6)
+    base = 0.84 * pot
+    rise = height - base
+    kind = ("broad", "palm", "sword")[int(rng.integers(3))]
+
+    def bough(turn: float, reach: float, top: float) -> np.ndarray:
+        t = np.linspace(0, 1, 6)
+        out = reach * t**1.7
+        return np.stack(
+            [
+                out * np.cos(turn),
+                out * np.sin(turn),
+                base + (top - base) * np.sin(0.5 * np.pi * t) ** 0.9,
+            ],
+            axis=1,
+        )
+
+    if kind == "broad":
+        for k in range(int(rng.integers(14, 22))):
+            turn = k * 2.4 + float(rng.uniform(-0.3, 0.3))
+            share = float(rng.uniform(0.35, 1.0))
+            reach = 0.33 * rise * float(rng.uniform(0.4, 1.0)) * (1.25 - 0.6 * share)
+            path = bough(turn, reach, base + 0.92 * rise * share)
+            b.add(stalk, tube(path, np.linspace(0.013, 0.005, 6) * rise, 8), name="stalks")
+            long = float(rng.uniform(0.24, 0.34)) * rise
+            leaf = _leaf(long, 0.62 * long, float(rng.uniform(0.7, 1.5)))
+            tilt = float(rng.uniform(-35, 10))
+            b.add(
+                leaves[int(rng.integers(2))],
+                leaf.turned("x", float(rng.uniform(-18, 18)))
+                .turned("y", tilt)
+                .turned("z", np.degrees(turn))
+                .moved(*path[-1]),
+                name="leaves",
+            )
+    elif kind == "palm":
+        for k in range(int(rng.integers(8, 12))):
+            turn = k * 2.4 + float(rng.uniform(-0.3, 0.3))
+            reach = 0.45 * rise * float(rng.uniform(0.45, 1.0))
+            path = bough(turn, reach, base + rise * float(rng.uniform(0.6, 0.93)))
+            b.add(stalk, tube(path, np.linspace(0.009, 0.003, 6) * rise, 8), name="stalks")
+            fine = np.linspace(0.35, 1.0, 11)
+            at = np.stack([np.interp(fine, np.linspace(0, 1, 6), path[:, c]) for c in range(3)], 1)
+            for j, point in enumerate(at):
+                long = 0.26 * rise * float(np.sin(np.pi * (0.25 + 0.68 * j / 10))) + 0.02
+                for side in (-1, 1):
+                    blade = _leaf(long, 0.13 * long, 0.8, rows=5)
+                    spread = side * float(rng.uniform(42, 62)) * (1 - 0.04 * j)
+                    b.add(
+                        leaves[int(rng.integers(2))],
+                        blade.turned("y", -12).turned("z", np.degrees(turn) + spread).moved(*point),
+                        name="leaves",
+                    )
+    else:
+        for k in range(int(rng.integers(12, 18))):
+            turn = k * 2.4 + float(rng.uniform(-0.3, 0.3))
+            long = rise * float(rng.uniform(0.55, 1.0))
+            blade = _leaf(long, max(0.1 * rise, 0.012), float(rng.uniform(0.02, 0.25)), rows=9)
+            lean = float(rng.uniform(68, 86))
+            near = 0.45 * radius * float(rng.uniform(0.1, 1.0))
+            b.add(
+                leaves[int(rng.integers(2))],
+                blade.turned("x", float(rng.uniform(-60, 60)))
+                .turned("y", -lean)
+                .turned("z", np.degrees(turn))
+                .moved(near * float(np.cos(turn)), near * float(np.sin(turn)), base),
+                name="leaves",
+            )
+
+
+def vase(rng: np.random.Generator, style: Style) -> Piece:
+    """A vase, sometimes with twigs."""
+    b = Builder("vase", "vase", "on_top")
+    tall = float(rng.uniform(0.16, 0.34))
+    add_vase(b, rng, style.accents[int(rng.integers(len(style.accents)))], 0, 0, 0, tall)
+    if rng.random() < 0.6:
+        twig = Material("wood", tone("#6a4c34"), 0.8)
+        bloom = style.cushions[int(rng.integers(len(style.cushions)))]
+        for k in range(int(rng.integers(5, 9))):
+            turn = k * 2.4
+            reach, top = float(rng.uniform(0.05, 0.14)), tall + float(rng.uniform(0.14, 0.3))
+            t = np.linspace(0, 1, 5)
+            path = np.stack(
+                [
+                    reach * t**1.5 * np.cos(turn),
+                    reach * t**1.5 * np.sin(turn),
+                    0.72 * tall + (top - 0.72 * tall) * t,
+                ],
+                1,
+            )
+            b.add(twig, tube(path, np.linspace(0.0026, 0.0014, 5), 8), name="twigs")
+            for share in (0.7, 0.85, 1.0):
+                at = [float(np.interp(share, t, path[:, c])) for c in range(3)]
+                size = float(rng.uniform(0.011, 0.019))
+                b.add(bloom, sphere(size, 10, 6).moved(*at), name="blossoms")
+    return b.piece()
+
+
+def picture(
+    rng: np.random.Generator, style: Style, width: float | None = None, height: float | None = None
+) -> Piece:
+    """A framed picture behind a mount; the origin is its centre."""
+    width = float(rng.uniform(0.35, 1.0)) if width is None else width
+    height = width * float(rng.choice([0.7, 0.75, 1.3, 1.0])) if height is None else height
+    height = min(height, 1.1)
+    b = Builder("picture", "picture", "on_wall", mount_height=float(rng.uniform(1.45, 1.6)))
+    frame = float(rng.uniform(0.018, 0.04))
+    wood = style.dark_wood if rng.random() < 0.5 else style.wood
+    _add_frame(b, wood, width, height, frame, 0.028)
+    w, h = width / 2 - frame, height / 2 - frame
+    b.add(
+        WHITE_PAINT,
+        span((-w - 0.004, -0.016, -h - 0.004), (w + 0.004, -0.006, h + 0.004)),
+        name="mount",
+    )
+    margin = float(rng.uniform(0.08, 0.2)) * min(width, height)
+    b.add(style.picture(rng), _picture_plane(w - margin, h - margin, -0.0175), name="picture")
+    return b.piece()
+
+
+def _picture_plane(w: float, h: float, y: float) -> Mesh:
+    """A thin board whose whole front shows uv [0, 1]; other faces repeat its edge."""
+    board = span((-w, y, -h), (w, y + 0.0012, h))
+    uvs = np.stack([board.vertices[:, 0] / (2 * w) + 0.5, board.vertices[:, 2] / (2 * h) + 0.5], 1)
+    return Mesh(board.vertices, board.faces, uvs, smooth=False)
+
+
+def _add_frame(
+    b: Builder, material: Material, width: float, height: float, rail: float, deep: float
+) -> None:
+    """Four rails around a centre at the origin, their back on the wall y = 0."""
+    w, h = width / 2, height / 2
+    for side in (-1, 1):
+        b.add(
+            material,
+            span(
+                (side * w - rail * (side > 0), -deep, -h),
+                (side * w + rail * (side < 0), 0, h),
+                0.003,
+                "z",
+            ),
+            span(
+                (-w + rail, -deep + 0.0005, side * h - rail * (side > 0)),
+                (w - rail, -0.0003, side * h + rail * (side < 0)),
+                0.003,
+                "x",
+            ),
+            name="frame",
+        )
+
+
+def wall_mirror(
+    rng: np.random.Generator, style: Style, width: float | None = None, height: float | None = None
+) -> Piece:
+    """A mirror in a frame, rectangular or round; the origin is its centre."""
+    b = Builder("wall mirror", "mirror", "on_wall", mount_height=float(rng.uniform(1.45, 1.55)))
+    round_one = width is None and height is None and rng.random() < 0.4
+    width = float(rng.uniform(0.45, 0.75)) if width is None else width
+    height = width * float(rng.uniform(1.1, 1.7)) if height is None else height
+    if round_one:
+        radius = width / 2
+        angle = 2 * np.pi * np.arange(48) / 48
+        ring = np.stack(
+            [(radius - 0.012) * np.cos(angle), (radius - 0.012) * np.sin(angle), 0.014 + 0 * angle],
+            1,
+        )
+        b.add(style.metal, tube(ring, 0.0139, 10, closed=True).turned("x", 90), name="frame")
+        b.add(MIRROR, cylinder(radius - 0.012, 0.0, 0.012, 48).turned("x", 90))
+        return b.piece()
+    material = style.wood if rng.random() < 0.6 else style.metal
+    _add_frame(b, material, width, height, 0.03, 0.026)
+    b.add(
+        MIRROR,
+        span(
+            (-width / 2 + 0.028, -0.014, -height / 2 + 0.028),
+            (width / 2 - 0.028, -0.004, height / 2 - 0.028),
+        ),
+    )
+    return b.piece()
+
+
+def floor_mirror(rng: np.random.Generator, style: Style) -> Piece:
+    """A tall mirror that leans at the wall."""
+    width, height = float(rng.uniform(0.5, 0.7)), float(rng.uniform(1.55, 1.8))
+    flat = Builder("floor mirror", "mirror", "wall", front_clearance=0.5)
+    _add_frame(flat, style.wood, width, height, 0.04, 0.03)
+    flat.add(
+        MIRROR,
+        span(
+            (-width / 2 + 0.038, -0.018, -height / 2 + 0.038),
+            (width / 2 - 0.038, -0.004, height / 2 - 0.038),
+        ),
+    )
+    lean = -float(rng.uniform(5, 8))
+    b = Builder("floor mirror", "mirror", "wall", front_clearance=0.5)
+    b.take(flat.turned("x", lean))
+    low = b.piece().bounds
+    middle = float(low[0, 1] + low[1, 1]) / 2
+    stood = Builder("floor mirror", "mirror", "wall", front_clearance=0.5)
+    stood.take(b, y=-middle, z=-float(low[0, 2]))
+    return stood.piece()
+
+
+def television(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+    """A flat television on its feet."""
+    width = float(rng.uniform(0.9, 1.3)) if width is None else width
+    b = Builder("television", "television", "on_top")
+    tall = width * 0.575
+    z = 0.07
+    b.add(
+        BLACK_PLASTIC,
+        span((-width / 2, -0.012, z), (width / 2, 0.014, z + tall), 0.003),
+        name="case",
+    )
+    b.add(
+        BLACK_PLASTIC,
+        rounded_box((0.7 * width, 0.05, 0.5 * tall), (0, 0.03, z + 0.1 * tall), 0.015, inner=1),
+        name="case",
+    )
+    b.add(
+        SCREEN,
+        span(
+            (-width / 2 + 0.009, -0.0135, z + 0.018), (width / 2 - 0.009, -0.0115, z + tall - 0.009)
+        ),
+        name="screen",
+    )
+    for side in (-1, 1):
+        x = side * 0.32 * width
+        for sy in (-1, 1):
+            b.add(
+                BLACK_PLASTIC,
+                bar((x, 0, z + 0.01), (x + side * 0.02, sy * 0.12, 0.0075), 0.007, 8),
+                name="feet",
+            )
+            b.add(
+                BLACK_PLASTIC,
+                cylinder(0.008, 0, 0.008, 10).moved(x + side * 0.02, sy * 0.12),
+                name="feet",
+            )
+    return b.piece()
+
+
+def monitor(rng: np.random.Generator, style: Style) -> Piece:
+    """A computer monitor with keyboard and mouse before it."""
+    width = float(rng.uniform(0.52, 0.64))
+    tall = 0.585 * width
+    b = Builder("computer monitor", "monitor", "on_top")
+    y, z = 0.13, float(rng.uniform(0.09, 0.14))
+    b.add(
+        BLACK_PLASTIC,
+        span((-width / 2, y - 0.012, z), (width / 2, y + 0.014, z + tall), 0.003),
+        name="case",
+    )
+    shown = SCREEN if rng.random() < 0.5 else style.picture(rng)
+    w, h = width / 2 - 0.008, tall / 2 - 0.011
+    b.add(shown, _picture_plane(w, h, -0.0135).moved(0, y, z + tall / 2 + 0.003), name="screen")
+    b.add(BLACK_PLASTIC, box((0.05, 0.02, z + 0.14), (0, y + 0.025, 0.006)), name="stand")
+    b.add(BLACK_PLASTIC, box((0.24, 0.19, 0.01), (0, y + 0.02, 0), 0.003), name="stand")
+    keys = Material("plastic", tone("#d9d8d4" if rng.random() < 0.5 else "#2a2b2e"), 0.5)
+    b.add(
+        STEEL if rng.random() < 0.5 else BLACK_PLASTIC,
+        box((0.43, 0.125, 0.01), (-0.03, -0.11, 0.002), 0.003),
+        name="keyboard",
+    )
+    b.add(BLACK_PLASTIC, box((0.4, 0.1, 0.0035), (-0.03, -0.11, 0)), name="keyboard")
+    for row in range(5):
+        x = -0.235
+        while x < 0.165:
+            wide = 0.1 if row == 0 and -0.12 < x < -0.05 else 0.0155
+            b.add(
+                keys,
+                box((wide, 0.0165, 0.005), (x + wide / 2, -0.154 + 0.0215 * row, 0.0115)),
+                name="keys",
+            )
+            x += wide + 0.0035
+    mouse = rounded_box((0.06, 0.1, 0.034), (0.25, -0.11, 0.0), 0.0165, (0, 0, 0.003), inner=1)
+    b.add(BLACK_PLASTIC, mouse.moved(z=0.003), name="mouse")
+    b.add(BLACK_PLASTIC, box((0.04, 0.07, 0.005), (0.25, -0.11, 0)), name="mouse")
+    return b.piece()
+
+
+def laptop(rng: np.random.Generator, style: Style) -> Piece:
+    """An open laptop."""
+    width = float(rng.uniform(0.3, 0.36))
+    depth = 0.68 * width
+    b = Builder("laptop", "laptop", "on_top")
+    case = STEEL if rng.random() < 0.6 else BLACK_PLASTIC
+    b.add(case, box((width, depth, 0.014), (0, 0, 0.001), 0.003), name="case")
+    b.add(BLACK_PLASTIC, box((width - 0.04, depth - 0.04, 0.002), (0, 0, 0)), name="feet")
+    pitch = (width - 0.05) / 13
+    for row in range(5):
+        for k in range(13):
+            if row == 0 and 4 <= k <= 8:
+                if k != 6:
+                    continue
+                size = (5 * pitch - 0.003, pitch - 0.004, 0.002)
+            else:
+                size = (pitch - 0.003, pitch - 0.004, 0.002)
+            at = ((k - 6) * pitch, -0.005 + row * pitch * 0.98 - 0.02, 0.0148)
+            b.add(BLACK_PLASTIC, box(size, at), name="keys")
+    b.add(
+        BLACK_PLASTIC,
+        box((0.34 * width, 0.27 * depth, 0.0008), (0, -depth / 2 + 0.18 * depth, 0.0147)),
+        name="touchpad",
+    )
+    lid = Builder("", "", "free")
+    lid.add(case, span((-width / 2, 0, 0), (width / 2, 0.006, depth), 0.002), name="case")
+    lid.add(
+        style.picture(rng),
+        _picture_plane(width / 2 - 0.008, depth / 2 - 0.011, -0.0012).moved(
+            0, 0, depth / 2 + 0.002
+        ),
+        name="screen",
+    )
+    b.take(lid.turned("x", -float(rng.uniform(10, 28))), y=depth / 2 - 0.006, z=0.012)
+    return b.piece()
+
+
+def books_stack(rng: np.random.Generator, style: Style) -> Piece:
+    """Three to six books lying on each other."""
+    b = Builder("stack of books", "books", "on_top")
+    add_stack(b, rng, style, 0, 0, 0, int(rng.integers(3, 7)), float(rng.uniform(-20, 20)))
+    return b.piece()
+
+
+def fruit_bowl(rng: np.random.Generator, style: Style) -> Piece:
+    """A bowl with apples, oranges and a lemon."""
+    b = Builder("fruit bowl", "bowl", "on_top")
+    radius, tall = float(rng.uniform(0.12, 0.16)), float(rng.uniform(0.06, 0.09))
+    b.add(
+        style.wood if rng.random() < 0.4 else style.accents[int(rng.integers(5))],
+        _bowl(radius, tall),
+        name="bowl",
+    )
+    colors = ("#b8322a", "#d98a2b", "#8aa83a", "#d9c23a", "#c24a2a")
+    count = int(rng.integers(5, 8))
+    for k in range(count):
+        size = float(rng.uniform(0.033, 0.04))
+        ring = 0.0 if k == count - 1 else 0.52 * radius
+        turn = 2 * np.pi * k / max(count - 1, 1)
+        z = 0.45 * tall + size + (0.045 if ring == 0 else 0.0)
+        fruit = Material("plastic", tone(colors[int(rng.integers(len(colors)))]), 0.4)
+        apple = [
+            (0.0, -0.82),
+            (0.3, -0.9),
+            (0.7, -0.68),
+            (1.0, -0.05),
+            (0.93, 0.42),
+            (0.6, 0.8),
+            (0.22, 0.82),
+            (0.0, 0.62),
+        ]
+        body = lathe([(size * r, size * h) for r, h in apple], 18)
+        b.add(
+            fruit,
+            body.turned("x", float(rng.uniform(-40, 40))).moved(
+                ring * float(np.cos(turn)), ring * float(np.sin(turn)), z
+            ),
+            name="fruit",
+        )
+    return b.piece()
+
+
+def _bowl(radius: float, tall: float) -> Mesh:
+    t = np.linspace(0, 1, 7)
+    outer = [(radius * (0.45 + 0.55 * float(s) ** 0.6), float(s) * tall) for s in t]
+    inner = [(r - 0.006, max(z, 0.008)) for r, z in outer[::-1]]
+    return lathe([*outer, *inner[:-1], (inner[-1][0] - 0.004, 0.008)], 32)
+
+
+def crockery(rng: np.random.Generator, style: Style) -> Piece:
+    """A pile of plates and two or three cups."""
+    b = Builder("crockery", "crockery", "on_top")
+    glaze = CERAMIC if rng.random() < 0.6 else style.accents[int(rng.integers(5))]
+    for k in range(int(rng.integers(2, 6))):
+        plate = [
+            (0.075, 0.0),
+            (0.085, 0.004),
+            (0.127, 0.018),
+            (0.128, 0.021),
+            (0.084, 0.008),
+            (0.0, 0.007),
+        ]
+        b.add(glaze, lathe(plate, 36).moved(x=-0.07, z=0.0075 * k), name="plates")
+    for k in range(int(rng.integers(2, 4))):
+        b.add(
+            style.accents[int(rng.integers(5))] if rng.random() < 0.4 else glaze,
+            *(
+                m.turned("z", float(rng.uniform(0, 360))).moved(0.13, (k - 0.8) * 0.1, 0)
+                for m in [_cup()]
+            ),
+            name="cups",
+        )
+    return b.piece()
+
+
+def _cup() -> Mesh:
+    profile = [
+        (0.03, 0.0),
+        (0.038, 0.012),
+        (0.042, 0.09),
+        (0.0385, 0.09),
+        (0.034, 0.014),
+        (0.0, 0.01),
+    ]
+    t = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 9)
+    ear = np.stack([0.039 + 0.026 * np.cos(t), 0 * t, 0.047 + 0.027 * np.sin(t)], axis=1)
+    return merge([lathe(profile, 24), tube(ear, 0.0045, 8)])
+
+
+def candle(rng: np.random.Generator, style: Style) -> Piece:
+    """Candles of three heights on a tray."""
+    b = Builder("candles", "candle", "on_top")
+    tray = [(0.1, 0.0), (0.105, 0.012), (0.101, 0.012), (0.097, 0.004), (0.0, 0.004)]
+    b.add(style.metal, lathe(tray, 32), name="tray")
+    wax = Material("plastic", tone("#efe6d2"), 0.6)
+    for k in range(3):
+        turn = 2 * np.pi * k / 3 + 0.4
+        x, y = 0.052 * float(np.cos(turn)), 0.052 * float(np.sin(turn))
+        radius, tall = float(rng.uniform(0.024, 0.034)), float(rng.uniform(0.06, 0.16))
+        b.add(
+            wax,
+            lathe(
+                [
+                    (radius, 0.0035),
+                    (radius, tall),
+                    (0.8 * radius, tall),
+                    (0.6 * radius, tall - 0.006),
+                    (0, tall - 0.007),
+                ],
+                22,
+            ).moved(x, y),
+            name="wax",
+        )
+        b.add(
+            BLACK_PLASTIC,
+            bar((x, y, tall - 0.009), (x + 0.002, y, tall + 0.008), 0.0012, 8),
+            name="wick",
+        )
+    return b.piece()
+
+
+def wall_clock(rng: np.random.Generator, style: Style) -> Piece:
+    """A round clock; the origin is its centre."""
+    radius = float(rng.uniform(0.13, 0.19))
+    b = Builder("wall clock", "clock", "on_wall", mount_height=float(rng.uniform(1.75, 1.95)))
+    rim = [(radius, 0.0), (radius, 0.035), (radius - 0.015, 0.035), (radius - 0.017, 0.02)]
+    b.add(
+        style.wood if rng.random() < 0.4 else style.metal,
+        lathe(rim, 48).turned("x", 90),
+        name="rim",
+    )
+    b.add(WHITE_PAINT, cylinder(radius - 0.0165, 0.015, 0.022, 48).turned("x", 90), name="dial")
+    for k in range(12):
+        long = 0.024 if k % 3 == 0 else 0.014
+        mark = box(
+            (0.007 if k % 3 == 0 else 0.004, 0.0016, long), (0, -0.0232, radius - 0.03 - long)
+        )
+        b.add(BLACK_PLASTIC, mark.turned("y", 30 * k), name="marks")
+    hour, minute = float(rng.uniform(0, 360)), float(rng.uniform(0, 360))
+    for length, wide, angle, y in ((0.52, 0.009, hour, -0.026), (0.76, 0.006, minute, -0.029)):
+        hand = box((wide, 0.0018, length * radius + 0.02), (0, y, -0.02))
+        b.add(BLACK_PLASTIC, hand.turned("y", angle), name="hands")
+    b.add(BLACK_PLASTIC, cylinder(0.008, 0.021, 0.033, 14).turned("x", 90), name="hands")
+    return b.piece()
+
+
+def radiator(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+    """A ribbed radiator with its valve, for below windows; mounted just above the floor."""
+    width = float(rng.uniform(0.6, 1.3)) if width is None else width
+    height = 0.55
+    b = Builder("radiator", "radiator", "on_wall", mount_height=0.13)
+    count = max(4, round(width / 0.06))
+    pitch = width / count
+    for k in range(count):
+        x = -width / 2 + (k + 0.5) * pitch
+        b.add(
+            WHITE_PAINT,
+            rounded_box((0.8 * pitch, 0.028, height), (x, -0.115, 0), 0.013, steps=2, inner=1),
+            rounded_box((0.8 * pitch, 0.028, height), (x, -0.06, 0), 0.013, steps=2, inner=1),
+        )
+    for z in (0.06, height - 0.06):
+        b.add(WHITE_PAINT, box((width - 0.4 * pitch, 0.075, 0.03), (0, -0.0875, z - 0.015), 0.006))
+        for side in (-1, 1):
+            b.add(
+                WHITE_PAINT,
+                box((0.03, 0.052, 0.02), (side * 0.3 * width, -0.026, z - 0.01)),
+                name="bracket",
+            )
+    b.add(
+        CHROME,
+        bar((width / 2 - 0.3 * pitch, -0.0875, 0.06), (width / 2 + 0.05, -0.0875, 0.06), 0.01, 10),
+        name="valve",
+    )
+    b.add(
+        CHROME,
+        bar((width / 2 + 0.04, -0.0875, 0.06), (width / 2 + 0.04, -0.0875, -0.12), 0.008, 10),
+        name="valve",
+    )
+    b.add(
+        WHITE_PAINT,
+        cylinder(0.02, 0, 0.06, 16, bevel=0.004)
+        .turned("y", 90)
+        .moved(width / 2 + 0.045, -0.0875, 0.06),
+        name="knob",
+    )
+    return b.piece()
+
+
+def coat_hooks(rng: np.random.Generator, style: Style) -> Piece:
+    """A board with hooks; a coat and a bag hang on some."""
+    width = float(rng.uniform(0.6, 0.9))
+    b = Builder("coat hooks", "coat hooks", "on_wall", mount_height=float(rng.uniform(1.6, 1.7)))
+    b.add(style.wood, span((-width / 2, -0.022, -0.05), (width / 2, 0, 0.05), 0.003))
+    count = int(width / 0.15)
+    for k in range(count):
+        x = (k - (count - 1) / 2) * 0.15
+        path = [(x, -0.02, -0.01), (x, -0.05, -0.03), (x, -0.08, -0.02), (x, -0.088, 0.015)]
+        b.add(style.metal, tube(path, 0.006, 8), name="hooks")
+        b.add(style.metal, sphere(0.009, 10, 6).moved(x, -0.088, 0.018), name="hooks")
+        if rng.random() < 0.4:
+            _add_coat(
+                b, rng, (*style.cushions, style.upholstery, style.throw)[int(rng.integers(5))], x
+            )
+    return b.piece()
+
+
+def _add_coat(b: Builder, rng: np.random.Generator, cloth: Material, x: float) -> None:
+    """A coat hanging from its loop, folds widening downwards."""
+    long = float(rng.uniform(0.75, 1.0))
+    count, rows = 40, 10
+    t = np.linspace(0, 1, rows)
+    angle = 2 * np.pi * np.arange(count) / count
+    phase = float(rng.uniform(0, 6))
+    half_x = np.interp(t, [0, 0.06, 0.2, 1], [0.02, 0.07, 0.13, 0.15])
+    half_y = np.interp(t, [0, 0.06, 0.2, 1], [0.018, 0.035, 0.05, 0.06])
+    rings = np.empty((rows, count, 3))
+    for k in range(rows):
+        fold = 1 + 0.16 * min(1.0, 3 * t[k]) * np.sin(7 * angle + phase + 0.6 * t[k])
+        rings[k, :, 0] = x + half_x[k] * np.cos(angle) * fold
+        rings[k, :, 1] = -0.1 + half_y[k] * np.sin(angle) * fold
+        rings[k, :, 2] = -0.02 - long * t[k]
+    b.add(cloth, loft(rings[::-1]), name="coat")
+
+
+def storage_box(rng: np.random.Generator, style: Style) -> Piece:
+    """A lidded box of cardboard or an open basket."""
+    b = Builder("storage box", "box", "free")
+    width, depth = float(rng.uniform(0.3, 0.42)), float(rng.uniform(0.24, 0.34))
+    tall = float(rng.uniform(0.2, 0.3))
+    if rng.random() < 0.5:
+        paper = Material("paper", style.accents[int(rng.integers(5))].color, 0.85)
+        b.add(paper, box((width, depth, tall - 0.02), (0, 0, 0), 0.002), name="box")
+        b.add(
+            paper, box((width + 0.008, depth + 0.008, 0.06), (0, 0, tall - 0.06), 0.002), name="lid"
+        )
+        b.add(
+            style.metal, box((0.07, 0.004, 0.03), (0, -depth / 2 - 0.001, 0.5 * tall)), name="label"
+        )
+        b.surface(0, 0, tall, width / 2 - 0.02, depth / 2 - 0.02)
+    else:
+        add_basket(b, 0, 0, 0, (width / 2, depth / 2), tall)
+        b.add(
+            style.throw,
+            rounded_box(
+                (width - 0.06, depth - 0.06, 0.12), (0, 0, tall - 0.13), 0.05, (0, 0, 0.02)
+            ),
+            name="linen",
+        )
+    return b.piece()
+
+
+def waste_bin(rng: np.random.Generator, style: Style) -> Piece:
+    """An open round bin."""
+    radius, tall = float(rng.uniform(0.11, 0.14)), float(rng.uniform(0.26, 0.33))
+    b = Builder("waste bin", "bin", "free")
+    material = (
+        style.metal if rng.random() < 0.5 else WICKER if rng.random() < 0.3 else BLACK_PLASTIC
+    )
+    profile = [
+        (0.8 * radius, 0.0),
+        (radius, tall),
+        (radius - 0.004, tall),
+        (0.8 * radius - 0.004, 0.006),
+    ]
+    b.add(material, lathe(profile, 32), name="bin")
+    return b.piece()
+
+
+def bottle(rng: np.random.Generator, style: Style) -> Piece:
+    """A bottle and two glasses."""
+    b = Builder("bottle and glasses", "glass", "on_top")
+    dark = Material("plastic", tone("#24361f"), 0.1)
+    b.add(
+        dark,
+        lathe(
+            [
+                (0.036, 0.0),
+                (0.038, 0.006),
+                (0.038, 0.19),
+                (0.03, 0.215),
+                (0.015, 0.24),
+                (0.0145, 0.3),
+                (0.0, 0.3),
+            ],
+            26,
+        ),
+        name="bottle",
+    )
+    b.add(LABEL, lathe([(0.0384, 0.07), (0.0384, 0.15)], 26), name="label")
+    for x, y in ((0.1, -0.03), (0.085, 0.075)):
+        glass = [(0.028, 0.0), (0.034, 0.1), (0.0325, 0.1), (0.0265, 0.006), (0.0, 0.006)]
+        b.add(GLASS, lathe(glass, 24).moved(x, y), name="glasses")
+    return b.piece()

@@ -1,0 +1,444 @@
+"""Triangle meshes that furniture is built of: metres, uvs in metres, closed and wound outwards.
+
+Bodies that should look round carry separate vertices at creases and at the seam of their uvs;
+`Part.normals` joins them again where the surface is smooth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import mapbox_earcut
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Axis = Literal["x", "y", "z"]
+AXES: dict[str, int] = {"x": 0, "y": 1, "z": 2}
+CREASE = np.cos(np.radians(50))  # sharper turns of a profile stay edges
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """`vertices` (V, 3) metres, `faces` (F, 3) counter-clockwise from outside, `uvs` (V, 2) m.
+
+    `smooth`: shaded with `Part.normals` (round or bevelled bodies) instead of plain facets.
+    """
+
+    vertices: Array
+    faces: npt.NDArray[np.int64]
+    uvs: Array
+    smooth: bool = True
+
+    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mesh:
+        """Shifted by metres."""
+        return replace(self, vertices=self.vertices + np.array([x, y, z]))
+
+    def turned(self, axis: Axis, degrees: float) -> Mesh:
+        """Rotated about an axis through the origin, counter-clockwise seen from its tip."""
+        sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
+        a, b = (AXES[axis] + 1) % 3, (AXES[axis] + 2) % 3
+        rotation = np.eye(3)
+        rotation[a, a] = rotation[b, b] = cosine
+        rotation[a, b], rotation[b, a] = -sine, sine
+        return replace(self, vertices=self.vertices @ rotation.T)
+
+    def scaled(self, x: float = 1.0, y: float = 1.0, z: float = 1.0) -> Mesh:
+        """Stretched by positive factors; uvs stay, so keep the factors near each other."""
+        return replace(self, vertices=self.vertices * np.array([x, y, z]))
+
+    def mirrored(self) -> Mesh:
+        """Reflected in the plane x = 0, wound outwards again."""
+        return replace(
+            self, vertices=self.vertices * np.array([-1.0, 1, 1]), faces=self.faces[:, ::-1]
+        )
+
+
+def merge(meshes: Iterable[Mesh]) -> Mesh:
+    """One mesh of several."""
+    meshes = list(meshes)
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    return Mesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]),
+        np.concatenate([mesh.uvs for mesh in meshes]),
+        any(mesh.smooth for mesh in meshes),
+    )
+
+
+def grid(points: Array, uvs: Array | None = None) -> Mesh:
+    """A quad grid `points` (n, m, 3) as triangles; outside is along d/di x d/dj.
+
+    Without `uvs` (n, m, 2), u runs along j and v along i, by mean arc length. Triangles that
+    collapse (poles) are left out.
+    """
+    n, m = points.shape[:2]
+    if uvs is None:
+        along_i = np.linalg.norm(np.diff(points, axis=0), axis=2).mean(axis=1)
+        along_j = np.linalg.norm(np.diff(points, axis=1), axis=2).mean(axis=0)
+        u = np.concatenate([[0], np.cumsum(along_j)])
+        v = np.concatenate([[0], np.cumsum(along_i)])
+        uvs = np.stack(np.broadcast_arrays(u[None, :], v[:, None]), axis=-1)
+    index = np.arange(n * m).reshape(n, m)
+    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    faces = np.concatenate(
+        [np.stack([a, b, c], axis=-1).reshape(-1, 3), np.stack([a, c, d], axis=-1).reshape(-1, 3)]
+    )
+    vertices = points.reshape(-1, 3)
+    return Mesh(vertices, faces[_areas(vertices, faces) > 1e-10], uvs.reshape(-1, 2))
+
+
+def box(
+    size: Sequence[float],
+    at: Sequence[float] = (0.0, 0.0, 0.0),
+    bevel: float = 0.0,
+    grain: Axis | None = None,
+) -> Mesh:
+    """A box of `size` (x, y, z) whose bottom face is centred at `at`, edges chamfered by `bevel`.
+
+    u follows `grain`, by default the longest edge.
+    """
+    half = np.asarray(size, dtype=float) / 2
+    centre = np.asarray(at, dtype=float) + [0, 0, half[2]]
+    bevel = min(bevel, 0.45 * 2 * float(half.min()))
+    along = AXES[grain] if grain else int(np.argmax(half))
+    vertices: list[Array] = []
+    uvs: list[Array] = []
+    faces: list[list[int]] = []
+    # Boards sawn from one texture should not look alike: each starts somewhere else.
+    start = np.array([1.7, 2.3]) @ np.array([[centre[0], centre[1]], [centre[2], centre[0]]])
+
+    def polygon(corners: Array, axis: int) -> None:
+        others = [other for other in range(3) if other != axis]
+        u = along if along in others else max(others, key=lambda other: half[other])
+        v = others[0] if others[1] == u else others[1]
+        first = sum(len(block) for block in vertices)
+        vertices.append(corners + centre)
+        uvs.append(np.stack([corners[:, u], corners[:, v]], axis=1) + start)
+        faces.extend([first, first + i, first + i + 1] for i in range(1, len(corners) - 1))
+
+    for axis in range(3):
+        b, c = (axis + 1) % 3, (axis + 2) % 3
+        for sign in (-1.0, 1.0):
+            corners = np.zeros((4, 3))
+            corners[:, axis] = sign * half[axis]
+            corners[:, b] = np.array([-1, 1, 1, -1]) * (half[b] - bevel)
+            corners[:, c] = np.array([-1, -1, 1, 1]) * (half[c] - bevel)
+            polygon(corners if sign > 0 else corners[::-1], axis)
+            if bevel <= 0:
+                continue
+            for other_sign in (-1.0, 1.0):  # the edge between this face and the next axis' face
+                edge = np.zeros((4, 3))
+                edge[:, c] = np.array([-1, 1, 1, -1]) * (half[c] - bevel)
+                edge[:2, axis], edge[2:, axis] = sign * half[axis], sign * (half[axis] - bevel)
+                edge[:2, b] = other_sign * (half[b] - bevel)
+                edge[2:, b] = other_sign * half[b]
+                polygon(edge if sign * other_sign < 0 else edge[::-1], axis)
+    if bevel > 0:
+        for sx in (-1.0, 1.0):
+            for sy in (-1.0, 1.0):
+                for sz in (-1.0, 1.0):
+                    signs = np.array([sx, sy, sz])
+                    corner = signs * (half - bevel) + np.diag(signs * bevel)
+                    polygon(corner if sx * sy * sz > 0 else corner[::-1], 2)
+    return Mesh(
+        np.concatenate(vertices),
+        np.array(faces, dtype=np.int64),
+        np.concatenate(uvs),
+        smooth=bevel > 0,
+    )
+
+
+def span(
+    low: Sequence[float], high: Sequence[float], bevel: float = 0.0, grain: Axis | None = None
+) -> Mesh:
+    """The box between two opposite corners."""
+    low_, high_ = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+    middle = (low_ + high_) / 2
+    return box(high_ - low_, (middle[0], middle[1], low_[2]), bevel, grain)
+
+
+def rounded_box(
+    size: Sequence[float],
+    at: Sequence[float] = (0.0, 0.0, 0.0),
+    radius: float = 0.03,
+    bulge: Sequence[float] = (0.0, 0.0, 0.0),
+    steps: int = 2,
+    inner: int = 3,
+) -> Mesh:
+    """A soft box, bottom centred at `at`: edges rounded by `radius`, faces bulging by metres.
+
+    `steps` segments for an eighth of a turn of each edge, `inner` across the flat middle.
+    """
+    half = np.asarray(size, dtype=float) / 2
+    radius = min(radius, 0.999 * float(half.min()))
+    arc = radius * np.tan(np.radians(45) * np.arange(1, steps + 1) / steps)
+
+    def stations(axis: int) -> Array:
+        core = half[axis] - radius
+        middle = np.linspace(-core, core, inner + 1)
+        return np.concatenate([-core - arc[::-1], middle, core + arc])
+
+    meshes = []
+    for axis in range(3):
+        b, c = (axis + 1) % 3, (axis + 2) % 3
+        for sign in (-1.0, 1.0):
+            first, second = (b, c) if sign > 0 else (c, b)
+            points = np.zeros((2 * steps + inner + 1, 2 * steps + inner + 1, 3))
+            points[..., axis] = sign * half[axis]
+            points[..., first] = stations(first)[:, None]
+            points[..., second] = stations(second)[None, :]
+            u, v = (first, second) if half[first] >= half[second] else (second, first)
+            uvs = np.stack([points[..., u], points[..., v]], axis=-1)
+            core = np.clip(points, -(half - radius), half - radius)
+            away = points - core
+            points = core + radius * away / np.linalg.norm(away, axis=-1, keepdims=True)
+            meshes.append(grid(points, uvs))
+    mesh = merge(meshes)
+    share = 1 - (mesh.vertices / half) ** 2
+    for axis in range(3):
+        b, c = (axis + 1) % 3, (axis + 2) % 3
+        push = bulge[axis] * np.clip(share[:, b] * share[:, c], 0, 1)
+        mesh.vertices[:, axis] += push * np.sign(np.round(mesh.vertices[:, axis], 9))
+    return mesh.moved(at[0], at[1], at[2] + float(half[2]))
+
+
+def pillow(
+    size: Sequence[float],
+    at: Sequence[float] = (0.0, 0.0, 0.0),
+    rng: np.random.Generator | None = None,
+    count: int = 14,
+) -> Mesh:
+    """A stuffed pillow of `size` (x, y, thickness): thin at its rim, corners drawn out.
+
+    `rng` gives it a few soft dents. Lowest point at `at`.
+    """
+    s = np.sin(np.linspace(-1, 1, count + 1) * np.pi / 2)  # finer towards the rim
+    x, y = np.meshgrid(s, s, indexing="ij")
+    height = ((1 - np.abs(x) ** 2.4) * (1 - np.abs(y) ** 2.4)) ** 0.5
+    waist_x = x * (1 - 0.07 * (1 - y**2) ** 0.7 * np.abs(x) ** 3)
+    waist_y = y * (1 - 0.07 * (1 - x**2) ** 0.7 * np.abs(y) ** 3)
+    dents = np.zeros_like(x)
+    if rng is not None:
+        for _ in range(5):
+            a, b, phase = rng.uniform(-4, 4), rng.uniform(-4, 4), rng.uniform(0, 6.3)
+            dents += 0.035 * np.sin(a * x + b * y + phase)
+    halves = []
+    seam = 0.0015  # half the thickness at the rim
+    for sign in (1.0, -1.0):
+        z = sign * (seam + size[2] / 2 * height * (1 + (dents if sign > 0 else 0 * dents)))
+        points = np.stack([waist_x * size[0] / 2, waist_y * size[1] / 2, z], axis=-1)
+        uvs = points[..., :2].copy()
+        if sign < 0:
+            points, uvs = points.swapaxes(0, 1), uvs.swapaxes(0, 1)
+        halves.append(grid(points, uvs))
+    xy = np.stack([waist_x * size[0] / 2, waist_y * size[1] / 2], axis=-1)
+    rim = np.concatenate([xy[:-1, 0], xy[-1, :-1], xy[:0:-1, -1], xy[0, ::-1]])
+    low, high = (np.column_stack([rim, np.full(len(rim), z)]) for z in (-seam, seam))
+    halves.append(grid(np.stack([low, high], axis=1)))
+    mesh = merge(halves)
+    return mesh.moved(at[0], at[1], at[2] - float(mesh.vertices[:, 2].min()))
+
+
+def loft(rings: Array, closed: bool = True) -> Mesh:
+    """A body through `rings` (k, m, 3), each once around, counter-clockwise from the far end.
+
+    The first and last ring are closed by flat caps unless `closed` is false or they are points.
+    u runs along the body, v around it; flat horizontal bands have u, v = x, y.
+    """
+    rings = np.asarray(rings, dtype=float)
+    if closed:
+        ends = [rings[:1].mean(axis=1, keepdims=True), rings[-1:].mean(axis=1, keepdims=True)]
+        first, last = (np.broadcast_to(end, rings[:1].shape) for end in ends)
+        parts = [rings]
+        if np.ptp(rings[0], axis=0).max() > 1e-9:
+            parts.insert(0, first)
+        if np.ptp(rings[-1], axis=0).max() > 1e-9:
+            parts.append(last)
+        rings = np.concatenate(parts)
+    steps = np.diff(rings, axis=0)
+    lengths = np.linalg.norm(steps, axis=2, keepdims=True)
+    directions = steps / np.maximum(lengths, 1e-12)
+    turns = (directions[1:] * directions[:-1]).sum(axis=2).mean(axis=1)
+    breaks = [0, *(int(k) + 1 for k in np.flatnonzero(turns < CREASE)), len(rings) - 1]
+    around = np.concatenate([rings, rings[:, :1]], axis=1)
+    bands = []
+    for start, stop in zip(breaks[:-1], breaks[1:], strict=True):
+        points = around[start : stop + 1].swapaxes(0, 1)  # (m + 1, k, 3): i around, j along
+        flat = np.ptp(points[..., 2]) < 1e-6
+        bands.append(grid(points, points[..., :2].copy() if flat else None))
+    return merge(bands)
+
+
+def lathe(profile: Sequence[Sequence[float]], segments: int = 24) -> Mesh:
+    """A body of revolution about Z; `profile` of (radius, z), from the bottom, outside first.
+
+    Profiles that do not begin and end on the axis are closed by flat discs.
+    """
+    profile_ = np.asarray(profile, dtype=float)
+    angle = 2 * np.pi * np.arange(segments) / segments
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    rings = np.zeros((len(profile_), segments, 3))
+    rings[..., :2] = profile_[:, None, :1] * circle
+    rings[..., 2] = profile_[:, 1:]
+    return loft(rings)
+
+
+def cylinder(
+    radius: float, z0: float, z1: float, segments: int = 24, bevel: float = 0.0, top: float = 1.0
+) -> Mesh:
+    """A solid cylinder about Z; `top` is the ratio of its upper to its lower radius."""
+    upper = radius * top
+    if bevel > 0:
+        return lathe(
+            [(radius - bevel, z0), (radius, z0 + bevel), (upper, z1 - bevel), (upper - bevel, z1)],
+            segments,
+        )
+    return lathe([(radius, z0), (upper, z1)], segments)
+
+
+def sphere(radius: float, segments: int = 20, rings: int = 10) -> Mesh:
+    """A ball about the origin."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)
+    profile = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    profile[[0, -1], 0] = 0
+    return lathe(profile.tolist(), segments)
+
+
+def superellipse(
+    half_x: float,
+    half_y: float,
+    z: float,
+    power: float = 2.5,
+    count: int = 32,
+    x: float = 0.0,
+    y: float = 0.0,
+) -> Array:
+    """A horizontal ring (count, 3) for `loft`: |x/a|^p + |y/b|^p = 1; p = 2 is an ellipse."""
+    angle = 2 * np.pi * (np.arange(count) + 0.5) / count
+    cosine, sine = np.cos(angle), np.sin(angle)
+    ring = np.empty((count, 3))
+    ring[:, 0] = x + half_x * np.sign(cosine) * np.abs(cosine) ** (2 / power)
+    ring[:, 1] = y + half_y * np.sign(sine) * np.abs(sine) ** (2 / power)
+    ring[:, 2] = z
+    return ring
+
+
+def tube(
+    path: Sequence[Sequence[float]] | Array,
+    radius: float | Sequence[float] | Array,
+    segments: int = 10,
+    closed: bool = False,
+) -> Mesh:
+    """A round bar along `path` (N, 3); `closed` joins its ends to a loop."""
+    points = np.asarray(path, dtype=float)
+    radii = np.broadcast_to(np.asarray(radius, dtype=float), (len(points),))
+    if closed:
+        tangents = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
+    else:
+        tangents = np.gradient(points, axis=0)
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    side = np.cross(tangents[0], np.eye(3)[np.argmin(np.abs(tangents[0]))])
+    angle = 2 * np.pi * np.arange(segments) / segments
+    rings = np.empty((len(points), segments, 3))
+    for k, (point, tangent) in enumerate(zip(points, tangents, strict=True)):
+        side = side - tangent * (side @ tangent)
+        side /= np.linalg.norm(side)
+        other = np.cross(tangent, side)
+        ring = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * other
+        rings[k] = point + radii[k] * ring
+    if not closed:
+        return loft(rings)
+    # Carried once around a planar loop the frame comes back to itself.
+    return loft(np.concatenate([rings, rings[:1]]), closed=False)
+
+
+def bar(start: Sequence[float], end: Sequence[float], radius: float, segments: int = 10) -> Mesh:
+    """A straight round bar."""
+    return tube([start, end], radius, segments)
+
+
+def post(points: Sequence[Sequence[float]], sizes: Sequence[Sequence[float]]) -> Mesh:
+    """A four-sided post through horizontal rectangles, so that a splayed foot stands flat.
+
+    `points` (n, 3) from the bottom up are the centres, `sizes` (n, 2) the extents in x and y.
+    """
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2
+    rings = np.zeros((len(points), 4, 3))
+    for ring, point, size in zip(rings, points, sizes, strict=True):
+        ring[:, :2] = np.asarray(point[:2]) + corners * np.asarray(size)
+        ring[:, 2] = point[2]
+    bodies = [grid(rings[:, [k, (k + 1) % 4]].swapaxes(0, 1)) for k in range(4)]
+    for ring in (rings[0][::-1], rings[-1]):
+        bodies.append(
+            Mesh(ring.copy(), np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int64), ring[:, :2].copy())
+        )
+    return replace(merge(bodies), smooth=len(points) > 2)
+
+
+def prism(
+    outline: Sequence[Sequence[float]] | Array,
+    z0: float,
+    z1: float,
+    holes: Sequence[Sequence[Sequence[float]] | Array] = (),
+) -> Mesh:
+    """A polygon (N, 2), counter-clockwise, pulled up from z0 to z1, with clockwise-free holes."""
+    loops = [np.asarray(loop, dtype=float) for loop in (outline, *holes)]
+    loops = [loop if _signed_area(loop) > 0 else loop[::-1] for loop in loops]
+    flat = np.concatenate(loops)
+    ends = np.cumsum([len(loop) for loop in loops]).astype(np.uint32)
+    triangles = mapbox_earcut.triangulate_float64(flat, ends).reshape(-1, 3).astype(np.int64)
+    a, b, c = (flat[triangles[:, k]] for k in range(3))
+    area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    triangles[area < 0] = triangles[area < 0][:, ::-1]
+    triangles = triangles[np.abs(area) > 1e-10]
+    meshes = []
+    for z, faces in ((z1, triangles), (z0, triangles[:, ::-1])):
+        meshes.append(
+            Mesh(np.column_stack([flat, np.full(len(flat), z)]), faces, flat - flat.mean(axis=0))
+        )
+    for number, loop in enumerate(loops):
+        ring = np.concatenate([loop, loop[:1]])
+        points = np.stack([np.column_stack([ring, np.full(len(ring), z)]) for z in (z0, z1)], 1)
+        meshes.append(_facets(points if number == 0 else points[::-1]))
+    return merge(meshes)
+
+
+def thick_sheet(points: Array, thickness: float) -> Mesh:
+    """A cloth of `thickness` whose outer side is the grid `points` (n, m, 3), closed all around."""
+    across, along = np.gradient(points, axis=0), np.gradient(points, axis=1)
+    normals = np.cross(across, along)
+    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
+    inner = points - thickness * normals
+    front = grid(points)
+    back = grid(inner.swapaxes(0, 1), front.uvs.reshape(*points.shape[:2], 2).swapaxes(0, 1))
+    rims = [
+        grid(np.stack([inner[:, 0], points[:, 0]], axis=1)),
+        grid(np.stack([points[:, -1], inner[:, -1]], axis=1)),
+        grid(np.stack([points[0], inner[0]], axis=1)),
+        grid(np.stack([inner[-1], points[-1]], axis=1)),
+    ]
+    return merge([front, back, *rims])
+
+
+def _facets(points: Array) -> Mesh:
+    """`grid` with each strip along i apart, so that corners stay sharp in smooth parts."""
+    strips = []
+    start = 0.0
+    for k in range(len(points) - 1):
+        strip = grid(points[k : k + 2])
+        strips.append(Mesh(strip.vertices, strip.faces, strip.uvs + [0, start]))
+        start += float(strip.uvs[:, 1].max())
+    return merge(strips)
+
+
+def _areas(vertices: Array, faces: npt.NDArray[np.int64]) -> Array:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+
+def _signed_area(loop: Array) -> float:
+    x, y = loop[:, 0], loop[:, 1]
+    return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) / 2)

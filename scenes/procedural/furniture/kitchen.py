@@ -1,0 +1,575 @@
+"""Kitchen units of one height and depth, appliances and pots.
+
+Units stand side by side: each fills exactly its `width`, worktop included. Backs are at
+y = 0.3, doors at y = -0.3, the worktop's front edge at y = -0.32.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scenes.procedural.furniture.build import Builder
+from scenes.procedural.furniture.cabinets import BOARD, add_door, add_drawer, carcass, shelf
+from scenes.procedural.furniture.geometry import (
+    Array,
+    Mesh,
+    bar,
+    box,
+    cylinder,
+    lathe,
+    loft,
+    merge,
+    post,
+    prism,
+    rounded_box,
+    span,
+    sphere,
+    superellipse,
+    tube,
+)
+from scenes.procedural.furniture.style import (
+    BLACK_PLASTIC,
+    CERAMIC,
+    CHROME,
+    IRON,
+    SCREEN,
+    STEEL,
+    WHITE_PAINT,
+    Style,
+    tone,
+)
+from scenes.procedural.piece import Material, Piece
+
+DEPTH = 0.6
+PLINTH = 0.1
+TOP = 0.038
+INSIDE = Material("paint", tone("#dedad2"), 0.5)
+
+
+def _base(style: Style, name: str, width: float, worktop: bool = True) -> tuple[Builder, float]:
+    """Plinth, carcass and worktop; returns the height below the worktop too."""
+    b = Builder(name, "kitchen unit", "wall", front_clearance=0.9)
+    under = style.worktop_height - TOP
+    b.add(
+        style.kitchen,
+        span((-width / 2, -DEPTH / 2 + 0.06, 0), (width / 2, -DEPTH / 2 + 0.078, PLINTH + 0.001)),
+        name="plinth",
+    )
+    if worktop:
+        _add_top(b, style, width)
+    return b, under
+
+
+def _add_top(b: Builder, style: Style, width: float, holes: tuple[Array, ...] = ()) -> None:
+    outline = np.array([[-1, -0.32], [1, -0.32], [1, 0.3], [-1, 0.3]]) * [width / 2, 1]
+    high = style.worktop_height
+    if holes:
+        b.add(style.worktop, prism(outline, high - TOP, high, holes), name="worktop")
+    else:
+        b.add(
+            style.worktop,
+            span((-width / 2, -0.32, high - TOP), (width / 2, 0.3, high), grain="x"),
+            name="worktop",
+        )
+
+
+def _add_doors(
+    b: Builder,
+    rng: np.random.Generator,
+    style: Style,
+    width: float,
+    z0: float,
+    z1: float,
+    depth: float,
+    low_handles: bool = False,
+    chance: float = 0.2,
+    handed: str = "left",
+) -> bool:
+    """One or two doors, perhaps one ajar; says whether one is."""
+    ajar = float(rng.uniform(15, 75)) if rng.random() < chance else 0.0
+    if width > 0.62:
+        add_door(b, style, style.kitchen, -width / 2, 0, z0, z1, depth, "left", ajar, low_handles)
+        add_door(b, style, style.kitchen, 0, width / 2, z0, z1, depth, "right", 0.0, low_handles)
+    else:
+        add_door(
+            b, style, style.kitchen, -width / 2, width / 2, z0, z1, depth, handed, ajar, low_handles
+        )
+    return ajar > 0
+
+
+def base_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) -> Piece:
+    """A cupboard below the worktop, often with a drawer on top; a door may stand ajar."""
+    b, under = _base(style, "base cupboard", width)
+    b.add(INSIDE, *carcass(width, DEPTH, PLINTH, under - 0.001))
+    split = under - 0.003
+    if rng.random() < 0.6:
+        split = under - 0.15
+        out = float(rng.uniform(0.08, 0.25)) if rng.random() < 0.12 else 0.0
+        add_drawer(
+            b, style, style.kitchen, INSIDE, -width / 2, width / 2, split, under - 0.002, DEPTH, out
+        )
+    handed = "left" if rng.random() < 0.5 else "right"
+    shown = _add_doors(b, rng, style, width, PLINTH, split, DEPTH, handed=handed)
+    level = 0.5 * (PLINTH + split)
+    b.add(INSIDE, shelf(width, DEPTH, level))
+    if shown:
+        b.add(STEEL, _pot(0.11, 0.12).moved(-0.1 * width, 0, level), name="pots")
+        b.add(CERAMIC, _plates(5).moved(0.0, 0, PLINTH + BOARD), name="plates")
+    b.surface(0, 0, style.worktop_height, width / 2 - 0.02, 0.27)
+    return b.piece()
+
+
+def drawer_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> Piece:
+    """Three or four kitchen drawers, one at times pulled out."""
+    b, under = _base(style, "drawer unit", width)
+    b.add(INSIDE, *carcass(width, DEPTH, PLINTH, under - 0.001))
+    shares = [0.0, 0.42, 0.78, 1.0] if rng.random() < 0.5 else [0.0, 0.3, 0.6, 0.8, 1.0]
+    zs = PLINTH + (under - 0.002 - PLINTH) * np.array(shares)
+    pulled = int(rng.integers(0, 2 * len(shares)))
+    for k in range(len(shares) - 1):
+        out = float(rng.uniform(0.08, 0.28)) if k == pulled else 0.0
+        add_drawer(
+            b,
+            style,
+            style.kitchen,
+            INSIDE,
+            -width / 2,
+            width / 2,
+            float(zs[k]),
+            float(zs[k + 1]),
+            DEPTH,
+            out,
+        )
+    b.surface(0, 0, style.worktop_height, width / 2 - 0.02, 0.27)
+    return b.piece()
+
+
+def sink_unit(rng: np.random.Generator, style: Style, width: float = 0.8) -> Piece:
+    """A sink let into the worktop, with a high tap, above a cupboard."""
+    b, under = _base(style, "sink unit", width, worktop=False)
+    half_x, half_y = min(0.2, width / 2 - 0.08), 0.19
+    x, y, high = (
+        float(rng.choice([-1.0, 1.0])) * max(0.0, width / 2 - 0.1 - half_x),
+        -0.04,
+        style.worktop_height,
+    )
+    _add_top(b, style, width, (superellipse(half_x, half_y, 0, 7, 40, x, y)[:, :2],))
+    rings = [
+        superellipse(half_x + grow, half_y + grow, high + z, power, 40)
+        for grow, z, power in (
+            (-0.03, -0.19, 4.0),
+            (-0.008, -0.17, 6.0),
+            (-0.004, 0.0005, 7.0),
+            (0.014, 0.0005, 7.0),
+            (0.014, 0.003, 7.0),
+            (-0.008, 0.003, 7.0),
+            (-0.014, -0.15, 6.0),
+            (-0.035, -0.178, 4.0),
+        )
+    ]
+    b.add(STEEL, loft(np.stack(rings)).moved(x, y), name="sink")
+    b.add(IRON, cylinder(0.04, -0.1785, -0.1755, 24).moved(x, y, high), name="drain")
+    tap = CHROME if rng.random() < 0.7 else style.metal
+    t = np.linspace(0, np.pi, 12)
+    arch = np.stack([0 * t, 0.225 - 0.1 + 0.1 * np.cos(t), 0.28 + 0.1 * np.sin(t)], axis=1)
+    path = np.concatenate([[[0, 0.225, 0.0], [0, 0.225, 0.2]], arch, [[0, 0.025, 0.22]]])
+    b.add(
+        tap,
+        tube(path, 0.0125, 12).moved(x, 0, high - 0.001),
+        cylinder(0.026, 0, 0.05, 20, 0.003).moved(x, 0.225, high),
+        name="tap",
+    )
+    b.add(
+        tap,
+        bar((x + 0.015, 0.225, high + 0.075), (x + 0.085, 0.205, high + 0.105), 0.006, 8),
+        name="tap",
+    )
+    b.add(INSIDE, *carcass(width, DEPTH, PLINTH, under - 0.001, top=False))
+    _add_doors(b, rng, style, width, PLINTH, under - 0.003, DEPTH)
+    if rng.random() < 0.6:
+        b.add(
+            Material("plastic", tone("#3f9a5a"), 0.2),
+            lathe([(0.028, 0), (0.028, 0.12), (0.01, 0.15), (0.01, 0.18), (0, 0.18)], 18)
+            .scaled(y=0.7)
+            .moved(x - 0.17, 0.235, high),
+            name="soap",
+        )
+    free = width / 2 + abs(x) - half_x - 0.04
+    if free > 0.16:
+        b.surface(-np.sign(x) * (width / 2 - free / 2), -0.02, high, free / 2 - 0.01, 0.24)
+    return b.piece()
+
+
+def hob_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> Piece:
+    """An oven below a hob, with knobs; gas burners with grates or glass-ceramic."""
+    b, under = _base(style, "hob and oven", width)
+    high = style.worktop_height
+    steel = STEEL if rng.random() < 0.6 else BLACK_PLASTIC
+    b.add(INSIDE, *carcass(width, DEPTH, PLINTH, under - 0.001))
+    f = -DEPTH / 2
+    panel = 0.1
+    b.add(
+        steel,
+        span(
+            (-width / 2 + 0.002, f, under - panel),
+            (width / 2 - 0.002, f + 0.019, under - 0.003),
+            0.002,
+        ),
+        name="panel",
+    )
+    for k in range(5):
+        knob = lathe([(0.019, -0.002), (0.018, 0.016), (0.014, 0.02), (0.0, 0.02)], 20).turned(
+            "x", 90
+        )
+        b.add(IRON, knob.moved((k - 2) * 0.095, f, under - panel / 2), name="knobs")
+    door_low = PLINTH + 0.1
+    door_high = under - panel - 0.004
+    b.add(
+        steel,
+        span((-width / 2 + 0.002, f, door_low), (width / 2 - 0.002, f + 0.019, door_high), 0.002),
+        name="door",
+    )
+    b.add(
+        SCREEN,
+        span(
+            (-width / 2 + 0.05, f - 0.002, door_low + 0.05),
+            (width / 2 - 0.05, f + 0.001, door_high - 0.075),
+        ),
+        name="window",
+    )
+    z = door_high - 0.035
+    b.add(
+        STEEL,
+        bar((-width / 2 + 0.06, f - 0.042, z), (width / 2 - 0.06, f - 0.042, z), 0.009, 10),
+        name="handle",
+    )
+    for side in (-1, 1):
+        b.add(
+            STEEL,
+            bar(
+                (side * (width / 2 - 0.09), f + 0.002, z),
+                (side * (width / 2 - 0.09), f - 0.042, z),
+                0.007,
+                8,
+            ),
+            name="handle",
+        )
+    b.add(
+        style.kitchen,
+        span(
+            (-width / 2 + 0.002, f, PLINTH + 0.002),
+            (width / 2 - 0.002, f + 0.019, door_low - 0.004),
+            0.0015,
+        ),
+        name="front",
+    )
+    gas = rng.random() < 0.5
+    b.add(
+        STEEL if gas else SCREEN,
+        box((min(0.58, width - 0.02), 0.51, 0.007), (0, -0.02, high), 0.002),
+        name="hob",
+    )
+    places = [
+        (-0.145, -0.14, 0.075),
+        (0.145, -0.14, 0.095),
+        (-0.145, 0.11, 0.095),
+        (0.145, 0.11, 0.075),
+    ]
+    for x, y, radius in places:
+        if gas:
+            burner = [
+                (0.5 * radius, 0.006),
+                (0.48 * radius, 0.02),
+                (0.4 * radius, 0.026),
+                (0, 0.027),
+            ]
+            b.add(IRON, lathe(burner, 24).moved(x, y, high), name="burners")
+            for turn in range(4):
+                arm = bar((0.3 * radius, 0, 0.036), (1.25 * radius, 0, 0.036), 0.004, 8)
+                post_ = bar((1.25 * radius, 0, 0.006), (1.25 * radius, 0, 0.0385), 0.004, 8)
+                b.add(
+                    IRON,
+                    *(m.turned("z", 45 + 90 * turn).moved(x, y, high) for m in (arm, post_)),
+                    name="grates",
+                )
+        else:
+            turn = 2 * np.pi * np.arange(40) / 40
+            ring = np.stack([radius * np.cos(turn), radius * np.sin(turn), 0 * turn], axis=1)
+            b.add(IRON, tube(ring, 0.0012, 8, closed=True).moved(x, y, high + 0.0068), name="rings")
+    if rng.random() < 0.6:
+        x, y, radius = places[int(rng.integers(4))]
+        z = high + (0.0405 if gas else 0.0083)
+        b.add(
+            STEEL if rng.random() < 0.6 else style.accents[0],
+            _pot(0.1, float(rng.uniform(0.09, 0.15)), rng.random() < 0.5).moved(x, y, z),
+            name="pot",
+        )
+    return b.piece()
+
+
+def fridge(rng: np.random.Generator, style: Style, width: float = 0.6) -> Piece:
+    """A tall fridge with a freezer below (or above)."""
+    depth, height = 0.64, float(rng.uniform(1.7, 1.95))
+    b = Builder("fridge", "fridge", "wall", front_clearance=0.9)
+    case = STEEL if rng.random() < 0.45 else WHITE_PAINT
+    f = -depth / 2
+    b.add(
+        case,
+        span((-width / 2, f + 0.065, 0.03), (width / 2, depth / 2, height), 0.006),
+        name="case",
+    )
+    b.add(
+        BLACK_PLASTIC,
+        span((-width / 2 + 0.01, f + 0.08, 0), (width / 2 - 0.01, depth / 2 - 0.02, 0.031)),
+        name="foot",
+    )
+    split = 0.36 * height if rng.random() < 0.7 else 0.66 * height
+    side = float(rng.choice([-1.0, 1.0]))
+    for z0, z1 in ((0.06, split), (split + 0.006, height - 0.002)):
+        b.add(
+            case,
+            rounded_box((width - 0.002, 0.06, z1 - z0), (0, f + 0.03, z0), 0.012, inner=1),
+            name="door",
+        )
+        long = min(0.4, 0.6 * (z1 - z0))
+        start = z1 - 0.05 - long if (z1 == split) else z0 + 0.05
+        x = side * (width / 2 - 0.05)
+        b.add(
+            STEEL,
+            bar((x, f - 0.035, start), (x, f - 0.035, start + long), 0.009, 10),
+            name="handle",
+        )
+        for z in (start + 0.03, start + long - 0.03):
+            b.add(STEEL, bar((x, f + 0.003, z), (x, f - 0.035, z), 0.006, 8), name="handle")
+    if rng.random() < 0.6:
+        for _ in range(int(rng.integers(2, 5))):
+            x, z = float(rng.uniform(-0.2, 0.2)), float(rng.uniform(1.15, 1.5))
+            note = (
+                style.picture(rng)
+                if rng.random() < 0.4
+                else Material("paper", (0.8, 0.75, 0.5), 0.9)
+            )
+            board = span((x - 0.05, f - 0.0012, z - 0.06), (x + 0.05, f - 0.0004, z + 0.06))
+            uvs = np.stack(
+                [(board.vertices[:, 0] - x) / 0.1 + 0.5, (board.vertices[:, 2] - z) / 0.12 + 0.5], 1
+            )
+            if note.kind == "picture":
+                board = Mesh(board.vertices, board.faces, uvs, smooth=False)
+            b.add(note, board, name="note")
+            b.add(
+                style.accents[1],
+                cylinder(0.011, 0, 0.006, 14).turned("x", 90).moved(x, f - 0.001, z + 0.045),
+                name="magnet",
+            )
+    b.surface(0, 0.03, height, width / 2 - 0.05, depth / 2 - 0.08)
+    return b.piece()
+
+
+def wall_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) -> Piece:
+    """A cupboard on the wall; when its door stands ajar crockery shows. Origin: lower back edge."""
+    depth, height = 0.34, 0.7
+    b = Builder(
+        "wall cupboard", "kitchen unit", "on_wall", mount_height=style.worktop_height + 0.52
+    )
+    parts = Builder("", "", "free")
+    parts.add(style.kitchen, *carcass(width, depth, 0, height))
+    levels = (0.24, 0.47)
+    for z in levels:
+        parts.add(INSIDE, shelf(width, depth, z))
+    handed = "left" if rng.random() < 0.5 else "right"
+    if _add_doors(parts, rng, style, width, 0.0, height, depth, True, 0.3, handed):
+        glaze = style.accents[int(rng.integers(5))]
+        for z in (BOARD, *levels):
+            parts.add(
+                CERAMIC,
+                _plates(int(rng.integers(3, 8))).moved(-0.2 * width, 0.01, z),
+                name="plates",
+            )
+            cup = lathe(
+                [
+                    (0.03, 0),
+                    (0.04, 0.012),
+                    (0.043, 0.085),
+                    (0.039, 0.085),
+                    (0.034, 0.014),
+                    (0, 0.01),
+                ],
+                20,
+            )
+            for k in range(2):
+                parts.add(glaze, cup.moved(0.22 * width, -0.06 + 0.11 * k, z), name="cups")
+    b.take(parts, y=-depth / 2)
+    return b.piece()
+
+
+def extractor_hood(
+    rng: np.random.Generator, style: Style, width: float = 0.6, height: float = 0.9
+) -> Piece:
+    """A steel canopy and its flue, with two small lamps below; `height` up to the flue's end."""
+    b = Builder("extractor hood", "extractor hood", "on_wall", mount_height=1.58)
+    steel = STEEL
+    b.add(
+        steel,
+        post(
+            [(0, -0.25, 0.0), (0, -0.25, 0.05)],
+            [(width, 0.5)] * 2,
+        ),
+        post([(0, -0.2495, 0.0505), (0, -0.14, 0.28)], [(width - 0.002, 0.499), (0.28, 0.28)]),
+        box((0.26, 0.26, height - 0.275), (0, -0.1305, 0.275), 0.002),
+        name="hood",
+    )
+    b.add(IRON, box((width - 0.06, 0.4, 0.004), (0, -0.25, -0.003)), name="filter")
+    for k in range(int((width - 0.1) / 0.03)):
+        x = -width / 2 + 0.065 + 0.03 * k
+        b.add(steel, box((0.012, 0.3, 0.003), (x, -0.22, -0.0055)), name="filter")
+    for side in (-1, 1):
+        b.add(
+            WHITE_PAINT,
+            cylinder(0.03, -0.0065, -0.0005, 24).moved(side * (width / 2 - 0.14), -0.42),
+            name="diffuser",
+            lumens=260.0,
+            kelvin=style.kelvin + 300,
+        )
+    for k in range(3):
+        button = cylinder(0.009, 0, 0.004, 14).turned("x", 90)
+        b.add(BLACK_PLASTIC, button.moved((k - 1) * 0.035, -0.4995, 0.025), name="buttons")
+    return b.piece()
+
+
+def _pot(radius: float, tall: float, lid: bool = False) -> Mesh:
+    """A pot with two ears, closed by a lid or open."""
+    profile = [(radius - 0.006, 0.0), (radius, 0.006), (radius, tall), (radius - 0.003, tall)]
+    profile += [(radius - 0.006, 0.01), (0.0, 0.008)] if not lid else []
+    meshes = [
+        lathe(
+            profile
+            if not lid
+            else [
+                *profile[:3],
+                (0.92 * radius, tall + 0.008),
+                (0.03, tall + 0.022),
+                (0, tall + 0.022),
+            ],
+            32,
+        )
+    ]
+    if lid:
+        meshes += [
+            cylinder(0.006, tall + 0.015, tall + 0.036, 10),
+            sphere(0.017, 14, 8).scaled(z=0.7).moved(z=tall + 0.042),
+        ]
+    t = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 8)
+    for side in (-1, 1):
+        ear = np.stack(
+            [side * (radius - 0.003 + 0.03 * np.cos(t)), 0.035 * np.sin(t), 0 * t + 0.75 * tall],
+            axis=1,
+        )
+        meshes.append(tube(ear, 0.005, 8))
+    return merge(meshes)
+
+
+def _plates(count: int) -> Mesh:
+    plate = [
+        (0.06, 0.0),
+        (0.068, 0.004),
+        (0.105, 0.016),
+        (0.106, 0.019),
+        (0.068, 0.008),
+        (0.0, 0.007),
+    ]
+    return merge([lathe(plate, 28).moved(z=0.0075 * k) for k in range(count)])
+
+
+def cooking_pot(rng: np.random.Generator, style: Style) -> Piece:
+    """A pot with a lid."""
+    b = Builder("cooking pot", "pot", "on_top")
+    material = STEEL if rng.random() < 0.5 else style.accents[int(rng.integers(5))]
+    b.add(material, _pot(float(rng.uniform(0.09, 0.13)), float(rng.uniform(0.09, 0.16)), True))
+    return b.piece()
+
+
+def kettle(rng: np.random.Generator, style: Style) -> Piece:
+    """An electric kettle on its base."""
+    b = Builder("kettle", "kettle", "on_top")
+    body = STEEL if rng.random() < 0.6 else style.accents[int(rng.integers(5))]
+    b.add(BLACK_PLASTIC, cylinder(0.08, 0, 0.018, 32, bevel=0.004), name="base")
+    b.add(
+        body,
+        lathe(
+            [
+                (0.075, 0.0185),
+                (0.078, 0.03),
+                (0.066, 0.16),
+                (0.056, 0.2),
+                (0.05, 0.207),
+                (0, 0.212),
+            ],
+            32,
+        ),
+        name="body",
+    )
+    b.add(BLACK_PLASTIC, sphere(0.012, 12, 8).moved(z=0.217), name="knob")
+    path = [(0.055, 0, 0.195), (0.095, 0, 0.2), (0.118, 0, 0.17), (0.115, 0, 0.1), (0.073, 0, 0.05)]
+    b.add(BLACK_PLASTIC, tube(path, 0.01, 10), name="handle")
+    b.add(
+        body,
+        tube([(-0.05, 0, 0.15), (-0.085, 0, 0.19), (-0.095, 0, 0.2)], [0.022, 0.014, 0.011], 12),
+        name="body",
+    )
+    return b.piece()
+
+
+def microwave(rng: np.random.Generator, style: Style) -> Piece:
+    """A microwave oven."""
+    width, depth, tall = 0.48, 0.36, 0.28
+    b = Builder("microwave", "microwave", "on_top")
+    case = STEEL if rng.random() < 0.5 else BLACK_PLASTIC if rng.random() < 0.5 else WHITE_PAINT
+    f = -depth / 2
+    b.add(
+        case, span((-width / 2, f + 0.012, 0.012), (width / 2, depth / 2, tall), 0.004), name="case"
+    )
+    b.add(
+        case,
+        span((-width / 2, f, 0.014), (width / 2 - 0.122, f + 0.0115, tall - 0.002), 0.003),
+        name="door",
+    )
+    b.add(
+        SCREEN,
+        span((-width / 2 + 0.035, f - 0.0015, 0.05), (width / 2 - 0.16, f + 0.001, tall - 0.04)),
+        name="window",
+    )
+    b.add(
+        BLACK_PLASTIC,
+        span((width / 2 - 0.12, f, 0.014), (width / 2, f + 0.0115, tall - 0.002), 0.002),
+        name="panel",
+    )
+    for row in range(4):
+        for column in range(3):
+            at = (width / 2 - 0.09 + 0.03 * column, f, 0.05 + 0.035 * row)
+            b.add(STEEL, box((0.02, 0.003, 0.018), at), name="keys")
+    b.add(
+        STEEL,
+        bar(
+            (width / 2 - 0.14, f - 0.025, 0.05),
+            (width / 2 - 0.14, f - 0.025, tall - 0.05),
+            0.007,
+            8,
+        ),
+        name="handle",
+    )
+    for z in (0.07, tall - 0.07):
+        b.add(
+            STEEL,
+            bar((width / 2 - 0.14, f + 0.002, z), (width / 2 - 0.14, f - 0.025, z), 0.005, 8),
+            name="handle",
+        )
+    for sx in (-1, 1):
+        for sy in (-1, 1):
+            b.add(
+                BLACK_PLASTIC,
+                cylinder(0.014, 0, 0.013, 12).moved(
+                    sx * (width / 2 - 0.04), sy * (depth / 2 - 0.05)
+                ),
+                name="feet",
+            )
+    return b.piece()

@@ -1,0 +1,328 @@
+"""Lamps: what emits is the visible shade, globe, panel or diffuser, never a bulb hidden in it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scenes.procedural.furniture.build import Builder
+from scenes.procedural.furniture.geometry import (
+    Array,
+    bar,
+    box,
+    cylinder,
+    lathe,
+    loft,
+    rounded_box,
+    sphere,
+    superellipse,
+    tube,
+)
+from scenes.procedural.furniture.style import CHROME, WHITE_PAINT, Style
+from scenes.procedural.piece import Material, Piece
+
+OPAL = Material("plastic", (0.86, 0.85, 0.82), 0.4)
+
+
+def _shell(
+    low: float, high: float, z0: float, z1: float, wall: float = 0.003
+) -> list[tuple[float, float]]:
+    """Profile of an open lampshade: a wall between two radii, both rims rounded off."""
+    t = np.linspace(0, 1, 4)
+    outer = [(float(low + (high - low) * s), float(z0 + (z1 - z0) * s)) for s in t]
+    inner = [(r - wall, z) for r, z in outer[::-1]]
+    return [*outer, *inner]
+
+
+def _ring(profile: list[tuple[float, float]], segments: int) -> Array:
+    """Rings of a closed profile (a body with a hole through it) for `loft`."""
+    closed = np.array([*profile, profile[0]])
+    angle = 2 * np.pi * np.arange(segments) / segments
+    rings = np.zeros((len(closed), segments, 3))
+    rings[..., :2] = closed[:, None, :1] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    rings[..., 2] = closed[:, 1:]
+    return rings
+
+
+def _add_shade(
+    b: Builder,
+    style: Style,
+    low: float,
+    high: float,
+    z0: float,
+    z1: float,
+    lumens: float,
+    y: float = 0.0,
+    x: float = 0.0,
+) -> None:
+    """An open shade, glowing, with the wire that carries it."""
+    shade = loft(_ring(_shell(low, high, z0, z1), 36), closed=False)
+    b.add(style.shade, shade.moved(x, y), name="shade", lumens=lumens, kelvin=style.kelvin)
+    z = z1 - 0.02
+    for k in range(3):
+        turn = np.radians(120 * k)
+        reach = high - 0.004
+        b.add(
+            style.metal,
+            bar((x, y, z), (x + reach * np.cos(turn), y + reach * np.sin(turn), z), 0.002, 8),
+        )
+
+
+def pendant_lamp(rng: np.random.Generator, style: Style, drop: float | None = None) -> Piece:
+    """A lamp hanging from the ceiling: drum, dome or globe; `drop` metres to its lowest point."""
+    drop = float(rng.uniform(0.7, 1.0)) if drop is None else drop
+    b = Builder("pendant lamp", "lamp", "ceiling")
+    kind = ("drum", "dome", "globe")[int(rng.integers(3))]
+    lumens = float(rng.uniform(900, 1600))
+    b.add(style.metal, lathe([(0.05, -0.025), (0.055, -0.012), (0.055, 0.0)], 24), name="rose")
+    if kind == "drum":
+        radius, tall = rng.uniform(0.17, 0.25), rng.uniform(0.17, 0.24)
+        _add_shade(b, style, radius, radius * rng.uniform(0.75, 1.0), -drop, -drop + tall, lumens)
+        top = -drop + tall - 0.021
+        b.add(OPAL, cylinder(0.022, top - 0.07, top - 0.01, 16), name="socket")
+        b.add(OPAL, sphere(0.042, 16, 10).moved(z=top - 0.105), name="bulb")
+    elif kind == "dome":
+        radius, tall = rng.uniform(0.16, 0.24), rng.uniform(0.16, 0.22)
+        t = np.linspace(0, np.pi / 2, 9)
+        outer = [
+            (radius * float(np.cos(a)) + 0.02 * float(np.sin(a)), -drop + tall * float(np.sin(a)))
+            for a in t
+        ]
+        inner = [(max(r - 0.004, 0.003), z - 0.004 * (z > -drop)) for r, z in outer[::-1]]
+        inner[0] = (0.016, inner[0][1])
+        b.add(
+            style.accents[0] if rng.random() < 0.5 else style.metal,
+            loft(_ring([*outer, *inner], 36), closed=False),
+            name="reflector",
+        )
+        b.add(
+            style.metal, cylinder(0.024, -drop + tall - 0.012, -drop + tall + 0.03, 16), name="cap"
+        )
+        disc = [
+            (radius - 0.006, -drop + 0.012),
+            (0.6 * radius, -drop + 0.004),
+            (0.0, -drop + 0.001),
+        ]
+        body = [
+            (0.0, -drop + 0.001),
+            (0.6 * radius, -drop + 0.004),
+            disc[0],
+            (radius - 0.012, -drop + 0.016),
+        ]
+        b.add(OPAL, lathe(body, 36), name="diffuser", lumens=0.8 * lumens, kelvin=style.kelvin)
+        top = -drop + tall + 0.028
+    else:
+        radius = float(rng.uniform(0.12, 0.17))
+        b.add(
+            OPAL,
+            sphere(radius, 28, 16).moved(z=-drop + radius),
+            name="globe",
+            lumens=lumens,
+            kelvin=style.kelvin,
+        )
+        top = -drop + 2 * radius
+        b.add(style.metal, cylinder(0.03, top - 0.008, top + 0.05, 20), name="cap")
+        top += 0.048
+    b.add(
+        Material("plastic", (0.02, 0.02, 0.02), 0.6),
+        bar((0, 0, top), (0, 0, -0.02), 0.003, 8),
+        name="cord",
+    )
+    return b.piece()
+
+
+def ceiling_lamp(rng: np.random.Generator, style: Style) -> Piece:
+    """A flat lamp under the ceiling: a round bowl or a square panel with a rim."""
+    b = Builder("ceiling lamp", "lamp", "ceiling")
+    lumens = float(rng.uniform(1200, 2400))
+    if rng.random() < 0.6:
+        radius, deep = rng.uniform(0.15, 0.24), rng.uniform(0.07, 0.1)
+        b.add(style.metal, cylinder(radius + 0.008, -0.03, 0.0, 40, bevel=0.004), name="rim")
+        t = np.linspace(0, np.pi / 2, 8)
+        bowl = [(radius * float(np.sin(a)), -0.03 - (deep - 0.03) * float(np.cos(a))) for a in t]
+        b.add(
+            OPAL,
+            lathe([*bowl, (radius, -0.025)], 40),
+            name="diffuser",
+            lumens=lumens,
+            kelvin=style.kelvin,
+        )
+    else:
+        half = rng.uniform(0.17, 0.3)
+        b.add(WHITE_PAINT, box((2 * half, 2 * half, 0.045), (0, 0, -0.045), 0.004), name="rim")
+        b.add(
+            OPAL,
+            box((2 * half - 0.03, 2 * half - 0.03, 0.012), (0, 0, -0.054), 0.003),
+            name="diffuser",
+            lumens=1.2 * lumens,
+            kelvin=style.kelvin + 500,
+        )
+    return b.piece()
+
+
+def spot_rail(rng: np.random.Generator, style: Style) -> Piece:
+    """A bar under the ceiling with three turned spots."""
+    b = Builder("ceiling spots", "lamp", "ceiling")
+    length = rng.uniform(0.6, 0.9)
+    b.add(style.metal, box((length, 0.05, 0.022), (0, 0, -0.022), 0.003), name="rail")
+    for k in range(3):
+        x = (k - 1) * 0.38 * length
+        b.add(style.metal, bar((x, 0, -0.02), (x, 0, -0.075), 0.006, 8))
+        tilt, turn = rng.uniform(15, 45), rng.uniform(0, 360)
+        can = lathe([(0.036, -0.075), (0.04, -0.07), (0.04, 0.01), (0.03, 0.03)], 24)
+        glow = lathe([(0.0, -0.0785), (0.032, -0.0785), (0.032, -0.0745)], 24)
+        b.add(style.metal, can.turned("x", tilt).turned("z", turn).moved(x, 0, -0.1), name="spot")
+        b.add(
+            OPAL,
+            glow.turned("x", tilt).turned("z", turn).moved(x, 0, -0.1),
+            name="diffuser",
+            lumens=1350.0,
+            kelvin=style.kelvin,
+        )
+    return b.piece()
+
+
+def floor_lamp(rng: np.random.Generator, style: Style) -> Piece:
+    """A standing lamp: straight, on three legs, or arched over."""
+    b = Builder("floor lamp", "lamp", "corner")
+    height = float(rng.uniform(1.45, 1.7))
+    low, tall = rng.uniform(0.18, 0.24), rng.uniform(0.22, 0.3)
+    high = low * rng.uniform(0.65, 1.0)
+    lumens = float(rng.uniform(600, 1000))
+    kind = ("straight", "tripod", "arch")[int(rng.integers(3))]
+    if kind == "arch":
+        t = np.linspace(0, 1, 15)
+        reach = 0.75
+        path = np.stack(
+            [
+                0 * t,
+                0.3 - reach * t**2.2,
+                0.02
+                + (height + 0.12) * np.sin(0.5 * np.pi * np.minimum(1.15 * t, 1))
+                - 0.14 * np.clip(t - 0.8, 0, 1) * 5 * t,
+            ],
+            axis=1,
+        )
+        b.add(style.metal, tube(path, 0.011, 10))
+        b.add(style.metal, cylinder(0.15, 0, 0.03, 36, bevel=0.004).moved(y=0.3), name="foot")
+        end = path[-1]
+        y, top = float(end[1]), float(end[2])
+        b.add(style.metal, cylinder(0.02, top - 0.07, top + 0.01, 16).moved(y=y))
+        _add_shade(b, style, low, high, top - tall, top, lumens, y=y)
+        return b.piece()
+    _add_shade(b, style, low, high, height - tall, height, lumens)
+    stem_top = height - 0.018
+    if kind == "straight":
+        b.add(style.metal, cylinder(0.14, 0, 0.022, 36, bevel=0.004), name="foot")
+        b.add(style.metal, bar((0, 0, 0.02), (0, 0, stem_top), 0.01, 12))
+    else:
+        joint = height - tall - 0.06
+        for k in range(3):
+            turn = np.radians(90 + 120 * k)
+            foot = (0.27 * float(np.cos(turn)), 0.27 * float(np.sin(turn)), 0.0)
+            b.add(
+                style.wood,
+                tube([foot, (0.02 * foot[0], 0.02 * foot[1], joint)], [0.012, 0.016], 10),
+            )
+        b.add(style.metal, cylinder(0.03, joint - 0.03, joint + 0.012, 20))
+        b.add(style.metal, bar((0, 0, joint), (0, 0, stem_top), 0.007, 10))
+    b.add(OPAL, sphere(0.035, 14, 8).moved(z=height - 0.4 * tall - 0.05), name="bulb")
+    return b.piece()
+
+
+def table_lamp(rng: np.random.Generator, style: Style) -> Piece:
+    """A lamp with a turned ceramic or wooden body and a cloth shade."""
+    b = Builder("table lamp", "lamp", "on_top")
+    body, tall = rng.uniform(0.2, 0.28), rng.uniform(0.15, 0.2)
+    material = style.wood if rng.random() < 0.4 else style.accents[int(rng.integers(5))]
+    wide = float(rng.uniform(0.05, 0.085))
+    power = float(rng.uniform(0.7, 1.6))
+    t = np.linspace(0, 1, 11)
+    radii = 0.016 + (wide - 0.016) * np.sin(np.pi * t**power) ** 0.8
+    profile = [(0.9 * wide, 0.0), (0.9 * wide, 0.012)]
+    profile += [
+        (float(r), 0.012 + float(s) * (body - 0.012)) for r, s in zip(radii, t, strict=True)
+    ]
+    b.add(material, lathe(profile, 28), name="body")
+    low = float(rng.uniform(0.12, 0.16))
+    z0 = body - 0.015
+    _add_shade(
+        b, style, low, low * rng.uniform(0.6, 0.95), z0, z0 + tall, float(rng.uniform(350, 550))
+    )
+    b.add(style.metal, bar((0, 0, body - 0.004), (0, 0, z0 + tall - 0.018), 0.005, 10))
+    b.add(OPAL, sphere(0.028, 14, 8).moved(z=z0 + 0.5 * tall), name="bulb")
+    return b.piece()
+
+
+def desk_lamp(rng: np.random.Generator, style: Style) -> Piece:
+    """A jointed lamp that bows over the desk; its diffuser looks down."""
+    b = Builder("desk lamp", "lamp", "on_top")
+    metal = style.metal if rng.random() < 0.5 else style.accents[0]
+    b.add(metal, cylinder(0.085, 0, 0.018, 32, bevel=0.004), name="foot")
+    joint = (0.0, 0.09, 0.3 + float(rng.uniform(0, 0.06)))
+    head = (0.0, -0.17, 0.42 + float(rng.uniform(-0.04, 0.04)))
+    base = (0.0, 0.0, 0.016)
+    for side in (-0.008, 0.008):
+        b.add(metal, bar((side, base[1], base[2]), (side, joint[1], joint[2]), 0.0045, 8))
+        b.add(metal, bar((side, joint[1], joint[2]), (side, head[1], head[2]), 0.0045, 8))
+    hinge = cylinder(0.014, -0.014, 0.014, 14, bevel=0.002).turned("y", 90)
+    b.add(metal, hinge.moved(*joint), hinge.moved(*head), name="hinge")
+    outer = [(0.07, -0.1), (0.062, -0.07), (0.034, -0.02), (0.024, 0.02)]
+    inner = [(0.021, 0.017), (0.031, -0.02), (0.058, -0.07), (0.067, -0.1)]
+    tilt = float(rng.uniform(8, 22))
+    cone = loft(_ring([*outer, *inner], 28), closed=False).turned("x", tilt).moved(*head)
+    cap = cylinder(0.0235, 0.008, 0.021, 20).turned("x", tilt).moved(*head)
+    glow = (
+        lathe([(0.0, -0.093), (0.061, -0.09), (0.061, -0.084)], 28).turned("x", tilt).moved(*head)
+    )
+    b.add(metal, cone, cap, name="reflector")
+    b.add(OPAL, glow, name="diffuser", lumens=float(rng.uniform(300, 450)), kelvin=3200.0)
+    return b.piece()
+
+
+def wall_lamp(rng: np.random.Generator, style: Style) -> Piece:
+    """A lamp on the wall: a globe on an arm, or a half-round shade."""
+    b = Builder("wall lamp", "lamp", "on_wall", mount_height=float(rng.uniform(1.6, 1.8)))
+    lumens = float(rng.uniform(300, 500))
+    b.add(style.metal, cylinder(0.05, 0, 0.018, 24, bevel=0.004).turned("x", 90), name="plate")
+    if rng.random() < 0.5:
+        radius = float(rng.uniform(0.06, 0.085))
+        y = -0.09 - radius * 0.4
+        path = [(0, -0.01, 0), (0, 0.7 * y, -0.005), (0, y, 0.0), (0, y, 0.03)]
+        b.add(style.metal, tube(path, 0.007, 10))
+        b.add(style.metal, lathe([(0.02, 0.02), (0.035, 0.035), (0.03, 0.045)], 20).moved(y=y))
+        b.add(
+            OPAL,
+            sphere(radius, 24, 14).moved(y=y, z=0.035 + radius),
+            name="globe",
+            lumens=lumens,
+            kelvin=style.kelvin,
+        )
+    else:
+        rings = []
+        for z, half in ((-0.1, 0.07), (-0.03, 0.085), (0.1, 0.1)):
+            rings.append(superellipse(half, 0.055 + 0.2 * (half - 0.07), z, 2.6, 32, y=-0.085))
+        b.add(
+            style.shade,
+            loft(np.stack(rings)),
+            name="shade",
+            lumens=lumens,
+            kelvin=style.kelvin,
+        )
+        b.add(style.metal, bar((0, -0.01, 0), (0, -0.05, 0), 0.012, 10))
+    return b.piece()
+
+
+def light_strip(rng: np.random.Generator, style: Style, width: float = 0.6) -> Piece:
+    """A slim lamp over a mirror or below wall cupboards; hangs with its back to the wall."""
+    b = Builder("mirror lamp", "lamp", "on_wall", mount_height=float(rng.uniform(1.98, 2.08)))
+    b.add(CHROME, box((0.09, 0.03, 0.04), (0, -0.015, -0.02), 0.003), name="plate")
+    b.add(CHROME, box((width, 0.022, 0.03), (0, -0.055, -0.008), 0.003), name="rail")
+    b.add(CHROME, bar((0, -0.028, 0), (0, -0.05, 0), 0.009, 8))
+    b.add(
+        OPAL,
+        rounded_box((width - 0.02, 0.04, 0.035), (0, -0.06, -0.042), 0.016, steps=2, inner=2),
+        name="diffuser",
+        lumens=float(rng.uniform(500, 800)),
+        kelvin=style.kelvin + 500,
+    )
+    return b.piece()

@@ -1,0 +1,477 @@
+"""Cupboards, shelves and what stands or hangs in them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scenes.procedural.furniture.build import Builder
+from scenes.procedural.furniture.cabinets import (
+    BOARD,
+    FRONT,
+    add_door,
+    add_drawer,
+    carcass,
+    feet,
+    leg_material,
+    shelf,
+)
+from scenes.procedural.furniture.geometry import (
+    Mesh,
+    bar,
+    box,
+    lathe,
+    loft,
+    merge,
+    rounded_box,
+    span,
+    superellipse,
+)
+from scenes.procedural.furniture.style import CHROME, PAGES, WICKER, Style
+from scenes.procedural.piece import Material, Piece
+
+
+def add_books(
+    b: Builder,
+    rng: np.random.Generator,
+    style: Style,
+    low: float,
+    high: float,
+    z: float,
+    front: float,
+    headroom: float,
+    fill: float = 0.8,
+) -> None:
+    """A row of upright books on a shelf from x = low to high, spines at about y = front.
+
+    Books differ in size and colour; the last ones lean on their neighbours.
+    """
+    x = low + 0.004
+    stop = low + fill * (high - low)
+    while True:
+        thick = float(rng.uniform(0.014, 0.045))
+        tall = min(float(rng.normal(0.22, 0.03)), headroom - 0.015)
+        deep = min(0.16, max(0.11, 0.68 * tall))
+        lean = float(rng.uniform(6, 16)) if rng.random() < 0.08 else 0.0
+        sine, cosine = np.sin(np.radians(lean)), np.cos(np.radians(lean))
+        need = thick * cosine + tall * sine
+        if x + need > stop or tall < 0.1:
+            return
+        y = front + float(rng.uniform(0.0, 0.018))
+        cover, pages = _book(thick, tall, deep)
+        # A leaning book touches the shelf with its right lower corner.
+        at = (x + float(tall * sine), y, z + float(thick * sine))
+        binding = style.books[int(rng.integers(len(style.books)))]
+        b.add(binding, cover.turned("y", -lean).moved(*at), name="books")
+        b.add(PAGES, pages.turned("y", -lean).moved(*at), name="pages")
+        x += float(need) + 0.0008
+
+
+def _book(thick: float, tall: float, deep: float) -> tuple[Mesh, Mesh]:
+    """A book's binding and its pages: spine at y = 0, standing on z = 0, from x = 0."""
+    board = 0.0022
+    cover = merge(
+        [
+            span((0, 0.0, 0), (thick, board, tall)),
+            span((0, board, 0), (board, deep, tall)),
+            span((thick - board, board, 0), (thick, deep, tall)),
+        ]
+    )
+    pages = span((board, board, 0.003), (thick - board, deep - 0.004, tall - 0.004))
+    return cover, pages
+
+
+def add_stack(
+    b: Builder,
+    rng: np.random.Generator,
+    style: Style,
+    x: float,
+    y: float,
+    z: float,
+    count: int,
+    turn: float = 0.0,
+) -> float:
+    """Books lying on each other around (x, y); returns the height of the topmost face."""
+    for _ in range(count):
+        thick, tall = float(rng.uniform(0.015, 0.035)), float(rng.uniform(0.19, 0.26))
+        cover, pages = _book(thick, tall, 0.7 * tall)
+        angle = turn + float(rng.uniform(-8, 8))
+        binding = style.books[int(rng.integers(len(style.books)))]
+        for material, mesh, name in ((binding, cover, "books"), (PAGES, pages, "pages")):
+            lying = mesh.moved(-thick / 2, -0.35 * tall, -tall / 2).turned("y", 90)
+            b.add(material, lying.turned("z", 90 + angle).moved(x, y, z + thick / 2), name=name)
+        z += thick + 0.0004
+    return z
+
+
+def add_vase(
+    b: Builder,
+    rng: np.random.Generator,
+    material: Material,
+    x: float,
+    y: float,
+    z: float,
+    tall: float,
+) -> None:
+    """A turned vase, hollow at its mouth."""
+    wide = float(rng.uniform(0.28, 0.42)) * tall
+    neck = float(rng.uniform(0.35, 0.75)) * wide
+    t = np.linspace(0, 1, 9)
+    belly = float(rng.uniform(0.8, 1.5))
+    outer = 0.55 * wide * (1 - t) + neck * t + (wide - 0.5 * neck) * np.sin(np.pi * t**belly) * 0.6
+    outer *= wide / outer.max()
+    profile = [(float(r), float(h)) for r, h in zip(outer, t * tall, strict=True)]
+    wall = 0.005
+    profile += [(profile[-1][0] - wall, tall), (0.9 * profile[-2][0] - wall, 0.86 * tall)]
+    profile += [(0.6 * neck, 0.7 * tall)]
+    b.add(material, lathe(profile, 24).moved(x, y, z), name="vase")
+
+
+def add_basket(
+    b: Builder, x: float, y: float, z: float, half: tuple[float, float], tall: float
+) -> None:
+    """An open basket."""
+    rings = []
+    for inset, height in ((0.02, 0.0), (0.0, tall), (0.008, tall), (0.026, 0.012)):
+        rings.append(superellipse(half[0] - inset, half[1] - inset, height, 5.0, 28))
+    b.add(WICKER, loft(np.stack(rings)).moved(x, y, z), name="basket")
+
+
+def bookshelf(
+    rng: np.random.Generator,
+    style: Style,
+    width: float | None = None,
+    height: float | None = None,
+) -> Piece:
+    """A tall open shelf with rows and stacks of books, vases and baskets."""
+    width = float(rng.uniform(0.7, 1.1)) if width is None else width
+    height = float(rng.uniform(1.75, 2.1)) if height is None else height
+    depth = rng.uniform(0.28, 0.33)
+    b = Builder("bookshelf", "bookshelf", "wall", front_clearance=0.5)
+    wood = style.cabinet
+    b.add(wood, *carcass(width, depth + FRONT, 0.06, height))
+    b.add(
+        wood, span((-width / 2 + 0.019, -depth / 2 + 0.03, 0), (width / 2 - 0.019, depth / 2, 0.06))
+    )
+    levels = max(2, round((height - 0.08) / 0.34))
+    zs = [0.06 + BOARD + k * (height - 0.078) / levels for k in range(levels)]
+    zs[0] = 0.06 + BOARD
+    for z in zs[1:]:
+        b.add(wood, shelf(width, depth + FRONT, z))
+    room = (height - 0.078) / levels - BOARD - 0.004
+    left, right = -width / 2 + BOARD + 0.004, width / 2 - BOARD - 0.004
+    front = -depth / 2 + 0.045
+    for level, z in enumerate(zs):
+        kind = rng.random()
+        if level == 0 and kind < 0.5:
+            half = (min(0.17, (right - left) / 4 - 0.01), depth / 2 - 0.045)
+            for x in (left + 0.25 * (right - left), left + 0.75 * (right - left)):
+                add_basket(b, x, 0.0, z, half, min(0.2, 0.7 * room))
+        elif kind < 0.75:
+            fill = float(rng.uniform(0.7, 1.0))
+            add_books(b, rng, style, left, right, z, front, room, fill)
+        else:
+            middle = left + float(rng.uniform(0.45, 0.6)) * (right - left)
+            add_books(b, rng, style, left, middle, z, front, room, 1.0)
+            if rng.random() < 0.5:
+                add_stack(b, rng, style, (middle + right) / 2, 0.0, z, int(rng.integers(2, 5)))
+            else:
+                glaze = style.accents[int(rng.integers(len(style.accents)))]
+                add_vase(b, rng, glaze, (middle + right) / 2, 0.0, z, min(0.24, 0.8 * room))
+    b.surface(0, 0.01, height, width / 2 - 0.05, depth / 2 - 0.03)
+    return b.piece()
+
+
+def add_garment(
+    b: Builder, rng: np.random.Generator, material: Material, x: float, rail: float, long: float
+) -> None:
+    """A shirt or coat on a hanger below a rail along x at height `rail`, seen edge-on."""
+    n, m = 25, 9
+    t = np.linspace(0, 1, m)
+    angle = 2 * np.pi * np.arange(n - 1) / (n - 1)
+    half_wide = np.interp(t, [0, 0.08, 0.2, 1], [0.05, 0.19, 0.22, 0.24])
+    half_thick = np.interp(t, [0, 0.08, 1], [0.012, 0.02, 0.028])
+    phase = float(rng.uniform(0, 6.28))
+    rings = np.empty((m, n - 1, 3))
+    for k in range(m):
+        fold = 1 + 0.3 * t[k] * np.sin(5 * angle + phase)
+        rings[k, :, 0] = half_thick[k] * np.cos(angle) * fold
+        rings[k, :, 1] = half_wide[k] * np.sin(angle)
+        rings[k, :, 2] = -0.07 - long * t[k]
+    b.add(material, loft(rings[::-1]).moved(x, 0.0, rail), name="garment")
+    b.add(CHROME, bar((x, 0, rail - 0.08), (x, 0, rail + 0.012), 0.003, 8), name="hanger")
+
+
+def wardrobe(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+    """A wardrobe of two or three doors, one of them ajar before hanging clothes."""
+    width = float(rng.uniform(1.0, 1.6)) if width is None else width
+    depth, height = rng.uniform(0.57, 0.62), rng.uniform(1.95, 2.2)
+    b = Builder("wardrobe", "wardrobe", "wall", front_clearance=0.7)
+    finish = style.cabinet
+    base = 0.07
+    b.add(finish, *carcass(width, depth, base, height))
+    b.add(
+        finish,
+        box((width - 0.01, depth - 0.08, base + 0.001), (0, 0.03, 0)),
+        box((width + 0.02, depth + 0.012, 0.025), (0, 0.0, height - 0.001), 0.004),
+    )
+    doors = 2 if width < 1.25 else 3
+    each = width / doors
+    drawers = 0.0 if rng.random() < 0.5 else 0.22
+    bottom = base + drawers
+    ajar = int(rng.integers(doors + 1))  # one more: all shut
+    for k in range(doors):
+        x0 = -width / 2 + k * each
+        hinge = "left" if k == 0 else "right"
+        if doors == 3 and k == 1:
+            hinge = "left"
+        angle = float(rng.uniform(18, 65)) if k == ajar else 0.0
+        add_door(b, style, finish, x0, x0 + each, bottom, height - 0.002, depth, hinge, angle)
+        if drawers:
+            add_drawer(b, style, finish, style.wood, x0, x0 + each, base, bottom, depth)
+    if drawers:
+        b.add(finish, shelf(width, depth, bottom + 0.001))
+    if ajar < doors:
+        rail = height - 0.14
+        b.add(
+            CHROME,
+            bar((-width / 2 + 0.02, 0, rail), (width / 2 - 0.02, 0, rail), 0.012, 12),
+            name="rail",
+        )
+        x = -width / 2 + ajar * each + 0.07
+        while x < -width / 2 + (ajar + 1) * each - 0.06:
+            cloth = (*style.cushions, style.throw, style.bedding, style.upholstery)
+            material = cloth[int(rng.integers(len(cloth)))]
+            add_garment(b, rng, material, x, rail, float(rng.uniform(0.65, 1.1)))
+            x += float(rng.uniform(0.075, 0.11))
+    b.surface(0, 0, height + 0.024, width / 2 - 0.05, depth / 2 - 0.05)
+    return b.piece()
+
+
+def chest_of_drawers(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+    """A chest of three to five drawers on feet, one of them pulled out."""
+    width = float(rng.uniform(0.75, 1.1)) if width is None else width
+    depth, height = rng.uniform(0.42, 0.5), rng.uniform(0.78, 1.05)
+    b = Builder("chest of drawers", "chest", "wall", front_clearance=0.6)
+    finish, foot = style.cabinet, 0.11
+    b.add(
+        leg_material(style, style.wood),
+        *feet(style, width, depth - FRONT, foot + 0.002, 0.045, 0.015),
+    )
+    b.add(finish, *carcass(width, depth, foot, height - 0.024))
+    b.add(finish, box((width + 0.016, depth + 0.012, 0.025), (0, 0, height - 0.025), 0.003))
+    rows = 3 if height < 0.9 else 4
+    zs = np.linspace(foot, height - 0.026, rows + 1)
+    pulled = int(rng.integers(0, rows + 1))
+    for k in range(rows):
+        out = float(rng.uniform(0.08, 0.22)) if k == pulled else 0.0
+        add_drawer(
+            b,
+            style,
+            finish,
+            style.wood,
+            -width / 2,
+            width / 2,
+            float(zs[k]),
+            float(zs[k + 1]),
+            depth,
+            out,
+        )
+        if out and rng.random() < 0.8:
+            z = float(zs[k]) + 0.035
+            cloth = style.cushions[k % len(style.cushions)]
+            for x in np.arange(-width / 2 + 0.15, width / 2 - 0.13, 0.2):
+                b.add(
+                    cloth,
+                    rounded_box((0.18, 0.3, 0.08), (float(x), -depth / 2 - out + 0.22, z), 0.03),
+                    name="linen",
+                )
+    b.surface(0, 0, height, width / 2 - 0.05, depth / 2 - 0.05)
+    return b.piece()
+
+
+def sideboard(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+    """A long low cupboard: doors at the sides, drawers between."""
+    width = float(rng.uniform(1.3, 1.9)) if width is None else width
+    depth, height = rng.uniform(0.4, 0.46), rng.uniform(0.68, 0.85)
+    b = Builder("sideboard", "sideboard", "wall", front_clearance=0.5)
+    finish, foot = style.cabinet, 0.15
+    b.add(
+        leg_material(style, style.wood), *feet(style, width, depth, foot + 0.002, 0.045, 0.05, 0.02)
+    )
+    b.add(finish, *carcass(width, depth, foot, height - 0.022))
+    b.add(finish, box((width + 0.01, depth + 0.006, 0.022), (0, 0, height - 0.022), 0.003))
+    third = width / 3
+    top = height - 0.024
+    ajar = int(rng.integers(0, 4))
+    for k, hinge in ((0, "left"), (2, "right")):
+        x0 = -width / 2 + k * third
+        angle = float(rng.uniform(15, 60)) if ajar == k else 0.0
+        add_door(b, style, finish, x0, x0 + third, foot, top, depth, hinge, angle)
+        b.add(
+            finish,
+            span(
+                (x0 + third * (k == 0) - 0.009, -depth / 2 + 0.03, foot + BOARD),
+                (x0 + third * (k == 0) + 0.009, depth / 2 - 0.013, top - BOARD),
+            ),
+        )
+    zs = np.linspace(foot, top, 4)
+    for k in range(3):
+        add_drawer(
+            b,
+            style,
+            finish,
+            style.wood,
+            -third / 2,
+            third / 2,
+            float(zs[k]),
+            float(zs[k + 1]),
+            depth,
+        )
+    b.surface(0, 0, height, width / 2 - 0.05, depth / 2 - 0.05)
+    return b.piece()
+
+
+def tv_stand(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+    """A low board for a television: an open niche with a set-top box between two doors."""
+    width = float(rng.uniform(1.2, 1.8)) if width is None else width
+    depth, height = rng.uniform(0.38, 0.45), rng.uniform(0.42, 0.55)
+    b = Builder("tv stand", "tv stand", "wall", front_clearance=0.4)
+    finish, foot = style.cabinet, 0.1
+    b.add(
+        leg_material(style, style.wood), *feet(style, width, depth, foot + 0.002, 0.04, 0.04, 0.01)
+    )
+    b.add(finish, *carcass(width, depth, foot, height - 0.022))
+    b.add(finish, box((width + 0.008, depth + 0.006, 0.022), (0, 0, height - 0.022), 0.003))
+    third = width / 3
+    top = height - 0.024
+    for k, hinge in ((0, "left"), (2, "right")):
+        x0 = -width / 2 + k * third
+        add_door(b, style, finish, x0, x0 + third, foot, top, depth, hinge)
+        x = x0 + third * (k == 0)
+        b.add(
+            finish,
+            span((x - 0.009, -depth / 2 + 0.03, foot + BOARD), (x + 0.009, depth / 2 - 0.013, top)),
+        )
+    middle = foot + 0.55 * (top - foot)
+    b.add(
+        finish,
+        span(
+            (-third / 2 + 0.009, -depth / 2 + 0.04, middle - 0.016),
+            (third / 2 - 0.009, depth / 2 - 0.013, middle),
+        ),
+    )
+    black = Material("plastic", (0.012, 0.012, 0.014), 0.3)
+    wide = min(0.3, third - 0.1)
+    b.add(black, box((wide, 0.22, 0.05), (0.02, -0.02, middle + 0.001), 0.003), name="player")
+    add_stack(b, rng, style, 0.0, -0.02, foot + BOARD, int(rng.integers(1, 4)))
+    b.surface(0, 0, height, width / 2 - 0.05, depth / 2 - 0.05)
+    return b.piece()
+
+
+def night_table(rng: np.random.Generator, style: Style) -> Piece:
+    """A small bedside cabinet: a drawer above an open niche."""
+    width, depth = rng.uniform(0.4, 0.5), rng.uniform(0.36, 0.42)
+    height = rng.uniform(0.46, 0.58)
+    b = Builder("night table", "night table", "wall", front_clearance=0.3)
+    finish, foot = style.cabinet, 0.12
+    b.add(leg_material(style, style.wood), *feet(style, width, depth, foot + 0.002, 0.035, 0.015))
+    b.add(finish, *carcass(width, depth, foot, height - 0.02))
+    b.add(finish, box((width + 0.01, depth + 0.006, 0.02), (0, 0, height - 0.02), 0.003))
+    split = height - 0.022 - 0.17
+    b.add(finish, shelf(width, depth, split))
+    out = float(rng.uniform(0.05, 0.14)) if rng.random() < 0.35 else 0.0
+    add_drawer(
+        b, style, finish, style.wood, -width / 2, width / 2, split, height - 0.022, depth, out
+    )
+    if rng.random() < 0.7:
+        add_stack(b, rng, style, 0, 0.0, foot + BOARD, int(rng.integers(2, 4)))
+    b.surface(0, 0, height, width / 2 - 0.04, depth / 2 - 0.04)
+    return b.piece()
+
+
+def wall_shelf(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+    """A board on brackets with books and a vase; hangs at eye height."""
+    width = float(rng.uniform(0.6, 1.1)) if width is None else width
+    depth, thick = rng.uniform(0.2, 0.25), 0.025
+    b = Builder("wall shelf", "shelf", "on_wall", mount_height=float(rng.uniform(1.35, 1.6)))
+    b.add(style.wood, span((-width / 2, -depth, -thick), (width / 2, 0, 0), 0.002))
+    for side in (-1, 1):
+        x = side * (width / 2 - 0.12)
+        b.add(
+            style.metal,
+            span((x - 0.012, -0.004, -0.16), (x + 0.012, 0, -thick - 0.0005)),
+            span((x - 0.012, -depth + 0.03, -thick - 0.0045), (x + 0.012, -0.004, -thick - 0.0005)),
+            bar((x, -0.003, -0.13), (x, -depth + 0.06, -thick - 0.003), 0.005, 8),
+        )
+    middle = float(rng.uniform(-0.1, 0.3)) * width
+    add_books(b, rng, style, -width / 2 + 0.03, middle, 0.0005, -depth + 0.03, 0.3, 1.0)
+    glaze = style.accents[int(rng.integers(len(style.accents)))]
+    add_vase(b, rng, glaze, width / 2 - 0.11, -depth / 2, 0.0005, float(rng.uniform(0.14, 0.24)))
+    return b.piece()
+
+
+def shoe_rack(rng: np.random.Generator, style: Style) -> Piece:
+    """Two slatted boards with pairs of shoes."""
+    width, depth = rng.uniform(0.6, 0.8), 0.3
+    b = Builder("shoe rack", "shelf", "wall", front_clearance=0.4)
+    for side in (-1, 1):
+        for sy in (-1, 1):
+            b.add(
+                style.metal,
+                bar(
+                    (side * width / 2, sy * (depth / 2 - 0.01), 0),
+                    (side * width / 2, sy * (depth / 2 - 0.01), 0.45),
+                    0.009,
+                    10,
+                ),
+            )
+    for z in (0.12, 0.36):
+        for side in (-1, 1):
+            b.add(
+                style.metal,
+                bar(
+                    (side * width / 2, -depth / 2 + 0.01, z),
+                    (side * width / 2, depth / 2 - 0.01, z),
+                    0.007,
+                    8,
+                ),
+            )
+        for k in range(5):
+            b.add(
+                style.wood,
+                box((width, 0.04, 0.014), (0, (k - 2) * 0.058, z + 0.005), 0.003),
+            )
+        x = -width / 2 + 0.09
+        while x < width / 2 - 0.07:
+            if rng.random() < 0.8:
+                material = _SHOES[int(rng.integers(len(_SHOES)))]
+                pair = (_shoe().moved(x + step, 0.0, z + 0.0195) for step in (0.0, 0.095))
+                b.add(material, *pair, name="shoe")
+            x += 0.22
+    b.surface(0, 0, 0.379, width / 2 - 0.05, depth / 2 - 0.05)
+    return b.piece()
+
+
+_SHOES = (
+    Material("leather", (0.05, 0.03, 0.02), 0.4),
+    Material("leather", (0.02, 0.02, 0.022), 0.35),
+    Material("fabric", (0.55, 0.54, 0.5), 0.9),
+)
+
+
+def _shoe() -> Mesh:
+    """A low shoe on z = 0, its tip towards the front."""
+    rings = [
+        superellipse(half_x, half_y, height, 2.3, 20, y=y)
+        for height, half_x, half_y, y in (
+            (0.0, 0.04, 0.132, 0.0),
+            (0.014, 0.042, 0.135, 0.0),
+            (0.03, 0.04, 0.13, 0.002),
+            (0.055, 0.036, 0.1, 0.025),
+            (0.075, 0.034, 0.068, 0.062),
+            (0.095, 0.033, 0.058, 0.074),
+            (0.09, 0.026, 0.05, 0.074),
+            (0.03, 0.026, 0.05, 0.074),
+        )
+    ]
+    return loft(np.stack(rings))

@@ -1,0 +1,191 @@
+"""A home's style: materials that go together, and the shapes its cabinets share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from scenes.procedural.piece import Color, Material
+
+
+def tone(code: str) -> Color:
+    """Linear Rec. 709 RGB of an sRGB colour written as "#rrggbb"."""
+    channels = [int(code[start : start + 2], 16) / 255 for start in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+    return (linear[0], linear[1], linear[2])
+
+
+WOODS = ("#c8a06a", "#b98a55", "#d9bb8b", "#8a5a36", "#5b3d2a", "#a06a3c", "#cfae84", "#6f4a30")
+LACQUERS = ("#eeece6", "#e2ddd2", "#dfe3e4", "#b9c2c0", "#8d9a94", "#4f5b66", "#3b3d40", "#c9b9a4")
+KITCHENS = (
+    "#f0eeea",
+    "#e9e4d8",
+    "#7f8f8b",
+    "#3f5361",
+    "#51624f",
+    "#b7b4ab",
+    "#2f3437",
+    "#a8b9c4",
+    "#c5a46d",
+)
+STONES = ("#d8d4cc", "#4a4a4c", "#8d8a85", "#b9a890", "#2c2b2b", "#c4c0ba")
+UPHOLSTERY = (
+    "#8f8a82",
+    "#5a6470",
+    "#b8ad9c",
+    "#3d5a5f",
+    "#7a4b3a",
+    "#6a7556",
+    "#c7bfb2",
+    "#44506b",
+    "#a35f45",
+    "#757575",
+)
+ACCENTS = (
+    "#c4573a",
+    "#d9a13b",
+    "#2f6f73",
+    "#86a08b",
+    "#b56576",
+    "#355070",
+    "#e3d5c0",
+    "#8c4a5a",
+    "#6b8fa3",
+    "#4f7a4a",
+)
+BEDDINGS = ("#f2f0ec", "#dfe4e8", "#cfd8d3", "#e8dccb", "#aebccb", "#8a97a8", "#d8c2b8", "#b7c0a8")
+CURTAINS = ("#e6e0d4", "#c9c3b8", "#9aa5a8", "#7d8a78", "#b5895f", "#dcd7cf", "#62707c", "#c7a9a0")
+RUGS = ("#a89a86", "#8c3f3a", "#37475a", "#cbbfae", "#6d7a6e", "#b98b54", "#7b7f86", "#d6cdbf")
+METALS = (("#c9c7c2", 0.3), ("#2b2a29", 0.45), ("#c5a35c", 0.28), ("#8f7a66", 0.4))
+
+CHROME = Material("metal", tone("#dcdde0"), roughness=0.08)
+STEEL = Material("metal", tone("#bcbdbd"), roughness=0.32)
+IRON = Material("metal", tone("#4a4a4b"), roughness=0.5)
+BRASS = Material("metal", tone("#d0a85e"), roughness=0.25)
+GLASS = Material("glass", (0.95, 0.97, 0.96), roughness=0.0)
+MIRROR = Material("mirror", (0.92, 0.92, 0.92), roughness=0.0)
+CERAMIC = Material("ceramic", tone("#efeeea"), roughness=0.12)
+WHITE_PLASTIC = Material("plastic", tone("#e9e8e4"), roughness=0.35)
+BLACK_PLASTIC = Material("plastic", tone("#1d1e20"), roughness=0.4)
+SCREEN = Material("plastic", tone("#0b0c0e"), roughness=0.12)
+RUBBER = Material("plastic", tone("#26262a"), roughness=0.7)
+WHITE_PAINT = Material("paint", tone("#ece9e2"), roughness=0.4)
+PAGES = Material("paper", tone("#e8dfc9"), roughness=0.9)
+SOIL = Material("soil", tone("#3a2a1e"), roughness=0.95)
+TERRACOTTA = Material("ceramic", tone("#b4683f"), roughness=0.6)
+WICKER = Material("fabric", tone("#b08a58"), roughness=0.85, accent=tone("#7d5c36"), scale=6.0)
+
+
+@dataclass(frozen=True)
+class Style:
+    """What the furniture of one home has in common."""
+
+    wood: Material
+    dark_wood: Material
+    lacquer: Material  # cabinets that are painted
+    cabinet: Material  # the finish of most cabinets: wood or lacquer
+    kitchen: Material
+    worktop: Material
+    metal: Material  # handles, lamp stems, chair frames
+    upholstery: Material
+    second_upholstery: Material  # armchairs, dining seats
+    cushions: tuple[Material, ...]
+    bedding: Material
+    throw: Material
+    curtain: Material
+    rug: Material
+    towel: Material
+    shade: Material
+    accents: tuple[Material, ...]  # painted or glazed small things
+    books: tuple[Material, ...]
+    front: Literal["flat", "framed"]
+    handle: Literal["bar", "knob", "edge"]
+    legs: Literal["square", "tapered", "round", "metal"]
+    worktop_height: float  # metres
+    kelvin: float  # of the home's lamps
+
+    def picture(self, rng: np.random.Generator) -> Material:
+        """Another picture each time."""
+        return Material("picture", tone("#9a938a"), 0.6, variant=int(rng.integers(1 << 30)))
+
+
+def make_style(rng: np.random.Generator) -> Style:
+    """A style drawn from `rng`."""
+
+    def pick(codes: tuple[str, ...]) -> Color:
+        return tone(codes[int(rng.integers(len(codes)))])
+
+    def variant() -> int:
+        return int(rng.integers(1 << 30))
+
+    def dimmed(color: Color, factor: float) -> Color:
+        return (color[0] * factor, color[1] * factor, color[2] * factor)
+
+    wood_color = pick(WOODS)
+    wood = Material(
+        "wood",
+        wood_color,
+        roughness=float(rng.uniform(0.35, 0.55)),
+        accent=dimmed(wood_color, 0.55),
+        variant=variant(),
+    )
+    dark = tone(("#5b3d2a", "#3f2c20", "#6f4a30", "#4a3a2e")[int(rng.integers(4))])
+    dark_wood = replace(wood, color=dark, accent=dimmed(dark, 0.5), variant=variant())
+    lacquer = Material("paint", pick(LACQUERS), roughness=float(rng.uniform(0.3, 0.5)))
+    kitchen: Material = Material("paint", pick(KITCHENS), roughness=float(rng.uniform(0.25, 0.5)))
+    if rng.random() < 0.25:
+        kitchen = replace(wood, variant=variant())
+    stone = pick(STONES)
+    worktop = (
+        Material("stone", stone, 0.3, accent=dimmed(stone, 0.6), variant=variant())
+        if rng.random() < 0.65
+        else replace(wood, color=tone("#b98a55"), accent=tone("#8a6238"), variant=variant())
+    )
+    metal_code, metal_roughness = METALS[int(rng.integers(len(METALS)))]
+
+    def cloth(codes: tuple[str, ...], scale: float = 1.0) -> Material:
+        color = pick(codes)
+        return Material("fabric", color, 0.9, dimmed(color, 0.7), scale, variant())
+
+    upholstery = (
+        Material("leather", pick(("#5a3a26", "#2a2725", "#8a5a3a", "#b59a7c")), 0.45)
+        if rng.random() < 0.2
+        else cloth(UPHOLSTERY)
+    )
+    accents = [ACCENTS[int(k)] for k in rng.permutation(len(ACCENTS))]
+    book_colors = (*ACCENTS, "#e7e1d5", "#2a2d33", "#7a2f2c", "#1f3d4f", "#c9b27c")
+    books = [book_colors[int(k)] for k in rng.permutation(len(book_colors))[:8]]
+    rug = pick(RUGS)
+    translucent = Material(
+        "fabric", pick(CURTAINS), 0.9, variant=variant(), translucent=bool(rng.random() < 0.6)
+    )
+    return Style(
+        wood=wood,
+        dark_wood=dark_wood,
+        lacquer=lacquer,
+        cabinet=wood if rng.random() < 0.6 else lacquer,
+        kitchen=kitchen,
+        worktop=worktop,
+        metal=Material("metal", tone(metal_code), roughness=metal_roughness),
+        upholstery=upholstery,
+        second_upholstery=cloth(UPHOLSTERY + ACCENTS),
+        cushions=tuple(
+            Material("fabric", tone(code), 0.9, tone("#d9d2c4"), 1.5, variant())
+            for code in accents[:3]
+        ),
+        bedding=cloth(BEDDINGS),
+        throw=Material("fabric", tone(accents[3]), 0.95, variant=variant(), scale=2.0),
+        curtain=translucent,
+        rug=Material("carpet", rug, 0.95, accent=pick(RUGS), variant=variant()),
+        towel=Material("fabric", tone(accents[4]), 0.95, variant=variant(), scale=1.5),
+        shade=Material("paper", pick(("#efe6d4", "#e7dcc6", "#f2efe8", "#d8cdb8")), 0.9),
+        accents=tuple(Material("ceramic", tone(code), 0.3) for code in accents[:5]),
+        books=tuple(Material("paint", tone(code), 0.55) for code in books),
+        front="flat" if rng.random() < 0.6 else "framed",
+        handle=("bar", "knob", "edge")[int(rng.integers(3))],
+        legs=("square", "tapered", "round", "metal")[int(rng.integers(4))],
+        worktop_height=float(rng.uniform(0.88, 0.94)),
+        kelvin=float(rng.choice([2700.0, 2800.0, 3000.0, 3300.0])),
+    )
