@@ -29,7 +29,7 @@ _NEAR, _FAR = 1e-3, 1e5  # metres
 _FIREFLY_RATIO = 8.0  # times the median of the 5 x 5 pixels around
 _FIREFLY_DOUBT = 0.5  # relative error from which a bright pixel is chance, not a small lamp
 
-Float64 = npt.NDArray[np.float64]
+Float64 = npt.NDArray[Any]
 
 
 def render_truth(
@@ -55,7 +55,7 @@ def render_truth(
     sensor, integrator = _sensor(view), _integrator(params.max_depth, params.rr_depth)
     scene = render_scene.mitsuba
     total = np.zeros((view.height, view.width, 3))
-    finite = np.zeros((view.height, view.width, 1))
+    finite = np.zeros((view.height, view.width))
     lights = []
     for block, spp in enumerate(sizes):
         image = mi.render(
@@ -65,13 +65,13 @@ def render_truth(
             spp=spp,
             seed=derive32(seed, "block", block),
         )
-        pixels = np.asarray(image, dtype=np.float64)
-        sound = np.isfinite(pixels).all(axis=-1, keepdims=True)
-        pixels = np.where(sound, pixels, 0)
+        pixels: Float64 = np.asarray(image, dtype=np.float64)
+        sound: npt.NDArray[np.bool_] = np.isfinite(pixels).all(axis=-1)
+        pixels = np.where(sound[..., None], pixels, 0)
         total += pixels
         finite += sound
-        lights.append(np.where(sound[..., 0], luminance(pixels), np.nan))
-    mean = total / np.maximum(finite, 1)
+        lights.append(np.where(sound, luminance(pixels), np.nan))
+    mean = total / np.maximum(finite, 1)[..., None]
     negative = (mean < 0).any(axis=-1)
     mean = np.maximum(mean, 0)
     error = relative_error(np.stack(lights))

@@ -16,6 +16,7 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
+REC709 = np.array([0.2126, 0.7152, 0.0722])
 LAYERS = 16  # clear surfaces that one ray may pass: a glass cabinet before a glass door and so on
 CHUNK = 1 << 21  # rays in flight, which bounds memory
 
@@ -149,6 +150,69 @@ def ids(
     return numbers[shapes].astype(np.uint32).reshape(len(poses), height, width)
 
 
+def emitted(
+    target: Target, origin: npt.ArrayLike, directions: npt.NDArray[Any], glowing: npt.NDArray[Any]
+) -> tuple[Ints, Floats, npt.NDArray[np.float64]]:
+    """First shape each ray sees, the distance to it and the luminance it emits towards `origin`.
+
+    Only shapes marked in `glowing`, bool by shape index, are asked for light; others give 0.
+    """
+    parts: list[tuple[Any, ...]] = []
+    for o, d in _chunks(origin, directions):
+        parts.append(
+            _scalar_emitted(target, o, d, glowing)
+            if is_scalar()
+            else _wave_emitted(target, o, d, glowing)
+        )
+    shape, distance, light = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return shape, distance, light
+
+
+def sky(emitter: Any, directions: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """Luminance of an environment emitter seen along `directions` (N, 3), float64 (N,)."""
+    if is_scalar():
+        light = np.zeros((len(directions), 3))
+        si = mi.SurfaceInteraction3f()
+        for i, direction in enumerate(directions):
+            si.wi = mi.ScalarVector3f(-direction)
+            light[i] = emitter.eval(si)
+        return _luminance(light)
+    si = dr.zeros(mi.SurfaceInteraction3f, len(directions))
+    si.wi = mi.Vector3f(np.ascontiguousarray(-directions.T, dtype=np.float32))
+    return _luminance(mi.Color3f(emitter.eval(si)).numpy().T)
+
+
+def towards_lights(
+    emitters: tuple[Any, ...],
+    which: npt.NDArray[Any],
+    eye: npt.ArrayLike,
+    samples: npt.NDArray[Any],
+) -> tuple[npt.NDArray[np.float64], Floats, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Points on lights as seen from `eye` (3,), ignoring what is in between.
+
+    Sample i lies on `emitters[which[i]]`, chosen there by `samples[i]` in [0, 1)^2. Returns
+    direction (N, 3), distance (N,), luminance per probability (N,), whose mean over a light's
+    samples is its illuminance on a surface that faces it, and probability density per
+    steradian (N,), 0 for lights without size and for points that face away.
+    """
+    if is_scalar():
+        return _scalar_towards_lights(emitters, which, eye, samples)
+    count = len(which)
+    table = mi.UInt32([registry_id(emitter, mi.EmitterPtr) for emitter in emitters])
+    number = dr.gather(mi.UInt32, table, mi.UInt32(which.astype(np.uint32)))
+    pointer = dr.reinterpret_array(mi.EmitterPtr, number)
+    si = dr.zeros(mi.SurfaceInteraction3f, count)
+    # Opaque, or the position would be compiled into the kernel, one kernel per view.
+    si.p = mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in np.asarray(eye)))
+    sample = mi.Point2f(np.ascontiguousarray(samples.T, dtype=np.float32))
+    ds, weight = pointer.sample_direction(si, sample)
+    weight, pdf = mi.Color3f(weight), dr.select(ds.delta, 0, ds.pdf)
+    distance, direction = mi.Float(ds.dist), mi.Vector3f(ds.d)
+    dr.eval(direction, distance, weight, pdf)
+    light = _luminance(weight.numpy().T)
+    return direction.numpy().T.astype(np.float64), distance.numpy(), light, _doubles(pdf)
+
+
 def registry_table(pairs: list[tuple[Any, Any]], pointer: Any, fill: int, dtype: Any) -> Any:
     """A Dr.Jit array over registry ids: `table[id of object] = value`, `fill` elsewhere."""
     numbers = [registry_id(thing, pointer) for thing, _ in pairs]
@@ -161,6 +225,15 @@ def registry_table(pairs: list[tuple[Any, Any]], pointer: Any, fill: int, dtype:
 def registry_id(thing: Any, pointer: Any) -> int:
     """The number under which Dr.Jit's vectorised calls know an object."""
     return int(dr.reinterpret_array(mi.UInt32, pointer(thing))[0])
+
+
+def _luminance(rgb: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    light: npt.NDArray[np.float64] = np.maximum(rgb.astype(np.float64) @ REC709, 0)
+    return light
+
+
+def _doubles(values: Any) -> npt.NDArray[np.float64]:
+    return np.asarray(values.numpy(), dtype=np.float64)
 
 
 def _chunks(
@@ -271,6 +344,23 @@ def _wave_surfaces(target: Target, origins: npt.NDArray[Any], directions: npt.ND
     )
 
 
+def _wave_emitted(
+    target: Target,
+    origins: npt.NDArray[Any],
+    directions: npt.NDArray[Any],
+    glowing: npt.NDArray[Any],
+) -> tuple[Any, Any, npt.NDArray[np.float64]]:
+    shape, distance, hit, ray = _wave_first(target, _wave_ray(origins, directions), True)
+    if not glowing.any():
+        return shape.numpy(), distance.numpy(), np.zeros(len(directions))
+    table = mi.UInt32(np.append(glowing, False).astype(np.uint32))
+    lit = dr.gather(mi.UInt32, table, mi.UInt32(dr.maximum(shape, 0)), shape >= 0) == 1
+    si = hit.compute_surface_interaction(ray, mi.RayFlags.All, lit)
+    light = mi.Color3f(dr.select(lit, mi.Color3f(si.shape.emitter().eval(si, lit)), 0))
+    dr.eval(shape, distance, light)
+    return shape.numpy(), distance.numpy(), _luminance(light.numpy().T)
+
+
 def _wave_tables(target: Target) -> dict[str, Any]:
     """Properties of shapes by registry id, kept with the target."""
     tables = target.__dict__.get("tables")
@@ -358,3 +448,38 @@ def _scalar_surfaces(
         twin = target.reflectances[numbers[si.shape.ptr]]
         hits.reflectance[i] = np.clip(twin.eval_diffuse_reflectance(si), 0, 1)
     return hits
+
+
+def _scalar_emitted(
+    target: Target,
+    origins: npt.NDArray[Any],
+    directions: npt.NDArray[Any],
+    glowing: npt.NDArray[Any],
+) -> tuple[Any, Any, npt.NDArray[np.float64]]:
+    count = len(directions)
+    shapes, distances = np.full(count, -1, np.int32), np.full(count, np.inf, np.float32)
+    light = np.zeros((count, 3))
+    for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
+        shapes[i], distances[i], hit, ray = _scalar_first(target, _scalar_ray(o, d), True)
+        if hit is not None and glowing[shapes[i]]:
+            si = hit.compute_surface_interaction(ray)
+            light[i] = si.shape.emitter().eval(si)
+    return shapes, distances, _luminance(light)
+
+
+def _scalar_towards_lights(
+    emitters: tuple[Any, ...],
+    which: npt.NDArray[Any],
+    eye: npt.ArrayLike,
+    samples: npt.NDArray[Any],
+) -> tuple[npt.NDArray[np.float64], Floats, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    count = len(which)
+    directions, light = np.zeros((count, 3)), np.zeros((count, 3))
+    distances, density = np.zeros(count, np.float32), np.zeros(count)
+    si = mi.SurfaceInteraction3f()
+    si.p = mi.ScalarPoint3f(np.asarray(eye, dtype=np.float64))
+    for i in range(count):
+        ds, weight = emitters[which[i]].sample_direction(si, mi.ScalarPoint2f(samples[i]))
+        directions[i], distances[i], light[i] = ds.d, ds.dist, weight
+        density[i] = 0 if ds.delta else ds.pdf
+    return directions, distances, _luminance(light), density
