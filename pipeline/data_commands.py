@@ -12,6 +12,7 @@ from pipeline.inspection import inspect_path
 from pipeline.options import common_options
 from pipeline.params import Params
 from pipeline.pictures import png_bytes
+from pipeline.report import Places, write_report
 from scenes.files import atomic_file
 
 
@@ -77,3 +78,34 @@ def inspect(path: Path, out: Path | None, text_only: bool, as_json: bool) -> Non
         with atomic_file(target) as partial:
             partial.write_bytes(picture)
         click.echo(f"\nDrawn: {target}", err=as_json)
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet report                        write report/index.html
+  pbrnet report --out /tmp/page.html   write it elsewhere
+
+The page needs no network. What is not there yet is named, with the command that makes it."""
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=Path("report/index.html"),
+    show_default=True,
+    help="Page to write.",
+)
+@click.option(
+    "--root",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path(),
+    show_default=True,
+    help="Folder that holds models, metrics and plots.",
+)
+@common_options
+def report(params: Params, data: Path, out: Path, root: Path) -> None:
+    """Write one self-contained HTML page that shows what happened."""
+    places = Places(data, root / "models", root / "metrics", root / "plots")
+    for sentence in write_report(places, params, out):
+        click.echo(f"note: {sentence}", err=True)
+    click.echo(f"Written: {out} ({out.stat().st_size / 1e6:.1f} MB)")
