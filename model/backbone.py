@@ -337,7 +337,7 @@ def _load_weights(model: nn.Module, path: Path) -> None:
         wanted = model.state_dict()
         model.load_state_dict({name: state[name] for name in wanted if name in state})
     except Exception as error:
-        reason = str(error).splitlines()[0]
+        reason = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(
             f"{path}: not the weights of {type(model).__name__} ({reason}); VGG-19 needs "
             "torchvision's names, features.0.weight and so on"

@@ -162,5 +162,5 @@ def find_lpips() -> Lpips | None:
         )
         return Lpips(features, [heads[f"lin{index}.model.1.weight"] for index in range(5)])
     except Exception as error:
-        reason = str(error).splitlines()[0]
+        reason = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(f"{weights} or {heads_file}: not usable for LPIPS ({reason})") from None

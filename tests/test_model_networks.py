@@ -1,0 +1,222 @@
+"""Layout of the networks, counted; any size; and how the panorama meets the image."""
+
+from __future__ import annotations
+
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from model.backbone import EfficientNetLite0, Vgg19
+from model.encoding import CHANNELS
+from model.networks import (
+    Architecture,
+    Kind,
+    NormalPanorama,
+    Panorama,
+    averaged,
+    build_network,
+    look_up,
+)
+
+KINDS: tuple[Kind, ...] = get_args(Kind)
+PANORAMAS: tuple[Panorama, ...] = get_args(Panorama)
+
+
+def inputs(height: int, width: int, panorama: int = 32) -> dict[str, torch.Tensor]:
+    """Random encoded inputs of one view."""
+    random = torch.Generator().manual_seed(0)
+    tensors = {}
+    for name, channels in CHANNELS.items():
+        size = (panorama // 2, panorama) if name in ("intensity", "distance") else (height, width)
+        tensors[name] = torch.rand(1, channels, *size, generator=random)
+    tensors["normal"] = nn.functional.normalize(tensors["normal"] - 0.5, dim=1)
+    return tensors
+
+
+def run(network: nn.Module, kind: Kind, given: dict[str, torch.Tensor]) -> torch.Tensor:
+    """The network's output, whatever its inputs are called."""
+    with torch.no_grad():
+        if kind == "composition":
+            return network(given["reflectance"], given["reflectance"])
+        return network(given)
+
+
+def convolutions(network: nn.Module) -> list[nn.Conv2d]:
+    return [module for module in network.modules() if isinstance(module, nn.Conv2d)]
+
+
+@pytest.mark.parametrize("levels", [1, 2, 3, 5])
+def test_the_u_net_has_two_convolutions_per_level_and_side(levels: int) -> None:
+    network = build_network(Architecture("composition", 8, levels))
+    kernels = [conv.kernel_size[0] for conv in convolutions(network)]
+    # Down: two a level; up: two a level but the deepest; a 1x1 per doubling, one to three channels.
+    assert kernels.count(3) == 2 * levels + 2 * (levels - 1)
+    assert kernels.count(1) == (levels - 1) + 1
+
+
+def test_channels_double_up_to_eight_times_the_first() -> None:
+    network: Any = build_network(Architecture("composition", 4, 6))
+    assert [level[2].out_channels for level in network.unet.down] == [4, 8, 16, 32, 32, 32]
+    # Skips are concatenated: each way up starts from twice its level's channels.
+    assert [level[0].in_channels for level in network.unet.up] == [8, 16, 32, 64, 64]
+    assert network.unet.out.out_channels == 3
+
+
+def test_the_shading_network_convolves_each_input_apart() -> None:
+    network: Any = build_network(Architecture("shading", 16, 5, "resize"))
+    assert set(network.branches) == {"depth", "normal"}
+    first = [network.branches["depth"][0], network.branches["normal"][0]]
+    first += [network.panorama.intensity[0], network.panorama.distance[0]]
+    assert [conv.in_channels for conv in first] == [2, 3, 1, 1]
+    assert [conv.out_channels for conv in first] == [8] * 4
+    assert network.unet.down[0][0].in_channels == 4 * 8
+    assert len(convolutions(network)) == 4 + 18 + 5
+
+
+def test_the_normal_join_adds_four_panorama_convolutions() -> None:
+    resize, normal = (
+        build_network(Architecture("shading", 16, 5, panorama)) for panorama in PANORAMAS
+    )
+    assert len(convolutions(normal)) == len(convolutions(resize)) + 4
+
+
+def test_the_direct_u_net_sees_reflectance_too() -> None:
+    network: Any = build_network(Architecture("unet", 16, 5))
+    assert set(network.branches) == {"depth", "normal", "reflectance"}
+    assert network.unet.down[0][0].in_channels == 5 * 8
+
+
+def test_composition_is_the_shorter_network() -> None:
+    shading, composition = (
+        build_network(Architecture(kind, 32, levels))
+        for kind, levels in (("shading", 5), ("composition", 3))
+    )
+    sizes = [sum(p.numel() for p in net.parameters()) for net in (shading, composition)]
+    assert sizes[1] < sizes[0] / 5
+    assert composition.unet.down[0][0].in_channels == 6  # type: ignore[union-attr,index]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("size", [(1, 1), (2, 3), (17, 31), (48, 64)])
+def test_any_size_in_is_the_same_size_out(kind: Kind, size: tuple[int, int]) -> None:
+    network = build_network(Architecture(kind, 4, 5))
+    assert run(network, kind, inputs(*size)).shape == (1, 3, *size)
+
+
+@pytest.mark.parametrize("panorama", PANORAMAS)
+@pytest.mark.parametrize("width", [8, 64, 130])
+def test_any_panorama_size_is_taken(panorama: Panorama, width: int) -> None:
+    network = build_network(Architecture("shading", 4, 3, panorama))
+    assert run(network, "shading", inputs(12, 16, width)).shape == (1, 3, 12, 16)
+
+
+@pytest.mark.parametrize("panorama", PANORAMAS)
+def test_every_input_reaches_the_output(panorama: Panorama) -> None:
+    network = build_network(Architecture("unet", 8, 3, panorama))
+    given = inputs(16, 16)
+    for value in given.values():
+        value.requires_grad_(True)
+    network(given).sum().backward()
+    for name, value in given.items():
+        assert value.grad is not None and value.grad.abs().sum() > 0, name
+
+
+@pytest.mark.parametrize(
+    ("direction", "row", "column"),
+    [
+        ((0, 0, 1), 0.5, 0.5),  # ahead: the centre
+        ((1, 0, 0), 0.5, 0.75),  # the camera's right: right of the centre
+        ((-1, 0, 0), 0.5, 0.25),
+        ((0, -1, 0), 0.0, None),  # up (y points down): the top row, any column
+        ((0, 1, 0), 1.0, None),
+        ((0.6, -0.64, 0.48), None, None),
+    ],
+)
+def test_directions_find_their_panorama_pixel(
+    direction: tuple[float, float, float], row: float | None, column: float | None
+) -> None:
+    height, width = 64, 128
+    y, x = torch.meshgrid(
+        (torch.arange(height) + 0.5) / height, (torch.arange(width) + 0.5) / width, indexing="ij"
+    )
+    panorama = torch.stack([y, x])[None]
+    asked = torch.tensor(direction, dtype=torch.float32).view(1, 3, 1, 1)
+    found = look_up(panorama, asked)[0, :, 0, 0]
+    if row is None:  # elsewhere: by the definition of azimuth and elevation
+        row = 0.5 + np.arcsin(direction[1]) / np.pi
+        column = 0.5 + np.arctan2(direction[0], direction[2]) / (2 * np.pi)
+    assert found[0] == pytest.approx(row, abs=0.6 / height)
+    if column is not None:
+        assert found[1] == pytest.approx(column, abs=0.6 / width)
+
+
+def test_straight_behind_is_between_the_last_and_the_first_column() -> None:
+    panorama = torch.zeros(1, 1, 4, 8)
+    panorama[..., 0], panorama[..., -1] = 2.0, 4.0
+    behind = torch.tensor([1e-7, 0.0, -1.0]).view(1, 3, 1, 1)
+    assert look_up(panorama, behind).item() == pytest.approx(3.0, abs=1e-3)
+
+
+def test_turning_the_camera_turns_what_a_normal_reads() -> None:
+    """A panorama rolled by a quarter and normals turned by a quarter read the same features."""
+    torch.manual_seed(1)
+    join = NormalPanorama(4)
+    given = inputs(6, 6, 64)
+    turned = dict(given)
+    for name in ("intensity", "distance"):
+        turned[name] = given[name].roll(16, dims=-1)
+    x, y, z = given["normal"].unbind(dim=1)
+    turned["normal"] = torch.stack([z, y, -x], dim=1)  # +90 degrees of azimuth
+    with torch.no_grad():
+        assert torch.allclose(join(given), join(turned), atol=1e-5)
+
+
+def test_averaging_keeps_energy_and_weights_distance_by_it() -> None:
+    intensity, distance = torch.zeros(1, 1, 64, 128), torch.zeros(1, 1, 64, 128)
+    intensity[0, 0, 10, 20], distance[0, 0, 10, 20] = 30.0, 2.0
+    intensity[0, 0, 10, 21], distance[0, 0, 10, 21] = 10.0, 6.0
+    mean, metres = averaged(intensity, distance)
+    assert mean.sum() * 4 == pytest.approx(40.0)
+    assert metres[0, 0, 5, 10] == pytest.approx((30 * 2 + 10 * 6) / 40)
+    assert metres.count_nonzero() == 1
+
+
+def test_vgg19_has_torchvisions_names_and_shapes() -> None:
+    # Configuration E of Simonyan and Zisserman; the indices count ReLUs and pools too.
+    widths = {
+        0: (64, 3),
+        2: (64, 64),
+        5: (128, 64),
+        7: (128, 128),
+        10: (256, 128),
+        12: (256, 256),
+        14: (256, 256),
+        16: (256, 256),
+        19: (512, 256),
+        21: (512, 512),
+        23: (512, 512),
+        25: (512, 512),
+        28: (512, 512),
+        30: (512, 512),
+        32: (512, 512),
+        34: (512, 512),
+    }
+    expected = {}
+    for index, (outputs, given) in widths.items():
+        expected[f"features.{index}.weight"] = (outputs, given, 3, 3)
+        expected[f"features.{index}.bias"] = (outputs,)
+    network = Vgg19()
+    assert {name: tuple(v.shape) for name, v in network.state_dict().items()} == expected
+    assert all(isinstance(network.features[tap], nn.ReLU) for tap in network.taps)
+
+
+@pytest.mark.parametrize("network", [Vgg19(), EfficientNetLite0().eval()])
+def test_feature_maps_lie_at_strides_1_2_4_8_16(network: nn.Module) -> None:
+    with torch.no_grad():
+        maps = network(torch.zeros(1, 3, 64, 96))
+        assert [tuple(m.shape[-2:]) for m in maps] == [(64 // s, 96 // s) for s in (1, 2, 4, 8, 16)]
+        assert [len(network(torch.zeros(1, 3, 64, 96), depth)) for depth in range(6)] == [*range(6)]
+        assert len(network(torch.zeros(1, 3, 5, 7))) == 5
