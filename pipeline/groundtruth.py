@@ -66,7 +66,7 @@ def render_truth(
             seed=derive32(seed, "block", block),
         )
         pixels: Float64 = np.asarray(image, dtype=np.float64)
-        sound: npt.NDArray[np.bool_] = np.isfinite(pixels).all(axis=-1)
+        sound = np.asarray(np.isfinite(pixels).all(axis=-1))
         pixels = np.where(sound[..., None], pixels, 0)
         total += pixels
         finite += sound

@@ -7,8 +7,9 @@ rays in one kernel; `scalar_rgb` has no arrays and loops over the rays, with equ
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -20,6 +21,7 @@ REC709 = np.array([0.2126, 0.7152, 0.0722])
 LAYERS = 16  # clear surfaces that one ray may pass: a glass cabinet before a glass door and so on
 CHUNK = 1 << 21  # rays in flight, which bounds memory
 
+Array = npt.NDArray[Any]
 Floats = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.int32]
 
@@ -69,7 +71,7 @@ def pixel_directions(intrinsics: npt.ArrayLike, width: int, height: int) -> npt.
     return np.stack([x, y, np.ones_like(x)], axis=-1) @ inverse.T
 
 
-def unit(vectors: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+def unit(vectors: Array) -> npt.NDArray[np.float64]:
     """Vectors (..., 3) scaled to length 1; zero stays zero."""
     vectors = np.asarray(vectors, dtype=np.float64)
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
@@ -84,35 +86,15 @@ def nearest(
     `origins` (N, 3) or (3,), `directions` (N, 3) of length 1. With `through=False` clear
     surfaces and masks stop a ray like any other.
     """
-    shape, distance = [], []
-    for o, d in _chunks(origins, directions):
-        if is_scalar():
-            found = [
-                _scalar_first(target, _scalar_ray(*ray), through) for ray in zip(o, d, strict=True)
-            ]
-            shape.append(np.array([hit[0] for hit in found], dtype=np.int32))
-            distance.append(np.array([hit[1] for hit in found], dtype=np.float32))
-        else:
-            first, travelled, _, _ = _wave_first(target, _wave_ray(o, d), through)
-            shape.append(first.numpy())
-            distance.append(travelled.numpy())
-    return _joined(shape, np.int32), _joined(distance, np.float32)
+    trace = _scalar_nearest if is_scalar() else _wave_nearest
+    shape, distance = _in_chunks(partial(trace, target, through), origins, directions)
+    return shape, distance
 
 
 def surfaces(target: Target, origins: npt.ArrayLike, directions: npt.ArrayLike) -> Hits:
     """What each ray sees, with normals and reflectance; arguments as in `nearest`."""
-    parts = []
-    for o, d in _chunks(origins, directions):
-        if is_scalar():
-            parts.append(_scalar_surfaces(target, o, d))
-        else:
-            parts.append(_wave_surfaces(target, o, d))
-    return Hits(
-        *(
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in Hits.__dataclass_fields__
-        )
-    )
+    trace = _scalar_surfaces if is_scalar() else _wave_surfaces
+    return Hits(*_in_chunks(partial(trace, target), origins, directions))
 
 
 def reached(
@@ -144,31 +126,25 @@ def ids(
             found += [nearest(target, pose[:3, 3], local @ pose[:3, :3].T)[0] for pose in some]
         else:
             ray = _wave_camera_rays(some, local)
-            found.append(_wave_first(target, ray, True)[0].numpy())
-    shapes = _joined(found, np.int32)
+            found += _arrays(_wave_first(target, ray, True)[0])
+    shapes = np.concatenate(found) if found else np.zeros(0, dtype=np.int32)
     numbers = np.append(target.objects, -1).astype(np.int64) + 1  # shape -1 reads the last entry
     return numbers[shapes].astype(np.uint32).reshape(len(poses), height, width)
 
 
 def emitted(
-    target: Target, origin: npt.ArrayLike, directions: npt.NDArray[Any], glowing: npt.NDArray[Any]
+    target: Target, origin: npt.ArrayLike, directions: Array, glowing: Array
 ) -> tuple[Ints, Floats, npt.NDArray[np.float64]]:
     """First shape each ray sees, the distance to it and the luminance it emits towards `origin`.
 
     Only shapes marked in `glowing`, bool by shape index, are asked for light; others give 0.
     """
-    parts: list[tuple[Any, ...]] = []
-    for o, d in _chunks(origin, directions):
-        parts.append(
-            _scalar_emitted(target, o, d, glowing)
-            if is_scalar()
-            else _wave_emitted(target, o, d, glowing)
-        )
-    shape, distance, light = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return shape, distance, light
+    trace = _scalar_emitted if is_scalar() else _wave_emitted
+    shape, distance, light = _in_chunks(partial(trace, target, glowing), origin, directions)
+    return shape, distance, _luminance(light)
 
 
-def sky(emitter: Any, directions: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+def sky(emitter: Any, directions: Array) -> npt.NDArray[np.float64]:
     """Luminance of an environment emitter seen along `directions` (N, 3), float64 (N,)."""
     if is_scalar():
         light = np.zeros((len(directions), 3))
@@ -178,15 +154,16 @@ def sky(emitter: Any, directions: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
             light[i] = emitter.eval(si)
         return _luminance(light)
     si = dr.zeros(mi.SurfaceInteraction3f, len(directions))
-    si.wi = mi.Vector3f(np.ascontiguousarray(-directions.T, dtype=np.float32))
-    return _luminance(mi.Color3f(emitter.eval(si)).numpy().T)
+    si.wi = _vector(mi.Vector3f, -directions)
+    (light,) = _arrays(mi.Color3f(emitter.eval(si)))
+    return _luminance(light)
 
 
 def towards_lights(
     emitters: tuple[Any, ...],
-    which: npt.NDArray[Any],
+    which: Array,
     eye: npt.ArrayLike,
-    samples: npt.NDArray[Any],
+    samples: Array,
 ) -> tuple[npt.NDArray[np.float64], Floats, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Points on lights as seen from `eye` (3,), ignoring what is in between.
 
@@ -199,18 +176,16 @@ def towards_lights(
         return _scalar_towards_lights(emitters, which, eye, samples)
     count = len(which)
     table = mi.UInt32([registry_id(emitter, mi.EmitterPtr) for emitter in emitters])
-    number = dr.gather(mi.UInt32, table, mi.UInt32(which.astype(np.uint32)))
+    number = dr.gather(mi.UInt32, table, _column(mi.UInt32, which))
     pointer = dr.reinterpret_array(mi.EmitterPtr, number)
     si = dr.zeros(mi.SurfaceInteraction3f, count)
     # Opaque, or the position would be compiled into the kernel, one kernel per view.
     si.p = mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in np.asarray(eye)))
-    sample = mi.Point2f(np.ascontiguousarray(samples.T, dtype=np.float32))
-    ds, weight = pointer.sample_direction(si, sample)
-    weight, pdf = mi.Color3f(weight), dr.select(ds.delta, 0, ds.pdf)
-    distance, direction = mi.Float(ds.dist), mi.Vector3f(ds.d)
-    dr.eval(direction, distance, weight, pdf)
-    light = _luminance(weight.numpy().T)
-    return direction.numpy().T.astype(np.float64), distance.numpy(), light, _doubles(pdf)
+    ds, weight = pointer.sample_direction(si, _vector(mi.Point2f, samples))
+    direction, distance, light, density = _arrays(
+        ds.d, ds.dist, mi.Color3f(weight), dr.select(ds.delta, 0, ds.pdf)
+    )
+    return direction.astype(np.float64), distance, _luminance(light), density.astype(np.float64)
 
 
 def registry_table(pairs: list[tuple[Any, Any]], pointer: Any, fill: int, dtype: Any) -> Any:
@@ -227,46 +202,71 @@ def registry_id(thing: Any, pointer: Any) -> int:
     return int(dr.reinterpret_array(mi.UInt32, pointer(thing))[0])
 
 
-def _luminance(rgb: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+def _luminance(rgb: Array) -> npt.NDArray[np.float64]:
     light: npt.NDArray[np.float64] = np.maximum(rgb.astype(np.float64) @ REC709, 0)
     return light
 
 
-def _doubles(values: Any) -> npt.NDArray[np.float64]:
-    return np.asarray(values.numpy(), dtype=np.float64)
-
-
-def _chunks(
-    origins: npt.ArrayLike, directions: npt.ArrayLike
-) -> Iterator[tuple[npt.NDArray[Any], npt.NDArray[Any]]]:
+def _in_chunks(
+    trace: Callable[[Array, Array], tuple[Array, ...]],
+    origins: npt.ArrayLike,
+    directions: npt.ArrayLike,
+) -> list[Array]:
+    """`trace` over rays, `CHUNK` at a time; its arrays joined."""
     d = np.asarray(directions, dtype=np.float64).reshape(-1, 3)
     o = np.broadcast_to(np.asarray(origins, dtype=np.float64), d.shape)
-    for start in range(0, max(len(d), 1), CHUNK):
-        yield o[start : start + CHUNK], d[start : start + CHUNK]
-
-
-def _joined(parts: list[Any], dtype: Any) -> npt.NDArray[Any]:
-    return np.concatenate(parts).astype(dtype, copy=False) if parts else np.zeros(0, dtype)
+    if not len(d):  # kernels cannot be of size 0
+        return [column[:0] for column in trace(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))]
+    starts = range(0, len(d), CHUNK)
+    parts = [trace(o[start : start + CHUNK], d[start : start + CHUNK]) for start in starts]
+    return [np.concatenate(column) for column in zip(*parts, strict=True)]
 
 
 # Wavefront variants
 
 
-def _wave_ray(origins: npt.NDArray[Any], directions: npt.NDArray[Any]) -> Any:
-    o, d = (np.ascontiguousarray(v.T, dtype=np.float32) for v in (origins, directions))
-    return mi.Ray3f(mi.Point3f(o), mi.Vector3f(d))
+def _wave_ray(origins: Array, directions: Array) -> Any:
+    return mi.Ray3f(_vector(mi.Point3f, origins), _vector(mi.Vector3f, directions))
 
 
-def _wave_camera_rays(poses: npt.NDArray[Any], local: npt.NDArray[Any]) -> Any:
+def _vector(kind: Any, rows: Array) -> Any:
+    """Rows (N, D) as a Dr.Jit vector, component by component.
+
+    Dr.Jit's own conversion of a matrix would compile N into every kernel that uses it.
+    """
+    return kind(*(_column(mi.Float, rows[:, axis]) for axis in range(rows.shape[1])))
+
+
+def _column(kind: Any, values: Array) -> Any:
+    """Values (N,) as a Dr.Jit array, in memory so aligned that one kernel serves all."""
+    dtype = np.dtype(np.float32 if kind is mi.Float else np.uint32)
+    room = np.empty(len(values) + 16, dtype=dtype)
+    start = (-room.ctypes.data // dtype.itemsize) % 16
+    aligned = room[start : start + len(values)]
+    aligned[:] = values
+    return kind(aligned)
+
+
+def _arrays(*values: Any) -> tuple[Array, ...]:
+    """Dr.Jit arrays and vectors, computed together, as arrays (N,) and (N, D)."""
+    dr.eval(*values)
+    return tuple(
+        value.numpy()
+        if dr.depth_v(value) == 1
+        else np.stack([component.numpy() for component in value], axis=-1)
+        for value in values
+    )
+
+
+def _wave_camera_rays(poses: Array, local: Array) -> Any:
     """Rays of every pose (N, 4, 4) through every local direction (P, 3), pose by pose."""
     count = len(local)
     index = dr.arange(mi.UInt32, len(poses) * count)
     pose, pixel = index // dr.opaque(mi.UInt32, count), index % dr.opaque(mi.UInt32, count)
-    table = mi.Float(poses[:, :3, :].astype(np.float32).ravel())
+    table = _column(mi.Float, poses[:, :3, :].ravel())
+    columns = [_column(mi.Float, local[:, axis]) for axis in range(3)]
     row = [[dr.gather(mi.Float, table, pose * 12 + 4 * i + j) for j in range(4)] for i in range(3)]
-    x, y, z = (
-        dr.gather(mi.Float, mi.Float(local[:, i].astype(np.float32)), pixel) for i in range(3)
-    )
+    x, y, z = (dr.gather(mi.Float, column, pixel) for column in columns)
     return mi.Ray3f(
         mi.Point3f(row[0][3], row[1][3], row[2][3]),
         mi.Vector3f(*(row[i][0] * x + row[i][1] * y + row[i][2] * z for i in range(3))),
@@ -324,7 +324,7 @@ def _wave_passes(target: Target, tables: dict[str, Any], hit: Any, ray: Any, any
     return passes & valid
 
 
-def _wave_surfaces(target: Target, origins: npt.NDArray[Any], directions: npt.NDArray[Any]) -> Hits:
+def _wave_surfaces(target: Target, origins: Array, directions: Array) -> tuple[Array, ...]:
     shape, distance, hit, ray = _wave_first(target, _wave_ray(origins, directions), True)
     valid = shape >= 0
     si = hit.compute_surface_interaction(ray, mi.RayFlags.All, valid)
@@ -334,31 +334,31 @@ def _wave_surfaces(target: Target, origins: npt.NDArray[Any], directions: npt.ND
     )
     bsdf = dr.reinterpret_array(mi.BSDFPtr, twin)
     reflectance = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(si, valid))
-    columns = [
-        dr.select(valid, value, 0) for value in (si.p, si.n, si.sh_frame.n, mi.Color3f(reflectance))
-    ]
-    dr.eval(shape, distance, *columns)
-    position, geometric, shading, colour = (column.numpy().T for column in columns)
-    return Hits(
-        shape.numpy(), distance.numpy(), position, geometric, shading, np.clip(colour, 0, 1)
+    number, metres, position, geometric, shading, colour = _arrays(
+        shape,
+        distance,
+        *(dr.select(valid, v, 0) for v in (si.p, si.n, si.sh_frame.n, mi.Color3f(reflectance))),
     )
+    return number, metres, position, geometric, shading, np.clip(colour, 0, 1)
+
+
+def _wave_nearest(
+    target: Target, through: bool, origins: Array, directions: Array
+) -> tuple[Array, ...]:
+    return _arrays(*_wave_first(target, _wave_ray(origins, directions), through)[:2])
 
 
 def _wave_emitted(
-    target: Target,
-    origins: npt.NDArray[Any],
-    directions: npt.NDArray[Any],
-    glowing: npt.NDArray[Any],
-) -> tuple[Any, Any, npt.NDArray[np.float64]]:
+    target: Target, glowing: Array, origins: Array, directions: Array
+) -> tuple[Array, ...]:
     shape, distance, hit, ray = _wave_first(target, _wave_ray(origins, directions), True)
     if not glowing.any():
-        return shape.numpy(), distance.numpy(), np.zeros(len(directions))
-    table = mi.UInt32(np.append(glowing, False).astype(np.uint32))
+        return (*_arrays(shape, distance), np.zeros((len(directions), 3)))
+    table = _column(mi.UInt32, glowing)
     lit = dr.gather(mi.UInt32, table, mi.UInt32(dr.maximum(shape, 0)), shape >= 0) == 1
     si = hit.compute_surface_interaction(ray, mi.RayFlags.All, lit)
     light = mi.Color3f(dr.select(lit, mi.Color3f(si.shape.emitter().eval(si, lit)), 0))
-    dr.eval(shape, distance, light)
-    return shape.numpy(), distance.numpy(), _luminance(light.numpy().T)
+    return _arrays(shape, distance, light)
 
 
 def _wave_tables(target: Target) -> dict[str, Any]:
@@ -392,7 +392,7 @@ def _wave_tables(target: Target) -> dict[str, Any]:
 # The scalar variant
 
 
-def _scalar_ray(origin: npt.NDArray[Any], direction: npt.NDArray[Any]) -> Any:
+def _scalar_ray(origin: Array, direction: Array) -> Any:
     return mi.Ray3f(mi.ScalarPoint3f(origin), mi.ScalarVector3f(direction))
 
 
@@ -428,9 +428,17 @@ def _scalar_numbers(target: Target) -> dict[int, int]:
     return numbers
 
 
-def _scalar_surfaces(
-    target: Target, origins: npt.NDArray[Any], directions: npt.NDArray[Any]
-) -> Hits:
+def _scalar_nearest(
+    target: Target, through: bool, origins: Array, directions: Array
+) -> tuple[Array, ...]:
+    count = len(directions)
+    shapes, distances = np.full(count, -1, np.int32), np.full(count, np.inf, np.float32)
+    for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
+        shapes[i], distances[i], _, _ = _scalar_first(target, _scalar_ray(o, d), through)
+    return shapes, distances
+
+
+def _scalar_surfaces(target: Target, origins: Array, directions: Array) -> tuple[Array, ...]:
     count = len(directions)
     hits = Hits(
         np.full(count, -1, np.int32),
@@ -447,15 +455,12 @@ def _scalar_surfaces(
         hits.position[i], hits.geometric[i], hits.shading[i] = si.p, si.n, si.sh_frame.n
         twin = target.reflectances[numbers[si.shape.ptr]]
         hits.reflectance[i] = np.clip(twin.eval_diffuse_reflectance(si), 0, 1)
-    return hits
+    return tuple(vars(hits).values())
 
 
 def _scalar_emitted(
-    target: Target,
-    origins: npt.NDArray[Any],
-    directions: npt.NDArray[Any],
-    glowing: npt.NDArray[Any],
-) -> tuple[Any, Any, npt.NDArray[np.float64]]:
+    target: Target, glowing: Array, origins: Array, directions: Array
+) -> tuple[Array, ...]:
     count = len(directions)
     shapes, distances = np.full(count, -1, np.int32), np.full(count, np.inf, np.float32)
     light = np.zeros((count, 3))
@@ -464,14 +469,14 @@ def _scalar_emitted(
         if hit is not None and glowing[shapes[i]]:
             si = hit.compute_surface_interaction(ray)
             light[i] = si.shape.emitter().eval(si)
-    return shapes, distances, _luminance(light)
+    return shapes, distances, light
 
 
 def _scalar_towards_lights(
     emitters: tuple[Any, ...],
-    which: npt.NDArray[Any],
+    which: Array,
     eye: npt.ArrayLike,
-    samples: npt.NDArray[Any],
+    samples: Array,
 ) -> tuple[npt.NDArray[np.float64], Floats, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     count = len(which)
     directions, light = np.zeros((count, 3)), np.zeros((count, 3))
