@@ -102,7 +102,7 @@ def chain(nodes: Mapping[str, Node], layout: Mapping[str, Box], name: str) -> Ma
 
 def line_chart(series: Mapping[str, Points], x_label: str, y_label: str) -> Markup:
     """Lines over a common x axis; y is logarithmic where the values span more than a decade."""
-    width, height, left, bottom, top, right = 640.0, 280.0, 58.0, 40.0, 12.0, 14.0
+    width, height, left, bottom, top, right = 480.0, 250.0, 56.0, 42.0, 12.0, 16.0
     points = [point for line in series.values() for point in line if _usable(point)]
     if not points:
         return Markup("")
@@ -122,8 +122,8 @@ def line_chart(series: Mapping[str, Points], x_label: str, y_label: str) -> Mark
         )
 
     parts = [f'<svg class="chart" viewBox="0 0 {width:g} {height:g}" role="img">']
-    for value in _ticks(low_y, high_y, 5):
-        shown = 10**value if logarithmic else value
+    for shown in _decade_ticks(low_y, high_y) if logarithmic else _ticks(low_y, high_y, 5):
+        value = scale(shown)
         y = height - bottom - (value - low_y) / (high_y - low_y) * (height - bottom - top)
         parts.append(f'<path class="grid" d="M{left:g},{y:.1f} H{width - right:g}"/>')
         parts.append(f'<text class="tick end" x="{left - 6:g}" y="{y + 4:.1f}">{shown:.3g}</text>')
@@ -162,7 +162,7 @@ def strip_plot(groups: Mapping[str, Sequence[float]], label: str) -> Markup:
     values = [value for group in groups.values() for value in group if math.isfinite(value)]
     if not values:
         return Markup("")
-    row, left, right, width, bottom = 34.0, 150.0, 18.0, 640.0, 40.0
+    row, left, right, width, bottom = 32.0, 92.0, 16.0, 480.0, 42.0
     height = row * len(groups) + bottom + 6
     low, high = min(values), max(values)
     margin = 0.04 * (high - low or 1.0)
@@ -262,6 +262,16 @@ def _ticks(low: float, high: float, about: int) -> list[float]:
     step = next(factor * power for factor in (1, 2, 5, 10) if factor * power >= rough)
     first = math.ceil(low / step)
     return [round(index * step, 12) for index in range(first, math.floor(high / step) + 1)]
+
+
+def _decade_ticks(low: float, high: float) -> list[float]:
+    """1, 2 and 5 times the powers of ten whose logarithms lie inside [low, high]."""
+    values = [
+        factor * 10.0**power
+        for power in range(math.floor(low), math.ceil(high) + 1)
+        for factor in ((1, 2, 5) if high - low < 2.5 else (1,))
+    ]
+    return [value for value in values if low <= math.log10(value) <= high]
 
 
 def _usable(point: tuple[float, float]) -> bool:

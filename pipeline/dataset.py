@@ -43,6 +43,7 @@ from pipeline.frames import RGB
 from pipeline.params import Params, SplitParams, ToneParams
 from pipeline.pictures import fit, png_bytes, tone_picture
 from pipeline.progress import Progress
+from pipeline.records import data_lock
 from pipeline.tonemap import exposure_of
 from pipeline.views import CameraFile, View, load_cameras
 from scenes.contract import Scene, load_scene, scene_folders
@@ -108,6 +109,11 @@ def pack_dataset(data: Path, params: Params) -> DatasetSummary:
     camera file is broken, and `MachineError` if the disk is full.
     """
     data = Path(data)
+    with data_lock(data, "dataset"):
+        return _pack_dataset(data, params)
+
+
+def _pack_dataset(data: Path, params: Params) -> DatasetSummary:
     remove_partials(data)
     sources = read_sources(data)
     failures = read_failures(data)

@@ -31,6 +31,7 @@ from pipeline.checks import REASONS
 from pipeline.params import Params
 from pipeline.pictures import (
     Picture,
+    contact_sheet,
     depth_picture,
     distance_picture,
     enlarge,
@@ -67,9 +68,14 @@ METHODS = {
     "unet": "One direct U-Net",
     "ceiling": "Reflectance × true shading: what the product could reach at best",
 }
+NETWORKS = {
+    "shading": "Shading network",
+    "composition": "Composition network",
+    "unet": "Direct U-Net",
+}
 METRICS = {
     "ssim": ("SSIM", True, 3),
-    "psnr": ("PSNR, dB", True, 2),
+    "psnr": ("PSNR (dB)", True, 2),
     "flip": ("ꟻLIP", False, 3),
     "lpips": ("LPIPS", False, 3),
 }
@@ -106,16 +112,15 @@ class _Page:
     def __init__(self, places: Places, params: Params) -> None:
         self.places, self.params = places, params
         self.missing: list[str] = []
+        self._tables: dict[Path, list[dict[str, Any]]] = {}
         self.scenes = self._scenes()
         self.cameras = self._cameras()
         self.shards = self._shards()
-        self.evaluation = self._json(
+        self.evaluation: dict[str, Any] = self._json(
             places.metrics / "evaluation.json", "No evaluation yet; it is made by: pbrnet evaluate"
         )
         self.models = {
-            path.stem: card
-            for path in sorted(places.models.glob("*.json"))
-            if isinstance(card := self._json(path, ""), dict)
+            path.stem: self._json(path, "") for path in sorted(places.models.glob("*.json"))
         }
 
     def render(self) -> str:
@@ -190,22 +195,35 @@ class _Page:
             self.missing.append("No dataset yet; it is made by: pbrnet dataset")
         return shards
 
-    def _json(self, path: Path, absent: str) -> Any:
+    def _json(self, path: Path, absent: str) -> dict[str, Any]:
+        """A JSON object; empty and noted if the file is absent or damaged."""
         if not path.is_file():
             if absent:
                 self.missing.append(absent)
-            return None
+            return {}
         try:
-            return read_json(path)
+            content = read_json(path)
         except InputError as error:
             self.missing.append(str(error))
-            return None
+            return {}
+        if not isinstance(content, dict):
+            self.missing.append(f"{path} is damaged (no JSON object); make it again")
+            return {}
+        return content
 
-    def _csv(self, path: Path) -> list[dict[str, str]]:
-        if not path.is_file():
-            return []
-        with path.open(newline="", encoding="utf-8") as stream:
-            return list(csv.DictReader(stream))
+    def _csv(self, path: Path, *numbers: str) -> list[dict[str, Any]]:
+        """Lines of a CSV file; the columns `numbers` as floats, None where they are empty.
+
+        Nothing if the file is absent; damaged files are noted once and count as absent.
+        """
+        if path not in self._tables:
+            self._tables[path] = []
+            if path.is_file():
+                try:
+                    self._tables[path] = _read_csv(path, numbers)
+                except (UnicodeDecodeError, csv.Error, KeyError, ValueError) as error:
+                    self.missing.append(f"{path} is damaged ({error}); make it again")
+        return self._tables[path]
 
     def _index(self) -> list[tuple[str, str]]:
         """(scene_id, view_id) of all rows, in the order of the shards."""
@@ -253,7 +271,7 @@ class _Page:
             (str(views), "views sampled"),
             (str(rows), "views in the dataset"),
         ]
-        methods = (self.evaluation or {}).get("methods", {})
+        methods = self.evaluation.get("methods", {})
         for name, (label, _, digits) in METRICS.items():
             value = _figure(methods.get("pbrnet", {}), name)
             if value is not None:
@@ -267,15 +285,15 @@ class _Page:
         size = f"{self.params.image.width}×{self.params.image.height}"
         row = max(sheet, key=lambda row: np.count_nonzero(row["intensity"]), default=None)
         picture = {name: _uri(fit(_draw(name, row), 200)) for name in MODALITIES} if row else {}
-        preview = _uri(read_picture(sheet[0]["preview"]["bytes"])) if sheet else ""
-        flip = _figure((self.evaluation or {}).get("methods", {}).get("pbrnet", {}), "flip")
+        scenes, many = _mosaic(sheet, 2, 2), _mosaic(sheet, 4, 3)
+        flip = _figure(self.evaluation.get("methods", {}).get("pbrnet", {}), "flip")
         epochs = {
             name: _first(card, ("epochs",), ("training", "epochs"))
             for name, card in self.models.items()
         }
         backbone = self._backbone()
         nodes = {
-            "scenes": Node("Scenes", f"{len(self.scenes)} with {rooms} rooms", preview),
+            "scenes": Node("Scenes", f"{len(self.scenes)} with {rooms} rooms", scenes),
             "cameras": Node("Cameras", f"{views} views", picture.get("color", "")),
             "inputs": Node("Inputs", size, picture.get("normal", "")),
             "illumination": Node(
@@ -286,7 +304,7 @@ class _Page:
             "groundtruth": Node(
                 "Ground truth", f"{self.params.groundtruth.spp} samples", picture.get("shading", "")
             ),
-            "dataset": Node("Dataset", f"{rows} rows", picture.get("reflectance", "")),
+            "dataset": Node("Dataset", f"{rows} rows", many),
             "backbone": Node("Backbone", backbone.get("network", "not there yet")),
             "shading": Node(
                 "Shading network", _epochs(epochs.get("shading")), self._shown("shading")
@@ -395,22 +413,26 @@ class _Page:
     def _curves(self) -> list[dict[str, Any]]:
         curves = []
         columns = {"training": "train_loss", "validation": "validation_loss"}
-        for path in sorted(self.places.plots.glob("train_*.csv")):
-            lines = self._csv(path)
+        paths = {
+            path.stem.removeprefix("train_"): path
+            for path in sorted(self.places.plots.glob("train_*.csv"))
+        }
+        # Those of the chain first, in its order, then whatever else was trained.
+        for name in sorted(paths, key=lambda name: [*NETWORKS, name].index(name)):
+            path = paths[name]
+            lines = self._csv(path, "step", *columns.values())
             series = {
-                name: [
-                    (float(line["step"]), float(line[column])) for line in lines if line.get(column)
-                ]
-                for name, column in columns.items()
+                label: [(line["step"], line[column]) for line in lines if line[column] is not None]
+                for label, column in columns.items()
             }
-            series = {name: points for name, points in series.items() if points}
+            series = {label: points for label, points in series.items() if points}
             if series:
                 curves.append(
                     {
-                        "name": path.stem.removeprefix("train_"),
+                        "title": NETWORKS.get(name, name),
                         "svg": line_chart(series, "step", "loss"),
                         "series": list(series),
-                        "last": {name: points[-1][1] for name, points in series.items()},
+                        "last": {label: points[-1][1] for label, points in series.items()},
                     }
                 )
         if not curves:
@@ -471,10 +493,10 @@ class _Page:
 
     def _strips(self) -> list[dict[str, Any]]:
         groups: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
-        for line in self._csv(self.places.metrics / "evaluation.csv"):
+        for line in self._scores():
             for name in ("flip", "ssim"):
-                if line.get(name):
-                    groups[name][line["method"]].append(float(line[name]))
+                if line[name] is not None:
+                    groups[name][line["method"]].append(line[name])
         return [
             {
                 "name": METRICS[name][0],
@@ -483,8 +505,11 @@ class _Page:
             for name, values in groups.items()
         ]
 
+    def _scores(self) -> list[dict[str, Any]]:
+        return self._csv(self.places.metrics / "evaluation.csv", *METRICS)
+
     def _example_keys(self) -> dict[str, list[tuple[str, str]]]:
-        chosen = (self.evaluation or {}).get("examples", {})
+        chosen = self.evaluation.get("examples", {})
         return {
             group: [(str(key[0]), str(key[1])) for key in chosen.get(group, []) if len(key) == 2]
             for group in ("best", "worst")
@@ -492,7 +517,15 @@ class _Page:
 
     def _example_picture(self, scene_id: str, view_id: str, part: str) -> Picture | None:
         path = self.places.metrics / "examples" / f"{scene_id}--{view_id}--{part}.png"
-        return read_picture(path.read_bytes()) if path.is_file() else None
+        if not path.is_file():
+            return None
+        try:
+            return read_picture(path.read_bytes())
+        except (OSError, ValueError):
+            note = f"{path} is damaged; make it again with: pbrnet evaluate"
+            if note not in self.missing:
+                self.missing.append(note)
+            return None
 
     def _examples(
         self,
@@ -501,10 +534,10 @@ class _Page:
     ) -> dict[str, list[dict[str, Any]]]:
         scores = {
             (line["scene_id"], line["view_id"]): line
-            for line in self._csv(self.places.metrics / "evaluation.csv")
-            if line.get("method") == "pbrnet"
+            for line in self._scores()
+            if line["method"] == "pbrnet"
         }
-        shared = (self.evaluation or {}).get("exposure") == "shared"
+        shared = self.evaluation.get("exposure") == "shared"
         return {
             group: [
                 self._example(key, rows.get(key), scores.get(key, {}), shared) for key in members
@@ -516,7 +549,7 @@ class _Page:
         self,
         key: tuple[str, str],
         row: dict[str, Any] | None,
-        score: Mapping[str, str],
+        score: Mapping[str, Any],
         shared: bool,
     ) -> dict[str, Any]:
         parts = {part: self._example_picture(*key, part) for part in EXAMPLE_PARTS}
@@ -531,9 +564,9 @@ class _Page:
             drawn["Truth"] = _draw("color", row, shared)
         drawn.update({EXAMPLE_PARTS[part]: picture for part, picture in parts.items()})
         figures = [
-            f"{label} {float(score[name]):.{digits}f}"
+            f"{label} {score[name]:.{digits}f}"
             for name, (label, _, digits) in METRICS.items()
-            if score.get(name)
+            if score.get(name) is not None
         ]
         return {
             "label": " / ".join(key),
@@ -549,16 +582,10 @@ class _Page:
         seconds: dict[str, dict[tuple[str, str], float]] = defaultdict(dict)
         again = 0
         for path in sorted((self.places.data / "ledger").glob("*.csv")):
-            for line in self._csv(path):
-                try:
-                    cost = float(line["seconds"])
-                    key = (line["scene_id"], line["view_id"])
-                    stage = line["stage"]
-                except (KeyError, TypeError, ValueError):
-                    self.missing.append(f"{path} is not a ledger of costs; delete it")
-                    break
-                again += key in seconds[stage]
-                seconds[stage][key] = cost  # the last time it was made counts
+            for line in self._csv(path, "seconds"):
+                costs, key = seconds[line["stage"]], (line["scene_id"], line["view_id"])
+                again += key in costs
+                costs[key] = line["seconds"]  # the last time it was made counts
         if not seconds:
             self.missing.append("No costs yet; the rendering stages write them to data/ledger")
             return None
@@ -615,11 +642,22 @@ class _Page:
 
     def _backbone(self) -> dict[str, str]:
         card = self.models.get("backbone")
-        if card is None:
+        if not card:
             return {}
         return {
             key: str(card[key]) for key in ("network", "source", "licence", "sha256") if key in card
         }
+
+
+def _read_csv(path: Path, numbers: Sequence[str]) -> list[dict[str, Any]]:
+    with path.open(newline="", encoding="utf-8") as stream:
+        lines: list[dict[str, Any]] = list(csv.DictReader(stream))
+    for line in lines:
+        if None in line or None in line.values():
+            raise ValueError("a line has too many or too few values")
+        for name in numbers:
+            line[name] = float(line[name]) if line[name] else None
+    return lines
 
 
 def _unpack(table: pa.Table, index: int) -> dict[str, Any]:
@@ -649,6 +687,17 @@ def _draw(name: str, row: Mapping[str, Any], shared: bool = False) -> Picture:
     if name == "intensity":
         return intensity_picture(values)
     return distance_picture(values) if name == "distance" else reflectance_picture(values)
+
+
+def _mosaic(sheet: Sequence[Mapping[str, Any]], columns: int, rows: int) -> str:
+    """So many previews side by side as one small data URI; nothing if there are too few."""
+    if len(sheet) < columns * rows:
+        return ""
+    places = np.linspace(0, len(sheet) - 1, columns * rows).astype(int)
+    previews = [
+        fit(read_picture(sheet[place]["preview"]["bytes"]), 240 // columns) for place in places
+    ]
+    return _uri(contact_sheet(previews, columns, gap=2))
 
 
 def _shrink(picture: Picture) -> Picture:
