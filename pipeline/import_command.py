@@ -1,0 +1,128 @@
+"""`pbrnet import`: one scene from any source into a scene folder, and what became of it."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from pathlib import Path
+
+import click
+
+from scenes.contract import Scene
+from scenes.errors import ParameterError
+from scenes.registry import import_scene
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet import room/scene.xml --out data/scenes/room
+  pbrnet import old.xml --out data/scenes/old --parameter envmap_path=sky.exr --scale 0.01"""
+)
+@click.argument("path", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Scene folder to make; its name becomes the scene's id.",
+)
+@click.option("--id", "scene_id", default=None, help="Another id than the folder's name.")
+@click.option(
+    "--parameter",
+    "pairs",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Value for a $parameter of the file; may be repeated.",
+)
+@click.option("--scale", type=click.FloatRange(1e-6, 1e6), help="Metres per unit of the file.")
+@click.option(
+    "--up",
+    type=click.Choice(["auto", "x", "y", "z"]),
+    default="auto",
+    show_default=True,
+    help="Axis that points up in the file.",
+)
+@click.option(
+    "--root",
+    type=click.Path(path_type=Path, file_okay=False, exists=True),
+    default=None,
+    help="Folder above the scene's from which it may read, too.",
+)
+@click.option("--skip-missing", is_flag=True, help="Go on without shapes whose mesh is missing.")
+@click.option("--sky", is_flag=True, help="Add sun and sky if the scene has no light at all.")
+@click.option("--licence", default="", help="Terms of use, e.g. CC-BY-4.0, if no file says so.")
+@click.option("--author", default="", help="Whose work it is, if no file says so.")
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=None,
+    help="Accepted as everywhere; an import makes no random choice.",
+)
+def import_command(
+    path: Path,
+    out: Path,
+    scene_id: str | None,
+    pairs: tuple[str, ...],
+    seed: int | None,
+    **options: object,
+) -> None:
+    """Bring the scene PATH into the scene folder OUT and say what was found, changed and lost.
+
+    PATH is a Mitsuba XML file of version 0.4 to 3.x, or a scene folder with scene.json.
+    """
+    parameters = {}
+    for pair in pairs:
+        name, equals, value = pair.partition("=")
+        if not equals or not name:
+            raise ParameterError(f"--parameter: {pair!r} is not of the form NAME=VALUE")
+        parameters[name.removeprefix("$")] = value
+    started = time.monotonic()
+    # A scene folder takes no options; the other sources get those that were given.
+    given = {} if path.is_dir() else {"parameters": parameters, **options}
+    scene = import_scene(path, out, scene_id, **given)
+    click.echo(f"{path} -> {out} in {time.monotonic() - started:.1f} s")
+    for line in summary(scene):
+        click.echo(line)
+
+
+def summary(scene: Scene) -> list[str]:
+    """What a scene holds, and what its importer changed, as lines of text."""
+    lines = [f"scene {scene.scene_id}: {scene.source.get('kind', '')}, light: {scene.lighting}"]
+    for room in scene.rooms:
+        west, south = (min(point[axis] for point in room.floor) for axis in (0, 1))
+        east, north = (max(point[axis] for point in room.floor) for axis in (0, 1))
+        height = room.ceiling_z - room.floor_z
+        lines.append(
+            f"  room     {room.id:10} {room.type:9} {east - west:5.2f} x {north - south:.2f} m, "
+            f"{height:.2f} m high{'' if room.has_light else ', no light'}"
+        )
+    things = Counter(thing.category for thing in scene.objects if not thing.is_structure)
+    structure = sum(thing.is_structure for thing in scene.objects)
+    shapes = sum(len(thing.shapes) for thing in scene.objects)
+    named = ", ".join(f"{count} {name}" for name, count in things.most_common(12))
+    lines += [
+        f"  objects  {sum(things.values())} ({named}) and {structure} parts of the building",
+        f"  lights   {_counted(Counter(light.kind for light in scene.lights))}",
+        f"  portals  {_counted(Counter(portal.kind for portal in scene.portals))}",
+        f"  views    {len(scene.source.get('views', []))} stored",
+        f"  geometry {shapes} shapes, {_triangles(scene):,} triangles",
+    ]
+    for credit in scene.credits:
+        lines.append(f"  credit   {credit.title} by {credit.author}, {credit.licence}")
+    lines.append("changed or lost:" if scene.changes else "nothing was changed or lost")
+    lines += [f"  - {change}" for change in scene.changes]
+    return lines
+
+
+def _counted(counts: Counter[str]) -> str:
+    return ", ".join(f"{count} {name}" for name, count in sorted(counts.items())) or "none"
+
+
+def _triangles(scene: Scene) -> int:
+    total = 0
+    for path in sorted((scene.folder / "meshes").glob("*.ply")):
+        with path.open("rb") as stream:
+            for line in stream.read(4096).split(b"end_header")[0].splitlines():
+                if line.startswith(b"element face"):
+                    total += int(line.split()[-1])
+    return total

@@ -1,0 +1,47 @@
+"""Small builders for the Mitsuba 3 XML that an import writes."""
+
+from __future__ import annotations
+
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+_TAGS: dict[type, str] = {bool: "boolean", int: "integer", float: "float", str: "string"}
+
+
+def plugin(tag: str, kind: str, name: str = "", **values: Any) -> Element:
+    """A plugin element; keyword values become properties by their Python type.
+
+    Tuples of three become colours, 4x4 arrays transforms, elements are nested under that name.
+    """
+    made = Element(tag, {"type": kind})
+    if name:
+        made.set("name", name)
+    for key, value in values.items():
+        if value is not None:
+            made.append(prop(key, value))
+    return made
+
+
+def prop(name: str, value: Any) -> Element:
+    """One property element, see `plugin`."""
+    if isinstance(value, Element):
+        value.set("name", name)
+        return value
+    if isinstance(value, tuple):
+        return Element("rgb", {"name": name, "value": " ".join(map(number, value))})
+    if isinstance(value, np.ndarray):
+        made = Element("transform", {"name": name})
+        text = " ".join(number(item) for item in value.ravel())
+        made.append(Element("matrix", {"value": text}))
+        return made
+    if isinstance(value, bool):
+        return Element("boolean", {"name": name, "value": "true" if value else "false"})
+    text = number(value) if isinstance(value, float) else str(value)
+    return Element(_TAGS[type(value)], {"name": name, "value": text})
+
+
+def number(value: float) -> str:
+    """The shortest text that reads back as the same float32-ish value."""
+    return f"{float(value):.9g}"

@@ -1,0 +1,61 @@
+"""Spectra as linear RGB: measured ones and black bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+_XYZ_TO_RGB = np.array(
+    [
+        [3.2404542, -1.5371385, -0.4985314],
+        [-0.9692660, 1.8760108, 0.0415560],
+        [0.0556434, -0.2040259, 1.0572252],
+    ]
+)
+_GRID = np.arange(380.0, 781.0, 2.0)
+
+
+def color_matching(wavelengths: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """CIE 1931 observer at `wavelengths` (N,) in nm, (N, 3).
+
+    Multi-lobe fit of Wyman, Sloan and Shirley, *Simple Analytic Approximations to the CIE XYZ
+    Color Matching Functions* (2013).
+    """
+
+    def lobe(mean: float, below: float, above: float) -> npt.NDArray[np.float64]:
+        offset = wavelengths - mean
+        width = np.where(offset < 0, below, above)
+        return np.asarray(np.exp(-0.5 * (offset / width) ** 2))
+
+    x = 1.056 * lobe(599.8, 37.9, 31.0) + 0.362 * lobe(442.0, 16.0, 26.7)
+    x -= 0.065 * lobe(501.1, 20.4, 26.2)
+    y = 0.821 * lobe(568.8, 46.9, 40.5) + 0.286 * lobe(530.9, 16.3, 31.1)
+    z = 1.217 * lobe(437.0, 11.8, 36.0) + 0.681 * lobe(459.0, 26.0, 13.8)
+    return np.stack([x, y, z], axis=1)
+
+
+def spectrum_to_rgb(
+    wavelengths: npt.NDArray[np.float64], values: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Linear Rec. 709 RGB (3,) of a spectrum sampled at increasing `wavelengths` in nm.
+
+    Balanced so that a constant spectrum is grey of the same value; outside its samples a
+    spectrum is zero. Colours out of gamut are clipped at zero.
+    """
+    sampled = np.interp(_GRID, wavelengths, values, left=0.0, right=0.0)
+    observer = color_matching(_GRID)
+    rgb = _XYZ_TO_RGB @ (sampled @ observer)
+    white = _XYZ_TO_RGB @ observer.sum(axis=0)
+    return np.maximum(rgb / white, 0.0)
+
+
+def blackbody_radiance(kelvin: float) -> float:
+    """Luminance-weighted mean spectral radiance of a black body, W / (m^2 sr nm).
+
+    This is what version 0.x made of `<blackbody>`: Planck's law averaged with the CIE Y curve.
+    """
+    metres = _GRID * 1e-9
+    c1, c2 = 1.191042972e-16, 1.438776877e-2
+    planck = c1 / metres**5 / np.expm1(c2 / (metres * kelvin)) * 1e-9
+    response = color_matching(_GRID)[:, 1]
+    return float((planck * response).sum() / response.sum())
