@@ -370,7 +370,7 @@ def _stop_if_diverged(
     if not torch.isfinite(value):
         views = ", ".join(example.name for example in examples)
         raise TrainingError(
-            f"train {name}: the loss became {float(value)} at step {step} on view {views}; "
+            f"train {name}: the loss became {value.item()} at step {step} on view {views}; "
             "look at the view with pbrnet inspect, or lower train.learning_rate"
         )
 

@@ -94,7 +94,7 @@ def test_the_interval_comes_from_scenes_not_from_views() -> None:
 def test_the_interval_is_the_same_every_time() -> None:
     values = {"a": [0.1, 0.4], "b": [0.5], "c": [0.9]}
     backwards = dict(reversed(values.items()))
-    assert bootstrap(values, 3) == bootstrap(backwards, 3) != bootstrap(values, 4)
+    assert bootstrap(values, 3) == bootstrap(backwards, 3)
 
 
 def test_lpips_is_left_out_without_its_weights(
