@@ -17,9 +17,12 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import multiprocessing
 import os
 import queue
+import shutil
 import signal
+import sys
 import tempfile
 import threading
 import time
@@ -28,9 +31,11 @@ import uuid
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import dask
+import psutil
 from dask.system import cpu_count
 from distributed import Client, Future, KilledWorker, LocalCluster
 
@@ -39,6 +44,7 @@ from scenes.errors import MachineError
 
 WORKER_PATIENCE = 300.0  # seconds without a single worker before the farm gives up
 _GO_ON = "run the same command again to go on where this run stopped"
+_FOLDER = "pbrnet-farm-"
 _rendering = threading.Lock()  # one batch at a time per process: Dr.Jit's state is the process's
 
 
@@ -85,9 +91,10 @@ class Farm:
 
     def __enter__(self) -> Farm:
         try:
-            self._start()
+            with _interrupt_deferred():
+                self._start()
         except BaseException:
-            self._stack.close()
+            self.__exit__(*sys.exc_info())
             raise
         return self
 
@@ -116,8 +123,11 @@ class Farm:
                 ) from None
             self._stack.callback(self._close_quietly, self._client)
             return
+        _remove_old_folders()
         folder = self._stack.enter_context(
-            tempfile.TemporaryDirectory(prefix="pbrnet-farm-", ignore_cleanup_errors=True)
+            tempfile.TemporaryDirectory(
+                prefix=f"{_FOLDER}{os.getpid()}-", ignore_cleanup_errors=True
+            )
         )
         self._stack.enter_context(
             dask.config.set(
@@ -333,10 +343,44 @@ class Waiting:
         return tuple(self.groups[group].popleft() for _ in range(size))
 
 
+@contextlib.contextmanager
+def _interrupt_deferred() -> Iterator[None]:
+    """Let a Ctrl-C wait until a cluster that is half started can be closed in order."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if came:
+        raise KeyboardInterrupt
+
+
 def dask_setup(worker: Any) -> None:
-    """Dask calls this in each of our own workers as it starts: Ctrl-C is the main process's
-    business, which ends its workers itself."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Dask calls this in each of our own workers as it starts."""
+    _leave_terminal()
+
+
+def _leave_terminal() -> None:
+    """Keep a terminal's Ctrl-C from this worker; its nanny, or our main process, ends it.
+
+    While Mitsuba renders it takes SIGINT for itself and returns early with an image that looks
+    finished: such a frame must never be written.
+    """
+    if multiprocessing.parent_process() is not None and os.getpgid(0) != os.getpid():
+        with contextlib.suppress(OSError):
+            os.setpgid(0, 0)
+
+
+def _remove_old_folders() -> None:
+    """Remove the working folders of runs that were killed."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{_FOLDER}*-*"):
+        owner = folder.name.removeprefix(_FOLDER).split("-")[0]
+        if owner.isdigit() and not psutil.pid_exists(int(owner)):
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _work_batch(
@@ -349,6 +393,7 @@ def _work_batch(
     """Runs on a worker: every item's outcome, up to the first that no other could survive."""
     worker = f"{os.uname().nodename}:{os.getpid()}"
     outcomes = []
+    _leave_terminal()
     with _rendering:
         for item, attempt in zip(batch, attempts, strict=True):
             started = time.perf_counter()

@@ -10,7 +10,7 @@ import gc
 from collections import OrderedDict
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import drjit as dr
 
@@ -81,14 +81,14 @@ def no_renderer(threads: int) -> None:
     """Set-up of workers that do not render."""
 
 
-def use_renderer(variant: Variant, renderer: str, threads: int) -> None:
+def use_renderer(variant: str, renderer: str, threads: int) -> None:
     """Set-up of workers that render: the variant and the threads, once per process.
 
     Raises `MachineError` if this worker cannot render with `variant`, or its renderer is not
     the `renderer` that the fingerprints were made for.
     """
     global _threads_set
-    set_variant(variant)
+    set_variant(cast(Variant, variant))
     # Workers that compile the same kernel at the same time race for its place in Dr.Jit's cache,
     # and one of them warns; that is harmless.
     dr.set_log_level(dr.LogLevel.Error)

@@ -116,7 +116,9 @@ def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summ
         remove_partials(root)
         work = _Work("scenes", "scenes", make_scene, renders=False)
         wanted: dict[str, HomeJob | ImportJob] = {}
-        for job in (*_home_jobs(root, params), *_import_jobs(root, params, work.failures)):
+        jobs: list[HomeJob | ImportJob] = [*_home_jobs(root, params)]
+        jobs += _import_jobs(root, params, work.failures)
+        for job in jobs:
             if job.scene_id in wanted:
                 raise InputError(f"scenes.imports: two scenes would be named {job.scene_id!r}")
             wanted[job.scene_id] = job
@@ -250,6 +252,8 @@ def _carry_out(
                     made[work.targets[outcome.key]] = not outcome.error
                     _record(outcome, work, ledger, progress)
         finally:
+            for folder in sorted({target.parent for target in made}):
+                remove_partials(folder)
             ledger.save()
     return made
 
