@@ -1,0 +1,201 @@
+"""A whole home from a seed: plan, building, furniture, surroundings and light as one scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from scenes.contract import Credit, Light, Room, Scene, SceneObject, save_scene, writing_scene
+from scenes.params import SceneParams
+from scenes.procedural.finishes import make_finishes
+from scenes.procedural.furniture.style import make_style
+from scenes.procedural.lighting import (
+    Sky,
+    choose_lit,
+    draw_sky,
+    emitter,
+    lamps_of,
+    sampling_weight,
+)
+from scenes.procedural.materials import MaterialLibrary
+from scenes.procedural.outdoors import build_outdoors
+from scenes.procedural.piece import Part
+from scenes.procedural.placement import furnish
+from scenes.procedural.plan import Plan, make_plan
+from scenes.procedural.ply import write_ply
+from scenes.procedural.structure import build_structure
+from scenes.procedural.thing import Thing
+from scenes.seeds import generator
+
+EYE = 1.55  # metres; of the sensor in scene.xml
+HALF_FOV = 0.5534  # radians
+
+
+def make_home(folder: Path, scene_id: str, params: SceneParams, seed: int, lighting: str) -> Scene:
+    """Write a procedural home as the scene folder `folder` and return its `Scene`.
+
+    Everything but the light depends on `seed` and `params` alone, so homes that differ only in
+    `lighting` ("day", "evening", "night", "mixed") share their plan and furniture. Equal
+    arguments give equal bytes.
+    """
+    plan = make_plan(generator(seed, "plan"), params.rooms_min, params.rooms_max)
+    style = make_style(generator(seed, "style"))
+    kinds = {room.id: str(room.type) for room in plan.rooms}
+    finishes = make_finishes(generator(seed, "finishes"), style, kinds)
+    building, portals = build_structure(plan, finishes)
+    furniture = furnish(generator(seed, "furniture"), plan, style)
+    outdoors = build_outdoors(generator(seed, "outdoors"), plan)
+    things = [*building, *furniture, *outdoors]
+    lit = choose_lit(generator(seed, "lamps", lighting), lighting, furniture)
+    burning = [part for thing in lamps_of(furniture) if thing.id in lit for part in thing.parts]
+    lamp_weight = sum(sampling_weight(part) for part in burning if part.lumens > 0)
+    sky = draw_sky(generator(seed, "sky", lighting), lighting, lamp_weight)
+    with writing_scene(Path(folder)) as partial:
+        library = MaterialLibrary(partial, params.texture_size)
+        objects, lights, shapes = _write_shapes(partial, things, lit, library)
+        scene = Scene(
+            scene_id=scene_id,
+            source={"kind": "procedural", "seed": str(seed), "light": sky.choices},
+            rooms=_rooms(plan, furniture),
+            objects=tuple(objects),
+            lights=(*lights, *sky.lights),
+            portals=tuple(portals),
+            credits=(Credit("everything", "procedural home", "pbrnet", "CC0-1.0", "generated"),),
+            lighting=lighting,
+            plan=f"home-{seed:016x}",
+        )
+        text = _scene_xml(plan, library, shapes, sky)
+        (partial / "scene.xml").write_text(text, encoding="utf-8")
+        save_scene(partial, scene)
+    object.__setattr__(scene, "folder", Path(folder))
+    return scene
+
+
+def _rooms(plan: Plan, furniture: Sequence[Thing]) -> tuple[Room, ...]:
+    lamps = {lamp.room for lamp in lamps_of(furniture)}
+    lit = lamps | {room for opening in plan.openings for room in opening.rooms}
+    names: dict[str, int] = {}
+    rooms = []
+    for room in plan.rooms:
+        names[room.type] = names.get(room.type, 0) + 1
+        number = names[room.type]
+        rooms.append(
+            Room(
+                id=room.id,
+                name=room.type if number == 1 else f"{room.type} {number}",
+                type=room.type,
+                floor=room.polygon,
+                floor_z=0.0,
+                ceiling_z=plan.height,
+                has_light=room.id in lit,
+            )
+        )
+    return tuple(rooms)
+
+
+def _write_shapes(
+    folder: Path, things: Sequence[Thing], lit: set[str], library: MaterialLibrary
+) -> tuple[list[SceneObject], list[Light], list[str]]:
+    """Meshes to disk; the objects, the lamps that burn, and the `<shape>` elements."""
+    objects, lights, shapes = [], [], []
+    for thing in things:
+        ids: list[str] = []
+        glowing: list[str] = []
+        lumens = 0.0
+        for part in _merged(thing.parts, thing.id in lit):
+            shape = f"{thing.id}.{len(ids)}"
+            ids.append(shape)
+            write_ply(folder / "meshes" / f"{shape}.ply", part)
+            light = ""
+            if part.lumens > 0:
+                glowing.append(shape)
+                lumens += part.lumens
+                light = emitter(part)
+            flat = "" if part.smooth else '<boolean name="face_normals" value="true"/>'
+            shapes.append(
+                f'<shape type="ply" id="{shape}"><string name="filename" '
+                f'value="meshes/{shape}.ply"/>{flat}<ref id="{library.bsdf(part.material)}"/>'
+                f"{light}</shape>"
+            )
+        low, high = np.round(thing.bounds, 4).tolist()
+        objects.append(
+            SceneObject(
+                id=thing.id,
+                name=thing.name,
+                category=thing.category,
+                shapes=tuple(ids),
+                bbox_min=(low[0], low[1], low[2]),
+                bbox_max=(high[0], high[1], high[2]),
+                is_structure=thing.is_structure,
+                room=thing.room,
+            )
+        )
+        if glowing:
+            lights.append(Light(thing.id, "area", tuple(glowing), thing.room, round(lumens, 1)))
+    return objects, lights, shapes
+
+
+def _merged(parts: Sequence[Part], lit: bool) -> list[Part]:
+    """Parts of one material joined to one mesh; what could burn but does not is dark."""
+    groups: dict[tuple, list[Part]] = {}
+    for part in parts:
+        part = part if lit else replace(part, lumens=0.0)
+        lamp = (part.name, part.kelvin) if part.lumens > 0 else ()
+        groups.setdefault((part.material, part.smooth, lamp), []).append(part)
+    merged = []
+    for group in groups.values():
+        starts = np.cumsum([0, *(len(part.vertices) for part in group)])
+        merged.append(
+            replace(
+                group[0],
+                vertices=np.concatenate([part.vertices for part in group]),
+                faces=np.concatenate(
+                    [part.faces + start for part, start in zip(group, starts, strict=False)]
+                ),
+                uvs=np.concatenate([part.uvs for part in group]),
+                lumens=sum(part.lumens for part in group),
+            )
+        )
+    return merged
+
+
+def _scene_xml(plan: Plan, library: MaterialLibrary, shapes: list[str], sky: Sky) -> str:
+    lines = [
+        '<?xml version="1.0" encoding="utf-8"?>',
+        '<scene version="3.0.0">',
+        '<integrator type="path"><integer name="max_depth" value="11"/></integrator>',
+        _sensor(plan),
+        sky.xml,
+        *library.xml,
+        *shapes,
+        "</scene>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _sensor(plan: Plan) -> str:
+    """A look across the largest room, for the plain `mitsuba` command and for previews."""
+    room = max(plan.rooms, key=lambda candidate: candidate.shape.area)
+    middle = room.shape.representative_point()
+    corner = max(
+        (edge.at(0.0) for edge in room.edges),
+        key=lambda point: math.dist(point, (middle.x, middle.y)),
+    )
+    ahead = np.array([middle.x - corner[0], middle.y - corner[1]])
+    ahead /= np.linalg.norm(ahead)
+    x, y = np.array(corner) + 0.7 * ahead
+    return (
+        '<sensor type="perspective" id="sensor"><string name="fov_axis" value="x"/>'
+        f'<float name="fov" value="{math.degrees(2 * HALF_FOV):.6g}"/>'
+        '<float name="near_clip" value="0.01"/><float name="far_clip" value="1000"/>'
+        f'<transform name="to_world"><lookat origin="{x:.4f}, {y:.4f}, {EYE}" '
+        f'target="{x + ahead[0]:.4f}, {y + ahead[1]:.4f}, {EYE - 0.2}" up="0, 0, 1"/></transform>'
+        '<sampler type="multijitter"><integer name="sample_count" value="64"/></sampler>'
+        '<film type="hdrfilm"><integer name="width" value="480"/>'
+        '<integer name="height" value="360"/><string name="pixel_format" value="rgb"/>'
+        '<rfilter type="box"/></film></sensor>'
+    )

@@ -1,0 +1,148 @@
+"""Materials asked for (`piece.Material`) into Mitsuba 3 BSDFs and PNG textures.
+
+Matt surfaces are `diffuse`, coated ones `principled`, mirrors `conductor`, glass
+`thindielectric`, shades and thin curtains `principledthin`. All opaque ones are two-sided.
+Textures tile in real size: a mesh's uvs are metres, `to_uv` divides by the pattern's side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from scenes.procedural.patterns import SEEDS, has_pattern, pattern, picture
+from scenes.procedural.piece import Color, Material
+from scenes.seeds import generator
+
+WHITEST = 0.82  # no diffuse surface of a home reflects more
+_MATT = ("plaster", "fabric", "carpet", "paper", "soil", "picture", "brick", "grass")
+# Patterns without fine detail are drawn smaller.
+_SHARE = {"plaster": 2, "carpet": 2, "leaf": 4, "soil": 4, "leather": 2, "fabric": 2, "wood": 1}
+_LAID = ("tiles", "brick")  # their joints start at uv 0, and the accent is what lies in them
+_DEFAULT_ACCENT = 0.75
+
+
+@dataclass
+class MaterialLibrary:
+    """Collects the BSDFs of one scene; equal materials share one, and write one texture."""
+
+    folder: Path  # the scene's folder; textures go to its `textures/`
+    texture_size: int
+    _ids: dict[Material, str] = field(default_factory=dict)
+    _xml: list[str] = field(default_factory=list)
+
+    def bsdf(self, material: Material) -> str:
+        """The id of the BSDF for `material`, made on first use."""
+        if material not in self._ids:
+            self._ids[material] = f"{material.kind}-{len(self._ids)}"
+            self._xml.append(self._describe(material, self._ids[material]))
+        return self._ids[material]
+
+    @property
+    def xml(self) -> list[str]:
+        """One `<bsdf>` element for each material, in order of first use."""
+        return list(self._xml)
+
+    def _describe(self, material: Material, name: str) -> str:
+        rgb = _rgb("specular_reflectance", material.color)
+        if material.kind == "mirror":
+            inner = f'<bsdf type="conductor"><string name="material" value="none"/>{rgb}</bsdf>'
+            return f'<bsdf type="twosided" id="{name}">{inner}</bsdf>'
+        if material.kind == "glass":
+            return f'<bsdf type="thindielectric" id="{name}"/>'
+        if material.translucent:
+            # diff_trans counts to 2: half of what is not absorbed goes through.
+            return (
+                f'<bsdf type="principledthin" id="{name}">'
+                f"{self._color('base_color', material, name)}"
+                f"{_float('roughness', 0.9)}{_float('diff_trans', 1.0)}{_float('eta', 1.2)}</bsdf>"
+            )
+        if material.kind in _MATT:
+            color = self._color("reflectance", material, name)
+            inner = f'<bsdf type="diffuse">{color}</bsdf>'
+        else:
+            metallic = _float("metallic", 1.0) if material.kind == "metal" else ""
+            inner = (
+                f'<bsdf type="principled">{self._color("base_color", material, name)}'
+                f"{_float('roughness', max(material.roughness, 0.05))}{metallic}</bsdf>"
+            )
+        return f'<bsdf type="twosided" id="{name}">{inner}</bsdf>'
+
+    def _color(self, prop: str, material: Material, name: str) -> str:
+        if material.kind == "picture":
+            self._save(_picture_image(material, min(self.texture_size, 256)), name)
+            return _bitmap(prop, name, 1.0)
+        if not has_pattern(material.kind):
+            limit = 1.0 if material.kind == "metal" else WHITEST
+            return _rgb(prop, _limited(material.color, limit))
+        size = max(64, self.texture_size // _SHARE.get(material.kind, 1))
+        seed = material.variant % SEEDS
+        self._save(texture_image(material, size), name)
+        return _bitmap(prop, name, pattern(material.kind, seed, size).metres * material.scale)
+
+    def _save(self, image: npt.NDArray[np.uint8], name: str) -> None:
+        path = self.folder / "textures" / f"{name}.png"
+        # Mitsuba puts v = 0 at the top row of an image, we at the bottom.
+        Image.fromarray(image[::-1]).save(path, compress_level=4)
+
+
+def texture_image(material: Material, size: int) -> npt.NDArray[np.uint8]:
+    """sRGB texture (size, size, 3), row 0 at v = 0, whose linear mean is the material's colour.
+
+    Where accent areas are structural (grout, mortar) the mean is that of the rest.
+    """
+    drawn = pattern(material.kind, material.variant % SEEDS, size)
+    base = np.array(_limited(material.color, WHITEST), dtype=np.float32)
+    accent = (
+        np.array(_limited(material.accent, WHITEST), dtype=np.float32)
+        if material.accent
+        else base * _DEFAULT_ACCENT
+    )
+    linear = base + drawn.mix[..., None] * (accent - base)
+    linear *= drawn.shade[..., None]
+    if material.kind not in _LAID:
+        linear *= base / np.maximum(linear.mean(axis=(0, 1)), 1e-4)
+        # Another start for each variant, so that few patterns serve many materials.
+        shift = (material.variant // SEEDS) % (size * size)
+        linear = np.roll(linear, (shift // size, shift % size), axis=(0, 1))
+    return _SRGB[np.clip(linear * 4095 + 0.5, 0, 4095).astype(np.uint16)]
+
+
+def _picture_image(material: Material, size: int) -> npt.NDArray[np.uint8]:
+    image = picture(generator(material.variant, "picture"), size)
+    return _SRGB[np.clip(image * 4095 + 0.5, 0, 4095).astype(np.uint16)]
+
+
+def _srgb_table() -> npt.NDArray[np.uint8]:
+    """8-bit sRGB of linear values 0, 1/4095 ... 1 (IEC 61966-2-1)."""
+    linear = np.arange(4096) / 4095
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return np.rint(encoded * 255).astype(np.uint8)
+
+
+_SRGB = _srgb_table()
+
+
+def _limited(color: Color, limit: float) -> Color:
+    return (min(color[0], limit), min(color[1], limit), min(color[2], limit))
+
+
+def _float(name: str, value: float) -> str:
+    return f'<float name="{name}" value="{value:.6g}"/>'
+
+
+def _rgb(name: str, color: Color) -> str:
+    return f'<rgb name="{name}" value="{color[0]:.6g} {color[1]:.6g} {color[2]:.6g}"/>'
+
+
+def _bitmap(name: str, texture: str, metres: float) -> str:
+    scale = f"{1 / metres:.6g}"
+    return (
+        f'<texture type="bitmap" name="{name}">'
+        f'<string name="filename" value="textures/{texture}.png"/>'
+        f'<transform name="to_uv"><scale x="{scale}" y="{scale}"/></transform></texture>'
+    )

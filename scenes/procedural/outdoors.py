@@ -1,0 +1,238 @@
+"""What windows look out on: ground, paving, hedges, trees, neighbouring houses."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from shapely.geometry import Polygon
+
+from scenes.procedural.furniture.geometry import Mesh, box, merge, prism, span, sphere, tube
+from scenes.procedural.furniture.style import tone
+from scenes.procedural.patterns import noise
+from scenes.procedural.piece import Material
+from scenes.procedural.plan import Plan
+from scenes.procedural.thing import Thing, part_of
+
+REACH = 300.0  # metres of ground to each side; beyond, the horizon
+_ROOFS = ("#7d4436", "#5b5653", "#8a4f3b", "#4a4a4c")
+_PLASTERS = ("#d9d0be", "#c9b89a", "#bfc0ba", "#d8c2a8", "#a9533c", "#cfd2d2")
+_LEAVES = ("#4b6b2f", "#5d7a36", "#3f5f35", "#6f8440", "#7a7f3a")
+
+
+def build_outdoors(rng: np.random.Generator, plan: Plan) -> list[Thing]:
+    """The surroundings of a home, all of them structure."""
+    outline = Polygon(plan.outline)
+    centre = np.array(outline.centroid.coords[0])
+    ground = plan.ground
+    grass = Material(
+        "grass",
+        tone(("#6b7f43", "#7c8a4c", "#8a8550")[int(rng.integers(3))]),
+        0.95,
+        accent=tone("#566b33"),
+        variant=int(rng.integers(1 << 30)),
+    )
+    paving = Material(
+        "tiles",
+        tone(("#a9a49a", "#8f8c87", "#b8a88f")[int(rng.integers(3))]),
+        0.8,
+        accent=tone("#7b766d"),
+        scale=1.4,
+        variant=int(rng.integers(1 << 30)),
+    )
+    x, y = centre
+    lawn = _ground(x - REACH, y - REACH, x + REACH, y + REACH, ground)
+    around = outline.buffer(float(rng.uniform(0.8, 2.6)), join_style="mitre")
+    terrace = prism(shapely.get_coordinates(around.exterior)[:-1], ground - 0.05, ground + 0.02)
+    terrace = Mesh(terrace.vertices, terrace.faces, terrace.vertices[:, :2].copy())
+    things = [
+        _outside("ground", "ground", [part_of("lawn", grass, lawn)]),
+        _outside("terrace", "ground", [part_of("paving", paving, terrace)]),
+    ]
+    half = 0.5 * float(np.hypot(*(np.ptp(np.array(plan.outline), axis=0))))
+    turn = float(rng.uniform(0, 360))
+    for number in range(int(rng.integers(3, 6))):
+        angle = np.radians(turn + 360 * number / 5 + float(rng.uniform(-20, 20)))
+        distance = half + float(rng.uniform(9, 22))
+        at = centre + distance * np.array([np.cos(angle), np.sin(angle)])
+        things.append(_house(rng, f"neighbour-{number}", at, np.degrees(angle), ground))
+    for number in range(int(rng.integers(4, 9))):
+        angle = float(rng.uniform(0, 2 * np.pi))
+        distance = half + float(rng.uniform(3.5, 9))
+        at = centre + distance * np.array([np.cos(angle), np.sin(angle)])
+        if outline.distance(shapely.Point(at)) > 2.5:
+            things.append(_tree(rng, f"tree-{number}", at, ground))
+    hedge = _hedge(rng, centre, half + float(rng.uniform(4.0, 7.0)), ground)
+    leaf = _leaf(rng)
+    things.append(_outside("hedge", "plant", [part_of("hedge", leaf, hedge, smooth=True)]))
+    return things
+
+
+def _outside(name: str, category: str, parts: list) -> Thing:
+    return Thing(f"outside-{name}", name, category, tuple(parts), True, None)
+
+
+def _leaf(rng: np.random.Generator) -> Material:
+    color = tone(_LEAVES[int(rng.integers(len(_LEAVES)))])
+    return Material(
+        "leaf",
+        color,
+        0.6,
+        accent=(color[0] * 0.5, color[1] * 0.5, color[2] * 0.5),
+        scale=3.0,
+        variant=int(rng.integers(1 << 30)),
+    )
+
+
+def _ground(x0: float, y0: float, x1: float, y1: float, z: float) -> Mesh:
+    vertices = np.array([[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]])
+    return Mesh(vertices, np.array([[0, 1, 2], [0, 2, 3]]), vertices[:, :2].copy())
+
+
+def _house(
+    rng: np.random.Generator, name: str, at: np.ndarray, degrees: float, ground: float
+) -> Thing:
+    """A neighbour: walls, a saddle roof, dark windows with light frames, facing the home."""
+    wide, deep = float(rng.uniform(8, 14)), float(rng.uniform(7, 10))
+    storeys = int(rng.integers(1, 4))
+    high = 2.9 * storeys + 0.4
+    eaves, ridge = 0.4, float(rng.uniform(1.5, 3.5))
+    walls = span((-wide / 2, -deep / 2, -0.3), (wide / 2, deep / 2, high))
+    roof = prism(
+        [
+            (-deep / 2 - eaves, 0.0),
+            (deep / 2 + eaves, 0.0),
+            (0.0, ridge),
+        ],
+        -wide / 2 - eaves,
+        wide / 2 + eaves,
+    )
+    # The profile was drawn in x-y and pulled along z: lay it along x, its tip up.
+    vertices = np.stack([roof.vertices[:, 2], roof.vertices[:, 0], roof.vertices[:, 1]], axis=1)
+    roof = Mesh(vertices + np.array([0, 0, high]), roof.faces, roof.uvs)
+    panes, frames = [], []
+    columns = max(2, int(wide / 2.6))
+    for storey in range(storeys):
+        for column in range(columns):
+            x = wide * ((column + 0.5) / columns - 0.5)
+            z = 0.9 + 2.9 * storey
+            for side in (-1, 1):
+                y = side * deep / 2
+                panes.append(box((1.1, 0.06, 1.3), (x, y, z)))
+                frames += [
+                    box((1.3, 0.12, 0.09), (x, y, z - 0.09)),
+                    box((1.3, 0.12, 0.09), (x, y, z + 1.3)),
+                    box((0.09, 0.12, 1.3), (x - 0.6, y, z)),
+                    box((0.09, 0.12, 1.3), (x + 0.6, y, z)),
+                    box((0.06, 0.1, 1.3), (x, y, z)),
+                ]
+    code = _PLASTERS[int(rng.integers(len(_PLASTERS)))]
+    brick = code == "#a9533c"
+    wall = Material(
+        "brick" if brick else "plaster",
+        tone(code),
+        0.9,
+        accent=tone("#a8a196") if brick else None,
+        variant=int(rng.integers(1 << 30)),
+    )
+    place = [
+        (wall, walls, "walls"),
+        (Material("paint", tone(_ROOFS[int(rng.integers(len(_ROOFS)))]), 0.8), roof, "roof"),
+        (Material("plastic", tone("#20262c"), 0.1), merge(panes), "panes"),
+        (Material("paint", tone("#dcdad4"), 0.5), merge(frames), "frames"),
+    ]
+    turn = round(float(degrees) / 15) * 15 + 90.0
+    parts = [
+        part_of(label, material, mesh.turned("z", turn).moved(at[0], at[1], ground))
+        for material, mesh, label in place
+    ]
+    return _outside(name, "building", parts)
+
+
+def _tree(rng: np.random.Generator, name: str, at: np.ndarray, ground: float) -> Thing:
+    """A trunk, a few boughs, and a crown of many small leaf clumps."""
+    height = float(rng.uniform(4.5, 9.5))
+    radius = 0.018 * height
+    base = np.array([at[0], at[1], ground - 0.2])
+    lean = np.append(rng.normal(0, 0.25, 2), 0.0)
+    top = base + lean + [0, 0, 0.72 * height]
+    trunk = [
+        tube(
+            np.stack([base, 0.5 * (base + top) + 0.3 * lean, top]),
+            [radius, 0.7 * radius, 0.3 * radius],
+            8,
+        )
+    ]
+    clumps = []
+    crown = float(rng.uniform(0.22, 0.32)) * height
+    middle = base + lean + [0, 0, 0.68 * height]
+    ball = sphere(1.0, 9, 6)
+    for k in range(int(rng.integers(26, 40))):
+        offset = rng.normal(0, 1, 3)
+        offset *= crown * float(rng.uniform(0.35, 1.0)) / np.linalg.norm(offset)
+        offset[2] *= 1.15
+        size = crown * float(rng.uniform(0.16, 0.34))
+        wobble = 1 + 0.16 * rng.standard_normal((len(ball.vertices), 1))
+        places, inverse = np.unique(np.round(ball.vertices, 6), axis=0, return_inverse=True)
+        wobble = (1 + 0.16 * rng.standard_normal(len(places)))[inverse.reshape(-1), None]
+        vertices = ball.vertices * wobble * size + middle + offset
+        clumps.append(Mesh(vertices, ball.faces, ball.uvs * size))
+        if k < 5:
+            start = base + lean * 0.8 + [0, 0, height * float(rng.uniform(0.35, 0.55))]
+            trunk.append(
+                tube(np.stack([start, middle + 0.8 * offset]), [0.5 * radius, 0.15 * radius], 6)
+            )
+    bark = Material("soil", tone("#5b4a3a"), 0.95, variant=int(rng.integers(1 << 30)))
+    return _outside(
+        name, "plant", [part_of("trunk", bark, *trunk), part_of("crown", _leaf(rng), *clumps)]
+    )
+
+
+def _hedge(rng: np.random.Generator, centre: np.ndarray, half: float, ground: float) -> Mesh:
+    """A clipped hedge around the garden, with a gap or two."""
+    height, thick = float(rng.uniform(0.9, 1.9)), 0.7
+    surface = noise(rng, 64, 0.9)
+    runs = []
+    for side in range(4):
+        if rng.random() < 0.25:
+            continue
+        length = 2 * half - thick
+        count = max(8, int(length / 0.35))
+        # Section: a rounded box, drawn along the run with a rough surface.
+        profile = np.array(
+            [
+                [-0.5, 0],
+                [-0.52, 0.5],
+                [-0.45, 0.92],
+                [-0.25, 1],
+                [0.25, 1],
+                [0.45, 0.92],
+                [0.52, 0.5],
+                [0.5, 0],
+            ]
+        )
+        run = np.zeros((count, len(profile), 3))
+        run[..., 0] = np.linspace(-length / 2, length / 2, count)[:, None]
+        rough = 0.06 * surface[np.arange(count)[:, None] % 64, np.arange(len(profile)) + 8 * side]
+        run[..., 1] = profile[:, 0] * thick * (1 + rough)
+        run[..., 2] = profile[:, 1] * height * (1 + 0.6 * rough) - 0.05
+        runs.append(_run(run).moved(y=-half).turned("z", 90.0 * side))
+    if not runs:
+        runs = [box((0.5, 0.5, 0.5), (half, half, 0.0))]
+    return merge(runs).moved(float(centre[0]), float(centre[1]), ground)
+
+
+def _run(points: np.ndarray) -> Mesh:
+    """A band of quads over `points` (n, m, 3) and its two flat ends."""
+    n, m = points.shape[:2]
+    index = np.arange(n * m).reshape(n, m)
+    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    faces = np.concatenate(
+        [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
+    )[:, ::-1]
+    fan = [[0, k, k + 1] for k in range(1, m - 1)]
+    last = index[-1, 0]
+    ends = np.array(
+        [[p, r, q] for p, q, r in fan] + [[last + p, last + q, last + r] for p, q, r in fan]
+    )
+    flat = points.reshape(-1, 3)
+    return Mesh(flat, np.concatenate([faces, ends]).astype(np.int64), flat[:, [0, 2]].copy())

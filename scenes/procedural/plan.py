@@ -1,0 +1,696 @@
+"""Floor plans: a footprint cut into rooms, with doors, windows and wall thicknesses.
+
+A plan lies in the world's XY plane, metres. Rooms are rectilinear polygons, the net floor areas;
+what lies between them and around them is wall. Plans are sliced from a rectangle by area, then
+a room may lose a corner to the outside or to a bathroom, so that outlines and rooms are not all
+rectangles. A draw that breaks a rule of living (too narrow, unreachable, no outer wall) is
+thrown away and drawn again.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import shapely
+from shapely.geometry import LineString, MultiPolygon, Point, Polygon, box
+from shapely.geometry.polygon import orient
+
+from scenes.contract import Point2
+from scenes.errors import PbrnetError
+
+RoomType = Literal["living", "bedroom", "kitchen", "bathroom", "study", "dining"]
+OpeningKind = Literal["door", "archway", "entrance", "window", "patio"]
+
+GRID = 0.05  # metres; plan lines lie on this grid
+DRAWS = 600  # a plan that fits is found within a few dozen
+
+# Floor area in square metres, and the narrowest clear width in metres.
+SIZES: dict[RoomType, tuple[float, float, float]] = {
+    "living": (18.0, 32.0, 3.4),
+    "bedroom": (11.0, 18.0, 2.7),
+    "kitchen": (9.0, 15.0, 2.4),
+    "bathroom": (5.0, 8.5, 1.8),
+    "study": (8.5, 13.0, 2.4),
+    "dining": (11.0, 17.0, 2.8),
+}
+PROGRAMMES: dict[int, tuple[tuple[float, tuple[RoomType, ...]], ...]] = {
+    1: (
+        (0.35, ("living",)),
+        (0.2, ("bedroom",)),
+        (0.15, ("kitchen",)),
+        (0.1, ("bathroom",)),
+        (0.1, ("study",)),
+        (0.1, ("dining",)),
+    ),
+    2: (
+        (0.3, ("living", "kitchen")),
+        (0.2, ("living", "bedroom")),
+        (0.15, ("bedroom", "bathroom")),
+        (0.15, ("living", "study")),
+        (0.2, ("dining", "kitchen")),
+    ),
+    3: (
+        (0.35, ("living", "bedroom", "bathroom")),
+        (0.3, ("living", "kitchen", "bedroom")),
+        (0.2, ("living", "kitchen", "bathroom")),
+        (0.15, ("living", "dining", "kitchen")),
+    ),
+    4: (
+        (0.6, ("living", "kitchen", "bedroom", "bathroom")),
+        (0.2, ("living", "kitchen", "study", "bathroom")),
+        (0.2, ("living", "dining", "kitchen", "bedroom")),
+    ),
+    5: (
+        (0.4, ("living", "kitchen", "bedroom", "bathroom", "study")),
+        (0.35, ("living", "kitchen", "bedroom", "bathroom", "dining")),
+        (0.25, ("living", "kitchen", "bedroom", "bathroom", "bedroom")),
+    ),
+    6: (
+        (0.6, ("living", "kitchen", "bedroom", "bathroom", "dining", "study")),
+        (0.4, ("living", "kitchen", "bedroom", "bathroom", "bedroom", "dining")),
+    ),
+}
+# How little a door between two kinds of rooms is wanted; the cheapest that join all are built.
+_DOOR_COST: dict[frozenset[str], float] = {
+    frozenset({"dining", "kitchen"}): 0.4,
+    frozenset({"dining", "living"}): 0.5,
+    frozenset({"kitchen", "living"}): 0.7,
+    frozenset({"living", "study"}): 1.0,
+    frozenset({"living", "bedroom"}): 1.1,
+    frozenset({"bedroom", "bathroom"}): 1.4,
+    frozenset({"living", "bathroom"}): 1.6,
+    frozenset({"dining", "study"}): 1.7,
+    frozenset({"bedroom", "study"}): 2.0,
+    frozenset({"dining", "bedroom"}): 2.2,
+    frozenset({"dining", "bathroom"}): 2.5,
+    frozenset({"kitchen", "bathroom"}): 3.0,
+}
+_THROUGH_COST: dict[str, float] = {"bathroom": 50.0, "bedroom": 3.0, "study": 2.0}
+_HUBS = ("living", "dining", "kitchen", "study", "bedroom", "bathroom")
+
+
+class PlanError(PbrnetError):
+    """No floor plan was found for a seed; says which."""
+
+
+@dataclass(frozen=True)
+class WallEdge:
+    """One straight side of a room; the room lies to the left of `start` -> `end`."""
+
+    start: Point2
+    end: Point2
+    outer: bool
+
+    @property
+    def length(self) -> float:
+        """Metres."""
+        return math.dist(self.start, self.end)
+
+    @property
+    def along(self) -> Point2:
+        """Unit vector from start to end."""
+        return (
+            (self.end[0] - self.start[0]) / self.length,
+            (self.end[1] - self.start[1]) / self.length,
+        )
+
+    @property
+    def inward(self) -> Point2:
+        """Unit normal into the room."""
+        x, y = self.along
+        return (-y, x)
+
+    def at(self, s: float, depth: float = 0.0) -> Point2:
+        """The point `s` metres along the wall, `depth` metres into the room."""
+        (x, y), (nx, ny) = self.along, self.inward
+        return (self.start[0] + s * x + depth * nx, self.start[1] + s * y + depth * ny)
+
+    def strip(self, s0: float, s1: float, near: float, far: float) -> Polygon:
+        """The rectangle from `s0` to `s1` along the wall, `near` to `far` metres into the room."""
+        return Polygon([self.at(s0, near), self.at(s1, near), self.at(s1, far), self.at(s0, far)])
+
+
+@dataclass(frozen=True)
+class Opening:
+    """A hole through a wall from `z0` to `z1`; `start` -> `end` lies on its face in `rooms[0]`.
+
+    `start`, `end` run as the room's edge does; the hole reaches `thickness` metres away from the
+    room. Doors are hung at `start` (`hinge_at_start`) or `end` and swing into room `swing`.
+    """
+
+    id: str
+    kind: OpeningKind
+    start: Point2
+    end: Point2
+    thickness: float
+    z0: float
+    z1: float
+    rooms: tuple[str, ...]  # one for an outer wall, two for a partition
+    hinge_at_start: bool = True
+    swing: str = ""
+    angle: float = 0.0  # degrees the leaf stands open
+
+    @property
+    def edge(self) -> WallEdge:
+        """The piece of the room's wall that is cut away."""
+        return WallEdge(self.start, self.end, len(self.rooms) == 1)
+
+    @property
+    def width(self) -> float:
+        """Metres."""
+        return math.dist(self.start, self.end)
+
+    @property
+    def is_outer(self) -> bool:
+        """Whether it leads outdoors."""
+        return len(self.rooms) == 1
+
+    @property
+    def footprint(self) -> Polygon:
+        """The hole seen from above."""
+        return self.edge.strip(0, self.width, 0, -self.thickness)
+
+
+@dataclass(frozen=True)
+class PlanRoom:
+    """A room's net floor; `polygon` counter-clockwise, metres."""
+
+    id: str
+    type: RoomType
+    polygon: tuple[Point2, ...]
+    edges: tuple[WallEdge, ...]
+
+    @property
+    def shape(self) -> Polygon:
+        """The floor as a shapely polygon."""
+        return Polygon(self.polygon)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A whole storey."""
+
+    rooms: tuple[PlanRoom, ...]
+    openings: tuple[Opening, ...]
+    inner: tuple[Point2, ...]  # inner faces of the outer walls
+    outline: tuple[Point2, ...]  # outer faces of the outer walls
+    outer_thickness: float
+    partition: float  # thickness of inner walls
+    height: float  # floor to ceiling
+    ground: float  # height of the ground outdoors, at most 0
+
+    def room(self, room_id: str) -> PlanRoom:
+        """The room of that id."""
+        return next(room for room in self.rooms if room.id == room_id)
+
+
+def make_plan(rng: np.random.Generator, rooms_min: int, rooms_max: int) -> Plan:
+    """Draw a floor plan of `rooms_min` to `rooms_max` rooms (1-6).
+
+    Raises `PlanError` if no draw keeps the rules, which does not happen for sane sizes.
+    """
+    count = int(rng.integers(rooms_min, rooms_max + 1))
+    weights = np.array([weight for weight, _ in PROGRAMMES[count]])
+    programme = PROGRAMMES[count][int(rng.choice(len(weights), p=weights / weights.sum()))][1]
+    partition = float(rng.choice([0.12, 0.14]))
+    outer = float(rng.choice([0.26, 0.30, 0.36, 0.40]))
+    height = float(rng.choice([2.4, 2.5, 2.55, 2.6, 2.7, 2.85]))
+    ground = float(rng.choice([-0.15, -0.3, -0.45, -3.2, -6.1], p=[0.3, 0.25, 0.15, 0.2, 0.1]))
+    for _ in range(DRAWS):
+        cells = _draw_cells(rng, programme, partition)
+        if cells is None:
+            continue
+        rooms, inner = _rooms_of(cells, programme, partition)
+        if not all(_habitable(room) for room in rooms):
+            continue
+        outline = orient(inner.buffer(outer, join_style="mitre", mitre_limit=10).simplify(0))
+        if outline.interiors or _narrow_gap(inner, outer):
+            continue
+        openings = _draw_openings(rng, rooms, inner, outline, partition, outer, height)
+        if openings is None:
+            continue
+        return Plan(
+            rooms=tuple(rooms),
+            openings=tuple(openings),
+            inner=_ring(inner),
+            outline=_ring(outline),
+            outer_thickness=outer,
+            partition=partition,
+            height=height,
+            ground=ground,
+        )
+    raise PlanError(
+        f"no floor plan for rooms {', '.join(programme)} within {DRAWS} draws; use another seed"
+    )
+
+
+def _snap(value: float) -> float:
+    return round(round(value / GRID) * GRID, 6)
+
+
+def _ring(polygon: Polygon) -> tuple[Point2, ...]:
+    points = shapely.get_coordinates(orient(polygon).exterior)[:-1]
+    return tuple((round(float(x), 6), round(float(y), 6)) for x, y in points)
+
+
+def _draw_cells(
+    rng: np.random.Generator, programme: tuple[RoomType, ...], partition: float
+) -> list[Polygon] | None:
+    """Gross cells of the rooms, in the programme's order; together the space inside the walls."""
+    areas = [float(rng.uniform(*SIZES[kind][:2])) for kind in programme]
+    carved = _carved_bathroom(rng, programme)
+    sliced = [index for index in range(len(programme)) if index != carved]
+    # A host gives up the floor of the bathroom that is carved from it, so it starts larger.
+    host = max(sliced, key=lambda index: areas[index])
+    if carved is not None:
+        areas[host] += areas[carved]
+    total = sum(areas[index] for index in sliced)
+    aspect = float(rng.uniform(1.0, 1.5 if len(sliced) < 3 else 1.75))
+    width = _snap(math.sqrt(total * aspect))
+    depth = _snap(total / width)
+    if rng.random() < 0.5:
+        width, depth = depth, width
+    order = [int(index) for index in rng.permutation(sliced)]
+    cells: dict[int, Polygon] = {}
+    _slice(rng, (0.0, 0.0, width, depth), order, areas, cells)
+    if carved is not None:
+        pair = _carve(rng, cells[host], areas[carved])
+        if pair is None:
+            return None
+        cells[host], cells[carved] = pair
+    if rng.random() < 0.55:
+        _notch(rng, cells, partition)
+    result = [cells[index] for index in range(len(programme))]
+    return result if all(cell.geom_type == "Polygon" for cell in result) else None
+
+
+def _carved_bathroom(rng: np.random.Generator, programme: tuple[RoomType, ...]) -> int | None:
+    if "bathroom" in programme and len(programme) >= 2 and rng.random() < 0.45:
+        return programme.index("bathroom")
+    return None
+
+
+def _slice(
+    rng: np.random.Generator,
+    rect: tuple[float, float, float, float],
+    order: list[int],
+    areas: list[float],
+    cells: dict[int, Polygon],
+) -> None:
+    """Cut `rect` (x0, y0, x1, y1) by area until each room has a rectangle."""
+    x0, y0, x1, y1 = rect
+    if len(order) == 1:
+        cells[order[0]] = box(x0, y0, x1, y1)
+        return
+    cut = int(rng.integers(1, len(order)))
+    if len(order) > 3:  # balanced cuts give better proportions
+        cut = len(order) // 2
+    share = sum(areas[index] for index in order[:cut]) / sum(areas[index] for index in order)
+    if (x1 - x0) * float(rng.uniform(0.8, 1.25)) > (y1 - y0):
+        middle = _snap(x0 + share * (x1 - x0))
+        first, second = (x0, y0, middle, y1), (middle, y0, x1, y1)
+    else:
+        middle = _snap(y0 + share * (y1 - y0))
+        first, second = (x0, y0, x1, middle), (x0, middle, x1, y1)
+    _slice(rng, first, order[:cut], areas, cells)
+    _slice(rng, second, order[cut:], areas, cells)
+
+
+def _corner_box(
+    bounds: tuple[float, float, float, float], corner: int, width: float, depth: float
+) -> tuple[float, float, float, float]:
+    x0, y0, x1, y1 = bounds
+    left, low = corner in (0, 3), corner in (0, 1)
+    return (
+        x0 if left else x1 - width,
+        y0 if low else y1 - depth,
+        x0 + width if left else x1,
+        y0 + depth if low else y1,
+    )
+
+
+def _carve(rng: np.random.Generator, host: Polygon, area: float) -> tuple[Polygon, Polygon] | None:
+    """Split a rectangle into an L and the room in its corner."""
+    x0, y0, x1, y1 = host.bounds
+    ratio = float(rng.uniform(0.7, 1.45))
+    width, depth = _snap(math.sqrt(area * ratio)), _snap(math.sqrt(area / ratio))
+    if x1 - x0 - width < 2.2 or y1 - y0 - depth < 2.2:
+        return None
+    part = box(*_corner_box((x0, y0, x1, y1), int(rng.integers(4)), width, depth))
+    return host.difference(part), part
+
+
+def _notch(rng: np.random.Generator, cells: dict[int, Polygon], partition: float) -> None:
+    """Take a corner of a large rectangular room away from the house: an L, T or U outline."""
+    whole = shapely.union_all(list(cells.values()))
+    options = []
+    for index, cell in sorted(cells.items()):
+        x0, y0, x1, y1 = cell.bounds
+        if len(cell.exterior.coords) != 5 or min(x1 - x0, y1 - y0) < 3.9:
+            continue
+        for corner in range(4):
+            probe = box(*_corner_box(cell.bounds, corner, 0.2, 0.2)).centroid
+            point = Point(
+                x0 if corner in (0, 3) else x1,
+                y0 if corner in (0, 1) else y1,
+            )
+            if whole.boundary.distance(point) < 1e-6 and cell.contains(probe):
+                options.append((index, corner))
+    if not options:
+        return
+    index, corner = options[int(rng.integers(len(options)))]
+    x0, y0, x1, y1 = cells[index].bounds
+    width = _snap(float(rng.uniform(1.3, max(1.35, min(3.0, x1 - x0 - 2.4)))))
+    depth = _snap(float(rng.uniform(1.0, max(1.05, min(2.6, y1 - y0 - 2.4)))))
+    notch = box(*_corner_box((x0, y0, x1, y1), corner, width, depth))
+    # Beyond a partition the neighbour's wall must stay in one plane where it becomes an outer one.
+    grown = notch.buffer(partition / 2, join_style="mitre").intersection(
+        notch.union(whole.difference(cells[index]))
+    )
+    for other in sorted(cells):
+        cut = notch if other == index else grown
+        cells[other] = cells[other].difference(cut)
+
+
+def _rooms_of(
+    cells: list[Polygon], programme: tuple[RoomType, ...], partition: float
+) -> tuple[list[PlanRoom], Polygon]:
+    """Net rooms, partition walls taken off, and the space within the outer walls."""
+    inner = shapely.union_all(cells)
+    lines = [
+        first.intersection(second)
+        for first, second in itertools.combinations(cells, 2)
+        if first.distance(second) < 1e-9
+    ]
+    straight = [line for line in lines if line.length > 1e-6]
+    walls = shapely.union_all(
+        [line.buffer(partition / 2, cap_style="square", join_style="mitre") for line in straight]
+    )
+    rooms = []
+    inner = orient(_largest(inner).simplify(0))
+    for index, (cell, kind) in enumerate(zip(cells, programme, strict=True)):
+        net = _largest(cell.difference(walls).intersection(inner))
+        points = _ring(shapely.set_precision(net, 1e-4).simplify(0))
+        edges = []
+        for start, end in zip(points, points[1:] + points[:1], strict=True):
+            middle = LineString([start, end]).interpolate(0.5, normalized=True)
+            edges.append(WallEdge(start, end, bool(inner.boundary.distance(middle) < 1e-3)))
+        rooms.append(PlanRoom(f"room-{index}", kind, points, tuple(edges)))
+    return rooms, inner
+
+
+def _largest(shape: Polygon | MultiPolygon) -> Polygon:
+    if shape.geom_type == "Polygon":
+        return shape
+    return max(shape.geoms, key=lambda part: part.area)
+
+
+def _habitable(room: PlanRoom) -> bool:
+    low, _, narrow = SIZES[room.type]
+    shape = room.shape
+    if shape.is_empty or shape.area < 0.75 * low or shape.area > 60:
+        return False
+    x0, y0, x1, y1 = shape.bounds
+    if min(x1 - x0, y1 - y0) < narrow or max(x1 - x0, y1 - y0) > 3.0 * min(x1 - x0, y1 - y0):
+        return False
+    if any(edge.length < 0.25 for edge in room.edges):
+        return False
+    # Opening by a square: what is left of an L's arms when narrow necks are closed off.
+    neck = 0.5 * min(narrow, 1.5) - 0.02
+    core = shape.buffer(-neck, join_style="mitre")
+    if core.geom_type != "Polygon" or core.is_empty:
+        return False
+    opened = core.buffer(neck, join_style="mitre")
+    return bool(opened.area > 0.97 * shape.area)
+
+
+def _narrow_gap(inner: Polygon, outer: float) -> bool:
+    """Whether the outer walls would close a recess of the outline or nearly so."""
+    grown = inner.buffer(outer + 0.3, join_style="mitre", mitre_limit=10)
+    return len(grown.interiors) > 0 or grown.simplify(0).exterior.coords.__len__() != len(
+        inner.exterior.coords
+    )
+
+
+def _draw_openings(
+    rng: np.random.Generator,
+    rooms: list[PlanRoom],
+    inner: Polygon,
+    outline: Polygon,
+    partition: float,
+    outer: float,
+    height: float,
+) -> list[Opening] | None:
+    doors = _draw_doors(rng, rooms, partition)
+    if doors is None:
+        return None
+    walls = outline.difference(inner)
+    taken: list[Polygon] = [door.footprint.buffer(0.15, join_style="mitre") for door in doors]
+    entrance = _draw_entrance(rng, rooms, walls, outline, outer, taken)
+    if entrance is None:
+        return None
+    taken.append(entrance.footprint.buffer(0.15, join_style="mitre"))
+    # The inside of a door leaf needs room along the wall it opens against.
+    windows = _draw_windows(rng, rooms, walls, outline, outer, height, taken)
+    lit = {window.rooms[0] for window in windows}
+    if any(room.id not in lit and room.type != "bathroom" for room in rooms):
+        return None
+    if len(rooms) == 1 and not windows:
+        return None
+    return [*doors, entrance, *windows]
+
+
+def _shared_walls(
+    first: PlanRoom, second: PlanRoom, partition: float
+) -> list[tuple[WallEdge, float, float]]:
+    """Stretches of `first`'s walls behind which `second` lies: (edge, s0, s1)."""
+    found = []
+    for a in first.edges:
+        for b in second.edges:
+            if a.inward[0] * b.inward[0] + a.inward[1] * b.inward[1] > -0.99:
+                continue
+            offset = (b.start[0] - a.start[0], b.start[1] - a.start[1])
+            gap = -(offset[0] * a.inward[0] + offset[1] * a.inward[1])
+            if abs(gap - partition) > 1e-3:
+                continue
+            ends = sorted(
+                (point[0] - a.start[0]) * a.along[0] + (point[1] - a.start[1]) * a.along[1]
+                for point in (b.start, b.end)
+            )
+            s0, s1 = max(0.0, ends[0]), min(a.length, ends[1])
+            if s1 - s0 > 0.5:
+                found.append((a, s0, s1))
+    return found
+
+
+def _draw_doors(
+    rng: np.random.Generator, rooms: list[PlanRoom], partition: float
+) -> list[Opening] | None:
+    """A cheapest tree of doors from the hub; None if some room cannot be reached decently."""
+    stretches: dict[tuple[int, int], list[tuple[WallEdge, float, float]]] = {}
+    for i, j in itertools.combinations(range(len(rooms)), 2):
+        shared = [
+            item for item in _shared_walls(rooms[i], rooms[j], partition) if item[2] - item[1] > 1.2
+        ]
+        if shared:
+            stretches[i, j] = shared
+    hub = min(range(len(rooms)), key=lambda index: _HUBS.index(rooms[index].type))
+    reached = [hub]
+    pairs: list[tuple[int, int]] = []
+    while len(reached) < len(rooms):
+        best: tuple[float, int, int] | None = None
+        for i, j in sorted(stretches):
+            if (i in reached) == (j in reached):
+                continue
+            known, fresh = (i, j) if i in reached else (j, i)
+            kinds = frozenset({rooms[known].type, rooms[fresh].type})
+            cost = _DOOR_COST.get(kinds, 4.0)
+            if known != hub:
+                cost += _THROUGH_COST.get(rooms[known].type, 0.0)
+            if best is None or cost < best[0]:
+                best = (cost, known, fresh)
+        if best is None or best[0] >= 50:
+            return None
+        pairs.append(best[1:])
+        reached.append(best[2])
+    extra = [
+        (i, j)
+        for i, j in sorted(stretches)
+        if (i, j) not in pairs
+        and (j, i) not in pairs
+        and _DOOR_COST.get(frozenset({rooms[i].type, rooms[j].type}), 9) < 1.0
+    ]
+    pairs += [pair for pair in extra if rng.random() < 0.6]
+    doors = []
+    for number, (known, fresh) in enumerate(pairs):
+        shared = stretches[min(known, fresh), max(known, fresh)]
+        edge, s0, s1 = shared[int(np.argmax([item[2] - item[1] for item in shared]))]
+        host = rooms[min(known, fresh)]
+        other = rooms[max(known, fresh)]
+        kinds = frozenset({host.type, other.type})
+        open_plan = kinds <= {"living", "dining", "kitchen"} and s1 - s0 > 2.0
+        archway = open_plan and rng.random() < 0.55
+        if archway:
+            width = _snap(min(float(rng.uniform(1.2, 2.4)), s1 - s0 - 0.5))
+            top = float(rng.choice([2.1, 2.2, 2.25]))
+        else:
+            width = float(rng.choice([0.8, 0.85, 0.9]))
+            top = 2.05
+        # Doors stand near a corner, as they do in life, so that walls stay usable.
+        low, high = s0 + 0.13, s1 - 0.13 - width
+        place = float(rng.choice([low, high, rng.uniform(low, high)], p=[0.4, 0.4, 0.2]))
+        if archway:
+            place = float(rng.uniform(low, high))
+        doors.append(
+            Opening(
+                id=f"door-{number}",
+                kind="archway" if archway else "door",
+                start=_tidy(edge.at(place)),
+                end=_tidy(edge.at(place + width)),
+                thickness=partition,
+                z0=0.0,
+                z1=top,
+                rooms=(host.id, other.id),
+                hinge_at_start=bool(place - s0 < s1 - place - width),
+                swing=rooms[fresh].id,
+                angle=_draw_angle(rng),
+            )
+        )
+    return doors
+
+
+def _draw_angle(rng: np.random.Generator) -> float:
+    """Closed, ajar, or open to the wall."""
+    kind = rng.random()
+    if kind < 0.3:
+        return 0.0
+    return float(rng.uniform(12, 60)) if kind < 0.6 else float(rng.uniform(80, 92))
+
+
+def _tidy(point: Point2) -> Point2:
+    return (round(point[0], 4), round(point[1], 4))
+
+
+def _fits(edge: WallEdge, s0: float, s1: float, walls: Polygon, outline: Polygon, t: float) -> bool:
+    """Whether a straight hole from the room to the open air has solid wall on both sides of it."""
+    hole = edge.strip(s0 - 0.12, s1 + 0.12, -0.001, -t + 0.001)
+    if not walls.buffer(1e-6).covers(hole):
+        return False
+    return all(
+        outline.exterior.distance(Point(edge.at(s, -t))) < 1e-3 for s in (s0, 0.5 * (s0 + s1), s1)
+    )
+
+
+def _draw_entrance(
+    rng: np.random.Generator,
+    rooms: list[PlanRoom],
+    walls: Polygon,
+    outline: Polygon,
+    outer: float,
+    taken: list[Polygon],
+) -> Opening | None:
+    order = sorted(rooms, key=lambda room: _HUBS.index(room.type))
+    for room in order:
+        edges = [edge for edge in room.edges if edge.outer and edge.length > 1.5]
+        for index in rng.permutation(len(edges)):
+            edge = edges[int(index)]
+            width = float(rng.choice([0.9, 0.95, 1.0]))
+            places = [0.2, edge.length - 0.2 - width]
+            if rng.random() < 0.5:
+                places.reverse()
+            places.append(0.5 * (edge.length - width))
+            for place in places:
+                strip = edge.strip(place, place + width, 0.7, -outer)
+                if not _fits(edge, place, place + width, walls, outline, outer) or any(
+                    strip.intersects(other) for other in taken
+                ):
+                    continue
+                return Opening(
+                    id="entrance",
+                    kind="entrance",
+                    start=_tidy(edge.at(place)),
+                    end=_tidy(edge.at(place + width)),
+                    thickness=outer,
+                    z0=0.0,
+                    z1=2.1,
+                    rooms=(room.id,),
+                    hinge_at_start=place < 0.5 * edge.length,
+                    swing=room.id,
+                )
+    return None
+
+
+def _draw_windows(
+    rng: np.random.Generator,
+    rooms: list[PlanRoom],
+    walls: Polygon,
+    outline: Polygon,
+    outer: float,
+    height: float,
+    taken: list[Polygon],
+) -> list[Opening]:
+    head = min(float(rng.choice([2.05, 2.1, 2.2])), height - 0.2)
+    generous = float(rng.uniform(0.85, 1.25))  # some homes have larger windows than others
+    windows: list[Opening] = []
+    patio_wanted = rng.random() < 0.5
+    for room in rooms:
+        edges = sorted(
+            (edge for edge in room.edges if edge.outer and edge.length > 1.1),
+            key=lambda edge: -edge.length,
+        )
+        wanted = 1 if room.type == "bathroom" else max(1, round(room.shape.area / 11.0))
+        found = 0
+        for edge in edges:
+            if found >= wanted:
+                break
+            kind, width, sill, top = _window_size(rng, room.type, generous, head)
+            if room.type == "living" and patio_wanted and not found and edge.length > 3:
+                kind, width, sill, top = "patio", float(rng.uniform(1.5, 2.4)), 0.0, head
+            width = _snap(min(width, edge.length - 0.5))
+            slots = 2 if edge.length > 2 * width + 1.6 and wanted - found >= 2 else 1
+            for slot in range(slots):
+                place = edge.length * (slot + 0.5) / slots - width / 2
+                place += float(rng.uniform(-0.15, 0.15)) * (edge.length / slots - width)
+                if not _fits(edge, place, place + width, walls, outline, outer):
+                    place = edge.length * (slot + 0.5) / slots - width / 2
+                strip = edge.strip(place - 0.1, place + width + 0.1, 0.0, -outer)
+                if not _fits(edge, place, place + width, walls, outline, outer) or any(
+                    strip.intersects(other) for other in taken
+                ):
+                    continue
+                taken.append(strip)
+                windows.append(
+                    Opening(
+                        id=f"window-{len(windows)}",
+                        kind="patio" if kind == "patio" else "window",
+                        start=_tidy(edge.at(place)),
+                        end=_tidy(edge.at(place + width)),
+                        thickness=outer,
+                        z0=sill,
+                        z1=top,
+                        rooms=(room.id,),
+                    )
+                )
+                found += 1
+                kind = "window" if kind == "patio" else kind
+                if slots == 2 and slot == 0 and windows[-1].kind == "patio":
+                    break
+    return windows
+
+
+def _window_size(
+    rng: np.random.Generator, room: RoomType, generous: float, head: float
+) -> tuple[str, float, float, float]:
+    """(kind, width, sill height, head height) of a usual window of that kind of room."""
+    if room == "bathroom":
+        return "window", _snap(float(rng.uniform(0.6, 0.95))), 1.3, head
+    if room == "kitchen":
+        return "window", _snap(generous * float(rng.uniform(1.0, 1.6))), 1.1, head
+    if room in ("living", "dining"):
+        sill = float(rng.choice([0.45, 0.6, 0.8]))
+        return "window", _snap(generous * float(rng.uniform(1.4, 2.2))), sill, head
+    return "window", _snap(generous * float(rng.uniform(1.1, 1.7))), 0.85, head

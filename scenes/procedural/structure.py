@@ -1,0 +1,567 @@
+"""The building: walls, floors, ceilings, doors, windows, mouldings, as closed solids.
+
+Every wall shows a face to the room on each side and to the open air, joined by the reveals of
+its openings; tops and feet are sunk into slabs that cover the whole storey, so light enters
+through openings only. Windows have frames but no panes: a clear pane is a portal (see
+`scenes.contract`).
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.geometry import MultiPolygon, Polygon
+
+from scenes.contract import Point2, Portal
+from scenes.procedural.finishes import Finishes, RoomFinish
+from scenes.procedural.furniture.geometry import Mesh, bar, cylinder, merge, prism, span
+from scenes.procedural.piece import Material, Part
+from scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
+from scenes.procedural.thing import Thing, part_of
+
+EMBED = 0.02  # metres that walls reach into the slabs below and above
+LAP = 0.005  # metres that faces overlap in inner corners
+LINING = 0.02  # door lining, thickness
+CASING = (0.07, 0.015)  # door casing, width and thickness
+LEAF = 0.04  # thickness of a door leaf
+FRAME = (0.05, 0.065)  # window frame, width and depth
+SKIRTING = 0.014  # thickness
+
+Hole = tuple[float, float, float, float]  # s0, s1, z0, z1
+
+
+def build_structure(plan: Plan, finishes: Finishes) -> tuple[list[Thing], list[Portal]]:
+    """The building's things and the portals in its outer walls."""
+    things: list[Thing] = []
+    for room in plan.rooms:
+        finish = finishes.rooms[room.id]
+        things.append(_thing(f"floor-{room.id}", "floor", room.id, [_floor(plan, room, finish)]))
+        things.append(_thing(f"walls-{room.id}", "wall", room.id, _walls(plan, room, finish)))
+        ceiling = _panel(plan, room, plan.height, plan.height + EMBED)
+        parts = [part_of("ceiling", finishes.ceiling, ceiling)]
+        things.append(_thing(f"ceiling-{room.id}", "ceiling", room.id, parts))
+        trim = _trim(plan, room, finishes, finish)
+        if trim:
+            things.append(_thing(f"trim-{room.id}", "skirting", room.id, trim))
+    things.append(_facade(plan, finishes))
+    things.append(_slabs(plan, finishes))
+    portals = []
+    for opening in plan.openings:
+        if opening.kind in ("window", "patio"):
+            things.append(_window(opening, finishes))
+            portals.append(_portal(opening, clear=True))
+        else:
+            things.append(_door(plan, opening, finishes))
+            if opening.kind == "entrance":
+                portals.append(_portal(opening, clear=False))
+    return things, portals
+
+
+def pane_depth(opening: Opening) -> float:
+    """Metres from the room's wall face to the middle of the window frame or closed door."""
+    return 0.5 * LEAF if opening.kind == "entrance" else 0.6 * opening.thickness
+
+
+def leaf_footprint(plan: Plan, opening: Opening) -> Polygon | None:
+    """Where an open door leaf stands, seen from above; None for what has no leaf or is closed."""
+    if opening.kind != "door" or opening.angle == 0:
+        return None
+    leaf = _leaf(opening, _leaf_edge(plan, opening), Material("paint", (0.5, 0.5, 0.5)), None)
+    points = np.concatenate([part.vertices for part in leaf])
+    return shapely.MultiPoint(points[:, :2]).convex_hull
+
+
+def _thing(thing_id: str, category: str, room: str | None, parts: list[Part]) -> Thing:
+    return Thing(thing_id, category, category, tuple(parts), True, room)
+
+
+def _polygons(shape: Polygon | MultiPolygon) -> list[Polygon]:
+    parts = list(getattr(shape, "geoms", [shape]))
+    return [part for part in parts if part.geom_type == "Polygon" and part.area > 1e-6]
+
+
+def _extrude(shape: Polygon | MultiPolygon, z0: float, z1: float) -> Mesh:
+    return merge(
+        prism(
+            shapely.get_coordinates(polygon.exterior)[:-1],
+            z0,
+            z1,
+            [shapely.get_coordinates(hole)[:-1] for hole in polygon.interiors],
+        )
+        for polygon in _polygons(shape)
+    )
+
+
+def _panel(plan: Plan, room: PlanRoom, z0: float, z1: float) -> Mesh:
+    """The room's floor plan, reaching a little under the walls, as a slab."""
+    return _extrude(room.shape.buffer(EMBED, join_style="mitre"), z0, z1)
+
+
+def _floor(plan: Plan, room: PlanRoom, finish: RoomFinish) -> Part:
+    mesh = _panel(plan, room, -EMBED, 0.0)
+    x0, y0, x1, y1 = room.shape.bounds
+    uvs = mesh.vertices[:, :2] - (x0, y0)
+    if y1 - y0 > x1 - x0:  # planks run along the room
+        uvs = uvs[:, ::-1].copy()
+    return part_of("floor", finish.floor, Mesh(mesh.vertices, mesh.faces, uvs))
+
+
+def _face(
+    edge: WallEdge, z0: float, z1: float, holes: list[Hole], s0: float, s1: float
+) -> Mesh | None:
+    """The rectangle [s0, s1] x [z0, z1] of a wall's face, minus holes, towards the room."""
+    s_cuts = {s0, s1, *(min(max(s, s0), s1) for hole in holes for s in hole[:2])}
+    z_cuts = {z0, z1, *(min(max(z, z0), z1) for hole in holes for z in hole[2:])}
+    across, up = sorted(s_cuts), sorted(z_cuts)
+    quads = []
+    for a, b in pairwise(across):
+        for c, d in pairwise(up):
+            s, z = 0.5 * (a + b), 0.5 * (c + d)
+            if not any(h[0] < s < h[1] and h[2] < z < h[3] for h in holes):
+                quads.append([(a, c), (a, d), (b, d), (b, c)])
+    if not quads:
+        return None
+    flat = np.array(quads).reshape(-1, 2)
+    vertices = np.empty((len(flat), 3))
+    vertices[:, 0] = edge.start[0] + flat[:, 0] * edge.along[0]
+    vertices[:, 1] = edge.start[1] + flat[:, 0] * edge.along[1]
+    vertices[:, 2] = flat[:, 1]
+    return Mesh(vertices, _quad_faces(len(quads)), np.stack([-flat[:, 0], flat[:, 1]], axis=1))
+
+
+def _quad_faces(count: int) -> npt.NDArray[np.int64]:
+    corners = np.array([[0, 1, 2], [0, 2, 3]])
+    return (4 * np.arange(count)[:, None, None] + corners).reshape(-1, 3).astype(np.int64)
+
+
+def _quad(points: list[tuple[float, float, float]]) -> Mesh:
+    """A planar quadrilateral, counter-clockwise from its visible side; uvs in its plane."""
+    vertices = np.array(points)
+    u = vertices[1] - vertices[0]
+    v = vertices[3] - vertices[0]
+    uvs = np.array([[0, 0], [np.linalg.norm(u), 0], [np.linalg.norm(u), np.linalg.norm(v)], [0, 0]])
+    uvs[3, 1] = np.linalg.norm(v)
+    return Mesh(vertices, _quad_faces(1), uvs)
+
+
+def _position(edge: WallEdge, point: Point2) -> tuple[float, float]:
+    """(s, depth into the room) of a point relative to a wall's face."""
+    dx, dy = point[0] - edge.start[0], point[1] - edge.start[1]
+    return (
+        dx * edge.along[0] + dy * edge.along[1],
+        dx * edge.inward[0] + dy * edge.inward[1],
+    )
+
+
+def _holes(edge: WallEdge, plan: Plan) -> list[Hole]:
+    """Openings that pierce this face, whichever side of the wall it is on."""
+    holes = []
+    for opening in plan.openings:
+        if abs(np.dot(opening.edge.along, edge.along)) < 0.99:
+            continue
+        ends = [_position(edge, point) for point in (opening.start, opening.end)]
+        depth = ends[0][1]
+        near, far = abs(depth) < 1e-3, abs(depth + opening.thickness) < 1e-3
+        facing = float(np.dot(opening.edge.inward, edge.inward)) > 0
+        s0, s1 = sorted(end[0] for end in ends)
+        if s1 < 0 or s0 > edge.length or not ((near and facing) or (far and not facing)):
+            continue
+        floor = -2 * EMBED if opening.z0 <= 0 else opening.z0
+        holes.append((s0, s1, floor, opening.z1))
+    return holes
+
+
+def _laps(edges: tuple[WallEdge, ...], index: int) -> tuple[float, float]:
+    """How far a face may run on past its ends: into the wall at inner corners only."""
+    edge = edges[index]
+    before, after = edges[index - 1], edges[(index + 1) % len(edges)]
+    convex_start = before.along[0] * edge.along[1] - before.along[1] * edge.along[0] > 0
+    convex_end = edge.along[0] * after.along[1] - edge.along[1] * after.along[0] > 0
+    return (LAP if convex_start else 0.0, LAP if convex_end else 0.0)
+
+
+def _walls(plan: Plan, room: PlanRoom, finish: RoomFinish) -> list[Part]:
+    plain: list[Mesh] = []
+    accent: list[Mesh] = []
+    tiled: list[Mesh] = []
+    # The longest wall without a window takes the accent colour.
+    pierced = [len(_holes(edge, plan)) for edge in room.edges]
+    order = sorted(range(len(room.edges)), key=lambda k: (pierced[k], -room.edges[k].length))
+    tile_top = min(finish.tile_height, plan.height + EMBED) if finish.wall_tiles else 0.0
+    for index, edge in enumerate(room.edges):
+        holes = _holes(edge, plan)
+        before, after = _laps(room.edges, index)
+        bottom, top = -EMBED, plan.height + EMBED
+        bands = [(bottom, top, accent if finish.accent and index == order[0] else plain)]
+        if tile_top:
+            bands = [(bottom, tile_top, tiled), (tile_top, top, plain)]
+        for z0, z1, target in bands:
+            if z1 - z0 > 1e-6:
+                face = _face(edge, z0, z1, holes, -before, edge.length + after)
+                if face is not None:
+                    target.append(face)
+    plain += [
+        quad
+        for opening in plan.openings
+        if opening.rooms[0] == room.id
+        for quad in _reveals(opening)
+    ]
+    parts = [part_of("wall", finish.wall, *plain)]
+    if accent and finish.accent:
+        parts.append(part_of("accent", finish.accent, *accent))
+    if tiled and finish.wall_tiles:
+        parts.append(part_of("tiles", finish.wall_tiles, *tiled))
+    return parts
+
+
+def _reveals(opening: Opening) -> list[Mesh]:
+    """The four inner sides of a hole (three where it reaches the floor)."""
+    edge, width, deep = opening.edge, opening.width, -opening.thickness
+    low = -EMBED if opening.z0 <= 0 else opening.z0
+    high = opening.z1
+
+    def point(s: float, depth: float, z: float) -> tuple[float, float, float]:
+        x, y = edge.at(s, depth)
+        return (x, y, z)
+
+    sides = [
+        [point(0, 0, low), point(0, deep, low), point(0, deep, high), point(0, 0, high)],
+        [
+            point(width, deep, low),
+            point(width, 0, low),
+            point(width, 0, high),
+            point(width, deep, high),
+        ],
+        [point(0, 0, high), point(0, deep, high), point(width, deep, high), point(width, 0, high)],
+    ]
+    if opening.z0 > 0:
+        sides.append(
+            [point(0, deep, low), point(0, 0, low), point(width, 0, low), point(width, deep, low)]
+        )
+    return [_quad(side[::-1]) for side in sides]
+
+
+def _trim(plan: Plan, room: PlanRoom, finishes: Finishes, finish: RoomFinish) -> list[Part]:
+    """Skirting along the walls between doors, and a cornice under the ceiling."""
+    parts = []
+    if finish.skirting:
+        ring = room.shape.difference(room.shape.buffer(-SKIRTING, join_style="mitre"))
+        for opening in plan.openings:
+            if opening.z0 <= 0:
+                margin = CASING[0] if opening.kind in ("door", "entrance") else 0.0
+                gap = opening.edge.strip(-margin, opening.width + margin, 0.05, -1.0)
+                ring = ring.difference(gap.buffer(1e-4, join_style="mitre"))
+                far = opening.edge.strip(
+                    -margin, opening.width + margin, 0, -opening.thickness - 0.05
+                )
+                ring = ring.difference(far)
+        parts.append(
+            part_of("skirting", finishes.skirting, _extrude(ring, -0.01, finishes.skirting_height))
+        )
+    if finishes.cornice and not (finish.wall_tiles and finish.tile_height > plan.height):
+        for step in (1.0, 0.5):
+            size = finishes.cornice * step
+            ring = room.shape.difference(room.shape.buffer(-size, join_style="mitre"))
+            drop = finishes.cornice * (1.5 - step)
+            mesh = _extrude(ring, plan.height - drop, plan.height + 0.01)
+            parts.append(part_of(f"cornice_{step:g}", finishes.ceiling, mesh))
+    return parts
+
+
+def _facade(plan: Plan, finishes: Finishes) -> Thing:
+    """The outer faces of the outer walls."""
+    ring = plan.outline[::-1]  # clockwise: the open air lies to the left
+    edges = tuple(
+        WallEdge(start, end, True) for start, end in zip(ring, ring[1:] + ring[:1], strict=True)
+    )
+    faces = []
+    for edge in edges:
+        face = _face(edge, -EMBED, plan.height + EMBED, _holes(edge, plan), 0.0, edge.length)
+        if face is not None:
+            faces.append(face)
+    return _thing("facade", "wall", None, [part_of("facade", finishes.facade, *faces)])
+
+
+def _slabs(plan: Plan, finishes: Finishes) -> Thing:
+    """What lies under the floors and over the ceilings, across the whole house."""
+    outline = Polygon(plan.outline)
+    base = _extrude(outline.buffer(0.015, join_style="mitre"), plan.ground - 0.3, -0.5 * EMBED)
+    roof = _extrude(
+        outline.buffer(0.18, join_style="mitre"), plan.height + 0.5 * EMBED, plan.height + 0.28
+    )
+    sills = [
+        part_of("roof", finishes.facade, roof),
+        part_of("base", finishes.facade, base),
+    ]
+    thresholds = [
+        _edge_span(opening.edge, 0, opening.width, 0.0, -opening.thickness, -EMBED, 0.004)
+        for opening in plan.openings
+        if opening.z0 <= 0
+    ]
+    if thresholds:
+        sills.append(part_of("threshold", finishes.threshold, *thresholds))
+    return _thing("slabs", "slab", None, sills)
+
+
+def _edge_span(
+    edge: WallEdge, s0: float, s1: float, near: float, far: float, z0: float, z1: float
+) -> Mesh:
+    """An axis-aligned box in a wall's coordinates: along, into the room, up."""
+    a, b = edge.at(s0, near), edge.at(s1, far)
+    low = (min(a[0], b[0]), min(a[1], b[1]), min(z0, z1))
+    high = (max(a[0], b[0]), max(a[1], b[1]), max(z0, z1))
+    return span(low, high)
+
+
+def _portal(opening: Opening, clear: bool) -> Portal:
+    edge, depth = opening.edge, -pane_depth(opening)
+    corners = [
+        (*edge.at(s, depth), z)
+        for s, z in (
+            (0.0, opening.z0),
+            (0.0, opening.z1),
+            (opening.width, opening.z1),
+            (opening.width, opening.z0),
+        )
+    ]
+    outward = (-edge.inward[0], -edge.inward[1], 0.0)
+    kind = "door" if opening.kind in ("entrance", "patio") else "window"
+    return Portal(
+        id=f"portal-{opening.id}",
+        kind="door" if kind == "door" else "window",
+        polygon=tuple((round(x, 5), round(y, 5), round(z, 5)) for x, y, z in corners),
+        normal=(outward[0] + 0.0, outward[1] + 0.0, 0.0),
+        clear=clear,
+        room=opening.rooms[0],
+    )
+
+
+def _window(opening: Opening, finishes: Finishes) -> Thing:
+    """Frame, sashes, glazing bars, handles and sill; no panes."""
+    edge, width = opening.edge, opening.width
+    wide, deep = FRAME
+    middle = -pane_depth(opening)
+    near, far = middle + deep / 2, middle - deep / 2
+    z0 = opening.z0 if opening.z0 > 0 else 0.004
+    z1 = opening.z1
+    frame = [
+        _edge_span(edge, -LAP, wide, near, far, z0 - LAP, z1 + LAP),
+        _edge_span(edge, width - wide, width + LAP, near, far, z0 - LAP, z1 + LAP),
+        _edge_span(edge, wide, width - wide, near, far, z0 - LAP, z0 + wide),
+        _edge_span(edge, wide, width - wide, near, far, z1 - wide, z1 + LAP),
+    ]
+    clear = width - 2 * wide
+    sashes = max(1, int(np.ceil(clear / finishes.sash_width)))
+    handles = []
+    sash = 0.045
+    for number in range(sashes):
+        s0 = wide + clear * number / sashes
+        s1 = wide + clear * (number + 1) / sashes
+        front, back = near + 0.012, middle - deep / 4
+        low, high = z0 + wide - 0.01, z1 - wide + 0.01
+        gap = 0.0015
+        left, right = (
+            s0 - (0.01 if number == 0 else -gap),
+            s1 + (0.01 if number == sashes - 1 else -gap),
+        )
+        frame += [
+            _edge_span(edge, left, left + sash, front, back, low, high),
+            _edge_span(edge, right - sash, right, front, back, low, high),
+            _edge_span(edge, left + sash, right - sash, front, back, low, low + sash),
+            _edge_span(edge, left + sash, right - sash, front, back, high - sash, high),
+        ]
+        if finishes.glazing_bars:
+            bars = 1 if opening.kind == "window" else 2
+            for k in range(1, bars + 1):
+                z = low + (high - low) * k / (bars + 1)
+                frame.append(
+                    _edge_span(
+                        edge,
+                        left + sash,
+                        right - sash,
+                        middle + 0.012,
+                        middle - 0.012,
+                        z - 0.012,
+                        z + 0.012,
+                    )
+                )
+            s = 0.5 * (left + right)
+            frame.append(
+                _edge_span(
+                    edge,
+                    s - 0.012,
+                    s + 0.012,
+                    middle + 0.0125,
+                    middle - 0.0125,
+                    low + sash,
+                    high - sash,
+                )
+            )
+        z = z0 + (1.0 if opening.kind == "patio" else 0.45 * (z1 - z0))
+        s = right - sash / 2 if number < sashes / 2 else left + sash / 2
+        handles += [
+            _edge_span(
+                edge, s - 0.014, s + 0.014, front + 0.008, front - 0.002, z - 0.035, z + 0.035
+            ),
+            _edge_span(edge, s - 0.006, s + 0.006, front + 0.04, front, z - 0.006, z + 0.006),
+            _edge_span(
+                edge, s - 0.008, s + 0.008, front + 0.045, front + 0.033, z - 0.11, z + 0.008
+            ),
+        ]
+    parts = [part_of("frame", finishes.frame, *frame), part_of("handle", finishes.handle, *handles)]
+    if opening.z0 > 0:
+        board = [
+            _edge_span(edge, -LAP, width + LAP, 0.0, near - 0.005, z0 - LAP, z0 + 0.022),
+            _edge_span(edge, -0.04, width + 0.04, 0.045, 0.0, z0 - 0.008, z0 + 0.022),
+        ]
+        outside = _edge_span(
+            edge, -LAP, width + LAP, far + 0.005, -opening.thickness - 0.04, z0 - LAP, z0 + 0.012
+        )
+        parts.append(part_of("sill", finishes.sill, *board, outside))
+    return _thing(opening.id, "window", opening.rooms[0], parts)
+
+
+def _leaf_edge(plan: Plan, opening: Opening) -> WallEdge:
+    """The hole's edge as seen from the room that the door swings into."""
+    if opening.swing == opening.rooms[0]:
+        return opening.edge
+    edge = opening.edge
+    return WallEdge(
+        edge.at(opening.width, -opening.thickness), edge.at(0, -opening.thickness), edge.outer
+    )
+
+
+def _door(plan: Plan, opening: Opening, finishes: Finishes) -> Thing:
+    """Lining, casings on both sides, leaf and handles; an archway has lining and casings only."""
+    edge, width, top = opening.edge, opening.width, opening.z1
+    near, far = 0.0, -opening.thickness
+    lining = [
+        _edge_span(edge, -LAP, LINING, near, far, 0.0, top + LAP),
+        _edge_span(edge, width - LINING, width + LAP, near, far, 0.0, top + LAP),
+        _edge_span(edge, LINING, width - LINING, near, far, top - LINING, top + LAP),
+    ]
+    wide, thick = CASING
+    for face, out in ((near, near + thick), (far, far - thick)):
+        inset = LINING - 0.005
+        lining += [
+            _edge_span(edge, -wide + inset, inset, face, out, 0.0, top + wide - inset),
+            _edge_span(
+                edge, width - inset, width + wide - inset, face, out, 0.0, top + wide - inset
+            ),
+            _edge_span(edge, inset, width - inset, face, out, top - inset, top + wide - inset),
+        ]
+    parts = [part_of("casing", finishes.casing, *lining)]
+    if opening.kind != "archway":
+        leaf_edge = _leaf_edge(plan, opening)
+        parts += _leaf(opening, leaf_edge, finishes.door, finishes)
+        # Stops that the closed leaf leans against; they hide the gap around it.
+        back = -LEAF - 0.001
+        stop = [
+            _edge_span(leaf_edge, LINING, LINING + 0.012, back, back - 0.03, 0.004, top - LINING),
+            _edge_span(
+                leaf_edge,
+                width - LINING - 0.012,
+                width - LINING,
+                back,
+                back - 0.03,
+                0.004,
+                top - LINING,
+            ),
+            _edge_span(
+                leaf_edge,
+                LINING + 0.012,
+                width - LINING - 0.012,
+                back,
+                back - 0.03,
+                top - LINING - 0.012,
+                top - LINING,
+            ),
+        ]
+        parts[0] = part_of("casing", finishes.casing, *lining, *stop)
+    return _thing(opening.id, "door", opening.rooms[0], parts)
+
+
+def _leaf(
+    opening: Opening, edge: WallEdge, material: Material, finishes: Finishes | None
+) -> list[Part]:
+    """The leaf, hung at one jamb and turned by the opening's angle, with a lever on each side."""
+    gap = 0.003
+    width = opening.width - 2 * (LINING + gap)
+    # A closed leaf outdoors must be tight: it fills its lining.
+    tight = opening.kind == "entrance"
+    if tight:
+        width = opening.width - 2 * LINING + 0.004
+        gap = -0.002
+    bottom, top = (0.0 if tight else 0.008), opening.z1 - LINING - gap
+    bodies = [span((0, -LEAF, bottom), (width, 0, top), grain="z")]
+    panels = finishes.door_panels if finishes else "flat"
+    rows: dict[str, list[tuple[float, float]]] = {
+        "flat": [],
+        "two": [(0.12, 0.9), (1.05, 1.88)],
+        "four": [(0.12, 0.9), (1.05, 1.88)],
+    }
+    columns = 2 if panels == "four" else 1
+    for low, high in rows[panels]:
+        for column in range(columns):
+            pitch = (width - 0.12) / columns
+            x0 = 0.12 + column * pitch
+            x1 = 0.12 + (column + 1) * pitch - 0.12
+            for y0, y1 in ((-LEAF - 0.006, -LEAF), (0.0, 0.006)):
+                bodies += _panel_frame(x0, x1, y0, y1, low, min(high, top - 0.1))
+    handle_x, handle_z = width - 0.065, 1.03
+    levers = []
+    for sign, face in ((1.0, 0.0), (-1.0, -LEAF)):
+        rosette = cylinder(0.024, 0.0, 0.008, 16).turned("x", -90 * sign)
+        levers.append(rosette.moved(handle_x, face, handle_z))
+        levers.append(
+            bar((handle_x, face, handle_z), (handle_x, face + sign * 0.05, handle_z), 0.009, 10)
+        )
+        levers.append(
+            bar(
+                (handle_x + 0.009, face + sign * 0.05, handle_z),
+                (handle_x - 0.115, face + sign * 0.05, handle_z),
+                0.009,
+                10,
+            )
+        )
+    swing = opening.swing == opening.rooms[0]
+    at_start = opening.hinge_at_start == swing  # seen from the room it swings into
+    angle = np.radians(opening.angle)
+    start = LINING + gap
+
+    def hung(mesh: Mesh) -> Mesh:
+        x, y, z = mesh.vertices.T
+        along = np.cos(angle) * x - np.sin(angle) * y
+        inward = np.sin(angle) * x + np.cos(angle) * y
+        s = start + along if at_start else opening.width - start - along
+        vertices = np.stack(
+            [
+                edge.start[0] + s * edge.along[0] + inward * edge.inward[0],
+                edge.start[1] + s * edge.along[1] + inward * edge.inward[1],
+                z,
+            ],
+            axis=1,
+        )
+        faces = mesh.faces if at_start else mesh.faces[:, ::-1]
+        return Mesh(vertices, faces, mesh.uvs)
+
+    metal = finishes.handle if finishes else material
+    return [
+        part_of("leaf", material, *(hung(mesh) for mesh in bodies)),
+        part_of("lever", metal, *(hung(mesh) for mesh in levers), smooth=True),
+    ]
+
+
+def _panel_frame(x0: float, x1: float, y0: float, y1: float, z0: float, z1: float) -> list[Mesh]:
+    """A rectangular moulding and the raised field inside it."""
+    w = 0.022
+    return [
+        span((x0, y0, z0), (x1, y1, z0 + w)),
+        span((x0, y0, z1 - w), (x1, y1, z1)),
+        span((x0, y0, z0 + w), (x0 + w, y1, z1 - w)),
+        span((x1 - w, y0, z0 + w), (x1, y1, z1 - w)),
+        span((x0 + 0.06, y0, z0 + 0.06), (x1 - 0.06, y1, z1 - 0.06), grain="z"),
+    ]
