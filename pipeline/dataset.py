@@ -4,19 +4,21 @@ Reads `data/scenes`, `data/cameras` and the four kinds of frames; writes `data/d
 is complete or absent: shards by split, a README card, `croissant.json`, `rejected.csv` (views
 sampled = rows + rejected) and `scenes.csv` (every scene, also those without any view).
 
-The same frames and parameters give the same bytes. Memory is bounded by one row group per
-split, whatever the number of views.
+The same frames and parameters give the same bytes, whatever the number of threads. Memory is
+bounded by one row group per split and a few views in preparation, whatever the number of views.
 """
 
 from __future__ import annotations
 
 import csv
-from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import ExitStack
+import os
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -51,6 +53,8 @@ from scenes.errors import InputError
 from scenes.files import atomic_directory, remove_partials, write_text
 from scenes.seeds import derive
 
+A = TypeVar("A")
+B = TypeVar("B")
 SPLITS = ("train", "validation", "test")
 # Text columns whose values recur from row to row.
 REPEATED = (
@@ -285,8 +289,12 @@ class ShardWriter:
         return names
 
     def abandon(self) -> None:
-        """Let go of the open file without completing it."""
-        self._writer = None
+        """Let go of the open file, whether or not it can be completed."""
+        if self._writer is not None:
+            # On a full disk the footer fails as the rows before it did.
+            with suppress(OSError, pa.ArrowException):
+                self._writer.close()
+            self._writer = None
         if self._stream is not None:
             self._stream.close()
             self._stream = None
@@ -356,42 +364,69 @@ def _pack(
     failures: Mapping[tuple[str, str], str],
     params: Params,
 ) -> Packed:
-    limits = params.dataset.checks
-    size, panorama = _sizes(params)
     columns = _columns(params)
     cap = params.dataset.shard_mb * 1_000_000
     rows: Counter[str] = Counter()
     rejected: list[Rejected] = []
     unlit = 0
-    total = sum(len(source.views) for source in sources)
-    with ExitStack() as stack, Progress(total, "dataset") as progress:
+    work = [(source, view) for source in sources for view in source.views]
+    threads = len(os.sched_getaffinity(0))
+
+    def prepare(item: tuple[Source, View]) -> dict[str, Any] | Rejection:
+        source, view = item
+        return _prepare(data, source, view, splits.get(source.plan, "train"), failures, params)
+
+    with (
+        ExitStack() as stack,
+        ThreadPoolExecutor(threads) as pool,
+        Progress(len(work), "dataset") as progress,
+    ):
         writers = {}
         for split in SPLITS:
             writers[split] = ShardWriter(folder, split, columns, params.dataset.row_group, cap)
             stack.callback(writers[split].abandon)
-        for source in sources:
-            for view in source.views:
-                found = load_frames(data, view, failures)
-                why = (
-                    found
-                    if isinstance(found, Rejection)
-                    else check_frames(view, found, size, panorama, limits)
-                )
-                if why is not None or isinstance(found, Rejection):
-                    assert why is not None
-                    rejected.append(Rejected(view, why))
-                else:
-                    split = splits.get(source.plan, "train")
-                    writers[split].add(
-                        make_row(
-                            source, view, split, found, params.tone, params.dataset.preview_width
-                        )
-                    )
-                    rows[view.scene_id] += 1
-                    unlit += not found["illumination"].channels["intensity.Y"].any()
-                progress.advance()
+        for (_, view), row in zip(work, _in_order(pool, prepare, work, 2 * threads), strict=True):
+            if isinstance(row, Rejection):
+                rejected.append(Rejected(view, row))
+            else:
+                writers[row["split"]].add(row)
+                rows[view.scene_id] += 1
+                unlit += not row["intensity"].any()
+            progress.advance()
         files = [name for split in SPLITS for name in writers[split].close()]
     return Packed(tuple(sorted(files)), rows, tuple(rejected), unlit)
+
+
+def _prepare(
+    data: Path,
+    source: Source,
+    view: View,
+    split: str,
+    failures: Mapping[tuple[str, str], str],
+    params: Params,
+) -> dict[str, Any] | Rejection:
+    """A view's row, or why it has none."""
+    frames = load_frames(data, view, failures)
+    if isinstance(frames, Rejection):
+        return frames
+    size, panorama = _sizes(params)
+    why = check_frames(view, frames, size, panorama, params.dataset.checks)
+    if why is not None:
+        return why
+    return make_row(source, view, split, frames, params.tone, params.dataset.preview_width)
+
+
+def _in_order(
+    pool: ThreadPoolExecutor, function: Callable[[A], B], items: Iterable[A], window: int
+) -> Iterator[B]:
+    """Results of `function` in the order of `items`, at most `window` of them ahead of time."""
+    pending: deque[Future[B]] = deque()
+    for item in items:
+        pending.append(pool.submit(function, item))
+        if len(pending) >= window:
+            yield pending.popleft().result()
+    while pending:
+        yield pending.popleft().result()
 
 
 def _emptied(

@@ -149,7 +149,7 @@ def contact_sheet(
 def png_bytes(picture: Picture) -> bytes:
     """Deterministic PNG: same pixels, same bytes (no time, no text chunks)."""
     stream = io.BytesIO()
-    Image.fromarray(picture).save(stream, "PNG", compress_level=9)
+    Image.fromarray(picture).save(stream, "PNG", compress_level=4)
     return stream.getvalue()
 
 
