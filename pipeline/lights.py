@@ -76,7 +76,7 @@ def _collect(render_scene: RenderScene) -> Lights:
             sky, sun = graph.props(node), graph.props(node)
             sky["sun_scale"] = 0.0
             environment = graph.make_from(node, sky)
-            if not sun.has_property("sun_scale") or sun["sun_scale"] > 0:
+            if "sun_scale" not in sun or sun["sun_scale"] > 0:
                 sun["sky_scale"] = 0.0
                 lamp = graph.make_from(node, sun)
                 lamp.set_scene(target.scene)

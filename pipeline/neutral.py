@@ -61,10 +61,9 @@ def neutral_twin(graph: Graph, index: int, albedo: float) -> Any:
             f"use one of {', '.join(sorted({*_BASE, *_CONDUCTORS, *_DIELECTRICS}))}"
         )
     _drop(props, *_TINTS)
-    if props.has_property("specular_reflectance") and not _colourless(
-        props["specular_reflectance"]
-    ):
-        _drop(props, "specular_reflectance")
+    gloss = "specular_reflectance"
+    if gloss in props and not _colourless(props[gloss]):
+        del props[gloss]
     return graph.make_from(index, props)
 
 
@@ -128,7 +127,7 @@ def _value(graph: Graph, index: int, name: str, default: float) -> Any:
     if name in references:
         return graph.make(references[name])
     props = graph.props(index)
-    return props[name] if props.has_property(name) else default
+    return props.get(name, default)
 
 
 def _normal_incidence(conductor: Any) -> np.ndarray:
@@ -145,8 +144,8 @@ def _normal_incidence(conductor: Any) -> np.ndarray:
 
 def _drop(props: Any, *names: str) -> None:
     for name in names:
-        if props.has_property(name):
-            props.remove_property(name)
+        if name in props:
+            del props[name]
 
 
 def _colourless(value: Any) -> bool:

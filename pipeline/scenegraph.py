@@ -79,10 +79,12 @@ class Graph:
             value = props[key]
             if isinstance(value, mi.Properties.ResolvedReference):
                 if self.kind(value.index()) in _NOT_BUILT:
-                    props.remove_property(key)
+                    del props[key]
                 else:
                     props[key] = self.make(value.index())
-        if props.has_property("filename"):
+            else:
+                props[key] = value  # set anew, or having read it would count as its being used
+        if "filename" in props:
             self._resolve_file(index, props)
         try:
             return create(props)
@@ -104,7 +106,7 @@ class Graph:
         if not path.is_file():
             raise InputError(f"{self.where(index)}: file {path} is missing")
         if path.suffix.lower() == ".exr" and self.kind(index) in ("Texture", "Emitter"):
-            props.remove_property("filename")
+            del props["filename"]
             props["bitmap"] = mi.Bitmap(read_exr(path))
         else:
             props["filename"] = str(path)
