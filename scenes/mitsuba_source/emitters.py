@@ -206,8 +206,8 @@ class Emitters:
                     made.append(prop(name, properties.number(name, 0.0)))
             if kind != "sunsky" or self.scope.is_old:
                 self.scope.changes.note("the sun's direction follows Mitsuba 3's compass (+X east)")
-        kinds: tuple[Kind, ...] = ("sky",) * (sky > 0) + ("sun",) * (sun > 0)
-        return Emitter(made, kinds)
+        parts: list[tuple[Kind, float]] = [("sky", sky), ("sun", sun)]
+        return Emitter(made, tuple(part for part, scale in parts if scale > 0))
 
     def _radiance_texture(self, node: Node) -> Color | Element:
         properties = Properties(node, self.scope)
@@ -215,8 +215,7 @@ class Emitters:
             self.materials.image_path(properties) if node.type in ("bitmap", "ldrtexture") else None
         )
         if path is None:
-            made = self.materials.texture(node)
-            return made if isinstance(made, Element) else made
+            return self.materials.texture(node)
         try:
             return plugin(
                 "texture", "bitmap", filename=self.materials.textures.radiance(path), raw=True

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -27,8 +28,10 @@ _REC709 = np.array([0.2126, 0.7152, 0.0722])
 
 # Names that Mitsuba 3's data folder holds; the ones with `_palik` are other measurements of them.
 _CONDUCTORS = frozenset(
-    ["Ag", "Al", "AlAs", "AlSb", "Au", "Be", "Cr", "CsI", "Cu", "Cu2O", "CuO", "Hg", "HgTe", "Ir", "K", "Li", "MgO", "Mo", "Na_palik", "Nb", "Ni_palik", "Rh", "Se", "Se-e", "SiC", "SnTe", "Ta", "Te", "Te-e", "ThF4", "TiC", "TiN", "TiO2", "V", "VC", "VN", "W", "none"]
-)
+    ("Ag", "Al", "AlAs", "AlSb", "Au", "Be", "Cr", "CsI", "Cu", "Cu2O", "CuO", "Hg", "HgTe", "Ir",
+     "K", "Li", "MgO", "Mo", "Na_palik", "Nb", "Ni_palik", "Rh", "Se", "Se-e", "SiC", "SnTe", "Ta",
+     "Te", "Te-e", "ThF4", "TiC", "TiN", "TiO2", "V", "VC", "VN", "W", "none")
+)  # fmt: skip
 _DIELECTRICS = frozenset(
     (
         "vacuum",
@@ -88,16 +91,14 @@ class Materials:
         if node is None:
             return Surface(plugin("bsdf", "twosided", bsdf=plugin("bsdf", "diffuse")))
         if id(node) not in self._surfaces:
-            surface = self._two_sided(self._translate(node), tell=True)
+            surface = self._two_sided(self._translate(node))
             surface.name = node.attributes.get("id", "")
             self._surfaces[id(node)] = surface
         return self._surfaces[id(node)]
 
-    def _two_sided(self, surface: Surface, tell: bool = False) -> Surface:
+    def _two_sided(self, surface: Surface) -> Surface:
         if surface.element is None or surface.transmissive or surface.double:
             return surface
-        if tell and getattr(surface, "element", None) is not None:
-            pass
         wrapped = plugin("bsdf", "twosided")
         wrapped.append(surface.element)
         return Surface(wrapped, double=True)
@@ -216,7 +217,7 @@ class Materials:
             return GREY
         try:
             if channel in ("r", "g", "b", "a", "x", "y", "z"):
-                stored = self.textures.channel(
+                stored: str | None = self.textures.channel(
                     path, {"x": 0, "y": 1, "z": 2}.get(channel, "rgba".find(channel))
                 )
                 raw = raw or channel == "a"
@@ -325,14 +326,14 @@ class Materials:
         self.scope.changes.note("unknown dielectric {} was read as glass (bk7)", repr(text))
         return "bk7"
 
-    def roughness(self, properties: Properties, default: float = 0.1) -> dict[str, float | str]:
+    def roughness(self, properties: Properties, default: float = 0.1) -> dict[str, Any]:
         """`alpha` (or its two axes) and `distribution` for Mitsuba 3."""
         kind = properties.text("distribution", "beckmann").lower()
         if kind not in ("beckmann", "ggx"):
             self.scope.changes.note("microfacet distribution {} became beckmann", repr(kind))
             kind = "beckmann"
         visible = properties.boolean("sample_visible", True)
-        found: dict[str, float | str] = {"distribution": kind}
+        found: dict[str, Any] = {"distribution": kind}
         if not visible:
             properties.ignore("sample_visible")
         if "alpha_u" in properties or "alpha_v" in properties:
@@ -429,7 +430,7 @@ class Materials:
     def plastic(self, properties: Properties) -> Surface:
         """`plastic` and `roughplastic`, `pplastic` as its unpolarised twin."""
         kind = properties.node.type
-        rough: dict[str, float | str] = {}
+        rough: dict[str, Any] = {}
         if kind == "roughplastic" or (kind == "pplastic" and "alpha" in properties):
             rough = self.roughness(properties)
             if "alpha_u" in rough:
@@ -617,8 +618,8 @@ class Materials:
         if isinstance(made, tuple):
             self.scope.changes.note(f"a {kind} without an image was left out")
             return inner
-        name = "normalmap" if kind == "normalmap" else "bump"
-        wrapped = plugin("bsdf", kind, **{name: made})
+        wrapped = plugin("bsdf", kind)
+        wrapped.append(prop("normalmap" if kind == "normalmap" else "bump", made))
         if kind == "bumpmap":
             wrapped.append(prop("scale", strength))
         wrapped.append(_front(inner))

@@ -388,7 +388,8 @@ PlyElement = tuple[str, int, list[PlyProperty]]
 
 
 def _ply_header(path: Path, lines: list[str]) -> tuple[str, list[PlyElement]]:
-    form, elements = "", []
+    form = ""
+    elements: list[PlyElement] = []
     for line in lines[1:]:
         words = line.split()
         try:

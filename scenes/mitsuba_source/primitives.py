@@ -27,7 +27,7 @@ def cube() -> Mesh:
             right = np.zeros(3)
             right[(axis + 1) % 3] = 1.0
             turns.append(np.stack([right, np.cross(normal, right), normal], axis=1))
-    vertices = np.concatenate([(base.vertices + [0, 0, 1]) @ turn.T for turn in turns])
+    vertices = np.concatenate([(base.vertices + np.array([0.0, 0, 1])) @ turn.T for turn in turns])
     faces = np.concatenate([base.faces + 4 * i for i in range(6)])
     assert base.uvs is not None
     return Mesh(vertices, faces, None, np.tile(base.uvs, (6, 1)))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -97,12 +98,11 @@ def find_openings(rays: RayCaster, rooms: list[FoundRoom]) -> list[FoundOpening]
     """Windows, doors to the outside and missing walls of every room, and skylights."""
     openings = []
     for index, room in enumerate(rooms):
-        sky = _sees_out(rays, room)
-        if not sky:
+        if not _sees_out(rays, room):
             continue
         height = room.ceiling_z - room.floor_z
         ring = np.array(room.floor.exterior.coords)
-        for start, end in zip(ring[:-1], ring[1:], strict=True):
+        for start, end in pairwise(ring):
             length = float(np.linalg.norm(end - start))
             if length < 0.3:
                 continue
@@ -126,7 +126,18 @@ def find_openings(rays: RayCaster, rooms: list[FoundRoom]) -> list[FoundOpening]
             room.floor,
         )
         openings += [FoundOpening(index, outline, up, share, True) for outline, share in found]
-    return openings
+    return [opening for opening in openings if not _leads_to_room(opening, rooms)]
+
+
+def _leads_to_room(opening: FoundOpening, rooms: list[FoundRoom]) -> bool:
+    """Whether another room, not the outside, lies right behind an opening."""
+    middle = opening.polygon.mean(axis=0)
+    return any(
+        room.holds(middle + depth * opening.normal)
+        for depth in (0.15, 0.3, 0.5, 0.8)
+        for number, room in enumerate(rooms)
+        if number != opening.room
+    )
 
 
 def _sees_out(rays: RayCaster, room: FoundRoom) -> bool:
@@ -324,7 +335,7 @@ def _lowest_common(heights: Floats) -> float:
 
 
 def _enclosure(rays: RayCaster, polygon: Polygon, floor: float, ceiling: float) -> float:
-    """The share of horizontal rays, from inside at three heights, that end soon behind the outline."""
+    """The share of level rays, from inside at three heights, that end soon behind the outline."""
     centre = shapely.maximum_inscribed_circle(polygon).coords[0]
     angle = 2 * np.pi * (np.arange(72) + 0.5) / 72
     ways = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(72)])

@@ -198,7 +198,7 @@ class ShapeReader:
             mesh = replace(mesh, normals=None)
         elif "max_smooth_angle" in properties and crease < 180:
             mesh = creased(mesh, crease)
-        elif mesh.normals is None and not (node.type == "serialized"):
+        elif mesh.normals is None and node.type != "serialized":
             mesh = replace(mesh, normals=smooth_normals(mesh.vertices, mesh.faces))
         stem = path.stem if node.type != "serialized" else f"{path.stem}_{index}"
         return mesh, stem

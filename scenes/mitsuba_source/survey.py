@@ -10,6 +10,7 @@ from typing import Any, Literal
 from xml.etree.ElementTree import Element
 
 import numpy as np
+from shapely.geometry import box
 
 from scenes.contract import Light, Portal, Room, Scene, load_scene, save_scene, writing_scene
 from scenes.errors import InputError
@@ -40,7 +41,7 @@ from scenes.mitsuba_source.sandbox import Sandbox
 from scenes.mitsuba_source.shapes import Shape, ShapeReader
 from scenes.mitsuba_source.textures import TextureStore
 from scenes.mitsuba_source.things import group_objects, room_type
-from scenes.mitsuba_source.values import Properties, Scope
+from scenes.mitsuba_source.values import Properties, Scope, look_at
 from scenes.mitsuba_source.writer import sensor_element, write_scene_xml
 
 _MAX_SENSORS = 64
@@ -195,7 +196,7 @@ def _visible(shapes: list[Shape], changes: Changes) -> list[Shape]:
 
 
 def _cameras(root: Node, scope: Scope) -> list[_Camera]:
-    cameras = []
+    cameras: list[_Camera] = []
     for child in root.children:
         node = scope.resolve(child) if child.tag == "ref" else child
         if node.tag not in ("sensor", "camera"):
@@ -303,11 +304,10 @@ def _guessed_scale(
     columns = crossings(rays, points, float(low[2]), float(high[2]))
     gaps = tallest_gaps(columns, through)
     if not len(gaps):
-        extent = float(high[2] - low[2])
         changes.note(
             "no floor with a ceiling was found to tell the scale by; 1 unit was taken as 1 m"
         )
-        return 1.0 if extent > 0 else 1.0
+        return 1.0
     height = float(np.percentile(gaps[:, 1] - gaps[:, 0], 75))
     scale, unit = guess_scale(height)
     if scale != 1.0:
@@ -376,7 +376,7 @@ def _lights(
     rooms: list[FoundRoom],
     room_ids: list[str],
 ) -> tuple[Light, ...]:
-    lights = []
+    lights: list[Light] = []
     for shape in shapes:
         if shape.id in area:
             centre = shape.mesh.bounds.mean(axis=0)
@@ -443,8 +443,6 @@ def _lighting(lights: tuple[Light, ...]) -> str:
 
 def _whole(shapes: list[Shape]) -> FoundRoom:
     """The scene's box, where nothing better is known."""
-    from shapely.geometry import box
-
     bounds = np.array([shape.mesh.bounds for shape in shapes])
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     side = np.maximum(0.5 * (high - low)[:2], 1.0)
@@ -455,8 +453,6 @@ def _whole(shapes: list[Shape]) -> FoundRoom:
 
 def _own_camera(room: FoundRoom) -> _Camera:
     """A view across the room, for files without a usable sensor."""
-    from scenes.mitsuba_source.values import look_at
-
     points = np.array(room.floor.exterior.coords)
     centre = room.centre
     far = points[int(np.argmax(np.linalg.norm(points - centre[:2], axis=1)))]

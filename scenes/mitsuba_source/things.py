@@ -17,6 +17,19 @@ from scenes.mitsuba_source.shapes import Shape
 _SAMPLES = 400
 _ON_WALL, _ON_LEVEL = 0.12, 0.06  # metres from the room's hull that still belong to it
 _TOUCHING = 0.02
+_NICHE = 0.8  # metres behind the room's outline (window bays) where a named thing is still in it
+_STANDING = (
+    "sofa",
+    "chair",
+    "desk",
+    "table",
+    "bed",
+    "wardrobe",
+    "stove",
+    "fridge",
+    "toilet",
+    "rug",
+)
 
 # The first category with a word in the shape's or the material's name.
 _WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
@@ -98,6 +111,8 @@ def group_objects(
         bounds = np.array([member.mesh.bounds for member in members])
         low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
         category = categories[first.id]
+        if category in _STANDING and not _on_floor(low, rooms):
+            category = "other"
         label = first.surface.name if first.name.lower().startswith("mesh") else first.name
         objects.append(
             SceneObject(
@@ -128,12 +143,16 @@ def room_type(objects: tuple[SceneObject, ...], room: str, hint: str) -> str:
 
 
 def structural_kind(shape: Shape, rooms: list[FoundRoom]) -> str:
-    """ "floor", "ceiling", "wall", "structure" (beams, skirting, all that is outside); "" for things.
+    """Which part of the building a shape is: floor, ceiling, wall or structure; "" for things.
 
     A shape is structure when most of its surface lies on a room's hull and it spans much of it.
     """
     sample = _sample(shape)
     low, high = shape.mesh.bounds
+    if category_of(shape) not in ("other", "window", "door") and any(
+        room.holds(0.5 * (low + high), _NICHE) for room in rooms
+    ):
+        return ""
     inside_any = False
     for room in rooms:
         grown = room.floor.buffer(0.3)
@@ -148,12 +167,13 @@ def structural_kind(shape: Shape, rooms: list[FoundRoom]) -> str:
         )
         if deep.mean() > 0.05:
             inside_any = True
+        tight = shapely.contains_xy(room.floor.buffer(0.05), *sample.points[:, :2].T)
+        inside_any = inside_any or (near & tight).mean() > 0.6
         if near.mean() < 0.3:
             continue
         kind = _on_hull(sample, near, room, low, high)
         if kind:
             return kind
-        inside_any = inside_any or near.mean() > 0.5
     if rooms and not inside_any:
         return "structure"
     words = _words(shape.name)
@@ -222,9 +242,9 @@ def _groups(
             bounds[:, 1] >= bounds[index, 0] - _TOUCHING
         ).all(axis=1)
         for other in np.nonzero(meets)[0].tolist():
-            if other > index and categories[shapes[other].id] == category:
-                if not structure[shapes[other].id]:
-                    parent[root(other)] = root(index)
+            same = categories[shapes[other].id] == category and not structure[shapes[other].id]
+            if other > index and same:
+                parent[root(other)] = root(index)
     groups: dict[int, list[Shape]] = {}
     for index, shape in enumerate(shapes):
         groups.setdefault(root(index), []).append(shape)
@@ -264,11 +284,16 @@ def _halton(base: int) -> Floats:
 
 
 def _room_of(centre: Floats, low: Floats, rooms: list[FoundRoom], ids: list[str]) -> str | None:
-    for place in (centre, np.array([centre[0], centre[1], low[2]])):
+    foot = np.array([centre[0], centre[1], low[2]])
+    for place, margin in ((centre, 0.1), (foot, 0.1), (centre, _NICHE)):
         for room, name in zip(rooms, ids, strict=True):
-            if room.holds(place, 0.1):
+            if room.holds(place, margin):
                 return name
     return None
+
+
+def _on_floor(low: Floats, rooms: list[FoundRoom]) -> bool:
+    return not rooms or any(abs(low[2] - room.floor_z) < 0.35 for room in rooms)
 
 
 def _words(label: str) -> set[str]:

@@ -138,7 +138,7 @@ class Properties:
 
     def report_unused(self) -> None:
         """Name, in the list of changes, every property that was not understood."""
-        for name, child in self._values.items():
+        for name in self._values:
             if name not in self._used:
                 self.scope.changes.note(
                     f"{self.node.tag} {self.node.type!r}: property {name!r} has no counterpart "
@@ -287,7 +287,7 @@ def _look_at(node: Node) -> Matrix4:
             if len(values) != 3:
                 raise node.error(f"{name} needs 3 values, got {text!r}")
             points.append(np.array(values))
-    return look_at(*points, node=node)
+    return look_at(points[0], points[1], points[2], node)
 
 
 def look_at(
