@@ -42,6 +42,7 @@ from distributed import Client, Future, KilledWorker, LocalCluster
 from pipeline.params import FarmParams
 from scenes.errors import MachineError
 
+CONNECT_PATIENCE = 15.0  # seconds to look for a scheduler
 WORKER_PATIENCE = 300.0  # seconds without a single worker before the farm gives up
 _GO_ON = "run the same command again to go on where this run stopped"
 _FOLDER = "pbrnet-farm-"
@@ -115,7 +116,7 @@ class Farm:
     def _start(self) -> None:
         if self.address:
             try:
-                self._client = Client(self.address, timeout=15, set_as_default=False)
+                self._client = Client(self.address, timeout=CONNECT_PATIENCE, set_as_default=False)
             except (OSError, ValueError, TimeoutError) as error:
                 raise MachineError(
                     f"no dask scheduler answers at {self.address!r} ({error}); start one with "
@@ -284,7 +285,11 @@ class _Run:
         else:
             error = future.exception()
             if not isinstance(error, KilledWorker):
-                raise MachineError(f"a worker cannot run our work: {error!r}")
+                reason = " ".join(str(error).split())
+                raise MachineError(
+                    f"the dask scheduler or a worker cannot run our work ({reason}); both need "
+                    "the same version of pbrnet as this command"
+                )
             if batch[0].key == alone:
                 yield Outcome(
                     key=batch[0].key,

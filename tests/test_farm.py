@@ -1,0 +1,173 @@
+"""The farm: everything asked for is done once, and what cannot be done is named."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+from farm_fixtures import no_setup, work
+
+from pipeline.farm import Farm, Item, Outcome, Waiting
+from pipeline.params import FarmParams
+from scenes.errors import MachineError
+
+TESTS = Path(__file__).parent
+
+
+def _items(count: int, **special: dict[str, Any]) -> list[Item]:
+    names = [f"k{index}" for index in range(count)]
+    return [
+        Item(name, f"g{index // 5}", {"name": name, **special.get(name, {})})
+        for index, name in enumerate(names)
+    ]
+
+
+def _run(items: list[Item], params: FarmParams | None = None) -> dict[str, Outcome]:
+    params = params or FarmParams(workers=2, batch=4)
+    with Farm(params, None, no_setup, len(items)) as farm:
+        outcomes = list(farm.run(work, items))
+    assert Counter(outcome.key for outcome in outcomes) == Counter(item.key for item in items)
+    return {outcome.key: outcome for outcome in outcomes}
+
+
+def test_every_item_is_done_once_and_the_broken_one_is_named(tmp_path: Path) -> None:
+    log = {"log": str(tmp_path)}
+    special = {
+        "k3": {"do": "raise", **log},
+        "k8": {"do": "bug", **log},
+        "k11": {"do": "raise", "well_after": 1, **log},
+    }
+    outcomes = _run(_items(23, **special))
+    assert outcomes["k3"].error == "k3: broken on purpose"
+    assert re.fullmatch(r"KeyError: 'k8' \(in work, line \d+\)", outcomes["k8"].error)
+    assert outcomes["k3"].attempt == outcomes["k8"].attempt == 3
+    assert len(list(tmp_path.glob("k3-*"))) == 3
+    assert (outcomes["k11"].value, outcomes["k11"].attempt) == ("k11", 2)
+    others = [o for key, o in outcomes.items() if key not in special]
+    assert all((o.value, o.error, o.attempt) == (o.key, "", 1) for o in others)
+    assert all(o.worker for o in others)
+
+
+def test_an_item_that_kills_its_workers_is_found_among_innocent_ones(tmp_path: Path) -> None:
+    killer = {"do": "die", "log": str(tmp_path)}
+    outcomes = _run(_items(20, k7=killer), FarmParams(workers=2, batch=8, retries=1))
+    assert "died" in outcomes["k7"].error
+    assert all(not outcome.error for key, outcome in outcomes.items() if key != "k7")
+
+
+def test_a_worker_that_dies_once_costs_nothing(tmp_path: Path) -> None:
+    once = {"do": "die", "well_after": 1, "log": str(tmp_path)}
+    outcomes = _run(_items(12, k2=once))
+    assert all(not outcome.error for outcome in outcomes.values())
+
+
+def test_a_machine_that_lacks_something_stops_the_run() -> None:
+    with pytest.raises(MachineError, match="the disk is full"):
+        _run(_items(12, k2={"do": "full"}))
+
+
+def test_workers_and_folder_are_gone_afterwards() -> None:
+    before = {process.pid for process in psutil.Process().children(recursive=True)}
+    farm = Farm(FarmParams(workers=2), None, no_setup, 8)
+    with pytest.raises(KeyboardInterrupt), farm:
+        for _ in farm.run(work, _items(8, k7={"sleep": 60.0})):
+            started = time.monotonic()
+            raise KeyboardInterrupt
+    assert time.monotonic() - started < 10
+    left = [p for p in psutil.Process().children(recursive=True) if p.pid not in before]
+    assert not [p for p in left if "spawn_main" in " ".join(p.cmdline())]
+
+
+def test_two_items_of_one_name_are_refused() -> None:
+    farm = Farm(FarmParams(workers=1), None, no_setup, 2)
+    with pytest.raises(ValueError, match="same key"), farm:
+        list(farm.run(work, [*_items(1), *_items(1)]))
+
+
+def test_no_scheduler_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pipeline.farm.CONNECT_PATIENCE", 1.0)
+    farm = Farm(FarmParams(), "tcp://127.0.0.1:9", no_setup, 1)
+    with pytest.raises(MachineError, match=r"no dask scheduler answers at 'tcp://127\.0\.0\.1:9'"):
+        farm.__enter__()
+
+
+@pytest.fixture
+def scheduler(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """A real `dask scheduler` and `dask worker` on the loopback; yields address and processes."""
+    file = tmp_path / "scheduler.json"
+    common = ["--scheduler-file", str(file), "--host", "127.0.0.1", "--no-dashboard"]
+    roles = (
+        ["scheduler", "--port", "0"],
+        ["worker", "--nthreads", "2", "--local-directory", str(tmp_path)],
+    )
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-m", "dask", *role, *common],
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": str(TESTS)},
+        )
+        for role in roles
+    ]
+    try:
+        deadline = time.monotonic() + 30
+        while "address" not in (text := file.read_text() if file.exists() else ""):
+            assert time.monotonic() < deadline, "the scheduler did not start"
+            time.sleep(0.1)
+        address = re.search(r'"address": "([^"]+)"', text)
+        assert address
+        yield address[1], processes
+    finally:
+        for process in reversed(processes):
+            children = psutil.Process(process.pid).children(recursive=True)
+            for victim in [process, *children]:
+                victim.kill()
+            process.wait()
+
+
+def test_the_environment_names_the_scheduler_and_losing_it_is_said(
+    scheduler: tuple[str, list[subprocess.Popen[bytes]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    address, processes = scheduler
+    monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", address)
+    with Farm(FarmParams(batch=2), None, no_setup, 9) as farm:
+        outcomes = list(farm.run(work, _items(9)))
+        assert sorted(outcome.value for outcome in outcomes) == sorted(f"k{i}" for i in range(9))
+        ours = {process.pid for process in psutil.Process(processes[1].pid).children()}
+        assert {int(outcome.worker.split(":")[1]) for outcome in outcomes} <= ours
+        lost = farm.run(work, _items(9, k8={"sleep": 60.0}))
+        next(lost)
+        processes[0].kill()
+        with pytest.raises(MachineError, match="scheduler has gone"):
+            list(lost)
+
+
+def test_waiting_items_keep_a_worker_on_its_scene_and_shrink_at_the_end() -> None:
+    sizes = {"small": 3, "big": 20, "middle": 9}
+    items = [Item(f"{g}{i}", g, None) for g, size in sizes.items() for i in range(size)]
+    waiting = Waiting(items, batch=4, window=1)
+    taken: dict[str, list[tuple[str, int]]] = {"a": [], "b": []}
+    seen: list[str] = []
+    while waiting:
+        for worker, log in taken.items():
+            batch = waiting.take(worker, 2)
+            if batch:
+                assert len({item.group for item in batch}) == 1
+                log.append((batch[0].group, len(batch)))
+                seen += [item.key for item in batch]
+    assert sorted(seen) == sorted(item.key for item in items)
+    assert taken["a"][0][0] == "big" and taken["b"][0][0] == "middle"
+    for log in taken.values():  # no worker comes back to a scene it left
+        changes = [group for i, (group, _) in enumerate(log) if not i or log[i - 1][0] != group]
+        assert len(set(changes)) == len(changes)
+    last = [log[-1][1] for log in taken.values()]
+    assert max(last) <= 2
+    assert waiting.take("a", 2) == ()
