@@ -94,23 +94,32 @@ class Panorama:
     def directions(self, pixels: npt.NDArray[np.int64], per_axis: int) -> Float64:
         """World directions (len(pixels), per_axis^2, 3) to the centres of equal parts of pixels.
 
-        Parts have equal solid angles, so equal weights.
+        Parts have equal solid angles, so equal weights; they run row by row.
         """
-        row, column = np.divmod(pixels, self.width)
         inner = (np.arange(per_axis) + 0.5) / per_axis
+        inner = np.broadcast_to(inner, (len(pixels), per_axis))
+        return self._directions(pixels, inner, inner)
+
+    def finer(
+        self, pixels: npt.NDArray[np.int64], part: npt.NDArray[np.int64], per_axis: int, steps: int
+    ) -> Float64:
+        """World directions (N, steps^2, 3) within part `part[i]` of `directions`' parts."""
+        row, column = np.divmod(part[:, None], per_axis)
+        inner = (np.arange(steps) + 0.5) / steps
+        return self._directions(pixels, (row + inner) / per_axis, (column + inner) / per_axis)
+
+    def _directions(self, pixels: npt.NDArray[np.int64], down: Float64, across: Float64) -> Float64:
+        """Every pairing of `down` (N, A) and `across` (N, B), shares of each pixel: (N, A B, 3)."""
+        row, column = np.divmod(pixels, self.width)
         sines = np.sin(self._elevations(self.height))
-        sine = sines[row, None] + (sines[row + 1] - sines[row])[:, None] * inner
-        azimuth = (column[:, None] + inner) * self.pitch - math.pi
-        flat = np.sqrt(np.maximum(1 - sine**2, 0))
-        local = np.stack(
-            np.broadcast_arrays(
-                np.sin(azimuth)[:, None, :] * flat[:, :, None],
-                -sine[:, :, None],
-                np.cos(azimuth)[:, None, :] * flat[:, :, None],
-            ),
-            axis=-1,
-        )
-        return local.reshape(len(pixels), per_axis**2, 3) @ self.turn.T
+        sine = sines[row, None] + (sines[row + 1] - sines[row])[:, None] * down
+        azimuth = (column[:, None] + across) * self.pitch - math.pi
+        flat = np.sqrt(np.maximum(1 - sine**2, 0))[:, :, None]
+        local = np.empty((len(pixels), down.shape[1], across.shape[1], 3))
+        local[..., 0] = flat * np.sin(azimuth)[:, None, :]
+        local[..., 1] = -sine[:, :, None]
+        local[..., 2] = flat * np.cos(azimuth)[:, None, :]
+        return local.reshape(len(pixels), -1, 3) @ self.turn.T
 
     def pixels(self, directions: Float64) -> npt.NDArray[np.int64]:
         """The pixel in which each world direction (N, 3), of length 1, falls."""
@@ -259,13 +268,37 @@ def _add_wide(
         metres[escaped] = outside_distance(
             eye, directions[escaped], render_scene.scene.portals, render_scene.bbox
         )
-        light[escaped] = rays.sky(lights.environment, directions[escaped])
+        light[escaped] = _sky_light(lights, panorama, params, pixels, np.flatnonzero(escaped))
     solid = np.repeat(panorama.solid_angles[pixels // panorama.width] / parts, parts)
     lit = light > 0
     where = np.repeat(pixels, parts)[lit]
     part = (light * solid)[lit]
     energy += np.bincount(where, part, panorama.size)
     weighted += np.bincount(where, part * metres[lit], panorama.size)
+
+
+def _sky_light(
+    lights: Lights,
+    panorama: Panorama,
+    params: IlluminationParams,
+    pixels: npt.NDArray[np.int64],
+    escaped: npt.NDArray[np.int64],
+) -> Float64:
+    """Mean luminance of the environment over the part of a pixel that each escaped ray stands for.
+
+    `escaped` numbers the rays, `supersampling`^2 to a pixel. A part is looked up as often as it
+    takes to miss no texel of an environment map, which needs no further rays.
+    """
+    per_axis = params.supersampling
+    steps = max(1, math.ceil(panorama.pitch / per_axis / lights.texel))
+    light = np.empty(len(escaped))
+    batch = max(1, rays.CHUNK // steps**2)
+    for start in range(0, len(escaped), batch):
+        pixel, part = np.divmod(escaped[start : start + batch], per_axis**2)
+        directions = panorama.finer(pixels[pixel], part, per_axis, steps)
+        seen = rays.sky(lights.environment, directions.reshape(-1, 3))
+        light[start : start + batch] = seen.reshape(-1, steps**2).mean(axis=1)
+    return light
 
 
 def _open_pixels(

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
+import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
@@ -21,7 +23,8 @@ class Lights:
     `shape[i]` is the shape that lamp i lights up, -1 for lamps without one (points, spots, the
     sun); `centre` (N, 3) and `radius` (N,) are bounding spheres of those shapes; `distant[i]`
     says that lamp i shines from outside the scene. `environment` is the sky without its sun,
-    or an environment map; None where there is none.
+    or an environment map; None where there is none. `texel` is the angle between the samples
+    of an environment map, radians; infinite for smooth skies.
     """
 
     lamps: tuple[Any, ...]
@@ -30,6 +33,7 @@ class Lights:
     radius: npt.NDArray[np.float64]
     distant: npt.NDArray[np.bool_]
     environment: Any | None
+    texel: float
 
 
 def lights_of(render_scene: RenderScene) -> Lights:
@@ -69,7 +73,7 @@ def _collect(render_scene: RenderScene) -> Lights:
                 float(np.linalg.norm(high - low)) / 2,
                 False,
             )
-    environment = None
+    environment, texel = None, math.inf
     for node in graph.nested(0, "Emitter"):
         plugin = graph.plugin(node)
         if plugin in _SUN_AND_SKY:
@@ -83,6 +87,8 @@ def _collect(render_scene: RenderScene) -> Lights:
                 add(lamp, -1, np.zeros(3), 0.0, True)
         elif plugin in _ENVIRONMENTS:
             environment = graph.make(node)
+            if plugin == "envmap":
+                texel = math.pi / mi.traverse(environment)["data"].shape[0]
         else:
             add(
                 graph.make(node), -1, np.zeros(3), 0.0, plugin in ("directional", "directionalarea")
@@ -94,4 +100,5 @@ def _collect(render_scene: RenderScene) -> Lights:
         np.array(radii),
         np.array(distant, dtype=bool),
         environment,
+        texel,
     )
