@@ -162,13 +162,14 @@ def wash_basin(rng: np.random.Generator, style: Style, width: float | None = Non
     if rng.random() < 0.65:
         low = 0.26
         finish = style.cabinet
-        b.add(finish, *carcass(width - 0.02, depth - 0.02, low, height - 0.151, top=False))
-        split = low + 0.5 * (height - 0.151 - low)
+        b.add(finish, *carcass(width - 0.02, depth - 0.02, low, height - 0.056, top=False))
+        high = height - 0.058
+        split = low + 0.5 * (high - low)
         parts = (style, finish, style.wood, -half_x + 0.01, half_x - 0.01)
         pulled = float(rng.uniform(0.06, 0.2)) if rng.random() < 0.25 else 0.0
         if rng.random() < 0.5:
-            add_drawer(b, *parts, low, split, depth - 0.02)
-            add_drawer(b, *parts, split, height - 0.153, depth - 0.02, pulled)
+            add_drawer(b, *parts, low, split, depth - 0.02, pulled)
+            add_drawer(b, *parts, split, high, depth - 0.02)
         else:
             add_door(
                 b,
@@ -177,12 +178,12 @@ def wash_basin(rng: np.random.Generator, style: Style, width: float | None = Non
                 -half_x + 0.01,
                 0,
                 low,
-                height - 0.153,
+                high,
                 depth - 0.02,
                 "left",
                 100 * pulled,
             )
-            add_door(b, style, finish, 0, half_x - 0.01, low, height - 0.153, depth - 0.02, "right")
+            add_door(b, style, finish, 0, half_x - 0.01, low, high, depth - 0.02, "right")
         for sx in (-1, 1):
             for sy in (-1, 1):
                 b.add(
@@ -196,7 +197,10 @@ def wash_basin(rng: np.random.Generator, style: Style, width: float | None = Non
                     name="feet",
                 )
         outer = [
-            superellipse(half_x, half_y, height - 0.15, 20, 64),
+            superellipse(bowl_x - 0.13, 0.06, height - 0.14, 2.4, 64, y=-0.03),
+            superellipse(bowl_x - 0.03, 0.13, height - 0.11, 2.6, 64, y=-0.03),
+            superellipse(bowl_x, 0.16, height - 0.055, 3, 64, y=-0.03),
+            superellipse(half_x, half_y, height - 0.055, 20, 64),
             superellipse(half_x, half_y, height - 0.004, 20, 64),
             superellipse(half_x - 0.004, half_y - 0.004, height, 18, 64),
         ]
@@ -568,6 +572,6 @@ def toiletries(rng: np.random.Generator, style: Style) -> Piece:
         tint = style.accents[k]
         brush = Material("plastic", tint.color, 0.4)
         top = (0.04 + 1.3 * lean, 0.012, 0.185)
-        b.add(brush, bar((0.04 - 0.5 * lean, -0.01, 0.008), top, 0.004, 8), name="toothbrush")
-        b.add(WHITE_PLASTIC, box((0.01, 0.014, 0.022), (top[0], 0.004, 0.166)), name="toothbrush")
+        b.add(brush, bar((0.04 - 0.5 * lean, -0.01, 0.008), top, 0.003, 8), name="toothbrush")
+        b.add(WHITE_PLASTIC, box((0.009, 0.012, 0.024), (top[0], 0.005, 0.164)), name="toothbrush")
     return b.piece()

@@ -38,8 +38,37 @@ def _drape(beyond: Array, radius: float) -> tuple[Array, Array]:
     return out, radius * (1 - np.cos(arc / radius)) + hang
 
 
+class _Rumples:
+    """Waves and creases of a made bed; all its layers follow the same ones."""
+
+    def __init__(self, rng: np.random.Generator, height: float) -> None:
+        self.height = height  # metres
+        self.waves = [(*rng.uniform(-7, 7, 2), rng.uniform(0, 6.3)) for _ in range(7)]
+        self.creases = [
+            (rng.uniform(0, np.pi), rng.uniform(-0.7, 0.7), rng.uniform(0.03, 0.07))
+            for _ in range(6)
+        ]
+        self.phases = rng.uniform(0, 6, 4)
+
+    def lift(self, s: Array, t: Array) -> Array:
+        """Height added at the cloth's coordinates s across and t along the bed."""
+        up = np.zeros_like(s)
+        for a, c, phase in self.waves:
+            up += 0.4 * np.sin(a * s + c * t + phase)
+        for turn, at, wide in self.creases:
+            along = -s * np.sin(turn) + t * np.cos(turn)
+            way = s * np.cos(turn) + t * np.sin(turn) + 0.04 * np.sin(5 * along)
+            up += 1.6 * np.exp(-(((way - at) / wide) ** 2)) * np.exp(-((along / 0.6) ** 2))
+        return self.height * up
+
+    def fold(self, along: Array, which: int) -> Array:
+        """Folds of what hangs, about -1.6 to 1.6, on the sides (0) or the foot (1)."""
+        first, second = self.phases[2 * which : 2 * which + 2]
+        return np.asarray(np.sin(9 * along + first) + 0.6 * np.sin(17 * along + second))
+
+
 def _cover(
-    rng: np.random.Generator,
+    rumples: _Rumples,
     half_x: float,
     foot: float,
     head: float,
@@ -47,42 +76,33 @@ def _cover(
     hang: float,
     foot_hang: float,
     thickness: float,
-    rumple: float,
     counts: tuple[int, int] = (41, 27),
 ) -> Mesh:
-    """Bedding from y = foot to y = head over a mattress of half width `half_x`, hanging down."""
-    radius = 0.07
-    core = half_x - radius + 0.02
+    """Bedding whose outside lies at `top` from y = foot to y = head and hangs at x = +-half_x.
+
+    It hangs down by `hang` metres beyond the rounded edge, and at the foot by `foot_hang` if
+    that is above 0.
+    """
+    radius = 0.08
+    core = half_x - radius
     reach = core + radius * np.pi / 2 + hang
     s = np.sin(np.linspace(-1, 1, counts[0]) * 1.25) / np.sin(1.25) * reach
-    start = foot + radius if foot_hang > 0 else foot
+    start = foot + radius
     low = start - (radius * np.pi / 2 + foot_hang) if foot_hang > 0 else foot
     t = np.linspace(low, head, counts[1])
     out_x, drop_x = _drape(np.abs(s) - core, radius)
-    x = np.sign(s) * (core + out_x)
-    out_y, drop_y = _drape(start - t, radius)
-    y = start - out_y
-    if foot_hang <= 0:
-        y, drop_y = t, 0 * t
-    grid_s, grid_t = np.meshgrid(s, t, indexing="ij")
-    px = np.broadcast_to(x[:, None], grid_s.shape).copy()
-    py = np.broadcast_to(y[None, :], grid_s.shape).copy()
-    down_x = np.broadcast_to(drop_x[:, None], grid_s.shape)
-    down_y = np.broadcast_to(drop_y[None, :], grid_s.shape)
-    pz = top - down_x - down_y
-    for _ in range(7):
-        a, c = rng.uniform(-7, 7, 2)
-        phase = rng.uniform(0, 6.3)
-        pz += rumple * 0.4 * np.sin(a * grid_s + c * grid_t + phase)
-    for _ in range(3):  # creases run askew over the top
-        turn = rng.uniform(0, np.pi)
-        way = grid_s * np.cos(turn) + grid_t * np.sin(turn)
-        pz += rumple * 0.9 * np.exp(-(((way - rng.uniform(-0.5, 0.5)) / 0.05) ** 2))
-    folds = np.sin(9 * grid_t + rng.uniform(0, 6)) + 0.6 * np.sin(17 * grid_t + rng.uniform(0, 6))
-    px += np.sign(grid_s) * 0.018 * np.minimum(down_x / 0.2, 1.2) * folds
-    folds = np.sin(9 * grid_s + rng.uniform(0, 6)) + 0.6 * np.sin(15 * grid_s + rng.uniform(0, 6))
-    py -= 0.015 * np.minimum(down_y / 0.2, 1.2) * folds
-    return thick_sheet(np.stack([px, py, pz], axis=-1), thickness)
+    out_y, drop_y = _drape(start - t, radius) if foot_hang > 0 else (start - t, 0 * t)
+    across, along = np.meshgrid(s, t, indexing="ij")
+    down_x = np.broadcast_to(drop_x[:, None], across.shape)
+    down_y = np.broadcast_to(drop_y[None, :], across.shape)
+    side = np.minimum(down_x / 0.2, 1.2) * rumples.fold(along, 0)
+    end = np.minimum(down_y / 0.2, 1.2) * rumples.fold(across, 1)
+    calm = np.exp(-6 * (down_x + down_y))  # only what lies is rumpled upwards
+    points = np.empty((*across.shape, 3))
+    points[..., 0] = np.sign(across) * (core + out_x[:, None] + 0.017 * side)
+    points[..., 1] = (start - out_y)[None, :] - 0.015 * end
+    points[..., 2] = top - down_x - down_y + rumples.lift(across, along) * calm
+    return thick_sheet(points, thickness)
 
 
 def _bed(rng: np.random.Generator, style: Style, name: str, width: float, sleepers: int) -> Piece:
@@ -126,6 +146,7 @@ def _bed(rng: np.random.Generator, style: Style, name: str, width: float, sleepe
                     (-outer / 2 + (k + 0.5) * each, back - 0.1, rail_high + 0.08),
                     0.022,
                     (0, 0.012, 0),
+                    steps=1,
                 ),
             )
     else:
@@ -169,56 +190,35 @@ def _bed(rng: np.random.Generator, style: Style, name: str, width: float, sleepe
         rounded_box((width, length, top - mattress_z), (0, 0, mattress_z), 0.05, (0, 0, 0.006)),
         name="mattress",
     )
+    rumples = _Rumples(rng, float(rng.uniform(0.004, 0.009)))
+    beside = outer / 2 + 0.07  # what hangs clears the frame
+    over_foot = not padded and rng.random() < 0.7
     cover = _cover(
-        rng,
-        width / 2,
-        -length / 2 if rng.random() < 0.6 else -length / 2 + 0.02,
+        rumples,
+        beside,
+        front - 0.065 if over_foot else -length / 2 + 0.01,
         length / 2 - float(rng.uniform(0.45, 0.6)),
         top + 0.042,
-        float(rng.uniform(0.12, 0.22)),
-        0.14 if not padded else 0.0,
+        float(rng.uniform(0.1, 0.2)),
+        float(rng.uniform(0.08, 0.16)) if over_foot else 0.0,
         0.034,
-        float(rng.uniform(0.004, 0.012)),
     )
     parts.add(style.bedding, cover, name="duvet")
     edge = float(cover.vertices[:, 1].max())
-    parts.add(
-        sheet,
-        _cover(
-            rng,
-            width / 2 + 0.02,
-            edge - 0.26,
-            edge + 0.008,
-            top + 0.066,
-            0.1,
-            0.0,
-            0.02,
-            0.004,
-            (35, 9),
-        ),
-        name="fold",
+    fold = _cover(
+        rumples, beside + 0.012, edge - 0.26, edge + 0.006, top + 0.056, 0.08, 0, 0.013, (35, 9)
     )
+    parts.add(sheet, fold, name="fold")
     if rng.random() < 0.5:
-        start = -length / 2 + 0.22
-        parts.add(
-            style.throw,
-            _cover(
-                rng,
-                width / 2 + 0.025,
-                start,
-                start + 0.5,
-                top + 0.062,
-                0.2,
-                0.0,
-                0.011,
-                0.004,
-                (41, 15),
-            ),
-            name="throw",
+        start = -length / 2 + float(rng.uniform(0.1, 0.3))
+        throw = _cover(
+            rumples, beside + 0.011, start, start + 0.5, top + 0.054, 0.22, 0, 0.011, (41, 13)
         )
+        parts.add(style.throw, throw, name="throw")
+    rows = 2 if sleepers == 2 and rng.random() < 0.6 else 1
     for k in range(sleepers):
         x = (k - (sleepers - 1) / 2) * (width / 2)
-        for row in range(2 if sleepers == 2 and rng.random() < 0.7 else 1):
+        for row in range(rows):
             size = (min(0.72, width / sleepers - 0.06), 0.46, 0.17)
             lean = rng.uniform(24, 36) + 14 * (row == 0)
             cloth = style.bedding if row == 1 else sheet
@@ -231,10 +231,9 @@ def _bed(rng: np.random.Generator, style: Style, name: str, width: float, sleepe
                 name="pillow",
             )
     if rng.random() < 0.45:
-        size = 0.4
         parts.add(
             style.cushions[0],
-            pillow((size, 0.3, 0.14), rng=rng)
+            pillow((0.4, 0.3, 0.14), rng=rng)
             .turned("x", 48)
             .moved(0.0, length / 2 - 0.58, top + 0.1),
             name="cushion",

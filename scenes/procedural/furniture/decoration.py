@@ -68,7 +68,7 @@ def _add_pot(
     wall = 0.08 * radius
     kind = rng.random()
     if kind < 0.25:
-        add_basket(b, 0, 0, 0, (radius, radius), tall)
+        add_basket(b, 0, 0, 0, (radius, radius), tall, 2.0)
         b.add(SOIL, cylinder(radius - 0.028, 0.5 * tall, 0.82 * tall, 28), name="soil")
         return
     material = TERRACOTTA if kind < 0.5 else style.accents[int(rng.integers(len(style.accents)))]
@@ -603,8 +603,8 @@ def radiator(rng: np.random.Generator, style: Style, width: float | None = None)
         x = -width / 2 + (k + 0.5) * pitch
         b.add(
             WHITE_PAINT,
-            rounded_box((0.8 * pitch, 0.028, height), (x, -0.115, 0), 0.013, steps=2, inner=1),
-            rounded_box((0.8 * pitch, 0.028, height), (x, -0.06, 0), 0.013, steps=2, inner=1),
+            rounded_box((0.8 * pitch, 0.028, height), (x, -0.115, 0), 0.013, steps=1, inner=1),
+            rounded_box((0.8 * pitch, 0.028, height), (x, -0.06, 0), 0.013, steps=1, inner=1),
         )
     for z in (0.06, height - 0.06):
         b.add(WHITE_PAINT, box((width - 0.4 * pitch, 0.075, 0.03), (0, -0.0875, z - 0.015), 0.006))
@@ -653,21 +653,36 @@ def coat_hooks(rng: np.random.Generator, style: Style) -> Piece:
 
 
 def _add_coat(b: Builder, rng: np.random.Generator, cloth: Material, x: float) -> None:
-    """A coat hanging from its loop, folds widening downwards."""
+    """A coat hanging from its loop: sagging shoulders, two sleeves, folds down to the hem."""
     long = float(rng.uniform(0.75, 1.0))
-    count, rows = 40, 10
-    t = np.linspace(0, 1, rows)
+    count, rows = 48, 13
+    t = np.linspace(0, 1, rows) ** 1.4
     angle = 2 * np.pi * np.arange(count) / count
     phase = float(rng.uniform(0, 6))
-    half_x = np.interp(t, [0, 0.06, 0.2, 1], [0.02, 0.07, 0.13, 0.15])
-    half_y = np.interp(t, [0, 0.06, 0.2, 1], [0.018, 0.035, 0.05, 0.06])
+    half_x = np.interp(t, [0, 0.04, 0.12, 0.25, 0.55, 1], [0.03, 0.06, 0.13, 0.155, 0.15, 0.19])
+    half_y = np.interp(t, [0, 0.04, 0.12, 0.5, 1], [0.02, 0.035, 0.05, 0.055, 0.07])
     rings = np.empty((rows, count, 3))
     for k in range(rows):
-        fold = 1 + 0.16 * min(1.0, 3 * t[k]) * np.sin(7 * angle + phase + 0.6 * t[k])
+        strength = min(1.0, 2.5 * t[k])
+        fold = 1 + strength * (
+            0.13 * np.sin(7 * angle + phase + 0.5 * t[k]) + 0.06 * np.sin(4 * angle - phase)
+        )
+        # The front edges overlap along a line: a groove down the middle.
+        groove = 1 - 0.35 * strength * np.exp(-(((angle - 1.5 * np.pi) / 0.16) ** 2))
         rings[k, :, 0] = x + half_x[k] * np.cos(angle) * fold
-        rings[k, :, 1] = -0.1 + half_y[k] * np.sin(angle) * fold
+        rings[k, :, 1] = -0.1 + half_y[k] * np.sin(angle) * fold * groove
         rings[k, :, 2] = -0.02 - long * t[k]
     b.add(cloth, loft(rings[::-1]), name="coat")
+    for side in (-1, 1):
+        sag = float(rng.uniform(-0.01, 0.02))
+        sleeve = [
+            (x + side * 0.085, -0.1, -0.07),
+            (x + side * 0.15, -0.11, -0.17),
+            (x + side * 0.185, -0.12 - sag, -0.34),
+            (x + side * 0.19, -0.125 - sag, -0.52),
+            (x + side * 0.18, -0.14 - sag, -0.68),
+        ]
+        b.add(cloth, tube(sleeve, [0.035, 0.056, 0.054, 0.048, 0.043], 14), name="coat")
 
 
 def storage_box(rng: np.random.Generator, style: Style) -> Piece:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Literal
 
 import mapbox_earcut
@@ -101,7 +102,7 @@ def box(
     u follows `grain`, by default the longest edge.
     """
     half = np.asarray(size, dtype=float) / 2
-    centre = np.asarray(at, dtype=float) + [0, 0, half[2]]
+    centre = np.asarray(at, dtype=float) + np.array([0, 0, half[2]])
     bevel = min(bevel, 0.45 * 2 * float(half.min()))
     along = AXES[grain] if grain else int(np.argmax(half))
     vertices: list[Array] = []
@@ -262,13 +263,15 @@ def loft(rings: Array, closed: bool = True) -> Mesh:
     lengths = np.linalg.norm(steps, axis=2, keepdims=True)
     directions = steps / np.maximum(lengths, 1e-12)
     turns = (directions[1:] * directions[:-1]).sum(axis=2).mean(axis=1)
-    breaks = [0, *(int(k) + 1 for k in np.flatnonzero(turns < CREASE)), len(rings) - 1]
+    # A band is level if it is flat and horizontal; such bands have uvs of their own.
+    level = (np.ptp(rings[..., 2], axis=1)[1:] < 1e-6) & (np.abs(steps[..., 2]).max(axis=1) < 1e-6)
+    corners = (turns < CREASE) | (level[1:] != level[:-1])
+    breaks = [0, *(int(k) + 1 for k in np.flatnonzero(corners)), len(rings) - 1]
     around = np.concatenate([rings, rings[:, :1]], axis=1)
     bands = []
-    for start, stop in zip(breaks[:-1], breaks[1:], strict=True):
+    for start, stop in pairwise(breaks):
         points = around[start : stop + 1].swapaxes(0, 1)  # (m + 1, k, 3): i around, j along
-        flat = np.ptp(points[..., 2]) < 1e-6
-        bands.append(grid(points, points[..., :2].copy() if flat else None))
+        bands.append(grid(points, points[..., :2].copy() if level[start] else None))
     return merge(bands)
 
 
@@ -371,10 +374,8 @@ def post(points: Sequence[Sequence[float]], sizes: Sequence[Sequence[float]]) ->
         ring[:, :2] = np.asarray(point[:2]) + corners * np.asarray(size)
         ring[:, 2] = point[2]
     bodies = [grid(rings[:, [k, (k + 1) % 4]].swapaxes(0, 1)) for k in range(4)]
-    for ring in (rings[0][::-1], rings[-1]):
-        bodies.append(
-            Mesh(ring.copy(), np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int64), ring[:, :2].copy())
-        )
+    two = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int64)
+    bodies += [Mesh(end.copy(), two, end[:, :2].copy()) for end in (rings[0][::-1], rings[-1])]
     return replace(merge(bodies), smooth=len(points) > 2)
 
 
@@ -429,7 +430,7 @@ def _facets(points: Array) -> Mesh:
     start = 0.0
     for k in range(len(points) - 1):
         strip = grid(points[k : k + 2])
-        strips.append(Mesh(strip.vertices, strip.faces, strip.uvs + [0, start]))
+        strips.append(Mesh(strip.vertices, strip.faces, strip.uvs + np.array([0, start])))
         start += float(strip.uvs[:, 1].max())
     return merge(strips)
 

@@ -196,7 +196,7 @@ def sink_unit(rng: np.random.Generator, style: Style, width: float = 0.8) -> Pie
         )
     free = width / 2 + abs(x) - half_x - 0.04
     if free > 0.16:
-        b.surface(-np.sign(x) * (width / 2 - free / 2), -0.02, high, free / 2 - 0.01, 0.24)
+        b.surface(-float(np.sign(x)) * (width / 2 - free / 2), -0.02, high, free / 2 - 0.01, 0.24)
     return b.piece()
 
 
@@ -293,8 +293,8 @@ def hob_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> Piec
                     name="grates",
                 )
         else:
-            turn = 2 * np.pi * np.arange(40) / 40
-            ring = np.stack([radius * np.cos(turn), radius * np.sin(turn), 0 * turn], axis=1)
+            angle = 2 * np.pi * np.arange(40) / 40
+            ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle], axis=1)
             b.add(IRON, tube(ring, 0.0012, 8, closed=True).moved(x, y, high + 0.0068), name="rings")
     if rng.random() < 0.6:
         x, y, radius = places[int(rng.integers(4))]

@@ -192,16 +192,9 @@ def floor_lamp(rng: np.random.Generator, style: Style) -> Piece:
     if kind == "arch":
         t = np.linspace(0, 1, 15)
         reach = 0.75
-        path = np.stack(
-            [
-                0 * t,
-                0.3 - reach * t**2.2,
-                0.02
-                + (height + 0.12) * np.sin(0.5 * np.pi * np.minimum(1.15 * t, 1))
-                - 0.14 * np.clip(t - 0.8, 0, 1) * 5 * t,
-            ],
-            axis=1,
-        )
+        rise = (height + 0.12) * np.sin(0.5 * np.pi * np.minimum(1.15 * t, 1))
+        bow = 0.7 * np.clip(t - 0.8, 0, 1) * t
+        path = np.stack([0 * t, 0.3 - reach * t**2.2, 0.025 + rise - bow], axis=1)
         b.add(style.metal, tube(path, 0.011, 10))
         b.add(style.metal, cylinder(0.15, 0, 0.03, 36, bevel=0.004).moved(y=0.3), name="foot")
         end = path[-1]
@@ -218,7 +211,8 @@ def floor_lamp(rng: np.random.Generator, style: Style) -> Piece:
         joint = height - tall - 0.06
         for k in range(3):
             turn = np.radians(90 + 120 * k)
-            foot = (0.27 * float(np.cos(turn)), 0.27 * float(np.sin(turn)), 0.0)
+            rest = 0.012 * 0.265 / float(np.hypot(0.265, joint))  # its slanted end just touches
+            foot = (0.27 * float(np.cos(turn)), 0.27 * float(np.sin(turn)), rest)
             b.add(
                 style.wood,
                 tube([foot, (0.02 * foot[0], 0.02 * foot[1], joint)], [0.012, 0.016], 10),

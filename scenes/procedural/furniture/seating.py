@@ -189,8 +189,8 @@ def _couch(rng: np.random.Generator, style: Style, name: str, width: float, seat
             .moved(x, depth / 2 - back - 0.29, seat_z + 0.5 * size - 0.01),
             name="cushion",
         )
-    if name == "sofa":
-        b.surface(0, -0.1, seat_z + 0.02, inner / 2 - 0.05, 0.2, 0.8)
+    if name == "sofa":  # before the loose cushions
+        b.surface(0, -depth / 2 + 0.17, seat_z + 0.012, inner / 2 - 0.06, 0.12)
     return b.piece()
 
 
@@ -229,9 +229,11 @@ def stool(rng: np.random.Generator, style: Style) -> Piece:
             lathe(
                 [
                     (radius - 0.012, seat - 0.03),
-                    (radius, seat - 0.015),
-                    (radius - 0.006, seat + 0.008),
-                    (0.7 * radius, seat + 0.02),
+                    (radius - 0.003, seat - 0.022),
+                    (radius, seat - 0.01),
+                    (radius - 0.003, seat + 0.002),
+                    (radius - 0.014, seat + 0.011),
+                    (0.75 * radius, seat + 0.019),
                     (0, seat + 0.024),
                 ],
                 32,

@@ -26,7 +26,7 @@ from scenes.procedural.furniture.geometry import (
     span,
     superellipse,
 )
-from scenes.procedural.furniture.style import CHROME, PAGES, WICKER, Style
+from scenes.procedural.furniture.style import CHROME, PAGES, RUBBER, WHITE_PLASTIC, WICKER, Style
 from scenes.procedural.piece import Material, Piece
 
 
@@ -40,17 +40,18 @@ def add_books(
     front: float,
     headroom: float,
     fill: float = 0.8,
+    depth: float = 0.2,
 ) -> None:
     """A row of upright books on a shelf from x = low to high, spines at about y = front.
 
-    Books differ in size and colour; the last ones lean on their neighbours.
+    Books differ in size and colour, up to `depth` deep; now and then one leans on the next.
     """
     x = low + 0.004
     stop = low + fill * (high - low)
     while True:
         thick = float(rng.uniform(0.014, 0.045))
         tall = min(float(rng.normal(0.22, 0.03)), headroom - 0.015)
-        deep = min(0.16, max(0.11, 0.68 * tall))
+        deep = min(0.16, max(0.11, 0.68 * tall), depth - 0.018)
         lean = float(rng.uniform(6, 16)) if rng.random() < 0.08 else 0.0
         sine, cosine = np.sin(np.radians(lean)), np.cos(np.radians(lean))
         need = thick * cosine + tall * sine
@@ -115,24 +116,30 @@ def add_vase(
     """A turned vase, hollow at its mouth."""
     wide = float(rng.uniform(0.28, 0.42)) * tall
     neck = float(rng.uniform(0.35, 0.75)) * wide
-    t = np.linspace(0, 1, 9)
+    t = np.linspace(0, 1, 17)
     belly = float(rng.uniform(0.8, 1.5))
     outer = 0.55 * wide * (1 - t) + neck * t + (wide - 0.5 * neck) * np.sin(np.pi * t**belly) * 0.6
     outer *= wide / outer.max()
     profile = [(float(r), float(h)) for r, h in zip(outer, t * tall, strict=True)]
     wall = 0.005
-    profile += [(profile[-1][0] - wall, tall), (0.9 * profile[-2][0] - wall, 0.86 * tall)]
+    profile += [(profile[-1][0] - wall, tall), (0.9 * profile[-3][0] - wall, 0.86 * tall)]
     profile += [(0.6 * neck, 0.7 * tall)]
     b.add(material, lathe(profile, 24).moved(x, y, z), name="vase")
 
 
 def add_basket(
-    b: Builder, x: float, y: float, z: float, half: tuple[float, float], tall: float
+    b: Builder,
+    x: float,
+    y: float,
+    z: float,
+    half: tuple[float, float],
+    tall: float,
+    power: float = 5.0,
 ) -> None:
-    """An open basket."""
+    """An open basket; `power` 2 makes it round, more makes it square."""
     rings = []
     for inset, height in ((0.02, 0.0), (0.0, tall), (0.008, tall), (0.026, 0.012)):
-        rings.append(superellipse(half[0] - inset, half[1] - inset, height, 5.0, 28))
+        rings.append(superellipse(half[0] - inset, half[1] - inset, height, power, 28))
     b.add(WICKER, loft(np.stack(rings)).moved(x, y, z), name="basket")
 
 
@@ -401,10 +408,12 @@ def wall_shelf(rng: np.random.Generator, style: Style, width: float | None = Non
             style.metal,
             span((x - 0.012, -0.004, -0.16), (x + 0.012, 0, -thick - 0.0005)),
             span((x - 0.012, -depth + 0.03, -thick - 0.0045), (x + 0.012, -0.004, -thick - 0.0005)),
-            bar((x, -0.003, -0.13), (x, -depth + 0.06, -thick - 0.003), 0.005, 8),
+            bar((x, -0.006, -0.13), (x, -depth + 0.06, -thick - 0.003), 0.005, 8),
         )
     middle = float(rng.uniform(-0.1, 0.3)) * width
-    add_books(b, rng, style, -width / 2 + 0.03, middle, 0.0005, -depth + 0.03, 0.3, 1.0)
+    add_books(
+        b, rng, style, -width / 2 + 0.03, middle, 0.0005, -depth + 0.03, 0.3, 1.0, depth - 0.034
+    )
     glaze = style.accents[int(rng.integers(len(style.accents)))]
     add_vase(b, rng, glaze, width / 2 - 0.11, -depth / 2, 0.0005, float(rng.uniform(0.14, 0.24)))
     return b.piece()
@@ -445,8 +454,11 @@ def shoe_rack(rng: np.random.Generator, style: Style) -> Piece:
         while x < width / 2 - 0.07:
             if rng.random() < 0.8:
                 material = _SHOES[int(rng.integers(len(_SHOES)))]
-                pair = (_shoe().moved(x + step, 0.0, z + 0.0195) for step in (0.0, 0.095))
-                b.add(material, *pair, name="shoe")
+                sole = WHITE_PLASTIC if material.kind == "fabric" else RUBBER
+                for step in (0.0, 0.095):
+                    upper, under = _shoe()
+                    b.add(material, upper.moved(x + step, 0.0, z + 0.0195), name="shoe")
+                    b.add(sole, under.moved(x + step, 0.0, z + 0.0195), name="sole")
             x += 0.22
     b.surface(0, 0, 0.379, width / 2 - 0.05, depth / 2 - 0.05)
     return b.piece()
@@ -455,23 +467,31 @@ def shoe_rack(rng: np.random.Generator, style: Style) -> Piece:
 _SHOES = (
     Material("leather", (0.05, 0.03, 0.02), 0.4),
     Material("leather", (0.02, 0.02, 0.022), 0.35),
-    Material("fabric", (0.55, 0.54, 0.5), 0.9),
+    Material("fabric", (0.12, 0.16, 0.24), 0.9),
 )
 
 
-def _shoe() -> Mesh:
-    """A low shoe on z = 0, its tip towards the front."""
-    rings = [
+def _shoe() -> tuple[Mesh, Mesh]:
+    """Upper and sole of a low shoe on z = 0, its tip towards the front."""
+    upper = [
         superellipse(half_x, half_y, height, 2.3, 20, y=y)
         for height, half_x, half_y, y in (
-            (0.0, 0.04, 0.132, 0.0),
-            (0.014, 0.042, 0.135, 0.0),
-            (0.03, 0.04, 0.13, 0.002),
-            (0.055, 0.036, 0.1, 0.025),
-            (0.075, 0.034, 0.068, 0.062),
-            (0.095, 0.033, 0.058, 0.074),
-            (0.09, 0.026, 0.05, 0.074),
-            (0.03, 0.026, 0.05, 0.074),
+            (0.018, 0.041, 0.132, 0.0),
+            (0.03, 0.042, 0.132, 0.0),
+            (0.045, 0.039, 0.118, 0.01),
+            (0.056, 0.035, 0.088, 0.036),
+            (0.068, 0.033, 0.064, 0.06),
+            (0.078, 0.032, 0.06, 0.065),
+            (0.078, 0.027, 0.055, 0.065),
+            (0.03, 0.027, 0.055, 0.065),
         )
     ]
-    return loft(np.stack(rings))
+    sole = [
+        superellipse(half_x, half_y, height, 2.3, 20)
+        for height, half_x, half_y in (
+            (0.0, 0.041, 0.133),
+            (0.017, 0.045, 0.137),
+            (0.02, 0.044, 0.136),
+        )
+    ]
+    return loft(np.stack(upper)), loft(np.stack(sole))

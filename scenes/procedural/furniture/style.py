@@ -28,7 +28,7 @@ KITCHENS = (
     "#b7b4ab",
     "#2f3437",
     "#a8b9c4",
-    "#c5a46d",
+    "#d3c7ae",
 )
 STONES = ("#d8d4cc", "#4a4a4c", "#8d8a85", "#b9a890", "#2c2b2b", "#c4c0ba")
 UPHOLSTERY = (

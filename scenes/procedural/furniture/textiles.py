@@ -32,8 +32,8 @@ def curtains(
     """
     b = Builder("curtains", "curtain", "on_wall")
     off = 0.1  # from the wall to the rod
-    bunch = float(rng.uniform(0.2, 0.32))
-    reach = width / 2 + float(rng.uniform(0.12, 0.2))
+    bunch = min(float(rng.uniform(0.28, 0.46)), 0.42 * width)
+    reach = width / 2 + float(rng.uniform(0.14, 0.24))
     hem, top = 0.015, height - 0.035
     for side in (-1.0, 1.0):
         count, rows = 90, 14
@@ -42,7 +42,7 @@ def curtains(
         pleats = float(rng.integers(6, 9))
         phase = np.cumsum(rng.uniform(0.6, 1.4, count))
         phase = 2 * np.pi * pleats * (phase - phase[0]) / (phase[-1] - phase[0])
-        deep = 0.032 * (0.75 + 0.35 * np.sin(3.1 * s + rng.uniform(0, 6)))
+        deep = 0.036 * (0.75 + 0.35 * np.sin(3.1 * s + rng.uniform(0, 6)))
         drift = rng.uniform(-0.5, 0.5, 3)
         spread = bunch * (1 + 0.18 * t**1.5)  # falls a little wider than it hangs
         swing = 1 - 0.25 * np.exp(-(((t - 0.02) / 0.08) ** 2))
