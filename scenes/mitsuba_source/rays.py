@@ -1,32 +1,41 @@
 """Ray casting for measuring a scene while it is imported.
 
-Always Mitsuba's scalar variant: the same answers on every machine, whatever renders later.
+Always Mitsuba's scalar variant, and without setting it for the process: the same answers on
+every machine, and whoever renders later still chooses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import tempfile
+from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from scenes.mitsuba_source.meshes import Floats, Ints
+from scenes.mitsuba_source.meshes import Floats, Ints, Mesh
+from scenes.mitsuba_source.writer import write_ply
 
 _VARIANT = "scalar_rgb"
+_SCENE = """<scene version="3.0.0"><shape type="ply">
+<string name="filename" value="{}"/><boolean name="face_normals" value="true"/></shape></scene>"""
 
 
 class RayCaster:
-    """Closest hits with a soup of triangles."""
+    """Closest hits with a soup of triangles, `corners` (F, 3, 3)."""
 
     def __init__(self, corners: Floats) -> None:
-        mesh = mi.Mesh("triangles", 3 * len(corners), len(corners))
-        parameters = mi.traverse(mesh)
-        parameters["vertex_positions"] = corners.astype(np.float32).ravel()
-        parameters["faces"] = np.arange(3 * len(corners), dtype=np.uint32)
-        parameters.update()
-        self._scene = mi.load_dict({"type": "scene", "triangles": mesh})
+        faces = np.arange(3 * len(corners)).reshape(-1, 3)
+        self._ray = mi.scalar_rgb.Ray3f  # first, so that what follows knows its Python types
+        # `mi.load_dict` needs a variant set for the whole process; the parser behind it does not.
+        config = mi.parser.ParserConfig(_VARIANT)
+        config.merge_meshes = config.parallel = False
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "triangles.ply"
+            write_ply(file, Mesh(corners.reshape(-1, 3), faces))
+            state = mi.parser.parse_string(config, _SCENE.format(file))
+            mi.parser.transform_all(config, state)
+            self._scene = mi.parser.instantiate(config, state)
 
     def cast(self, origins: Floats, directions: Floats) -> tuple[Floats, Ints]:
         """Distances (N,), infinite where nothing is hit, and triangle numbers (N,), there -1.
@@ -38,7 +47,7 @@ class RayCaster:
         )
         distances = np.full(len(origins), np.inf)
         triangles = np.full(len(origins), -1, dtype=np.int64)
-        intersect, ray = self._scene.ray_intersect_preliminary, mi.Ray3f
+        intersect, ray = self._scene.ray_intersect_preliminary, self._ray
         for index, (origin, way) in enumerate(
             zip(origins.tolist(), directions.tolist(), strict=True)
         ):
@@ -46,18 +55,6 @@ class RayCaster:
             if hit.is_valid():
                 distances[index], triangles[index] = hit.t, hit.prim_index
         return distances, triangles
-
-
-@contextmanager
-def ray_casting() -> Iterator[None]:
-    """Casters live and work inside this context; the variant that was set before comes back."""
-    before = mi.variant()
-    mi.set_variant(_VARIANT)
-    try:
-        yield
-    finally:
-        if before is not None:
-            mi.set_variant(before)
 
 
 def sphere_directions(count: int) -> npt.NDArray[np.float64]:

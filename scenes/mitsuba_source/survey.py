@@ -29,7 +29,7 @@ from scenes.mitsuba_source.orientation import (
     upright,
 )
 from scenes.mitsuba_source.panes import frosted_openings, is_flat, remove_panes
-from scenes.mitsuba_source.rays import RayCaster, ray_casting
+from scenes.mitsuba_source.rays import RayCaster
 from scenes.mitsuba_source.reader import Node, read_tree, unresolved
 from scenes.mitsuba_source.rooms import (
     FoundOpening,
@@ -82,7 +82,7 @@ def import_mitsuba(path: Path, out: Path, scene_id: str, options: MitsubaOptions
     root, version = read_tree(path, sandbox, given, changes)
     scope = Scope(sandbox, changes, tuple(int(part) for part in version.split(".")))
     _index(root, scope)
-    with writing_scene(out) as folder, ray_casting():
+    with writing_scene(out) as folder:
         materials = Materials(scope, TextureStore(folder / "textures", changes))
         shapes = ShapeReader(scope, materials, options.skip_missing).read(root.children)
         shapes = _visible(shapes, changes)
