@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
+from dask_fixtures import dask_cluster, workers_of
 from farm_fixtures import no_setup, work
 
 from pipeline.farm import Farm, Item, Outcome, Waiting
 from pipeline.params import FarmParams
 from scenes.errors import MachineError
-
-TESTS = Path(__file__).parent
 
 
 def _items(count: int, **special: dict[str, Any]) -> list[Item]:
@@ -100,54 +95,21 @@ def test_no_scheduler_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
         farm.__enter__()
 
 
-@pytest.fixture
-def scheduler(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """A real `dask scheduler` and `dask worker` on the loopback; yields address and processes."""
-    file = tmp_path / "scheduler.json"
-    common = ["--scheduler-file", str(file), "--host", "127.0.0.1", "--no-dashboard"]
-    roles = (
-        ["scheduler", "--port", "0"],
-        ["worker", "--nthreads", "2", "--local-directory", str(tmp_path)],
-    )
-    processes = [
-        subprocess.Popen(
-            [sys.executable, "-m", "dask", *role, *common],
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": str(TESTS)},
-        )
-        for role in roles
-    ]
-    try:
-        deadline = time.monotonic() + 30
-        while "address" not in (text := file.read_text() if file.exists() else ""):
-            assert time.monotonic() < deadline, "the scheduler did not start"
-            time.sleep(0.1)
-        address = re.search(r'"address": "([^"]+)"', text)
-        assert address
-        yield address[1], processes
-    finally:
-        for process in reversed(processes):
-            children = psutil.Process(process.pid).children(recursive=True)
-            for victim in [process, *children]:
-                victim.kill()
-            process.wait()
-
-
 def test_the_environment_names_the_scheduler_and_losing_it_is_said(
-    scheduler: tuple[str, list[subprocess.Popen[bytes]]], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    address, processes = scheduler
-    monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", address)
-    with Farm(FarmParams(batch=2), None, no_setup, 9) as farm:
-        outcomes = list(farm.run(work, _items(9)))
-        assert sorted(outcome.value for outcome in outcomes) == sorted(f"k{i}" for i in range(9))
-        ours = {process.pid for process in psutil.Process(processes[1].pid).children()}
-        assert {int(outcome.worker.split(":")[1]) for outcome in outcomes} <= ours
-        lost = farm.run(work, _items(9, k8={"sleep": 60.0}))
-        next(lost)
-        processes[0].kill()
-        with pytest.raises(MachineError, match="scheduler has gone"):
-            list(lost)
+    with dask_cluster(tmp_path) as cluster:
+        monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", cluster.address)
+        with Farm(FarmParams(batch=2), None, no_setup, 9) as farm:
+            outcomes = list(farm.run(work, _items(9)))
+            assert sorted(outcome.value for outcome in outcomes) == [f"k{i}" for i in range(9)]
+            theirs = {process.pid for process in workers_of(cluster.worker)}
+            assert {int(outcome.worker.split(":")[1]) for outcome in outcomes} <= theirs
+            lost = farm.run(work, _items(9, k8={"sleep": 60.0}))
+            next(lost)
+            cluster.scheduler.kill()
+            with pytest.raises(MachineError, match="scheduler has gone"):
+                list(lost)
 
 
 def test_waiting_items_keep_a_worker_on_its_scene_and_shrink_at_the_end() -> None:

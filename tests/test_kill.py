@@ -1,0 +1,144 @@
+"""Killed at any time: the outcome is, byte for byte, that of an undisturbed run."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from dask_fixtures import dask_cluster, workers_of
+from stages_fixtures import write_room
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+
+PARAMETERS = """
+image: {width: 64, height: 48}
+farm: {batch: 2}
+cameras: {views_per_room: 4}
+groundtruth: {spp: 4, block_spp: 2, max_depth: 5}
+"""
+KINDS = ("inputs", "shading", "color")
+
+
+def _start(data: Path, stage: str, *options: str) -> subprocess.Popen[bytes]:
+    """Start a stage's command in a session of its own, as a terminal would."""
+    parameters = data.parent / "params.yaml"
+    parameters.write_text(PARAMETERS)
+    line = [stage, "--params", str(parameters), "--data", str(data), *options]
+    return subprocess.Popen(
+        [sys.executable, "-m", "pipeline.cli", *line],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+
+
+def _finish(process: subprocess.Popen[bytes], codes: Sequence[int] = (0,)) -> str:
+    words = process.communicate(timeout=120)[1].decode()
+    assert process.returncode in codes, words
+    return words
+
+
+def _files(data: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(data)): path.read_bytes()
+        for kind in KINDS
+        for path in sorted((data / kind).rglob("*"))
+        if path.is_file()
+    }
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    data = tmp_path_factory.mktemp("undisturbed") / "data"
+    for name, depth in (("alpha", 3.0), ("beta", 3.2)):
+        write_room(data / "scenes" / name, size=(4.0, depth, 2.6))
+    for stage in ("cameras", "inputs", "groundtruth"):
+        _finish(_start(data, stage))
+    assert len(_files(data)) >= 20
+    return data
+
+
+@pytest.fixture
+def fresh(undisturbed: Path, tmp_path: Path) -> Path:
+    """The same scenes and cameras, no frames yet."""
+    for folder in ("scenes", "cameras"):
+        shutil.copytree(undisturbed / folder, tmp_path / "data" / folder)
+    return tmp_path / "data"
+
+
+def _wait_for_frames(data: Path, process: subprocess.Popen[bytes], count: int) -> None:
+    """Until so many frames are there (or the run is over)."""
+    deadline = time.monotonic() + 60
+    while process.poll() is None and time.monotonic() < deadline:
+        if len(list((data / "shading").rglob("*.exr"))) >= count:
+            return
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_main_process_killed(fresh: Path, undisturbed: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for stage in ("inputs", "groundtruth"):
+        victim = _start(fresh, stage)
+        if seed:
+            _wait_for_frames(fresh, victim, 1)
+        time.sleep(rng.uniform(0.0, 2.0))
+        left = workers_of(victim)
+        victim.kill()
+        victim.wait()
+        assert victim.stderr
+        victim.stderr.close()
+        deadline = time.monotonic() + 20
+        while any(p.is_running() and p.status() != "zombie" for p in left):
+            assert time.monotonic() < deadline, "workers outlive the run they belong to"
+            time.sleep(0.05)
+        _finish(_start(fresh, stage))
+    assert _files(fresh) == _files(undisturbed)
+
+
+def test_workers_killed(fresh: Path, undisturbed: Path) -> None:
+    rng = np.random.default_rng(2)
+    _finish(_start(fresh, "inputs"))
+    process = _start(fresh, "groundtruth")
+    for _ in range(2):
+        _wait_for_frames(fresh, process, 1)
+        time.sleep(rng.uniform(0.0, 1.0))
+        workers = [p for p in workers_of(process) if "spawn_main" in " ".join(p.cmdline())]
+        if workers:
+            workers[int(rng.integers(len(workers)))].kill()
+    _finish(process)
+    assert _files(fresh) == _files(undisturbed)
+    assert not (fresh / "failures" / "groundtruth.json").exists()
+
+
+def test_scheduler_killed(fresh: Path, undisturbed: Path, tmp_path: Path) -> None:
+    _finish(_start(fresh, "inputs"))
+    with dask_cluster(tmp_path / "dask") as cluster:
+        process = _start(fresh, "groundtruth", "--scheduler", cluster.address)
+        _wait_for_frames(fresh, process, 1)
+        cluster.scheduler.kill()
+        if len(_files(fresh)) < len(_files(undisturbed)):
+            assert "scheduler has gone" in _finish(process, (4,))
+    _finish(_start(fresh, "groundtruth"))
+    assert _files(fresh) == _files(undisturbed)
+
+
+def test_interrupt_leaves_whole_files_and_says_how_to_go_on(fresh: Path, undisturbed: Path) -> None:
+    process = _start(fresh, "groundtruth")
+    _wait_for_frames(fresh, process, 1)
+    os.killpg(process.pid, signal.SIGINT)
+    started = time.monotonic()
+    words = _finish(process, (130,))
+    assert time.monotonic() - started < 15
+    assert "goes on from there" in words and "Traceback" not in words
+    assert not list(fresh.rglob(".partial-*"))
+    whole = _files(undisturbed)
+    assert all(whole[name] == pixels for name, pixels in _files(fresh).items())
