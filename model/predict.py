@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from pipeline.groundtruth import render_truth
-from pipeline.illumination import render_illumination
 
 from model.data import Array, Example
 from model.encoding import color_exposure
 from model.inference import Networks, likely_exposure
 from model.metrics import flip_map, measure
 from pipeline.frames import Channels, Frame, frame_path, read_frame
+from pipeline.groundtruth import render_truth
+from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
 from pipeline.params import Params, ToneParams
 from pipeline.pictures import Picture, contact_sheet, error_picture
@@ -71,10 +71,16 @@ def find_view(scene: Path, cameras: Path, view_id: str, size: tuple[int, int] | 
 
 
 def resized(view: View, size: tuple[int, int]) -> View:
-    """The same camera with another number of pixels (width, height)."""
+    """The same camera with (width, height) pixels: equally wide a view, square pixels.
+
+    Another aspect shows more or less above and below.
+    """
     width, height = size
-    scale = np.diag([width / view.width, height / view.height, 1.0])
-    return replace(view, width=width, height=height, K=as_matrix(scale @ view.intrinsics))
+    scale = width / view.width
+    camera = view.intrinsics
+    camera[:2] *= scale
+    camera[1, 2] += 0.5 * (height - scale * view.height)
+    return replace(view, width=width, height=height, K=as_matrix(camera))
 
 
 def from_scene(

@@ -1,0 +1,362 @@
+"""Evaluation on unseen scenes, and prediction from frames and from a scene."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from model_fixtures import ROOM, box_dataset, box_rows, box_view, write_shard
+from PIL import Image
+from render_fixtures import write_scene
+
+from model import evaluation, training
+from model.backbone import make_backbone
+from model.data import Dataset
+from model.evaluation import LeakError, evaluate
+from model.inference import load_networks, product
+from model.predict import resized
+from model.training import Folders, train_network
+from pipeline.cli import main
+from pipeline.frames import write_frame
+from pipeline.params import (
+    BackboneParams,
+    EvaluateParams,
+    ImageParams,
+    Params,
+    StageTrainParams,
+    TrainParams,
+)
+from pipeline.tonemap import Exposure, tonemap
+from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, save_cameras
+from scenes.errors import InputError
+
+Predict = Callable[..., tuple[int, str, str]]
+SIZE = {"width": 24, "height": 18, "panorama": 16}
+SMALL = StageTrainParams(epochs=1, width=4, levels=2)
+PARAMS = Params(train=TrainParams(shading=SMALL, composition=SMALL, unet=SMALL))
+
+
+def folders_in(root: Path) -> Folders:
+    return Folders(*(root / part for part in ("data", "models", "metrics", "plots", "models")))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread() -> Iterator[None]:
+    """Networks this small only wait for one another on two."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training.os, "sched_getaffinity", lambda _process: {0})
+        yield
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Folders:
+    """All three networks, barely trained, beside their dataset."""
+    folders = folders_in(tmp_path_factory.mktemp("trained"))
+    box_dataset(folders.data, 4, 0, 6, **SIZE)
+    make_backbone(BackboneParams(network="efficientnet_lite0"), folders.models)
+    for name in ("shading", "composition", "unet"):
+        train_network(name, PARAMS, folders)
+    return folders
+
+
+@pytest.fixture()
+def workplace(trained: Folders, tmp_path: Path) -> Callable[..., Folders]:
+    """The trained networks with another dataset: scene names and, if given, their plans."""
+
+    def make(scenes: list[str], plans: str = "") -> Folders:
+        data = tmp_path / "data"
+        rows = box_rows(scenes, 2, "test", **SIZE)
+        write_shard(data / "dataset" / "test-00000-of-00001.parquet", rows)
+        if plans:
+            (data / "dataset" / "scenes.csv").write_text(f"scene_id,plan\n{plans}")
+        return replace(folders_in(tmp_path), data=data, models=trained.models)
+
+    return make
+
+
+def test_evaluation_measures_every_method_and_view(trained: Folders, tmp_path: Path) -> None:
+    folders = replace(folders_in(tmp_path), data=trained.data, models=trained.models)
+    result = evaluate(PARAMS, folders)
+    assert json.loads((folders.metrics / "evaluation.json").read_text()) == result
+    assert (result["split"], result["views"], result["scenes"]) == ("test", 6, 3)
+    assert set(result["methods"]) == {"pbrnet", "product", "unet", "ceiling"}
+    for name, values in result["methods"].items():
+        for metric in ("ssim", "psnr", "flip"):
+            interval = values[metric]
+            assert interval["low"] <= interval["mean"] <= interval["high"], (name, metric)
+        assert values["lpips"] is None
+        assert (values["seconds"] is None) == (name == "ceiling")
+    with (folders.metrics / "evaluation.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 6 * 4
+    flips = [float(row["flip"]) for row in rows if row["method"] == "pbrnet"]
+    assert np.mean(flips) == pytest.approx(result["methods"]["pbrnet"]["flip"]["mean"], rel=1e-4)
+    shown = [tuple(view) for group in result["examples"].values() for view in group]
+    assert len(set(shown)) == len(shown) == 6
+    for scene, view in shown:
+        for what in ("prediction", "shading", "error", "unet", "product"):
+            with Image.open(folders.metrics / "examples" / f"{scene}--{view}--{what}.png") as image:
+                assert image.size == (24, 18)
+
+
+def test_evaluating_twice_gives_the_same_figures(trained: Folders, tmp_path: Path) -> None:
+    results = []
+    for name in ("a", "b"):
+        folders = replace(folders_in(tmp_path / name), data=trained.data, models=trained.models)
+        evaluate(PARAMS, folders)
+        results.append((folders.metrics / "evaluation.csv").read_bytes())
+    assert results[0] == results[1]
+
+
+def test_a_scene_that_was_trained_on_is_refused(workplace: Callable[..., Folders]) -> None:
+    folders = workplace(["fresh", "train-room-1"])
+    with pytest.raises(LeakError, match=r"'train-room-1' is in the test split.*trained on"):
+        evaluate(PARAMS, folders)
+    assert not folders.metrics.exists()
+
+
+def test_another_scene_of_a_plan_that_was_trained_on_is_refused(
+    workplace: Callable[..., Folders],
+) -> None:
+    folders = workplace(["by-night"], plans="by-night,train-room-0\n")
+    with pytest.raises(LeakError, match="'by-night' has the floor plan 'train-room-0'"):
+        evaluate(PARAMS, folders)
+
+
+def test_the_training_split_may_be_measured_when_asked_for(
+    trained: Folders, tmp_path: Path
+) -> None:
+    folders = replace(folders_in(tmp_path), data=trained.data, models=trained.models)
+    result = evaluate(replace(PARAMS, evaluate=EvaluateParams(split="train")), folders)
+    assert result["split"] == "train" and result["views"] == 4
+
+
+def test_one_scene_gives_means_without_interval(workplace: Callable[..., Folders]) -> None:
+    result = evaluate(PARAMS, workplace(["fresh"]))
+    assert result["methods"]["pbrnet"]["ssim"]["low"] is None
+
+
+def test_the_renderers_time_is_read_from_the_ledger(workplace: Callable[..., Folders]) -> None:
+    folders = workplace(["fresh"])
+    ledger = folders.data / "ledger" / "color.csv"
+    ledger.parent.mkdir()
+    ledger.write_text(
+        "stage,scene_id,view_id,seconds\ncolor,fresh,v000,1.5\ncolor,fresh,v001,2.5\n"
+        "color,another,v000,99\n"
+    )
+    assert evaluate(PARAMS, folders)["timing"]["renderer_color"] == pytest.approx(2.0)
+    ledger.write_text("who,what\nme,this\n")
+    with pytest.raises(InputError, match=r"color\.csv: not a ledger"):
+        evaluate(PARAMS, folders)
+
+
+def test_a_composition_network_of_another_shading_network_is_refused(
+    trained: Folders, tmp_path: Path
+) -> None:
+    folders = replace(folders_in(tmp_path), data=trained.data, backbone=trained.models)
+    train_network("shading", replace(PARAMS, seed=5), folders)
+    for suffix in (".safetensors", ".json"):
+        name = f"composition{suffix}"
+        (folders.models / name).write_bytes((trained.models / name).read_bytes())
+    with pytest.raises(InputError, match="trained on another shading network"):
+        load_networks(folders.models)
+
+
+def test_the_product_of_true_shading_is_the_truth_where_light_bounces_not(
+    trained: Folders,
+) -> None:
+    """In the box world colour is exactly reflectance x shading / albedo."""
+    networks = load_networks(trained.models)
+    compared = 0
+    for example in Dataset(trained.data / "dataset", "test").ordered():
+        shading = tonemap(example.shading, example.exposure_shading)
+        image = product(example.reflectance, shading, example.exposure_shading, networks.card)
+        truth = tonemap(example.color, example.exposure_shading)
+        unclipped = shading.max(axis=-1) < 0.999
+        assert np.abs(image - truth)[unclipped].max(initial=0) < 2e-3
+        compared += int(unclipped.sum())
+    assert compared > 1000
+
+
+def test_the_product_does_not_depend_on_the_unit_of_radiance(trained: Folders) -> None:
+    networks = load_networks(trained.models)
+    example = next(Dataset(trained.data / "dataset", "test").ordered())
+    shading = tonemap(example.shading, example.exposure_shading)
+    images = [
+        product(example.reflectance, shading, Exposure(scale, 0.9), networks.card)
+        for scale in (1.0, 1e-4)
+    ]
+    assert np.allclose(*images, atol=1e-4)
+
+
+def test_the_worst_view_is_the_one_with_the_largest_error(
+    trained: Folders, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(evaluation, "EXAMPLES", 1)
+    folders = replace(folders_in(tmp_path), data=trained.data, models=trained.models)
+    result = evaluate(PARAMS, folders)
+    with (folders.metrics / "evaluation.csv").open() as stream:
+        rows = [row for row in csv.DictReader(stream) if row["method"] == "pbrnet"]
+    rows.sort(key=lambda row: float(row["flip"]))
+    assert result["examples"]["best"] == [[rows[0]["scene_id"], rows[0]["view_id"]]]
+    assert result["examples"]["worst"] == [[rows[-1]["scene_id"], rows[-1]["view_id"]]]
+
+
+def box_frames(data: Path, name: str = "v0", **size: int) -> View:
+    """Frames of a box room, as the rendering stages would leave them."""
+    images = box_view(3, **size)
+    view = View(
+        "box",
+        name,
+        size["width"],
+        size["height"],
+        as_matrix(intrinsics_of(ImageParams(size["width"], size["height"]))),
+        as_matrix(np.eye(4)),
+    )
+    rgb = {
+        kind: {band: images[kind][..., i] for i, band in enumerate("RGB")}
+        for kind in ("shading", "color")
+    }
+    channels = {
+        "inputs": {
+            "Z": images["depth"],
+            **{f"N.{axis}": images["normal"][..., i] for i, axis in enumerate("XYZ")},
+            **{f"albedo.{band}": images["reflectance"][..., i] for i, band in enumerate("RGB")},
+            "valid": images["valid"].astype(np.float16),
+            "object": np.ones_like(images["depth"], np.uint32),
+        },
+        "illumination": {"intensity.Y": images["intensity"], "distance.Z": images["distance"]},
+        **rgb,
+    }
+    for kind, pixels in channels.items():
+        path = data / kind / "box" / f"{name}.exr"
+        write_frame(path, kind, pixels, view, fingerprint="test")  # type: ignore[arg-type]
+    return view
+
+
+FRAMES = ("--inputs", "data/inputs/box/v0.exr", "--illumination", "data/illumination/box/v0.exr")
+
+
+@pytest.fixture()
+def predict(
+    trained: Folders,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> Callable[..., tuple[int, str, str]]:
+    """`pbrnet predict` in `tmp_path`: exit code, output, errors."""
+    monkeypatch.chdir(tmp_path)
+    Path("params.yaml").write_text("groundtruth: {spp: 4, block_spp: 4}\n")
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        command = ["predict", *map(str, arguments), "--models", str(trained.models)]
+        with pytest.raises(SystemExit) as ended:
+            main(command)
+        said = capsys.readouterr()
+        return int(str(ended.value.code)), said.out, said.err
+
+    return run
+
+
+def test_predicting_from_frames_in_a_process_of_its_own(trained: Folders, tmp_path: Path) -> None:
+    box_frames(tmp_path / "data", width=37, height=23, panorama=20)
+    (tmp_path / "params.yaml").write_text("seed: 0\n")
+    command = [sys.executable, "-m", "pipeline.cli", "predict", *FRAMES]
+    command += ["--models", str(trained.models), "--out", "p.png"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert "box/v0, 37x23" in done.stdout
+    with Image.open(tmp_path / "p.png") as image:
+        assert image.size == (37, 23)
+
+
+def test_comparing_with_the_truth_in_the_data_folder(predict: Predict, tmp_path: Path) -> None:
+    box_frames(tmp_path / "data", width=37, height=23, panorama=20)
+    code, words, _ = predict(*FRAMES, "--compare", "--out", "c.png")
+    assert code == 0 and "SSIM" in words and "FLIP" in words
+    with Image.open(tmp_path / "c.png") as image:
+        assert image.size[0] > 3 * 37 and image.size[1] > 2 * 23
+    (tmp_path / "data" / "color" / "box" / "v0.exr").unlink()
+    code, _, errors = predict(*FRAMES, "--compare")
+    assert code == 3 and "no shading and colour frames of box/v0" in errors
+
+
+def test_frames_of_two_views_are_refused(predict: Predict, tmp_path: Path) -> None:
+    for name in ("v0", "v1"):
+        box_frames(tmp_path / "data", name, width=24, height=18, panorama=16)
+    code, _, errors = predict(*FRAMES[:3], FRAMES[3].replace("v0", "v1"))
+    assert code == 3 and "different views" in errors
+
+
+@pytest.fixture()
+def room(tmp_path: Path) -> Path:
+    """A scene folder: a grey box with a lamp below its ceiling, and a camera file."""
+    x, y, z = ROOM / 2
+    body = f"""
+    <shape type="cube" id="room"><boolean name="flip_normals" value="true"/>
+      <transform name="to_world"><scale x="{x}" y="{y}" z="{z}"/>
+      <translate x="{x}" y="{y}" z="{z}"/></transform>
+      <bsdf type="twosided"><bsdf type="diffuse">
+      <rgb name="reflectance" value="0.6 0.4 0.2"/></bsdf></bsdf></shape>
+    <shape type="sphere" id="bulb"><point name="center" x="2" y="2.5" z="2.2"/>
+      <float name="radius" value="0.15"/>
+      <emitter type="area"><rgb name="radiance" value="5"/></emitter></shape>"""
+    folder = tmp_path / "data" / "scenes" / "box"
+    write_scene(folder, body, {"room": ("room",), "bulb": ("bulb",)})
+    view = View(
+        "box",
+        "v0",
+        24,
+        18,
+        as_matrix(intrinsics_of(ImageParams(24, 18))),
+        as_matrix(look((0.5, 0.5, 1.5), (1, 1, -0.2))),
+    )
+    save_cameras(tmp_path / "data" / "cameras" / "box.json", CameraFile("box", (view,)))
+    return folder
+
+
+def test_predicting_from_a_scene_at_any_size_beside_the_truth(
+    predict: Predict, tmp_path: Path, room: Path
+) -> None:
+    code, words, errors = predict(room, "--view", "v0", "--size", "33x20", "--compare")
+    assert code == 0, errors
+    assert "33x20" in words and "SSIM" in words
+    with Image.open(tmp_path / "prediction.png") as image:
+        assert image.size[0] > 3 * 33
+
+
+def test_another_size_keeps_the_horizontal_view_and_square_pixels() -> None:
+    view = View(
+        "s", "v", 40, 30, as_matrix(intrinsics_of(ImageParams(40, 30))), as_matrix(np.eye(4))
+    )
+    wide = resized(view, (80, 30))
+    half_x = [view.width / 2 / v.intrinsics[0, 0] * v.width / view.width for v in (view, wide)]
+    assert half_x[0] == pytest.approx(half_x[1])
+    assert wide.intrinsics[0, 0] == wide.intrinsics[1, 1]
+    assert tuple(wide.intrinsics[:2, 2]) == (40, 15)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (("data/scenes/box",), 2, "name a --view"),
+        (("data/scenes/box", "--view", "v9"), 3, "no view 'v9' (there are: v0)"),
+        (("data/scenes/box", "--view", "v0", "--size", "huge"), 2, "640x480"),
+        (("data/scenes/none", "--view", "v0"), 3, "none"),
+        ((), 2, "--inputs and --illumination"),
+        (("--inputs", "a.exr", "--illumination", "b.exr"), 3, "a.exr: no such frame"),
+    ],
+)
+def test_what_cannot_be_predicted_is_said(
+    predict: Predict, tmp_path: Path, room: Path, arguments: tuple[str, ...], code: int, words: str
+) -> None:
+    ended, _, errors = predict(*arguments)
+    assert ended == code and words in errors
+    assert not (tmp_path / "prediction.png").exists()
