@@ -99,7 +99,9 @@ class ShadingParams:
 class CheckParams:
     """When a finished frame is rejected from the dataset; each rejection is listed."""
 
-    max_noise: float = field(default=2.0, metadata=within(0))  # relative, see frames
+    # Relative standard error, root mean square over pixels: 0 is exact, 1 would be an image whose
+    # every pixel owes its light to a single block of samples.
+    max_noise: float = field(default=0.75, metadata=within(0))
     min_valid: float = field(default=0.5, metadata=within(0, 1))  # share of pixels with a surface
     max_black: float = field(default=0.9, metadata=within(0, 1))  # share of pixels at exactly 0
     max_blown: float = field(default=0.5, metadata=within(0, 1))  # share at the half-float limit
