@@ -9,10 +9,13 @@ faces -Y.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 MaterialKind = Literal[
     "wood",  # grain along u
@@ -77,19 +80,21 @@ class Part:
 
     @property
     def normals(self) -> npt.NDArray[np.float64]:
-        """Unit vertex normals (V, 3), weighted by area.
+        """Unit vertex normals (V, 3), weighted by area and angle.
 
         Vertices at one place share theirs where the surface turns by less than 50 degrees, so
         seams of the uvs stay invisible and creases stay sharp.
         """
-        a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
-        facets = np.cross(b - a, c - a)
+        corners = self.vertices[self.faces]
+        facets = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         own = np.zeros_like(self.vertices)
         for corner in range(3):
-            np.add.at(own, self.faces[:, corner], facets)
+            first = corners[:, (corner + 1) % 3] - corners[:, corner]
+            second = corners[:, (corner + 2) % 3] - corners[:, corner]
+            angle = np.arctan2(np.linalg.norm(facets, axis=1), (first * second).sum(axis=1))
+            np.add.at(own, self.faces[:, corner], angle[:, None] * facets)
         unit = own / np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1e-30)
-        places = np.unique(np.round(self.vertices, 6) + 0.0, axis=0, return_inverse=True)[1]
-        places = places.reshape(-1)
+        places = _places(self.vertices, 1e-6)
         order = np.argsort(places, kind="stable")
         shared = own.copy()
         for step in range(1, int(np.bincount(places).max(initial=1))):
@@ -129,8 +134,42 @@ class Piece:
     surfaces: tuple[Surface, ...] = ()
     mount_height: float = 0.0  # on_wall: height of the origin above the floor
 
-    @property
+    @cached_property
     def bounds(self) -> npt.NDArray[np.float64]:
         """Axis-aligned bounds in its own frame, (2, 3) metres."""
         points = np.concatenate([part.vertices for part in self.parts])
         return np.stack([points.min(axis=0), points.max(axis=0)])
+
+    @cached_property
+    def bodies(self) -> npt.NDArray[np.float64]:
+        """Axis-aligned bounds (N, 2, 3) of each connected body of its meshes, own frame."""
+        return np.concatenate([_body_bounds(part) for part in self.parts])
+
+
+def _places(points: npt.NDArray[np.float64], apart: float) -> npt.NDArray[np.int64]:
+    """A number for each point (N, 3), equal for those that round to one multiple of `apart`."""
+    # One well-mixed 64-bit key a point sorts ten times faster than rows of three.
+    cells = np.round(points / apart).astype(np.int64).view(np.uint64)
+    factors = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
+    keys = (cells * factors).sum(axis=1, dtype=np.uint64)
+    keys ^= keys >> np.uint64(29)
+    return np.unique(keys, return_inverse=True)[1].reshape(-1)
+
+
+def _body_bounds(part: Part) -> npt.NDArray[np.float64]:
+    # Vertices are split at creases: weld what lies within 0.1 mm, then follow the triangles.
+    welded = _places(part.vertices, 1e-4)
+    a, b, c = (welded[part.faces[:, k]] for k in range(3))
+    count = int(welded.max()) + 1
+    links = coo_array(
+        (np.ones(2 * len(a), dtype=bool), (np.concatenate([a, b]), np.concatenate([b, c]))),
+        shape=(count, count),
+    )
+    number, labels = connected_components(links, directed=False)
+    of_vertex = labels[welded]
+    order = np.argsort(of_vertex, kind="stable")
+    starts = np.searchsorted(of_vertex[order], np.arange(number))
+    points = part.vertices[order]
+    return np.stack(
+        [np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)], axis=1
+    )

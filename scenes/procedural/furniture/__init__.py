@@ -100,7 +100,7 @@ _KINDS = (
     FurnitureKind("small_plant", "decoration", ROOMS, decoration.small_plant),
     FurnitureKind("vase", "decoration", DRY, decoration.vase),
     FurnitureKind("picture", "decoration", DRY, decoration.picture),
-    FurnitureKind("wall_mirror", "decoration", ("other", "bedroom", "bathroom"), decoration.wall_mirror),
+    FurnitureKind("wall_mirror", "decoration", ("other", "bedroom"), decoration.wall_mirror),
     FurnitureKind("floor_mirror", "decoration", ("bedroom", "other"), decoration.floor_mirror),
     FurnitureKind("television", "decoration", ("living",), decoration.television),
     FurnitureKind("monitor", "decoration", ("study",), decoration.monitor),
@@ -110,10 +110,10 @@ _KINDS = (
     FurnitureKind("crockery", "decoration", ("kitchen", "dining"), decoration.crockery),
     FurnitureKind("bottle", "decoration", ("kitchen", "dining"), decoration.bottle),
     FurnitureKind("candle", "decoration", ("living", "dining", "bathroom"), decoration.candle),
-    FurnitureKind("wall_clock", "decoration", ("kitchen", "living", "study"), decoration.wall_clock),
+    FurnitureKind("wall_clock", "decoration", ("kitchen", "study"), decoration.wall_clock),
     FurnitureKind("radiator", "decoration", ROOMS, decoration.radiator),
     FurnitureKind("coat_hooks", "decoration", ("other",), decoration.coat_hooks),
-    FurnitureKind("storage_box", "decoration", ("bedroom", "study", "other"), decoration.storage_box),
-    FurnitureKind("waste_bin", "decoration", ("study", "bathroom", "bedroom"), decoration.waste_bin),
+    FurnitureKind("storage_box", "decoration", ("bedroom", "study"), decoration.storage_box),
+    FurnitureKind("waste_bin", "decoration", ("study", "bathroom"), decoration.waste_bin),
 )  # fmt: skip
 catalogue: dict[str, FurnitureKind] = {kind.name: kind for kind in _KINDS}

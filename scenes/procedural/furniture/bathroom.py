@@ -232,9 +232,9 @@ def wash_basin(rng: np.random.Generator, style: Style, width: float | None = Non
         _tap(0.13, 0.15).moved(0, 0.16, height - 0.001),
         name="tap",
     )
-    if width > 0.75:
+    if half_x - bowl_x > 0.105:
         for side in (-1, 1):
-            b.surface(side * (half_x - 0.07), -0.02, height, 0.05, 0.16)
+            b.surface(side * (half_x - 0.053), -0.02, height, 0.04, 0.16)
     return b.piece()
 
 
@@ -347,7 +347,10 @@ def shower(rng: np.random.Generator, style: Style, width: float = 0.9) -> Piece:
     b.add(
         style.metal,
         bar(
-            (edge - 0.004, -edge + 0.004, tall - 0.02), (edge - 0.004, half, tall - 0.02), 0.009, 8
+            (edge - 0.004, -edge + 0.004, tall - 0.02),
+            (edge - 0.004, half - 0.005, tall - 0.02),
+            0.009,
+            8,
         ),
         name="profile",
     )
@@ -484,7 +487,7 @@ def towel_rail(rng: np.random.Generator, style: Style) -> Piece:
 
 def washing_machine(rng: np.random.Generator, style: Style) -> Piece:
     """A front-loading washing machine."""
-    width, depth, height = 0.6, 0.58, 0.85
+    width, depth, height = 0.6, float(rng.uniform(0.54, 0.6)), float(rng.uniform(0.845, 0.855))
     b = Builder("washing machine", "washing machine", "wall", front_clearance=0.7)
     f = -depth / 2
     b.add(

@@ -166,7 +166,7 @@ def _bed(rng: np.random.Generator, style: Style, name: str, width: float, sleepe
         parts.add(
             frame,
             span(
-                (-outer / 2 + 0.02, front + 0.03, rail_low + 0.02),
+                (-outer / 2 + 0.02, front + 0.034, rail_low + 0.02),
                 (outer / 2 - 0.02, length / 2, rail_low + 0.05),
             ),
         )
@@ -212,7 +212,7 @@ def _bed(rng: np.random.Generator, style: Style, name: str, width: float, sleepe
     if rng.random() < 0.5:
         start = -length / 2 + float(rng.uniform(0.1, 0.3))
         throw = _cover(
-            rumples, beside + 0.011, start, start + 0.5, top + 0.054, 0.22, 0, 0.011, (41, 13)
+            rumples, beside + 0.011, start, start + 0.5, top + 0.054, 0.22, 0, 0.011, (35, 11)
         )
         parts.add(style.throw, throw, name="throw")
     rows = 2 if sleepers == 2 and rng.random() < 0.6 else 1

@@ -378,9 +378,13 @@ def monitor(rng: np.random.Generator, style: Style) -> Piece:
         span((-width / 2, y - 0.012, z), (width / 2, y + 0.014, z + tall), 0.003),
         name="case",
     )
-    shown = SCREEN if rng.random() < 0.5 else style.picture(rng)
-    w, h = width / 2 - 0.008, tall / 2 - 0.011
-    b.add(shown, _picture_plane(w, h, -0.0135).moved(0, y, z + tall / 2 + 0.003), name="screen")
+    w, h, middle = width / 2 - 0.008, tall / 2 - 0.011, z + tall / 2 + 0.003
+    if rng.random() < 0.5:
+        dark = span((-w, y - 0.0135, middle - h), (w, y - 0.0115, middle + h))
+        b.add(SCREEN, dark, name="screen")
+    else:
+        shown = _picture_plane(w, h, -0.0135).moved(0, y, middle)
+        b.add(style.picture(rng), shown, name="screen")
     b.add(BLACK_PLASTIC, box((0.05, 0.02, z + 0.14), (0, y + 0.025, 0.006)), name="stand")
     b.add(BLACK_PLASTIC, box((0.24, 0.19, 0.01), (0, y + 0.02, 0), 0.003), name="stand")
     keys = Material("plastic", tone("#d9d8d4" if rng.random() < 0.5 else "#2a2b2e"), 0.5)
@@ -732,25 +736,17 @@ def waste_bin(rng: np.random.Generator, style: Style) -> Piece:
 def bottle(rng: np.random.Generator, style: Style) -> Piece:
     """A bottle and two glasses."""
     b = Builder("bottle and glasses", "glass", "on_top")
-    dark = Material("plastic", tone("#24361f"), 0.1)
+    tints = ("#24361f", "#3a2413", "#1c2f38")
+    dark = Material("plastic", tone(tints[int(rng.integers(3))]), 0.1)
+    tall, wide = float(rng.uniform(0.28, 0.33)), float(rng.uniform(0.034, 0.041))
+    body = [(wide - 0.002, 0.0), (wide, 0.006), (wide, 0.62 * tall), (0.8 * wide, 0.71 * tall)]
+    neck = [(0.015, 0.8 * tall), (0.0145, tall), (0.0, tall)]
+    b.add(dark, lathe([*body, *neck], 26), name="bottle")
     b.add(
-        dark,
-        lathe(
-            [
-                (0.036, 0.0),
-                (0.038, 0.006),
-                (0.038, 0.19),
-                (0.03, 0.215),
-                (0.015, 0.24),
-                (0.0145, 0.3),
-                (0.0, 0.3),
-            ],
-            26,
-        ),
-        name="bottle",
+        LABEL, lathe([(wide + 0.0004, 0.22 * tall), (wide + 0.0004, 0.5 * tall)], 26), name="label"
     )
-    b.add(LABEL, lathe([(0.0384, 0.07), (0.0384, 0.15)], 26), name="label")
     for x, y in ((0.1, -0.03), (0.085, 0.075)):
         glass = [(0.028, 0.0), (0.034, 0.1), (0.0325, 0.1), (0.0265, 0.006), (0.0, 0.006)]
-        b.add(GLASS, lathe(glass, 24).moved(x, y), name="glasses")
+        at = (x + float(rng.uniform(-0.01, 0.02)), y + float(rng.uniform(-0.01, 0.01)))
+        b.add(GLASS, lathe(glass, 24).moved(*at), name="glasses")
     return b.piece()

@@ -210,7 +210,7 @@ def pillow(
     size: Sequence[float],
     at: Sequence[float] = (0.0, 0.0, 0.0),
     rng: np.random.Generator | None = None,
-    count: int = 14,
+    count: int = 12,
 ) -> Mesh:
     """A stuffed pillow of `size` (x, y, thickness): thin at its rim, corners drawn out.
 

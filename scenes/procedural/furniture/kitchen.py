@@ -52,7 +52,10 @@ def _base(style: Style, name: str, width: float, worktop: bool = True) -> tuple[
     under = style.worktop_height - TOP
     b.add(
         style.kitchen,
-        span((-width / 2, -DEPTH / 2 + 0.06, 0), (width / 2, -DEPTH / 2 + 0.078, PLINTH + 0.001)),
+        span(
+            (-width / 2 + 0.001, -DEPTH / 2 + 0.06, 0),
+            (width / 2 - 0.001, -DEPTH / 2 + 0.078, PLINTH + 0.001),
+        ),
         name="plinth",
     )
     if worktop:
@@ -407,15 +410,13 @@ def extractor_hood(
 ) -> Piece:
     """A steel canopy and its flue, with two small lamps below; `height` up to the flue's end."""
     b = Builder("extractor hood", "extractor hood", "on_wall", mount_height=1.58)
-    steel = STEEL
+    steel = STEEL if rng.random() < 0.8 else WHITE_PAINT
+    top = float(rng.uniform(0.2, 0.34))
     b.add(
         steel,
-        post(
-            [(0, -0.25, 0.0), (0, -0.25, 0.05)],
-            [(width, 0.5)] * 2,
-        ),
-        post([(0, -0.2495, 0.0505), (0, -0.14, 0.28)], [(width - 0.002, 0.499), (0.28, 0.28)]),
-        box((0.26, 0.26, height - 0.275), (0, -0.1305, 0.275), 0.002),
+        post([(0, -0.25, 0.0), (0, -0.25, 0.05)], [(width, 0.5)] * 2),
+        post([(0, -0.2495, 0.0505), (0, -0.14, top)], [(width - 0.002, 0.499), (0.28, 0.28)]),
+        box((0.26, 0.26, height - top + 0.005), (0, -0.1305, top - 0.005), 0.002),
         name="hood",
     )
     b.add(IRON, box((width - 0.06, 0.4, 0.004), (0, -0.25, -0.003)), name="filter")
@@ -521,7 +522,8 @@ def kettle(rng: np.random.Generator, style: Style) -> Piece:
 
 def microwave(rng: np.random.Generator, style: Style) -> Piece:
     """A microwave oven."""
-    width, depth, tall = 0.48, 0.36, 0.28
+    width, depth = float(rng.uniform(0.44, 0.52)), float(rng.uniform(0.34, 0.39))
+    tall = float(rng.uniform(0.26, 0.3))
     b = Builder("microwave", "microwave", "on_top")
     case = STEEL if rng.random() < 0.5 else BLACK_PLASTIC if rng.random() < 0.5 else WHITE_PAINT
     f = -depth / 2

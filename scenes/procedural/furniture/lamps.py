@@ -309,12 +309,14 @@ def wall_lamp(rng: np.random.Generator, style: Style) -> Piece:
 def light_strip(rng: np.random.Generator, style: Style, width: float = 0.6) -> Piece:
     """A slim lamp over a mirror or below wall cupboards; hangs with its back to the wall."""
     b = Builder("mirror lamp", "lamp", "on_wall", mount_height=float(rng.uniform(1.98, 2.08)))
-    b.add(CHROME, box((0.09, 0.03, 0.04), (0, -0.015, -0.02), 0.003), name="plate")
-    b.add(CHROME, box((width, 0.022, 0.03), (0, -0.055, -0.008), 0.003), name="rail")
-    b.add(CHROME, bar((0, -0.028, 0), (0, -0.05, 0), 0.009, 8))
+    metal = CHROME if rng.random() < 0.6 else style.metal
+    deep = float(rng.uniform(0.036, 0.05))
+    b.add(metal, box((0.09, 0.03, 0.04), (0, -0.015, -0.02), 0.003), name="plate")
+    b.add(metal, box((width, 0.022, 0.03), (0, -0.055, -0.008), 0.003), name="rail")
+    b.add(metal, bar((0, -0.028, 0), (0, -0.05, 0), 0.009, 8))
     b.add(
         OPAL,
-        rounded_box((width - 0.02, 0.04, 0.035), (0, -0.06, -0.042), 0.016, steps=2, inner=2),
+        rounded_box((width - 0.02, deep, 0.035), (0, -0.06, -0.042), 0.016, steps=2, inner=2),
         name="diffuser",
         lumens=float(rng.uniform(500, 800)),
         kelvin=style.kelvin + 500,

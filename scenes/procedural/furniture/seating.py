@@ -146,8 +146,8 @@ def _couch(rng: np.random.Generator, style: Style, name: str, width: float, seat
         b.add(
             cloth,
             rounded_box(
-                (arm, depth, arm_z - foot),
-                (side * (width / 2 - arm / 2), 0, foot),
+                (arm, depth - 0.01, arm_z - foot),
+                (side * (width / 2 - arm / 2), -0.005, foot),
                 0.035 if arm < 0.16 else 0.06,
                 (0.008, 0, 0.01),
             ),
@@ -189,8 +189,8 @@ def _couch(rng: np.random.Generator, style: Style, name: str, width: float, seat
             .moved(x, depth / 2 - back - 0.29, seat_z + 0.5 * size - 0.01),
             name="cushion",
         )
-    if name == "sofa":  # before the loose cushions
-        b.surface(0, -depth / 2 + 0.17, seat_z + 0.012, inner / 2 - 0.06, 0.12)
+    if name == "sofa" and loose == 2:  # between the cushions at its ends
+        b.surface(0, -depth / 2 + 0.22, seat_z + 0.008, inner / 2 - 0.62, 0.17)
     return b.piece()
 
 

@@ -460,7 +460,6 @@ def shoe_rack(rng: np.random.Generator, style: Style) -> Piece:
                     b.add(material, upper.moved(x + step, 0.0, z + 0.0195), name="shoe")
                     b.add(sole, under.moved(x + step, 0.0, z + 0.0195), name="sole")
             x += 0.22
-    b.surface(0, 0, 0.379, width / 2 - 0.05, depth / 2 - 0.05)
     return b.piece()
 
 

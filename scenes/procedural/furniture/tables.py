@@ -214,7 +214,9 @@ def desk(rng: np.random.Generator, style: Style, width: float | None = None) -> 
     low, high = sorted((-side * (width / 2 - 0.07), x - side * pedestal / 2))
     b.add(
         wood,
-        span((low, depth / 2 - 0.09, under - 0.3), (high, depth / 2 - 0.09 + BOARD, under + 0.001)),
+        span(
+            (low, depth / 2 - 0.09, under - 0.3), (high, depth / 2 - 0.09 + BOARD, under + 0.0005)
+        ),
     )
     b.surface(0, 0.02, height, width / 2 - 0.06, depth / 2 - 0.08)
     return b.piece()

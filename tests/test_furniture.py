@@ -1,0 +1,505 @@
+"""Furniture: sound meshes, true sizes, and pieces that stand the way they say."""
+
+from __future__ import annotations
+
+from collections import Counter
+from functools import cache
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+
+from scenes.procedural.furniture import catalogue, make_style
+from scenes.procedural.furniture.geometry import (
+    Mesh,
+    box,
+    cylinder,
+    lathe,
+    loft,
+    pillow,
+    post,
+    prism,
+    rounded_box,
+    sphere,
+    superellipse,
+    thick_sheet,
+    tube,
+)
+from scenes.procedural.piece import Part, Piece
+from scenes.seeds import generator
+
+SEEDS = range(20)
+KINDS = sorted(catalogue)
+SHEETS = ("curtain", "leaves")  # seen from both sides, not closed
+BUDGET = 15_000
+FLOOR = ("wall", "corner", "centre", "free", "on_top")
+
+# Width (x), depth (y) and height (z) of each kind in metres, from the smallest to the largest.
+SIZES = {
+    "dining_chair": ((0.35, 0.55), (0.4, 0.65), (0.75, 1.1)),
+    "armchair": ((0.65, 1.1), (0.7, 1.1), (0.7, 1.15)),
+    "sofa": ((1.4, 2.6), (0.75, 1.15), (0.7, 1.1)),
+    "stool": ((0.25, 0.5), (0.25, 0.5), (0.4, 0.8)),
+    "office_chair": ((0.5, 0.75), (0.5, 0.8), (0.9, 1.35)),
+    "pouf": ((0.35, 0.7), (0.35, 0.7), (0.3, 0.5)),
+    "bench": ((0.8, 1.8), (0.25, 0.5), (0.4, 0.5)),
+    "dining_table": ((1.1, 2.2), (0.7, 1.1), (0.7, 0.8)),
+    "round_table": ((0.8, 1.4), (0.8, 1.4), (0.7, 0.8)),
+    "coffee_table": ((0.6, 1.4), (0.4, 0.8), (0.3, 0.5)),
+    "side_table": ((0.3, 0.6), (0.3, 0.6), (0.4, 0.7)),
+    "desk": ((1.0, 1.8), (0.55, 1.1), (0.7, 0.8)),
+    "console_table": ((0.7, 1.4), (0.25, 0.45), (0.7, 0.95)),
+    "bookshelf": ((0.5, 1.3), (0.2, 0.45), (1.5, 2.4)),
+    "wardrobe": ((0.9, 1.9), (0.5, 1.4), (1.8, 2.4)),
+    "chest_of_drawers": ((0.6, 1.3), (0.35, 0.85), (0.7, 1.2)),
+    "sideboard": ((1.2, 2.1), (0.35, 1.1), (0.6, 0.95)),
+    "tv_stand": ((1.0, 2.0), (0.3, 0.6), (0.35, 0.6)),
+    "night_table": ((0.3, 0.6), (0.3, 0.65), (0.4, 0.65)),
+    "wall_shelf": ((0.5, 1.3), (0.15, 0.35), (0.2, 0.55)),
+    "shoe_rack": ((0.5, 1.0), (0.25, 0.4), (0.4, 0.6)),
+    "double_bed": ((1.4, 2.25), (2.0, 2.35), (0.7, 1.3)),
+    "single_bed": ((0.9, 1.35), (2.0, 2.35), (0.7, 1.3)),
+    "base_cupboard": ((0.55, 0.75), (0.6, 1.3), (0.85, 0.96)),
+    "drawer_unit": ((0.55, 0.65), (0.6, 1.0), (0.85, 0.96)),
+    "sink_unit": ((0.75, 1.0), (0.6, 1.1), (1.1, 1.4)),
+    "hob_unit": ((0.55, 0.65), (0.6, 0.75), (0.85, 1.2)),
+    "fridge": ((0.5, 0.7), (0.55, 0.8), (1.4, 2.1)),
+    "wall_cupboard": ((0.55, 0.75), (0.3, 1.0), (0.5, 1.0)),
+    "extractor_hood": ((0.5, 1.0), (0.4, 0.6), (0.5, 1.2)),
+    "kettle": ((0.15, 0.3), (0.1, 0.25), (0.15, 0.3)),
+    "cooking_pot": ((0.15, 0.4), (0.15, 0.3), (0.08, 0.25)),
+    "microwave": ((0.4, 0.6), (0.3, 0.5), (0.22, 0.4)),
+    "bath_tub": ((1.5, 1.9), (0.65, 0.95), (0.5, 1.1)),
+    "wash_basin": ((0.4, 1.1), (0.4, 0.8), (0.8, 1.2)),
+    "toilet": ((0.3, 0.5), (0.55, 0.8), (0.7, 1.1)),
+    "shower": ((0.8, 1.3), (0.8, 1.5), (1.8, 2.3)),
+    "mirror_cabinet": ((0.4, 0.95), (0.1, 0.5), (0.5, 0.8)),
+    "towel_rail": ((0.4, 0.7), (0.05, 0.2), (0.6, 1.4)),
+    "washing_machine": ((0.55, 0.65), (0.5, 0.7), (0.8, 0.95)),
+    "toiletries": ((0.05, 0.3), (0.03, 0.2), (0.1, 0.25)),
+    "pendant_lamp": ((0.2, 0.6), (0.2, 0.6), (0.5, 1.2)),
+    "ceiling_lamp": ((0.25, 0.7), (0.25, 0.7), (0.04, 0.15)),
+    "spot_rail": ((0.5, 1.1), (0.08, 0.3), (0.1, 0.3)),
+    "floor_lamp": ((0.3, 0.7), (0.3, 1.3), (1.3, 1.95)),
+    "table_lamp": ((0.2, 0.4), (0.2, 0.4), (0.3, 0.6)),
+    "desk_lamp": ((0.1, 0.3), (0.2, 0.5), (0.3, 0.6)),
+    "wall_lamp": ((0.08, 0.3), (0.1, 0.3), (0.1, 0.35)),
+    "light_strip": ((0.4, 0.8), (0.04, 0.15), (0.03, 0.12)),
+    "curtains": ((1.4, 2.3), (0.1, 0.25), (2.2, 2.4)),
+    "rug": ((1.4, 2.7), (1.0, 1.8), (0.005, 0.03)),
+    "cushion": ((0.3, 0.6), (0.2, 0.6), (0.08, 0.25)),
+    "folded_blanket": ((0.25, 0.5), (0.2, 0.45), (0.05, 0.2)),
+    "plant": ((0.25, 1.6), (0.25, 1.6), (0.6, 1.8)),
+    "small_plant": ((0.1, 0.6), (0.1, 0.6), (0.15, 0.5)),
+    "vase": ((0.05, 0.4), (0.05, 0.4), (0.12, 0.7)),
+    "picture": ((0.3, 1.1), (0.01, 0.06), (0.2, 1.2)),
+    "wall_mirror": ((0.4, 0.8), (0.01, 0.06), (0.4, 1.4)),
+    "floor_mirror": ((0.4, 0.8), (0.05, 0.4), (1.4, 2.0)),
+    "television": ((0.8, 1.4), (0.1, 0.35), (0.5, 0.95)),
+    "monitor": ((0.45, 0.75), (0.25, 0.55), (0.3, 0.6)),
+    "laptop": ((0.28, 0.4), (0.2, 0.45), (0.15, 0.3)),
+    "books_stack": ((0.12, 0.35), (0.12, 0.35), (0.03, 0.25)),
+    "fruit_bowl": ((0.2, 0.4), (0.2, 0.4), (0.08, 0.25)),
+    "crockery": ((0.25, 0.5), (0.2, 0.45), (0.05, 0.15)),
+    "bottle": ((0.1, 0.25), (0.08, 0.25), (0.25, 0.4)),
+    "candle": ((0.15, 0.3), (0.15, 0.3), (0.05, 0.25)),
+    "wall_clock": ((0.2, 0.45), (0.02, 0.08), (0.2, 0.45)),
+    "radiator": ((0.5, 1.5), (0.08, 0.2), (0.4, 0.8)),
+    "coat_hooks": ((0.5, 1.3), (0.05, 0.35), (0.08, 1.2)),
+    "storage_box": ((0.25, 0.5), (0.2, 0.4), (0.15, 0.35)),
+    "waste_bin": ((0.15, 0.35), (0.15, 0.35), (0.2, 0.4)),
+}
+
+
+@cache
+def piece(kind: str, seed: int) -> Piece:
+    """One piece of each kind and seed for all tests."""
+    style = make_style(generator(seed, "style"))
+    return catalogue[kind].make(generator(seed, kind), style)
+
+
+def corners(part: Part) -> np.ndarray:
+    return part.vertices[part.faces]
+
+
+def areas(triangles: np.ndarray) -> np.ndarray:
+    first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    if triangles.shape[2] == 2:
+        return np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
+    return np.linalg.norm(np.cross(first, second), axis=1) / 2
+
+
+def welded(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Faces over places instead of vertices."""
+    places = np.unique(np.round(vertices, 6) + 0.0, axis=0, return_inverse=True)[1].reshape(-1)
+    return places[faces]
+
+
+def is_closed(vertices: np.ndarray, faces: np.ndarray) -> bool:
+    """Every edge is run through as often one way as the other: closed, one orientation."""
+    faces = welded(vertices, faces)
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    balance = Counter(map(tuple, edges.tolist()))
+    balance.subtract(map(tuple, edges[:, ::-1].tolist()))
+    return not any(balance.values())
+
+
+def bodies(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
+    """The faces of each connected body."""
+    places = welded(vertices, faces)
+    edges = np.concatenate([places[:, [0, 1]], places[:, [1, 2]]])
+    label = trimesh.graph.connected_component_labels(edges, node_count=int(places.max()) + 1)
+    return [faces[label[places[:, 0]] == number] for number in np.unique(label[places[:, 0]])]
+
+
+def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Signed volume, positive for outward winding."""
+    centred = vertices - vertices[faces[0, 0]]  # keeps small bodies precise
+    a, b, c = (centred[faces[:, k]] for k in range(3))
+    return float((a * np.cross(b, c)).sum() / 6)
+
+
+def hits(origins: np.ndarray, directions: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Distance along each ray to the nearest triangle, inf where none is hit (Möller-Trumbore)."""
+    nearest = np.full(len(origins), np.inf)
+    corner, first, second = (
+        triangles[:, 0],
+        triangles[:, 1] - triangles[:, 0],
+        triangles[:, 2] - triangles[:, 0],
+    )
+    for k, (origin, direction) in enumerate(zip(origins, directions, strict=True)):
+        normal = np.cross(direction, second)
+        det = (first * normal).sum(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            away = origin - corner
+            u = (away * normal).sum(axis=1) / det
+            turned = np.cross(away, first)
+            v = (turned @ direction) / det
+            t = (second * turned).sum(axis=1) / det
+        good = (np.abs(det) > 1e-14) & (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 1e-6)
+        if good.any():
+            nearest[k] = t[good].min()
+    return nearest
+
+
+def all_triangles(thing: Piece) -> np.ndarray:
+    return np.concatenate([corners(part) for part in thing.parts])
+
+
+def test_the_catalogue_has_kinds_for_every_room() -> None:
+    assert len(catalogue) >= 32
+    for room in ("living", "bedroom", "kitchen", "bathroom", "study", "dining", "other"):
+        assert sum(room in kind.rooms for kind in catalogue.values()) >= 6, room
+    assert set(SIZES) == set(catalogue)
+
+
+SQUARE = np.stack(np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 2, 7), [0.3], indexing="ij"), -1)
+CIRCLE = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+BODIES = {
+    "box": (box((1, 2, 3)), 6.0),
+    "bevelled box": (box((1, 2, 3), bevel=0.01), 6 - 4 * 6 * 0.5 * 1e-4),
+    "mirrored box": (box((1, 2, 3), (1, 1, 1)).mirrored(), 6.0),
+    "turned box": (box((1, 2, 3)).turned("x", 33).turned("y", 20).turned("z", -70), 6.0),
+    "rounded box": (rounded_box((1, 2, 0.5), radius=0.001), 1.0),
+    "cylinder": (cylinder(0.5, 0, 2, 256), np.pi / 2),
+    "cone": (lathe([(1, 0), (0, 3)], 256), np.pi),
+    "hollow": (lathe([(1, 0), (1, 1), (0.5, 1), (0.5, 0.5)], 256), np.pi * (1 - 0.125)),
+    "ball": (sphere(1, 128, 64), 4 / 3 * np.pi),
+    "tube": (tube([(0, 0, 0), (1, 2, 2)], 0.1, 128), 3 * np.pi * 0.01),
+    "ring": (
+        tube(np.stack([np.cos(CIRCLE), np.sin(CIRCLE), 0 * CIRCLE], 1), 0.1, 64, closed=True),
+        2 * np.pi**2 * 0.01,
+    ),
+    "loft": (loft(np.stack([superellipse(1, 0.5, z, 2, 256) for z in (0, 1)])), np.pi / 2),
+    "post": (post([(0, 0, 0), (0.3, 0, 1)], [(0.1, 0.2)] * 2), 0.02),
+    "prism": (
+        prism([(0, 0), (2, 0), (2, 2), (0, 2)], 0, 1, [[(0.5, 0.5), (1, 0.5), (1, 1), (0.5, 1)]]),
+        3.75,
+    ),
+    "sheet": (thick_sheet(SQUARE[:, :, 0], 0.1), 0.2),
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_bodies_are_closed_and_have_their_volume(name: str) -> None:
+    mesh, expected = BODIES[name]
+    assert is_closed(mesh.vertices, mesh.faces)
+    assert volume(mesh.vertices, mesh.faces) == pytest.approx(expected, rel=0.01)
+    assert areas(corners_of(mesh)).min() > 1e-12
+
+
+def corners_of(mesh: Mesh) -> np.ndarray:
+    return mesh.vertices[mesh.faces]
+
+
+def test_an_inverted_or_open_body_would_be_noticed() -> None:
+    mesh = box((1, 1, 1))
+    assert volume(mesh.vertices, mesh.faces[:, ::-1]) == pytest.approx(-1)
+    assert not is_closed(mesh.vertices, mesh.faces[1:])
+    flipped = mesh.faces.copy()
+    flipped[0] = flipped[0, ::-1]
+    assert not is_closed(mesh.vertices, flipped)
+
+
+def test_a_cushion_is_closed_and_as_large_as_asked() -> None:
+    mesh = pillow((0.6, 0.4, 0.15), rng=generator(0, "pillow"))
+    assert is_closed(mesh.vertices, mesh.faces)
+    assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
+    assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(0.6, abs=1e-3)
+
+
+def test_wood_grain_runs_along_the_board() -> None:
+    board = box((0.1, 1.2, 0.02))
+    lengthwise = np.ptp(board.uvs[board.faces[:, 0]][:, 0])
+    assert lengthwise > 1.0  # u, along which the grain runs, spans the long side
+    top = [face for face in board.faces if (board.vertices[face, 2] > 0.019).all()]
+    for face in top:
+        moved = board.vertices[face] - board.vertices[face[0]]
+        turned = board.uvs[face] - board.uvs[face[0]]
+        np.testing.assert_allclose(moved[:, 1], turned[:, 0], atol=1e-9)
+        np.testing.assert_allclose(moved[:, 0], turned[:, 1], atol=1e-9)
+
+
+def test_normals_hide_the_seam_of_a_cylinder_and_keep_its_edge() -> None:
+    mesh = cylinder(1, 0, 1, 24)
+    part = Part("can", mesh.vertices, mesh.faces, mesh.uvs, make_style(generator(0)).wood, True)
+    radial = np.column_stack([mesh.vertices[:, :2], np.zeros(len(mesh.vertices))])
+    radial /= np.maximum(np.linalg.norm(radial, axis=1, keepdims=True), 1e-12)
+    upright = np.abs(part.normals[:, 2]) > 0.999
+    side = ~upright
+    assert upright.any() and side.any()
+    assert ((part.normals[side] * radial[side]).sum(axis=1) > np.cos(np.radians(1))).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_meshes_are_sound(kind: str) -> None:
+    for seed in SEEDS:
+        thing = piece(kind, seed)
+        names = [part.name for part in thing.parts]
+        assert len(set(names)) == len(names)
+        for part in thing.parts:
+            where = f"{kind}, seed {seed}, {part.name}"
+            count = len(part.vertices)
+            assert np.isfinite(part.vertices).all() and np.isfinite(part.uvs).all(), where
+            assert part.uvs.shape == (count, 2), where
+            assert part.faces.min() >= 0 and part.faces.max() < count, where
+            assert areas(corners(part)).min() > 1e-11, where
+            assert len(np.unique(part.faces)) == count or len(part.faces) < count * 3, where
+        assert sum(len(part.faces) for part in thing.parts) <= BUDGET, (kind, seed)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_solid_parts_are_closed_and_wound_outwards(kind: str) -> None:
+    for seed in list(SEEDS)[:8]:
+        for part in piece(kind, seed).parts:
+            if part.name.startswith(SHEETS):
+                continue
+            where = f"{kind}, seed {seed}, {part.name}"
+            assert is_closed(part.vertices, part.faces), where
+            for body in bodies(part.vertices, part.faces):
+                assert volume(part.vertices, body) > 0, where
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_pieces_rest_on_what_carries_them(kind: str) -> None:
+    for seed in SEEDS:
+        thing = piece(kind, seed)
+        low, high = thing.bounds
+        where = f"{kind}, seed {seed}: {low} {high}"
+        if thing.anchor in FLOOR:
+            assert low[2] == pytest.approx(0, abs=1e-3), where
+        elif thing.anchor == "ceiling":
+            assert high[2] == pytest.approx(0, abs=1e-3), where
+        else:
+            assert high[1] == pytest.approx(0, abs=1e-3), where
+            assert thing.mount_height + low[2] >= -1e-6, where
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_textures_are_laid_out_in_metres(kind: str) -> None:
+    for seed in list(SEEDS)[:8]:
+        for part in piece(kind, seed).parts:
+            if part.material.kind == "picture":
+                continue
+            ratio = areas(part.uvs[part.faces]).sum() / areas(corners(part)).sum()
+            assert 0.55 < ratio < 1.6, f"{kind}, seed {seed}, {part.name}: {ratio}"
+
+
+@pytest.mark.parametrize("kind", ["picture", "laptop"])
+def test_pictures_fill_their_canvas(kind: str) -> None:
+    shown = [p for p in piece(kind, 0).parts if p.material.kind == "picture"]
+    assert shown
+    for part in shown:
+        assert part.uvs.min() == pytest.approx(0, abs=1e-6)
+        assert part.uvs.max() == pytest.approx(1, abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_sizes_are_those_of_real_things(kind: str) -> None:
+    for seed in SEEDS:
+        low, high = piece(kind, seed).bounds
+        for axis, (smallest, largest) in enumerate(SIZES[kind]):
+            assert smallest <= high[axis] - low[axis] <= largest, (kind, seed, "xyz"[axis])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_equal_seeds_make_equal_pieces_and_others_differ(kind: str) -> None:
+    style = make_style(generator(3, "style"))
+    first, again = (catalogue[kind].make(generator(3, kind), style) for _ in range(2))
+    assert first.name == again.name and first.surfaces == again.surfaces
+    assert [p.material for p in first.parts] == [p.material for p in again.parts]
+    for one, other in zip(first.parts, again.parts, strict=True):
+        np.testing.assert_array_equal(one.vertices, other.vertices)
+        np.testing.assert_array_equal(one.faces, other.faces)
+    shapes = {
+        (piece(kind, seed).bounds.tobytes(), str([p.material for p in piece(kind, seed).parts]))
+        for seed in SEEDS
+    }
+    assert len(shapes) > 3
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_things_can_stand_on_the_surfaces(kind: str) -> None:
+    soft = {"sofa": 0.035, "pouf": 0.02}
+    for seed in list(SEEDS)[:6]:
+        thing = piece(kind, seed)
+        for surface in thing.surfaces:
+            x, y = np.meshgrid(np.linspace(-0.95, 0.95, 4), np.linspace(-0.95, 0.95, 3))
+            points = np.stack(
+                [
+                    surface.x + surface.half_x * x.ravel(),
+                    surface.y + surface.half_y * y.ravel(),
+                    np.full(x.size, surface.z + 0.05),
+                ],
+                axis=1,
+            )
+            triangles = all_triangles(thing)
+            down = hits(points, np.tile([0.0, 0, -1], (len(points), 1)), triangles)
+            where = f"{kind}, seed {seed}, {surface}: {down}"
+            slack = soft.get(kind, 0.0025)
+            assert (np.abs(down - 0.05) < slack).all(), where
+            up = hits(points - [0, 0, 0.04], np.tile([0.0, 0, 1], (len(points), 1)), triangles)
+            assert (up > min(surface.headroom, 10.0) - 0.03).all(), f"{where} {up}"
+
+
+def test_tables_and_cupboards_offer_surfaces() -> None:
+    for kind in ("dining_table", "desk", "sideboard", "night_table", "base_cupboard", "tv_stand"):
+        assert piece(kind, 0).surfaces, kind
+
+
+@pytest.mark.parametrize("kind", [k for k in KINDS if catalogue[k].category == "lamp"])
+def test_lamps_shine_out_of_themselves(kind: str) -> None:
+    for seed in list(SEEDS)[:8]:
+        thing = piece(kind, seed)
+        glowing = [part for part in thing.parts if part.lumens > 0]
+        assert glowing, (kind, seed)
+        assert 150 <= sum(part.lumens for part in glowing) <= 4500
+        for part in glowing:
+            assert 2000 <= part.kelvin <= 6500
+            rng = np.random.default_rng(seed)
+            triangles = corners(part)
+            area = areas(triangles)
+            chosen = triangles[rng.choice(len(area), 80, p=area / area.sum())]
+            normals = np.cross(chosen[:, 1] - chosen[:, 0], chosen[:, 2] - chosen[:, 0])
+            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+            away = normals + rng.normal(size=normals.shape) * 0.3
+            away /= np.linalg.norm(away, axis=1, keepdims=True)
+            origins = chosen.mean(axis=1) + 1e-4 * normals
+            free = np.isinf(hits(origins, away, all_triangles(thing)))
+            assert free.mean() > 0.2, (kind, seed, part.name, free.mean())
+
+
+def test_only_lamps_and_the_hood_emit() -> None:
+    for kind in KINDS:
+        emits = any(part.lumens > 0 for part in piece(kind, 0).parts)
+        assert emits == (catalogue[kind].category == "lamp" or kind == "extractor_hood"), kind
+
+
+@pytest.mark.parametrize(
+    "kind", ["dining_chair", "armchair", "sofa", "office_chair", "double_bed", "toilet", "shower"]
+)
+def test_backs_are_at_the_back(kind: str) -> None:
+    for seed in SEEDS:
+        points = np.concatenate([part.vertices for part in piece(kind, seed).parts])
+        top = points[points[:, 2] > 0.9 * points[:, 2].max()]
+        assert top[:, 1].mean() > 0.02 + points[:, 1].mean(), (kind, seed)
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [
+        ("sofa", {"width": 1.7}),
+        ("dining_table", {"width": 1.6, "depth": 0.9}),
+        ("bookshelf", {"width": 0.8}),
+        ("base_cupboard", {"width": 0.4}),
+        ("base_cupboard", {"width": 0.9}),
+        ("rug", {"width": 2.0, "depth": 1.4}),
+        ("extractor_hood", {"width": 0.9}),
+        ("bath_tub", {"width": 1.6}),
+        ("shower", {"width": 1.0}),
+    ],
+)
+def test_sizes_asked_for_are_kept(kind: str, options: dict[str, float]) -> None:
+    style = make_style(generator(1, "style"))
+    for seed in SEEDS:
+        made = catalogue[kind].make(generator(seed, kind), style, **options)
+        extent = made.bounds[1] - made.bounds[0]
+        # Doors ajar, fringes and a top's overhang may stick out a little, never stay inside.
+        assert -0.01 < extent[0] - options["width"] < 0.12, (seed, extent)
+
+
+def test_curtains_hang_beside_the_window_from_rod_to_floor() -> None:
+    style = make_style(generator(0, "style"))
+    for width in (0.8, 1.4, 2.4):
+        made = catalogue["curtains"].make(generator(0, width), style, width=width, height=2.2)
+        cloth = np.concatenate([p.vertices for p in made.parts if p.name.startswith("curtain")])
+        assert 0.005 < cloth[:, 2].min() < 0.03 and cloth[:, 2].max() == pytest.approx(2.165)
+        assert np.abs(cloth[:, 0]).max() > width / 2  # covers the edge of the opening
+        assert np.abs(cloth[:, 0]).min() > 0.05 * width  # and leaves its middle free
+
+
+def test_kitchen_units_of_one_home_line_up() -> None:
+    style = make_style(generator(5, "style"))
+    tops = set()
+    for kind in ("base_cupboard", "drawer_unit", "sink_unit", "hob_unit"):
+        made = catalogue[kind].make(generator(5, kind), style, width=0.6)
+        (top,) = (part for part in made.parts if part.name == "worktop")
+        bounds = np.round([top.vertices.min(axis=0), top.vertices.max(axis=0)], 9)
+        tops.add(bounds.tobytes())
+        assert made.bounds[1][1] == pytest.approx(0.3, abs=1e-6)
+    assert len(tops) == 1
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_two_bodies_share_a_visible_plane(kind: str) -> None:
+    """Coplanar faces of two bodies that look the same way and overlap would flicker."""
+    for seed in (0, 1, 2):
+        thing = piece(kind, seed)
+        planes: dict[tuple[float, ...], list[tuple[int, shapely.Polygon]]] = {}
+        number = 0
+        for part in thing.parts:
+            for body in bodies(part.vertices, part.faces):
+                number += 1
+                triangles = part.vertices[body]
+                normals = np.cross(
+                    triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+                )
+                large = np.linalg.norm(normals, axis=1) > 4e-5  # 20 mm2
+                normals = normals[large] / np.linalg.norm(normals[large], axis=1, keepdims=True)
+                for normal, triangle in zip(normals, triangles[large], strict=True):
+                    offset = float(normal @ triangle[0])
+                    key = (*np.round(normal, 4), round(offset / 2e-5))
+                    keep = [k for k in range(3) if k != int(np.argmax(np.abs(np.round(normal, 3))))]
+                    planes.setdefault(key, []).append((number, shapely.Polygon(triangle[:, keep])))
+        for key, members in planes.items():
+            owners = sorted({owner for owner, _ in members})
+            if len(owners) < 2:
+                continue
+            faces = [
+                shapely.union_all([face for owner, face in members if owner == wanted])
+                for wanted in owners
+            ]
+            shared = sum(face.area for face in faces) - shapely.union_all(faces).area
+            assert shared < 4e-6, f"{kind}, seed {seed}: {shared * 1e6:.1f} mm2 in plane {key}"
