@@ -34,17 +34,17 @@ REASONS = {
     "damaged": "a frame cannot be read, or its pixels do not match their checksum",
     "stale": "a frame was rendered for another camera than the one listed now",
     "size": "the frames do not have the size that this dataset has",
-    "not_finite": "NaN or infinity in a channel",
+    "not_finite": "NaN or infinity in a channel, or in all samples of a pixel",
     "negative": "a negative radiance, depth or distance",
     "inconsistent": "depth or normal make no sense where a surface is seen",
     "few_surfaces": "too few pixels see a surface",
     "black": "too many pixels without any light",
     "blown_out": "too many pixels at the limit of half floats",
-    "fireflies": "too many pixels far brighter than all around them",
     "noise": "the noise estimate is above the limit",
+    "fireflies": "too many pixels far brighter than all around them",
 }
 
-# A firefly outshines its neighbours this many times, and is no dim speck either.
+# A firefly outshines its neighbours this many times, where they count for at least so much.
 _FIREFLY_RATIO = 16.0
 _FIREFLY_FLOOR = 0.25  # of the image's mean luminance
 
@@ -125,8 +125,8 @@ def check_frames(
         or _few_surfaces(inputs, limits.min_valid)
         or _over("black", "pixels are black", renders, black_share, limits.max_black)
         or _over("blown_out", "pixels are at the limit", renders, blown_share, limits.max_blown)
-        or _over("fireflies", "pixels are fireflies", renders, firefly_share, limits.max_fireflies)
         or _noisy(frames, limits.max_noise)
+        or _over("fireflies", "pixels are fireflies", renders, firefly_share, limits.max_fireflies)
     )
 
 
@@ -142,10 +142,10 @@ def blown_share(image: npt.NDArray[np.float32]) -> float:
 
 def firefly_share(image: npt.NDArray[np.float32]) -> float:
     """Share of pixels of linear RGB (H, W, 3) that stand alone: 16 times brighter than all but
-    two of their eight neighbours, and not dim beside the image's mean.
+    two of their eight neighbours, and than a quarter of the image's mean.
 
-    So path-tracing speckles count, noise does not, and the corner of a bright window (three
-    bright neighbours) does not either.
+    So path-tracing speckles count. The grain of an undersampled image does not, it is `noise`,
+    and the corner of a bright window (three bright neighbours) does not either.
     """
     lum = luminance(image)
     height, width = lum.shape
@@ -159,8 +159,8 @@ def firefly_share(image: npt.NDArray[np.float32]) -> float:
         ]
     )
     third_brightest = np.partition(around, 5, axis=0)[5]
-    alone = lum > _FIREFLY_RATIO * third_brightest
-    return float((alone & (lum > _FIREFLY_FLOOR * lum.mean())).mean())
+    around_it = np.maximum(third_brightest, _FIREFLY_FLOOR * lum.mean())
+    return float((lum > _FIREFLY_RATIO * around_it).mean())
 
 
 def noise_of(frame: Frame) -> float | None:
@@ -199,6 +199,9 @@ def _not_finite(frames: Mapping[Kind, Frame]) -> Rejection | None:
             wrong = values.size - int(np.isfinite(values).sum())
             if wrong:
                 return Rejection("not_finite", f"{kind}: {wrong} pixels of {name}")
+        lost = frame.meta.get("lost_pixels", 0)  # the path tracer found no finite sample there
+        if lost:
+            return Rejection("not_finite", f"{kind}: {lost} pixels without any finite sample")
     return None
 
 

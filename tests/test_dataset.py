@@ -254,9 +254,9 @@ def spoil(kind: str, **changes: Any) -> Any:
 
     def write(data: Path, view: Any) -> None:
         channels = box_frames(view, small_params())[kind]
-        meta = {key: value for key, value in changes.items() if key == "noise"}
+        meta = {key: changes[key] for key in ("noise", "lost_pixels") if key in changes}
         for name, value in changes.items():
-            if name in ("noise", "rgb"):
+            if name in ("noise", "lost_pixels", "rgb"):
                 continue
             channels[name] = value(channels[name])
         if "rgb" in changes:
@@ -350,7 +350,8 @@ def speckled(values: np.ndarray) -> np.ndarray:
         ("black", "color", spoil("color", rgb=half_black)),
         ("blown_out", "100.0%", spoil("color", rgb=lambda values: values * 0 + 1e9)),
         ("fireflies", "shading", spoil("shading", rgb=speckled)),
-        ("noise", "9.5", spoil("color", noise=9.5)),
+        ("noise", "0.95", spoil("color", noise=0.95)),
+        ("not_finite", "3 pixels without", spoil("color", lost_pixels=3)),
     ],
 )
 def test_a_bad_view_is_listed_with_its_reason(
@@ -390,6 +391,13 @@ def test_shares_are_what_they_say() -> None:
     assert black_share(image) == pytest.approx(0.05)
     assert blown_share(image) == pytest.approx(0.01)
     assert firefly_share(image) == pytest.approx(0.01)
+
+
+def test_the_grain_of_an_undersampled_image_is_not_fireflies() -> None:
+    random = np.random.default_rng(0)
+    hits = random.random((120, 160, 1)) < 0.3
+    image = np.where(hits, random.uniform(0.5, 2, (120, 160, 1)), 0) * np.ones(3)
+    assert firefly_share(image.astype(np.float32)) == 0
 
 
 def test_a_bright_window_is_not_a_firefly() -> None:
