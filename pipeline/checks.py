@@ -46,7 +46,7 @@ REASONS = {
 
 # A firefly outshines its neighbours this many times, where they count for at least so much.
 _FIREFLY_RATIO = 16.0
-_FIREFLY_FLOOR = 0.25  # of the image's mean luminance
+_FIREFLY_FLOOR = 0.5  # of the image's mean luminance
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def blown_share(image: npt.NDArray[np.float32]) -> float:
 
 def firefly_share(image: npt.NDArray[np.float32]) -> float:
     """Share of pixels of linear RGB (H, W, 3) that stand alone: 16 times brighter than all but
-    two of their eight neighbours, and than a quarter of the image's mean.
+    two of their eight neighbours, and than half the image's mean.
 
     So path-tracing speckles count. The grain of an undersampled image does not, it is `noise`,
     and the corner of a bright window (three bright neighbours) does not either.
