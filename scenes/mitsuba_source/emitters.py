@@ -144,7 +144,8 @@ class Emitters:
 
     def _envmap(self, properties: Properties) -> Emitter:
         node = properties.node
-        name = properties.text("filename", "")
+        given = properties.child("filename")
+        name = given.attributes.get("value", "") if given is not None else ""
         scale = properties.number("scale", 1.0)
         properties.ignore("gamma")
         turn = self._rotation(properties.transform())

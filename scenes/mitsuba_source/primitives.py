@@ -17,20 +17,17 @@ def rectangle() -> Mesh:
 
 
 def cube() -> Mesh:
-    """[-1, 1]^3, facing outwards; each face has uv [0, 1]^2."""
-    base = rectangle()
-    turns = []
-    for axis in range(3):
-        for sign in (1.0, -1.0):
-            normal = np.zeros(3)
-            normal[axis] = sign
-            right = np.zeros(3)
-            right[(axis + 1) % 3] = 1.0
-            turns.append(np.stack([right, np.cross(normal, right), normal], axis=1))
-    vertices = np.concatenate([(base.vertices + np.array([0.0, 0, 1])) @ turn.T for turn in turns])
-    faces = np.concatenate([base.faces + 4 * i for i in range(6)])
-    assert base.uvs is not None
-    return Mesh(vertices, faces, None, np.tile(base.uvs, (6, 1)))
+    """[-1, 1]^3, facing outwards; each face has uv [0, 1]^2, laid out as Mitsuba does."""
+    # Directions of the normal, of u and of v, face by face.
+    x, y, z = np.eye(3)
+    sides = [(-y, z, x), (y, -x, -z), (x, y, -z), (z, y, x), (-x, y, z), (-z, -y, x)]
+    corners = np.array([[0.0, 1], [1, 1], [1, 0], [0, 0]])
+    signed = 2 * corners - 1
+    vertices = np.concatenate(
+        [normal + signed[:, :1] * u + signed[:, 1:] * v for normal, u, v in sides]
+    )
+    faces = np.concatenate([np.array([[0, 1, 2], [3, 0, 2]]) + 4 * i for i in range(6)])
+    return Mesh(vertices, faces, None, np.tile(corners, (6, 1)))
 
 
 def disk() -> Mesh:
@@ -93,8 +90,13 @@ def sphere() -> Mesh:
 
 
 def _frame(normal: Floats) -> Floats:
-    """A rotation (3, 3) whose last column is `normal`."""
-    helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    first = np.cross(helper, normal)
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(normal, first), normal], axis=1)
+    """A rotation (3, 3) whose last column is `normal`, the one Mitsuba takes.
+
+    Duff et al., *Building an Orthonormal Basis, Revisited* (2017).
+    """
+    x, y, z = normal
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    first = np.array([1 + sign * x * x * a, sign * b, -sign * x])
+    return np.stack([first, np.array([b, sign + y * y * a, -y]), normal], axis=1)

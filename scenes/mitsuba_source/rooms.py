@@ -199,6 +199,8 @@ def _open_parts(
         area = float(cells.sum()) * du * dv
         if area < _MIN_OPENING or (cells & open_cells).sum() < 0.25 * cells.sum():
             continue
+        if min(np.ptp(np.nonzero(cells)[0]), np.ptp(np.nonzero(cells)[1])) < 1:
+            continue  # a slit of one cell: a seam, not an opening
         outline = _outline(cells, du, dv)
         points = origin + outline[:, :1] * u + outline[:, 1:] * v
         parts.append((points, area / (width * height)))
@@ -263,7 +265,8 @@ def _free_below(corners: Floats, level: float) -> list[Polygon]:
         free = cover if walls is None else cover.difference(walls.buffer(_SEAL, cap_style="square"))
         for part in _parts(free):
             grown = part.buffer(-_SLIM).buffer(_SLIM + _SEAL, join_style="mitre", mitre_limit=2.0)
-            for piece in _parts(grown.intersection(part.buffer(_SEAL, join_style="mitre"))):
+            within = part.buffer(_SEAL, join_style="mitre").intersection(cover)
+            for piece in _parts(grown.intersection(within)):
                 outline = Polygon(piece.exterior).simplify(0.03)
                 if outline.area >= MIN_AREA and outline.is_valid:
                     polygons.append(shapely.geometry.polygon.orient(outline))
