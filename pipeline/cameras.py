@@ -8,8 +8,9 @@ the best `views_per_room` of each room, then at most `views_per_scene`, the best
 before the second best of any.
 
 Beyond PBRS: clearance is real (nothing within `clearance` of the eye in any direction, and the
-eye is not inside furniture), a view that is blocked by one near thing is refused, and every
-candidate that is not kept is counted with its reason.
+eye is not inside furniture); a view that a near thing blocks, that looks mostly into another room,
+or that shows nearly the same as a better one of its room is refused; and every candidate that is
+not kept is counted with its reason.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from scenes.contract import Room, Scene
 from scenes.errors import InputError
 from scenes.seeds import generator
 
-REVISION = 1
+REVISION = 2
 _ENCLOSED = 0.75  # share of directions in which one piece of furniture is seen from inside it
 _RAYS = 192  # directions of the clearance test: 2.6 cm apart at 10 cm
 _PIXELS = 1 << 21  # traced at once
@@ -46,8 +47,10 @@ INSIDE = "inside an object"
 NOT_TRIED = "not tried: beyond cameras.candidates"
 BLOCKED = "blocked: too much of the view is too near"
 FEW_OBJECTS = "too few objects"
+ELSEWHERE = "looks mostly into another room"
 LOW_SCORE = "score below cameras.min_score"
 NOT_BEST = "not the best of its sector"
+ALIKE = "shows nearly the same as a better view of its room"
 BEYOND_ROOM = "beyond cameras.views_per_room"
 BEYOND_SCENE = "beyond cameras.views_per_scene"
 
@@ -66,7 +69,7 @@ class Sight:
     """What a camera sees: its score and the pixels of every object."""
 
     score: float
-    objects: int  # how many count
+    objects: tuple[str, ...]  # those that count
     seen: dict[str, int]
     nearness: float  # share of the pixels nearer than `near`, as `_nearness` says
 
@@ -93,14 +96,15 @@ def sample_cameras(
         rejected += lost
         total += len(found) + sum(lost.values())
     sights = _look_around(render_scene, scene, [c.pose for c in candidates], params)
+    rooms = {thing.id: thing.room for thing in scene.objects if not thing.is_structure}
     passed = []
     for candidate, sight in zip(candidates, sights, strict=True):
-        reason = _refusal(sight, options)
+        reason = _refusal(candidate.room, sight, rooms, options)
         if reason:
             rejected[reason] += 1
         else:
             passed.append((candidate, sight))
-    chosen = _choose(passed, options, rejected)
+    chosen = _choose(passed, set(rooms), options, rejected)
     names = _room_names(scene)
     views = [
         _view(scene, params.image, f"{names[c.room.id]}-s{c.sector}", c.pose, sight, c.room)
@@ -119,8 +123,8 @@ def sample_cameras(
 
 def score_ids(
     ids: npt.NDArray[np.uint32], scene: Scene, min_coverage: float
-) -> list[tuple[float, int, dict[str, int]]]:
-    """Score, number of counted objects, and pixels by object id, of each id image (N, H, W).
+) -> list[tuple[float, tuple[str, ...], dict[str, int]]]:
+    """Score, ids of the objects that count, and pixels by object id, of each image (N, H, W).
 
     An object counts if it is no structure and covers more than `min_coverage` of the pixels;
     the score is the sum of log(pixels / minimum) over counted objects.
@@ -136,7 +140,7 @@ def score_ids(
         counted = np.flatnonzero(furniture & (row > minimum))
         score = math.fsum(math.log(int(row[index]) / minimum) for index in counted)
         seen = {scene.objects[index].id: int(row[index]) for index in np.flatnonzero(row)}
-        results.append((score, len(counted), seen))
+        results.append((score, tuple(scene.objects[index].id for index in counted), seen))
     return results
 
 
@@ -267,18 +271,25 @@ def _nearness(
     return share
 
 
-def _refusal(sight: Sight, options: CameraParams) -> str:
+def _refusal(room: Room, sight: Sight, rooms: dict[str, str | None], options: CameraParams) -> str:
+    """Why a candidate is no view, empty if it is one; `rooms` has the room of each object."""
+    known = [rooms[name] for name in sight.objects if rooms[name] is not None]
     if sight.nearness > options.max_near:
         return BLOCKED
-    if sight.objects < options.min_objects:
+    if len(sight.objects) < options.min_objects:
         return FEW_OBJECTS
+    if known and known.count(room.id) < options.min_own * len(known):
+        return ELSEWHERE
     if sight.score < options.min_score:
         return LOW_SCORE
     return ""
 
 
 def _choose(
-    passed: list[tuple[Candidate, Sight]], options: CameraParams, rejected: Counter[str]
+    passed: list[tuple[Candidate, Sight]],
+    furniture: set[str],
+    options: CameraParams,
+    rejected: Counter[str],
 ) -> list[tuple[Candidate, Sight]]:
     """The best of each sector, then of each room, then of the scene; counts the rest."""
     sectors: dict[tuple[str, int], tuple[Candidate, Sight]] = {}
@@ -288,21 +299,32 @@ def _choose(
             sectors[key] = (candidate, sight)
     rejected[NOT_BEST] += len(passed) - len(sectors)
     rooms: dict[str, list[tuple[Candidate, Sight]]] = {}
-    for (room, _), best in sorted(sectors.items()):
-        rooms.setdefault(room, []).append(best)
-    ranked = []
-    for room, views in rooms.items():
-        views.sort(key=lambda view: (-view[1].score, view[0].sector))
-        rejected[BEYOND_ROOM] += len(views[options.views_per_room :])
-        ranked += [
-            (rank, -view[1].score, room, view)
-            for rank, view in enumerate(views[: options.views_per_room])
-        ]
+    for best in sorted(sectors.values(), key=lambda view: (-view[1].score, view[0].sector)):
+        kept = rooms.setdefault(best[0].room.id, [])
+        if len(kept) >= options.views_per_room:
+            rejected[BEYOND_ROOM] += 1
+        elif any(_alikeness(best[1], view[1], furniture) > options.max_alike for view in kept):
+            rejected[ALIKE] += 1
+        else:
+            kept.append(best)
+    ranked = [
+        (rank, -view[1].score, room, view)
+        for room, kept in rooms.items()
+        for rank, view in enumerate(kept)
+    ]
     ranked.sort(key=lambda entry: entry[:3])
     rejected[BEYOND_SCENE] += len(ranked[options.views_per_scene :])
     for reason in [reason for reason, count in rejected.items() if not count]:
         del rejected[reason]
     return [view for _, _, _, view in ranked[: options.views_per_scene]]
+
+
+def _alikeness(one: Sight, other: Sight, furniture: set[str]) -> float:
+    """Share of the furniture pixels that two views have in common, [0, 1]."""
+    names = (one.seen.keys() | other.seen.keys()) & furniture
+    common = sum(min(one.seen.get(name, 0), other.seen.get(name, 0)) for name in names)
+    together = sum(max(one.seen.get(name, 0), other.seen.get(name, 0)) for name in names)
+    return common / together if together else 1.0
 
 
 def _stored_views(

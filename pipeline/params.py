@@ -51,8 +51,12 @@ class CameraParams:
     min_score: float = field(default=0.0, metadata=within(0))
     clearance: float = field(default=0.10, metadata=within(0, 2))  # metres around the eye
     # a view is blocked when more than `max_near` of it is nearer than `near` metres
-    near: float = field(default=0.6, metadata=within(0, 10))
-    max_near: float = field(default=0.35, metadata=within(0, 1))
+    near: float = field(default=0.8, metadata=within(0, 10))
+    max_near: float = field(default=0.2, metadata=within(0, 1))
+    # of the objects that count, those in the camera's own room must be at least this share
+    min_own: float = field(default=0.5, metadata=within(0, 1))
+    # views of one room may share at most this much of what they see, furniture pixel by pixel
+    max_alike: float = field(default=0.6, metadata=within(0, 1))
     stored_views: bool = True  # keep the cameras that imported scenes bring with them
     # id render: pixels a side of the candidate images, and candidates per room and sector
     id_width: int = field(default=80, metadata=within(16, 640))
@@ -81,6 +85,7 @@ class GroundTruthParams:
     block_spp: int = field(default=16, metadata=within(1, 4096))  # one seeded block
     max_depth: int = field(default=11, metadata=within(1, 1000))
     rr_depth: int = field(default=5, metadata=within(1, 1000))
+    denoise: Literal["none", "oidn"] = "none"
 
     def verify(self, where: str) -> None:
         """Blocks must divide the samples; raises ValueError."""

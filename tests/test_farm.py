@@ -35,7 +35,7 @@ def _run(items: list[Item], params: FarmParams | None = None) -> dict[str, Outco
 
 
 def test_every_item_is_done_once_and_the_broken_one_is_named(tmp_path: Path) -> None:
-    log = {"log": str(tmp_path)}
+    log: dict[str, Any] = {"log": str(tmp_path)}
     special = {
         "k3": {"do": "raise", **log},
         "k8": {"do": "bug", **log},
