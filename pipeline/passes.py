@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pipeline import groundtruth, illumination, inputs
+from pipeline.denoise import denoise, denoiser_version, grey_guide, guides
 from pipeline.frames import Channels, Kind, fingerprint
 from pipeline.groundtruth import render_truth
 from pipeline.illumination import render_illumination
@@ -50,13 +51,30 @@ def _illumination(
 def _shading(
     scene: RenderScene, view: View, params: Params, seed: int
 ) -> tuple[Channels, dict[str, Any]]:
-    return render_truth(scene.neutral(params.shading.albedo), view, params.groundtruth, seed)
+    grey = params.shading.albedo
+    channels, stats = render_truth(scene.neutral(grey), view, params.groundtruth, seed)
+    if params.groundtruth.denoise == "none":
+        return channels, stats
+    _, normal = guides(scene, view)
+    clean = denoise(channels, grey_guide(normal, grey), normal)
+    return clean, {**stats, "denoiser": denoiser_version()}
 
 
 def _color(
     scene: RenderScene, view: View, params: Params, seed: int
 ) -> tuple[Channels, dict[str, Any]]:
-    return render_truth(scene, view, params.groundtruth, seed)
+    channels, stats = render_truth(scene, view, params.groundtruth, seed)
+    if params.groundtruth.denoise == "none":
+        return channels, stats
+    return denoise(channels, *guides(scene, view)), {**stats, "denoiser": denoiser_version()}
+
+
+def _truth_determined_by(params: Params) -> dict[str, Any]:
+    used = params.groundtruth.denoise != "none"
+    return {
+        "truth": plain(params.groundtruth),
+        "denoiser": [denoiser_version(), inputs.REVISION] if used else None,
+    }
 
 
 PASSES: dict[Kind, Pass] = {
@@ -66,13 +84,13 @@ PASSES: dict[Kind, Pass] = {
     ),
     "shading": Pass(
         groundtruth.REVISION,
-        lambda params: {"truth": plain(params.groundtruth), "shading": plain(params.shading)},
+        lambda params: {**_truth_determined_by(params), "shading": plain(params.shading)},
         _shading,
         seeded=True,
     ),
     "color": Pass(
         groundtruth.REVISION,
-        lambda params: {"truth": plain(params.groundtruth)},
+        _truth_determined_by,
         _color,
         seeded=True,
     ),
