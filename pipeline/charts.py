@@ -234,7 +234,7 @@ def panorama_guide(
             f'y="{height + 1.4 * foot:g}">{word}</text>'
         )
     for share, word in ((0.0, "up"), (0.5, "level with the view"), (1.0, "down")):
-        y_text = min(max(share * height, 1.0 * foot), height - 0.4 * foot)
+        y_text = min(max(share * height - 0.3 * foot, 1.0 * foot), height - 0.4 * foot)
         parts.append(f'<text class="mark over" x="{0.006 * width:g}" y="{y_text:g}">{word}</text>')
     parts.append(f'<path class="rule" d="M0,{height / 2:g} H{width}"/>')
     return Markup("".join(parts) + "</svg>")

@@ -34,8 +34,7 @@ def dataset(params: Params, data: Path) -> None:
 
 def _summary_lines(summary: DatasetSummary, folder: Path) -> list[str]:
     splits = ", ".join(
-        f"{split} {rows} from {summary.scenes[split]} scenes"
-        for split, rows in summary.rows.items()
+        f"{split} {rows} of {summary.scenes[split]} scenes" for split, rows in summary.rows.items()
     )
     lines = [
         f"{summary.sampled} views sampled, {summary.total} rows ({splits})",

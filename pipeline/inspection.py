@@ -242,7 +242,6 @@ def inspect_frame(path: Path) -> Inspection:
             "eye": " ".join(f"{value:.3f}" for value in seen_from.eye) + " m",
             "towards": " ".join(f"{value:.3f}" for value in forward),
             "field of view": f"{2 * math.degrees(half):.1f} degrees wide",
-            "score": round(seen_from.score, 3),
         }
     return Inspection(
         "frame",
@@ -510,9 +509,19 @@ def _draw_room(axes: Axes, room: Room) -> None:
             alpha=0.8,
         )
     )
-    center = np.mean(room.floor, axis=0)
-    label = f"{room.name}\n{_area(room.floor):.1f} m²"
-    axes.text(*center, label, fontsize=8, ha="center", va="center", color="#333333", alpha=0.8)
+    # In the corner: the middle belongs to the furniture.
+    corner = max(room.floor, key=lambda point: point[1] - point[0])
+    axes.annotate(
+        f"{room.name}, {_area(room.floor):.1f} m²",
+        corner,
+        (5, -5),
+        textcoords="offset points",
+        fontsize=8,
+        fontweight="bold",
+        va="top",
+        color="#333333",
+        zorder=6,
+    )
 
 
 def _draw_camera(axes: Axes, view: View) -> None:
@@ -617,7 +626,7 @@ def _flatten(value: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 def _section_lines(section: Section) -> list[str]:
     if isinstance(section, dict):
         width = max(len(key) for key in section)
-        return [f"  {key:{width}}  {value}" for key, value in section.items()]
+        return [f"  {key:{width}}  {_shorten(value)}" for key, value in section.items()]
     if isinstance(section[0], str):
         return [f"  - {sentence}" for sentence in section]
     rows = [row for row in section if isinstance(row, dict)]
@@ -630,6 +639,11 @@ def _section_lines(section: Section) -> list[str]:
         for row in rows
     ]
     return lines
+
+
+def _shorten(value: Any, most: int = 120) -> str:
+    text = str(value)
+    return text if len(text) <= most else f"{text[: most - 1]}…"
 
 
 def _pad(value: Any, width: int, right: bool) -> str:

@@ -29,14 +29,16 @@ def color_map(values: Array, low: float, high: float, name: str = "viridis") -> 
 
 
 def depth_picture(depth: Array, valid: npt.NDArray[np.generic] | None = None) -> Picture:
-    """Depth (H, W), metres: near is bright, far is violet, no surface is grey."""
+    """Depth (H, W), metres, logarithmic: near is bright, far is violet, no surface is grey."""
     depth = np.asarray(depth, dtype=np.float64)
     there = depth > 0 if valid is None else np.asarray(valid) > 0
-    seen = depth[there]
-    near, far = (float(seen.min()), float(np.percentile(seen, 99))) if seen.size else (0.0, 1.0)
-    span = max(far - near, 1e-6)
+    # Logarithmic, so that a house across the street leaves colours for the room.
+    height = -np.log(np.maximum(depth, 1e-3))
+    seen = height[there]
+    near, far = (float(seen.max()), float(seen.min())) if seen.size else (1.0, 0.0)
+    span = max(near - far, 1e-6)
     # The map's dark foot is left out: far must not look like nothing.
-    picture = color_map(-depth, -far - 0.2 * span, -near, "magma")
+    picture = color_map(height, far - 0.25 * span, near, "magma")
     picture[~there] = NOTHING
     return picture
 

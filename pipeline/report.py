@@ -58,7 +58,10 @@ MODALITIES = {
     "shading": ("Shading", "The same light on the same shapes, every colour removed."),
     "reflectance": ("Reflectance", "Base colour, without any light."),
     "normal": ("Normal", "Where surfaces face: red right, green up, blue towards the camera."),
-    "depth": ("Depth", "Distance along the optical axis: near is bright, far is violet."),
+    "depth": (
+        "Depth",
+        "Distance along the optical axis, logarithmic: near is bright, far is violet.",
+    ),
     "intensity": ("Illumination: intensity", "Light sources all around the camera, logarithmic."),
     "distance": ("Illumination: distance", "How far away each of them is: near is bright."),
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import resource
 import shutil
@@ -36,7 +37,7 @@ from pipeline.params import CheckParams, SplitParams
 from pipeline.pictures import read_picture
 from pipeline.tonemap import exposure_of
 from scenes.contract import Credit
-from scenes.errors import InputError
+from scenes.errors import InputError, MachineError
 from scenes.files import digest_folder
 
 SIZE, PANORAMA = (32, 24), (32, 16)
@@ -464,8 +465,25 @@ def test_foreign_files_in_the_data_folder_do_no_harm(tmp_path: Path) -> None:
     (data / "cameras" / "notes.txt").write_text("mine")
     (data / "color" / "home-0000" / "thumbs.db").write_bytes(b"x")
     (data / "scenes" / "stray").mkdir()
+    (data / ".partial-killed").mkdir()  # what a killed run leaves
     assert pack_dataset(data, params).total == 3
     assert (data / "cameras" / "notes.txt").exists()
+    assert not (data / ".partial-killed").exists()
+
+
+def test_a_full_disk_leaves_nothing_half_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    params = small_params()
+    data = make_data(tmp_path, params, scenes=3)
+
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(pq.ParquetWriter, "write_table", full)
+    with pytest.raises(MachineError, match="disk is full"):
+        pack_dataset(data, params)
+    assert not (data / "dataset").exists() and not list(data.glob(".partial-*"))
 
 
 def test_the_card_is_a_hugging_face_card(packed: Path) -> None:
