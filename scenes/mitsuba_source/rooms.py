@@ -86,9 +86,13 @@ def find_rooms(rays: RayCaster, corners: Floats, eye: Floats | None) -> list[Fou
             if room is not None and not any(_same(room, other) for other in rooms):
                 rooms.append(room)
     rooms = _without_lesser(rooms)
+    least = 1.0  # metres high, for a space with a camera in it
+    if eye is None and not rooms:
+        least = MIN_HEIGHT
+        eye = np.array([*(0.5 * (low + high))[:2], low[2] + 0.6 * min(high[2] - low[2], 2.5)])
     if eye is not None and not any(room.holds(eye, 0.3) for room in rooms):
         seen = _seen_from(rays, eye, low, high)
-        if seen is not None:
+        if seen is not None and seen.ceiling_z - seen.floor_z >= least:
             rooms = [room for room in rooms if not _overlap(room, seen)]
             rooms.insert(0, seen)
     return rooms
@@ -369,24 +373,26 @@ def _seen_from(rays: RayCaster, eye: Floats, low: Floats, high: Floats) -> Found
     ceiling = eye[2] + vertical[1] if np.isfinite(vertical[1]) else max(high[2], floor + 2.4)
     angle = 2 * np.pi * np.arange(360) / 360
     ways = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(360)])
-    place = np.array([eye[0], eye[1], max(eye[2], floor + 0.85 * (ceiling - floor) - 0.05)])
-    distance, _ = rays.cast(place, ways)
+    # Low rays end at furniture, high ones pass over walls: the median of several heights does not.
+    heights = {floor + share * min(ceiling - floor, 3.0) for share in (0.3, 0.45, 0.6, 0.75, 0.9)}
+    around = [rays.cast(np.array([eye[0], eye[1], height]), ways)[0] for height in sorted(heights)]
+    distance = np.median(around, axis=0)
     if np.isfinite(distance).mean() < 0.25:
         return None
     box = shapely.box(low[0], low[1], high[0], high[1]).buffer(0.01)
     far = float(np.linalg.norm(high - low))
-    ring = place[:2] + np.minimum(distance, far)[:, None] * ways[:, :2]
+    ring = eye[:2] + np.minimum(distance, far)[:, None] * ways[:, :2]
     seen = Polygon(ring).buffer(0).intersection(box).simplify(0.05)
     parts = [part for part in _parts(seen) if part.buffer(0.05).contains(Point(eye[:2]))]
-    if not parts or parts[0].area < MIN_AREA or ceiling - floor < 1.0:
+    if not parts or parts[0].area < MIN_AREA:
         return None
     outline = shapely.geometry.polygon.orient(Polygon(parts[0].exterior))
     points = _inside_points(outline, 60)
     down, _ = rays.cast(
-        np.column_stack([points, np.full(len(points), place[2])]), np.array([0.0, 0, -1])
+        np.column_stack([points, np.full(len(points), eye[2])]), np.array([0.0, 0, -1])
     )
     if np.isfinite(down).any():
-        floor = min(floor, _lowest_common(place[2] - down[np.isfinite(down)]))
+        floor = min(floor, _lowest_common(eye[2] - down[np.isfinite(down)]))
     return FoundRoom(outline, float(floor), float(ceiling), guessed=True)
 
 

@@ -130,6 +130,8 @@ class ShapeReader:
         if flip:
             mesh = mesh.flipped()
         bsdfs, emitters = properties.nested("bsdf"), properties.nested("emitter", "luminaire")
+        if not bsdfs and node.type == "obj":
+            changes.note("the .mtl materials of OBJ files are not read; {} is grey", label)
         if len(bsdfs) > 1:
             changes.note("of several materials of one shape only the first was kept")
         surface = self.materials.surface(bsdfs[0] if bsdfs else None)

@@ -121,7 +121,9 @@ def import_mitsuba(path: Path, out: Path, scene_id: str, options: MitsubaOptions
         lights = _lights(shapes, area, others, rooms, room_ids)
         portals = _portals(openings, frosted, rooms, room_ids)
         if any(room.guessed for room in rooms):
-            changes.note("no closed room was found; the space seen by the camera stands for one")
+            changes.note(
+                "no closed room was found; the space around the camera or the middle stands for one"
+            )
         if not rooms:
             rooms, room_ids = [_whole(shapes)], ["room_0"]
             changes.note("NO ROOM WAS FOUND: the whole scene's extent stands for one")
@@ -147,7 +149,7 @@ def import_mitsuba(path: Path, out: Path, scene_id: str, options: MitsubaOptions
                     ),
                     floor_z=room.floor_z,
                     ceiling_z=room.ceiling_z,
-                    has_light=name in lit or everywhere,
+                    has_light=name in lit or everywhere or room.guessed,
                 )
                 for index, (name, room) in enumerate(zip(room_ids, rooms, strict=True))
             ),
