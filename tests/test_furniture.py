@@ -273,6 +273,23 @@ def test_normals_hide_the_seam_of_a_cylinder_and_keep_its_edge() -> None:
     assert ((part.normals[side] * radial[side]).sum(axis=1) > np.cos(np.radians(1))).all()
 
 
+def test_a_style_is_coordinated_physical_and_seeded() -> None:
+    styles = [make_style(generator(seed, "style")) for seed in range(60)]
+    assert styles[7] == make_style(generator(7, "style"))
+    assert len({str(style) for style in styles}) == 60
+    assert {style.front for style in styles} == {"flat", "framed"}
+    assert {style.handle for style in styles} == {"bar", "knob", "edge"}
+    for seed, kind in enumerate(KINDS[:60]):
+        for part in piece(kind, seed % 20).parts:
+            material = part.material
+            for color in (material.color, material.accent or (0.0, 0.0, 0.0)):
+                assert all(0 <= channel <= 1 for channel in color), (kind, material)
+            assert 0 <= material.roughness <= 1 and material.scale > 0
+    for style in styles:
+        assert style.cabinet in (style.wood, style.lacquer)
+        assert 0.85 <= style.worktop_height <= 0.96
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_meshes_are_sound(kind: str) -> None:
     for seed in SEEDS:

@@ -190,7 +190,7 @@ def _bed(rng: np.random.Generator, style: Style, name: str, width: float, sleepe
         rounded_box((width, length, top - mattress_z), (0, 0, mattress_z), 0.05, (0, 0, 0.006)),
         name="mattress",
     )
-    rumples = _Rumples(rng, float(rng.uniform(0.004, 0.009)))
+    rumples = _Rumples(rng, float(rng.uniform(0.005, 0.012)))
     beside = outer / 2 + 0.07  # what hangs clears the frame
     over_foot = not padded and rng.random() < 0.7
     cover = _cover(

@@ -190,11 +190,10 @@ def floor_lamp(rng: np.random.Generator, style: Style) -> Piece:
     lumens = float(rng.uniform(600, 1000))
     kind = ("straight", "tripod", "arch")[int(rng.integers(3))]
     if kind == "arch":
-        t = np.linspace(0, 1, 15)
-        reach = 0.75
-        rise = (height + 0.12) * np.sin(0.5 * np.pi * np.minimum(1.15 * t, 1))
-        bow = 0.7 * np.clip(t - 0.8, 0, 1) * t
-        path = np.stack([0 * t, 0.3 - reach * t**2.2, 0.025 + rise - bow], axis=1)
+        t = np.radians(np.linspace(0, 115, 18))
+        path = np.stack(
+            [0 * t, 0.3 - 0.53 * (1 - np.cos(t)), 0.025 + (height + 0.14) * np.sin(t)], axis=1
+        )
         b.add(style.metal, tube(path, 0.011, 10))
         b.add(style.metal, cylinder(0.15, 0, 0.03, 36, bevel=0.004).moved(y=0.3), name="foot")
         end = path[-1]

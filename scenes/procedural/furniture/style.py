@@ -170,7 +170,7 @@ def make_style(rng: np.random.Generator) -> Style:
         worktop=worktop,
         metal=Material("metal", tone(metal_code), roughness=metal_roughness),
         upholstery=upholstery,
-        second_upholstery=cloth(UPHOLSTERY + ACCENTS),
+        second_upholstery=cloth(UPHOLSTERY if rng.random() < 0.7 else ACCENTS),
         cushions=tuple(
             Material("fabric", tone(code), 0.9, tone("#d9d2c4"), 1.5, variant())
             for code in accents[:3]

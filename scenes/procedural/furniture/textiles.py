@@ -32,14 +32,14 @@ def curtains(
     """
     b = Builder("curtains", "curtain", "on_wall")
     off = 0.1  # from the wall to the rod
-    bunch = min(float(rng.uniform(0.28, 0.46)), 0.42 * width)
+    bunch = min(max(0.25 * width, 0.26), 0.6) * float(rng.uniform(0.85, 1.25))
     reach = width / 2 + float(rng.uniform(0.14, 0.24))
     hem, top = 0.015, height - 0.035
     for side in (-1.0, 1.0):
         count, rows = 90, 14
         s = np.linspace(0, 1, count)
         t = np.linspace(0, 1, rows)
-        pleats = float(rng.integers(6, 9))
+        pleats = float(round(bunch / rng.uniform(0.045, 0.06)))
         phase = np.cumsum(rng.uniform(0.6, 1.4, count))
         phase = 2 * np.pi * pleats * (phase - phase[0]) / (phase[-1] - phase[0])
         deep = 0.036 * (0.75 + 0.35 * np.sin(3.1 * s + rng.uniform(0, 6)))
