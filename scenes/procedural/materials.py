@@ -21,7 +21,7 @@ from scenes.seeds import generator
 WHITEST = 0.82  # no diffuse surface of a home reflects more
 _MATT = ("plaster", "fabric", "carpet", "paper", "soil", "picture", "brick", "grass")
 # Patterns without fine detail are drawn smaller.
-_SHARE = {"plaster": 2, "carpet": 2, "leaf": 4, "soil": 4, "leather": 2, "fabric": 2, "wood": 1}
+_SHARE = {"plaster": 2, "carpet": 2, "leaf": 4, "soil": 4, "leather": 2, "fabric": 2, "wood": 2}
 _LAID = ("tiles", "brick")  # their joints start at uv 0, and the accent is what lies in them
 _DEFAULT_ACCENT = 0.75
 
@@ -87,7 +87,7 @@ class MaterialLibrary:
     def _save(self, image: npt.NDArray[np.uint8], name: str) -> None:
         path = self.folder / "textures" / f"{name}.png"
         # Mitsuba puts v = 0 at the top row of an image, we at the bottom.
-        Image.fromarray(image[::-1]).save(path, compress_level=4)
+        Image.fromarray(image[::-1]).save(path, compress_level=1)
 
 
 def texture_image(material: Material, size: int) -> npt.NDArray[np.uint8]:

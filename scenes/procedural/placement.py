@@ -11,12 +11,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from scenes.procedural.finishes import WALL_TILES
 from scenes.procedural.furniture import Style, catalogue
-from scenes.procedural.piece import Piece
+from scenes.procedural.furniture.geometry import Mesh, span
+from scenes.procedural.furniture.style import tone
+from scenes.procedural.piece import Material, Piece
 from scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
 from scenes.procedural.space import GAP, Item, RoomSpace, facing
 from scenes.procedural.structure import pane_depth
-from scenes.procedural.thing import Pose, Thing
+from scenes.procedural.thing import Pose, Thing, part_of
 
 Point = np.ndarray
 
@@ -553,89 +556,112 @@ class Furnisher:
         return None
 
     def _kitchen_run(self) -> list[Item]:
-        """Units side by side along the best wall, wall cupboards and a hood above them."""
-        space = self.space
-        best: list[Item] = []
-        for edge in sorted(self.room.edges, key=lambda side: -side.length):
-            if edge.length < 1.7:
-                continue
-            best = self._run_along(edge)
-            if len(best) >= 3:
-                break
-            for _ in best:
-                space.remove_last()
-            best = []
-        if best and self.area > 9 and self.chance(0.5):
-            self._second_run(best)
-        return best
-
-    def _run_along(self, edge: WallEdge) -> list[Item]:
-        rng, space = self.rng, self.space
-        units: list[tuple[str, float]] = [
-            ("base_cupboard", float(rng.choice([0.4, 0.5, 0.6]))),
-            ("sink_unit", 0.8),
-            ("drawer_unit", 0.6),
-            ("hob_unit", 0.6),
-            ("base_cupboard", float(rng.choice([0.4, 0.6, 0.8]))),
-            ("base_cupboard", 0.6),
-        ]
-        fridge = self.make("fridge")
-        from_start = self.chance(0.5)
-        budget = min(edge.length, float(rng.uniform(3.0, 4.4)))
-        while len(units) > 3 and sum(width for _, width in units) + 0.62 > budget:
-            units.pop(0 if len(units) % 2 else len(units) - 1)
+        """Units side by side along the wall that takes most of them, cupboards and hood above."""
+        rng = self.rng
+        units: list[tuple[str, float]] = [("sink_unit", 0.8), ("drawer_unit", 0.6)]
+        units.append(("hob_unit", 0.6))
         if self.chance(0.5):
             units.reverse()
-        order = [("fridge", 0.62), *units] if self.chance(0.6) else [*units, ("fridge", 0.62)]
-        start = self._run_start(edge, order, from_start)
-        if start is None:
-            return []
-        placed: list[Item] = []
-        s = start
-        way = 1.0 if from_start else -1.0
-        for kind, width in order:
-            piece = fridge if kind == "fridge" else self.make(kind, width=width)
-            middle = s + way * width / 2
-            pose = space.wall_pose(piece, edge, middle)
-            earlier = [item.id for item in placed]
-            item = space.try_place(kind, piece, pose, allow=earlier)
-            if item is None:
-                if len(placed) >= 3:
-                    break
-                for _ in placed:
-                    space.remove_last()
-                return []
-            placed.append(item)
-            s += way * (width + 0.001)
-        for item in placed:
-            self._above_unit(edge, item)
-        self._splashback(placed)
-        return placed
+        extras = int(rng.integers(1, 4)) if self.area > 8 else 1
+        units += [("base_cupboard", float(rng.choice([0.4, 0.5, 0.6]))) for _ in range(extras)]
+        units.insert(0 if self.chance(0.6) else len(units), ("fridge", 0.61))
+        pieces = [(kind, width, self.make(kind, width=min(width, 0.8))) for kind, width in units]
+        places = []
+        for edge in self.room.edges:
+            for way in (1.0, -1.0):
+                places += self._run_places(edge, way, pieces)
+        places.sort(key=lambda place: -place[0])
+        for _, edge, way, begin in places[:6]:
+            run = self._place_run(edge, way, begin, pieces)
+            if run:
+                if self.area > 9 and self.chance(0.5):
+                    self._second_run()
+                return run
+        return []
 
-    def _run_start(
-        self, edge: WallEdge, order: Sequence[tuple[str, float]], from_start: bool
-    ) -> float | None:
-        """Where along the wall a run may begin: the first place where all its units are free."""
-        probe = self.make("base_cupboard", width=0.6)
-        tall = self.make("fridge")
-        ends = np.arange(0.01, edge.length - 1.6, 0.1)
-        for begin in ends:
-            s = float(begin) if from_start else edge.length - float(begin)
-            way = 1.0 if from_start else -1.0
-            free = 0
-            for kind, width in order:
-                piece = tall if kind == "fridge" else probe
-                if abs(s + way * width - (0.0 if from_start else edge.length)) > edge.length:
-                    break
-                if not self.space.fits(
+    def _run_places(
+        self, edge: WallEdge, way: float, pieces: Sequence[tuple[str, float, Piece]]
+    ) -> list[tuple[float, WallEdge, float, float]]:
+        """(how good, edge, way, first s) of runs of three units and more along a wall."""
+        places = []
+        for begin in np.arange(GAP, max(0.02, edge.length - 1.8), 0.2):
+            s = float(begin) if way > 0 else edge.length - float(begin)
+            count = 0
+            for _, width, piece in pieces:
+                end = s + way * width
+                if not 0 <= end <= edge.length or not self.space.fits(
                     piece, self.space.wall_pose(piece, edge, s + way * width / 2)
                 ):
                     break
-                s += way * width
-                free += 1
-            if free >= min(4, len(order)):
-                return float(begin) if from_start else edge.length - float(begin)
-        return None
+                s, count = end, count + 1
+            if count >= 3:
+                in_corner = 1.5 if begin < 0.05 else 0.0
+                places.append((count + in_corner + self.rng.random(), edge, way, float(begin)))
+        return places
+
+    def _place_run(
+        self,
+        edge: WallEdge,
+        way: float,
+        begin: float,
+        pieces: Sequence[tuple[str, float, Piece]],
+    ) -> list[Item]:
+        space = self.space
+        placed: list[Item] = []
+        s = begin if way > 0 else edge.length - begin
+        for kind, width, piece in pieces:
+            if not 0 <= s + way * width <= edge.length:
+                break
+            item = space.try_place(
+                kind,
+                piece,
+                space.wall_pose(piece, edge, s + way * width / 2),
+                allow=[item.id for item in placed],
+            )
+            if item is None:
+                break
+            placed.append(item)
+            s += way * (width + 0.001)
+        if len(placed) < 3:
+            for _ in placed:
+                space.remove_last()
+            return []
+        self._splashback(edge, placed)
+        for item in placed:
+            self._above_unit(edge, item)
+        return placed
+
+    def _splashback(self, edge: WallEdge, run: Sequence[Item]) -> None:
+        """A band of tiles on the wall behind the worktops, below window sills."""
+        units = [item for item in run if item.kind != "fridge"]
+        ends = [
+            self.space.position_on(edge, np.array([item.pose.x, item.pose.y]))
+            + side * 0.5 * float(np.ptp(item.piece.bounds[:, 0]))
+            for item in units
+            for side in (-1, 1)
+        ]
+        s0, s1 = max(0.0, min(ends)), min(edge.length, max(ends))
+        low = self.style.worktop_height + 0.002
+        high = low + 0.5
+        for window in self.space.windows():
+            at = self.space.position_on(edge, np.array(window.start))
+            if _on(edge, window) and at < s1 and at + window.width > s0:
+                high = min(high, window.z0 - 0.02)
+        if high - low < 0.08:
+            return
+        tile = Material(
+            "tiles",
+            tone(WALL_TILES[int(self.rng.integers(len(WALL_TILES)))]),
+            0.15,
+            accent=(0.6, 0.59, 0.57),
+            scale=float(self.rng.choice([0.35, 0.5])),
+            variant=int(self.rng.integers(1 << 30)),
+        )
+        half = 0.5 * (s1 - s0)
+        panel = span((-half, -0.008, 0.0), (half, 0.0, high - low))
+        flat = Mesh(panel.vertices, panel.faces, panel.vertices[:, [0, 2]].copy())
+        piece = Piece("splashback", "splashback", (part_of("tiles", tile, flat),), "on_wall")
+        self.space.hang("splashback", piece, edge, 0.5 * (s0 + s1), low)
 
     def _above_unit(self, edge: WallEdge, item: Item) -> None:
         space = self.space
@@ -651,10 +677,7 @@ class Furnisher:
             if cupboard.mount_height + 0.7 < self.plan.height:
                 space.hang("wall_cupboard", cupboard, edge, s, cupboard.mount_height)
 
-    def _splashback(self, run: Sequence[Item]) -> None:
-        """Wall tiles behind a run come with the structure; nothing stands here."""
-
-    def _second_run(self, first: Sequence[Item]) -> None:
+    def _second_run(self) -> None:
         """A few more units along another wall."""
         rng, space = self.rng, self.space
         unit = self.make("base_cupboard", width=0.6)

@@ -633,8 +633,8 @@ def _draw_windows(
     height: float,
     taken: list[Polygon],
 ) -> list[Opening]:
-    head = min(float(rng.choice([2.05, 2.1, 2.2])), height - 0.2)
-    generous = float(rng.uniform(0.85, 1.25))  # some homes have larger windows than others
+    head = min(float(rng.choice([2.1, 2.2, 2.3])), height - 0.18)
+    generous = float(rng.uniform(0.95, 1.3))  # some homes have larger windows than others
     windows: list[Opening] = []
     patio_wanted = rng.random() < 0.5
     for room in rooms:
@@ -642,7 +642,7 @@ def _draw_windows(
             (edge for edge in room.edges if edge.outer and edge.length > 1.1),
             key=lambda edge: -edge.length,
         )
-        wanted = 1 if room.type == "bathroom" else max(1, round(room.shape.area / 11.0))
+        wanted = 1 if room.type == "bathroom" else max(1, round(room.shape.area / 9.0))
         found = 0
         for edge in edges:
             if found >= wanted:
@@ -687,10 +687,11 @@ def _window_size(
 ) -> tuple[str, float, float, float]:
     """(kind, width, sill height, head height) of a usual window of that kind of room."""
     if room == "bathroom":
-        return "window", _snap(float(rng.uniform(0.6, 0.95))), 1.3, head
+        return "window", _snap(float(rng.uniform(0.7, 1.1))), 1.25, head
     if room == "kitchen":
-        return "window", _snap(generous * float(rng.uniform(1.0, 1.6))), 1.1, head
+        return "window", _snap(generous * float(rng.uniform(1.1, 1.7))), 1.1, head
     if room in ("living", "dining"):
-        sill = float(rng.choice([0.45, 0.6, 0.8]))
-        return "window", _snap(generous * float(rng.uniform(1.4, 2.2))), sill, head
-    return "window", _snap(generous * float(rng.uniform(1.1, 1.7))), 0.85, head
+        sill = float(rng.choice([0.4, 0.55, 0.75]))
+        return "window", _snap(generous * float(rng.uniform(1.6, 2.5))), sill, head
+    sill = float(rng.choice([0.75, 0.85]))
+    return "window", _snap(generous * float(rng.uniform(1.3, 1.9))), sill, head

@@ -15,12 +15,10 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from shapely.geometry import Polygon, box
 from shapely.prepared import prep
 
-from scenes.procedural.piece import Part, Piece
+from scenes.procedural.piece import Piece
 from scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
 from scenes.procedural.structure import CASING, SKIRTING, leaf_footprint
 from scenes.procedural.thing import Pose, Thing, placed
@@ -32,9 +30,10 @@ BODY = 0.21  # half the width of a person who passes
 STEP_OVER = 0.06  # metres; lower things are walked over
 HEAD = 1.75  # higher things are walked under
 CELL = 0.05  # of the walking grid, metres
+SKIRTING_TOP = 0.125  # metres; no skirting is higher
 GAP = SKIRTING + 0.004  # between a wall and what stands against it
 # Categories whose bodies are looked at one by one.
-_OPEN = ("table", "desk", "chair", "stool", "curtain", "radiator", "bench")
+_OPEN = ("table", "desk", "chair", "stool", "curtain", "radiator", "bench", "kitchen unit")
 
 
 @dataclass
@@ -74,6 +73,8 @@ class RoomSpace:
         self.plan, self.room = plan, room
         self.shape: Polygon = room.shape
         self.inside = prep(self.shape.buffer(TOUCH, join_style="mitre"))
+        # Between the skirtings, for what reaches down to them.
+        self._between = prep(self.shape.buffer(TOUCH - GAP, join_style="mitre"))
         self.items: list[Item] = []
         self._boxes: Boxes = np.zeros((0, 2, 3))
         self._owners: list[str] = []
@@ -105,7 +106,8 @@ class RoomSpace:
     def _keep_opening(self, opening: Opening) -> None:
         edge, width = self.edge_of(opening), opening.width
         margin = CASING[0] if opening.kind != "window" else 0.03
-        front = edge.strip(-margin, width + margin, 0.0, 0.12)
+        deep = 0.06 if opening.kind == "window" else 0.12
+        front = edge.strip(-margin, width + margin, 0.0, deep)
         self._blocked = np.concatenate([self._blocked, _raised(front, opening.z0 - 0.05, 2.3)])
         if opening.kind == "window":
             return
@@ -183,10 +185,11 @@ class RoomSpace:
         low, high = item.bounds
         if high[2] > self.plan.height + TOUCH or low[2] < -TOUCH:
             return False
-        if not self.inside.covers(box(low[0], low[1], high[0], high[1])):
-            corners = [box(*b[0, :2], *b[1, :2]) for b in item.solids]
-            if not all(self.inside.covers(corner) for corner in corners):
-                return False
+        if not self._between.covers(box(low[0], low[1], high[0], high[1])):
+            for body in item.solids:
+                limit = self._between if body[0, 2] < SKIRTING_TOP else self.inside
+                if not limit.covers(box(*body[0, :2], *body[1, :2])):
+                    return False
         if _overlap(item.solids, self._blocked).any():
             return False
         hits = _overlap(item.solids, self._boxes)
@@ -331,7 +334,8 @@ class RoomSpace:
         half = 0.5 * float(high - low)
         places = []
         for edge in self.room.edges if edges is None else edges:
-            first, last = half + 0.005, edge.length - half - 0.005
+            margin = GAP if piece.mount_height < SKIRTING_TOP else TOUCH
+            first, last = half + margin, edge.length - half - margin
             if last < first:
                 continue
             count = max(1, int((last - first) / step) + 1)
@@ -513,37 +517,12 @@ def facing(direction: tuple[float, float]) -> float:
 
 def solids(piece: Piece, pose: Pose) -> Boxes:
     """World boxes (N, 2, 3) of a piece: its whole, or each of its bodies where it is open."""
-    local = bodies(piece) if piece.category in _OPEN else piece.bounds[None]
+    local = piece.bodies if piece.category in _OPEN else piece.bounds[None]
     if pose.turn % 90 == 0:
         corners = pose.apply(local.reshape(-1, 3)).reshape(-1, 2, 3)
         return np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
     world = np.stack([pose.apply(_corners(body)) for body in local])
     return np.stack([world.min(axis=1), world.max(axis=1)], axis=1)
-
-
-def bodies(piece: Piece) -> Boxes:
-    """Boxes (N, 2, 3), in the piece's frame, of the connected bodies of its meshes."""
-    return np.concatenate([_part_bodies(part) for part in piece.parts])
-
-
-def _part_bodies(part: Part) -> Boxes:
-    grid = np.round(part.vertices * 1e4).astype(np.int64) + (1 << 20)
-    keys = (grid[:, 0] << 42) | (grid[:, 1] << 21) | grid[:, 2]
-    _, welded = np.unique(keys, return_inverse=True)
-    a, b, c = (welded[part.faces[:, k]] for k in range(3))
-    count = int(welded.max()) + 1
-    links = coo_array(
-        (np.ones(2 * len(a), dtype=bool), (np.concatenate([a, b]), np.concatenate([b, c]))),
-        shape=(count, count),
-    )
-    number, labels = connected_components(links, directed=False)
-    of_vertex = labels[welded]
-    order = np.argsort(of_vertex, kind="stable")
-    starts = np.searchsorted(of_vertex[order], np.arange(number))
-    points = part.vertices[order]
-    return np.stack(
-        [np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)], axis=1
-    )
 
 
 def _corners(bounds: Boxes) -> npt.NDArray[np.float64]:
