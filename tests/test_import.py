@@ -779,6 +779,8 @@ def bad(folder: Path, name: str) -> Path:
             return _raw(folder, "<html/>")
         case "no version":
             return _raw(folder, "<scene><shape type='cube'/></scene>")
+        case "unknown encoding":
+            return _raw(folder, "<?xml version='1.0' encoding='utL-8'?><scene version='3.0.0'/>")
         case "entity bomb":
             head = '<!DOCTYPE x [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]>\n'
             body += "&b;"
@@ -894,6 +896,7 @@ BAD = {
     "empty file": "scene.xml",
     "another root": "<scene>",
     "no version": "version",
+    "unknown encoding": "utL-8",
     "entity bomb": "entities",
     "outside entity": "entities",
     "too deep": "nested more than",
@@ -962,12 +965,39 @@ def test_unknown_kinds_and_foreign_folders_are_refused(tmp_path: Path) -> None:
     assert (tmp_path / "precious" / "letter.txt").read_text() == "keep me"
 
 
-def test_a_damaged_texture_is_named_and_replaced(tmp_path: Path) -> None:
+def png(width: int, height: int) -> bytes:
+    """A PNG that claims a size and holds nothing."""
+    size = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    chunks = ((b"IHDR", size), (b"IDAT", zlib.compress(b"")), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in chunks
+    )
+
+
+@pytest.mark.parametrize(
+    "content", [b"\x89PNG\r\n\x1a\n" + bytes(30), png(40_000, 40_000), png(64, 64), b""],
+    ids=["garbage", "1.6 billion pixels", "no pixels", "empty"],
+)  # fmt: skip
+def test_a_damaged_texture_is_named_and_replaced(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "in").mkdir()
-    (tmp_path / "in" / "t.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(30))
+    (tmp_path / "in" / "t.png").write_bytes(content)
     scene = imported(tmp_path, usual(bsdf=TEXTURED.format("t.png")))
     assert said(scene, "damaged texture", "t.png")
     loads(scene)
+
+
+def test_a_truncated_environment_map_is_named_and_replaced(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    sky = np.random.default_rng(0).random((64, 128, 3), dtype=np.float32)
+    path = tmp_path / "in" / "sky.exr"
+    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": sky}) as file:
+        file.write(str(path))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    emitter = '<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>'
+    scene = imported(tmp_path, SENSOR_0_6 + room(without=("north",)) + emitter)
+    assert said(scene, "environment map", "sky.exr")
+    assert render(loads(scene), 4).mean() > 0
 
 
 def test_missing_meshes_can_be_left_out(tmp_path: Path) -> None:

@@ -217,7 +217,7 @@ def _parse(path: Path, reader: _Reader) -> Node:
         raise InputError(
             f"{path}:{error.getLineNumber()}: not well-formed XML ({error.getMessage()})"
         ) from None
-    except (UnicodeDecodeError, ValueError, OSError) as error:
+    except (LookupError, ValueError, OSError) as error:
         raise InputError(f"{path}: cannot be read as XML ({error})") from None
     if handler.root is None:
         raise InputError(f"{path}: an empty file, not a Mitsuba scene")
