@@ -421,7 +421,7 @@ class _Page:
             for path in sorted(self.places.plots.glob("train_*.csv"))
         }
         # Those of the chain first, in its order, then whatever else was trained.
-        for name in sorted(paths, key=lambda name: [*NETWORKS, name].index(name)):
+        for name in _known_first(paths, NETWORKS):
             path = paths[name]
             lines = self._csv(path, "step", *columns.values())
             series = {
@@ -459,7 +459,8 @@ class _Page:
             if means:
                 best[name] = (max if higher else min)(means, key=lambda method: means[method])
         table = []
-        for method, values in methods.items():
+        for method in _known_first(methods, METHODS):
+            values = methods[method]
             cells = []
             for name, (_, _, digits) in METRICS.items():
                 figure = _figure(values, name)
@@ -503,7 +504,10 @@ class _Page:
         return [
             {
                 "name": METRICS[name][0],
-                "svg": strip_plot(values, f"{METRICS[name][0]} of every view"),
+                "svg": strip_plot(
+                    {method: values[method] for method in _known_first(values, METHODS)},
+                    f"{METRICS[name][0]} of every view",
+                ),
             }
             for name, values in groups.items()
         ]
@@ -749,6 +753,12 @@ def _first(card: Mapping[str, Any], *paths: tuple[str, ...]) -> Any:
         if value is not None:
             return value
     return None
+
+
+def _known_first(names: Iterable[str], known: Iterable[str]) -> list[str]:
+    """`names` in the order of `known`, then those it does not hold, sorted."""
+    order = list(known)
+    return sorted(names, key=lambda name: (order.index(name) if name in order else 99, name))
 
 
 def _epochs(epochs: Any) -> str:
