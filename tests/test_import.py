@@ -290,7 +290,7 @@ OWN = """
 <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="4"/>
   </transform><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>
 <shape type="obj"><string name="filename" value="c.obj"/><transform name="to_world">
-  <rotate y="1" angle="30"/><translate x="-1.6"/></transform></shape>
+  <rotate y="1" angle="-100"/><translate x="-1.5" z="0.5"/></transform><ref id="ruled"/></shape>
 <shape type="rectangle"><transform name="to_world"><scale value="0.5"/>
   <translate x="0" y="0.7" z="-0.5"/></transform><ref id="ruled"/></shape>
 <shape type="cube"><transform name="to_world"><scale value="0.3"/><rotate y="1" angle="20"/>
