@@ -59,12 +59,16 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
     networks = load_networks(folders.models)
     dataset = Dataset(folders.data / "dataset", params.evaluate.split)
     refuse_leaks(dataset, networks)
+    if networks.card.tone != plain(params.tone):
+        raise InputError(
+            f"{folders.models}: trained with the tone mapping {networks.card.tone}, now it is "
+            f"{plain(params.tone)}; train again"
+        )
     lpips = find_lpips()
-    if lpips is None:
-        print("evaluate: LPIPS left out, its weights are not on this machine")
-
     scores: list[Score] = []
     with Progress(len(dataset), "evaluate") as progress:
+        if lpips is None:
+            progress.write("evaluate: without LPIPS, whose weights are not on this machine")
         for example in dataset.ordered():
             truth = true_color(example, networks)
             for method, image in _images(example, networks).items():

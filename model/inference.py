@@ -63,6 +63,13 @@ def load_networks(models: Path) -> Networks:
     unet = None
     if (models / "unet.safetensors").is_file():
         unet, cards["unet"] = load_model(models / "unet.safetensors")
+    for name, other in cards.items():
+        if (other.exposure, other.tone) != (card.exposure, card.tone):
+            raise InputError(
+                f"{models}/{name}.safetensors and composition.safetensors show their colours "
+                f"differently ({other.exposure} exposure, {other.tone}; {card.exposure} exposure, "
+                f"{card.tone}); train both with the same parameters"
+            )
     return Networks(shading, composition, unet, cards)
 
 

@@ -31,6 +31,7 @@ from pipeline.params import (
     ImageParams,
     Params,
     StageTrainParams,
+    ToneParams,
     TrainParams,
 )
 from pipeline.tonemap import Exposure, tonemap
@@ -167,6 +168,23 @@ def test_a_composition_network_of_another_shading_network_is_refused(
         (folders.models / name).write_bytes((trained.models / name).read_bytes())
     with pytest.raises(InputError, match="trained on another shading network"):
         load_networks(folders.models)
+
+
+def test_another_tone_mapping_than_in_training_is_refused(trained: Folders, tmp_path: Path) -> None:
+    folders = replace(folders_in(tmp_path), data=trained.data, models=trained.models)
+    with pytest.raises(InputError, match="tone mapping"):
+        evaluate(replace(PARAMS, tone=ToneParams(key=0.5)), folders)
+
+
+def test_networks_of_different_exposure_policies_are_not_compared(
+    trained: Folders, tmp_path: Path
+) -> None:
+    for source in sorted(trained.models.glob("[scu]*.*")):
+        (tmp_path / source.name).write_bytes(source.read_bytes())
+    card = tmp_path / "unet.json"
+    card.write_text(card.read_text().replace('"exposure": "shared"', '"exposure": "own"'))
+    with pytest.raises(InputError, match="colours differently"):
+        load_networks(tmp_path)
 
 
 def test_the_product_of_true_shading_is_the_truth_where_light_bounces_not(
