@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from pipeline import rays
 from pipeline.frames import Channels
-from pipeline.lights import Lights, lights_of
+from pipeline.lights import Lights
 from pipeline.params import IlluminationParams
 from pipeline.renderer import RenderScene
 from pipeline.views import View
@@ -51,7 +51,7 @@ def render_illumination(
     leaves through none, of the scene's bounding box.
     """
     panorama = Panorama(params.width, view.pose[:3, :3])
-    lights = lights_of(render_scene)
+    lights = render_scene.lights
     narrow, shares = _narrow_lamps(lights, view.eye, panorama)
     energy, weighted = np.zeros(panorama.size), np.zeros(panorama.size)
     _add_narrow(render_scene, lights, view.eye, panorama, params, narrow, shares, energy, weighted)

@@ -10,7 +10,8 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.renderer import RenderScene
+from pipeline.rays import Target
+from pipeline.scenegraph import Graph
 
 _SUN_AND_SKY = ("sunsky", "timed_sunsky")
 _ENVIRONMENTS = ("constant", "envmap", *_SUN_AND_SKY)
@@ -36,17 +37,8 @@ class Lights:
     texel: float
 
 
-def lights_of(render_scene: RenderScene) -> Lights:
-    """The scene's lights, collected once per open scene."""
-    wardrobe = render_scene.wardrobe
-    if "lights" not in wardrobe:
-        wardrobe["lights"] = _collect(render_scene)
-    lights: Lights = wardrobe["lights"]
-    return lights
-
-
-def _collect(render_scene: RenderScene) -> Lights:
-    graph, target = render_scene.graph, render_scene.target
+def collect_lights(graph: Graph, target: Target) -> Lights:
+    """The lights of a loaded scene; of a sky with a sun, one twin for each alone."""
     lamps: list[Any] = []
     shapes: list[int] = []
     centres: list[npt.NDArray[np.float64]] = []

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -16,9 +16,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline import rays
-from pipeline.neutral import has_mask, neutral_twin, passes_light, reflectance_twin
+from pipeline.lights import Lights, collect_lights
+from pipeline.neutral import has_mask, passes_light, reflectance_twin
 from pipeline.params import Variant
 from pipeline.scenegraph import Graph, create, parse, shapes_of
+from pipeline.wardrobe import Wardrobe
 from scenes.contract import Scene
 from scenes.errors import InputError, MachineError
 
@@ -69,11 +71,11 @@ class RenderScene:
     """
 
     scene: Scene
-    graph: Graph
     target: rays.Target
+    lights: Lights
     bbox: npt.NDArray[np.float64]  # (2, 3) world metres
+    wardrobe: Wardrobe
     albedo: float | None = None
-    wardrobe: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property
     def mitsuba(self) -> Any:
@@ -89,15 +91,11 @@ class RenderScene:
         return replace(self, albedo=albedo)
 
     def dress(self) -> None:
-        """Give the shared shapes this form's BSDFs, unless they wear them."""
-        if self.wardrobe.get("worn", None) == self.albedo:
-            return
-        suit = f"suit {self.albedo}"
-        if suit not in self.wardrobe:
-            self.wardrobe[suit] = _suit(self.graph, self.albedo)
-        for shape, bsdf in self.wardrobe[suit]:
-            shape.set_bsdf(bsdf)
-        self.wardrobe["worn"] = self.albedo
+        """Give the shared shapes this form's materials, unless they wear them.
+
+        Raises `InputError` for a material that has no neutral twin.
+        """
+        self.wardrobe.wear(self.albedo)
 
 
 def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene:
@@ -140,7 +138,9 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
     )
     box = root.bbox()
     bbox = np.array([np.array(box.min).ravel(), np.array(box.max).ravel()], dtype=np.float64)
-    return RenderScene(scene, graph, target, bbox, neutral_albedo)
+    return RenderScene(
+        scene, target, collect_lights(graph, target), bbox, Wardrobe(graph), neutral_albedo
+    )
 
 
 def render_ids(
@@ -201,33 +201,6 @@ def _remedy(variant: str) -> str:
         tried = f" (DRJIT_LIBLLVM_PATH is {path})" if path else ""
         return f"libLLVM did not load{tried}; apt-get install libllvm15, or take scalar_rgb or auto"
     return f"Mitsuba was built without it (it has {', '.join(mi.variants())})"
-
-
-def _suit(graph: Graph, albedo: float | None) -> list[tuple[Any, Any]]:
-    """Each shape with the BSDF it wears in one form of the scene."""
-    made: dict[int, Any] = {}
-    pairs = []
-    for node in shapes_of(graph):
-        for index in graph.nested(node, "BSDF"):
-            if index not in made:
-                made[index] = (
-                    graph.make(index) if albedo is None else neutral_twin(graph, index, albedo)
-                )
-            pairs.append((graph.make(node), made[index]))
-        if not graph.nested(node, "BSDF") and graph.plugin(node) not in ("shapegroup", "instance"):
-            pairs.append((graph.make(node), _plain(made, graph.make(node), albedo)))
-    return pairs
-
-
-def _plain(made: dict[int, Any], shape: Any, albedo: float | None) -> Any:
-    """What a shape without material wears: Mitsuba's default, or the grey."""
-    if albedo is None:
-        return shape.bsdf()
-    if -1 not in made:
-        props = mi.Properties("diffuse")
-        props["reflectance"] = albedo
-        made[-1] = create(props)
-    return made[-1]
 
 
 def _default_reflectance(made: dict[int, Any]) -> Any:
