@@ -44,6 +44,19 @@ def test_black_pixels_do_not_move_the_exposure() -> None:
     assert exposure_of(np.zeros((4, 4, 3)), TONE).scale == 1
 
 
+def test_noise_does_not_move_the_exposure() -> None:
+    """One sample in ten finds the light: the same mean, and pixels at a tenth of it or at none."""
+    rng = np.random.default_rng(0)
+    clean = np.full((120, 160, 3), 0.2)
+    noisy = clean * np.where(rng.random((120, 160, 1)) < 0.1, 9.1, 0.1)
+    assert exposure_of(noisy, TONE).scale == pytest.approx(exposure_of(clean, TONE).scale, rel=0.2)
+
+
+def test_blocks_cut_by_the_edge_count_by_their_mean() -> None:
+    image = np.full((13, 9, 3), 0.2)
+    assert exposure_of(image, TONE).scale == pytest.approx(TONE.key / 0.2)
+
+
 def test_the_inverse_undoes_it_below_white() -> None:
     image = np.random.default_rng(0).uniform(1e-3, 0.5, size=(16, 16, 3)).astype(np.float32)
     exposure = Exposure(scale=1.0, white=20.0)
