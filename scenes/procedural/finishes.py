@@ -162,6 +162,11 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
         accent = None
         if not wet and rng.random() < 0.4:
             accent = Material("plaster", tone(pick(ACCENTS)), 0.9, variant=variant())
+            if rng.random() < 0.5:
+                base = tone(pick(WALLS + ACCENTS))
+                accent = Material(
+                    "wallpaper", base, 0.9, accent=_dimmed(base, 0.62), variant=variant()
+                )
         tiles, tile_height = None, 0.0
         if kind == "bathroom":
             tiles = Material(

@@ -16,6 +16,7 @@ from scenes.procedural.furniture.style import make_style
 from scenes.procedural.lighting import (
     Sky,
     choose_lit,
+    draw_cooler,
     draw_sky,
     emitter,
     lamps_of,
@@ -53,13 +54,18 @@ def make_home(folder: Path, scene_id: str, params: SceneParams, seed: int, light
     lit = choose_lit(generator(seed, "lamps", lighting), lighting, furniture)
     burning = [part for thing in lamps_of(furniture) if thing.id in lit for part in thing.parts]
     lamp_weight = sum(sampling_weight(part) for part in burning if part.lumens > 0)
+    cooler = draw_cooler(generator(seed, "lamp colour", lighting))
     sky = draw_sky(generator(seed, "sky", lighting), lighting, lamp_weight)
     with writing_scene(Path(folder)) as partial:
         library = MaterialLibrary(partial, params.texture_size)
-        objects, lights, shapes = _write_shapes(partial, things, lit, library)
+        objects, lights, shapes = _write_shapes(partial, things, lit, cooler, library)
         scene = Scene(
             scene_id=scene_id,
-            source={"kind": "procedural", "seed": str(seed), "light": sky.choices},
+            source={
+                "kind": "procedural",
+                "seed": str(seed),
+                "light": {**sky.choices, "lamps_cooler": cooler},
+            },
             rooms=_rooms(plan, furniture),
             objects=tuple(objects),
             lights=(*lights, *sky.lights),
@@ -98,7 +104,11 @@ def _rooms(plan: Plan, furniture: Sequence[Thing]) -> tuple[Room, ...]:
 
 
 def _write_shapes(
-    folder: Path, things: Sequence[Thing], lit: set[str], library: MaterialLibrary
+    folder: Path,
+    things: Sequence[Thing],
+    lit: set[str],
+    cooler: float,
+    library: MaterialLibrary,
 ) -> tuple[list[SceneObject], list[Light], list[str]]:
     """Meshes to disk; the objects, the lamps that burn, and the `<shape>` elements."""
     objects, lights, shapes = [], [], []
@@ -114,7 +124,7 @@ def _write_shapes(
             if part.lumens > 0:
                 glowing.append(shape)
                 lumens += part.lumens
-                light = emitter(part)
+                light = emitter(part, cooler)
             flat = "" if part.smooth else '<boolean name="face_normals" value="true"/>'
             shapes.append(
                 f'<shape type="ply" id="{shape}"><string name="filename" '

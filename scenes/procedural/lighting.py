@@ -102,16 +102,26 @@ def choose_lit(rng: np.random.Generator, setting: str, things: Sequence[Thing]) 
     return lit
 
 
+def draw_cooler(rng: np.random.Generator) -> float:
+    """Kelvins by which a home's lamps are cooler than filament bulbs: some have white LEDs."""
+    return float(rng.choice([0.0, 300.0, 800.0, 1400.0], p=[0.3, 0.3, 0.25, 0.15]))
+
+
 def sampling_weight(part: Part) -> float:
     """How often a lamp is sampled beside others: by its flux, a strong one not too often."""
     return round(math.sqrt(part.lumens / 800.0), 4)
 
 
-def emitter(part: Part) -> str:
-    """The area light of a part that burns: its flux spread over its surface."""
+def emitter(part: Part, cooler: float = 0.0) -> str:
+    """The area light of a part that burns: its flux spread over its surface.
+
+    `cooler` kelvins are added to its colour temperature.
+    """
     a, b, c = (part.vertices[part.faces[:, corner]] for corner in range(3))
     area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
-    radiance = " ".join(f"{value:.6g}" for value in lamp_radiance(part.lumens, area, part.kelvin))
+    radiance = " ".join(
+        f"{value:.6g}" for value in lamp_radiance(part.lumens, area, part.kelvin + cooler)
+    )
     return (
         f'<emitter type="area"><rgb name="radiance" value="{radiance}"/>'
         f'<float name="sampling_weight" value="{sampling_weight(part):.4g}"/></emitter>'

@@ -19,9 +19,18 @@ from scenes.procedural.piece import Color, Material
 from scenes.seeds import generator
 
 WHITEST = 0.82  # no diffuse surface of a home reflects more
-_MATT = ("plaster", "fabric", "carpet", "paper", "soil", "picture", "brick", "grass")
+_MATT = ("plaster", "wallpaper", "fabric", "carpet", "paper", "soil", "picture", "brick", "grass")
 # Patterns without fine detail are drawn smaller.
-_SHARE = {"plaster": 2, "carpet": 2, "leaf": 4, "soil": 4, "leather": 2, "fabric": 2, "wood": 2}
+_SHARE = {
+    "plaster": 2,
+    "wallpaper": 1,
+    "carpet": 2,
+    "leaf": 4,
+    "soil": 4,
+    "leather": 2,
+    "fabric": 2,
+    "wood": 2,
+}
 _LAID = ("tiles", "brick")  # their joints start at uv 0, and the accent is what lies in them
 _DEFAULT_ACCENT = 0.75
 

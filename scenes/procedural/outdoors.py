@@ -13,7 +13,7 @@ from scenes.procedural.piece import Material
 from scenes.procedural.plan import Plan
 from scenes.procedural.thing import Thing, part_of
 
-REACH = 300.0  # metres of ground to each side; beyond, the horizon
+REACH = 2500.0  # metres of ground to each side; beyond, the horizon
 _ROOFS = ("#7d4436", "#5b5653", "#8a4f3b", "#4a4a4c")
 _PLASTERS = ("#d9d0be", "#c9b89a", "#bfc0ba", "#d8c2a8", "#a9533c", "#cfd2d2")
 _LEAVES = ("#4b6b2f", "#5d7a36", "#3f5f35", "#6f8440", "#7a7f3a")

@@ -131,7 +131,7 @@ def _tiles(rng: np.random.Generator, size: int) -> Pattern:
     column, row = (u * count).astype(int), (v * count).astype(int)
     edge = np.minimum(
         np.minimum(u * count % 1, 1 - u * count % 1), np.minimum(v * count % 1, 1 - v * count % 1)
-    ) * (metres / count)
+    ) * np.float32(metres / count)
     pixel = metres / size
     grout = 1 - _smooth(0.002 - 0.5 * pixel, 0.002 + 0.5 * pixel, edge)
     tone = rng.normal(0, 1, (count, count)).astype(np.float32)[row, column]
@@ -194,6 +194,35 @@ def _plaster(rng: np.random.Generator, size: int) -> Pattern:
     return Pattern(np.zeros((size, size), np.float32), shade.astype(np.float32), 1.6)
 
 
+def _wallpaper(rng: np.random.Generator, size: int) -> Pattern:
+    """Stripes, diamonds, sprigs or grasscloth, as the seed falls."""
+    metres = 1.06  # two rolls
+    u, v = _axes(size)
+    kind = int(rng.integers(4))
+    soft = 1.5 / size
+    if kind == 0:  # stripes of two widths
+        count = int(rng.choice([8, 12, 20]))
+        wave = np.abs((u * count) % 1 - 0.5)
+        mix = _smooth(-count * soft, count * soft, wave - float(rng.uniform(0.2, 0.35)))
+    elif kind == 1:  # diamonds, drawn by thin lines
+        count = int(rng.choice([6, 9]))
+        a, b = (u + v) * count % 1, (u - v) * count % 1
+        line = np.minimum(np.minimum(a, 1 - a), np.minimum(b, 1 - b))
+        mix = 0.8 * (1 - _smooth(0.03, 0.03 + 2 * count * soft, line))
+    elif kind == 2:  # sprigs of five leaves in a half drop
+        mix = np.zeros((size, size), np.float32)
+        count = int(rng.choice([5, 7]))
+        shift = 0.5 * (np.floor(u * count) % 2) if count % 2 == 0 else 0.0
+        x, y = (u * count) % 1 - 0.5, (v * count + shift) % 1 - 0.5
+        angle, radius = np.arctan2(y, x), np.hypot(x, y)
+        petals = 0.12 + 0.14 * np.abs(np.cos(2.5 * angle + float(rng.uniform(0, 3))))
+        mix = _smooth(-count * soft, count * soft, petals - radius)
+    else:  # grasscloth
+        mix = np.clip(0.4 + 0.18 * noise(rng, size, 0.3, (30.0, 1.0), low=8), 0, 1)
+    shade = 1 + 0.01 * noise(rng, size, 0.4, low=20)
+    return Pattern(mix.astype(np.float32), shade.astype(np.float32), metres)
+
+
 def _stone(rng: np.random.Generator, size: int) -> Pattern:
     """Granite speckles or marble veins, as the seed falls."""
     if rng.random() < 0.5:
@@ -245,6 +274,7 @@ _MAKERS: dict[str, Callable[[np.random.Generator, int], Pattern]] = {
     "carpet": _carpet,
     "leather": _leather,
     "plaster": _plaster,
+    "wallpaper": _wallpaper,
     "stone": _stone,
     "leaf": _leaf,
     "soil": _soil,

@@ -26,6 +26,7 @@ MaterialKind = Literal[
     "carpet",
     "leather",
     "plaster",  # walls and ceilings
+    "wallpaper",
     "stone",  # worktops, sills
     "paint",  # smooth coat, no texture
     "plastic",
@@ -98,13 +99,13 @@ class Part:
         order = np.argsort(places, kind="stable")
         shared = own.copy()
         for step in range(1, int(np.bincount(places).max(initial=1))):
-            first, second = order[:-step], order[step:]
-            alike = (places[first] == places[second]) & (
-                (unit[first] * unit[second]).sum(axis=1) > CREASE
+            one, other = order[:-step], order[step:]
+            alike = (places[one] == places[other]) & (
+                (unit[one] * unit[other]).sum(axis=1) > CREASE
             )
-            first, second = first[alike], second[alike]
-            np.add.at(shared, first, own[second])
-            np.add.at(shared, second, own[first])
+            one, other = one[alike], other[alike]
+            np.add.at(shared, one, own[other])
+            np.add.at(shared, other, own[one])
         length = np.linalg.norm(shared, axis=1, keepdims=True)
         return np.where(length > 0, shared / np.maximum(length, 1e-30), [0.0, 0.0, 1.0])
 

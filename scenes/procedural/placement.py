@@ -193,26 +193,11 @@ class Furnisher:
 
     def _bathroom(self) -> None:
         rng, space = self.rng, self.space
-        has_bath = self.chance(0.65)
-        bath = None
-        if has_bath:
-            bath = space.against_wall(
-                rng,
-                "bath_tub",
-                self.make("bath_tub", width=float(rng.choice([1.6, 1.7]))),
-                where="corner",
-                tries=120,
-            )
-        if bath is None or self.area > 7:
-            self._shower()
-        basin = None
-        for _ in range(2):
-            basin = space.against_wall(rng, "wash_basin", self.make("wash_basin"), tries=120)
-            if basin is not None:
-                break
+        bath, basin = self._sanitary()
         if basin is not None:
             self._over_basin(basin)
-        space.against_wall(rng, "toilet", self.make("toilet"), tries=120)
+        if bath is None or self.area > 7:
+            self._shower()
         if self.chance(0.5):
             space.against_wall(
                 rng, "washing_machine", self.make("washing_machine"), where="corner", tries=80
@@ -228,6 +213,32 @@ class Furnisher:
             self._plant()
         if self.chance(0.25):
             self._pictures(1)
+
+    def _sanitary(self) -> tuple[Item | None, Item | None]:
+        """Bath, toilet and basin; in a tight room smaller ones, at last without the bath."""
+        space = self.space
+        with_bath = self.chance(0.65)
+        for tight in (False, True, True):
+            bath, toilet, basin = self._try_sanitary(with_bath, tight)
+            if toilet and basin:
+                return bath, basin
+            for item in (bath, toilet, basin):
+                if item is not None:
+                    space.remove_last()
+        bath, _, basin = self._try_sanitary(False, True)
+        return bath, basin
+
+    def _try_sanitary(
+        self, with_bath: bool, tight: bool
+    ) -> tuple[Item | None, Item | None, Item | None]:
+        rng, space = self.rng, self.space
+        bath = None
+        if with_bath:
+            tub = self.make("bath_tub", width=1.6 if tight else float(rng.choice([1.6, 1.7])))
+            bath = space.against_wall(rng, "bath_tub", tub, where="corner", tries=120)
+        toilet = space.against_wall(rng, "toilet", self.make("toilet"), tries=160)
+        sink = self.make("wash_basin", width=0.55) if tight else self.make("wash_basin")
+        return bath, toilet, space.against_wall(rng, "wash_basin", sink, tries=160)
 
     def _study(self) -> None:
         rng, space = self.rng, self.space
@@ -316,10 +327,14 @@ class Furnisher:
             if rug_top > 0:
                 space.remove_last()
             return None
-        table_pose = Pose(float(spot[0]), float(spot[1]), rug_top, pose.turn)
-        space.try_place(
-            "coffee_table", table, table_pose, allow=(kept_sofa.id,), zone=False, beneath=()
-        )
+        aside = np.array(edge.along)
+        for shift in (0.0, 0.2, -0.2, 0.4, -0.4):
+            x, y = spot + shift * aside
+            table_pose = Pose(float(x), float(y), rug_top, pose.turn)
+            if space.try_place(
+                "coffee_table", table, table_pose, allow=(kept_sofa.id,), zone=False
+            ):
+                break
         if stand_pose is not None:
             kept_stand = space.try_place("tv_stand", stand, stand_pose)
             if kept_stand is not None:
@@ -566,25 +581,28 @@ class Furnisher:
         units += [("base_cupboard", float(rng.choice([0.4, 0.5, 0.6]))) for _ in range(extras)]
         units.insert(0 if self.chance(0.6) else len(units), ("fridge", 0.61))
         pieces = [(kind, width, self.make(kind, width=min(width, 0.8))) for kind, width in units]
-        places = []
-        for edge in self.room.edges:
-            for way in (1.0, -1.0):
-                places += self._run_places(edge, way, pieces)
-        places.sort(key=lambda place: -place[0])
-        for _, edge, way, begin in places[:6]:
-            run = self._place_run(edge, way, begin, pieces)
-            if run:
-                if self.area > 9 and self.chance(0.5):
-                    self._second_run()
-                return run
+        # Where doors and windows leave no wall for the whole run, sink and hob must do.
+        core = [unit for unit in pieces if unit[0] in ("sink_unit", "hob_unit")]
+        for wanted, least in ((pieces, 3), (core, 2), (core[:1], 1), (core[1:], 1)):
+            places = []
+            for edge in self.room.edges:
+                for way in (1.0, -1.0):
+                    places += self._run_places(edge, way, wanted, least)
+            places.sort(key=lambda place: -place[0])
+            for _, edge, way, begin in places[:6]:
+                run = self._place_run(edge, way, begin, wanted, least)
+                if run:
+                    if self.area > 9 and self.chance(0.5):
+                        self._second_run()
+                    return run
         return []
 
     def _run_places(
-        self, edge: WallEdge, way: float, pieces: Sequence[tuple[str, float, Piece]]
+        self, edge: WallEdge, way: float, pieces: Sequence[tuple[str, float, Piece]], least: int
     ) -> list[tuple[float, WallEdge, float, float]]:
-        """(how good, edge, way, first s) of runs of three units and more along a wall."""
+        """(how good, edge, way, first s) of runs of `least` units and more along a wall."""
         places = []
-        for begin in np.arange(GAP, max(0.02, edge.length - 1.8), 0.2):
+        for begin in np.arange(GAP, max(0.02, edge.length - 0.6), 0.2):
             s = float(begin) if way > 0 else edge.length - float(begin)
             count = 0
             for _, width, piece in pieces:
@@ -594,7 +612,7 @@ class Furnisher:
                 ):
                     break
                 s, count = end, count + 1
-            if count >= 3:
+            if count >= least:
                 in_corner = 1.5 if begin < 0.05 else 0.0
                 places.append((count + in_corner + self.rng.random(), edge, way, float(begin)))
         return places
@@ -605,6 +623,7 @@ class Furnisher:
         way: float,
         begin: float,
         pieces: Sequence[tuple[str, float, Piece]],
+        least: int,
     ) -> list[Item]:
         space = self.space
         placed: list[Item] = []
@@ -622,7 +641,7 @@ class Furnisher:
                 break
             placed.append(item)
             s += way * (width + 0.001)
-        if len(placed) < 3:
+        if len(placed) < least:
             for _ in placed:
                 space.remove_last()
             return []
@@ -684,17 +703,15 @@ class Furnisher:
         item = space.against_wall(rng, "base_cupboard", unit, where="corner", tries=40)
         if item is None:
             return
-        edge = next(
-            edge
-            for edge in self.room.edges
-            if facing(edge.inward) == item.pose.turn and abs(_depth(edge, item) - 0.3 - GAP) < 0.05
-        )
-        s = space.position_on(edge, np.array([item.pose.x, item.pose.y]))
-        for side in (-1.0, 1.0):
-            nxt = self.make("drawer_unit", width=0.6)
-            pose = space.wall_pose(nxt, edge, s + side * 0.601)
-            if space.try_place("drawer_unit", nxt, pose, allow=(item.id,)):
-                break
+        edge = self._edge_behind(item)
+        if edge is not None:
+            s = space.position_on(edge, np.array([item.pose.x, item.pose.y]))
+            for side in (-1.0, 1.0):
+                nxt = self.make("drawer_unit", width=0.6)
+                pose = space.wall_pose(nxt, edge, s + side * 0.601)
+                if space.try_place("drawer_unit", nxt, pose, allow=(item.id,)):
+                    return
+        space.remove_last()  # one cupboard alone looks lost
 
     def _shower(self) -> Item | None:
         rng, space = self.rng, self.space

@@ -209,7 +209,7 @@ def _walls(plan: Plan, room: PlanRoom, finish: RoomFinish) -> list[Part]:
         if opening.rooms[0] == room.id
         for quad in _reveals(opening)
     ]
-    parts = [part_of("wall", finish.wall, *plain)]
+    parts = [part_of("wall", finish.wall, *plain)] if plain else []
     if accent and finish.accent:
         parts.append(part_of("accent", finish.accent, *accent))
     if tiled and finish.wall_tiles:
