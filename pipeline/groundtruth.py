@@ -1,8 +1,8 @@
 """Ground truth of a view: the path-traced image, in colour or of the scene's neutral twin.
 
 Samples are taken in blocks, each an independent stratified estimate (multi-jittered, box filter)
-with its own derived seed, and averaged in float64. That bounds memory, makes the image equal
-whatever the number of threads, and yields the noise estimate. Left out: participating media,
+with random numbers of its own, and averaged in float64. That bounds memory, makes the image
+equal whatever the number of threads, and yields the noise estimate. Left out: participating media,
 lens blur, motion blur, wavelengths, and pixels that are not square.
 """
 
@@ -24,7 +24,8 @@ from pipeline.views import View
 from scenes.errors import InputError
 from scenes.seeds import derive32
 
-REVISION = 1
+REVISION = 2
+_LAUNCH = 1 << 21  # samples; changing it changes pixels
 _NEAR, _FAR = 1e-3, 1e5  # metres
 _FIREFLY_RATIO = 8.0  # times the median of the 5 x 5 pixels around
 _FIREFLY_DOUBT = 0.5  # relative error from which a bright pixel is chance, not a small lamp
@@ -51,36 +52,39 @@ def render_truth(
     `seed` is the view's own seed, see `scenes.seeds`. Raises `InputError` for a view whose
     pixels are not square.
     """
-    sizes = block_sizes(params)
-    sensor, integrator = _sensor(view), _integrator(params.max_depth, params.rr_depth)
+    spp, blocks = block_sizes(params)
+    at_once = blocks_at_once(blocks, spp * view.width * view.height)
+    sensor, integrator = _sensor(view, at_once), _integrator(params.max_depth, params.rr_depth)
     scene = render_scene.mitsuba
     total = np.zeros((view.height, view.width, 3))
     finite = np.zeros((view.height, view.width))
     lights = []
-    for block, spp in enumerate(sizes):
-        image = mi.render(
+    for first in range(0, blocks, at_once):
+        launch = mi.render(
             scene,
             sensor=sensor,
             integrator=integrator,
             spp=spp,
-            seed=derive32(seed, "block", block),
+            seed=derive32(seed, "block", first),
         )
-        pixels: Float64 = np.asarray(image, dtype=np.float64)
-        sound = np.asarray(np.isfinite(pixels).all(axis=-1))
-        pixels = np.where(sound[..., None], pixels, 0)
-        total += pixels
-        finite += sound
-        lights.append(np.where(sound, luminance(pixels), np.nan))
+        images = np.asarray(launch, dtype=np.float64).reshape(view.height, at_once, view.width, 3)
+        for block in range(at_once):
+            pixels: Float64 = images[:, block]
+            sound = np.asarray(np.isfinite(pixels).all(axis=-1))
+            pixels = np.where(sound[..., None], pixels, 0)
+            total += pixels
+            finite += sound
+            lights.append(np.where(sound, luminance(pixels), np.nan))
     mean = total / np.maximum(finite, 1)[..., None]
     negative = (mean < 0).any(axis=-1)
     mean = np.maximum(mean, 0)
     error = relative_error(np.stack(lights))
     lum = luminance(mean)
     stats = {
-        "spp": int(sum(sizes)),
-        "blocks": len(sizes),
+        "spp": spp * blocks,
+        "blocks": blocks,
         "noise": float(np.sqrt(np.mean(error**2))),
-        "nan_pixels": int((finite < len(sizes)).sum()),
+        "nan_pixels": int((finite < blocks).sum()),
         "lost_pixels": int((finite == 0).sum()),
         "negative_pixels": int(negative.sum()),
         "black": float((lum == 0).mean()),
@@ -90,8 +94,8 @@ def render_truth(
     return {name: mean[..., i].astype(np.float32) for i, name in enumerate(RGB)}, stats
 
 
-def block_sizes(params: GroundTruthParams) -> tuple[int, ...]:
-    """Samples a pixel of each block: equal, at least two blocks unless there is one sample.
+def block_sizes(params: GroundTruthParams) -> tuple[int, int]:
+    """Samples a pixel in one block, and the number of blocks: two or more unless `spp` is 1.
 
     A noise estimate needs two independent blocks, so samples that would fit into one block are
     shared by two (or, if odd, taken one by one). The sampler wants a number with a factor
@@ -100,7 +104,17 @@ def block_sizes(params: GroundTruthParams) -> tuple[int, ...]:
     spp, size = params.spp, min(params.block_spp, params.spp)
     if spp // size < 2 and spp > 1:
         size = spp // 2 if spp % 2 == 0 else 1
-    return (stratified(size),) * (spp // size)
+    return stratified(size), spp // size
+
+
+def blocks_at_once(blocks: int, samples: int) -> int:
+    """How many blocks of so many samples are traced in one launch: a divisor of `blocks`.
+
+    Each launch costs about a quarter of a second of one core in a furnished scene, whatever
+    its size, so small images take several blocks at once, as many as `_LAUNCH` allows.
+    """
+    fitting = (n for n in range(1, blocks + 1) if blocks % n == 0 and n * samples <= _LAUNCH)
+    return max(fitting, default=1)
 
 
 def stratified(spp: int) -> int:
@@ -139,8 +153,12 @@ def _fireflies(lum: Float64, error: Float64) -> npt.NDArray[np.bool_]:
     return bright & (error > _FIREFLY_DOUBT)
 
 
-def _sensor(view: View) -> Any:
-    """A Mitsuba sensor for exactly this camera."""
+def _sensor(view: View, copies: int = 1) -> Any:
+    """A Mitsuba sensor for exactly this camera; with `copies`, so many images side by side.
+
+    Samples are stratified within a pixel and independent between pixels, so each copy is an
+    independent estimate.
+    """
     intrinsics, pose = view.intrinsics, view.pose
     focal = intrinsics[0, 0]
     if abs(intrinsics[1, 1] - focal) > 1e-6 * focal or abs(intrinsics[0, 1]) > 1e-9:
@@ -151,27 +169,30 @@ def _sensor(view: View) -> Any:
         )
     # Mitsuba's camera has x to the left and y up.
     to_world = pose @ np.diag([-1.0, -1.0, 1.0, 1.0])
-    return mi.load_dict(
-        {
-            "type": "perspective",
-            "to_world": mi.ScalarTransform4f(to_world),
-            "fov": float(np.degrees(2 * np.arctan(0.5 * view.width / focal))),
-            "fov_axis": "x",
-            "principal_point_offset_x": float(0.5 - intrinsics[0, 2] / view.width),
-            "principal_point_offset_y": float(0.5 - intrinsics[1, 2] / view.height),
-            "near_clip": _NEAR,
-            "far_clip": _FAR,
-            "sampler": {"type": "multijitter"},
-            "film": {
-                "type": "hdrfilm",
-                "width": view.width,
-                "height": view.height,
-                "rfilter": {"type": "box"},  # bit-exact for any number of threads
-                "pixel_format": "rgb",
-                "component_format": "float32",
-            },
-        }
-    )
+    film = {
+        "type": "hdrfilm",
+        "height": view.height,
+        "rfilter": {"type": "box"},  # bit-exact for any number of threads
+        "pixel_format": "rgb",
+        "component_format": "float32",
+    }
+    camera = {
+        "type": "perspective",
+        "to_world": mi.ScalarTransform4f(to_world),
+        "fov": float(np.degrees(2 * np.arctan(0.5 * view.width / focal))),
+        "fov_axis": "x",
+        "principal_point_offset_x": float(0.5 - intrinsics[0, 2] / view.width),
+        "principal_point_offset_y": float(0.5 - intrinsics[1, 2] / view.height),
+        "near_clip": _NEAR,
+        "far_clip": _FAR,
+        "film": {**film, "width": view.width},
+    }
+    sampler = {"type": "multijitter"}
+    if copies == 1:
+        return mi.load_dict({**camera, "sampler": sampler})
+    cameras = {f"copy{index}": camera for index in range(copies)}
+    wide = {**film, "width": copies * view.width}
+    return mi.load_dict({"type": "batch", **cameras, "film": wide, "sampler": sampler})
 
 
 @lru_cache(maxsize=8)

@@ -16,7 +16,13 @@ import pytest
 from PIL import Image
 
 from pipeline import groundtruth
-from pipeline.groundtruth import block_sizes, relative_error, render_truth, stratified
+from pipeline.groundtruth import (
+    block_sizes,
+    blocks_at_once,
+    relative_error,
+    render_truth,
+    stratified,
+)
 from pipeline.params import GroundTruthParams
 from pipeline.renderer import open_scene, set_variant
 from pipeline.views import View
@@ -110,7 +116,7 @@ def test_known_points_land_on_their_pixels(tmp_path: Path) -> None:
     for number, (column, row) in enumerate(spots):
         local = np.linalg.inv(view.intrinsics) @ [column + 0.5, row + 0.5, 1.0]
         centre = (view.pose @ [*(local * 2.5), 1.0])[:3]
-        body += ball(f"s{number}", tuple(centre), 0.02, glow())
+        body += ball(f"s{number}", tuple(centre), 0.015, glow())
     got = truth(tmp_path, body, view, spp=16, max_depth=1)
     rows, columns = np.nonzero(got[..., 0])
     assert set(zip(columns, rows, strict=True)) == set(spots)
@@ -246,32 +252,32 @@ def test_relative_error_is_bounded_and_ignores_what_is_not_finite() -> None:
 
 
 def test_samples_are_split_into_blocks() -> None:
-    def sizes(spp: int, block: int) -> tuple[int, ...]:
+    def sizes(spp: int, block: int) -> tuple[int, int]:
         return block_sizes(GroundTruthParams(spp=spp, block_spp=block))
 
-    assert sizes(64, 16) == (16,) * 4
-    assert sizes(16, 16) == (8, 8)
+    assert sizes(64, 16) == (16, 4)
+    assert sizes(16, 16) == (8, 2)
     assert sizes(4, 16) == (2, 2)
-    assert sizes(3, 16) == (1, 1, 1)
-    assert sizes(1, 16) == (1,)
+    assert sizes(3, 16) == (1, 3)
+    assert sizes(1, 16) == (1, 1)
+    assert blocks_at_once(12, 1 << 18) == 6
+    assert blocks_at_once(7, 1 << 20) == 1
+    assert blocks_at_once(4, 1 << 30) == 1
     assert [stratified(n) for n in (1, 2, 7, 8, 12, 16, 17)] == [1, 2, 8, 8, 12, 16, 20]
 
 
 def test_broken_samples_are_counted_and_replaced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    blocks = iter(range(4))
-
     class Fake:
         @staticmethod
         def render(*_: object, **__: object) -> np.ndarray:
-            image = np.full((24, 32, 3), 2.0, dtype=np.float32)
-            image[5, 6] = -1e-4
-            image[0, 0] = np.nan
-            if next(blocks) == 1:
-                image[3, 4] = np.inf
-                image[10, 10] = 1e4
-            return image
+            blocks = np.full((24, 4, 32, 3), 2.0, dtype=np.float32)
+            blocks[5, :, 6] = -1e-4
+            blocks[0, :, 0] = np.nan
+            blocks[3, 1, 4] = np.inf
+            blocks[10, 1, 10] = 1e4
+            return blocks.reshape(24, 4 * 32, 3)
 
         def __getattr__(self, name: str) -> object:
             return getattr(mitsuba, name)
