@@ -51,7 +51,15 @@ def make_home(folder: Path, scene_id: str, params: SceneParams, seed: int, light
     furniture = furnish(generator(seed, "furniture"), plan, style)
     outdoors = build_outdoors(generator(seed, "outdoors"), plan)
     things = [*building, *furniture, *outdoors]
-    lit = choose_lit(generator(seed, "lamps", lighting), lighting, furniture)
+    bright = {
+        room
+        for opening in plan.openings
+        if opening.is_outer
+        for room in opening.rooms
+        if opening.kind != "entrance"
+    }
+    windowless = [room.id for room in plan.rooms if room.id not in bright]
+    lit = choose_lit(generator(seed, "lamps", lighting), lighting, furniture, windowless)
     burning = [part for thing in lamps_of(furniture) if thing.id in lit for part in thing.parts]
     lamp_weight = sum(sampling_weight(part) for part in burning if part.lumens > 0)
     cooler = draw_cooler(generator(seed, "lamp colour", lighting))

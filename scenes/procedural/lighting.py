@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,11 +83,15 @@ def lamps_of(things: Sequence[Thing]) -> list[Thing]:
     return [thing for thing in things if any(part.lumens > 0 for part in thing.parts)]
 
 
-def choose_lit(rng: np.random.Generator, setting: str, things: Sequence[Thing]) -> set[str]:
-    """Ids of the lamps that burn: none by day; by night at least one in each room that has any."""
-    if setting == "day":
-        return set()
-    share = {"evening": 0.6, "night": 0.75, "mixed": 0.55}[setting]
+def choose_lit(
+    rng: np.random.Generator, setting: str, things: Sequence[Thing], windowless: Collection[str]
+) -> set[str]:
+    """Ids of the lamps that burn.
+
+    By night and in the evening at least one in each room that has any; by day none, except in
+    the rooms without a window.
+    """
+    share = {"day": 0.0, "evening": 0.6, "night": 0.75, "mixed": 0.55}[setting]
     lit: set[str] = set()
     by_room: dict[str | None, list[Thing]] = {}
     for lamp in lamps_of(things):
@@ -96,15 +100,19 @@ def choose_lit(rng: np.random.Generator, setting: str, things: Sequence[Thing]) 
         lamps = by_room[room]
         draws = rng.random(len(lamps))
         chosen = {lamp.id for lamp, draw in zip(lamps, draws, strict=True) if draw < share}
-        if not chosen and setting in ("night", "evening"):
+        if not chosen and (setting in ("night", "evening") or room in windowless):
             chosen = {max(lamps, key=_lumens).id}
         lit |= chosen
     return lit
 
 
 def draw_cooler(rng: np.random.Generator) -> float:
-    """Kelvins by which a home's lamps are cooler than filament bulbs: some have white LEDs."""
-    return float(rng.choice([0.0, 300.0, 800.0, 1400.0], p=[0.3, 0.3, 0.25, 0.15]))
+    """Kelvins by which a home's lamps look cooler than their nominal colour temperature.
+
+    Frames are not white-balanced but for daylight; eyes and cameras adapt at least in part to
+    lamplight, and some lamps are white LEDs.
+    """
+    return float(rng.choice([500.0, 1000.0, 1600.0, 2600.0], p=[0.25, 0.3, 0.3, 0.15]))
 
 
 def sampling_weight(part: Part) -> float:
