@@ -26,7 +26,8 @@ from scenes.params import SceneParams
 from scenes.procedural.home import make_home
 from scenes.registry import import_scene
 
-_OPEN_SCENES = 2  # a worker's scene and, at the end of a run, one it helps with
+# One: Dr.Jit compiles the materials of every open scene into each kernel.
+_OPEN_SCENES = 1
 _open: OrderedDict[tuple[str, str], RenderScene] = OrderedDict()
 _threads_set = 0
 
