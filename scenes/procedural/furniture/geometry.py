@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 from typing import Literal
 
@@ -105,19 +106,37 @@ def box(
     centre = np.asarray(at, dtype=float) + np.array([0, 0, half[2]])
     bevel = min(bevel, 0.45 * 2 * float(half.min()))
     along = AXES[grain] if grain else int(np.argmax(half))
-    vertices: list[Array] = []
-    uvs: list[Array] = []
-    faces: list[list[int]] = []
-    # Boards sawn from one texture should not look alike: each starts somewhere else.
-    start = np.array([1.7, 2.3]) @ np.array([[centre[0], centre[1]], [centre[2], centre[0]]])
-
-    def polygon(corners: Array, axis: int) -> None:
+    signs, inset, facing, faces = _box_template(bevel > 0)
+    corners = signs * (half - inset * max(bevel, 0.0))
+    # (u, v) of the faces across each axis
+    axes = np.empty((3, 2), dtype=np.int64)
+    for axis in range(3):
         others = [other for other in range(3) if other != axis]
         u = along if along in others else max(others, key=lambda other: half[other])
-        v = others[0] if others[1] == u else others[1]
-        first = sum(len(block) for block in vertices)
-        vertices.append(corners + centre)
-        uvs.append(np.stack([corners[:, u], corners[:, v]], axis=1) + start)
+        axes[axis] = u, others[0] if others[1] == u else others[1]
+    # Boards sawn from one texture should not look alike: each starts somewhere else.
+    start = np.array([1.7, 2.3]) @ np.array([[centre[0], centre[1]], [centre[2], centre[0]]])
+    uvs = np.take_along_axis(corners, axes[facing], axis=1) + start
+    return Mesh(corners + centre, faces.copy(), uvs, smooth=bevel > 0)
+
+
+@lru_cache
+def _box_template(
+    bevelled: bool,
+) -> tuple[Array, Array, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """What all boxes share: of each vertex the signs of its corner (V, 3), along which axes the
+    bevel draws it in (V, 3), and the axis its face lies across (V,); and the faces (F, 3).
+    """
+    bevel = 0.25 if bevelled else 0.0
+    half = np.ones(3)
+    vertices: list[Array] = []
+    across: list[int] = []
+    faces: list[list[int]] = []
+
+    def polygon(corners: Array, axis: int) -> None:
+        first = len(across)
+        vertices.append(corners)
+        across.extend([axis] * len(corners))
         faces.extend([first, first + i, first + i + 1] for i in range(1, len(corners) - 1))
 
     for axis in range(3):
@@ -144,12 +163,9 @@ def box(
                     signs = np.array([sx, sy, sz])
                     corner = signs * (half - bevel) + np.diag(signs * bevel)
                     polygon(corner if sx * sy * sz > 0 else corner[::-1], 2)
-    return Mesh(
-        np.concatenate(vertices),
-        np.array(faces, dtype=np.int64),
-        np.concatenate(uvs),
-        smooth=bevel > 0,
-    )
+    points = np.concatenate(vertices)
+    inset = (np.abs(points) < 0.9).astype(float)
+    return np.sign(points), inset, np.array(across), np.array(faces, dtype=np.int64)
 
 
 def span(
@@ -437,7 +453,10 @@ def _facets(points: Array) -> Mesh:
 
 def _areas(vertices: Array, faces: npt.NDArray[np.int64]) -> Array:
     a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+    # Spelt out: np.cross costs more than all the rest of a small grid.
+    (x0, y0, z0), (x1, y1, z1) = (b - a).T, (c - a).T
+    x, y, z = y0 * z1 - z0 * y1, z0 * x1 - x0 * z1, x0 * y1 - y0 * x1
+    return np.asarray(np.sqrt(x * x + y * y + z * z) / 2)
 
 
 def _signed_area(loop: Array) -> float:
