@@ -297,6 +297,24 @@ class Furnisher:
                     if sofa is not None:
                         self._beside_sofa(sofa)
                         return sofa
+        return self._island()
+
+    def _island(self) -> Item | None:
+        """Sofa, low table and armchair in the middle, where doors leave no wall for them."""
+        rng, space = self.rng, self.space
+        sofa_piece, table = self.make("sofa", width=1.7), self.make("coffee_table")
+        for attempt in range(40):
+            x, y = space.open_middle() + rng.normal(0, 0.1 + 0.03 * attempt, 2)
+            pose = Pose(float(x), float(y), 0.0, 90.0 * int(rng.integers(4)))
+            sofa = space.try_place("sofa", sofa_piece, pose)
+            if sofa is None:
+                continue
+            ahead = float(-sofa_piece.bounds[0, 1]) + 0.4 + 0.5 * float(np.ptp(table.bounds[:, 1]))
+            at = sofa.pose.apply(np.array([[0.0, -ahead, 0.0]]))[0]
+            low = Pose(float(at[0]), float(at[1]), 0.0, pose.turn)
+            space.try_place("coffee_table", table, low, allow=(sofa.id,), zone=False)
+            self._armchair(sofa)
+            return sofa
         return None
 
     def _try_seating(
@@ -583,14 +601,19 @@ class Furnisher:
         pieces = [(kind, width, self.make(kind, width=min(width, 0.8))) for kind, width in units]
         # Where doors and windows leave no wall for the whole run, sink and hob must do.
         core = [unit for unit in pieces if unit[0] in ("sink_unit", "hob_unit")]
-        for wanted, least in ((pieces, 3), (core, 2), (core[:1], 1), (core[1:], 1)):
+        for wanted, least, zone in (
+            (pieces, 3, True),
+            (core, 2, True),
+            (core, 2, False),
+            (core[:1], 1, False),
+        ):
             places = []
             for edge in self.room.edges:
                 for way in (1.0, -1.0):
                     places += self._run_places(edge, way, wanted, least)
             places.sort(key=lambda place: -place[0])
             for _, edge, way, begin in places[:6]:
-                run = self._place_run(edge, way, begin, wanted, least)
+                run = self._place_run(edge, way, begin, wanted, least, zone)
                 if run:
                     if self.area > 9 and self.chance(0.5):
                         self._second_run()
@@ -624,6 +647,7 @@ class Furnisher:
         begin: float,
         pieces: Sequence[tuple[str, float, Piece]],
         least: int,
+        zone: bool,
     ) -> list[Item]:
         space = self.space
         placed: list[Item] = []
@@ -636,6 +660,7 @@ class Furnisher:
                 piece,
                 space.wall_pose(piece, edge, s + way * width / 2),
                 allow=[item.id for item in placed],
+                zone=zone,
             )
             if item is None:
                 break
