@@ -15,10 +15,10 @@ from model.encoding import color_exposure
 from model.inference import Networks, likely_exposure
 from model.metrics import flip_map, measure
 from pipeline.frames import Channels, Frame, frame_path, read_frame
-from pipeline.groundtruth import render_truth
 from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
 from pipeline.params import Params, ToneParams
+from pipeline.passes import PASSES
 from pipeline.pictures import Picture, contact_sheet, error_picture
 from pipeline.renderer import RenderScene, open_scene, set_variant
 from pipeline.tonemap import exposure_of, to_bytes, tonemap
@@ -151,8 +151,8 @@ def compare(networks: Networks, example: Example, prediction: Prediction) -> tup
 
 def _traced(scene: RenderScene, view: View, params: Params) -> tuple[Channels, Channels]:
     seed = derive(params.seed, "predict", view.scene_id, view.view_id)
-    shading, _ = render_truth(scene.neutral(params.shading.albedo), view, params.groundtruth, seed)
-    color, _ = render_truth(scene.neutral(None), view, params.groundtruth, seed)
+    shading, _ = PASSES["shading"].render(scene, view, params, seed)
+    color, _ = PASSES["color"].render(scene, view, params, seed)
     return shading, color
 
 
