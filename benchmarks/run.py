@@ -1,0 +1,278 @@
+"""`make bench`: ratios of costs, each measured in one run on one machine, interleaved.
+
+Machines are shared and noisy, so no absolute time stands alone: every row compares two ways of
+doing something, in turn, several times, and gives the median ratio with its spread. The table is
+printed and written to benchmarks/results.json.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import click
+import mitsuba as mi
+import numpy as np
+import pyarrow.dataset
+
+from pipeline.cameras import sample_cameras
+from pipeline.dataset import pack_dataset
+from pipeline.frames import frame_path, read_frame
+from pipeline.groundtruth import render_truth
+from pipeline.illumination import render_illumination
+from pipeline.inputs import render_inputs
+from pipeline.params import Params
+from pipeline.renderer import RenderScene, open_scene, renderer_version, set_variant
+from pipeline.stages import run_cameras, run_groundtruth, run_illumination, run_inputs, run_scenes
+from pipeline.views import View, load_cameras
+from scenes.contract import load_scene, scene_folders
+from scenes.files import write_json
+
+REPEATS = 5
+ROOT = Path(__file__).resolve().parent
+
+
+@dataclass(frozen=True)
+class Row:
+    """One comparison: the median of `a / b` over the repeats, and its range."""
+
+    name: str
+    ratio: float
+    low: float
+    high: float
+    repeats: int
+    meaning: str
+
+
+def compare(
+    name: str,
+    meaning: str,
+    a: Callable[[], object],
+    b: Callable[[], object],
+    repeats: int = REPEATS,
+) -> Row:
+    """Time `a` and `b` in turn; one warm-up of each is not counted."""
+    seconds: tuple[list[float], list[float]] = ([], [])
+    for attempt in range(repeats + 1):
+        for way, kept in zip((a, b), seconds, strict=True):
+            started = time.perf_counter()
+            way()
+            if attempt:
+                kept.append(time.perf_counter() - started)
+    return _row(name, meaning, [x / y for x, y in zip(*seconds, strict=True)])
+
+
+def _row(name: str, meaning: str, ratios: list[float]) -> Row:
+    return Row(name, statistics.median(ratios), min(ratios), max(ratios), len(ratios), meaning)
+
+
+def plain_loop(scene: RenderScene, views: list[View], spp: int, depth: int) -> None:
+    """What anyone would write first: `mi.render` over the views, with Mitsuba's own film."""
+    integrator = mi.load_dict({"type": "path", "max_depth": depth})
+    for view in views:
+        sensor = mi.load_dict(
+            {
+                "type": "perspective",
+                "fov": float(np.degrees(2 * np.arctan(view.width / 2 / view.K[0][0]))),
+                "to_world": mi.ScalarTransform4f(view.pose @ np.diag([-1.0, -1.0, 1.0, 1.0])),
+                "sampler": {"type": "multijitter"},
+                "film": {
+                    "type": "hdrfilm",
+                    "width": view.width,
+                    "height": view.height,
+                    "rfilter": {"type": "box"},
+                },
+            }
+        )
+        np.array(mi.render(scene.mitsuba, sensor=sensor, integrator=integrator, spp=spp))
+
+
+def error_ratio(scene: RenderScene, view: View, params: Params) -> Row:
+    """Squared error of Mitsuba's default sampler over that of ours, at equal samples."""
+    truth = replace(params.groundtruth, spp=4096, block_spp=256)
+    reference, _ = render_truth(scene, view, truth, seed=1)
+    wanted = np.stack([reference[band] for band in "RGB"], axis=-1)
+    ratios = []
+    for seed in range(REPEATS):
+        ours, _ = render_truth(scene, view, replace(truth, spp=64, block_spp=16), seed=seed + 2)
+        found = np.stack([ours[band] for band in "RGB"], axis=-1)
+        sensor = mi.load_dict(
+            {
+                "type": "perspective",
+                "fov": float(np.degrees(2 * np.arctan(view.width / 2 / view.K[0][0]))),
+                "to_world": mi.ScalarTransform4f(view.pose @ np.diag([-1.0, -1.0, 1.0, 1.0])),
+                "sampler": {"type": "independent"},
+                "film": {
+                    "type": "hdrfilm",
+                    "width": view.width,
+                    "height": view.height,
+                    "rfilter": {"type": "box"},
+                },
+            }
+        )
+        integrator = mi.load_dict({"type": "path", "max_depth": params.groundtruth.max_depth})
+        plain = np.array(
+            mi.render(scene.mitsuba, sensor=sensor, integrator=integrator, spp=64, seed=seed)
+        )
+        limit = np.quantile(wanted, 0.99)  # the last per cent is lamps and their fireflies
+        ratios.append(
+            float(
+                np.mean((np.minimum(found, limit) - np.minimum(wanted, limit)) ** 2)
+                / np.mean((np.minimum(plain[..., :3], limit) - np.minimum(wanted, limit)) ** 2)
+            )
+        )
+    return _row("error: ours / independent", "squared error of 64 spp, equal samples", ratios)
+
+
+def scalar_ratio(data: Path, scene_id: str) -> Row:
+    """Seconds of `scalar_rgb` over those of the variant in use, processes of their own."""
+    code = (
+        "import sys, time; from pathlib import Path\n"
+        "from pipeline.params import Params, GroundTruthParams\n"
+        "from pipeline.renderer import open_scene, set_variant\n"
+        "from pipeline.groundtruth import render_truth\n"
+        "from pipeline.views import load_cameras; from scenes.contract import load_scene\n"
+        "set_variant(sys.argv[1]); data = Path(sys.argv[2])\n"
+        "scene = open_scene(load_scene(data / 'scenes' / sys.argv[3]))\n"
+        "view = load_cameras(data / 'cameras' / f'{sys.argv[3]}.json').views[0]\n"
+        "truth = GroundTruthParams(spp=16, block_spp=16)\n"
+        "render_truth(scene, view, truth, 0); start = time.perf_counter()\n"
+        "render_truth(scene, view, truth, 1); print(time.perf_counter() - start)\n"
+    )
+
+    def seconds(variant: str) -> float:
+        done = subprocess.run(
+            [sys.executable, "-c", code, variant, str(data), scene_id],
+            capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        return float(done.stdout.split()[-1])
+
+    current = str(mi.variant())
+    ratios = [seconds("scalar_rgb") / seconds(current) for _ in range(3)]
+    return _row(f"scalar_rgb / {current}", "seconds of a ground truth render", ratios)
+
+
+def reading_ratio(data: Path, views: list[View]) -> Row:
+    """Seconds to read the EXR frames over seconds to read the same views from the shards."""
+
+    def from_frames() -> None:
+        for view in views:
+            for kind in ("inputs", "illumination", "shading", "color"):
+                read_frame(frame_path(data, kind, view), verify=False)
+
+    def from_shards() -> None:
+        pyarrow.dataset.dataset(sorted((data / "dataset").glob("*.parquet"))).to_table()
+
+    return compare("EXR frames / shards", "seconds to read every view", from_frames, from_shards)
+
+
+@click.command()
+@click.option("--homes", default=3, show_default=True, help="Homes to measure on.")
+@click.option("--out", type=click.Path(path_type=Path), default=ROOT / "results.json")
+def main(homes: int, out: Path) -> None:
+    """Measure, print the table and write it."""
+    variant = set_variant()
+    params = Params()
+    params = replace(
+        params,
+        scenes=replace(params.scenes, homes=homes),
+        cameras=replace(params.cameras, views_per_scene=4),
+        dataset=replace(params.dataset, splits=replace(params.dataset.splits, test=0.34)),
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        data = Path(folder)
+        run_scenes(data, params)
+        run_cameras(data, params)
+        scene_ids = [path.name for path in scene_folders(data / "scenes")]
+        views = {
+            name: list(load_cameras(data / "cameras" / f"{name}.json").views) for name in scene_ids
+        }
+        name = max(views, key=lambda key: len(views[key]))
+        scene = open_scene(load_scene(data / "scenes" / name))
+        view, truth = views[name][0], params.groundtruth
+        rows = [_stage_ratio(data, params, views)]
+        rows += [
+            compare(
+                "panorama / ground truth",
+                f"one view, {params.illumination.width} pixels wide against {truth.spp} spp x 2",
+                lambda: render_illumination(scene, view, params.illumination),
+                lambda: _both_truths(scene, view, params),
+            ),
+            compare(
+                "inputs / ground truth",
+                "one view's depth, normal, reflectance against both path traces",
+                lambda: render_inputs(scene, view),
+                lambda: _both_truths(scene, view, params),
+            ),
+            compare(
+                "cameras / ground truth",
+                "sampling all views of a home against path tracing one of them",
+                lambda: sample_cameras(scene, scene.scene, params, 0),
+                lambda: _both_truths(scene, view, params),
+            ),
+            error_ratio(scene, view, params),
+        ]
+        if variant != "scalar_rgb":
+            rows.append(scalar_ratio(data, name))
+        run_inputs(data, params)
+        run_illumination(data, params)
+        run_groundtruth(data, params)
+        pack_dataset(data, params)
+        rows.append(reading_ratio(data, [one for each in views.values() for one in each]))
+    _show(rows, out)
+
+
+def _both_truths(scene: RenderScene, view: View, params: Params) -> None:
+    render_truth(scene, view, params.groundtruth, 0)
+    render_truth(scene.neutral(params.shading.albedo), view, params.groundtruth, 0)
+
+
+def _stage_ratio(data: Path, params: Params, views: dict[str, list[View]]) -> Row:
+    """The stage, workers and files included, over the plain loop in one process."""
+    spp = params.groundtruth.spp
+
+    def stage() -> None:
+        for kind in ("shading", "color"):
+            for path in (data / kind).rglob("*.exr"):
+                path.unlink()
+        run_groundtruth(data, params)
+
+    def loop() -> None:
+        for name, some in views.items():
+            scene = open_scene(load_scene(data / "scenes" / name))
+            plain_loop(scene, some, spp, params.groundtruth.max_depth)
+            plain_loop(scene.neutral(0.5), some, spp, params.groundtruth.max_depth)
+
+    return compare(
+        "groundtruth stage / mi.render loop",
+        "wall time, equal views and spp, scene loading and files included",
+        stage,
+        loop,
+        repeats=3,
+    )
+
+
+def _show(rows: list[Row], out: Path) -> None:
+    click.echo(f"{'comparison':36} {'ratio':>8} {'low':>8} {'high':>8}  meaning")
+    for row in rows:
+        click.echo(f"{row.name:36} {row.ratio:8.3f} {row.low:8.3f} {row.high:8.3f}  {row.meaning}")
+    machine = {
+        "cpus": len(os.sched_getaffinity(0)),
+        "processor": platform.machine(),
+        "python": platform.python_version(),
+        "renderer": renderer_version(),
+    }
+    write_json(out, {"machine": machine, "rows": [asdict(row) for row in rows]})
+    click.echo(f"written to {out}")
+
+
+if __name__ == "__main__":
+    main()
