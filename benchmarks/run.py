@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import click
 import mitsuba as mi
@@ -74,24 +75,29 @@ def _row(name: str, meaning: str, ratios: list[float]) -> Row:
     return Row(name, statistics.median(ratios), min(ratios), max(ratios), len(ratios), meaning)
 
 
+def plain_sensor(view: View, sampler: str) -> Any:
+    """A view's camera as Mitsuba's own documentation would write it."""
+    return mi.load_dict(
+        {
+            "type": "perspective",
+            "fov": float(np.degrees(2 * np.arctan(view.width / 2 / view.K[0][0]))),
+            "to_world": mi.ScalarTransform4f(view.pose @ np.diag([-1.0, -1.0, 1.0, 1.0])),
+            "sampler": {"type": sampler},
+            "film": {
+                "type": "hdrfilm",
+                "width": view.width,
+                "height": view.height,
+                "rfilter": {"type": "box"},
+            },
+        }
+    )
+
+
 def plain_loop(scene: RenderScene, views: list[View], spp: int, depth: int) -> None:
     """What anyone would write first: `mi.render` over the views, with Mitsuba's own film."""
     integrator = mi.load_dict({"type": "path", "max_depth": depth})
     for view in views:
-        sensor = mi.load_dict(
-            {
-                "type": "perspective",
-                "fov": float(np.degrees(2 * np.arctan(view.width / 2 / view.K[0][0]))),
-                "to_world": mi.ScalarTransform4f(view.pose @ np.diag([-1.0, -1.0, 1.0, 1.0])),
-                "sampler": {"type": "multijitter"},
-                "film": {
-                    "type": "hdrfilm",
-                    "width": view.width,
-                    "height": view.height,
-                    "rfilter": {"type": "box"},
-                },
-            }
-        )
+        sensor = plain_sensor(view, "multijitter")
         np.array(mi.render(scene.mitsuba, sensor=sensor, integrator=integrator, spp=spp))
 
 
@@ -104,20 +110,7 @@ def error_ratio(scene: RenderScene, view: View, params: Params) -> Row:
     for seed in range(REPEATS):
         ours, _ = render_truth(scene, view, replace(truth, spp=64, block_spp=16), seed=seed + 2)
         found = np.stack([ours[band] for band in "RGB"], axis=-1)
-        sensor = mi.load_dict(
-            {
-                "type": "perspective",
-                "fov": float(np.degrees(2 * np.arctan(view.width / 2 / view.K[0][0]))),
-                "to_world": mi.ScalarTransform4f(view.pose @ np.diag([-1.0, -1.0, 1.0, 1.0])),
-                "sampler": {"type": "independent"},
-                "film": {
-                    "type": "hdrfilm",
-                    "width": view.width,
-                    "height": view.height,
-                    "rfilter": {"type": "box"},
-                },
-            }
-        )
+        sensor = plain_sensor(view, "independent")
         integrator = mi.load_dict({"type": "path", "max_depth": params.groundtruth.max_depth})
         plain = np.array(
             mi.render(scene.mitsuba, sensor=sensor, integrator=integrator, spp=64, seed=seed)
