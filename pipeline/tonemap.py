@@ -35,18 +35,20 @@ def luminance(image: Image) -> Image:
 def exposure_of(image: Image, tone: ToneParams) -> Exposure:
     """The exposure of linear HDR `image` (H, W, 3) by its own log-average luminance.
 
-    Luminance is averaged over blocks of 8x8 pixels first: the logarithm of a noisy pixel is
-    low on average, so single pixels would brighten an image the more, the noisier it is (2.5
-    times at 16 samples a pixel of a room by night). Blocks at exactly zero carry no light
-    information and are left out; an all-black image has scale 1.
+    For the log average, luminance is averaged over blocks of 8x8 pixels first: the logarithm of
+    a noisy pixel is low on average, so single pixels would brighten an image the more, the
+    noisier it is (2.5 times at 16 samples a pixel of a room by night). Blocks at exactly zero
+    carry no light information and are left out; an all-black image has scale 1. White comes
+    from the brightest pixel.
     """
-    lum = _block_means(luminance(np.asarray(image, dtype=np.float64)))
-    lit = lum[lum > 0]
+    lum = luminance(np.asarray(image, dtype=np.float64))
+    means = _block_means(lum)
+    lit = means[means > 0]
     if lit.size == 0:
         return Exposure(1.0, 1.0)
     scale = tone.key / float(np.exp(np.mean(np.log(lit))))
     burn = min(1.0, max(1e-8, 1.0 - tone.burn))
-    return Exposure(scale, float(lit.max()) * scale * burn**2)
+    return Exposure(scale, float(lum.max()) * scale * burn**2)
 
 
 def _block_means(values: Image, side: int = 8) -> Image:
