@@ -30,6 +30,7 @@ import traceback
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -264,32 +265,18 @@ class _Run:
             )
         try:
             return self.done.get(timeout=1)
-        except queue.Empty:
-            return None
+        except queue.Empty:  # dask calls back once only: not when it runs a lost batch again
+            return next((future for future in self.flight if future.done()), None)
 
     def settle(self, future: Future) -> Iterator[Outcome]:
         """Yield what is final of a finished batch and put the rest back in line."""
+        if not future.done():
+            return  # its worker died with the outcomes: dask runs it again
         batch, worker = self.flight.pop(future)
         alone, self.alone = self.alone, ""
-        if future.status == "finished":
-            by_key = {item.key: item for item in batch}
-            for outcome in future.result():
-                if outcome.fatal:
-                    raise MachineError(outcome.error)
-                if outcome.error and outcome.attempt <= self.farm.params.retries:
-                    self.again.append(by_key[outcome.key])
-                else:
-                    yield outcome
-        elif future.status == "cancelled":
-            raise MachineError(f"the dask scheduler has gone; {_GO_ON}")
-        else:
-            error = future.exception()
-            if not isinstance(error, KilledWorker):
-                reason = " ".join(str(error).split())
-                raise MachineError(
-                    f"the dask scheduler or a worker cannot run our work ({reason}); both need "
-                    "the same version of pbrnet as this command"
-                )
+        try:
+            outcomes = future.result()
+        except KilledWorker:
             if batch[0].key == alone:
                 yield Outcome(
                     key=batch[0].key,
@@ -299,6 +286,23 @@ class _Run:
                 )
             else:
                 self.suspects.extend(batch)
+            return
+        except CancelledError:
+            raise MachineError(f"the dask scheduler has gone; {_GO_ON}") from None
+        except Exception as error:
+            reason = " ".join(str(error).split())
+            raise MachineError(
+                f"the dask scheduler or a worker cannot run our work ({reason}); both need "
+                "the same version of pbrnet as this command"
+            ) from error
+        by_key = {item.key: item for item in batch}
+        for outcome in outcomes:
+            if outcome.fatal:
+                raise MachineError(outcome.error)
+            if outcome.error and outcome.attempt <= self.farm.params.retries:
+                self.again.append(by_key[outcome.key])
+            else:
+                yield outcome
 
     def workers(self) -> list[str]:
         names = sorted(self.client.scheduler_info()["workers"])

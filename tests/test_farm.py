@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import os
 import re
+import signal
 import time
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
 from dask_fixtures import dask_cluster, workers_of
+from distributed import Future
 from farm_fixtures import no_setup, work
 
+from pipeline import farm as farm_module
 from pipeline.farm import Farm, Item, Outcome, Waiting
 from pipeline.params import FarmParams
 from scenes.errors import MachineError
@@ -63,6 +68,27 @@ def test_a_worker_that_dies_once_costs_nothing(tmp_path: Path) -> None:
     once = {"do": "die", "well_after": 1, "log": str(tmp_path)}
     outcomes = _run(_items(12, k2=once))
     assert all(not outcome.error for outcome in outcomes.values())
+
+
+def test_outcomes_that_die_with_their_worker_are_made_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A worker is killed when its batch is finished and its outcomes are not yet fetched."""
+    settle, killed = farm_module._Run.settle, []
+
+    def kill_first(run: farm_module._Run, future: Future) -> Iterator[Outcome]:
+        if not killed and future.status == "finished":
+            (holder,) = run.client.who_has([future])[future.key]
+            killed.append(run.client.run(os.getpid, workers=[holder])[holder])
+            os.kill(killed[0], signal.SIGKILL)
+            while future.status == "finished":
+                time.sleep(0.01)
+        yield from settle(run, future)
+
+    monkeypatch.setattr(farm_module._Run, "settle", kill_first)
+    outcomes = _run(_items(6), FarmParams(workers=2, batch=2))
+    assert killed
+    assert all((o.value, o.error) == (key, "") for key, o in outcomes.items())
 
 
 def test_a_machine_that_lacks_something_stops_the_run() -> None:
