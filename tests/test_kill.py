@@ -24,7 +24,8 @@ farm: {batch: 2}
 cameras: {views_per_room: 4}
 groundtruth: {spp: 4, block_spp: 2, max_depth: 5}
 """
-KINDS = ("inputs", "shading", "color")
+STAGES = ("inputs", "illumination", "groundtruth", "dataset")
+RESULTS = ("inputs", "illumination", "shading", "color", "dataset")
 
 
 def _start(data: Path, stage: str, *options: str) -> subprocess.Popen[bytes]:
@@ -46,11 +47,17 @@ def _finish(process: subprocess.Popen[bytes], codes: Sequence[int] = (0,)) -> st
     return words
 
 
+def _run(data: Path, *stages: str) -> None:
+    for stage in stages:
+        _finish(_start(data, stage))
+
+
 def _files(data: Path) -> dict[str, bytes]:
+    """Every frame and every file of the packed dataset."""
     return {
         str(path.relative_to(data)): path.read_bytes()
-        for kind in KINDS
-        for path in sorted((data / kind).rglob("*"))
+        for result in RESULTS
+        for path in sorted((data / result).rglob("*"))
         if path.is_file()
     }
 
@@ -60,9 +67,10 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     data = tmp_path_factory.mktemp("undisturbed") / "data"
     for name, depth in (("alpha", 3.0), ("beta", 3.2)):
         write_room(data / "scenes" / name, size=(4.0, depth, 2.6))
-    for stage in ("cameras", "inputs", "groundtruth"):
-        _finish(_start(data, stage))
-    assert len(_files(data)) >= 20
+    _run(data, "cameras", *STAGES)
+    files = _files(data)
+    assert len([name for name in files if name.endswith(".exr")]) >= 28
+    assert any(name.endswith(".parquet") for name in files)
     return data
 
 
@@ -86,9 +94,9 @@ def _wait_for_frames(data: Path, process: subprocess.Popen[bytes], count: int) -
 @pytest.mark.parametrize("seed", [0, 1])
 def test_main_process_killed(fresh: Path, undisturbed: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    for stage in ("inputs", "groundtruth"):
+    for stage in STAGES:
         victim = _start(fresh, stage)
-        if seed:
+        if seed and stage == "groundtruth":
             _wait_for_frames(fresh, victim, 1)
         time.sleep(rng.uniform(0.0, 2.0))
         left = workers_of(victim)
@@ -106,7 +114,7 @@ def test_main_process_killed(fresh: Path, undisturbed: Path, seed: int) -> None:
 
 def test_workers_killed(fresh: Path, undisturbed: Path) -> None:
     rng = np.random.default_rng(2)
-    _finish(_start(fresh, "inputs"))
+    _run(fresh, "inputs", "illumination")
     process = _start(fresh, "groundtruth")
     for _ in range(2):
         _wait_for_frames(fresh, process, 1)
@@ -115,19 +123,20 @@ def test_workers_killed(fresh: Path, undisturbed: Path) -> None:
         if workers:
             workers[int(rng.integers(len(workers)))].kill()
     _finish(process)
+    _run(fresh, "dataset")
     assert _files(fresh) == _files(undisturbed)
     assert not (fresh / "failures" / "groundtruth.json").exists()
 
 
 def test_scheduler_killed(fresh: Path, undisturbed: Path, tmp_path: Path) -> None:
-    _finish(_start(fresh, "inputs"))
+    _run(fresh, "inputs", "illumination")
     with dask_cluster(tmp_path / "dask") as cluster:
         process = _start(fresh, "groundtruth", "--scheduler", cluster.address)
         _wait_for_frames(fresh, process, 1)
         cluster.scheduler.kill()
-        if len(_files(fresh)) < len(_files(undisturbed)):
+        if process.wait(timeout=120):
             assert "scheduler has gone" in _finish(process, (4,))
-    _finish(_start(fresh, "groundtruth"))
+    _run(fresh, "groundtruth", "dataset")
     assert _files(fresh) == _files(undisturbed)
 
 
