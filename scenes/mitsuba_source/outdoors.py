@@ -22,8 +22,9 @@ _GROUND = (0.22, 0.20, 0.16)  # reflectance of dry grass and paving
 
 def daylight(scale: float = 1.0) -> Emitter:
     """Sun and sky, `scale` times as bright as `sunsky` makes them."""
-    both = {} if scale == 1 else {"sun_scale": scale, "sky_scale": scale}
-    made = plugin("emitter", "sunsky", turbidity=_TURBIDITY, **both)
+    made = plugin(
+        "emitter", "sunsky", turbidity=_TURBIDITY, sun_scale=float(scale), sky_scale=float(scale)
+    )
     made.append(Element("vector", {"name": "sun_direction", "value": _SUN}))
     return Emitter(made, ("sky", "sun"))
 

@@ -139,18 +139,18 @@ def find_release(path: Path, changes: Changes) -> Release | None:
     Raises `InputError` for tables that are damaged.
     """
     folder = path.parent
-    tables = {name: _near(folder, name) for name in (_LIGHTS, _CATEGORIES, _WALLPAPER)}
+    lamps, classes, wallpaper = (_near(folder, n) for n in (_LIGHTS, _CATEGORIES, _WALLPAPER))
     cameras = folder / "room_camera.txt"
-    if not cameras.is_file() and not (tables[_LIGHTS] or tables[_CATEGORIES]):
+    if not cameras.is_file() and not lamps and not classes:
         return None
     parameters = {"emitter_scale": EMITTER_SCALE}
-    if tables[_WALLPAPER] is not None:
-        parameters["default_texture_path"] = str(tables[_WALLPAPER])
+    if wallpaper:
+        parameters["default_texture_path"] = str(wallpaper)
     return Release(
         _cameras(folder, changes) if cameras.is_file() else (),
         _nodes(folder / "room_camera_node.txt"),
-        {} if tables[_LIGHTS] is None else read_lamps(tables[_LIGHTS]),
-        {} if tables[_CATEGORIES] is None else _classes(tables[_CATEGORIES]),
+        read_lamps(lamps) if lamps else {},
+        _classes(classes) if classes else {},
         parameters,
     )
 
