@@ -202,12 +202,12 @@ def _tree(rng: np.random.Generator, name: str, at: np.ndarray, ground: float) ->
     crown = float(rng.uniform(0.22, 0.32)) * height
     middle = base + lean + [0, 0, 0.68 * height]
     ball = sphere(1.0, 9, 6)
-    for k in range(int(rng.integers(80, 110))):
+    places, inverse = np.unique(np.round(ball.vertices, 6), axis=0, return_inverse=True)
+    for k in range(int(rng.integers(60, 80))):
         offset = rng.normal(0, 1, 3)
         offset *= crown * float(rng.uniform(0.35, 1.0)) / np.linalg.norm(offset)
         offset[2] *= 1.15
-        size = crown * float(rng.uniform(0.1, 0.22))
-        places, inverse = np.unique(np.round(ball.vertices, 6), axis=0, return_inverse=True)
+        size = crown * float(rng.uniform(0.12, 0.24))
         wobble = (1 + 0.16 * rng.standard_normal(len(places)))[inverse.reshape(-1), None]
         vertices = ball.vertices * wobble * size + middle + offset
         clumps.append(Mesh(vertices, ball.faces, ball.uvs * size))

@@ -88,21 +88,22 @@ class Part:
         """
         corners = self.vertices[self.faces]
         facets = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        doubled = np.linalg.norm(facets, axis=1)
         own = np.zeros_like(self.vertices)
         for corner in range(3):
             first = corners[:, (corner + 1) % 3] - corners[:, corner]
             second = corners[:, (corner + 2) % 3] - corners[:, corner]
-            angle = np.arctan2(np.linalg.norm(facets, axis=1), (first * second).sum(axis=1))
+            angle = np.arctan2(doubled, (first * second).sum(axis=1))
             np.add.at(own, self.faces[:, corner], angle[:, None] * facets)
         unit = own / np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1e-30)
         places = _places(self.vertices, 1e-6)
         order = np.argsort(places, kind="stable")
         shared = own.copy()
+        sorted_places = places[order]
         for step in range(1, int(np.bincount(places).max(initial=1))):
-            one, other = order[:-step], order[step:]
-            alike = (places[one] == places[other]) & (
-                (unit[one] * unit[other]).sum(axis=1) > CREASE
-            )
+            pairs = np.flatnonzero(sorted_places[:-step] == sorted_places[step:])
+            one, other = order[pairs], order[pairs + step]
+            alike = (unit[one] * unit[other]).sum(axis=1) > CREASE
             one, other = one[alike], other[alike]
             np.add.at(shared, one, own[other])
             np.add.at(shared, other, own[one])

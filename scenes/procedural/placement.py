@@ -22,23 +22,33 @@ from scenes.procedural.structure import pane_depth
 from scenes.procedural.thing import Pose, Thing, part_of
 
 Point = np.ndarray
+_PLANTS = 6
 
 
 def furnish(rng: np.random.Generator, plan: Plan, style: Style) -> list[Thing]:
     """The furniture of a whole home, as things in the world."""
     things: list[Thing] = []
+    plants: list[Piece] = []
     for room in plan.rooms:
-        maker = Furnisher(rng, plan, room, style)
+        maker = Furnisher(rng, plan, room, style, plants)
         maker.fill()
         things += [item.thing(room.id) for item in maker.space.items]
     return things
 
 
 class Furnisher:
-    """Fills one room."""
+    """Fills one room. `plants`: the small ones of the whole home, a few kinds seen again."""
 
-    def __init__(self, rng: np.random.Generator, plan: Plan, room: PlanRoom, style: Style) -> None:
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        plan: Plan,
+        room: PlanRoom,
+        style: Style,
+        plants: list[Piece],
+    ) -> None:
         self.rng, self.plan, self.room, self.style = rng, plan, room, style
+        self.plants = plants
         self.space = RoomSpace(plan, room)
         self.area = room.shape.area
 
@@ -65,6 +75,14 @@ class Furnisher:
 
     def make(self, kind: str, **options: float) -> Piece:
         """A piece from the catalogue in the home's style."""
+        if kind != "small_plant":
+            return self._new(kind, options)
+        if len(self.plants) < _PLANTS:
+            self.plants.append(self._new(kind, options))
+            return self.plants[-1]
+        return self.plants[int(self.rng.integers(_PLANTS))]
+
+    def _new(self, kind: str, options: dict[str, float]) -> Piece:
         return catalogue[kind].make(self.rng, self.style, **options)
 
     # -- windows --------------------------------------------------------------------------
@@ -433,9 +451,7 @@ class Furnisher:
                 continue
             for turn, offset in ((-65.0, reach), (65.0, -reach)):
                 at = seat.pose.apply(np.array([[offset, 0.15, 0.0]]))[0]
-                facing_table = Pose(
-                    float(at[0]), float(at[1]), 0.0, (seat.pose.turn + turn) % 360
-                )
+                facing_table = Pose(float(at[0]), float(at[1]), 0.0, (seat.pose.turn + turn) % 360)
                 space.try_place("armchair", chair, facing_table, allow=(seat.id,), zone=False)
             return
 

@@ -6,6 +6,7 @@ Bodies that should look round carry separate vertices at creases and at the seam
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -78,18 +79,23 @@ def grid(points: Array, uvs: Array | None = None) -> Mesh:
     """
     n, m = points.shape[:2]
     if uvs is None:
-        along_i = np.linalg.norm(np.diff(points, axis=0), axis=2).mean(axis=1)
-        along_j = np.linalg.norm(np.diff(points, axis=1), axis=2).mean(axis=0)
-        u = np.concatenate([[0], np.cumsum(along_j)])
-        v = np.concatenate([[0], np.cumsum(along_i)])
-        uvs = np.stack(np.broadcast_arrays(u[None, :], v[:, None]), axis=-1)
+        uvs = np.empty((n, m, 2))
+        uvs[:, 1:, 0] = np.cumsum(_lengths(points[:, 1:] - points[:, :-1]).mean(axis=0))
+        uvs[1:, :, 1] = np.cumsum(_lengths(points[1:] - points[:-1]).mean(axis=1))[:, None]
+        uvs[0, :, 1] = uvs[:, 0, 0] = 0.0
+    faces = _grid_faces(n, m)
+    vertices = points.reshape(-1, 3)
+    solid = _areas(vertices, faces) > 1e-10
+    return Mesh(vertices, faces.copy() if solid.all() else faces[solid], uvs.reshape(-1, 2))
+
+
+@lru_cache(maxsize=512)
+def _grid_faces(n: int, m: int) -> npt.NDArray[np.int64]:
     index = np.arange(n * m).reshape(n, m)
     a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
-    faces = np.concatenate(
+    return np.concatenate(
         [np.stack([a, b, c], axis=-1).reshape(-1, 3), np.stack([a, c, d], axis=-1).reshape(-1, 3)]
     )
-    vertices = points.reshape(-1, 3)
-    return Mesh(vertices, faces[_areas(vertices, faces) > 1e-10], uvs.reshape(-1, 2))
 
 
 def box(
@@ -276,8 +282,7 @@ def loft(rings: Array, closed: bool = True) -> Mesh:
             parts.append(last)
         rings = np.concatenate(parts)
     steps = np.diff(rings, axis=0)
-    lengths = np.linalg.norm(steps, axis=2, keepdims=True)
-    directions = steps / np.maximum(lengths, 1e-12)
+    directions = steps / np.maximum(_lengths(steps), 1e-12)[..., None]
     turns = (directions[1:] * directions[:-1]).sum(axis=2).mean(axis=1)
     # A band is level if it is flat and horizontal; such bands have uvs of their own.
     level = (np.ptp(rings[..., 2], axis=1)[1:] < 1e-6) & (np.abs(steps[..., 2]).max(axis=1) < 1e-6)
@@ -359,19 +364,39 @@ def tube(
     else:
         tangents = np.gradient(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
-    side = np.cross(tangents[0], np.eye(3)[np.argmin(np.abs(tangents[0]))])
+    sides, others = _carried_frames(tangents)
     angle = 2 * np.pi * np.arange(segments) / segments
-    rings = np.empty((len(points), segments, 3))
-    for k, (point, tangent) in enumerate(zip(points, tangents, strict=True)):
-        side = side - tangent * (side @ tangent)
-        side /= np.linalg.norm(side)
-        other = np.cross(tangent, side)
-        ring = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * other
-        rings[k] = point + radii[k] * ring
+    ring = np.cos(angle)[:, None] * sides[:, None] + np.sin(angle)[:, None] * others[:, None]
+    rings = points[:, None] + radii[:, None, None] * ring
     if not closed:
         return loft(rings)
     # Carried once around a planar loop the frame comes back to itself.
     return loft(np.concatenate([rings, rings[:1]]), closed=False)
+
+
+def _carried_frames(tangents: Array) -> tuple[Array, Array]:
+    """Two unit vectors across each of the `tangents` (N, 3), turning as little as they can."""
+    first = tangents[0].tolist()
+    least = min(range(3), key=lambda axis: abs(first[axis]))
+    side = _cross(first, [float(axis == least) for axis in range(3)])
+    sides, others = [], []
+    for tangent in tangents.tolist():
+        along = sum(s * t for s, t in zip(side, tangent, strict=True))
+        side = [s - t * along for s, t in zip(side, tangent, strict=True)]
+        length = math.hypot(*side)
+        side = [s / length for s in side]
+        sides.append(side)
+        others.append(_cross(tangent, side))
+    return np.array(sides), np.array(others)
+
+
+def _cross(a: list[float], b: list[float]) -> list[float]:
+    # Of single vectors: numpy would take twenty times as long.
+    return [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 
 
 def bar(start: Sequence[float], end: Sequence[float], radius: float, segments: int = 10) -> Mesh:
@@ -452,11 +477,19 @@ def _facets(points: Array) -> Mesh:
 
 
 def _areas(vertices: Array, faces: npt.NDArray[np.int64]) -> Array:
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    corners = vertices.T[:, faces]
     # Spelt out: np.cross costs more than all the rest of a small grid.
-    (x0, y0, z0), (x1, y1, z1) = (b - a).T, (c - a).T
+    (x0, y0, z0), (x1, y1, z1) = (
+        corners[..., 1] - corners[..., 0],
+        corners[..., 2] - corners[..., 0],
+    )
     x, y, z = y0 * z1 - z0 * y1, z0 * x1 - x0 * z1, x0 * y1 - y0 * x1
     return np.asarray(np.sqrt(x * x + y * y + z * z) / 2)
+
+
+def _lengths(vectors: Array) -> Array:
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    return np.asarray(np.sqrt(x * x + y * y + z * z))
 
 
 def _signed_area(loop: Array) -> float:
