@@ -61,6 +61,11 @@ class Home:
             for thing in self.scene.objects
         }
 
+    def triangles(self, thing: SceneObject) -> np.ndarray:
+        """Corners (N, 3, 3) of all triangles of a thing, metres."""
+        meshes = [read_ply(self.folder / "meshes" / f"{shape}.ply") for shape in thing.shapes]
+        return np.concatenate([vertices[faces] for vertices, faces, _ in meshes])
+
     def _bodies(self, shape: str) -> list[tuple[Polygon, float, float]]:
         vertices, faces, _ = read_ply(self.folder / "meshes" / f"{shape}.ply")
         _, welded = np.unique(np.round(vertices, 4) + 0.0, axis=0, return_inverse=True)
@@ -101,13 +106,14 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @pytest.fixture(scope="session")
 def homes(tmp_path_factory: pytest.TempPathFactory) -> list[Home]:
     root = tmp_path_factory.mktemp("homes")
-    made = []
-    for seed in SEEDS:
-        folder = root / f"home-{seed}"
-        make_home(folder, folder.name, SMALL, seed, SETTINGS[seed % 4])
-        plan = make_plan(generator(seed, "plan"), SMALL.rooms_min, SMALL.rooms_max)
-        made.append(Home(seed, folder, load_scene(folder), plan))
-    return made
+    return [_home(root, seed) for seed in SEEDS]
+
+
+def _home(root: Path, seed: int) -> Home:
+    folder = root / f"home-{seed}"
+    make_home(folder, folder.name, SMALL, seed, SETTINGS[seed % 4])
+    plan = make_plan(generator(seed, "plan"), SMALL.rooms_min, SMALL.rooms_max)
+    return Home(seed, folder, load_scene(folder), plan)
 
 
 def furniture_of(home: Home) -> list[SceneObject]:
@@ -431,7 +437,8 @@ def test_nothing_intersects(homes: list[Home]) -> None:
                     deep = _overlap(
                         home.bodies[first.id], home.bodies[second.id], 0.02 if soft else 0.004
                     )
-                    assert deep is None, f"seed {home.seed}: {first.id} in {second.id} by {deep}"
+                    if deep is not None and _cross(home, first, second):
+                        pytest.fail(f"seed {home.seed}: {first.id} in {second.id} by {deep}")
 
 
 def test_furniture_leaves_room_for_skirting(homes: list[Home]) -> None:
@@ -466,8 +473,59 @@ def _overlap(first: list, second: list, least: float) -> tuple[float, float] | N
     return None
 
 
+def _cross(home: Home, first: SceneObject, second: SceneObject) -> bool:
+    """Whether the surfaces cross, or one lies within the other, also if moved up or down by 4 mm.
+
+    The bodies above are convex hulls: a book on a tray is within the hull of the tray's rim.
+    """
+    one = home.triangles(first)
+    return all(
+        _pierces(one, other) or _pierces(other, one) or _holds(one, other) or _holds(other, one)
+        for other in (home.triangles(second) + [0, 0, shift] for shift in (-0.004, 0.004))
+    )
+
+
+def _pierces(one: np.ndarray, other: np.ndarray) -> bool:
+    starts = one.reshape(-1, 3)
+    ways = np.roll(one, -1, axis=1).reshape(-1, 3) - starts
+    lengths = np.linalg.norm(ways, axis=1)
+    return any(
+        ((reach > 3e-3) & (reach < length - 3e-3)).any()
+        for start, way, length in zip(starts, ways, lengths, strict=True)
+        if length > 6e-3
+        for reach in [_hits(start, way / length, other)]
+    )
+
+
+def _holds(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether `one` has the middle of `other` within: a ray from there leaves it once more."""
+    hits = _hits(other.mean(axis=(0, 1)), np.array([0.48, 0.36, 0.8]), one)
+    return len(np.unique(np.round(hits[hits > 0], 5))) % 2 == 1
+
+
+def _hits(start: np.ndarray, way: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Distances (H,) along a ray at which it passes through triangles (N, 3, 3)."""
+    a, ab, ac = (
+        triangles[:, 0],
+        triangles[:, 1] - triangles[:, 0],
+        triangles[:, 2] - triangles[:, 0],
+    )
+    across = np.cross(way, ac)
+    volume = (ab * across).sum(axis=1)
+    flat = np.abs(volume) < 1e-14
+    scale = 1 / np.where(flat, 1.0, volume)
+    u = ((start - a) * across).sum(axis=1) * scale
+    turned = np.cross(start - a, ab)
+    v = (way * turned).sum(axis=1) * scale
+    inside = ~flat & (u >= 0) & (v >= 0) & (u + v <= 1)
+    return np.asarray((ac * turned).sum(axis=1) * scale)[inside]
+
+
 def test_nothing_floats(homes: list[Home]) -> None:
-    """Each thing stands on the floor or on another, hangs from the ceiling, or is on a wall."""
+    """Each thing stands on the floor or on another, hangs from the ceiling, or is on a wall.
+
+    Cloth sinks up to 2 cm into a cushion.
+    """
     for home in homes:
         for room in home.scene.rooms:
             walls = Polygon(room.floor).exterior
@@ -486,7 +544,7 @@ def test_nothing_floats(homes: list[Home]) -> None:
                     or high > room.ceiling_z - 0.003
                     or (low > 0.005 and walls.distance(footprint) < 0.004)
                     or any(
-                        abs(top - low) < 0.012 and footprint.intersects(below)
+                        -0.02 < low - top < 0.012 and footprint.intersects(below)
                         for other in solid
                         if other.id != thing.id
                         for below, _, top in home.bodies[other.id]
@@ -625,3 +683,24 @@ def test_forty_homes_are_made(tmp_path: Path) -> None:
         scene = make_home(folder, f"home-{seed}", SMALL, seed, SETTINGS[seed % 4])
         assert scene.rooms and scene.lights and scene.portals
         shutil.rmtree(folder)
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("first", range(1000, 2000, 50))
+def test_a_thousand_homes_keep_the_rules(first: int, tmp_path: Path) -> None:
+    """None fails, none is like another, nothing intersects or floats, all can be walked."""
+    seen = set()
+    for seed in range(first, first + 50):
+        home = _home(tmp_path, seed)
+        for rule in (
+            test_meshes_are_sound,
+            test_rooms_are_furnished,
+            test_nothing_intersects,
+            test_furniture_leaves_room_for_skirting,
+            test_nothing_floats,
+            test_rooms_can_be_walked,
+        ):
+            rule([home])
+        seen.add(tuple((thing.category, thing.bbox_min) for thing in home.scene.objects))
+        shutil.rmtree(home.folder)
+    assert len(seen) == 50
