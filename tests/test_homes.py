@@ -481,7 +481,7 @@ def _cross(home: Home, first: SceneObject, second: SceneObject) -> bool:
     one = home.triangles(first)
     return all(
         _pierces(one, other) or _pierces(other, one) or _holds(one, other) or _holds(other, one)
-        for other in (home.triangles(second) + [0, 0, shift] for shift in (-0.004, 0.004))
+        for other in (home.triangles(second) + np.array([0, 0, shift]) for shift in (-0.004, 0.004))
     )
 
 
