@@ -67,7 +67,9 @@ class Credits:
         licence = licence_in(model.header)
         for other in self._archive.folder(member):
             if not licence and _LICENCE_FILE.search(other.rpartition("/")[2]):
-                licence = licence_in(self._archive.read(other)[:_MAX_TEXT].decode("utf-8", "replace"))
+                licence = licence_in(
+                    self._archive.read(other)[:_MAX_TEXT].decode("utf-8", "replace")
+                )
         self._note(creator, licence, name)
 
     def texture(self, texture: Texture | None) -> None:

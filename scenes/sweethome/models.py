@@ -263,9 +263,7 @@ def _part(
     flat = corners.reshape(-1, 3)
     # Corners without texture coordinates or normals do without on the whole part.
     has_uvs = len(uvs) > 0 and bool(((flat[:, 1] >= 0) & (flat[:, 1] < len(uvs))).all())
-    has_normals = len(normals) > 0 and bool(
-        ((flat[:, 2] >= 0) & (flat[:, 2] < len(normals))).all()
-    )
+    has_normals = len(normals) > 0 and bool(((flat[:, 2] >= 0) & (flat[:, 2] < len(normals))).all())
     columns = [0] + ([1] if has_uvs else []) + ([2] if has_normals else [])
     keys, inverse = np.unique(flat[:, columns], axis=0, return_inverse=True)
     index = {column: keys[:, place] for place, column in enumerate(columns)}
@@ -290,26 +288,36 @@ def _part(
 
 def _triangles(polygons: list[list[tuple[int, int, int]]], positions: Floats) -> np.ndarray:
     """Corner triples (T, 3, 3) of polygons: convex ones as fans, others by ear clipping."""
-    made: list[list[tuple[int, int, int]]] = []
+    by_size: dict[int, list[list[tuple[int, int, int]]]] = {}
     for corners in polygons:
-        if len(corners) == 3:
-            made.append(corners)
+        by_size.setdefault(len(corners), []).append(corners)
+    made = []
+    for size, group in sorted(by_size.items()):
+        indices = np.array(group, dtype=np.int64)  # (P, size, 3)
+        if size == 3:
+            made.append(indices)
             continue
-        points = positions[[corner[0] for corner in corners]]
-        ahead, behind = np.roll(points, -1, axis=0), np.roll(points, 1, axis=0)
-        normal = np.cross(points, ahead).sum(axis=0)  # twice the area (Newell)
-        turns = np.cross(points - behind, ahead - points) @ normal
-        if (turns >= -1e-12 * float(normal @ normal)).all():
-            made += [[corners[0], corners[k], corners[k + 1]] for k in range(1, len(corners) - 1)]
-            continue
-        drop = int(np.argmax(np.abs(normal)))
-        plane = [axis for axis in range(3) if axis != drop]
-        flat = np.ascontiguousarray(points[:, plane])
-        found = mapbox_earcut.triangulate_float64(flat, np.array([len(flat)], dtype=np.uint32))
-        for a, b, c in found.reshape(-1, 3).tolist():
-            turn = np.cross(points[b] - points[a], points[c] - points[a]) @ normal
-            made.append([corners[i] for i in ((a, b, c) if turn >= 0 else (a, c, b))])
-    return np.array(made, dtype=np.int64).reshape(-1, 3, 3)
+        points = positions[indices[:, :, 0]]
+        ahead, behind = np.roll(points, -1, axis=1), np.roll(points, 1, axis=1)
+        normals = np.cross(points, ahead).sum(axis=1)  # twice the areas (Newell)
+        turns = np.einsum("pki,pi->pk", np.cross(points - behind, ahead - points), normals)
+        is_convex = (turns >= -1e-12 * (normals**2).sum(axis=1)[:, None]).all(axis=1)
+        fans = [indices[is_convex][:, [0, k, k + 1]] for k in range(1, size - 1)]
+        made.append(np.stack(fans, axis=1).reshape(-1, 3, 3))
+        made += [_ears(indices[p], points[p], normals[p]) for p in np.nonzero(~is_convex)[0]]
+    return np.concatenate(made) if made else np.zeros((0, 3, 3), dtype=np.int64)
+
+
+def _ears(corners: np.ndarray, points: Floats, normal: Floats) -> np.ndarray:
+    """Triangles (T, 3, 3) of one polygon of any shape, facing as it does."""
+    plane = [axis for axis in range(3) if axis != int(np.argmax(np.abs(normal)))]
+    flat = np.ascontiguousarray(points[:, plane])
+    ends = np.array([len(flat)], dtype=np.uint32)
+    found = mapbox_earcut.triangulate_float64(flat, ends).reshape(-1, 3).astype(np.int64)
+    a, b, c = (points[found[:, corner]] for corner in range(3))
+    turned = np.cross(b - a, c - a) @ normal < 0
+    found[turned] = found[turned][:, ::-1]
+    return corners[found]
 
 
 _DEFAULTS = {

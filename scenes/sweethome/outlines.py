@@ -65,7 +65,9 @@ def arc_centre(wall: Wall) -> Floats:
 
 def is_round(wall: Wall) -> bool:
     """Whether the wall is an arc of some size."""
-    return wall.arc is not None and abs(wall.arc) > 1e-4 and math.dist(wall.start, wall.end) > _SHORT
+    return (
+        wall.arc is not None and abs(wall.arc) > 1e-4 and math.dist(wall.start, wall.end) > _SHORT
+    )
 
 
 def unjoined(wall: Wall, left: float = 0.0, right: float = 0.0) -> Outline:

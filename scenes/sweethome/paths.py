@@ -8,6 +8,7 @@ from __future__ import annotations
 import cmath
 import math
 import re
+from itertools import pairwise
 
 import numpy as np
 from shapely.geometry import Polygon
@@ -105,7 +106,7 @@ def _curve(points: list[complex]) -> list[complex]:
     for step in range(1, _STEPS + 1):
         t, row = step / _STEPS, points
         while len(row) > 1:
-            row = [(1 - t) * a + t * b for a, b in zip(row, row[1:], strict=False)]
+            row = [(1 - t) * a + t * b for a, b in pairwise(row)]
         made.append(row[0])
     return made
 

@@ -209,10 +209,8 @@ class _Reader:
     def baseboard(self, element: Element, side: Surface) -> Baseboard:
         get = self.attributes(element)
         color, texture = get.color("color"), self.texture(element.find("texture"))
-        if color is None and texture is None:
-            surface = side  # a baseboard of its own colour is painted like its wall
-        else:
-            surface = Surface(color, texture)
+        # A baseboard without a colour of its own is painted like its wall.
+        surface = side if color is None and texture is None else Surface(color, texture)
         return Baseboard(get.size("thickness"), get.size("height"), surface)
 
     def room(self, element: Element, number: int) -> RoomShape:

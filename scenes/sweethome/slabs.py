@@ -23,6 +23,7 @@ from scenes.sweethome.storeys import Storey
 from scenes.sweethome.things import Finish, Part, Thing
 from scenes.sweethome.walls import PlannedWall
 
+Well = tuple[BaseGeometry, float, float]  # region (world), foot and top (cm)
 _FLOOR = 0.12  # metres: thickness of a floor on the ground
 _CEILING = 0.12  # metres: of a ceiling with nothing above
 _BEHIND = 0.02  # metres above a ceiling's face from which one slab backs all ceilings
@@ -30,7 +31,7 @@ _GROUND = -0.03  # metres: the ground lies a little below floors at 0
 _REACH = 2500.0  # metres of ground to each side
 
 
-def stairwells(pieces: list[tuple[Piece, float]], changes: Changes) -> list[tuple[BaseGeometry, float, float]]:  # fmt: skip
+def stairwells(pieces: list[tuple[Piece, float]], changes: Changes) -> list[Well]:
     """Regions (world) that stairs open in floors, with their foot and top in cm.
 
     `pieces` come with the elevation of their level (cm).
@@ -65,7 +66,8 @@ def stairwells(pieces: list[tuple[Piece, float]], changes: Changes) -> list[tupl
 class CeilingHeights:
     """Heights of a storey's ceilings: its own height, or on the highest level that of the walls.
 
-    There a ceiling's corner is as high as the nearest corner of a wall, as in the application.
+    There a ceiling's corner is as high as the nearest corner of a wall, as in the application,
+    which asks for corners of the room as it is drawn: `over` answers for places beyond.
     """
 
     def __init__(self, storey: Storey, walls: list[PlannedWall]) -> None:
@@ -88,12 +90,37 @@ class CeilingHeights:
         nearest = [int(np.argmin(((self._points - point) ** 2).sum(axis=1))) for point in plan]
         return 0.01 * self._tops[nearest]
 
+    def over(self, region: BaseGeometry, points: Floats) -> Floats:
+        """Heights (m) at `points` (N, 2) of a ceiling drawn as `region`, which they may overstep.
+
+        Between the corners of the region's rim heights change evenly.
+        """
+        rims = [
+            np.asarray(ring.coords)
+            for part in polygons(region)
+            for ring in (part.exterior, *part.interiors)
+        ]
+        starts = np.concatenate([rim[:-1] for rim in rims])
+        ends = np.concatenate([rim[1:] for rim in rims])
+        low, high = self.at(starts), self.at(ends)
+        if np.ptp(low) < 1e-3:
+            return np.full(len(points), float(np.median(low)))
+        along = ends - starts
+        length = np.maximum((along**2).sum(axis=1), 1e-18)
+        made = np.empty(len(points))
+        for number, point in enumerate(points):
+            share = np.clip(((point - starts) * along).sum(axis=1) / length, 0.0, 1.0)
+            away = ((starts + share[:, None] * along - point) ** 2).sum(axis=1)
+            edge = int(np.argmin(away))
+            made[number] = low[edge] + share[edge] * (high[edge] - low[edge])
+        return made
+
 
 def build_slabs(
     storey: Storey,
     spaces: list[Space],
     heights: CeilingHeights,
-    wells: list[tuple[BaseGeometry, float, float]],
+    wells: list[Well],
 ) -> list[Thing]:
     """One floor and one ceiling for each room, and a slab behind the ceilings."""
     floor_z, ceiling_z = storey.elevation, storey.elevation + storey.height
@@ -124,7 +151,7 @@ def build_slabs(
                 Thing(name, f"{label} floor", "floor", (part,), True, level=storey.number)
             )
         region = space.ceiling_slab.difference(through_ceiling)
-        mesh, flat = _ceiling(region, heights, above)
+        mesh, flat = _ceiling(region, space.ceiling, heights, above)
         if mesh is not None:
             part = _covered(mesh, space.shape.ceiling, 1.0)
             name = f"ceiling-{storey.number}-{number}"
@@ -161,7 +188,9 @@ def build_ground(environment: Environment, below: list[BaseGeometry], centre: Fl
         uvs = np.stack([uvs[:, 0], 1 - uvs[:, 1]], axis=1)
     surface_ = Surface(environment.ground_color, texture)
     finish = surface_finish(surface_, paint_of(environment.ground_color))
-    return Thing("ground", "ground", "ground", (Part(Mesh(points, faces, None, uvs), finish),), True)
+    return Thing(
+        "ground", "ground", "ground", (Part(Mesh(points, faces, None, uvs), finish),), True
+    )
 
 
 def triangulated(region: BaseGeometry) -> tuple[Floats, np.ndarray]:
@@ -185,21 +214,21 @@ def triangulated(region: BaseGeometry) -> tuple[Floats, np.ndarray]:
 
 
 def _ceiling(
-    region: BaseGeometry, heights: CeilingHeights, thickness: float
+    region: BaseGeometry, drawn: BaseGeometry, heights: CeilingHeights, thickness: float
 ) -> tuple[Mesh | None, float | None]:
-    """A ceiling's surface, and its height where it is level."""
+    """A ceiling's surface over `region`, and its height where it is level."""
     corners = [np.asarray(ring.coords)[:-1] for part in polygons(region)
                for ring in (part.exterior, *part.interiors)]  # fmt: skip
-    if not corners:
+    if not corners or not polygons(drawn):
         return None, None
-    tops = heights.at(np.concatenate(corners))
+    tops = heights.over(drawn, np.concatenate(corners))
     if np.ptp(tops) < 1e-3:
         z = float(np.median(tops))
         return surface(prism(region, z, z + thickness)), z
     vertices, faces = triangulated(region)
-    z = heights.at(vertices)
-    low = np.column_stack([vertices, z])
-    high = low + [0, 0, thickness]
+    lowest = heights.over(drawn, vertices)
+    low = np.column_stack([vertices, lowest])
+    high = np.column_stack([vertices, lowest + thickness])
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     keys = {(int(a), int(b)) for a, b in edges}
     rim = np.array([(a, b) for a, b in sorted(keys) if (b, a) not in keys], dtype=np.int64)
@@ -233,7 +262,7 @@ def _covered(mesh: Mesh, finish: Surface, toward: float) -> Part:
 
 
 def floor_outline(space: Space) -> Polygon | None:
-    """The largest piece of a room's floor as a simple polygon without holes; None if it has none."""
+    """The largest piece of a room's floor as a simple polygon, holes filled; None without."""
     found = polygons(space.floor if not space.floor.is_empty else space.ceiling)
     if not found:
         return None

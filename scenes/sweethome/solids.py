@@ -82,9 +82,7 @@ def surface(solid: manifold3d.Manifold) -> Mesh | None:
     return Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
 
 
-def cut(
-    solid: manifold3d.Manifold, holes: Iterable[manifold3d.Manifold]
-) -> manifold3d.Manifold:
+def cut(solid: manifold3d.Manifold, holes: Iterable[manifold3d.Manifold]) -> manifold3d.Manifold:
     """The solid less the holes."""
     found = list(holes)
     if not found:

@@ -65,7 +65,7 @@ def find_spaces(
         else:
             changes.note("rooms with neither floor nor ceiling were left out: {}",
                          shape.name or shape.id)  # fmt: skip
-    found = []
+    found: list[tuple[RoomShape, BaseGeometry]] = []
     everything = unary_union([region for _, region in drawn])
     slivers = []
     doors = world_region(unary_union([opening.footprint for opening in openings]))
@@ -83,9 +83,7 @@ def find_spaces(
             f"closed spaces without a drawn room got a plain floor and ceiling ({len(found)})"
         )
     rooms = [*drawn, *found]
-    floors = _later_wins(
-        [region if shape.floor_visible else Polygon() for shape, region in rooms]
-    )
+    floors = _later_wins([region if shape.floor_visible else Polygon() for shape, region in rooms])
     ceilings = _later_wins(
         [region if shape.ceiling_visible else Polygon() for shape, region in rooms]
     )
@@ -154,9 +152,7 @@ def _grown(
             continue
         near = [number for number in present if regions[number].distance(rest) < 2 * reach]
         fields = {
-            number: polygonal(
-                rest.intersection(regions[number].buffer(reach, join_style="mitre"))
-            )
+            number: polygonal(rest.intersection(regions[number].buffer(reach, join_style="mitre")))
             for number in near
         }
         ranked = sorted(near, key=lambda number: (-fields[number].area, number))

@@ -43,10 +43,11 @@ from scenes.sweethome.spaces import Space, find_spaces
 from scenes.sweethome.storeys import Storey, storeys
 from scenes.sweethome.sun import Sky, make_sky
 from scenes.sweethome.things import Thing, merged
-from scenes.sweethome.views import Camera, own_camera, stored_cameras
+from scenes.sweethome.views import own_camera, stored_cameras
 from scenes.sweethome.walls import PlannedWall, build_walls, plan_walls
 from scenes.sweethome.writer import write_scene
 
+_BUILT = ("wall", "floor", "ceiling", "skirting", "slab", "ground")  # ids that we give
 MAX_TRIANGLES = 20_000_000  # of a whole home
 
 
@@ -89,8 +90,8 @@ def import_sweethome(path: Path, out: Path, scene_id: str, options: SweetHomeOpt
             raise InputError(f"{path}: the home is empty: no walls and no furniture")
         building = _build(levels, changes)
         rooms, inside = _rooms(levels)
-        models, credits = Models(archive, changes), Credits(home, archive, path.stem,
-                                                            options.licence, options.author)  # fmt: skip
+        models = Models(archive, changes)
+        credits = Credits(home, archive, path.stem, options.licence, options.author)
         cutting = _cutting(levels)
         pieces = _furnish(levels, models, cutting, options, credits, changes)
         below = [
@@ -114,7 +115,11 @@ def import_sweethome(path: Path, out: Path, scene_id: str, options: SweetHomeOpt
         sky = make_sky(home, options.time, sum(_weight(thing) for thing in lamps), changes)
         if not rooms:
             changes.note("NO ROOM WAS FOUND: draw rooms, or close the walls, to get views")
-        cameras = stored_cameras(home, changes)
+        cameras = [
+            camera
+            for camera in stored_cameras(home, changes)
+            if not camera.is_visitor or _room_at(camera.eye, rooms, inside, 0.0) is not None
+        ]
         finishes = Finishes(
             archive, TextureStore(folder / "textures", changes), Path(unpacked), changes
         )
@@ -233,8 +238,16 @@ def _furnish(
                 continue
             name = _unique(piece.name or category, taken)
             things.append(
-                Thing(name, piece.name or category, category, parts, is_structure,
-                      None, lumens, level.storey.number)  # fmt: skip
+                Thing(
+                    name,
+                    piece.name or category,
+                    category,
+                    parts,
+                    is_structure,
+                    None,
+                    lumens,
+                    level.storey.number,
+                )
             )
     return things
 
@@ -261,7 +274,8 @@ def _placed(
 
 def _rooms(levels: list[_Level]) -> tuple[list[Room], list[tuple[Any, int]]]:
     """The indoor rooms, and for each its floor region and storey number."""
-    rooms, inside = [], []
+    rooms: list[Room] = []
+    inside: list[tuple[Any, int]] = []
     for level in levels:
         for space in level.spaces:
             outline = floor_outline(space)
@@ -270,7 +284,7 @@ def _rooms(levels: list[_Level]) -> tuple[list[Room], list[tuple[Any, int]]]:
             outline = shapely.simplify(outline, 1e-3)
             corners = np.asarray(shapely.geometry.polygon.orient(outline).exterior.coords)[:-1]
             floor = 0.01 * level.storey.elevation
-            ceiling = float(np.mean(level.heights.at(corners)))
+            ceiling = float(np.mean(level.heights.over(space.ceiling, corners)))
             if ceiling <= floor + 0.5:
                 continue
             rooms.append(
@@ -293,9 +307,10 @@ def _room_at(
 ) -> str | None:
     """The room that holds a point (3,); of overlapping ones the last."""
     for room, (region, _) in zip(reversed(rooms), reversed(inside), strict=True):
-        if room.floor_z - 0.3 <= point[2] <= room.ceiling_z + 0.3 and region.distance(
-            Point(float(point[0]), float(point[1]))
-        ) <= margin:
+        if (
+            room.floor_z - 0.3 <= point[2] <= room.ceiling_z + 0.3
+            and region.distance(Point(float(point[0]), float(point[1]))) <= margin
+        ):
             return room.id
     return None
 
@@ -314,7 +329,7 @@ def _in_room(thing: Thing, rooms: list[Room], inside: list[tuple[Any, int]]) -> 
 def _portals(
     levels: list[_Level], rooms: list[Room], inside: list[tuple[Any, int]], pieces: list[Thing]
 ) -> tuple[list[Portal], set[str]]:
-    """Portals to the outside, and the rooms that some door or window opens into."""
+    """Portals to the outside, and the rooms that light comes into through some opening."""
     portals: list[Portal] = []
     lit: set[str] = set()
     regions = {
@@ -325,7 +340,9 @@ def _portals(
         for opening in level.openings:
             for way in doorways(opening, regions[level.storey.number]):
                 sides = [_room_at(point, rooms, inside, 0.0) for point in (way.front, way.back)]
-                lit |= {side for side in sides if side is not None}
+                is_clear = way.is_clear(pieces)
+                if is_clear:
+                    lit |= {side for side in sides if side is not None}
                 if (sides[0] is None) == (sides[1] is None):
                     continue
                 room = sides[0] or sides[1]
@@ -340,7 +357,7 @@ def _portals(
                         kind="door" if kind == "door" else "window",
                         polygon=tuple((float(x), float(y), float(z)) for x, y, z in polygon),
                         normal=(float(outward[0]), float(outward[1]), float(outward[2])),
-                        clear=way.is_clear(pieces),
+                        clear=is_clear,
                         room=room,
                     )
                 )
@@ -356,7 +373,11 @@ def _described(
     for room in rooms:
         kind = room_type(
             room.name,
-            [thing.category for thing in things if thing.room == room.id and not thing.is_structure],
+            [
+                thing.category
+                for thing in things
+                if thing.room == room.id and not thing.is_structure
+            ],
         )
         name = room.name or kind
         names[name] = names.get(name, 0) + 1
@@ -397,13 +418,11 @@ def _lighting(sky: Sky, has_lamps: bool) -> str:
 
 def _unique(name: str, taken: set[str]) -> str:
     stem = re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-")[:60].lower() or "piece"
+    if stem.partition("-")[0] in _BUILT:
+        stem = f"piece-{stem}"
     made, count = stem, 1
-    while made in taken or re.match(r"(wall|floor|ceiling|skirting|slab|ground)\b", made):
+    while made in taken:
         count += 1
-        made = f"{stem}-{count}" if not re.match(
-            r"(wall|floor|ceiling|skirting|slab|ground)\b", stem) else f"the-{stem}-{count}"  # fmt: skip
+        made = f"{stem}-{count}"
     taken.add(made)
     return made
-
-
-__all__ = ["Camera", "SweetHomeOptions", "import_sweethome"]

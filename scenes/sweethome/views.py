@@ -28,6 +28,12 @@ class Camera:
     half_fov_x: float
     width: int
     height: int
+    is_visitor: bool = False  # where the home's visitor stands, which nobody stored
+
+    @property
+    def eye(self) -> Floats:
+        """Where it stands (3,), metres."""
+        return self.camera_to_world[:3, 3]
 
     def as_view(self) -> dict[str, Any]:
         """The camera as `scene.source["views"]` holds it."""
@@ -71,7 +77,7 @@ def stored_cameras(home: Home, changes: Changes) -> list[Camera]:
 
 
 def _camera(camera: StoredCamera, width: int, height: int) -> Camera:
-    """Yaw turns clockwise on the plan from its lower side, pitch looks down; y points down there."""
+    """Yaw turns clockwise on the plan from its lower side; pitch looks down."""
     pitch = min(max(camera.pitch, -0.499 * math.pi), 0.499 * math.pi)
     flat = math.cos(pitch)
     forward = np.array(
@@ -79,7 +85,14 @@ def _camera(camera: StoredCamera, width: int, height: int) -> Camera:
     )
     eye = np.array([0.01 * camera.x, -0.01 * camera.y, 0.01 * camera.z])
     half = min(max(0.5 * camera.field_of_view, 0.05), 1.3)
-    return Camera(camera.name, _pose(eye, forward), half, width, height)
+    return Camera(
+        camera.name,
+        _pose(eye, forward),
+        half,
+        width,
+        height,
+        is_visitor=camera.attribute == "observerCamera",
+    )
 
 
 def own_camera(rooms: list[Room], middle: Floats) -> Camera:
@@ -92,7 +105,7 @@ def own_camera(rooms: list[Room], middle: Floats) -> Camera:
         eye = np.array([*(centre + 0.8 * (far - centre)), room.floor_z + _EYE])
         forward = np.array([*(centre - eye[:2]), -0.2 * np.linalg.norm(centre - eye[:2])])
     else:
-        eye, forward = middle + [0.0, -6.0, 3.0], np.array([0.0, 1.0, -0.4])
+        eye, forward = middle + np.array([0.0, -6.0, 3.0]), np.array([0.0, 1.0, -0.4])
     return Camera("own", _pose(eye, forward), _HALF_FOV, 480, 360)
 
 

@@ -79,9 +79,7 @@ def plan_walls(storey: Storey, wall_height: float, changes: Changes) -> list[Pla
     return planned
 
 
-def build_walls(
-    storey: Storey, planned: list[PlannedWall], openings: list[Opening]
-) -> list[Thing]:
+def build_walls(storey: Storey, planned: list[PlannedWall], openings: list[Opening]) -> list[Thing]:
     """One object for each wall and one for each skirting, openings cut out."""
     boards = {
         planned_wall.wall.id: tuple(
@@ -115,9 +113,13 @@ def build_walls(
         if skirting:
             things.append(
                 Thing(
-                    f"skirting-{storey.number}-{number}", "skirting", "skirting",
-                    tuple(skirting), True, level=storey.number,
-                )  # fmt: skip
+                    f"skirting-{storey.number}-{number}",
+                    "skirting",
+                    "skirting",
+                    tuple(skirting),
+                    True,
+                    level=storey.number,
+                )
             )
     return things
 
@@ -149,9 +151,7 @@ def _painted(one: PlannedWall, mesh: Mesh, side: Surface, is_left: bool) -> list
     highest = _is_top(one, mesh) if one.wall.top_color is not None else np.zeros(0, dtype=bool)
     parts = []
     if highest.any() and one.wall.top_color is not None:
-        parts.append(
-            Part(mesh.subset(highest), Finish(color=paint_of(one.wall.top_color)))
-        )
+        parts.append(Part(mesh.subset(highest), Finish(color=paint_of(one.wall.top_color))))
         mesh = mesh.subset(~highest)
     if side.texture is not None:
         mesh = replace(mesh, uvs=wall_uvs(one, mesh, side.texture, is_left))
