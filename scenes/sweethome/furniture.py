@@ -70,6 +70,12 @@ def place(piece: Piece, model: Model, elevation: float, changes: Changes) -> Pla
     return Placed(tuple(parts), to_world)
 
 
+def bare(piece: Piece, elevation: float) -> Placed:
+    """A piece whose model is missing: no parts, but a place for its light sources."""
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    return Placed((), placing(corners, piece, elevation))
+
+
 def finished(piece: Piece, part: ModelPart) -> Finish | None:
     """The finish of a part of a piece, image aside; None where the home makes it invisible.
 

@@ -19,6 +19,7 @@ from scenes.sweethome.home import Wall
 
 Floats = npt.NDArray[np.float64]
 _SHORT = 1e-5  # cm: a wall shorter than this has no direction
+_LEAST_ARC = 1e-3  # radians
 _MAX_STEPS = 256  # segments of a round wall
 _PARALLEL = 4e-3  # sine of the angle below which two sides are taken as parallel
 
@@ -64,9 +65,11 @@ def arc_centre(wall: Wall) -> Floats:
 
 
 def is_round(wall: Wall) -> bool:
-    """Whether the wall is an arc of some size."""
+    """Whether the wall is an arc of some size, and less than a full circle."""
     return (
-        wall.arc is not None and abs(wall.arc) > 1e-4 and math.dist(wall.start, wall.end) > _SHORT
+        wall.arc is not None
+        and _LEAST_ARC < abs(wall.arc) < 2 * math.pi - _LEAST_ARC
+        and has_length(wall)
     )
 
 

@@ -24,7 +24,7 @@ from scenes.sweethome.archive import HomeArchive
 from scenes.sweethome.categories import category_of, room_type
 from scenes.sweethome.credits import Credits
 from scenes.sweethome.finishes import Finishes
-from scenes.sweethome.furniture import Placed, place
+from scenes.sweethome.furniture import Placed, bare, place
 from scenes.sweethome.home import Home, Piece
 from scenes.sweethome.lamps import lit_parts
 from scenes.sweethome.models import Models, UnreadableModel
@@ -255,18 +255,20 @@ def _furnish(
 def _placed(
     piece: Piece, storey: Storey, models: Models, credits: Credits, changes: Changes
 ) -> Placed | None:
-    if piece.model is None:
-        changes.note("pieces without a model were left out: {}", piece.name or piece.id)
-        return None
     if min(piece.width, piece.height, piece.depth) <= 0:
         changes.note("pieces without size were left out: {}", piece.name or piece.id)
         return None
     try:
+        if piece.model is None:
+            raise UnreadableModel("none is given")
         model = models.get(piece.model)
     except UnreadableModel as error:
-        changes.note("PIECES WHOSE MODEL CANNOT BE READ WERE LEFT OUT: {}",
+        what = "BUT FOR THEIR LIGHT" if piece.bulbs else "LEFT OUT"
+        if piece.cut is not None:
+            what += ", THEIR OPENINGS STAY OPEN"
+        changes.note(f"PIECES WHOSE MODEL CANNOT BE READ, {what}: {{}}",
                      f"{piece.name} ({error})")  # fmt: skip
-        return None
+        return bare(piece, storey.elevation) if piece.bulbs else None
     placed = place(piece, model, storey.elevation, changes)
     credits.model(piece.name, piece.creator, piece.model, model)
     return placed
