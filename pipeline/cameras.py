@@ -347,7 +347,10 @@ def _stored_views(
         taken.add(name)
         (sight,) = _look_around(render_scene, scene, [pose], params, half_fov_x)
         image = replace(params.image, half_fov_x=half_fov_x)
-        views.append(_view(scene, image, name, pose, sight, _room_at(scene, pose[:3, 3])))
+        named = next((room for room in scene.rooms if room.id == stored.get("room")), None)
+        room = named or _room_at(scene, pose[:3, 3])
+        view = _view(scene, image, name, pose, sight, room)
+        views.append(replace(view, sector=int(stored.get("sector", view.sector))))
     return views
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 from xml.etree.ElementTree import Element
@@ -30,10 +31,21 @@ class Emitter:
 
 
 class Emitters:
-    """Translates emitters; `frame` (4, 4) maps the file's world to ours (a similarity)."""
+    """Translates emitters; `frame` (4, 4) maps the file's world to ours (a similarity).
 
-    def __init__(self, scope: Scope, materials: Materials, frame: Floats) -> None:
+    `stand_in` makes what takes the place of a missing environment map, given its scale; an even
+    white sky if None.
+    """
+
+    def __init__(
+        self,
+        scope: Scope,
+        materials: Materials,
+        frame: Floats,
+        stand_in: Callable[[float], Emitter] | None = None,
+    ) -> None:
         self.scope, self.materials, self.frame = scope, materials, frame
+        self.stand_in = stand_in
         self.scale = float(np.cbrt(np.linalg.det(frame[:3, :3])))
 
     def area(self, node: Node) -> Element:
@@ -159,6 +171,11 @@ class Emitters:
                 return Emitter(made, ("environment",))
             except UnreadableImage as error:
                 name = f"{name} ({error})"
+        if self.stand_in is not None:
+            self.scope.changes.note(
+                "missing environment map, sun and sky took its place: {}", repr(name)
+            )
+            return self.stand_in(scale)
         self.scope.changes.note(
             "missing environment map, an even white sky took its place: {}", repr(name)
         )

@@ -87,15 +87,20 @@ class Node:
 
 
 def read_tree(
-    path: Path, sandbox: Sandbox, parameters: dict[str, str], changes: Changes
+    path: Path,
+    sandbox: Sandbox,
+    parameters: dict[str, str],
+    changes: Changes,
+    usual: dict[str, str] | None = None,
 ) -> tuple[Node, str]:
     """Read a scene file; returns its `<scene>` element and its version, such as "0.6.0".
 
-    `parameters` are values for `$name`s; they win over the file's `<default>`s. A `$name` without
-    any value stays as it is: whoever needs that property decides.
+    `parameters` are values for `$name`s; they win over the file's `<default>`s, and these over
+    the `usual` ones. A `$name` without any value stays as it is: whoever needs that property
+    decides.
     Raises `InputError` for broken, oversized, hostile or foreign files.
     """
-    reader = _Reader(sandbox, dict(parameters), changes)
+    reader = _Reader(sandbox, dict(parameters), changes, usual or {})
     root = reader.read(path)
     if root.tag != "scene":
         raise root.error("not a Mitsuba scene; the outermost element must be <scene>")
@@ -114,9 +119,11 @@ def unresolved(text: str) -> list[str]:
 
 
 class _Reader:
-    def __init__(self, sandbox: Sandbox, given: dict[str, str], changes: Changes) -> None:
+    def __init__(
+        self, sandbox: Sandbox, given: dict[str, str], changes: Changes, usual: dict[str, str]
+    ) -> None:
         self.sandbox, self.given, self.changes = sandbox, given, changes
-        self.values = dict(given)
+        self.values, self.usual = dict(given), usual
         self.used: set[str] = set()
         self.elements = self.includes = 0
 
@@ -163,7 +170,7 @@ class _Reader:
     def _fill(self, text: str) -> str:
         def value(match: re.Match[str]) -> str:
             self.used.add(match[1])
-            return self.values.get(match[1], match[0])
+            return self.values.get(match[1], self.usual.get(match[1], match[0]))
 
         # Longest name first, as Mitsuba does, is what a greedy \w+ gives.
         return _PARAMETER.sub(value, text) if "$" in text else text

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 from xml.etree.ElementTree import Element
@@ -12,7 +12,16 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from shapely.geometry import box
 
-from scenes.contract import Light, Portal, Room, Scene, load_scene, save_scene, writing_scene
+from scenes.contract import (
+    Credit,
+    Light,
+    Portal,
+    Room,
+    Scene,
+    load_scene,
+    save_scene,
+    writing_scene,
+)
 from scenes.errors import InputError
 from scenes.mitsuba_source.changes import Changes
 from scenes.mitsuba_source.credits import find_credit
@@ -28,7 +37,18 @@ from scenes.mitsuba_source.orientation import (
     up_from_geometry,
     upright,
 )
+from scenes.mitsuba_source.outdoors import daylight, ground
 from scenes.mitsuba_source.panes import frosted_openings, is_flat, remove_panes
+from scenes.mitsuba_source.pbrs import (
+    ReleaseCamera,
+    Thing,
+    find_release,
+    release_objects,
+    rooms_by_name,
+    things_of,
+    with_lamps,
+    without_doubles,
+)
 from scenes.mitsuba_source.rays import RayCaster
 from scenes.mitsuba_source.reader import Node, read_tree, unresolved
 from scenes.mitsuba_source.rooms import (
@@ -45,6 +65,7 @@ from scenes.mitsuba_source.values import Properties, Scope, look_at
 from scenes.mitsuba_source.writer import sensor_element, write_scene_xml
 
 _MAX_SENSORS = 64
+_SENSORS = ("sensor", "camera")
 _MAX_SIZE = 8192
 
 
@@ -69,6 +90,8 @@ class _Camera:
     half_fov_x: float
     width: int
     height: int
+    room: str = ""  # the source's own name for the room it stands in
+    more: dict[str, Any] = field(default_factory=dict)  # what else the source says about it
 
 
 def import_mitsuba(path: Path, out: Path, scene_id: str, options: MitsubaOptions) -> Scene:
@@ -78,8 +101,10 @@ def import_mitsuba(path: Path, out: Path, scene_id: str, options: MitsubaOptions
     """
     changes = Changes()
     given = dict(options.parameters or {})
-    sandbox = Sandbox(path.parent, options.root, tuple(given.values()))
-    root, version = read_tree(path, sandbox, given, changes)
+    release = find_release(path, changes)
+    usual = release.parameters if release else {}
+    sandbox = Sandbox(path.parent, options.root, (*given.values(), *usual.values()))
+    root, version = read_tree(path, sandbox, given, changes, usual)
     scope = Scope(sandbox, changes, tuple(int(part) for part in version.split(".")))
     _index(root, scope)
     with writing_scene(out) as folder:
@@ -88,7 +113,18 @@ def import_mitsuba(path: Path, out: Path, scene_id: str, options: MitsubaOptions
         shapes = _visible(shapes, changes)
         if not shapes:
             raise InputError(f"{path}: the scene holds no shapes")
-        cameras = _cameras(root, scope)
+        things: list[Thing] = []
+        if release:
+            shapes = without_doubles(shapes, changes)
+            things = things_of(shapes)
+            shapes = with_lamps(shapes, things, release, path, changes)
+            options = replace(options, up="y" if options.up == "auto" else options.up)
+            options = replace(options, scale=options.scale or 1.0)
+        if release and release.cameras:
+            root.children = [node for node in root.children if node.tag not in _SENSORS]
+            cameras = [_release_camera(camera, root) for camera in release.cameras]
+        else:
+            cameras = _cameras(root, scope)
         frame = _frame(shapes, cameras, root, scope, options)
         shapes = [shape.transformed(frame) for shape in shapes]
         cameras = [_moved(camera, frame, changes) for camera in cameras]
@@ -101,7 +137,7 @@ def import_mitsuba(path: Path, out: Path, scene_id: str, options: MitsubaOptions
         shapes = [shape for shape in shapes if not shape.surface.invisible]
         for shape in removed:
             changes.note("an invisible shape was left out: {}", shape.name)
-        emitters = Emitters(scope, materials, frame)
+        emitters = Emitters(scope, materials, frame, daylight if release else None)
         area = {
             shape.id: emitters.area(shape.emitter) for shape in shapes if shape.emitter is not None
         }
@@ -117,7 +153,15 @@ def import_mitsuba(path: Path, out: Path, scene_id: str, options: MitsubaOptions
             if old != new:
                 changes.note("files were found under another path: {}", f"{old!r} as {new!r}")
         room_ids = [f"room_{index}" for index in range(len(rooms))]
-        objects = group_objects(shapes, rooms, room_ids)
+        if release:
+            objects = release_objects(shapes, things, release, rooms, room_ids)
+            own_names = rooms_by_name(things, shapes, rooms, room_ids)
+        else:
+            objects = group_objects(shapes, rooms, room_ids)
+            own_names = {}
+        if release and any("sun" in emitter.kinds for emitter in others):
+            plain, thing = ground(shapes)
+            shapes, objects = [*shapes, plain], (*objects, thing)
         lights = _lights(shapes, area, others, rooms, room_ids)
         portals = _portals(openings, frosted, rooms, room_ids)
         if any(room.guessed for room in rooms):
@@ -137,7 +181,8 @@ def import_mitsuba(path: Path, out: Path, scene_id: str, options: MitsubaOptions
                 "kind": "mitsuba",
                 "file": path.name,
                 "version": version,
-                "views": [_view(camera) for camera in cameras],
+                "views": [_view(camera, own_names) for camera in cameras],
+                **({"rooms": own_names} if own_names else {}),
             },
             rooms=tuple(
                 Room(
@@ -156,7 +201,7 @@ def import_mitsuba(path: Path, out: Path, scene_id: str, options: MitsubaOptions
             objects=objects,
             lights=lights,
             portals=portals,
-            credits=(find_credit(path.parent, scene_id, options.licence, options.author, changes),),
+            credits=(_credit(path, scene_id, options, release is not None, changes),),
             lighting=_lighting(lights),
             plan=scene_id,
             changes=changes.sentences(),
@@ -201,7 +246,7 @@ def _cameras(root: Node, scope: Scope) -> list[_Camera]:
     cameras: list[_Camera] = []
     for child in root.children:
         node = scope.resolve(child) if child.tag == "ref" else child
-        if node.tag not in ("sensor", "camera"):
+        if node.tag not in _SENSORS:
             continue
         if node.type not in ("perspective", "thinlens", "perspective_rdist"):
             scope.changes.note("a sensor of kind {} was left out", repr(node.type))
@@ -244,6 +289,12 @@ def _camera(node: Node, number: int, scope: Scope) -> _Camera:
     properties.nested("sampler", "film")
     properties.report_unused()
     return _Camera(node.attributes.get("id") or f"sensor_{number}", matrix, half, width, height)
+
+
+def _release_camera(camera: ReleaseCamera, root: Node) -> _Camera:
+    pose = look_at(camera.eye, camera.eye + camera.towards, camera.up, root)
+    more = {"sector": camera.sector, "score": camera.score, "half_fov_y": camera.half_fov[1]}
+    return _Camera(camera.name, pose, camera.half_fov[0], 640, 480, camera.room, more)
 
 
 def _moved(camera: _Camera, frame: Floats, changes: Changes) -> _Camera:
@@ -338,6 +389,19 @@ def _survey(
     return rooms, find_openings(RayCaster(corners), rooms)
 
 
+def _credit(
+    path: Path, scene_id: str, options: MitsubaOptions, release: bool, changes: Changes
+) -> Credit:
+    if not release:
+        return find_credit(path.parent, scene_id, options.licence, options.author, changes)
+    author = options.author or "SUNCG; prepared for Mitsuba by Zhang et al. (PBRS, 2017)"
+    changes.note(
+        "this house of the PBRS release comes from SUNCG: look up on what terms you have it "
+        "before you share anything made from it"
+    )
+    return find_credit(path.parent, path.parent.name, options.licence, author, changes)
+
+
 def _lights_if_none(
     path: Path,
     area: dict[str, Element],
@@ -350,9 +414,7 @@ def _lights_if_none(
     if not options.sky:
         raise InputError(f"{path}: the scene has no light; add sun and sky with --sky")
     changes.note("the scene had no light; sun and sky were added")
-    made = plugin("emitter", "sunsky", turbidity=3.5)
-    made.append(Element("vector", {"name": "sun_direction", "value": "0.5 -0.7 0.5"}))
-    return [Emitter(made, ("sky", "sun"))]
+    return [daylight()]
 
 
 def _report_dropped(root: Node, scope: Scope) -> None:
@@ -480,10 +542,16 @@ def _max_depth(root: Node, scope: Scope) -> int:
     return 17
 
 
-def _view(camera: _Camera) -> dict[str, Any]:
-    """The camera as an offered view: OpenCV axes are Mitsuba's with x and y turned round."""
+def _view(camera: _Camera, own_names: dict[str, str]) -> dict[str, Any]:
+    """The camera as an offered view: OpenCV axes are Mitsuba's with x and y turned round.
+
+    `own_names` leads from the source's names of rooms to ours.
+    """
     pose = camera.to_world @ np.diag([-1.0, -1, 1, 1])
+    room = {"room": own_names[camera.room]} if camera.room in own_names else {}
     return {
+        **camera.more,
+        **room,
         "name": re.sub(r"[^A-Za-z0-9_-]+", "_", camera.name),
         "camera_to_world": pose.tolist(),
         "half_fov_x": camera.half_fov_x,

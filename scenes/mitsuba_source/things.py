@@ -108,8 +108,7 @@ def group_objects(
     objects = []
     for members in _groups(shapes, structure, categories):
         first = members[0]
-        bounds = np.array([member.mesh.bounds for member in members])
-        low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+        low, high = bounds_of(members)
         category = categories[first.id]
         if category in _STANDING and not _on_floor(low, rooms):
             category = "other"
@@ -123,7 +122,7 @@ def group_objects(
                 bbox_min=_triple(low),
                 bbox_max=_triple(high),
                 is_structure=structure[first.id] != "",
-                room=_room_of(0.5 * (low + high), low, rooms, room_ids),
+                room=room_of(0.5 * (low + high), low, rooms, room_ids),
             )
         )
     return tuple(objects)
@@ -283,7 +282,14 @@ def _halton(base: int) -> Floats:
     return result
 
 
-def _room_of(centre: Floats, low: Floats, rooms: list[FoundRoom], ids: list[str]) -> str | None:
+def bounds_of(shapes: list[Shape]) -> tuple[Floats, Floats]:
+    """Lowest and highest corner (3,) of shapes together."""
+    bounds = np.array([shape.mesh.bounds for shape in shapes])
+    return bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+
+
+def room_of(centre: Floats, low: Floats, rooms: list[FoundRoom], ids: list[str]) -> str | None:
+    """The room that holds a thing with this centre and lowest corner; niches count."""
     foot = np.array([centre[0], centre[1], low[2]])
     for place, margin in ((centre, 0.1), (foot, 0.1), (centre, _NICHE)):
         for room, name in zip(rooms, ids, strict=True):
