@@ -16,6 +16,7 @@ from shapely.geometry import Point
 from scenes.contract import Scene
 from scenes.files import digest_folder
 from scenes.mitsuba_source.changes import Changes
+from scenes.mitsuba_source.rays import RayCaster
 from scenes.photometry import LUMEN
 from scenes.registry import import_scene
 from scenes.sweethome.categories import category_of, room_type
@@ -458,12 +459,13 @@ def test_panes_leave_and_overrides_come_in_order(tmp_path: Path) -> None:
 def test_newer_homes_come_in_with_what_is_known(tmp_path: Path) -> None:
     xml = draw.usual(
         "<hologram/><hologram/><polyline><point x='1' y='1'/></polyline><label/>"
-        + draw.piece(model="nothing", x=100, y=100),
+        + draw.piece(inside="<scent/>", model="nothing", x=100, y=100),
         version=9900,
     )
     scene = bring(tmp_path, xml)
     said = " ".join(scene.changes)
-    for words in ("newer version", "<hologram> (2)", "polylines", "labels", "CANNOT BE READ"):
+    for words in ("newer version", "<hologram> (2)", "<scent> (1)", "polylines", "labels",
+                  "WITHOUT A MODEL"):  # fmt: skip
         assert words in said
     assert len(scene.rooms) == 1
 
@@ -478,3 +480,95 @@ def test_emitted_flux_is_the_lamps(tmp_path: Path) -> None:
     # A Lambertian ball of 5 cm radius (10 cm diameter, the largest that is kept).
     flux = math.pi * luminance * 4 * math.pi * 0.05**2 / LUMEN
     assert flux == pytest.approx(1000, rel=1e-5)
+
+
+def test_glowing_materials_have_the_flux_of_the_bulbs(tmp_path: Path) -> None:
+    # Two sources of 1000 lm; the shade is the box of 2 x 1 x 4 scaled to 0.2 x 0.1 x 0.4 m.
+    source = "<lightSource x='0.5' y='0.5' z='0.5' color='00AA9770' diameter='0.5'/>"
+    lamp = draw.piece("light", 2 * source + "<lightSourceMaterial name='amber'/>", model="m",
+                      x=210, y=160, width=20, height=10, depth=40, power=0.5)  # fmt: skip
+    scene = bring(tmp_path, draw.usual(lamp), {"m": draw.BOX})
+    (light,) = [one for one in scene.lights if one.kind == "area"]
+    assert light.lumens == pytest.approx(2000)
+    assert len(light.shapes) == 1
+    text = scene.xml.read_text()
+    assert 'type="sphere"' not in text
+    radiance = [float(v) for v in text.split('name="radiance" value="')[1].split('"')[0].split()]
+    surface = 2 * (0.2 * 0.1 + 0.2 * 0.4 + 0.1 * 0.4)
+    flux = math.pi * np.dot([0.2126, 0.7152, 0.0722], radiance) * surface / LUMEN
+    assert flux == pytest.approx(2000, rel=1e-5)
+
+
+def test_shelf_units_are_furniture(tmp_path: Path) -> None:
+    shelf = draw.piece("shelfUnit", "<shelf elevation='0.5'/>", name="Bookcase", model="m",
+                       x=100, y=100)  # fmt: skip
+    grouped = f"<furnitureGroup name='group'>{shelf}</furnitureGroup>"
+    scene = bring(tmp_path, draw.usual(shelf + grouped), {"m": draw.BOX})
+    assert [one.category for one in scene.objects if one.name == "Bookcase"] == ["bookshelf"] * 2
+    assert "unknown" not in " ".join(scene.changes)
+
+
+def test_homes_without_models_say_what_is_missing(tmp_path: Path) -> None:
+    bed = draw.piece(name="Bunk bed", model="7", x=150, y=100, width=90, depth=200, height=150,
+                     elevation=10, angle=math.pi / 2)  # fmt: skip
+    xml = draw.home(
+        draw.box_walls(0, 0, 420, 320)
+        + draw.room(10, 10, 400, 300)
+        + 3 * bed
+        + draw.piece(name="Vase", model="8", x=50, y=50)
+        + draw.window(x=200, y=0, model="1")
+        + draw.piece("doorOrWindow", name="Front door", model="2", x=0, y=160, angle=math.pi / 2,
+                     width=90, depth=20, height=200)
+        + draw.lamp(x=210, y=160, elevation=190, model="3")
+    )  # fmt: skip
+    scene = bring(tmp_path, xml, {"8": "# nothing"})
+    said = list(scene.changes)
+    assert "PIECES WITHOUT A MODEL WERE LEFT OUT (4): 3 x Bunk bed, Vase (no faces in it)" in said
+    assert "DOORS AND WINDOWS WITHOUT A MODEL CAME IN AS OPEN HOLES (2): window, Front door" in said
+    assert "LAMPS WITHOUT A MODEL CAME IN AS BARE BULBS (1): bulb" in said
+    missing = scene.source["missing"]
+    assert [one["kept"] for one in missing] == ["nothing"] * 4 + ["opening"] * 2 + ["light"]
+    assert missing[0]["centre"] == pytest.approx([1.5, -1.0, 0.85])
+    assert missing[0]["size"] == pytest.approx([0.9, 2.0, 1.5])
+    assert missing[0]["angle"] == pytest.approx(-math.pi / 2, abs=1e-5)
+    assert missing[0]["room"] == "room_0"
+    # No stand-ins: only the building and the bulb. What was lost still tells what the room is.
+    assert {one.category for one in scene.objects if not one.is_structure} == {"lamp"}
+    assert scene.rooms[0].type == "bedroom"
+    # The walls are cut: rays go through both holes, which are clear portals.
+    assert [(portal.kind, portal.clear) for portal in scene.portals] == [
+        ("window", True),
+        ("door", True),
+    ]
+    walls = [
+        np.asarray(trimesh.load(scene.folder / "meshes" / f"{shape}.ply").triangles)
+        for one in scene.objects
+        if one.category == "wall"
+        for shape in one.shapes
+    ]
+    caster = RayCaster(np.concatenate(walls))
+    north, east, south, west = np.array([[0.0, 1, 0], [1, 0, 0], [0, -1, 0], [-1, 0, 0]])
+    away, _ = caster.cast(np.array([2.0, -1.6, 1.4]), np.stack([north, south]))
+    assert away == pytest.approx([np.inf, 1.5])
+    away, _ = caster.cast(np.array([2.0, -1.6, 1.0]), np.stack([west, east]))
+    assert away == pytest.approx([np.inf, 2.1])
+
+
+def test_outlines_without_spikes_need_no_mitre(
+    tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    # Walls at 45 degrees with corners that are off by less than a micrometre.
+    corners = [(0, 600), (200.00002, 600), (400, 800), (200, 1000), (-7.5782878e-06, 800)]
+    walls = "".join(
+        draw.wall(
+            f"w{number}",
+            corner,
+            corners[(number + 1) % 5],
+            wallAtStart=f"w{(number - 1) % 5}",
+            wallAtEnd=f"w{(number + 1) % 5}",
+        )
+        for number, corner in enumerate(corners)
+    )
+    scene = bring(tmp_path, draw.home(walls + draw.window(x=100, y=600)))
+    assert len(scene.rooms) == 1
+    assert [str(one.message) for one in recwarn if one.category is RuntimeWarning] == []

@@ -65,7 +65,12 @@ def place(piece: Piece, model: Model, elevation: float, changes: Changes) -> Pla
         finish, uvs = _textured(piece, part, made, bounds)
         mesh = Mesh(part.mesh.vertices, part.mesh.faces, part.mesh.normals, uvs)
         parts.append(
-            Part(_standing(mesh, whole), finish, pane=_is_pane(part) and finish.kind == "glass")
+            Part(
+                _standing(mesh, whole),
+                finish,
+                pane=_is_pane(part) and finish.kind == "glass",
+                glows=part.material_name in piece.glowing,
+            )
         )
     return Placed(tuple(parts), to_world)
 

@@ -157,6 +157,7 @@ class Piece:
     cut: Cut | None = None
     power: float = 0.0
     bulbs: tuple[Bulb, ...] = ()
+    glowing: tuple[str, ...] = ()  # names of the lamp's materials that give its light
 
 
 @dataclass(frozen=True)

@@ -38,9 +38,12 @@ def lit_parts(
 ) -> tuple[tuple[Part, ...], float]:
     """A lamp's parts with its light on, and its lumens.
 
-    A bulb that its fixture closes in gives its flux to the parts around it; glass around a bulb
-    is left out, as it would stop the light's shadow rays.
+    Parts of a material that gives light have the flux of all bulbs, in their place. A bulb that
+    its fixture closes in gives its flux to the parts around it; glass around a bulb is left out,
+    as it would stop the light's shadow rays.
     """
+    if any(part.glows for part in parts):
+        return _glowing(piece, parts)
     total, made = 0.0, list(parts)
     for bulb in piece.bulbs:
         lumens = lumens_of(bulb, piece.power)
@@ -76,6 +79,21 @@ def lit_parts(
                 made[number] = replace(made[number], radiance=glow)
             changes.note("closed shades glow in place of the bulbs inside: {}", piece.name)
     return tuple(made), total
+
+
+def _glowing(piece: Piece, parts: tuple[Part, ...]) -> tuple[tuple[Part, ...], float]:
+    bulbs = piece.bulbs or (Bulb(0.5, 0.5, 0.5, _USUAL_COLOR, None),)
+    total = sum(lumens_of(bulb, piece.power) for bulb in bulbs)
+    surface = sum(area(part.mesh) for part in parts if part.glows)
+    if total < 1.0 or surface <= 0:
+        return parts, 0.0
+    glow = _radiance(total, surface, _tint(bulbs[0].color))
+    return tuple(
+        replace(part, finish=replace(part.finish, kind="matt", image=None), radiance=glow)
+        if part.glows
+        else part
+        for part in parts
+    ), total
 
 
 def _ball(piece: Piece, bulb: Bulb, to_world: Floats) -> tuple[Floats, float]:

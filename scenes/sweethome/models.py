@@ -18,6 +18,7 @@ from scenes.mitsuba_source.changes import Changes
 from scenes.mitsuba_source.meshes import Floats, Mesh, cleaned, creased
 from scenes.sweethome.archive import HomeArchive
 from scenes.sweethome.default_materials import DEFAULT_MATERIALS
+from scenes.sweethome.missing import ABSENT
 
 MAX_TRIANGLES = 2_000_000  # of one model
 _MAX_CORNERS = 4096  # of one polygon
@@ -95,7 +96,7 @@ class _Run:
 def read_model(archive: HomeArchive, member: str, changes: Changes) -> Model:
     """The model in a member of the archive; raises `UnreadableModel`."""
     if member not in archive:
-        raise UnreadableModel("missing in the file")
+        raise UnreadableModel(ABSENT)
     try:
         data = archive.read(member)
     except InputError as error:

@@ -36,8 +36,13 @@ _MAX_ELEMENTS = 500_000
 _MAX_ITEMS = 20_000  # walls, rooms, pieces
 _MAX_POINTS = 5_000  # of one room
 _FAR = 1e6  # cm: no home reaches further
-_FURNITURE = ("pieceOfFurniture", "doorOrWindow", "light")
+_FURNITURE = ("pieceOfFurniture", "doorOrWindow", "light", "shelfUnit")
 _DEPTH = 32  # of groups in groups
+# Known inside of others, whether there is a use for them here or not.
+_INNER = ("property", "texture", "material", "transformation", "lightSource",
+          "lightSourceMaterial", "sash", "shelf", "baseboard", "point", "textStyle", "text",
+          "backgroundImage", "printedLevel", "camera", "observerCamera", *_FURNITURE,
+          "furnitureGroup")  # fmt: skip
 # Known to the application, without a place in a scene of ours.
 _SILENT = ("property", "furnitureVisibleProperty", "print", "backgroundImage")
 _COUNTED = {
@@ -290,6 +295,9 @@ class _Reader:
             cut=self.cut(get) if opening else None,
             power=min(max(get.number("power", 0.5), 0.0), 1.0) if element.tag == "light" else 0.0,
             bulbs=tuple(self.bulb(child) for child in element.findall("lightSource")),
+            glowing=tuple(
+                child.get("name", "") for child in element.findall("lightSourceMaterial")
+            ),
         )
 
     def material(self, element: Element) -> NamedMaterial:
@@ -406,10 +414,15 @@ def read_home(path: Path, text: bytes, changes: Changes) -> Home:
     for tag, sentence in _COUNTED.items():
         if counts[tag]:
             changes.note(f"{sentence} ({counts[tag]})")
-    for tag in sorted(set(counts) - known):
-        changes.note("unknown elements were left out: {}", f"<{tag}> ({counts[tag]})")
-    for name in sorted(reader.hidden):
-        changes.note("pieces that are hidden in the home were left out: {}", name)
+    unknown = Counter({tag: count for tag, count in counts.items() if tag not in known})
+    for child in root:
+        if child.tag in known:
+            unknown.update(one.tag for one in child.iter() if one.tag not in (child.tag, *_INNER))
+    for tag in sorted(unknown):
+        changes.note("unknown elements were left out: {}", f"<{tag}> ({unknown[tag]})")
+    for name, count in sorted(reader.hidden.items()):
+        times = f"{count} x " if count > 1 else ""
+        changes.note("pieces that are hidden in the home were left out: {}", f"{times}{name}")
     properties = {
         child.get("name", ""): child.get("value", "") for child in root.findall("property")
     }

@@ -18,6 +18,7 @@ from shapely.geometry.polygon import orient
 from scenes.mitsuba_source.meshes import Floats, Mesh
 
 _SPECK = 1e-6  # square metres: regions smaller than this are dropped
+_GRID = 1e-6  # metres: spikes thinner than this are dropped
 
 Heights = Callable[[Floats], Floats]  # z of points (N, 2)
 
@@ -45,8 +46,11 @@ def polygons(region: BaseGeometry) -> list[Polygon]:
 
 
 def polygonal(region: BaseGeometry) -> BaseGeometry:
-    """The areas of a region, without the lines and points that overlays leave over."""
-    return MultiPolygon(polygons(region))
+    """The areas of a region, without the lines, points and spikes that overlays leave over.
+
+    A spike, where an outline goes out and comes back along the same line, has no mitre.
+    """
+    return MultiPolygon(polygons(shapely.set_precision(region, _GRID)))
 
 
 def prism(region: BaseGeometry, bottom: float, top: float | Heights) -> manifold3d.Manifold:

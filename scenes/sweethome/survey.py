@@ -27,6 +27,7 @@ from scenes.sweethome.finishes import Finishes
 from scenes.sweethome.furniture import Placed, bare, place
 from scenes.sweethome.home import Home, Piece
 from scenes.sweethome.lamps import lit_parts
+from scenes.sweethome.missing import MissingPiece, missing_piece, note_missing
 from scenes.sweethome.models import Models, UnreadableModel
 from scenes.sweethome.openings import Opening, opening_of
 from scenes.sweethome.outlines import is_round
@@ -93,7 +94,8 @@ def import_sweethome(path: Path, out: Path, scene_id: str, options: SweetHomeOpt
         models = Models(archive, changes)
         credits = Credits(home, archive, path.stem, options.licence, options.author)
         cutting = _cutting(levels)
-        pieces = _furnish(levels, models, cutting, options, credits, changes)
+        pieces, missing = _furnish(levels, models, cutting, options, credits, changes)
+        note_missing(missing, changes)
         below = [
             unary_union([space.floor_slab for space in level.spaces])
             for level in levels
@@ -108,7 +110,8 @@ def import_sweethome(path: Path, out: Path, scene_id: str, options: SweetHomeOpt
         things = [_in_room(thing, rooms, inside) for thing in things]
         things = [replace(thing, parts=tuple(merged(thing.parts))) for thing in things]
         portals, lit_by_opening = _portals(levels, rooms, inside, pieces)
-        rooms = _described(rooms, things, portals, lit_by_opening)
+        lost = [(one, _room_at(one.centre, rooms, inside, 0.25)) for one in missing]
+        rooms = _described(rooms, things, lost, lit_by_opening)
         lamps = [thing for thing in things if thing.lumens > 0]
         for texture in _textures(home):
             credits.texture(texture)
@@ -148,6 +151,7 @@ def import_sweethome(path: Path, out: Path, scene_id: str, options: SweetHomeOpt
                 "version": home.version,
                 "light": _light_record(sky),
                 "views": [camera.as_view() for camera in cameras],
+                "missing": [one.as_record(room) for one, room in lost],
             },
             rooms=tuple(rooms),
             objects=tuple(objects),
@@ -212,24 +216,32 @@ def _furnish(
     options: SweetHomeOptions,
     credits: Credits,
     changes: Changes,
-) -> list[Thing]:
+) -> tuple[list[Thing], list[MissingPiece]]:
+    """The pieces as things, and those whose model cannot be shown."""
     things: list[Thing] = []
+    missing: list[MissingPiece] = []
     taken: set[str] = set()
     for level in levels:
         for piece in level.storey.pieces:
-            placed = _placed(piece, level.storey, models, credits, changes)
-            if placed is None:
+            if min(piece.width, piece.height, piece.depth) <= 0:
+                changes.note("pieces without size were left out: {}", piece.name or piece.id)
                 continue
-            parts, lumens = placed.parts, 0.0
             category, is_structure = category_of(
                 piece.kind, piece.name, piece.catalog_id, piece.model or ""
             )
+            try:
+                placed = _placed(piece, level.storey, models, credits, changes)
+            except UnreadableModel as error:
+                elevation = level.storey.elevation
+                missing.append(missing_piece(piece, category, elevation, str(error)))
+                placed = bare(piece, elevation)
+            parts, lumens = placed.parts, 0.0
             if id(piece) in cutting:
                 panes = [part for part in parts if part.finish.kind == "glass"]
                 if panes:
                     changes.note("clear panes of doors and windows were left out: {}", piece.name)
                     parts = tuple(part for part in parts if part.finish.kind != "glass")
-            if piece.bulbs and options.lamps != "off":
+            if (piece.bulbs or piece.glowing) and options.lamps != "off":
                 lamp = piece
                 if options.lamps == "on" and piece.power <= 0:
                     lamp = replace(piece, power=0.5)
@@ -249,26 +261,15 @@ def _furnish(
                     level.storey.number,
                 )
             )
-    return things
+    return things, missing
 
 
 def _placed(
     piece: Piece, storey: Storey, models: Models, credits: Credits, changes: Changes
-) -> Placed | None:
-    if min(piece.width, piece.height, piece.depth) <= 0:
-        changes.note("pieces without size were left out: {}", piece.name or piece.id)
-        return None
-    try:
-        if piece.model is None:
-            raise UnreadableModel("none is given")
-        model = models.get(piece.model)
-    except UnreadableModel as error:
-        what = "BUT FOR THEIR LIGHT" if piece.bulbs else "LEFT OUT"
-        if piece.cut is not None:
-            what += ", THEIR OPENINGS STAY OPEN"
-        changes.note(f"PIECES WHOSE MODEL CANNOT BE READ, {what}: {{}}",
-                     f"{piece.name} ({error})")  # fmt: skip
-        return bare(piece, storey.elevation) if piece.bulbs else None
+) -> Placed:
+    if piece.model is None:
+        raise UnreadableModel("the home names none")
+    model = models.get(piece.model)
     placed = place(piece, model, storey.elevation, changes)
     credits.model(piece.name, piece.creator, piece.model, model)
     return placed
@@ -367,19 +368,20 @@ def _portals(
 
 
 def _described(
-    rooms: list[Room], things: list[Thing], portals: list[Portal], lit: set[str]
+    rooms: list[Room],
+    things: list[Thing],
+    lost: list[tuple[MissingPiece, str | None]],
+    lit: set[str],
 ) -> list[Room]:
+    """The rooms with names, types and whether light comes in; `lost` pieces tell the type, too."""
     names: dict[str, int] = {}
     made = []
     lamps = {thing.room for thing in things if thing.category == "lamp"}
     for room in rooms:
         kind = room_type(
             room.name,
-            [
-                thing.category
-                for thing in things
-                if thing.room == room.id and not thing.is_structure
-            ],
+            [thing.category for thing in things if thing.room == room.id and not thing.is_structure]
+            + [one.category for one, place in lost if place == room.id],
         )
         name = room.name or kind
         names[name] = names.get(name, 0) + 1

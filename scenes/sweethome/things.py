@@ -39,6 +39,7 @@ class Part:
     radiance: Color | None = None
     ball: tuple[tuple[float, float, float], float] | None = None
     pane: bool = False  # one of the panes of a window
+    glows: bool = False  # its material gives the light of its lamp
 
 
 @dataclass(frozen=True)
