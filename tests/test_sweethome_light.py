@@ -33,7 +33,10 @@ def bring(folder: Path, xml: str, members: dict[str, str | bytes] | None = None,
 
 
 def loaded(scene: Scene, blocked: bool = False) -> object:
-    """The Mitsuba scene; `blocked` puts a black board, 3 cm too large, into every portal."""
+    """The Mitsuba scene; `blocked` puts two black boards, too large, into every portal.
+
+    Two, as rays may slip between the two triangles of one.
+    """
     text = scene.xml.read_text()
     boards = []
     for portal in scene.portals if blocked else ():
@@ -41,12 +44,14 @@ def loaded(scene: Scene, blocked: bool = False) -> object:
         middle = points.mean(axis=0)
         axes = np.stack([np.cross([0, 0, 1.0], portal.normal), [0, 0, 1.0]])
         flat = (points - middle) @ axes.T
-        vertices, faces = triangulated(Polygon(flat).buffer(0.03, join_style="mitre"))
-        name = f"meshes/board-{portal.id}.ply"
-        write_ply(scene.folder / name, Mesh(middle + vertices @ axes, faces))
-        boards.append(f'<shape type="ply"><string name="filename" value="{name}"/>'
-                      '<bsdf type="twosided"><bsdf type="diffuse">'
-                      '<rgb name="reflectance" value="0"/></bsdf></bsdf></shape>')  # fmt: skip
+        for margin, along in ((0.03, 0.0), (0.04, 0.01)):
+            vertices, faces = triangulated(Polygon(flat).buffer(margin, join_style="mitre"))
+            name = f"meshes/board-{portal.id}-{margin}.ply"
+            points = middle + vertices @ axes + along * np.array(portal.normal)
+            write_ply(scene.folder / name, Mesh(points, faces))
+            boards.append(f'<shape type="ply"><string name="filename" value="{name}"/>'
+                          '<bsdf type="twosided"><bsdf type="diffuse">'
+                          '<rgb name="reflectance" value="0"/></bsdf></bsdf></shape>')  # fmt: skip
     path = scene.folder / "boarded.xml"
     path.write_text(text.replace("</scene>", "".join(boards) + "</scene>"))
     return mi.load_file(str(path), optimize=False, parallel=False)
@@ -130,7 +135,9 @@ def test_a_lamp_lights_its_closed_room_alone(tmp_path: Path) -> None:
     assert looks(made, middle_of(scene, 1), spp=128).max() == 0
 
 
-@pytest.mark.parametrize("name", ["Studio", "3-BedroomApartment", "4-BedroomHouse"])
+@pytest.mark.parametrize(
+    "name", ["Studio", "Sample", "1-BedroomApartment", "3-BedroomApartment", "4-BedroomHouse"]
+)
 def test_a_real_home_without_light_is_black(name: str, shared_scenes: Path, tmp_path: Path) -> None:
     scene = import_scene(shared_scenes / "homes" / f"{name}.sh3d", tmp_path / "out", lamps="off")
     bright = looks(loaded(scene), middle_of(scene, 1), spp=4)
@@ -198,3 +205,27 @@ def test_images_stand_upright_in_true_size(tmp_path: Path) -> None:
     # From outside west is right: red lies east of green.
     assert color((0.15, 1, 0.75), south) == "green"
     assert color((0.65, 1, 0.75), south) == "red"
+
+
+def test_a_sloping_ceiling_leaves_no_gap(tmp_path: Path) -> None:
+    # The east wall is a metre lower than the west one; north and south slope between them. The
+    # plan is no rectangle, so that inner corners lie off the walls' ends.
+    corners = [(0, 0), (420, 60), (420, 320), (0, 320)]
+    slopes = [(350, 250), (250, 250), (250, 350), (350, 350)]
+    walls = "".join(
+        draw.wall(
+            f"w{number}",
+            corners[number],
+            corners[(number + 1) % 4],
+            wallAtStart=f"w{(number - 1) % 4}",
+            wallAtEnd=f"w{(number + 1) % 4}",
+            height=slopes[number][0],
+            heightAtEnd=slopes[number][1],
+        )
+        for number in range(4)
+    )
+    scene = bring(tmp_path, draw.home(walls + draw.window(x=210, y=320)), lamps="off")
+    assert looks(loaded(scene), middle_of(scene, 0)).mean() > 1e-3
+    closed = loaded(scene, blocked=True)
+    for eye in ((1.0, -1.6, 1.0), (3.0, -1.6, 2.3), (0.4, -2.8, 2.9)):
+        assert looks(closed, eye, spp=128).max() == 0

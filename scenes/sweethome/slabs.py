@@ -17,7 +17,7 @@ from scenes.mitsuba_source.meshes import Floats, Mesh
 from scenes.sweethome.finishes import laid, paint_of, surface_finish
 from scenes.sweethome.home import Environment, Piece, Surface
 from scenes.sweethome.paths import UnreadablePath, path_region
-from scenes.sweethome.solids import polygons, prism, surface, world_region
+from scenes.sweethome.solids import polygonal, polygons, prism, surface, world_region
 from scenes.sweethome.spaces import Space
 from scenes.sweethome.storeys import Storey
 from scenes.sweethome.things import Finish, Part, Thing
@@ -27,6 +27,8 @@ Well = tuple[BaseGeometry, float, float]  # region (world), foot and top (cm)
 _FLOOR = 0.12  # metres: thickness of a floor on the ground
 _CEILING = 0.12  # metres: of a ceiling with nothing above
 _BEHIND = 0.02  # metres above a ceiling's face from which one slab backs all ceilings
+_SAME_CORNER = 0.1  # cm between corners of walls that count as one
+_STEP = 20.0  # cm: walls at a corner that differ more are meant to
 _GROUND = -0.03  # metres: the ground lies a little below floors at 0
 _REACH = 2500.0  # metres of ground to each side
 
@@ -87,8 +89,15 @@ class CeilingHeights:
         if not len(self._tops):
             return np.full(len(points), self._level)
         plan = points * [100, -100]
-        nearest = [int(np.argmin(((self._points - point) ** 2).sum(axis=1))) for point in plan]
-        return 0.01 * self._tops[nearest]
+        made = np.empty(len(plan))
+        for number, point in enumerate(plan):
+            away = np.linalg.norm(self._points - point, axis=1)
+            top = self._tops[int(np.argmin(away))]
+            # Walls that meet here end at slightly different heights if one slopes: the lowest
+            # decides, or there would be a gap above it.
+            meeting = self._tops[away < away.min() + _SAME_CORNER]
+            made[number] = meeting[np.abs(meeting - top) < _STEP].min()
+        return 0.01 * made
 
     def over(self, region: BaseGeometry, points: Floats) -> Floats:
         """Heights (m) at `points` (N, 2) of a ceiling drawn as `region`, which they may overstep.
@@ -225,7 +234,7 @@ def _ceiling(
     if np.ptp(tops) < 1e-3:
         z = float(np.median(tops))
         return surface(prism(region, z, z + thickness)), z
-    vertices, faces = triangulated(region)
+    vertices, faces = _creased_at(region, drawn)
     lowest = heights.over(drawn, vertices)
     low = np.column_stack([vertices, lowest])
     high = np.column_stack([vertices, lowest + thickness])
@@ -242,6 +251,20 @@ def _ceiling(
     all_faces = np.concatenate([faces[:, ::-1], faces + count, sides])
     points = np.concatenate([low, high])[all_faces].reshape(-1, 3)
     return Mesh(points, np.arange(len(points)).reshape(-1, 3)), None
+
+
+def _creased_at(region: BaseGeometry, drawn: BaseGeometry) -> tuple[Floats, np.ndarray]:
+    """Triangles of a region with edges along the rim of `drawn`: vertices (V, 2), faces (F, 3).
+
+    A sloping ceiling must follow the tops of walls along their inner faces, and only beyond
+    these the tops' own thickness.
+    """
+    within, within_faces = triangulated(polygonal(region.intersection(drawn)))
+    beyond, beyond_faces = triangulated(polygonal(region.difference(drawn)))
+    points = np.round(np.concatenate([within, beyond]), 6)
+    faces = np.concatenate([within_faces, beyond_faces + len(within)])
+    vertices, index = np.unique(points, axis=0, return_inverse=True)
+    return vertices, index.reshape(-1)[faces]
 
 
 def _covered(mesh: Mesh, finish: Surface, toward: float) -> Part:
