@@ -12,12 +12,18 @@ from scenes.contract import Scene
 from scenes.errors import ParameterError
 from scenes.registry import import_scene
 
+_MITSUBA_OPTIONS = (
+    "parameters", "scale", "up", "root", "skip_missing", "sky", "licence", "author",
+)  # fmt: skip
+_HOME_OPTIONS = ("levels", "time", "lamps", "licence", "author")
+
 
 @click.command(
     epilog="""\b
 Examples:
   pbrnet import room/scene.xml --out data/scenes/room
-  pbrnet import old.xml --out data/scenes/old --parameter envmap_path=sky.exr --scale 0.01"""
+  pbrnet import old.xml --out data/scenes/old --parameter envmap_path=sky.exr --scale 0.01
+  pbrnet import house.sh3d --out data/scenes/house --time 19:30 --level Upstairs"""
 )
 @click.argument("path", type=click.Path(path_type=Path))
 @click.option(
@@ -50,6 +56,21 @@ Examples:
 )
 @click.option("--skip-missing", is_flag=True, help="Go on without shapes whose mesh is missing.")
 @click.option("--sky", is_flag=True, help="Add sun and sky if the scene has no light at all.")
+@click.option(
+    "--level",
+    "levels",
+    multiple=True,
+    metavar="NAME",
+    help="Level of a home to bring in; may be repeated. All if not given.",
+)
+@click.option("--time", metavar="HH:MM", help="Local time of day in a home, instead of its own.")
+@click.option(
+    "--lamps",
+    type=click.Choice(["home", "on", "off"]),
+    default="home",
+    show_default=True,
+    help="A home's lamps: as it has them, all lit, or none.",
+)
 @click.option("--licence", default="", help="Terms of use, e.g. CC-BY-4.0, if no file says so.")
 @click.option("--author", default="", help="Whose work it is, if no file says so.")
 @click.option(
@@ -68,7 +89,8 @@ def import_command(
 ) -> None:
     """Bring the scene PATH into the scene folder OUT and say what was found, changed and lost.
 
-    PATH is a Mitsuba XML file of version 0.4 to 3.x, or a scene folder with scene.json.
+    PATH is a Mitsuba XML file of version 0.4 to 3.x, a Sweet Home 3D home (.sh3d), or a scene
+    folder with scene.json. Options for another kind of file than PATH are refused.
     """
     parameters = {}
     for pair in pairs:
@@ -77,12 +99,29 @@ def import_command(
             raise ParameterError(f"--parameter: {pair!r} is not of the form NAME=VALUE")
         parameters[name.removeprefix("$")] = value
     started = time.monotonic()
-    # A scene folder takes no options; the other sources get those that were given.
-    given = {} if path.is_dir() else {"parameters": parameters, **options}
+    given = _options_for(path, {"parameters": parameters, **options})
     scene = import_scene(path, out, scene_id, **given)
     click.echo(f"{path} -> {out} in {time.monotonic() - started:.1f} s")
     for line in summary(scene):
         click.echo(line)
+
+
+def _options_for(path: Path, options: dict[str, object]) -> dict[str, object]:
+    """Those of `options` that the kind of `path` takes; a scene folder takes none.
+
+    Raises `ParameterError` for one that was given and belongs to another kind.
+    """
+    context = click.get_current_context()
+    own = {"sh3d": _HOME_OPTIONS}.get(path.suffix.lower().removeprefix("."), _MITSUBA_OPTIONS)
+    for name in sorted(options):
+        flag = {"parameters": "pairs"}.get(name, name)
+        source = context.get_parameter_source(flag)
+        if name not in own and source == click.core.ParameterSource.COMMANDLINE:
+            label = {"parameters": "parameter", "levels": "level"}.get(name, name)
+            raise ParameterError(
+                f"--{label.replace('_', '-')}: not for {path.suffix or path} files"
+            )
+    return {} if path.is_dir() else {name: options[name] for name in own}
 
 
 def summary(scene: Scene) -> list[str]:

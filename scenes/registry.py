@@ -12,6 +12,7 @@ from typing import Any
 from scenes.contract import Scene, load_scene, save_scene, writing_scene
 from scenes.errors import InputError
 from scenes.mitsuba_source.survey import MitsubaOptions, import_mitsuba
+from scenes.sweethome.survey import SweetHomeOptions, import_sweethome
 
 _MAX_FILES = 200_000
 
@@ -52,6 +53,10 @@ def _mitsuba(path: Path, out: Path, scene_id: str, options: dict[str, Any]) -> S
     return import_mitsuba(path, out, scene_id, MitsubaOptions(**options))
 
 
+def _sweethome(path: Path, out: Path, scene_id: str, options: dict[str, Any]) -> Scene:
+    return import_sweethome(path, out, scene_id, SweetHomeOptions(**options))
+
+
 def _copy_folder(path: Path, out: Path, scene_id: str) -> Scene:
     if not (path / "scene.json").is_file():
         raise InputError(
@@ -77,5 +82,6 @@ def _copy_folder(path: Path, out: Path, scene_id: str) -> Scene:
 
 # Suffix -> importer(path, out, scene_id, options).
 SOURCES: dict[str, Callable[[Path, Path, str, dict[str, Any]], Scene]] = {
+    ".sh3d": _sweethome,
     ".xml": _mitsuba,
 }

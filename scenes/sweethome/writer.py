@@ -1,0 +1,86 @@
+"""The scene folder of a home: meshes as PLY, `scene.xml`, and the list of objects."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree.ElementTree import Element, ElementTree, indent
+
+import numpy as np
+
+from scenes.contract import Point3, SceneObject
+from scenes.mitsuba_source.elements import number, plugin, prop
+from scenes.mitsuba_source.writer import sensor_element, write_ply
+from scenes.sweethome.finishes import Finishes
+from scenes.sweethome.sun import Sky
+from scenes.sweethome.things import Part, Thing
+from scenes.sweethome.views import Camera
+
+_MAX_DEPTH = 11
+
+
+def write_scene(
+    folder: Path,
+    things: list[Thing],
+    finishes: Finishes,
+    sky: Sky,
+    camera: Camera,
+    weight: Callable[[Thing], float],
+) -> list[SceneObject]:
+    """Write `scene.xml` and its meshes; the objects are those of `things`, in order."""
+    shapes, objects = [], []
+    for thing in things:
+        names = []
+        for count, part in enumerate(thing.parts):
+            name = f"{thing.id}.{count}"
+            names.append(name)
+            shapes.append(_shape(folder, name, part, finishes.bsdf(part.finish), weight(thing)))
+        low, high = np.round(thing.bounds, 5).tolist()
+        objects.append(
+            SceneObject(
+                id=thing.id,
+                name=thing.name,
+                category=thing.category,
+                shapes=tuple(names),
+                bbox_min=_triple(low),
+                bbox_max=_triple(high),
+                is_structure=thing.is_structure,
+                room=thing.room,
+            )
+        )
+    root = Element("scene", {"version": "3.0.0"})
+    root.append(plugin("integrator", "path", max_depth=_MAX_DEPTH))
+    fov = math.degrees(2 * camera.half_fov_x)
+    root.append(sensor_element(camera.for_mitsuba, fov, camera.width, camera.height))
+    root.append(sky.emitter)
+    for element in (*finishes.elements, *shapes):
+        root.append(element)
+    indent(root, "  ")
+    ElementTree(root).write(folder / "scene.xml", encoding="utf-8", xml_declaration=True)
+    return objects
+
+
+def _shape(folder: Path, name: str, part: Part, bsdf: str, weight: float) -> Element:
+    if part.ball is not None:
+        centre, radius = part.ball
+        made = plugin("shape", "sphere", radius=float(radius))
+        x, y, z = (number(value) for value in centre)
+        made.append(Element("point", {"name": "center", "x": x, "y": y, "z": z}))
+    else:
+        file = f"meshes/{name}.ply"
+        write_ply(folder / file, part.mesh)
+        made = plugin("shape", "ply", filename=file)
+        if part.mesh.normals is None:
+            made.append(prop("face_normals", True))
+    made.set("id", name)
+    made.append(Element("ref", {"id": bsdf}))
+    if part.radiance is not None:
+        glow = plugin("emitter", "area", radiance=part.radiance)
+        glow.append(prop("sampling_weight", float(max(weight, 0.01))))
+        made.append(glow)
+    return made
+
+
+def _triple(values: list[float]) -> Point3:
+    return (values[0], values[1], values[2])
