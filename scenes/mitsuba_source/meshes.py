@@ -179,9 +179,10 @@ def read_obj_parts(path: Path, lines: list[bytes], part_of_face: Ints) -> dict[i
     tables = _obj_tables(path, lines)
     corners, sizes = _obj_corners(path, lines)
     ends = np.cumsum(sizes)
+    order = np.argsort(part_of_face, kind="stable")
+    numbers, first = np.unique(part_of_face[order], return_index=True)
     parts = {}
-    for part in np.unique(part_of_face).tolist():
-        mine = np.nonzero(part_of_face == part)[0]
+    for part, mine in zip(numbers.tolist(), np.split(order, first[1:]), strict=True):
         starts = ends[mine] - sizes[mine]
         rows = np.repeat(starts - np.cumsum(sizes[mine]) + sizes[mine], sizes[mine])
         rows += np.arange(len(rows))

@@ -219,12 +219,9 @@ def _surface(
 
 
 def _opacity(mtl: Mtl) -> float:
-    """`d`, or one minus `Tr`; some exporters write 0 for opaque, which would show nothing."""
-    if "d" in mtl.numbers:
-        value = mtl.numbers["d"][0]
-    else:
-        value = 1 - mtl.numbers.get("Tr", (0.0,))[0]
-    return float(np.clip(value, 0.0, 1.0))
+    """`d`, or one minus `Tr`."""
+    clear = 1 - mtl.numbers.get("Tr", (0.0,))[0]
+    return float(np.clip(mtl.numbers.get("d", (clear,))[0], 0.0, 1.0))
 
 
 def _roughness(mtl: Mtl) -> float:
