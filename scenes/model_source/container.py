@@ -69,10 +69,13 @@ class Asset:
     sandbox: Sandbox
     binary: bytes | None = None  # the second chunk of a GLB
     _buffers: dict[int, bytes] = field(default_factory=dict)
+    _lists: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
 
     def items(self, name: str) -> list[dict[str, Any]]:
-        """A top-level list of objects, such as "nodes"; empty if absent."""
-        return objects(self.data, name, str(self.path))
+        """A top-level list of objects, such as "nodes"; empty if absent. Checked once."""
+        if name not in self._lists:
+            self._lists[name] = objects(self.data, name, str(self.path))
+        return self._lists[name]
 
     def item(self, name: str, index: Any, where: str) -> dict[str, Any]:
         """Element `index` of a top-level list; refuses an index beyond it."""

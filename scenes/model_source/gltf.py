@@ -64,7 +64,8 @@ class _Reader:
         for name in ("animations", "skins"):
             if self.asset.items(name):
                 self.changes.note(f"{name} were left out; everything stays in its first pose")
-        for node in self._walk():
+        # The whole tree first, so that a damaged one is refused before any mesh is read.
+        for node in list(self._walk()):
             if "mesh" in node.node:
                 self._mesh(node)
             if "camera" in node.node:
@@ -216,7 +217,8 @@ class _Reader:
 
     def _light(self, node: _Node) -> None:
         index = extensions(node.node)[_LIGHTS].get("light")
-        listed = objects(extensions(self.asset.data).get(_LIGHTS, {}), "lights", "lights")
+        where = f"{self.asset.path}: {_LIGHTS}"
+        listed = objects(extensions(self.asset.data).get(_LIGHTS, {}), "lights", where)
         place = f"{self.asset.path}: lights[{index}]"
         light = listed[whole(index, place, 0, len(listed) - 1)]
         kind = light.get("type")

@@ -11,6 +11,8 @@ from typing import Any, Literal
 from xml.etree.ElementTree import Element
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from scenes.contract import Credit, Scene, SceneObject, load_scene, writing_scene
 from scenes.errors import InputError
@@ -42,7 +44,7 @@ _LARGEST_GUESS = 60.0  # up to which a thing without a room may well be in metre
 _LEAST_SCENE, _LARGEST_SCENE = 1.5, 200.0  # metres, of what may hold rooms
 _UNITS = {1.0: "metres", 0.01: "centimetres", 0.0254: "inches", 0.001: "millimetres"}
 _TOUCHING = 0.02  # metres
-_JOINED = frozenset(("table", "desk", "bed", "wardrobe", "shelf", "cabinet", "plant", "sofa"))
+_JOINED = ("table", "desk", "bed", "wardrobe", "shelf", "cabinet", "plant", "sofa")
 _Y = np.array([0.0, 1.0, 0.0])
 _REC709 = np.array([0.2126, 0.7152, 0.0722])
 # Emission is candela per square metre, but many files mean "as bright as white paper" by 1.
@@ -322,19 +324,27 @@ def _joined(
     groups: dict[str, list[Shape]], kinds: dict[str, tuple[str, str, bool]]
 ) -> dict[str, list[Shape]]:
     """Things of one telling category that touch, such as a table's top and legs, as one."""
+    target = {key: key for key in groups}
+    for category in _JOINED:
+        keys = [key for key in groups if kinds[key][0] == category and not kinds[key][2]]
+        if not keys:
+            continue
+        bounds = np.array([bounds_of(groups[key]) for key in keys])
+        low, high = bounds[:, 0] - _TOUCHING, bounds[:, 1] + _TOUCHING
+        rows: list[int] = []
+        columns: list[int] = []
+        for row in range(len(keys)):
+            meets = ((low[row] <= high) & (high[row] >= low)).all(axis=1)
+            columns += np.nonzero(meets)[0].tolist()
+            rows += [row] * int(meets.sum())
+        graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(keys),) * 2)
+        _, labels = connected_components(graph, directed=False)
+        first: dict[int, str] = {}
+        for key, label in zip(keys, labels.tolist(), strict=True):
+            target[key] = first.setdefault(label, key)
     joined: dict[str, list[Shape]] = {}
-    bounds: dict[str, tuple[Floats, Floats]] = {}
     for key, members in groups.items():
-        low, high = bounds_of(members)
-        category, _, structure = kinds[key]
-        target = key
-        for other, (least, most) in bounds.items():
-            meets = (low <= most + _TOUCHING).all() and (high >= least - _TOUCHING).all()
-            if meets and kinds[other][0] == category and category in _JOINED and not structure:
-                target = other
-                break
-        joined.setdefault(target, []).extend(members)
-        bounds[target] = bounds_of(joined[target])
+        joined.setdefault(target[key], []).extend(members)
     return joined
 
 

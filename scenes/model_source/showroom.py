@@ -23,11 +23,11 @@ _LEAST = np.array([3.6, 3.2, 2.6])  # inner width, depth and height, metres
 _ABOVE = 0.8  # metres between the object and the ceiling
 _THICK = 0.2
 _WINDOW = (1.6, 1.3, 0.9)  # width, height, sill, metres
-_LAMP = (0.4, 0.03, 1500.0, 3000.0)  # side, thickness, metres; lumens; kelvin
+_LAMP = (0.4, 0.03, 1500.0, 4000.0)  # side, thickness, metres; lumens; kelvin
 _CORNER, _EYE = 0.35, 1.55  # metres from the walls of a corner view, and its height
 _HALF_FOV = 0.5534  # radians, as PBRS has it
-_FLOOR: Color = (0.33, 0.21, 0.12)
-_WALL: Color = (0.74, 0.71, 0.66)
+_FLOOR: Color = (0.30, 0.25, 0.20)
+_WALL: Color = (0.72, 0.71, 0.69)
 _CEILING: Color = (0.82, 0.82, 0.80)
 
 
