@@ -48,7 +48,7 @@ lock:
 	rm -rf build/lock
 
 clean:
-	rm -rf data models metrics plots report benchmarks/results.json
+	rm -rf data models metrics plots predictions report
 
 distclean: clean
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import platform
+import shutil
 import statistics
 import subprocess
 import sys
@@ -17,20 +18,20 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import click
 import mitsuba as mi
 import numpy as np
 import pyarrow.dataset
 
+from benchmarks.plain_loop import plain_sensor
 from pipeline.cameras import sample_cameras
 from pipeline.dataset import pack_dataset
 from pipeline.frames import frame_path, read_frame
 from pipeline.groundtruth import render_truth
 from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
-from pipeline.params import Params
+from pipeline.params import Params, load_params
 from pipeline.renderer import RenderScene, open_scene, renderer_version, set_variant
 from pipeline.stages import run_cameras, run_groundtruth, run_illumination, run_inputs, run_scenes
 from pipeline.views import View, load_cameras
@@ -39,6 +40,13 @@ from scenes.files import write_json
 
 REPEATS = 5
 ROOT = Path(__file__).resolve().parent
+# The denoiser is left out: it is work that a plain loop does not do.
+PARAMETERS = """
+scenes: {{homes: {homes}}}
+cameras: {{views_per_scene: 4}}
+groundtruth: {{spp: 32, block_spp: 8, denoise: none}}
+dataset: {{splits: {{test: 0.34}}}}
+"""
 
 
 @dataclass(frozen=True)
@@ -73,32 +81,6 @@ def compare(
 
 def _row(name: str, meaning: str, ratios: list[float]) -> Row:
     return Row(name, statistics.median(ratios), min(ratios), max(ratios), len(ratios), meaning)
-
-
-def plain_sensor(view: View, sampler: str) -> Any:
-    """A view's camera as Mitsuba's own documentation would write it."""
-    return mi.load_dict(
-        {
-            "type": "perspective",
-            "fov": float(np.degrees(2 * np.arctan(view.width / 2 / view.K[0][0]))),
-            "to_world": mi.ScalarTransform4f(view.pose @ np.diag([-1.0, -1.0, 1.0, 1.0])),
-            "sampler": {"type": sampler},
-            "film": {
-                "type": "hdrfilm",
-                "width": view.width,
-                "height": view.height,
-                "rfilter": {"type": "box"},
-            },
-        }
-    )
-
-
-def plain_loop(scene: RenderScene, views: list[View], spp: int, depth: int) -> None:
-    """What anyone would write first: `mi.render` over the views, with Mitsuba's own film."""
-    integrator = mi.load_dict({"type": "path", "max_depth": depth})
-    for view in views:
-        sensor = plain_sensor(view, "multijitter")
-        np.array(mi.render(scene.mitsuba, sensor=sensor, integrator=integrator, spp=spp))
 
 
 def error_ratio(scene: RenderScene, view: View, params: Params) -> Row:
@@ -173,15 +155,10 @@ def reading_ratio(data: Path, views: list[View]) -> Row:
 def main(homes: int, out: Path) -> None:
     """Measure, print the table and write it."""
     variant = set_variant()
-    params = Params()
-    params = replace(
-        params,
-        scenes=replace(params.scenes, homes=homes),
-        cameras=replace(params.cameras, views_per_scene=4),
-        dataset=replace(params.dataset, splits=replace(params.dataset.splits, test=0.34)),
-    )
     with tempfile.TemporaryDirectory() as folder:
-        data = Path(folder)
+        data, parameters = Path(folder) / "data", Path(folder) / "params.yaml"
+        parameters.write_text(PARAMETERS.format(homes=homes))
+        params = load_params(parameters)
         run_scenes(data, params)
         run_cameras(data, params)
         scene_ids = [path.name for path in scene_folders(data / "scenes")]
@@ -191,7 +168,7 @@ def main(homes: int, out: Path) -> None:
         name = max(views, key=lambda key: len(views[key]))
         scene = open_scene(load_scene(data / "scenes" / name))
         view, truth = views[name][0], params.groundtruth
-        rows = [_stage_ratio(data, params, views)]
+        rows = [stage_ratio(data, parameters)]
         rows += [
             compare(
                 "panorama / ground truth",
@@ -228,29 +205,26 @@ def _both_truths(scene: RenderScene, view: View, params: Params) -> None:
     render_truth(scene.neutral(params.shading.albedo), view, params.groundtruth, 0)
 
 
-def _stage_ratio(data: Path, params: Params, views: dict[str, list[View]]) -> Row:
-    """The stage, workers and files included, over the plain loop in one process."""
-    spp = params.groundtruth.spp
+def stage_ratio(data: Path, parameters: Path) -> Row:
+    """The stage, workers and files included, over the plain loop; both in fresh processes."""
 
     def stage() -> None:
         for kind in ("shading", "color"):
-            for path in (data / kind).rglob("*.exr"):
-                path.unlink()
-        run_groundtruth(data, params)
-
-    def loop() -> None:
-        for name, some in views.items():
-            scene = open_scene(load_scene(data / "scenes" / name))
-            plain_loop(scene, some, spp, params.groundtruth.max_depth)
-            plain_loop(scene.neutral(0.5), some, spp, params.groundtruth.max_depth)
+            shutil.rmtree(data / kind, ignore_errors=True)
+        options = ["--params", str(parameters), "--data", str(data)]
+        _process("-m", "pipeline.cli", "groundtruth", *options)
 
     return compare(
         "groundtruth stage / mi.render loop",
-        "wall time, equal views and spp, scene loading and files included",
+        "wall time, equal views and spp; start, scene loading and files included",
         stage,
-        loop,
-        repeats=3,
+        lambda: _process("-m", "benchmarks.plain_loop", str(data), str(parameters)),
+        repeats=2,
     )
+
+
+def _process(*words: str) -> None:
+    subprocess.run([sys.executable, *words], check=True, cwd=ROOT.parent, stdout=subprocess.DEVNULL)
 
 
 def _show(rows: list[Row], out: Path) -> None:

@@ -23,6 +23,7 @@ from pipeline.pictures import png_bytes
 from pipeline.tonemap import to_bytes
 from pipeline.views import View
 from scenes.checked import build
+from scenes.contract import load_scene
 from scenes.errors import InputError
 from scenes.files import atomic_file
 
@@ -177,13 +178,13 @@ def _line(method: str, values: dict[str, Any]) -> str:
 @click.command(
     epilog="""\b
 Examples:
-  pbrnet predict data/scenes/home-0000 --view VIEW --out picture.png
+  pbrnet predict data/scenes/home-0000 --view VIEW
   pbrnet predict data/scenes/home-0000 --view VIEW --size 640x480 --compare
   pbrnet predict --inputs in.exr --illumination panorama.exr --out picture.png
 
 VIEW is a view_id of the camera file, data/cameras/SCENE.json unless --camera names another.
 --compare reads the truth from the data folder, or renders it, and puts it beside the
-prediction with the error.""",
+prediction with the error. `pbrnet report` shows all that lies in predictions/.""",
 )
 @click.argument("scene", type=_FOLDER, required=False)
 @click.option("--view", "view_id", default=None, help="View of the camera file.")
@@ -193,7 +194,7 @@ prediction with the error.""",
 @click.option("--size", default=None, metavar="WxH", help="Render the inputs at this size.")
 @click.option("--compare", "with_truth", is_flag=True, help="Put truth and error beside it.")
 @click.option(
-    "--out", type=_FILE, default=Path("prediction.png"), show_default=True, help="PNG to write."
+    "--out", type=_FILE, default=None, help="PNG to write.  [default: predictions/SCENE--VIEW.png]"
 )
 @_models_option("Trained networks.")
 @common_options
@@ -208,7 +209,7 @@ def predict(
     illumination: Path | None,
     size: str | None,
     with_truth: bool,
-    out: Path,
+    out: Path | None,
 ) -> None:
     """Make an image through the trained networks, from SCENE or from frames."""
     networks = load_networks(models)
@@ -238,9 +239,24 @@ def predict(
     picture, words = to_bytes(result.color), ""
     if with_truth:
         picture, words = prediction.compare(networks, example, result)
+    facts = {
+        "prediction": example.name,
+        "models": str(models),
+        "words": words,
+        "credits": _credits(scene or data / "scenes" / example.scene_id),
+    }
+    out = out or Path("predictions") / f"{example.scene_id}--{example.view_id}.png"
     with atomic_file(out) as partial:
-        partial.write_bytes(png_bytes(picture))
+        partial.write_bytes(png_bytes(picture, facts))
     click.echo(f"{out}: {example.name}, {result.color.shape[1]}x{result.color.shape[0]} {words}")
+
+
+def _credits(scene: Path) -> list[str]:
+    """Whose work a scene is and on what terms, as far as its folder is there."""
+    if not (scene / "scene.json").is_file():
+        return []
+    credits = load_scene(scene).credits
+    return list(dict.fromkeys(f"{c.title} by {c.author}, {c.licence}" for c in credits))
 
 
 def _parse_size(text: str | None) -> tuple[int, int] | None:

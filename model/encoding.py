@@ -2,13 +2,14 @@
 
 Inputs are scale-free where the target is: shading is tone-mapped by its own log average, so
 brightening every light changes nothing, and panoramic intensity is taken relative to its mean
-over the sphere. Logarithms tame the ranges: a bare bulb is 10^5 times a dim wall.
+over the sphere. Logarithms tame the ranges: a bare bulb is 10^5 times a dim wall. Images are
+centred about 0: without that a short training finds brightness but not colour.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 import torch
@@ -16,30 +17,31 @@ import torch
 from model.data import Array, Example
 from pipeline.tonemap import Exposure, encode_srgb, tonemap
 
+Value = TypeVar("Value", Array, torch.Tensor)
 Policy = Literal["own", "shared"]
 Tensors = dict[str, torch.Tensor]
 
 # Channels of every encoded input.
 CHANNELS = {"depth": 2, "normal": 3, "intensity": 1, "distance": 1, "reflectance": 3}
-NEAR, FAR = 0.05, 100.0  # metres: depths and distances are clamped to this range
+NEAR, MIDDLE, FAR = 0.05, 2.5, 100.0  # metres: depths and distances are clamped to the range
 
 
 def encode(examples: Sequence[Example]) -> Tensors:
     """Network inputs, float32 (N, C, H, W), `CHANNELS` each; all views must be of one size.
 
-    * `depth`: ln(depth / m) / 2, 0 where there is no surface; and the validity mask
+    * `depth`: ln(depth / `MIDDLE`), 0 where there is no surface; and the validity mask
     * `normal`: camera frame, unit
     * `intensity`: relative to its mean over the sphere by solid angle; all 0 where no light shows
     * `distance`: metres, at most `FAR`; both are made logarithmic by the network, which may have
       to average them first
-    * `reflectance`: sRGB-encoded, so that it lives on the scale of the display values it meets
+    * `reflectance`: sRGB-encoded and `centred`, like the display values that it meets
     """
     return {
         "depth": _stack([_depth(example) for example in examples]),
         "normal": _stack([example.normal for example in examples]),
         "intensity": _stack([_intensity(example.intensity) for example in examples]),
         "distance": _stack([np.minimum(example.distance, FAR)[..., None] for example in examples]),
-        "reflectance": _stack([encode_srgb(example.reflectance) for example in examples]),
+        "reflectance": _stack([centred(encode_srgb(example.reflectance)) for example in examples]),
     }
 
 
@@ -56,6 +58,11 @@ def color_exposure(example: Example, policy: Policy) -> Exposure:
     return example.exposure_shading if policy == "shared" else example.exposure_color
 
 
+def centred(display: Value) -> Value:
+    """Display values in [0, 1] to [-1, 1], as the networks take them."""
+    return 2 * display - 1
+
+
 def to_image(batch: torch.Tensor) -> Array:
     """The first of (N, 3, H, W) network outputs as display values float32 (H, W, 3), [0, 1]."""
     return batch[0].detach().float().clamp(0, 1).permute(1, 2, 0).cpu().numpy()
@@ -68,7 +75,7 @@ def solid_angles(height: int, width: int) -> Array:
 
 
 def _depth(example: Example) -> Array:
-    log = np.log(np.clip(example.depth, NEAR, FAR)) / 2
+    log = np.log(np.clip(example.depth, NEAR, FAR) / MIDDLE)
     valid = example.valid.astype(np.float32)
     return np.stack([log * valid, valid], axis=-1)
 

@@ -15,7 +15,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from model.encoding import CHANNELS, Tensors
+from model.encoding import CHANNELS, Tensors, centred
 
 Kind = Literal["shading", "composition", "unet"]
 Panorama = Literal["resize", "normal"]
@@ -79,8 +79,8 @@ class CompositionNet(nn.Module):
         self.unet = UNet(6, width, levels)
 
     def forward(self, shading: torch.Tensor, reflectance: torch.Tensor) -> torch.Tensor:
-        """Display values and sRGB-encoded reflectance, (N, 3, H, W) each, to display values."""
-        return self.unet(torch.cat([shading, reflectance], dim=1))
+        """Shading in display values and `encode`'s reflectance, (N, 3, H, W), to display values."""
+        return self.unet(torch.cat([centred(shading), reflectance], dim=1))
 
 
 class Branch(nn.Sequential):

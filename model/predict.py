@@ -19,7 +19,7 @@ from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
 from pipeline.params import Params, ToneParams
 from pipeline.passes import PASSES
-from pipeline.pictures import Picture, contact_sheet, error_picture
+from pipeline.pictures import Picture, contact_sheet, error_picture, reflectance_picture
 from pipeline.renderer import RenderScene, open_scene, set_variant
 from pipeline.tonemap import exposure_of, to_bytes, tonemap
 from pipeline.views import View, as_matrix, load_cameras
@@ -138,11 +138,12 @@ def compare(networks: Networks, example: Example, prediction: Prediction) -> tup
             error_picture(flip_map(truth, prediction.color)),
             to_bytes(prediction.shading),
             to_bytes(tonemap(example.shading, example.exposure_shading)),
+            reflectance_picture(example.reflectance),
         ],
         columns=3,
         labels=(
             *("prediction", "truth", f"FLIP error, mean {values['flip']:.3f}"),
-            *("predicted shading", "true shading"),
+            *("predicted shading", "true shading", "reflectance"),
         ),
     )
     words = f"SSIM {values['ssim']:.3f}, PSNR {values['psnr']:.1f} dB, FLIP {values['flip']:.3f}"

@@ -99,12 +99,12 @@ The page needs no network. What is not there yet is named, with the command that
     type=click.Path(path_type=Path, file_okay=False),
     default=Path(),
     show_default=True,
-    help="Folder that holds models, metrics and plots.",
+    help="Folder that holds models, metrics, plots and predictions.",
 )
 @common_options
 def report(params: Params, data: Path, out: Path, root: Path) -> None:
     """Write one self-contained HTML page that shows what happened."""
-    places = Places(data, root / "models", root / "metrics", root / "plots")
+    places = Places(data, *(root / name for name in ("models", "metrics", "plots", "predictions")))
     for sentence in write_report(places, params, out):
         click.echo(f"note: {sentence}", err=True)
     click.echo(f"Written: {out} ({out.stat().st_size / 1e6:.1f} MB)")

@@ -7,12 +7,15 @@ trained to please the eye, not to be unbiased; `groundtruth.denoise: none` keeps
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
+from functools import cache
+from importlib import import_module
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pyoidn
 
 from pipeline.frames import RGB, Channels
 from pipeline.inputs import render_inputs
@@ -32,7 +35,7 @@ def denoiser_version() -> str:
 def denoise(image: Channels, albedo: Image, normal: Image) -> Channels:
     """Denoise `R`, `G`, `B` (H, W), linear HDR, guided by `albedo` and `normal` (H, W, 3)."""
     noisy = np.stack([image[band] for band in RGB], axis=-1).astype(np.float32)
-    clean = pyoidn.denoise(noisy, albedo=albedo, normal=normal, hdr=True, clean_aux=True)
+    clean = _oidn().denoise(noisy, albedo=albedo, normal=normal, hdr=True, clean_aux=True)
     clean = np.maximum(np.nan_to_num(clean), 0)
     return {band: clean[..., index] for index, band in enumerate(RGB)}
 
@@ -56,6 +59,22 @@ def grey_guide(normal: Image, albedo: float) -> Image:
     """The albedo guide of a textureless image: one grey wherever there is a surface."""
     surface = np.linalg.norm(normal, axis=-1, keepdims=True) > 0
     return np.where(surface, np.float32(albedo), np.float32(0)).repeat(3, axis=-1)
+
+
+@cache
+def _oidn() -> Any:
+    """`pyoidn`, kept from importing torch, which costs each worker a second and 200 MB.
+
+    It takes torch for tensors alone, and does without where there is none.
+    """
+    hide = "torch" not in sys.modules
+    if hide:
+        sys.modules["torch"] = None  # type: ignore[assignment]
+    try:
+        return import_module("pyoidn")
+    finally:
+        if hide:
+            del sys.modules["torch"]
 
 
 def _average(channels: Channels, names: list[str]) -> Image:

@@ -6,18 +6,22 @@ Every function takes linear, scene-referred arrays and returns uint8 (H, W, 3), 
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import matplotlib
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
+from PIL.PngImagePlugin import PngInfo
 
 from pipeline.tonemap import Exposure, encode_srgb, to_bytes, tonemap
 
 Picture = npt.NDArray[np.uint8]
 Array = npt.NDArray[np.floating]
 
+_CHUNK = "pbrnet"  # of a PNG: what the picture shows
 NOTHING = np.array([38, 38, 42], dtype=np.uint8)  # where there is no surface or no light
 
 
@@ -148,11 +152,24 @@ def contact_sheet(
     return np.asarray(sheet)
 
 
-def png_bytes(picture: Picture) -> bytes:
-    """Deterministic PNG: same pixels, same bytes (no time, no text chunks)."""
-    stream = io.BytesIO()
-    Image.fromarray(picture).save(stream, "PNG", compress_level=4)
+def png_bytes(picture: Picture, facts: Mapping[str, Any] | None = None) -> bytes:
+    """Deterministic PNG: same pixels and facts, same bytes (no time).
+
+    `facts`, what the picture shows and whose work it is, go into one text chunk as JSON.
+    """
+    stream, text = io.BytesIO(), PngInfo()
+    if facts is not None:
+        text.add_itxt(_CHUNK, json.dumps(facts, ensure_ascii=False, sort_keys=True))
+    Image.fromarray(picture).save(stream, "PNG", compress_level=4, pnginfo=text)
     return stream.getvalue()
+
+
+def png_facts(source: bytes) -> dict[str, Any] | None:
+    """The facts that `png_bytes` put into a picture; None if it holds none."""
+    with Image.open(io.BytesIO(source)) as image:
+        text = image.info.get(_CHUNK)
+    facts = json.loads(text) if isinstance(text, str) else None
+    return facts if isinstance(facts, dict) else None
 
 
 def jpeg_bytes(picture: Picture, quality: int = 85) -> bytes:

@@ -40,6 +40,7 @@ from pipeline.pictures import (
     jpeg_bytes,
     normal_picture,
     png_bytes,
+    png_facts,
     read_picture,
     reflectance_picture,
     tone_picture,
@@ -100,6 +101,7 @@ class Places:
     models: Path = Path("models")
     metrics: Path = Path("metrics")
     plots: Path = Path("plots")
+    predictions: Path = Path("predictions")
 
 
 def write_report(places: Places, params: Params, out: Path) -> list[str]:
@@ -154,6 +156,7 @@ class _Page:
             results=self._results(),
             strips=self._strips(),
             examples=self._examples(examples, rows),
+            predictions=self._predictions(),
             costs=self._costs(),
             imports=self._imports(),
             credits=self._credits(),
@@ -584,6 +587,29 @@ class _Page:
                 if picture is not None
             ],
         }
+
+    def _predictions(self) -> list[dict[str, Any]]:
+        """What `pbrnet predict` left behind."""
+        shown = []
+        for path in sorted(self.places.predictions.glob("*.png")):
+            try:
+                content = path.read_bytes()
+                facts, picture = png_facts(content), read_picture(content)
+            except (OSError, ValueError):
+                self.missing.append(f"{path} is damaged; make it again with: pbrnet predict")
+                continue
+            if facts is None or "prediction" not in facts:
+                self.missing.append(f"{path} was not made by pbrnet predict and is not shown")
+                continue
+            shown.append(
+                {
+                    "label": str(facts["prediction"]),
+                    "figures": ", ".join(filter(None, (facts.get("words"), facts.get("models")))),
+                    "credits": "; ".join(facts.get("credits", ())),
+                    "uri": _uri(fit(picture, 3 * THUMBNAIL)),
+                }
+            )
+        return shown
 
     def _costs(self) -> dict[str, Any] | None:
         seconds: dict[str, dict[tuple[str, str], float]] = defaultdict(dict)

@@ -81,12 +81,15 @@ def test_outcomes_that_die_with_their_worker_are_made_again(
             (holder,) = run.client.who_has([future])[future.key]
             killed.append(run.client.run(os.getpid, workers=[holder])[holder])
             os.kill(killed[0], signal.SIGKILL)
+            deadline = time.monotonic() + 60
             while future.status == "finished":
+                assert time.monotonic() < deadline, "the loss of the outcomes was not seen"
                 time.sleep(0.01)
         yield from settle(run, future)
 
     monkeypatch.setattr(farm_module._Run, "settle", kill_first)
-    outcomes = _run(_items(6), FarmParams(workers=2, batch=2))
+    slow = {f"k{index}": {"sleep": 0.5} for index in range(6)}  # made again too soon, it is missed
+    outcomes = _run(_items(6, **slow), FarmParams(workers=2, batch=2))
     assert killed
     assert all((o.value, o.error) == (key, "") for key, o in outcomes.items())
 

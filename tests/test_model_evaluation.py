@@ -34,8 +34,10 @@ from pipeline.params import (
     ToneParams,
     TrainParams,
 )
+from pipeline.pictures import png_facts, read_picture
 from pipeline.tonemap import Exposure, tonemap
 from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, save_cameras
+from scenes.contract import load_scene
 from scenes.errors import InputError
 
 Predict = Callable[..., tuple[int, str, str]]
@@ -346,8 +348,12 @@ def test_predicting_from_a_scene_at_any_size_beside_the_truth(
     code, words, errors = predict(room, "--view", "v0", "--size", "33x20", "--compare")
     assert code == 0, errors
     assert "33x20" in words and "SSIM" in words
-    with Image.open(tmp_path / "prediction.png") as image:
-        assert image.size[0] > 3 * 33
+    content = (tmp_path / "predictions" / f"{room.name}--v0.png").read_bytes()
+    assert read_picture(content).shape[1] > 3 * 33
+    facts = png_facts(content)
+    assert facts and facts["words"] in words and facts["prediction"] == f"{room.name}/v0"
+    for credit, words in zip(load_scene(room).credits, facts["credits"], strict=True):
+        assert credit.author in words and credit.licence in words
 
 
 def test_another_size_keeps_the_horizontal_view_and_square_pixels() -> None:
@@ -377,4 +383,4 @@ def test_what_cannot_be_predicted_is_said(
 ) -> None:
     ended, _, errors = predict(*arguments)
     assert ended == code and words in errors
-    assert not (tmp_path / "prediction.png").exists()
+    assert not (tmp_path / "predictions").exists()

@@ -19,6 +19,7 @@ from pipeline.charts import TALL, WIDE, Node, chain, line_chart, panorama_guide,
 from pipeline.data_commands import report
 from pipeline.dataset import pack_dataset
 from pipeline.frames import frame_path
+from pipeline.pictures import png_bytes
 from pipeline.report import Places, write_report
 from scenes.contract import Credit
 
@@ -101,7 +102,9 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def places(root: Path) -> Places:
     """The usual folders below `root`."""
-    return Places(root / "data", root / "models", root / "metrics", root / "plots")
+    return Places(
+        root / "data", root / "models", root / "metrics", root / "plots", root / "predictions"
+    )
 
 
 @pytest.fixture(scope="module")
@@ -171,6 +174,29 @@ def test_charts_are_well_formed_and_the_page_small(text: str) -> None:
 def test_light_dark_and_phone_are_provided_for(text: str) -> None:
     assert "prefers-color-scheme: dark" in text
     assert 'name="viewport"' in text
+
+
+def test_predictions_are_shown_with_their_authors(root: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(root, copy)
+    folder = copy / "predictions"
+    folder.mkdir()
+    picture = np.full((12, 16, 3), 99, np.uint8)
+    facts = {
+        "prediction": "parlour/v7",
+        "models": "models/fine",
+        "words": "SSIM 0.321",
+        "credits": ["The Parlour by A. Painter, CC-BY-4.0"],
+    }
+    (folder / "parlour--v7.png").write_bytes(png_bytes(picture, facts))
+    (folder / "holiday.png").write_bytes(png_bytes(picture))
+    (folder / "torn.png").write_bytes(png_bytes(picture, facts)[:60])
+    missing = write_report(places(copy), small_params(), copy / "page.html")
+    page = Page((copy / "page.html").read_text())
+    for words in ("parlour/v7", "SSIM 0.321, models/fine", facts["credits"][0]):
+        assert words in page.text
+    assert len(missing) == 2
+    assert "holiday.png was not made by" in missing[0] and "torn.png is damaged" in missing[1]
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ class Sky:
 def draw_sky(rng: np.random.Generator, setting: str, lamp_weight: float) -> Sky:
     """The sky of a `setting`; `lamp_weight` is the sum of the lit lamps' sampling weights.
 
-    Day and mixed: sun 18-62 degrees up, or an overcast sky without sun. Evening: a sun 2-9
+    Day and mixed: sun 18-62 degrees up, or an overcast sky without sun. Evening: a sun 5-14
     degrees up, or dusk. Night: a faint uniform sky, as above a lit town.
     """
     # Sky and lamps share the samples evenly where both matter (see FIELD-NOTES on variance).
@@ -44,7 +44,7 @@ def draw_sky(rng: np.random.Generator, setting: str, lamp_weight: float) -> Sky:
     azimuth = float(rng.uniform(0, 360))
     if setting == "evening":
         dusk = rng.random() < 0.45
-        elevation = 1.5 if dusk else float(rng.uniform(2.5, 10))
+        elevation = 1.5 if dusk else float(rng.uniform(5, 14))
         sun_scale, sky_scale = (0.0, float(rng.uniform(0.05, 0.3))) if dusk else (1.0, 1.0)
     else:
         overcast = rng.random() < 0.25
@@ -112,7 +112,7 @@ def draw_cooler(rng: np.random.Generator) -> float:
     Frames are not white-balanced but for daylight; eyes and cameras adapt at least in part to
     lamplight, and some lamps are white LEDs.
     """
-    return float(rng.choice([500.0, 1000.0, 1600.0, 2600.0], p=[0.25, 0.3, 0.3, 0.15]))
+    return float(rng.choice([800.0, 1500.0, 2200.0, 3000.0], p=[0.25, 0.3, 0.3, 0.15]))
 
 
 def sampling_weight(part: Part) -> float:

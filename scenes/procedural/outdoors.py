@@ -16,7 +16,9 @@ from scenes.procedural.thing import Thing, part_of
 REACH = 2500.0  # metres of ground to each side; beyond, the horizon
 _ROOFS = ("#7d4436", "#5b5653", "#8a4f3b", "#4a4a4c")
 _PLASTERS = ("#d9d0be", "#c9b89a", "#bfc0ba", "#d8c2a8", "#a9533c", "#cfd2d2")
-_LEAVES = ("#4b6b2f", "#5d7a36", "#3f5f35", "#6f8440", "#7a7f3a")
+# Muted: seen from a room these are overexposed, and strong greens turn to neon.
+_LEAVES = ("#4a5936", "#586541", "#42543c", "#65694a", "#6c6b48")
+_LAWNS = ("#59613f", "#636748", "#6a6747")
 
 
 def build_outdoors(rng: np.random.Generator, plan: Plan) -> list[Thing]:
@@ -26,9 +28,9 @@ def build_outdoors(rng: np.random.Generator, plan: Plan) -> list[Thing]:
     ground = plan.ground
     grass = Material(
         "grass",
-        tone(("#6b7f43", "#7c8a4c", "#8a8550")[int(rng.integers(3))]),
+        tone(_LAWNS[int(rng.integers(len(_LAWNS)))]),
         0.95,
-        accent=tone("#566b33"),
+        accent=tone("#4c5438"),
         variant=int(rng.integers(1 << 30)),
     )
     paving = Material(
@@ -171,7 +173,6 @@ def _tree(rng: np.random.Generator, name: str, at: np.ndarray, ground: float) ->
         offset *= crown * float(rng.uniform(0.35, 1.0)) / np.linalg.norm(offset)
         offset[2] *= 1.15
         size = crown * float(rng.uniform(0.16, 0.34))
-        wobble = 1 + 0.16 * rng.standard_normal((len(ball.vertices), 1))
         places, inverse = np.unique(np.round(ball.vertices, 6), axis=0, return_inverse=True)
         wobble = (1 + 0.16 * rng.standard_normal(len(places)))[inverse.reshape(-1), None]
         vertices = ball.vertices * wobble * size + middle + offset

@@ -294,7 +294,7 @@ def picture(rng: np.random.Generator, size: int) -> Field:
     def lay(mask: Field, color: npt.NDArray[np.float32]) -> None:
         image[...] = image * (1 - mask[..., None]) + color * mask[..., None]
 
-    ragged = 0.02 * noise(rng, size, 1.3)
+    ragged = 0.02 * noise(rng, size, 1.8)
     soft = 2.0 / size
     if kind == 0:  # a landscape of layered hills
         for layer in range(5):

@@ -601,11 +601,13 @@ class Furnisher:
         pieces = [(kind, width, self.make(kind, width=min(width, 0.8))) for kind, width in units]
         # Where doors and windows leave no wall for the whole run, sink and hob must do.
         core = [unit for unit in pieces if unit[0] in ("sink_unit", "hob_unit")]
+        sink = [unit for unit in core if unit[0] == "sink_unit"]
+        both = 1 + max(pieces.index(unit) for unit in core)
         for wanted, least, zone in (
-            (pieces, 3, True),
+            (pieces, both, True),
             (core, 2, True),
             (core, 2, False),
-            (core[:1], 1, False),
+            (sink, 1, False),
         ):
             places = []
             for edge in self.room.edges:

@@ -1,0 +1,60 @@
+"""What anyone would write first: `mi.render` over the views, one after the other.
+
+    python -m benchmarks.plain_loop DATA PARAMS
+
+renders colour and textureless shading of every view under DATA and keeps nothing. `make bench`
+compares the ground truth stage with it.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from pipeline.params import Params, load_params
+from pipeline.renderer import open_scene, set_variant
+from pipeline.views import View, load_cameras
+from scenes.contract import load_scene, scene_folders
+
+
+def plain_sensor(view: View, sampler: str) -> Any:
+    """A view's camera as Mitsuba's own documentation would write it."""
+    return mi.load_dict(
+        {
+            "type": "perspective",
+            "fov": float(np.degrees(2 * np.arctan(view.width / 2 / view.K[0][0]))),
+            "to_world": mi.ScalarTransform4f(view.pose @ np.diag([-1.0, -1.0, 1.0, 1.0])),
+            "sampler": {"type": sampler},
+            "film": {
+                "type": "hdrfilm",
+                "width": view.width,
+                "height": view.height,
+                "rfilter": {"type": "box"},
+            },
+        }
+    )
+
+
+def plain_loop(data: Path, params: Params) -> None:
+    """Render all views of all scenes with Mitsuba's own film and path tracer."""
+    truth = params.groundtruth
+    integrator = mi.load_dict({"type": "path", "max_depth": truth.max_depth})
+    for folder in scene_folders(data / "scenes"):
+        scene = open_scene(load_scene(folder))
+        views = load_cameras(data / "cameras" / f"{folder.name}.json").views
+        for world in (scene, scene.neutral(params.shading.albedo)):
+            for view in views:
+                sensor = plain_sensor(view, "multijitter")
+                image = mi.render(
+                    world.mitsuba, sensor=sensor, integrator=integrator, spp=truth.spp
+                )
+                np.array(image)
+
+
+if __name__ == "__main__":
+    set_variant()
+    plain_loop(Path(sys.argv[1]), load_params(Path(sys.argv[2])))
