@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from scenes.mitsuba_source.meshes import (
     read_serialized,
     smooth_normals,
 )
+from scenes.mitsuba_source.names import Names
 from scenes.mitsuba_source.reader import Node
 from scenes.mitsuba_source.values import Properties, Scope
 
@@ -65,16 +65,35 @@ class ShapeReader:
     materials: Materials
     skip_missing: bool = False
     shapes: list[Shape] = field(default_factory=list)
-    _ids: set[str] = field(default_factory=set)
+    _names: Names = field(default_factory=Names)
     _cache: dict[tuple, Mesh] = field(default_factory=dict)
     _triangles: int = 0
 
     def read(self, nodes: list[Node]) -> list[Shape]:
         """All shapes of `nodes`, groups only where an instance shows them."""
-        for node in nodes:
-            if node.tag == "shape" and node.type != "shapegroup":
-                self._add(node, np.eye(4), 0, None)
+        shown = [node for node in nodes if node.tag == "shape" and node.type != "shapegroup"]
+        # Counted first: groups of groups multiply, and each shape costs time.
+        sizes: dict[int, int] = {}
+        if sum(self._expanded(node, 0, sizes) for node in shown) > MAX_SHAPES:
+            raise nodes[0].error(f"instances make more than {MAX_SHAPES:,} shapes; refused")
+        for node in shown:
+            self._add(node, np.eye(4), 0, None)
         return self.shapes
+
+    def _expanded(self, node: Node, depth: int, sizes: dict[int, int]) -> int:
+        """How many shapes `node` becomes; `sizes` keeps what is known, by element."""
+        if depth > _MAX_GROUP_DEPTH:
+            raise node.error("instances nested too deep, or inside themselves")
+        if node.type not in ("instance", "merge", "shapegroup"):
+            return 1
+        if id(node) not in sizes:
+            members = [self.scope.resolve(child) for child in node.children if child.tag in
+                       ("ref", "shape")]  # fmt: skip
+            deeper = depth + (node.type == "instance")
+            sizes[id(node)] = sum(
+                self._expanded(member, deeper, sizes) for member in members if member.tag == "shape"
+            )
+        return sizes[id(node)]
 
     def _add(self, node: Node, above: Floats, depth: int, prefix: str | None) -> None:
         if depth > _MAX_GROUP_DEPTH:
@@ -143,7 +162,7 @@ class ShapeReader:
         properties.report_unused()
         self.shapes.append(
             Shape(
-                self._unique(f"{prefix}_{name}" if prefix else name),
+                self._names.unique(f"{prefix}_{name}" if prefix else name),
                 name,
                 mesh,
                 surface,
@@ -234,16 +253,6 @@ class ShapeReader:
             return matrix
         self.scope.changes.note("a stretched sphere became a mesh")
         return None
-
-    def _unique(self, name: str) -> str:
-        """Mitsuba allows no dots and no leading underscore in ids."""
-        stem = re.sub(r"[^A-Za-z0-9-]+", "_", name).strip("_-")[:100] or "shape"
-        made, count = stem, 1
-        while made.lower() in self._ids:
-            count += 1
-            made = f"{stem}_{count}"
-        self._ids.add(made.lower())
-        return made
 
 
 def _sphere_frame(properties: Properties) -> Floats:

@@ -11,7 +11,7 @@ from scenes.errors import InputError
 from scenes.model_source.container import Asset, whole
 
 MAX_COUNT = 60_000_000
-_COMPONENTS = {
+_COMPONENTS: dict[Any, np.dtype[Any]] = {
     5120: np.dtype("<i1"),
     5121: np.dtype("<u1"),
     5122: np.dtype("<i2"),
@@ -84,7 +84,7 @@ def _read(asset: Asset, index: Any, where: str) -> tuple[npt.NDArray[Any], bool]
 
 
 def _strided(
-    data: bytes, offset: int, stride: int, count: int, width: int, dtype: np.dtype, place: str
+    data: bytes, offset: int, stride: int, count: int, width: int, dtype: np.dtype[Any], place: str
 ) -> npt.NDArray[Any]:
     size = width * dtype.itemsize
     stride = stride or size

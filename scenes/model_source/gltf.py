@@ -13,6 +13,7 @@ from scenes.errors import InputError
 from scenes.mitsuba_source.assembly import Camera
 from scenes.mitsuba_source.changes import Changes
 from scenes.mitsuba_source.meshes import Floats, Ints, Mesh, cleaned
+from scenes.mitsuba_source.names import Names
 from scenes.mitsuba_source.shapes import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape
 from scenes.mitsuba_source.textures import TextureStore
 from scenes.mitsuba_source.values import Color
@@ -21,7 +22,6 @@ from scenes.model_source.container import Asset, extensions, number, numbers, ob
 from scenes.model_source.gltf_images import Images
 from scenes.model_source.gltf_materials import GltfMaterials
 from scenes.model_source.model import Model, Punctual
-from scenes.model_source.names import Names
 
 MAX_DEPTH = 256
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6

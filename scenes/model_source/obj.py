@@ -18,12 +18,12 @@ from scenes.mitsuba_source.changes import Changes
 from scenes.mitsuba_source.elements import plugin
 from scenes.mitsuba_source.materials import Surface
 from scenes.mitsuba_source.meshes import cleaned, creased, obj_lines, read_obj_parts
+from scenes.mitsuba_source.names import Names
 from scenes.mitsuba_source.sandbox import Sandbox
 from scenes.mitsuba_source.shapes import MAX_SHAPES, Shape
 from scenes.mitsuba_source.textures import TextureStore, UnreadableImage
 from scenes.mitsuba_source.values import Color
 from scenes.model_source.model import Glow, Model
-from scenes.model_source.names import Names
 
 _MAX_MTL = 16 * 2**20
 _MAX_MATERIALS = 20_000

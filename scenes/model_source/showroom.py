@@ -18,6 +18,8 @@ from scenes.mitsuba_source.shapes import Shape
 from scenes.mitsuba_source.values import Color, look_at
 from scenes.photometry import lamp_radiance
 
+_Box = tuple[tuple[float, ...], tuple[float, ...]]  # lowest and highest corner
+
 _AIR = 1.5  # metres between the object and each wall
 _LEAST = np.array([3.6, 3.2, 2.6])  # inner width, depth and height, metres
 _ABOVE = 0.8  # metres between the object and the ceiling
@@ -55,7 +57,7 @@ def showroom(low: Floats, high: Floats) -> Showroom:
     across, tall, sill = _WINDOW
     w, top = across / 2, sill + tall
     outer = (-x - t, -y - t, x + t, y + t)
-    boxes = {
+    boxes: dict[str, list[_Box]] = {
         "room_floor": [((*outer[:2], -t), (*outer[2:], 0.0))],
         "room_ceiling": [((*outer[:2], height), (*outer[2:], height + t))],
         "room_wall_north": [((-x - t, y, 0), (x + t, y + t, height))],
@@ -69,7 +71,11 @@ def showroom(low: Floats, high: Floats) -> Showroom:
         ],
     }
     side, thin, lumens, kelvin = _LAMP
-    lamp = [((-side / 2, -side / 2, height - thin), (side / 2, side / 2, height - 0.001))]
+    lamp: list[_Box] = [
+        ((-side / 2, -side / 2, height - thin), (side / 2, side / 2, height - 0.001))
+    ]
+        ((-side / 2, -side / 2, height - thin), (side / 2, side / 2, height - 0.001))
+    ]
     colors = {"room_floor": _FLOOR, "room_ceiling": _CEILING}
     shapes = [
         Shape(name, name, _boxes(parts), _matt(colors.get(name, _WALL), name))
@@ -94,7 +100,7 @@ def _views(x: float, y: float, height: float) -> list[Camera]:
     return views
 
 
-def _boxes(parts: list[tuple[tuple[float, ...], tuple[float, ...]]]) -> Mesh:
+def _boxes(parts: list[_Box]) -> Mesh:
     vertices, faces, count = [], [], 0
     unit = cube()
     for low, high in parts:
