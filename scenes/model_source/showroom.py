@@ -74,8 +74,6 @@ def showroom(low: Floats, high: Floats) -> Showroom:
     lamp: list[_Box] = [
         ((-side / 2, -side / 2, height - thin), (side / 2, side / 2, height - 0.001))
     ]
-        ((-side / 2, -side / 2, height - thin), (side / 2, side / 2, height - 0.001))
-    ]
     colors = {"room_floor": _FLOOR, "room_ceiling": _CEILING}
     shapes = [
         Shape(name, name, _boxes(parts), _matt(colors.get(name, _WALL), name))
