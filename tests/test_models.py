@@ -25,13 +25,13 @@ from scenes.contract import Scene
 from scenes.errors import InputError
 from scenes.mitsuba_source.changes import Changes
 from scenes.mitsuba_source.meshes import face_areas, read_ply
+from scenes.mitsuba_source.mtl import map_of
 from scenes.mitsuba_source.sandbox import Sandbox
 from scenes.mitsuba_source.textures import TextureStore
 from scenes.model_source.container import open_asset
 from scenes.model_source.gltf import read_gltf
 from scenes.model_source.gltf_images import Images, texture_matrix
 from scenes.model_source.model import Model
-from scenes.model_source.obj import _map_name
 from scenes.photometry import LUMEN
 from scenes.registry import import_scene
 
@@ -458,7 +458,15 @@ def test_missing_libraries_and_textures_are_named(tmp_path: Path) -> None:
      ("map_Kd -clamp on a.png", "a.png"), ("map_Kd", "")],
 )  # fmt: skip
 def test_options_before_a_map_are_skipped(line: str, name: str) -> None:
-    assert _map_name(line) == name
+    assert map_of(line).name == name
+
+
+def test_options_of_a_map_move_the_coordinates() -> None:
+    found = map_of("map_Kd -s 2 4 1 -o 0.1 0.2 0 -clamp on a.png")
+    assert found.clamp and found.to_uv is not None
+    # OBJ: (0.5, 0.25) scaled (1, 1), shifted (1.1, 1.2); from the top that is v = 1 - 1.2, and
+    # the point itself stands at v = 0.75 from the top.
+    assert np.allclose((found.to_uv @ [0.5, 0.75, 0, 1])[:2], [1.1, -0.2])
 
 
 # Hostile files

@@ -137,18 +137,22 @@ OLD_LIGHTS = {
 
 
 @pytest.mark.parametrize("name", OLD_LIGHTS)
-def test_lights_of_0_4_keep_their_strength(tmp_path: Path, name: str) -> None:
+def test_lights_of_0_3_keep_their_strength(tmp_path: Path, name: str) -> None:
     light, key, value = OLD_LIGHTS[name]
     camera = SENSOR_0_6.replace("sensor", "camera")
-    scene = imported(tmp_path, camera + room(without=("north",)) + light, "0.4.0")
+    scene = imported(tmp_path, camera + room(without=("north",)) + light, "0.3.0")
     assert value in colours(scene, key)
     assert len(scene.source["views"]) == 1
 
 
 def test_the_camera_of_0_3_measures_its_angle_along_the_shorter_side(tmp_path: Path) -> None:
-    body = usual().replace(
-        '<float name="fov" value="60"/>',
-        '<float name="fov" value="60"/><boolean name="mapSmallerSide" value="true"/>',
+    body = (
+        usual()
+        .replace("sensor", "camera")
+        .replace(
+            '<float name="fov" value="60"/>',
+            '<float name="fov" value="60"/><boolean name="mapSmallerSide" value="true"/>',
+        )
     )
     (view,) = imported(tmp_path, body, "0.3.0").source["views"]
     half = np.arctan(np.tan(np.radians(30)) * 64 / 48)
@@ -167,3 +171,91 @@ def test_an_obj_without_a_material_takes_those_of_its_library(tmp_path: Path) ->
     scene = imported(tmp_path, usual(shape))
     found = colours(scene, "reflectance") + colours(scene, "base_color")
     assert [0.8, 0.1, 0.1] in found and [0.1, 0.1, 0.7] in found
+
+
+def test_parts_of_an_obj_take_the_materials_named_after_theirs(tmp_path: Path) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    (folder / "two.obj").write_text(
+        "v 1 1 -1\nv 2 1 -1\nv 1 2 -1\nv 1 1 -2\nv 2 1 -2\nv 1 2 -2\n"
+        "usemtl red\nf 1 2 3\nusemtl blue\nf 4 5 6\n"
+    )
+    paints = "".join(
+        f'<bsdf type="diffuse" name="{name}"><rgb name="reflectance" value="{value}"/></bsdf>'
+        for name, value in (("red", ".8,.1,.1"), ("blue", ".1,.1,.7"))
+    )
+    shape = f'<shape type="obj"><string name="filename" value="two.obj"/>{paints}</shape>'
+    scene = imported(tmp_path, usual(shape))
+    found = colours(scene, "reflectance")
+    assert [0.8, 0.1, 0.1] in found and [0.1, 0.1, 0.7] in found
+    assert not any("first was kept" in change for change in scene.changes)
+
+
+def test_a_coloured_coat_darkens_what_is_below_twice(tmp_path: Path) -> None:
+    bsdf = (
+        '<bsdf type="coating"><float name="thickness" value="2"/><rgb name="sigmaA" value="0,.1,1"'
+        '/><bsdf type="diffuse"><rgb name="reflectance" value=".5"/></bsdf></bsdf>'
+    )
+    scene = imported(tmp_path, usual(CUBE.format("thing", bsdf)))
+    expected = 0.5 * np.exp(-2 * 2 * np.array([0, 0.1, 1]))
+    assert any(np.allclose(v, expected, rtol=1e-5) for v in colours(scene, "diffuse_reflectance"))
+
+
+SPECTRA = {
+    "d65": ('type="d65"', "", [1, 1, 1]),
+    "tinted d65": ('type="d65"', '<rgb name="color" value="1 .5 0"/>', [1, 0.5, 0]),
+    "uniform": ('type="uniform"', '<float name="value" value="3"/>', [3, 3, 3]),
+    "regular": (
+        'type="regular"',
+        '<string name="values" value="2, 2, 2"/><float name="wavelength_min" value="300"/>'
+        '<float name="wavelength_max" value="900"/>',
+        [2, 2, 2],
+    ),
+    "irregular": (
+        'type="irregular"',
+        '<string name="wavelengths" value="300, 900"/><string name="values" value="4, 4"/>',
+        [4, 4, 4],
+    ),
+    "black body": (
+        'type="blackbody"',
+        '<float name="temperature" value="6500"/><float name="scale" value="0.01"/>',
+        None,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SPECTRA)
+def test_spectra_that_are_plugins_become_colours(tmp_path: Path, name: str) -> None:
+    kind, inside, value = SPECTRA[name]
+    spectrum = f'<spectrum {kind} name="radiance">{inside}</spectrum>'
+    light = f'<emitter type="constant">{spectrum}</emitter>'
+    scene = imported(tmp_path, usual(light), "3.0.0")
+    found = colours(scene, "radiance")
+    if value is None:
+        luminance = 0.01 * blackbody_radiance(6500.0)
+        assert any(np.dot(v, [0.2126, 0.7152, 0.0722]) == pytest.approx(luminance, rel=1e-3)
+                   for v in found)  # fmt: skip
+    else:
+        assert any(np.allclose(v, value, atol=1e-6) for v in found), found
+
+
+OLD_WORDS = {
+    "mirror": ('<bsdf type="mirror"/>', 'type="conductor"'),
+    "roughmetal": ('<bsdf type="roughmetal"><float name="alphaB" value="0.25"/></bsdf>',
+                   'name="alpha" value="0.25"'),
+    "microfacet": ('<bsdf type="microfacet"><float name="alphaB" value="0.25"/></bsdf>',
+                   'type="roughplastic"'),
+    "bright squares": ('<bsdf type="lambertian"><texture name="reflectance" type="checkerboard">'
+                       '<spectrum name="brightColor" value="0.875"/></texture></bsdf>',
+                       'name="color0" value="0.875 0.875 0.875"'),
+    "bump": ('<bsdf type="bump"><bsdf type="diffuse"/><texture type="checkerboard"/></bsdf>',
+             'type="bumpmap"'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", OLD_WORDS)
+def test_words_of_before_0_5_are_understood(tmp_path: Path, name: str) -> None:
+    bsdf, written = OLD_WORDS[name]
+    body = usual(CUBE.format("thing", bsdf)).replace("sensor", "camera")
+    scene = imported(tmp_path, body, "0.2.1")
+    assert written in scene.xml.read_text()

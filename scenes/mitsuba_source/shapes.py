@@ -15,11 +15,14 @@ from scenes.mitsuba_source.meshes import (
     Mesh,
     cleaned,
     creased,
+    obj_lines,
     read_obj,
+    read_obj_parts,
     read_ply,
     read_serialized,
     smooth_normals,
 )
+from scenes.mitsuba_source.mtl import MtlLibrary, obj_parts
 from scenes.mitsuba_source.names import Names
 from scenes.mitsuba_source.reader import Node
 from scenes.mitsuba_source.values import Properties, Scope
@@ -126,11 +129,26 @@ class ShapeReader:
     def _add_one(
         self, node: Node, properties: Properties, to_world: Floats, prefix: str | None
     ) -> None:
+        pieces = self._obj_pieces(node, properties)
+        if pieces is None:
+            made = self._geometry(node, properties)
+            if made is None:
+                return
+            pieces = [(*made, None)]
+        for mesh, label, surface in pieces:
+            self._add_piece(node, properties, to_world, prefix, mesh, label, surface)
+
+    def _add_piece(
+        self,
+        node: Node,
+        properties: Properties,
+        to_world: Floats,
+        prefix: str | None,
+        mesh: Mesh,
+        label: str,
+        surface: Surface | None,
+    ) -> None:
         changes = self.scope.changes
-        made = self._geometry(node, properties)
-        if made is None:
-            return
-        mesh, label = made
         flip = properties.boolean("flip_normals", False)
         sphere = self._sphere(node, properties, to_world) if node.type == "sphere" else None
         mesh = mesh.transformed(to_world)
@@ -149,11 +167,10 @@ class ShapeReader:
         if flip:
             mesh = mesh.flipped()
         bsdfs, emitters = properties.nested("bsdf"), properties.nested("emitter", "luminaire")
-        if not bsdfs and node.type == "obj":
-            changes.note("the .mtl materials of OBJ files are not read; {} is grey", label)
-        if len(bsdfs) > 1:
-            changes.note("of several materials of one shape only the first was kept")
-        surface = self.materials.surface(bsdfs[0] if bsdfs else None)
+        if surface is None:
+            if len(bsdfs) > 1:
+                changes.note("of several materials of one shape only the first was kept")
+            surface = self.materials.surface(bsdfs[0] if bsdfs else None)
         name = node.attributes.get("id") or label
         for tag in ("interior", "exterior"):
             if tag in properties:
@@ -171,6 +188,50 @@ class ShapeReader:
                 flip,
             )
         )
+
+    def _obj_pieces(
+        self, node: Node, properties: Properties
+    ) -> list[tuple[Mesh, str, Surface | None]] | None:
+        """An OBJ by its materials, as version 0.x has it: those of its libraries, those of its
+        element that bear a name over them. None where it comes in one piece."""
+        named = {
+            child.name: self.scope.resolve(child)
+            for child in node.children
+            if child.name and self.scope.resolve(child).tag == "bsdf"
+        }
+        plain = [found for found in properties.nested("bsdf") if found not in named.values()]
+        if node.type != "obj" or not self.scope.is_old or (plain and not named):
+            return None
+        path = self.scope.sandbox.find(properties.text("filename", ""), node.place)
+        if path is None:
+            return None
+        lines = obj_lines(path)
+        found = obj_parts(lines)
+        materials = [material for _, material in found.owners]
+        wanted = properties.boolean("load_materials", True) and found.libraries
+        if not any(materials) or not (wanted or named):
+            return None
+        library = MtlLibrary(path, self.scope.sandbox, self.materials.textures, self.scope.changes)
+        if wanted:
+            library.load(found.libraries)
+        distinct = list(dict.fromkeys(materials))
+        part_of = np.array([distinct.index(material) for material in materials])
+        try:
+            parts = read_obj_parts(path, lines, part_of[found.part_of_face])
+        except InputError as error:
+            raise InputError(f"{node.place}: {error}") from None
+        pieces: list[tuple[Mesh, str, Surface | None]] = []
+        for part, mesh in parts.items():
+            name = distinct[part]
+            if name in named:
+                surface: Surface | None = self.materials.surface(named[name])
+            elif plain or name not in library.materials:
+                surface = self.materials.surface(plain[0] if plain else None)
+            else:
+                surface = library.finish(name).surface
+            shaped = self._shaded(node, properties, mesh)
+            pieces.append((shaped, f"{path.stem}_{name}" if name else path.stem, surface))
+        return pieces
 
     def _geometry(self, node: Node, properties: Properties) -> tuple[Mesh, str] | None:
         """The mesh in the shape's own frame and a word for it; None where it is left out."""
@@ -213,6 +274,12 @@ class ShapeReader:
         properties.ignore("collapse", "srgb")
         flip_v = properties.boolean("flip_tex_coords", node.type == "obj")
         mesh = self._read(node, path, index, flip_v)
+        mesh = self._shaded(node, properties, mesh)
+        stem = path.stem if node.type != "serialized" else f"{path.stem}_{index}"
+        return mesh, stem
+
+    def _shaded(self, node: Node, properties: Properties, mesh: Mesh) -> Mesh:
+        """The mesh with the shading normals that its element asks for."""
         facets = properties.boolean("face_normals", False)
         crease = properties.number("max_smooth_angle", 180.0)
         if facets:
@@ -221,8 +288,7 @@ class ShapeReader:
             mesh = creased(mesh, crease)
         elif mesh.normals is None and node.type != "serialized":
             mesh = replace(mesh, normals=smooth_normals(mesh.vertices, mesh.faces))
-        stem = path.stem if node.type != "serialized" else f"{path.stem}_{index}"
-        return mesh, stem
+        return mesh
 
     def _read(self, node: Node, path: Path, index: int, flip_v: bool) -> Mesh:
         key = (path, index, flip_v, node.type)

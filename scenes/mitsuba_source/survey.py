@@ -45,6 +45,7 @@ from scenes.mitsuba_source.sandbox import Sandbox
 from scenes.mitsuba_source.shapes import Shape, ShapeReader
 from scenes.mitsuba_source.textures import TextureStore
 from scenes.mitsuba_source.things import group_objects
+from scenes.mitsuba_source.upgrade import upgrade
 from scenes.mitsuba_source.values import Properties, Scope, look_at
 
 _MAX_SENSORS = 64
@@ -78,6 +79,7 @@ def import_mitsuba(path: Path, out: Path, scene_id: str, options: MitsubaOptions
     sandbox = Sandbox(path.parent, options.root, (*given.values(), *usual.values()))
     root, version = read_tree(path, sandbox, given, changes, usual)
     scope = Scope(sandbox, changes, tuple(int(part) for part in version.split(".")))
+    upgrade(root, scope.version)
     _index(root, scope)
     with writing_scene(out) as folder:
         materials = Materials(scope, TextureStore(folder / "textures", changes))
