@@ -13,12 +13,14 @@ from scenes.procedural.piece import Material
 from scenes.procedural.plan import Plan
 from scenes.procedural.thing import Thing, part_of
 
+LAWN = 70.0  # metres of grass to each side
 REACH = 2500.0  # metres of ground to each side; beyond, the horizon
 _ROOFS = ("#7d4436", "#5b5653", "#8a4f3b", "#4a4a4c")
 _PLASTERS = ("#d9d0be", "#c9b89a", "#bfc0ba", "#d8c2a8", "#a9533c", "#cfd2d2")
 # Muted: seen from a room these are overexposed, and strong greens turn to neon.
 _LEAVES = ("#4a5936", "#586541", "#42543c", "#65694a", "#6c6b48")
-_LAWNS = ("#59613f", "#636748", "#6a6747")
+_LAWNS = ("#5a6050", "#606456", "#646358")
+_HAZE = ("#7d8a86", "#87918f")  # far woods and hills, through a mile of air
 
 
 def build_outdoors(rng: np.random.Generator, plan: Plan) -> list[Thing]:
@@ -42,12 +44,19 @@ def build_outdoors(rng: np.random.Generator, plan: Plan) -> list[Thing]:
         variant=int(rng.integers(1 << 30)),
     )
     x, y = centre
-    lawn = _ground(x - REACH, y - REACH, x + REACH, y + REACH, ground)
+    lawn = _ground(x - LAWN, y - LAWN, x + LAWN, y + LAWN, ground)
+    far = _ground(x - REACH, y - REACH, x + REACH, y + REACH, ground - 0.1)
     around = outline.buffer(float(rng.uniform(0.8, 2.6)), join_style="mitre")
     terrace = prism(shapely.get_coordinates(around.exterior)[:-1], ground - 0.05, ground + 0.02)
     terrace = Mesh(terrace.vertices, terrace.faces, terrace.vertices[:, :2].copy())
+    fields = Material("paint", tone("#80857a"), 0.95)
+    hills = [
+        part_of(f"hills-{k}", Material("paint", tone(code), 0.95), _hills(rng, centre, ground, k))
+        for k, code in enumerate(_HAZE)
+    ]
     things = [
         _outside("ground", "ground", [part_of("lawn", grass, lawn)]),
+        _outside("fields", "ground", [part_of("fields", fields, far), *hills]),
         _outside("terrace", "ground", [part_of("paving", paving, terrace)]),
     ]
     half = 0.5 * float(np.hypot(*(np.ptp(np.array(plan.outline), axis=0))))
@@ -88,6 +97,31 @@ def _leaf(rng: np.random.Generator) -> Material:
 def _ground(x0: float, y0: float, x1: float, y1: float, z: float) -> Mesh:
     vertices = np.array([[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]])
     return Mesh(vertices, np.array([[0, 1, 2], [0, 2, 3]]), vertices[:, :2].copy())
+
+
+def _hills(rng: np.random.Generator, centre: np.ndarray, ground: float, ring: int) -> Mesh:
+    """A ring of far woods and hills, the second higher and farther than the first."""
+    radius, low, high = ((320.0, 6.0, 3.0), (1500.0, 30.0, 20.0))[ring]
+    count = 512
+    skyline = noise(rng, count, 1.1)[0]
+    tops = ground + np.maximum(low + high * skyline, 2.0)
+    angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    circle = centre + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    points = np.stack(
+        [
+            np.column_stack([circle, np.full(count, ground - 1.0)]),
+            np.column_stack([circle, tops]),
+        ]
+    )
+    low_ring = np.arange(count)
+    after = np.roll(low_ring, -1)
+    faces = np.concatenate(
+        [
+            np.column_stack([low_ring, after, low_ring + count]),
+            np.column_stack([after, after + count, low_ring + count]),
+        ]
+    )
+    return Mesh(points.reshape(-1, 3), faces, points.reshape(-1, 3)[:, [0, 2]].copy())
 
 
 def _house(
@@ -168,11 +202,11 @@ def _tree(rng: np.random.Generator, name: str, at: np.ndarray, ground: float) ->
     crown = float(rng.uniform(0.22, 0.32)) * height
     middle = base + lean + [0, 0, 0.68 * height]
     ball = sphere(1.0, 9, 6)
-    for k in range(int(rng.integers(26, 40))):
+    for k in range(int(rng.integers(80, 110))):
         offset = rng.normal(0, 1, 3)
         offset *= crown * float(rng.uniform(0.35, 1.0)) / np.linalg.norm(offset)
         offset[2] *= 1.15
-        size = crown * float(rng.uniform(0.16, 0.34))
+        size = crown * float(rng.uniform(0.1, 0.22))
         places, inverse = np.unique(np.round(ball.vertices, 6), axis=0, return_inverse=True)
         wobble = (1 + 0.16 * rng.standard_normal(len(places)))[inverse.reshape(-1), None]
         vertices = ball.vertices * wobble * size + middle + offset

@@ -117,7 +117,7 @@ class Furnisher:
 
     def _living(self) -> None:
         sofa = self._seating_group()
-        if self.area > 24 and "dining" not in {room.type for room in self.plan.rooms}:
+        if self.area > 19 and "dining" not in {room.type for room in self.plan.rooms}:
             self._dining_group(small=True)
         for kind, probability in (("bookshelf", 0.8), ("sideboard", 0.45), ("console_table", 0.25)):
             if self.chance(probability):
@@ -130,6 +130,7 @@ class Furnisher:
             self._plant()
         if self.area > 20 and self.chance(0.4):
             self._along_wall("bookshelf")
+        self._second_seats()
         if self.chance(0.3):
             self.space.anywhere(self.rng, "pouf", self.make("pouf"))
         self._pictures(int(self.rng.integers(1, 4)))
@@ -415,6 +416,28 @@ class Furnisher:
             half = 0.5 * float(np.ptp(piece.bounds[:, 0])) + 0.5 * float(np.ptp(table.bounds[:, 0]))
             x, y, _ = item.pose.apply(np.array([[side * (half + 0.05), 0.1, 0.0]]))[0]
             space.try_place("side_table", table, Pose(float(x), float(y), 0.0, item.pose.turn))
+
+    def _second_seats(self) -> None:
+        """Two armchairs about a small table, where the floor is still wide and bare."""
+        rng, space = self.rng, self.space
+        middle, radius = space.open_circle()
+        if radius < 1.2:
+            return
+        chair, table = self.make("armchair"), self.make("side_table")
+        reach = 0.5 * float(np.ptp(table.bounds[:, 0])) - float(chair.bounds[0, 1]) + 0.12
+        for _ in range(12):
+            x, y = middle + rng.normal(0, 0.15, 2)
+            pose = Pose(float(x), float(y), 0.0, 90.0 * int(rng.integers(4)))
+            seat = space.try_place("side_table", table, pose, zone=False)
+            if seat is None:
+                continue
+            for turn, offset in ((-65.0, reach), (65.0, -reach)):
+                at = seat.pose.apply(np.array([[offset, 0.15, 0.0]]))[0]
+                facing_table = Pose(
+                    float(at[0]), float(at[1]), 0.0, (seat.pose.turn + turn) % 360
+                )
+                space.try_place("armchair", chair, facing_table, allow=(seat.id,), zone=False)
+            return
 
     def _bed(self, kind: str) -> Item | None:
         """A bed, its head against a wall, with night tables and a rug."""

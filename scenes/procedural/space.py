@@ -298,9 +298,13 @@ class RoomSpace:
 
     def open_middle(self) -> npt.NDArray[np.float64]:
         """The point of the free floor farthest from all that stands."""
+        return self.open_circle()[0]
+
+    def open_circle(self) -> tuple[npt.NDArray[np.float64], float]:
+        """The widest circle of free floor: its middle, and its radius in metres."""
         depth = ndimage.distance_transform_edt(np.pad(self._free, 1))[1:-1, 1:-1]
         index = np.unravel_index(int(np.argmax(depth)), depth.shape)
-        return self._origin + (np.array(index) + 0.5) * CELL
+        return self._origin + (np.array(index) + 0.5) * CELL, float(depth[index]) * CELL
 
     def place_on_sill(self, kind: str, piece: Piece, pose: Pose, window: Opening) -> Item | None:
         """Stand a small thing on a window's sill, inside the reveal."""
