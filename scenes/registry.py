@@ -12,6 +12,7 @@ from typing import Any
 from scenes.contract import Scene, load_scene, save_scene, writing_scene
 from scenes.errors import InputError
 from scenes.mitsuba_source.survey import MitsubaOptions, import_mitsuba
+from scenes.model_source.importer import import_model, options_of
 from scenes.sweethome.survey import SweetHomeOptions, import_sweethome
 
 _MAX_FILES = 200_000
@@ -57,6 +58,10 @@ def _sweethome(path: Path, out: Path, scene_id: str, options: dict[str, Any]) ->
     return import_sweethome(path, out, scene_id, SweetHomeOptions(**options))
 
 
+def _model(path: Path, out: Path, scene_id: str, options: dict[str, Any]) -> Scene:
+    return import_model(path, out, scene_id, options_of(path, options))
+
+
 def _copy_folder(path: Path, out: Path, scene_id: str) -> Scene:
     if not (path / "scene.json").is_file():
         raise InputError(
@@ -84,4 +89,7 @@ def _copy_folder(path: Path, out: Path, scene_id: str) -> Scene:
 SOURCES: dict[str, Callable[[Path, Path, str, dict[str, Any]], Scene]] = {
     ".sh3d": _sweethome,
     ".xml": _mitsuba,
+    ".gltf": _model,
+    ".glb": _model,
+    ".obj": _model,
 }

@@ -204,7 +204,8 @@ class Materials:
             changes.note("texture filter {} became bilinear", repr(filtering))
             filtering = "bilinear"
         wrap = properties.text("wrap_mode", properties.text("wrap_mode_u", "repeat")).lower()
-        properties.ignore("wrap_mode_u", "wrap_mode_v")
+        if properties.text("wrap_mode_v", wrap).lower() != wrap:
+            changes.note("a texture's wrap mode in v became that in u")
         if wrap not in ("repeat", "mirror", "clamp"):
             changes.note("texture wrap mode {} became clamp", repr(wrap))
             wrap = "clamp"
@@ -450,7 +451,7 @@ class Materials:
 
     def coating(self, properties: Properties) -> Surface:
         """`coating`, `roughcoating`: plastic over diffuse; over anything else the coat is lost."""
-        properties.ignore("thickness", "sigma_a")
+        tint = self._tint(properties)
         int_ior, ext_ior = self.ior(properties, "int_ior"), self.ior(properties, "ext_ior")
         rough = self.roughness(properties) if properties.node.type == "roughcoating" else {}
         specular = self.color(properties, "specular_reflectance")
@@ -460,6 +461,8 @@ class Materials:
             base = base[0]
         if base is None or base.get("type") != "diffuse":
             self.scope.changes.note("the clear coat over a material was left out")
+            if min(tint) < 1:
+                self.scope.changes.note("the colour of a clear coat was left out")
             return inner
         self.scope.changes.note("a coated diffuse material became plastic")
         color = base.find("*[@name='reflectance']")
@@ -472,9 +475,24 @@ class Materials:
             nonlinear=True,
             **rough,
         )
+        if min(tint) < 1 and (color is None or color.tag == "rgb"):
+            words = (color.get("value", "") if color is not None else "0.5").split()
+            base_color = np.broadcast_to([float(word) for word in words], 3)
+            color = prop("reflectance", _rgb(base_color * tint))
+        elif min(tint) < 1:
+            self.scope.changes.note("the colour of a clear coat was left out")
         if color is not None:
             made.append(prop("diffuse_reflectance", copy.deepcopy(color)))
         return Surface(made)
+
+    def _tint(self, properties: Properties) -> Color:
+        """What is left of light that goes straight down and up again through a coat."""
+        thickness = properties.number("thickness", 1.0)
+        found = properties.color("sigma_a")
+        if isinstance(found, Node):
+            self.scope.changes.note("the texture of a clear coat's colour was left out")
+            found = None
+        return _rgb(np.exp(-2 * thickness * np.array(found if found is not None else (0.0,) * 3)))
 
     def phong(self, properties: Properties) -> Surface:
         """`phong` and `ward`: a diffuse part beside a glossy one of matching width.

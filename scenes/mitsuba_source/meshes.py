@@ -164,14 +164,50 @@ def creased(mesh: Mesh, degrees: float) -> Mesh:
 def read_obj(path: Path, flip_v: bool = True) -> Mesh:
     """A Wavefront OBJ: polygons as fans, one mesh whatever its groups. Normals where all faces
     have them, else None; `flip_v` turns v round, as Mitsuba does unless told otherwise."""
-    data = _bytes(path)
-    lines = data.replace(b"\\\n", b" ").replace(b"\r", b"\n").split(b"\n")
-    positions = _table(path, [line[2:] for line in lines if line[:2] in (b"v ", b"v\t")], 3)
-    texture = _table(path, [line[3:] for line in lines if line.startswith(b"vt ")], 2)
-    normals = _table(path, [line[3:] for line in lines if line.startswith(b"vn ")], 3)
+    lines = obj_lines(path)
     corners, sizes = _obj_corners(path, lines)
     if not len(sizes):
         raise InputError(f"{path}: an OBJ without faces")
+    return _obj_mesh(path, _obj_tables(path, lines), corners, sizes, flip_v)
+
+
+def read_obj_parts(path: Path, lines: list[bytes], part_of_face: Ints) -> dict[int, Mesh]:
+    """The meshes of an OBJ's parts, by part number; `part_of_face` (F,) tells each face's part.
+
+    `lines` are those of `obj_lines`; v is turned round, polygons become fans.
+    """
+    tables = _obj_tables(path, lines)
+    corners, sizes = _obj_corners(path, lines)
+    ends = np.cumsum(sizes)
+    order = np.argsort(part_of_face, kind="stable")
+    numbers, first = np.unique(part_of_face[order], return_index=True)
+    parts = {}
+    for part, mine in zip(numbers.tolist(), np.split(order, first[1:]), strict=True):
+        starts = ends[mine] - sizes[mine]
+        rows = np.repeat(starts - np.cumsum(sizes[mine]) + sizes[mine], sizes[mine])
+        rows += np.arange(len(rows))
+        parts[part] = _obj_mesh(path, tables, corners[rows], sizes[mine], True)
+    return parts
+
+
+def obj_lines(path: Path) -> list[bytes]:
+    """The lines of an OBJ file, continued ones joined."""
+    return _bytes(path).replace(b"\\\n", b" ").replace(b"\r", b"\n").split(b"\n")
+
+
+ObjTables = tuple[Floats, Floats, Floats]  # positions, texture coordinates, normals
+
+
+def _obj_tables(path: Path, lines: list[bytes]) -> ObjTables:
+    return (
+        _table(path, [line[2:] for line in lines if line[:2] in (b"v ", b"v\t")], 3),
+        _table(path, [line[3:] for line in lines if line.startswith(b"vt ")], 2),
+        _table(path, [line[3:] for line in lines if line.startswith(b"vn ")], 3),
+    )
+
+
+def _obj_mesh(path: Path, tables: ObjTables, corners: Ints, sizes: Ints, flip_v: bool) -> Mesh:
+    positions, texture, normals = tables
     for column, table, kind in ((0, positions, "vertex"), (1, texture, "vt"), (2, normals, "vn")):
         values = corners[:, column]
         if (values > len(table)).any() or (column == 0 and (values < 1).any()):

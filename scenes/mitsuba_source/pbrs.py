@@ -264,9 +264,9 @@ def without_doubles(shapes: list[Shape], changes: Changes) -> list[Shape]:
 
 
 def release_objects(
-    shapes: list[Shape],
     things: list[Thing],
     release: Release,
+    shapes: list[Shape],
     rooms: list[FoundRoom],
     room_ids: list[str],
 ) -> tuple[SceneObject, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -16,11 +15,15 @@ from scenes.mitsuba_source.meshes import (
     Mesh,
     cleaned,
     creased,
+    obj_lines,
     read_obj,
+    read_obj_parts,
     read_ply,
     read_serialized,
     smooth_normals,
 )
+from scenes.mitsuba_source.mtl import MtlLibrary, obj_parts
+from scenes.mitsuba_source.names import Names
 from scenes.mitsuba_source.reader import Node
 from scenes.mitsuba_source.values import Properties, Scope
 
@@ -65,16 +68,35 @@ class ShapeReader:
     materials: Materials
     skip_missing: bool = False
     shapes: list[Shape] = field(default_factory=list)
-    _ids: set[str] = field(default_factory=set)
+    _names: Names = field(default_factory=Names)
     _cache: dict[tuple, Mesh] = field(default_factory=dict)
     _triangles: int = 0
 
     def read(self, nodes: list[Node]) -> list[Shape]:
         """All shapes of `nodes`, groups only where an instance shows them."""
-        for node in nodes:
-            if node.tag == "shape" and node.type != "shapegroup":
-                self._add(node, np.eye(4), 0, None)
+        shown = [node for node in nodes if node.tag == "shape" and node.type != "shapegroup"]
+        # Counted first: groups of groups multiply, and each shape costs time.
+        sizes: dict[int, int] = {}
+        if sum(self._expanded(node, 0, sizes) for node in shown) > MAX_SHAPES:
+            raise nodes[0].error(f"instances make more than {MAX_SHAPES:,} shapes; refused")
+        for node in shown:
+            self._add(node, np.eye(4), 0, None)
         return self.shapes
+
+    def _expanded(self, node: Node, depth: int, sizes: dict[int, int]) -> int:
+        """How many shapes `node` becomes; `sizes` keeps what is known, by element."""
+        if depth > _MAX_GROUP_DEPTH:
+            raise node.error("instances nested too deep, or inside themselves")
+        if node.type not in ("instance", "merge", "shapegroup"):
+            return 1
+        if id(node) not in sizes:
+            members = [self.scope.resolve(child) for child in node.children if child.tag in
+                       ("ref", "shape")]  # fmt: skip
+            deeper = depth + (node.type == "instance")
+            sizes[id(node)] = sum(
+                self._expanded(member, deeper, sizes) for member in members if member.tag == "shape"
+            )
+        return sizes[id(node)]
 
     def _add(self, node: Node, above: Floats, depth: int, prefix: str | None) -> None:
         if depth > _MAX_GROUP_DEPTH:
@@ -107,11 +129,26 @@ class ShapeReader:
     def _add_one(
         self, node: Node, properties: Properties, to_world: Floats, prefix: str | None
     ) -> None:
+        pieces = self._obj_pieces(node, properties)
+        if pieces is None:
+            made = self._geometry(node, properties)
+            if made is None:
+                return
+            pieces = [(*made, None)]
+        for mesh, label, surface in pieces:
+            self._add_piece(node, properties, to_world, prefix, mesh, label, surface)
+
+    def _add_piece(
+        self,
+        node: Node,
+        properties: Properties,
+        to_world: Floats,
+        prefix: str | None,
+        mesh: Mesh,
+        label: str,
+        surface: Surface | None,
+    ) -> None:
         changes = self.scope.changes
-        made = self._geometry(node, properties)
-        if made is None:
-            return
-        mesh, label = made
         flip = properties.boolean("flip_normals", False)
         sphere = self._sphere(node, properties, to_world) if node.type == "sphere" else None
         mesh = mesh.transformed(to_world)
@@ -130,11 +167,10 @@ class ShapeReader:
         if flip:
             mesh = mesh.flipped()
         bsdfs, emitters = properties.nested("bsdf"), properties.nested("emitter", "luminaire")
-        if not bsdfs and node.type == "obj":
-            changes.note("the .mtl materials of OBJ files are not read; {} is grey", label)
-        if len(bsdfs) > 1:
-            changes.note("of several materials of one shape only the first was kept")
-        surface = self.materials.surface(bsdfs[0] if bsdfs else None)
+        if surface is None:
+            if len(bsdfs) > 1:
+                changes.note("of several materials of one shape only the first was kept")
+            surface = self.materials.surface(bsdfs[0] if bsdfs else None)
         name = node.attributes.get("id") or label
         for tag in ("interior", "exterior"):
             if tag in properties:
@@ -143,7 +179,7 @@ class ShapeReader:
         properties.report_unused()
         self.shapes.append(
             Shape(
-                self._unique(f"{prefix}_{name}" if prefix else name),
+                self._names.unique(f"{prefix}_{name}" if prefix else name),
                 name,
                 mesh,
                 surface,
@@ -152,6 +188,50 @@ class ShapeReader:
                 flip,
             )
         )
+
+    def _obj_pieces(
+        self, node: Node, properties: Properties
+    ) -> list[tuple[Mesh, str, Surface | None]] | None:
+        """An OBJ by its materials, as version 0.x has it: those of its libraries, those of its
+        element that bear a name over them. None where it comes in one piece."""
+        named = {
+            child.name: self.scope.resolve(child)
+            for child in node.children
+            if child.name and self.scope.resolve(child).tag == "bsdf"
+        }
+        plain = [found for found in properties.nested("bsdf") if found not in named.values()]
+        if node.type != "obj" or not self.scope.is_old or (plain and not named):
+            return None
+        path = self.scope.sandbox.find(properties.text("filename", ""), node.place)
+        if path is None:
+            return None
+        lines = obj_lines(path)
+        found = obj_parts(lines)
+        materials = [material for _, material in found.owners]
+        wanted = properties.boolean("load_materials", True) and found.libraries
+        if not any(materials) or not (wanted or named):
+            return None
+        library = MtlLibrary(path, self.scope.sandbox, self.materials.textures, self.scope.changes)
+        if wanted:
+            library.load(found.libraries)
+        distinct = list(dict.fromkeys(materials))
+        part_of = np.array([distinct.index(material) for material in materials])
+        try:
+            parts = read_obj_parts(path, lines, part_of[found.part_of_face])
+        except InputError as error:
+            raise InputError(f"{node.place}: {error}") from None
+        pieces: list[tuple[Mesh, str, Surface | None]] = []
+        for part, mesh in parts.items():
+            name = distinct[part]
+            if name in named:
+                surface: Surface | None = self.materials.surface(named[name])
+            elif plain or name not in library.materials:
+                surface = self.materials.surface(plain[0] if plain else None)
+            else:
+                surface = library.finish(name).surface
+            shaped = self._shaded(node, properties, mesh)
+            pieces.append((shaped, f"{path.stem}_{name}" if name else path.stem, surface))
+        return pieces
 
     def _geometry(self, node: Node, properties: Properties) -> tuple[Mesh, str] | None:
         """The mesh in the shape's own frame and a word for it; None where it is left out."""
@@ -194,6 +274,12 @@ class ShapeReader:
         properties.ignore("collapse", "srgb")
         flip_v = properties.boolean("flip_tex_coords", node.type == "obj")
         mesh = self._read(node, path, index, flip_v)
+        mesh = self._shaded(node, properties, mesh)
+        stem = path.stem if node.type != "serialized" else f"{path.stem}_{index}"
+        return mesh, stem
+
+    def _shaded(self, node: Node, properties: Properties, mesh: Mesh) -> Mesh:
+        """The mesh with the shading normals that its element asks for."""
         facets = properties.boolean("face_normals", False)
         crease = properties.number("max_smooth_angle", 180.0)
         if facets:
@@ -202,8 +288,7 @@ class ShapeReader:
             mesh = creased(mesh, crease)
         elif mesh.normals is None and node.type != "serialized":
             mesh = replace(mesh, normals=smooth_normals(mesh.vertices, mesh.faces))
-        stem = path.stem if node.type != "serialized" else f"{path.stem}_{index}"
-        return mesh, stem
+        return mesh
 
     def _read(self, node: Node, path: Path, index: int, flip_v: bool) -> Mesh:
         key = (path, index, flip_v, node.type)
@@ -234,16 +319,6 @@ class ShapeReader:
             return matrix
         self.scope.changes.note("a stretched sphere became a mesh")
         return None
-
-    def _unique(self, name: str) -> str:
-        """Mitsuba allows no dots and no leading underscore in ids."""
-        stem = re.sub(r"[^A-Za-z0-9-]+", "_", name).strip("_-")[:100] or "shape"
-        made, count = stem, 1
-        while made.lower() in self._ids:
-            count += 1
-            made = f"{stem}_{count}"
-        self._ids.add(made.lower())
-        return made
 
 
 def _sphere_frame(properties: Properties) -> Floats:

@@ -59,13 +59,32 @@ class TextureStore:
 
         return self._store(path, f"scaled{factor.tolist()}", write)
 
-    def radiance(self, path: Path) -> str:
-        """Store an HDR image (environment, emission) as EXR, RGB float32."""
+    def channel_scaled(self, path: Path, index: int, factor: float) -> str:
+        """Store one channel times `factor`, clipped, as greyscale."""
 
         def write(source: Path, name: str) -> str:
-            return self._save_exr(read_radiance(source), name)
+            band = np.asarray(_open(source).convert("RGBA").getchannel(index), dtype=np.float64)
+            return self._save_grey(np.clip(band * factor, 0, 255), name)
 
-        return self._store(path, "radiance", write)
+        return self._store(path, f"channel{index}x{factor}", write)
+
+    def cutout(self, path: Path, factor: float, cutoff: float) -> str:
+        """Store where alpha times `factor` reaches `cutoff` (both [0, 1]), as white on black."""
+
+        def write(source: Path, name: str) -> str:
+            alpha = np.asarray(_open(source).convert("RGBA").getchannel(3), dtype=np.float64)
+            return self._save_grey(255.0 * (alpha * factor >= 255 * cutoff), name)
+
+        return self._store(path, f"cutout{factor}-{cutoff}", write)
+
+    def radiance(self, path: Path, factor: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> str:
+        """Store an HDR image (environment, emission), times `factor`, as EXR, RGB float32."""
+
+        def write(source: Path, name: str) -> str:
+            scaled = read_radiance(source) * np.array(factor, dtype=np.float32)
+            return self._save_exr(scaled.astype(np.float32), name)
+
+        return self._store(path, f"radiance{factor}", write)
 
     def _store(self, path: Path, use: str, write: object) -> str:
         key = (path, use)
@@ -103,6 +122,10 @@ class TextureStore:
         display = np.where(linear <= 0.0031308, 12.92 * linear, high)
         pixels = np.rint(display * 255).astype(np.uint8)
         Image.fromarray(pixels).save(self.folder / f"{name}.png")
+        return f"{self.folder.name}/{name}.png"
+
+    def _save_grey(self, pixels: npt.NDArray[np.floating], name: str) -> str:
+        Image.fromarray(np.rint(pixels).astype(np.uint8)).save(self.folder / f"{name}.png")
         return f"{self.folder.name}/{name}.png"
 
     def _save_exr(self, pixels: npt.NDArray[np.float32], name: str) -> str:

@@ -86,7 +86,12 @@ class _Sample:
 
 def category_of(shape: Shape) -> str:
     """A guess from the names of the shape and of its material; "other" if they say nothing."""
-    for label in (shape.name, shape.surface.name):
+    return named_category(shape.name, shape.surface.name)
+
+
+def named_category(*labels: str) -> str:
+    """A guess from names, the first that says something; "other" if none does."""
+    for label in labels:
         words = _words(label)
         for category, hints in _WORDS:
             if words & set(hints):

@@ -230,9 +230,11 @@ def read_color(node: Node, scope: Scope, emission: bool = False) -> Color | Node
         rgb = np.full(3, _number(node, text))
     elif node.tag == "blackbody":
         kelvin = _number(node, node.attributes.get("temperature", text).rstrip("Kk "))
-        scale = _number(node, node.attributes.get("scale", "1"))
-        rgb = np.array(blackbody(kelvin)) * blackbody_radiance(kelvin) * scale
-        scope.changes.note("a blackbody spectrum became its linear RGB colour")
+        # Version 0.3 called the factor "multiplier".
+        factor = node.attributes.get("scale", node.attributes.get("multiplier", "1"))
+        rgb = _blackbody(node, kelvin, scope) * _number(node, factor)
+    elif node.tag == "spectrum" and node.type:
+        rgb = _spectrum_plugin(node, scope, emission)
     elif node.tag == "spectrum":
         rgb = _spectrum(node, text, scope, emission)
     else:
@@ -270,6 +272,48 @@ def _spectrum(node: Node, text: str, scope: Scope, emission: bool) -> npt.NDArra
         raise node.error("the wavelengths of a spectrum must increase")
     scope.changes.note("a measured spectrum became its linear RGB colour")
     return spectrum_to_rgb(wavelengths, values)
+
+
+def _blackbody(node: Node, kelvin: float, scope: Scope) -> npt.NDArray[np.float64]:
+    if not 100 <= kelvin <= 100_000:
+        raise node.error(f"a black body of {kelvin:g} K; from 100 to 100000 can be read")
+    scope.changes.note("a blackbody spectrum became its linear RGB colour")
+    return np.array(blackbody(kelvin)) * blackbody_radiance(kelvin)
+
+
+def _spectrum_plugin(node: Node, scope: Scope, emission: bool) -> npt.NDArray[np.float64]:
+    """Spectra of Mitsuba 2 and 3 that are plugins of their own, such as `<spectrum type="d65">`."""
+    properties = Properties(node, scope)
+    properties.ignore("id")
+    scale = properties.number("scale", 1.0)
+    if node.type in ("uniform", "rawconstant", "srgb", "rgb", "d65"):
+        # D65 is white where colours are RGB; its `color` tints it.
+        found = properties.color("color", emission) or properties.color("value", emission)
+        if isinstance(found, Node):
+            raise node.error("a spectrum cannot hold a texture")
+        rgb = np.array(found if found is not None else (1.0, 1.0, 1.0)) * scale
+    elif node.type == "blackbody":
+        rgb = _blackbody(node, properties.number("temperature", 5000.0), scope) * scale
+    elif node.type in ("regular", "irregular"):
+        values = np.array(_numbers(node, properties.text("values", "")))
+        if node.type == "irregular":
+            wavelengths = np.array(_numbers(node, properties.text("wavelengths", "")))
+        else:
+            low = properties.number("wavelength_min", 360.0)
+            high = properties.number("wavelength_max", 830.0)
+            wavelengths = np.linspace(low, high, len(values))
+        if len(values) < 2 or len(values) != len(wavelengths) or (np.diff(wavelengths) <= 0).any():
+            raise node.error("needs increasing wavelengths, two at least, and a value for each")
+        scope.changes.note("a measured spectrum became its linear RGB colour")
+        rgb = spectrum_to_rgb(wavelengths, values)
+    else:
+        scope.changes.note(
+            "unknown spectrum, a grey took its place: {}", f"{node.type!r} ({node.place})"
+        )
+        properties.ignore(*(snake(child.name) for child in node.children))
+        rgb = np.full(3, 1.0 if emission else 0.5)
+    properties.report_unused()
+    return rgb
 
 
 def _look_at(node: Node) -> Matrix4:

@@ -1,0 +1,1 @@
+"""Scenes and single objects from glTF, GLB and OBJ files."""
