@@ -194,6 +194,9 @@ class Furnisher:
     def _kitchen(self) -> None:
         rng, space = self.rng, self.space
         runs = self._kitchen_run()
+        for kind in ("hob_unit", "fridge"):
+            if kind not in {item.kind for item in runs}:
+                space.against_wall(rng, kind, self.make(kind), tries=80)
         self._dress_windows_lightly()
         if self.area > 9.0 and "dining" not in {room.type for room in self.plan.rooms}:
             self._dining_group(small=True)

@@ -105,7 +105,7 @@ class RoomSpace:
 
     def _keep_opening(self, opening: Opening) -> None:
         edge, width = self.edge_of(opening), opening.width
-        margin = CASING[0] if opening.kind != "window" else 0.03
+        margin = CASING[0] if opening.kind != "window" else 0.045
         deep = 0.06 if opening.kind == "window" else 0.12
         front = edge.strip(-margin, width + margin, 0.0, deep)
         self._blocked = np.concatenate([self._blocked, _raised(front, opening.z0 - 0.05, 2.3)])
