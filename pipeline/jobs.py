@@ -41,6 +41,7 @@ class HomeJob:
     params: SceneParams
     seed: int
     lighting: str
+    variant: int
     fingerprint: str
 
 
@@ -106,7 +107,7 @@ def use_renderer(variant: str, renderer: str, threads: int) -> None:
 def make_scene(job: HomeJob | ImportJob) -> dict[str, Any]:
     """Write one scene folder, marked with what determined it."""
     if isinstance(job, HomeJob):
-        scene = make_home(job.folder, job.scene_id, job.params, job.seed, job.lighting)
+        scene = make_home(job.folder, job.scene_id, job.params, job.seed, job.lighting, job.variant)
     else:
         scene = import_scene(job.path, job.folder, job.scene_id)
     # Until this mark is written the folder does not hold, so a kill in between costs a repeat.

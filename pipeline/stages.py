@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -316,9 +317,10 @@ def _home_jobs(root: Path, params: Params) -> Iterable[HomeJob]:
     # ask for the scene's content, not for this.
     sources = sorted(Path(home.__file__).parent.rglob("*.py"))
     revision = digest_bytes(*(digest_file(source).encode() for source in sources))
-    for index in range(wanted.homes):
-        scene_id = f"home-{index:04d}"
-        lighting = wanted.lighting[index % len(wanted.lighting)]
+    for index, variant in product(range(wanted.homes), range(wanted.variants)):
+        scene_id = f"home-{index:04d}" + (f"-v{variant}" if variant else "")
+        turn = index + (variant if "light" in wanted.vary else 0)
+        lighting = wanted.lighting[turn % len(wanted.lighting)]
         seed = derive(params.seed, "home", index)
         mark = fingerprint(
             kind="home",
@@ -328,8 +330,9 @@ def _home_jobs(root: Path, params: Params) -> Iterable[HomeJob]:
             lighting=lighting,
             rooms=(wanted.rooms_min, wanted.rooms_max),
             texture_size=wanted.texture_size,
+            varied=(variant, *sorted(wanted.vary)) if variant else (),
         )
-        yield HomeJob(root / scene_id, scene_id, wanted, seed, lighting, mark)
+        yield HomeJob(root / scene_id, scene_id, wanted, seed, lighting, variant, mark)
 
 
 def _import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable[ImportJob]:

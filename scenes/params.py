@@ -8,6 +8,7 @@ from typing import Literal
 from scenes.checked import within
 
 LightSetting = Literal["day", "evening", "night", "mixed"]
+Aspect = Literal["finishes", "furniture", "light", "outdoors"]
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,9 @@ class SceneParams:
     """Which scenes the `scenes` stage makes."""
 
     homes: int = field(default=12, metadata=within(0, 1_000_000))
+    # Scenes of one plan: the home itself, and others that differ in what `vary` names.
+    variants: int = field(default=1, metadata=within(1, 1000))
+    vary: tuple[Aspect, ...] = ("finishes", "furniture", "light", "outdoors")
     rooms_min: int = field(default=1, metadata=within(1, 6))
     rooms_max: int = field(default=6, metadata=within(1, 6))
     # Light settings, dealt out in turn so that every split sees each.
@@ -38,5 +42,10 @@ class SceneParams:
             )
         if not self.lighting:
             raise ValueError(f"{where}.lighting: name at least one of day, evening, night, mixed")
+        if self.variants > 1 and not self.vary:
+            raise ValueError(
+                f"{where}.vary: {self.variants} variants that differ in nothing; name at least "
+                "one of finishes, furniture, light, outdoors"
+            )
         if not self.homes and not self.imports:
             raise ValueError(f"{where}.homes: 0 homes and no imports leave nothing to do")

@@ -7,7 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -402,6 +402,51 @@ def test_lamps_emit_their_lumens(homes: list[Home]) -> None:
         assert all(150 <= (lamp.lumens or 0) <= 6000 for lamp in lamps)
         if home.scene.lighting == "night":
             assert lit == {room.id for room in home.scene.rooms}
+
+
+# -- variants -------------------------------------------------------------------------------
+
+
+def test_a_variant_keeps_the_plan_and_differs_in_what_may_vary(
+    homes: list[Home], tmp_path: Path
+) -> None:
+    home = homes[0]
+
+    def variant(number: int, *vary: str) -> Scene:
+        folder = tmp_path / "-".join([str(number), *vary])
+        params = replace(SMALL, vary=vary)
+        return make_home(folder, "twin", params, home.seed, home.scene.lighting, number)
+
+    def furniture(scene: Scene) -> list[Any]:
+        return [(thing.id, thing.bbox_min) for thing in scene.objects if not thing.is_structure]
+
+    def outdoors(scene: Scene) -> list[Any]:
+        return [(t.id, t.bbox_min) for t in scene.objects if t.id.startswith("outside")]
+
+    def materials(scene: Scene) -> str:
+        text = (scene.folder / "scene.xml").read_text()
+        return "".join(re.findall(r"<bsdf.*?</bsdf>", text, re.DOTALL))
+
+    plain = variant(0, "finishes", "furniture", "light", "outdoors")
+    assert furniture(plain) == furniture(home.scene) and materials(plain) == materials(home.scene)
+    for one in (
+        variant(1, "finishes", "furniture", "light", "outdoors"),
+        variant(2, "finishes", "furniture", "light", "outdoors"),
+    ):
+        assert one.plan == home.scene.plan
+        assert [room.floor for room in one.rooms] == [room.floor for room in home.scene.rooms]
+        assert one.portals == home.scene.portals
+        assert furniture(one) != furniture(plain) and outdoors(one) != outdoors(plain)
+        assert materials(one) != materials(plain)
+        assert one.source["light"] != plain.source["light"]
+        assert one.source["varied"] == ["finishes", "furniture", "light", "outdoors"]
+    light = variant(1, "light")
+    assert furniture(light) == furniture(plain) and outdoors(light) == outdoors(plain)
+    assert materials(light) == materials(plain)
+    assert light.source["light"] != plain.source["light"]
+    outside = variant(1, "outdoors")
+    assert furniture(outside) == furniture(plain) and outdoors(outside) != outdoors(plain)
+    assert outside.source["light"] == plain.source["light"]
 
 
 # -- furniture ------------------------------------------------------------------------------

@@ -38,6 +38,7 @@ from pipeline.stages import (
     run_scenes,
 )
 from pipeline.views import View, load_cameras, save_cameras
+from scenes.contract import load_scene
 from scenes.errors import InputError, MachineError, PbrnetError
 from scenes.params import SceneParams
 
@@ -373,3 +374,22 @@ def test_frames_hold_only_under_their_own_fingerprint(finished: Path) -> None:
     path = next((finished / "inputs").rglob("*.exr"))
     assert holds(path, read_meta(path)["fingerprint"])
     assert not holds(path, "another")
+
+
+def test_variants_of_a_home_stand_beside_it_and_share_its_plan(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+
+    def made(**changes: Any) -> list[str]:
+        wanted = SceneParams(homes=1, rooms_max=1, texture_size=64, **changes)
+        run_scenes(data, replace(PARAMS, scenes=wanted))
+        return sorted(path.name for path in (data / "scenes").iterdir())
+
+    assert made(variants=3) == ["home-0000", "home-0000-v1", "home-0000-v2"]
+    scenes = [load_scene(data / "scenes" / name) for name in made(variants=3)]
+    assert [scene.lighting for scene in scenes] == ["day", "evening", "night"]
+    assert len({scene.plan for scene in scenes}) == 1
+    home = (data / "scenes" / "home-0000" / "scene.json").stat().st_mtime_ns
+    assert made(variants=2) == ["home-0000", "home-0000-v1"]
+    assert (data / "scenes" / "home-0000" / "scene.json").stat().st_mtime_ns == home
+    made(variants=2, vary=("light",))
+    assert load_scene(data / "scenes" / "home-0000-v1").source["varied"] == ["light"]

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from scenes.contract import Credit, Light, Room, Scene, SceneObject, save_scene, writing_scene
-from scenes.params import SceneParams
+from scenes.params import Aspect, SceneParams
 from scenes.procedural.finishes import make_finishes
 from scenes.procedural.furniture.style import make_style
 from scenes.procedural.lighting import (
@@ -36,20 +36,34 @@ EYE = 1.55  # metres; of the sensor in scene.xml
 HALF_FOV = 0.5534  # radians
 
 
-def make_home(folder: Path, scene_id: str, params: SceneParams, seed: int, lighting: str) -> Scene:
+def make_home(
+    folder: Path,
+    scene_id: str,
+    params: SceneParams,
+    seed: int,
+    lighting: str,
+    variant: int = 0,
+) -> Scene:
     """Write a procedural home as the scene folder `folder` and return its `Scene`.
 
     Everything but the light depends on `seed` and `params` alone, so homes that differ only in
     `lighting` ("day", "evening", "night", "mixed") share their plan and furniture. Equal
-    arguments give equal bytes.
+    arguments give equal bytes. A `variant` above 0 keeps the plan and draws anew what
+    `params.vary` names: finishes (materials and colours), furniture (pieces, places and small
+    things), light (hour, weather, lamps), outdoors.
     """
+
+    def draws(aspect: Aspect, *names: str) -> np.random.Generator:
+        anew = variant > 0 and aspect in params.vary
+        return generator(seed, *names, *(("variant", variant) if anew else ()))
+
     plan = make_plan(generator(seed, "plan"), params.rooms_min, params.rooms_max)
-    style = make_style(generator(seed, "style"))
+    style = make_style(draws("finishes", "style"))
     kinds = {room.id: str(room.type) for room in plan.rooms}
-    finishes = make_finishes(generator(seed, "finishes"), style, kinds)
+    finishes = make_finishes(draws("finishes", "finishes"), style, kinds)
     building, portals = build_structure(plan, finishes)
-    furniture = furnish(generator(seed, "furniture"), plan, style)
-    outdoors = build_outdoors(generator(seed, "outdoors"), plan)
+    furniture = furnish(draws("furniture", "furniture"), plan, style)
+    outdoors = build_outdoors(draws("outdoors", "outdoors"), plan)
     things = [*building, *furniture, *outdoors]
     bright = {
         room
@@ -59,11 +73,11 @@ def make_home(folder: Path, scene_id: str, params: SceneParams, seed: int, light
         if opening.kind != "entrance"
     }
     windowless = [room.id for room in plan.rooms if room.id not in bright]
-    lit = choose_lit(generator(seed, "lamps", lighting), lighting, furniture, windowless)
+    lit = choose_lit(draws("light", "lamps", lighting), lighting, furniture, windowless)
     burning = [part for thing in lamps_of(furniture) if thing.id in lit for part in thing.parts]
     lamp_weight = sum(sampling_weight(part) for part in burning if part.lumens > 0)
-    cooler = draw_cooler(generator(seed, "lamp colour", lighting))
-    sky = draw_sky(generator(seed, "sky", lighting), lighting, lamp_weight)
+    cooler = draw_cooler(draws("light", "lamp colour", lighting))
+    sky = draw_sky(draws("light", "sky", lighting), lighting, lamp_weight)
     with writing_scene(Path(folder)) as partial:
         library = MaterialLibrary(partial, params.texture_size)
         objects, lights, shapes = _write_shapes(partial, things, lit, cooler, library)
@@ -72,6 +86,12 @@ def make_home(folder: Path, scene_id: str, params: SceneParams, seed: int, light
             source={
                 "kind": "procedural",
                 "seed": str(seed),
+                "variant": variant,
+                "varied": list(params.vary) if variant else [],
+                "finishes": {
+                    room: {"floor": finish.floor.kind, "walls": finish.wall.kind}
+                    for room, finish in sorted(finishes.rooms.items())
+                },
                 "light": {**sky.choices, "lamps_cooler": cooler},
             },
             rooms=_rooms(plan, furniture),
