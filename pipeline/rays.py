@@ -91,10 +91,15 @@ def nearest(
     return shape, distance
 
 
-def surfaces(target: Target, origins: npt.ArrayLike, directions: npt.ArrayLike) -> Hits:
-    """What each ray sees, with normals and reflectance; arguments as in `nearest`."""
+def surfaces(
+    target: Target, origins: npt.ArrayLike, directions: npt.ArrayLike, colors: bool = True
+) -> Hits:
+    """What each ray sees, with normals and reflectance; arguments as in `nearest`.
+
+    Without `colors` reflectance is 0, and no material needs to be compiled.
+    """
     trace = _scalar_surfaces if is_scalar() else _wave_surfaces
-    return Hits(*_in_chunks(partial(trace, target), origins, directions))
+    return Hits(*_in_chunks(partial(trace, target, colors), origins, directions))
 
 
 def reached(
@@ -324,16 +329,20 @@ def _wave_passes(target: Target, tables: dict[str, Any], hit: Any, ray: Any, any
     return passes & valid
 
 
-def _wave_surfaces(target: Target, origins: Array, directions: Array) -> tuple[Array, ...]:
+def _wave_surfaces(
+    target: Target, colors: bool, origins: Array, directions: Array
+) -> tuple[Array, ...]:
     shape, distance, hit, ray = _wave_first(target, _wave_ray(origins, directions), True)
     valid = shape >= 0
     si = hit.compute_surface_interaction(ray, mi.RayFlags.All, valid)
-    tables = _wave_tables(target)
-    twin = dr.gather(
-        mi.UInt32, tables["reflectance"], dr.reinterpret_array(mi.UInt32, si.shape), valid
-    )
-    bsdf = dr.reinterpret_array(mi.BSDFPtr, twin)
-    reflectance = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(si, valid))
+    reflectance = mi.Color3f(0)
+    if colors:
+        tables = _wave_tables(target)
+        twin = dr.gather(
+            mi.UInt32, tables["reflectance"], dr.reinterpret_array(mi.UInt32, si.shape), valid
+        )
+        bsdf = dr.reinterpret_array(mi.BSDFPtr, twin)
+        reflectance = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(si, valid))
     number, metres, position, geometric, shading, colour = _arrays(
         shape,
         distance,
@@ -438,7 +447,9 @@ def _scalar_nearest(
     return shapes, distances
 
 
-def _scalar_surfaces(target: Target, origins: Array, directions: Array) -> tuple[Array, ...]:
+def _scalar_surfaces(
+    target: Target, colors: bool, origins: Array, directions: Array
+) -> tuple[Array, ...]:
     count = len(directions)
     hits = Hits(
         np.full(count, -1, np.int32),
@@ -453,8 +464,9 @@ def _scalar_surfaces(target: Target, origins: Array, directions: Array) -> tuple
         si = hit.compute_surface_interaction(ray)
         hits.shape[i], hits.distance[i] = shape, distance
         hits.position[i], hits.geometric[i], hits.shading[i] = si.p, si.n, si.sh_frame.n
-        twin = target.reflectances[numbers[si.shape.ptr]]
-        hits.reflectance[i] = np.clip(twin.eval_diffuse_reflectance(si), 0, 1)
+        if colors:
+            twin = target.reflectances[numbers[si.shape.ptr]]
+            hits.reflectance[i] = np.clip(twin.eval_diffuse_reflectance(si), 0, 1)
     return tuple(vars(hits).values())
 
 

@@ -83,10 +83,11 @@ def fresh(undisturbed: Path, tmp_path: Path) -> Path:
 
 
 def _wait_for_frames(data: Path, process: subprocess.Popen[bytes], count: int) -> None:
-    """Until so many frames are there (or the run is over)."""
+    """Until so many frames of ground truth are there (or the run is over)."""
     deadline = time.monotonic() + 60
     while process.poll() is None and time.monotonic() < deadline:
-        if len(list((data / "shading").rglob("*.exr"))) >= count:
+        kinds = ("shading", "color")
+        if sum(len(list((data / kind).rglob("*.exr"))) for kind in kinds) >= count:
             return
         time.sleep(0.01)
 
