@@ -11,7 +11,10 @@ import click
 
 from scenes.contract import Scene
 from scenes.errors import ParameterError
+from scenes.params import SceneParams
 from scenes.registry import import_scene
+from scenes.seeds import derive
+from scenes.variants.vary import vary_scene
 
 # Options beside those that every import has, by kind of file.
 _MITSUBA = ("parameters", "scale", "up", "root", "skip_missing", "sky", "licence", "author")
@@ -52,6 +55,7 @@ Examples:
   pbrnet import room/scene.xml --out data/scenes/room
   pbrnet import old.xml --out data/scenes/old --parameter envmap_path=sky.exr --scale 0.01
   pbrnet import house.sh3d --out data/scenes/house --time 19:30 --level Upstairs
+  pbrnet import house.sh3d --out data/scenes/house --variants 3 --seed 7
   pbrnet import chair.glb --out data/scenes/chair
   pbrnet import flat.obj --out data/scenes/flat --up z --scale 0.01 --author "A. Maker" \\
       --licence CC-BY-4.0
@@ -67,10 +71,17 @@ All kinds, options and limits: docs/scenes.md.""",
 )
 @click.option("--id", "scene_id", default=None, help="Another id than the folder's name.")
 @click.option(
+    "--variants",
+    type=click.IntRange(0, 999),
+    default=0,
+    help="Scenes to make beside it, OUT-v1 and so on, with other finishes and light.",
+)
+@click.option(
     "--seed",
     type=click.IntRange(0),
-    default=None,
-    help="Accepted as everywhere; an import makes no random choice.",
+    default=0,
+    show_default=True,
+    help="Of the variants; the import itself makes no random choice.",
 )
 @click.option("--scale", type=click.FloatRange(1e-6, 1e6), help="Metres per unit of the file.")
 @click.option(
@@ -120,7 +131,8 @@ def import_command(
     path: Path,
     out: Path,
     scene_id: str | None,
-    seed: int | None,
+    variants: int,
+    seed: int,
     **options: Any,
 ) -> None:
     """Bring the scene PATH into the scene folder OUT and say what was found, changed and lost.
@@ -136,6 +148,13 @@ def import_command(
     click.echo(f"{path} -> {out} in {time.monotonic() - started:.1f} s")
     for line in summary(scene):
         click.echo(line)
+    for number in range(1, variants + 1):
+        name = f"{scene.scene_id}-v{number}"
+        place = out.with_name(f"{out.name}-v{number}")
+        made = vary_scene(
+            out, place, name, number, SceneParams(), derive(seed, "import", scene.scene_id)
+        )
+        click.echo(f"variant {place}: light: {made.lighting}")
 
 
 def _parameters(pairs: tuple[str, ...]) -> dict[str, str]:

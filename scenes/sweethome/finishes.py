@@ -25,7 +25,7 @@ from scenes.sweethome.things import Color, Finish
 
 WHITEST = 0.82  # no paint reflects more
 DARKEST = 0.03  # nor less, in any colour: its surface alone reflects as much
-_EARTH = 0.25  # luminance: dry grass, soil and gravel outdoors reflect no more
+_EARTH = 0.15  # luminance: grass, soil and gravel outdoors reflect hardly more
 _VIVID = 0.35  # of an outdoor colour's strongest band: its weakest is no less
 WHITE: Color = (WHITEST, WHITEST, WHITEST)
 _MATT = 1 / 128  # shininess up to which a surface has no highlight worth a lobe
