@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from pipeline.sizes import triangles_of
 from scenes.contract import Scene
 from scenes.errors import ParameterError
 from scenes.params import SceneParams
@@ -217,10 +218,4 @@ def _counted(counts: Counter[str]) -> str:
 
 
 def _triangles(scene: Scene) -> int:
-    total = 0
-    for path in sorted((scene.folder / "meshes").glob("*.ply")):
-        with path.open("rb") as stream:
-            for line in stream.read(4096).split(b"end_header")[0].splitlines():
-                if line.startswith(b"element face"):
-                    total += int(line.split()[-1])
-    return total
+    return sum(triangles_of(path) for path in sorted((scene.folder / "meshes").glob("*.ply")))

@@ -85,7 +85,8 @@ def test_finishes_lie_in_true_size(base: Scene) -> None:
         mesh = read_ply(made.folder / "meshes" / f"{name}.ply")
         assert mesh.uvs is not None
         flat = mesh.uvs[mesh.faces]
-        cross = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])
+        along, aside = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+        cross = along[:, 0] * aside[:, 1] - along[:, 1] * aside[:, 0]
         area = face_areas(mesh.corners)[0]
         whole = area > 1e-6
         assert np.abs(0.5 * cross)[whole] == pytest.approx(area[whole], rel=1e-3, abs=1e-6)

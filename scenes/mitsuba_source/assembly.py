@@ -24,7 +24,7 @@ from scenes.mitsuba_source.rays import RayCaster
 from scenes.mitsuba_source.reader import Node
 from scenes.mitsuba_source.rooms import FoundOpening, FoundRoom, find_openings, find_rooms
 from scenes.mitsuba_source.shapes import Shape
-from scenes.mitsuba_source.things import group_objects, room_type
+from scenes.mitsuba_source.things import bounds_of, group_objects, room_type
 from scenes.mitsuba_source.values import look_at
 from scenes.mitsuba_source.writer import sensor_element, write_scene_xml
 
@@ -87,7 +87,7 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
     objects = draft.grouping(shapes, rooms, room_ids)
     names = draft.room_names(shapes, rooms, room_ids) if draft.room_names else {}
     if draft.ground:
-        plain, thing = ground(shapes)
+        plain, thing = ground(*bounds_of(shapes))
         shapes, objects = [*shapes, plain], (*objects, thing)
     lights = _lights(shapes, area, draft.emitters, rooms, room_ids)
     portals = _portals(openings, frosted, rooms, room_ids)

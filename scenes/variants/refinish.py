@@ -25,6 +25,7 @@ from scenes.seeds import generator
 
 _BEFORE = 0.03  # metres in front of a face where the room is looked up that it faces
 _BESIDE = 0.3  # metres above and below a room's own heights that still count as in it
+_INDOORS = 0.2  # share of a wall's surface that must face rooms, or it is a facade
 _STEEP = 0.7  # |z| of unit normals: flat above, upright below
 _TILED = 2.0  # metres of wall tiles from which a whole wall of an import is tiled
 _NEVER = ("dielectric", "thindielectric", "roughdielectric", "null", "mask", "conductor",
@@ -185,16 +186,18 @@ def _faced(mesh: Mesh, rooms: Iterable[Room], thing: SceneObject) -> tuple[str |
     areas, normals = face_areas(mesh.corners)[0], _normals(mesh)
     points = mesh.corners.mean(axis=1) + _BEFORE * normals
     best: tuple[str | None, float] = (None, 0.0)
+    indoors = 0.0
     for room in rooms:
         inside = shapely.contains_xy(Polygon(room.floor), points[:, 0], points[:, 1])
         inside &= (points[:, 2] > room.floor_z - _BESIDE) & (
             points[:, 2] < room.ceiling_z + _BESIDE
         )
         area = float(areas[inside].sum())
+        indoors += area
         if area > best[1]:
             best = (room.id, area)
-    # A facade also faces rooms, where its doors are.
-    return best if best[1] > 0.05 * float(areas.sum()) else (None, 0.0)
+    # A facade, too, faces rooms where its doors and windows are.
+    return best if indoors > _INDOORS * float(areas.sum()) else (None, 0.0)
 
 
 def _turned(room: str | None, scene: Scene) -> bool:

@@ -28,6 +28,7 @@ class Relit:
     lights: tuple[Light, ...]
     lighting: str
     choices: dict[str, Any]
+    sky: bool = False  # whether there is another sky
 
 
 def relight(
@@ -76,7 +77,7 @@ def relight(
         root.insert(_first_shape(root), made)
         lights += sky.lights
         choices |= sky.choices
-    return Relit(lights, setting, choices)
+    return Relit(lights, setting, choices, outside)
 
 
 def _setting(
