@@ -111,7 +111,7 @@ def inspect_path(path: Path, renders: bool = True) -> Inspection:
         ".exr": inspect_frame,
         ".parquet": lambda file: inspect_shards([file], file.name),
         ".safetensors": inspect_model,
-        ".json": _inspect_json,
+        ".json": lambda file: _inspect_json(file, renders),
     }
     if path.name == "scene.xml":
         return inspect_scene(path.parent, renders)
@@ -485,10 +485,10 @@ def draw_previews(files: Sequence[pq.ParquetFile], most: int = _SHEET_PICTURES) 
     return contact_sheet(pictures, 4, labels)
 
 
-def _inspect_json(path: Path) -> Inspection:
+def _inspect_json(path: Path, renders: bool) -> Inspection:
     content = read_json(path)
     if path.name == "scene.json":
-        return inspect_scene(path.parent)
+        return inspect_scene(path.parent, renders)
     if isinstance(content, dict) and "views" in content:
         return inspect_cameras(path)
     if path.with_suffix(".safetensors").is_file():

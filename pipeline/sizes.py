@@ -39,7 +39,7 @@ def scene_sizes(scene: Scene) -> list[dict[str, Any]]:
     for kind in ranked[_KINDS:]:
         for counts in (shapes, triangles, disk):
             counts["the rest"] += counts.pop(kind)
-    rows = [
+    rows: list[dict[str, Any]] = [
         {
             "what": kind,
             "shapes": shapes[kind],
