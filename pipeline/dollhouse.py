@@ -16,6 +16,8 @@ from xml.etree.ElementTree import Element, ElementTree
 import defusedxml.ElementTree
 import mitsuba as mi
 import numpy as np
+import shapely
+from shapely.geometry import Polygon
 
 from pipeline.cameras import sample_cameras
 from pipeline.denoise import denoise
@@ -24,17 +26,18 @@ from pipeline.params import CameraParams, GroundTruthParams, ImageParams, Params
 from pipeline.passes import PASSES
 from pipeline.pictures import Picture, tone_picture
 from pipeline.renderer import open_scene, set_variant
-from pipeline.tonemap import exposure_of
+from pipeline.tonemap import encode_srgb, exposure_of, to_bytes
 from pipeline.views import View, as_matrix
-from scenes.contract import Scene, load_scene
+from scenes.contract import Room, Scene, load_scene
 from scenes.mitsuba_source.meshes import Mesh, read_ply
 from scenes.mitsuba_source.writer import write_ply
 from scenes.seeds import derive
 
 _WIDTH = 640  # pixels
 _SPP, _DEPTH = 16, 4
-_ELEVATION, _AZIMUTH = math.radians(58), math.radians(-60)  # of the eye, from the middle
+_ELEVATION, _AZIMUTH = math.radians(68), math.radians(-60)  # of the eye, from the middle
 _MARGIN = 0.4  # metres around the rooms
+_LIP = 0.02  # metres from a room's rim that belong to its walls
 _CUT = 0.15  # metres below a storey's lowest ceiling from which things are lifted off
 _PAPER = np.array([246.0, 245.0, 241.0])  # behind it
 _SURROUNDINGS = ("ground", "outdoors", "tree", "house", "hedge")
@@ -59,7 +62,8 @@ def draw_dollhouse(scene: Scene) -> Picture:
     bands = {band: np.ascontiguousarray(color[..., index]) for index, band in enumerate(RGB)}
     clean = denoise(bands, np.ascontiguousarray(albedo), np.ascontiguousarray(normal))
     linear = np.stack([clean[band] for band in RGB], axis=-1)
-    picture = tone_picture(linear, exposure_of(linear, ToneParams()))
+    # Under a sky of radiance 1 light is about reflectance: no exposure to find.
+    picture = to_bytes(encode_srgb(np.clip(linear, 0, 1)))
     # Edges keep their share of the paper that everything stands on.
     shown = np.clip(np.linalg.norm(normal, axis=-1, keepdims=True), 0, 1)
     return np.rint(shown * picture + (1 - shown) * _PAPER).astype(np.uint8)
@@ -149,7 +153,7 @@ def _opened_up(scene: Scene, cut: float, low: np.ndarray, high: np.ndarray, fold
         for emitter in shape.findall("emitter"):
             shape.remove(emitter)
         if thing is not None and thing.is_structure and thing.bbox_max[2] > cut:
-            _cut_open(shape, cut, root, folder)
+            _cut_open(shape, cut, scene.rooms, root, folder)
     emitter = Element("emitter", {"type": "constant"})
     emitter.append(Element("rgb", {"name": "radiance", "value": "1"}))
     path = Element("integrator", {"type": "path"})
@@ -162,13 +166,22 @@ def _opened_up(scene: Scene, cut: float, low: np.ndarray, high: np.ndarray, fold
     return target
 
 
-def _cut_open(shape: Element, cut: float, root: Element, folder: Path) -> None:
-    """Take the lid off a mesh: the triangles that lie wholly above `cut`."""
+def _cut_open(
+    shape: Element, cut: float, rooms: Sequence[Room], root: Element, folder: Path
+) -> None:
+    """Take the lid off a mesh: the triangles that lie wholly above `cut` over a room.
+
+    Tops of walls stay, which lie beside the rooms.
+    """
     file = next((item for item in shape.findall("string") if item.get("name") == "filename"), None)
     if file is None or shape.get("type") != "ply":
         return
     mesh = read_ply(Path(file.get("value", "")))
-    keep = mesh.corners[:, :, 2].min(axis=1) < cut
+    x, y, _ = mesh.corners.mean(axis=1).T
+    over = np.zeros(len(mesh.faces), dtype=bool)
+    for room in rooms:
+        over |= shapely.contains_xy(Polygon(room.floor).buffer(-_LIP), x, y)
+    keep = (mesh.corners[:, :, 2].min(axis=1) < cut) | ~over
     if keep.all():
         return
     if not keep.any():

@@ -195,7 +195,7 @@ def flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
         + draw.window(x=200, y=0)
         + draw.piece(name="Bed", model="box", x=300, y=200, width=200, depth=150, height=50,
                      color="FFFF0000")
-        + draw.piece(name="Cube", model="box", x=80, y=250, color="FF0000FF")
+        + draw.piece(name="Cube", model="box", x=80, y=60, color="FF0000FF")
     )  # fmt: skip
     file = draw.pack(folder / "flat.sh3d", xml, {"box": draw.BOX})
     return import_scene(file, folder / "scenes" / "flat").folder
