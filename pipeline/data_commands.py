@@ -49,7 +49,7 @@ def _summary_lines(summary: DatasetSummary, folder: Path) -> list[str]:
 @click.command(
     epilog="""\b
 Examples:
-  pbrnet inspect data/scenes/home-0000                 rooms, furniture, lights, and a plan
+  pbrnet inspect data/scenes/home-0000                 rooms, sizes, lights, and pictures
   pbrnet inspect data/cameras/home-0000.json           views, and why others were dropped
   pbrnet inspect data/color/home-0000/000.exr          figures of every channel, and pictures
   pbrnet inspect data/dataset --out sheet.png          columns, sizes, and a contact sheet
@@ -64,6 +64,7 @@ Examples:
     help="Where to draw it.  [default: inspect-<name>.png, here]",
 )
 @click.option("--text-only", is_flag=True, help="Draw nothing.")
+@click.option("--plan-only", is_flag=True, help="Of a scene draw the plan, without rendering.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 @click.option(
     "--diversity",
@@ -73,9 +74,14 @@ Examples:
 @click.option(
     "--seed", type=int, default=None, expose_value=False, help="Not used: nothing is random."
 )
-def inspect(path: Path, out: Path | None, text_only: bool, as_json: bool, diversity: bool) -> None:
-    """Say what PATH holds (scene, cameras, frame, shard, dataset, model), and draw it."""
-    inspection = inspect_diversity(path) if diversity else inspect_path(path)
+def inspect(
+    path: Path, out: Path | None, text_only: bool, plan_only: bool, as_json: bool, diversity: bool
+) -> None:
+    """Say what PATH holds (scene, cameras, frame, shard, dataset, model), and draw it.
+
+    Of a scene the picture shows the plan, a dollhouse view from above and two quick renders.
+    """
+    inspection = inspect_diversity(path) if diversity else inspect_path(path, renders=not plan_only)
     click.echo(inspection.json if as_json else inspection.text)
     if not text_only:
         target = out or Path(f"inspect-{path.resolve().stem}.png")

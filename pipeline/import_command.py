@@ -5,25 +5,63 @@ from __future__ import annotations
 import time
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import click
 
+from pipeline.sizes import triangles_of
 from scenes.contract import Scene
 from scenes.errors import ParameterError
+from scenes.params import SceneParams
 from scenes.registry import import_scene
+from scenes.seeds import derive
+from scenes.variants.vary import vary_scene
 
-_MITSUBA_OPTIONS = (
-    "parameters", "scale", "up", "root", "skip_missing", "sky", "licence", "author",
-)  # fmt: skip
-_HOME_OPTIONS = ("levels", "time", "lamps", "licence", "author")
+# Options beside those that every import has, by kind of file.
+_MITSUBA = ("parameters", "scale", "up", "root", "skip_missing", "sky", "licence", "author")
+_MODEL = ("scale", "up", "root", "sky", "licence", "author")
+_HOME = ("levels", "time", "lamps", "licence", "author")
+_OPTIONS = {".xml": _MITSUBA, ".sh3d": _HOME, ".gltf": _MODEL, ".glb": _MODEL, ".obj": _MODEL}
+_FLAGS = {"parameters": "parameter", "levels": "level"}  # where they differ from the name
+# Sections of the help: title -> names of parameters; what is in none comes first.
+_SECTIONS = {
+    "Mitsuba, glTF, GLB, OBJ": ("scale", "up", "root", "sky"),
+    "Mitsuba only": ("parameters", "skip_missing"),
+    "Sweet Home 3D only": ("levels", "time", "lamps"),
+    "Every kind of file, but for scene folders": ("licence", "author"),
+}
+
+
+class SectionedCommand(click.Command):
+    """A command whose help lists options by the kind of file that they are for."""
+
+    def format_options(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options in sections."""
+        titles = {name: title for title, names in _SECTIONS.items() for name in names}
+        sections: dict[str, list[tuple[str, str]]] = {"Options": []}
+        sections |= {title: [] for title in _SECTIONS}
+        for parameter in self.get_params(context):
+            record = parameter.get_help_record(context)
+            if record is not None and isinstance(parameter, click.Option):
+                sections[titles.get(parameter.name or "", "Options")].append(record)
+        for title, records in sections.items():
+            with formatter.section(title):
+                formatter.write_dl(records)
 
 
 @click.command(
+    cls=SectionedCommand,
     epilog="""\b
 Examples:
   pbrnet import room/scene.xml --out data/scenes/room
   pbrnet import old.xml --out data/scenes/old --parameter envmap_path=sky.exr --scale 0.01
-  pbrnet import house.sh3d --out data/scenes/house --time 19:30 --level Upstairs"""
+  pbrnet import house.sh3d --out data/scenes/house --time 19:30 --level Upstairs
+  pbrnet import house.sh3d --out data/scenes/house --variants 3 --seed 7
+  pbrnet import chair.glb --out data/scenes/chair
+  pbrnet import flat.obj --out data/scenes/flat --up z --scale 0.01 --author "A. Maker" \\
+      --licence CC-BY-4.0
+\b
+All kinds, options and limits: docs/scenes.md.""",
 )
 @click.argument("path", type=click.Path(path_type=Path))
 @click.option(
@@ -34,11 +72,17 @@ Examples:
 )
 @click.option("--id", "scene_id", default=None, help="Another id than the folder's name.")
 @click.option(
-    "--parameter",
-    "pairs",
-    multiple=True,
-    metavar="NAME=VALUE",
-    help="Value for a $parameter of the file; may be repeated.",
+    "--variants",
+    type=click.IntRange(0, 999),
+    default=0,
+    help="Scenes to make beside it, OUT-v1 and so on, with other finishes and light.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    help="Of the variants; the import itself makes no random choice.",
 )
 @click.option("--scale", type=click.FloatRange(1e-6, 1e6), help="Metres per unit of the file.")
 @click.option(
@@ -52,10 +96,21 @@ Examples:
     "--root",
     type=click.Path(path_type=Path, file_okay=False, exists=True),
     default=None,
-    help="Folder above the scene's from which it may read, too.",
+    help="Folder above the file's from which it may read, too.",
+)
+@click.option(
+    "--sky",
+    is_flag=True,
+    help="Add sun and sky: to a Mitsuba scene without light, to any building as model.",
+)
+@click.option(
+    "--parameter",
+    "parameters",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Value for a $parameter of the file; may be repeated.",
 )
 @click.option("--skip-missing", is_flag=True, help="Go on without shapes whose mesh is missing.")
-@click.option("--sky", is_flag=True, help="Add sun and sky if the scene has no light at all.")
 @click.option(
     "--level",
     "levels",
@@ -73,55 +128,60 @@ Examples:
 )
 @click.option("--licence", default="", help="Terms of use, e.g. CC-BY-4.0, if no file says so.")
 @click.option("--author", default="", help="Whose work it is, if no file says so.")
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    default=None,
-    help="Accepted as everywhere; an import makes no random choice.",
-)
 def import_command(
     path: Path,
     out: Path,
     scene_id: str | None,
-    pairs: tuple[str, ...],
-    seed: int | None,
-    **options: object,
+    variants: int,
+    seed: int,
+    **options: Any,
 ) -> None:
     """Bring the scene PATH into the scene folder OUT and say what was found, changed and lost.
 
-    PATH is a Mitsuba XML file of version 0.4 to 3.x, a Sweet Home 3D home (.sh3d), or a scene
-    folder with scene.json. Options for another kind of file than PATH are refused.
+    PATH is a Mitsuba XML file of version 0.4 to 3.x (a house of the PBRS release, too), a Sweet
+    Home 3D home (.sh3d), a glTF, GLB or OBJ model of a building or of one object, which gets a
+    room of its own, or a scene folder with scene.json. Options for another kind of file than
+    PATH are refused.
     """
-    parameters = {}
+    options["parameters"] = _parameters(options["parameters"])
+    started = time.monotonic()
+    scene = import_scene(path, out, scene_id, **_options_for(path, options))
+    click.echo(f"{path} -> {out} in {time.monotonic() - started:.1f} s")
+    for line in summary(scene):
+        click.echo(line)
+    for number in range(1, variants + 1):
+        name = f"{scene.scene_id}-v{number}"
+        place = out.with_name(f"{out.name}-v{number}")
+        made = vary_scene(
+            out, place, name, number, SceneParams(), derive(seed, "import", scene.scene_id)
+        )
+        click.echo(f"variant {place}: light: {made.lighting}")
+
+
+def _parameters(pairs: tuple[str, ...]) -> dict[str, str]:
+    """`NAME=VALUE` pairs as a mapping; raises `ParameterError` for what is none."""
+    made = {}
     for pair in pairs:
         name, equals, value = pair.partition("=")
         if not equals or not name:
             raise ParameterError(f"--parameter: {pair!r} is not of the form NAME=VALUE")
-        parameters[name.removeprefix("$")] = value
-    started = time.monotonic()
-    given = _options_for(path, {"parameters": parameters, **options})
-    scene = import_scene(path, out, scene_id, **given)
-    click.echo(f"{path} -> {out} in {time.monotonic() - started:.1f} s")
-    for line in summary(scene):
-        click.echo(line)
+        made[name.removeprefix("$")] = value
+    return made
 
 
-def _options_for(path: Path, options: dict[str, object]) -> dict[str, object]:
+def _options_for(path: Path, options: dict[str, Any]) -> dict[str, Any]:
     """Those of `options` that the kind of `path` takes; a scene folder takes none.
 
     Raises `ParameterError` for one that was given and belongs to another kind.
     """
     context = click.get_current_context()
-    own = {"sh3d": _HOME_OPTIONS}.get(path.suffix.lower().removeprefix("."), _MITSUBA_OPTIONS)
+    own = () if path.is_dir() else _OPTIONS.get(path.suffix.lower(), tuple(options))
     for name in sorted(options):
-        flag = {"parameters": "pairs"}.get(name, name)
-        source = context.get_parameter_source(flag)
+        source = context.get_parameter_source(name)
         if name not in own and source == click.core.ParameterSource.COMMANDLINE:
-            label = {"parameters": "parameter", "levels": "level"}.get(name, name)
-            raise ParameterError(
-                f"--{label.replace('_', '-')}: not for {path.suffix or path} files"
-            )
-    return {} if path.is_dir() else {name: options[name] for name in own}
+            kind = "scene folders" if path.is_dir() else f"{path.suffix} files"
+            raise ParameterError(f"--{_FLAGS.get(name, name).replace('_', '-')}: not for {kind}")
+    return {name: options[name] for name in own}
 
 
 def summary(scene: Scene) -> list[str]:
@@ -158,10 +218,4 @@ def _counted(counts: Counter[str]) -> str:
 
 
 def _triangles(scene: Scene) -> int:
-    total = 0
-    for path in sorted((scene.folder / "meshes").glob("*.ply")):
-        with path.open("rb") as stream:
-            for line in stream.read(4096).split(b"end_header")[0].splitlines():
-                if line.startswith(b"element face"):
-                    total += int(line.split()[-1])
-    return total
+    return sum(triangles_of(path) for path in sorted((scene.folder / "meshes").glob("*.ply")))

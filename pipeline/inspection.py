@@ -10,7 +10,7 @@ import io
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence, Sized
+from collections.abc import Callable, Sequence, Sized
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from matplotlib.patches import Polygon, Rectangle, Wedge
 from safetensors import SafetensorError, safe_open
 
 from pipeline.diversity import dataset_figures, draw_figures, summary_table
+from pipeline.dollhouse import draw_dollhouse, quick_renders
 from pipeline.frames import RGB, Frame, read_frame
 from pipeline.params import ToneParams
 from pipeline.pictures import (
@@ -41,6 +42,7 @@ from pipeline.pictures import (
     reflectance_picture,
     tone_picture,
 )
+from pipeline.sizes import scene_sizes
 from pipeline.tonemap import exposure_of
 from pipeline.views import CameraFile, View, load_cameras
 from scenes.checked import build
@@ -92,14 +94,17 @@ class Inspection:
         return json.dumps(content, indent=1, default=str)
 
 
-def inspect_path(path: Path) -> Inspection:
-    """Find out what `path` is and describe it; `InputError` if it is none of ours or damaged."""
+def inspect_path(path: Path, renders: bool = True) -> Inspection:
+    """Find out what `path` is and describe it; `InputError` if it is none of ours or damaged.
+
+    With `renders` the picture of a scene holds more than its plan: see `inspect_scene`.
+    """
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: there is nothing here")
     if path.is_dir():
         if (path / "scene.json").is_file():
-            return inspect_scene(path)
+            return inspect_scene(path, renders)
         if any(path.glob("*.parquet")):
             return inspect_shards(sorted(path.glob("*.parquet")), str(path))
         raise InputError(f"{path}: neither a scene nor a dataset folder; can inspect {KNOWN}")
@@ -107,17 +112,20 @@ def inspect_path(path: Path) -> Inspection:
         ".exr": inspect_frame,
         ".parquet": lambda file: inspect_shards([file], file.name),
         ".safetensors": inspect_model,
-        ".json": _inspect_json,
+        ".json": lambda file: _inspect_json(file, renders),
     }
     if path.name == "scene.xml":
-        return inspect_scene(path.parent)
+        return inspect_scene(path.parent, renders)
     if path.suffix.lower() not in readers:
         raise InputError(f"{path}: do not know this kind of file; can inspect {KNOWN}")
     return readers[path.suffix.lower()](path)
 
 
-def inspect_scene(folder: Path) -> Inspection:
-    """Rooms, objects, lights, portals, credits; drawn as a plan, with cameras if there are any."""
+def inspect_scene(folder: Path, renders: bool = True) -> Inspection:
+    """Rooms, objects, sizes, lights, portals, credits; drawn as a plan, with cameras if there are.
+
+    With `renders` a dollhouse view and two quick renders stand below the plan.
+    """
     scene = load_scene(folder)
     camera_path = folder.resolve().parent.parent / "cameras" / f"{scene.scene_id}.json"
     views = load_cameras(camera_path).views if camera_path.is_file() else ()
@@ -136,8 +144,6 @@ def inspect_scene(folder: Path) -> Inspection:
     ]
     categories = Counter(thing.category for thing in scene.objects if not thing.is_structure)
     lumens = [light.lumens for light in scene.lights if light.lumens is not None]
-    meshes = [file for file in (folder / "meshes").rglob("*") if file.is_file()]
-    textures = [file for file in (folder / "textures").rglob("*") if file.is_file()]
     return Inspection(
         "scene",
         f"Scene {scene.scene_id}: {_count(scene.rooms, 'room')}, "
@@ -150,10 +156,9 @@ def inspect_scene(folder: Path) -> Inspection:
                 "plan": scene.plan or scene.scene_id,
                 "units": scene.units,
                 "shapes": sum(len(thing.shapes) for thing in scene.objects),
-                "meshes": f"{len(meshes)} files, {_megabytes(meshes)}",
-                "textures": f"{len(textures)} files, {_megabytes(textures)}",
                 "views sampled": len(views),
             },
+            "Size": scene_sizes(scene),
             "Rooms": rooms,
             "Furniture": dict(categories.most_common()),
             "Lights": {
@@ -181,7 +186,7 @@ def inspect_scene(folder: Path) -> Inspection:
             ],
             "Changed or lost in import": list(scene.changes),
         },
-        lambda: draw_plan(scene, views),
+        lambda: draw_scene(scene, views) if renders else draw_plan(scene, views),
     )
 
 
@@ -362,6 +367,18 @@ def inspect_model(path: Path) -> Inspection:
     )
 
 
+def draw_scene(scene: Scene, views: Sequence[View] = ()) -> Picture:
+    """The plan, and below it the dollhouse view and two quick renders."""
+    pictures = [("without its ceilings", draw_dollhouse(scene)), *quick_renders(scene, views)]
+    below = contact_sheet(
+        [picture for _, picture in pictures], len(pictures), [label for label, _ in pictures]
+    )
+    plan = fit(draw_plan(scene, views), below.shape[1])
+    aside = below.shape[1] - plan.shape[1]
+    paper = ((0, 0), (aside // 2, aside - aside // 2), (0, 0))
+    return np.concatenate([np.pad(plan, paper, constant_values=255), below])
+
+
 def draw_plan(scene: Scene, views: Sequence[View] = ()) -> Picture:
     """The scene from above, one plan a storey: rooms, furniture, lights, portals, cameras."""
     levels = sorted({round(room.floor_z, 1) for room in scene.rooms}) or [0.0]
@@ -484,10 +501,10 @@ def draw_previews(files: Sequence[pq.ParquetFile], most: int = _SHEET_PICTURES) 
     return contact_sheet(pictures, 4, labels)
 
 
-def _inspect_json(path: Path) -> Inspection:
+def _inspect_json(path: Path, renders: bool) -> Inspection:
     content = read_json(path)
     if path.name == "scene.json":
-        return inspect_scene(path.parent)
+        return inspect_scene(path.parent, renders)
     if isinstance(content, dict) and "views" in content:
         return inspect_cameras(path)
     if path.with_suffix(".safetensors").is_file():
@@ -619,10 +636,6 @@ def _area(polygon: Sequence[Point2]) -> float:
 
 def _footprint(thing: Any) -> float:
     return float((thing.bbox_max[0] - thing.bbox_min[0]) * (thing.bbox_max[1] - thing.bbox_min[1]))
-
-
-def _megabytes(files: Iterable[Path]) -> str:
-    return f"{sum(file.stat().st_size for file in files) / 1e6:.1f} MB"
 
 
 def _count(things: Sized, noun: str) -> str:

@@ -7,6 +7,7 @@ go from the worker to the disk.
 from __future__ import annotations
 
 import gc
+import tempfile
 from collections import OrderedDict
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,11 +21,12 @@ from pipeline.params import Params, Variant
 from pipeline.passes import PASSES, camera_of, pass_seed
 from pipeline.renderer import RenderScene, open_scene, renderer_version, set_variant
 from pipeline.views import View, save_cameras
-from scenes.contract import load_scene, save_scene
+from scenes.contract import Scene, load_scene, save_scene
 from scenes.errors import MachineError
 from scenes.params import SceneParams
 from scenes.procedural.home import make_home
 from scenes.registry import import_scene
+from scenes.variants.vary import vary_scene
 
 # One: Dr.Jit compiles the materials of every open scene into each kernel.
 _OPEN_SCENES = 1
@@ -46,13 +48,24 @@ class HomeJob:
 
 
 @dataclass(frozen=True)
+class ImportVariant:
+    """Which variant of an imported scene is wanted: number 1 and up of the scene `of`."""
+
+    of: str
+    number: int
+    params: SceneParams
+    seed: int
+
+
+@dataclass(frozen=True)
 class ImportJob:
-    """Bring in one scene of the user's."""
+    """Bring in one scene of the user's, as it is or as a variant."""
 
     folder: Path
     scene_id: str
     path: Path
     fingerprint: str
+    variant: ImportVariant | None = None
 
 
 @dataclass(frozen=True)
@@ -108,12 +121,24 @@ def make_scene(job: HomeJob | ImportJob) -> dict[str, Any]:
     """Write one scene folder, marked with what determined it."""
     if isinstance(job, HomeJob):
         scene = make_home(job.folder, job.scene_id, job.params, job.seed, job.lighting, job.variant)
-    else:
+    elif job.variant is None:
         scene = import_scene(job.path, job.folder, job.scene_id)
+    else:
+        scene = _make_variant(job, job.variant)
     # Until this mark is written the folder does not hold, so a kill in between costs a repeat.
     marked = replace(scene, source={**scene.source, STAGE_MARK: job.fingerprint})
     save_scene(job.folder, marked)
     return {"rooms": len(scene.rooms), "objects": len(scene.objects)}
+
+
+def _make_variant(job: ImportJob, variant: ImportVariant) -> Scene:
+    """Import the scene once more, beside the data, and vary it."""
+    with tempfile.TemporaryDirectory(prefix="pbrnet-variant-") as folder:
+        base = Path(folder) / variant.of
+        import_scene(job.path, base, variant.of)
+        return vary_scene(
+            base, job.folder, job.scene_id, variant.number, variant.params, variant.seed
+        )
 
 
 STAGE_MARK = "made_by_stage"  # key in scene.json's `source`: the fingerprint, ours to replace

@@ -32,6 +32,7 @@ from pipeline.jobs import (
     FrameJob,
     HomeJob,
     ImportJob,
+    ImportVariant,
     make_scene,
     no_renderer,
     render_frame,
@@ -342,8 +343,25 @@ def _import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterabl
         if not path.exists():
             failures.append(Failure("scenes", scene_id, "", f"{name}: no such file"))
             continue
-        mark = fingerprint(kind="import", scene_id=scene_id, content=_digest_import(path))
+        content = _digest_import(path)
+        mark = fingerprint(kind="import", scene_id=scene_id, content=content)
         yield ImportJob(root / scene_id, scene_id, path, mark)
+        wanted = params.scenes
+        seed = derive(params.seed, "import", scene_id)
+        for variant in range(1, wanted.variants):
+            own_id = f"{scene_id}-v{variant}"
+            mark = fingerprint(
+                kind="import",
+                scene_id=own_id,
+                content=content,
+                seed=seed,
+                lighting=wanted.lighting,
+                texture_size=wanted.texture_size,
+                varied=(variant, *sorted(wanted.vary)),
+            )
+            yield ImportJob(
+                root / own_id, own_id, path, mark, ImportVariant(scene_id, variant, wanted, seed)
+            )
 
 
 def _scene_name(path: Path) -> str:

@@ -18,6 +18,7 @@ from scenes.errors import InputError, MachineError
 
 _PARTIAL = ".partial-"
 _FLUSHERS = 16
+MAX_FILES = 200_000  # of a folder that is copied
 
 
 @contextmanager
@@ -74,6 +75,21 @@ def remove_partials(folder: Path) -> int:
         else:
             leftover.unlink(missing_ok=True)
     return len(leftovers)
+
+
+def copy_files(source: Path, target: Path) -> None:
+    """Copy the plain files below `source` into the folder `target`; links are left out.
+
+    Raises `InputError` for a folder of more than `MAX_FILES` files.
+    """
+    for count, file in enumerate(sorted(Path(source).rglob("*"))):
+        if count > MAX_FILES:
+            raise InputError(f"{source}: more than {MAX_FILES:,} files")
+        if file.is_symlink() or not file.is_file():
+            continue
+        copy = Path(target) / file.relative_to(source)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, copy)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,11 +10,10 @@ from typing import Any
 
 from scenes.contract import Scene, load_scene, save_scene, writing_scene
 from scenes.errors import InputError
+from scenes.files import copy_files
 from scenes.mitsuba_source.survey import MitsubaOptions, import_mitsuba
 from scenes.model_source.importer import import_model, options_of
 from scenes.sweethome.survey import SweetHomeOptions, import_sweethome
-
-_MAX_FILES = 200_000
 
 
 def import_scene(path: Path, out: Path, scene_id: str | None = None, **options: Any) -> Scene:
@@ -73,14 +71,7 @@ def _copy_folder(path: Path, out: Path, scene_id: str) -> Scene:
     if out.resolve().is_relative_to(path.resolve()):
         raise InputError(f"{out}: lies inside the scene that is to be copied there")
     with writing_scene(out) as folder:
-        for count, file in enumerate(sorted(path.rglob("*"))):
-            if count > _MAX_FILES:
-                raise InputError(f"{path}: more than {_MAX_FILES:,} files")
-            if file.is_symlink() or not file.is_file():
-                continue
-            target = folder / file.relative_to(path)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, target)
+        copy_files(path, folder)
         save_scene(folder, replace(scene, scene_id=scene_id))
     return load_scene(out)
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import shutil
 import struct
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +15,7 @@ import OpenEXR
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import sweethome_fixtures as draw
 from click.testing import CliRunner
 from dataset_fixtures import make_data, small_params
 from PIL import Image
@@ -19,6 +23,7 @@ from safetensors.numpy import save_file
 
 from pipeline.data_commands import inspect
 from pipeline.dataset import pack_dataset
+from pipeline.dollhouse import draw_dollhouse, quick_renders
 from pipeline.inspection import inspect_path
 from pipeline.pictures import (
     NOTHING,
@@ -28,7 +33,10 @@ from pipeline.pictures import (
     normal_picture,
     png_bytes,
 )
+from pipeline.sizes import scene_sizes, triangles_of
+from scenes.contract import load_scene
 from scenes.errors import InputError
+from scenes.registry import import_scene
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +74,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_it_says_what_a_file_holds_and_draws_it(
     data: Path, name: str, kind: str, words: list[str]
 ) -> None:
-    inspection = inspect_path(data / name)
+    inspection = inspect_path(data / name, renders=False)
     assert inspection.kind == kind
     for word in words:
         assert word in inspection.text
@@ -175,3 +183,79 @@ def test_a_contact_sheet_keeps_every_pixel() -> None:
     assert np.array_equal(sheet[4:14, 4:16], pictures[0])
     assert np.array_equal(sheet[18:28, 20:32], pictures[4])
     assert png_bytes(sheet) == png_bytes(sheet.copy())
+
+
+@pytest.fixture(scope="module")
+def flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A red bed and a blue cube in a closed room with a white ceiling."""
+    folder = tmp_path_factory.mktemp("flat")
+    xml = draw.home(
+        draw.box_walls(0, 0, 420, 320)
+        + draw.room(10, 10, 400, 300, floorColor="FF00FF00", ceilingColor="FFFFFFFF")
+        + draw.window(x=200, y=0)
+        + draw.piece(name="Bed", model="box", x=300, y=200, width=200, depth=150, height=50,
+                     color="FFFF0000")
+        + draw.piece(name="Cube", model="box", x=80, y=60, color="FF0000FF")
+    )  # fmt: skip
+    file = draw.pack(folder / "flat.sh3d", xml, {"box": draw.BOX})
+    return import_scene(file, folder / "scenes" / "flat").folder
+
+
+def test_the_dollhouse_shows_what_stands_below_the_ceiling(flat: Path) -> None:
+    picture = draw_dollhouse(load_scene(flat)).astype(int)
+    red, green, blue = (picture[..., band] for band in range(3))
+    for band, others in ((red, (green, blue)), (green, (red, blue)), (blue, (red, green))):
+        share = np.mean((band > 60) & (band > 2 * others[0]) & (band > 2 * others[1]))
+        assert share > 0.01, "bed, cube and floor must be seen through the ceiling"
+    assert (picture[0, 0] > 230).all()  # paper around it
+    # The bed stands in the east, the eye in the south-east: it is right of the cube.
+    columns = np.arange(picture.shape[1])[None, :]
+    bed = (red > 60) & (red > 2 * green) & (red > 2 * blue)
+    cube = (blue > 60) & (blue > 2 * green) & (blue > 2 * red)
+    assert (bed * columns).sum() / bed.sum() > (cube * columns).sum() / cube.sum()
+
+
+def test_quick_renders_come_without_sampled_views(flat: Path) -> None:
+    scene = load_scene(flat)
+    pictures = quick_renders(scene, [], count=1)
+    assert len(pictures) <= 1
+    for _, picture in pictures:
+        assert picture.shape == (240, 320, 3) and picture.std() > 1
+
+
+def test_sizes_are_counted(flat: Path) -> None:
+    rows = {row["what"]: row for row in scene_sizes(load_scene(flat))}
+    assert rows["bed"]["triangles"] == 12 and rows["bed"]["shapes"] == 1
+    assert rows["textures"]["pixels"] == 0
+    total = sum(triangles_of(path) for path in (flat / "meshes").glob("*.ply"))
+    assert rows["all"]["triangles"] == total
+    Image.new("RGB", (40, 30)).save(flat / "textures" / "extra.png")
+    textures = {row["what"]: row for row in scene_sizes(load_scene(flat))}["textures"]
+    assert textures["pixels"] == 1200
+    assert textures["MB in memory"] == pytest.approx(1200 * 3 * 4 / 1e6, abs=0.005)
+    (flat / "textures" / "extra.png").unlink()
+
+
+def test_a_picture_of_a_scene_holds_plan_dollhouse_and_renders(flat: Path, tmp_path: Path) -> None:
+    whole, plan = tmp_path / "whole.png", tmp_path / "plan.png"
+    ran = CliRunner().invoke(inspect, [str(flat), "--out", str(plan), "--plan-only"])
+    assert ran.exit_code == 0 and "triangles" in ran.output and "MB in memory" in ran.output
+    ran = CliRunner().invoke(inspect, [str(flat), "--out", str(whole)])
+    assert ran.exit_code == 0, ran.output
+    with Image.open(whole) as picture, Image.open(plan) as smaller:
+        assert picture.height > min(smaller.height, 400) + 300
+
+
+@pytest.mark.skipif(shutil.which("taskset") is None, reason="needs taskset")
+def test_the_dollhouse_works_on_one_cpu(flat: Path, tmp_path: Path) -> None:
+    code = (
+        "from pathlib import Path; from pipeline.dollhouse import draw_dollhouse; "
+        "from scenes.contract import load_scene; "
+        f"print(draw_dollhouse(load_scene(Path({str(flat)!r}))).shape)"
+    )
+    ran = subprocess.run(
+        ["taskset", "-c", "0", sys.executable, "-c", code],
+        capture_output=True, text=True, timeout=240, cwd=Path(__file__).parents[1], check=False,
+    )  # fmt: skip
+    assert ran.returncode == 0, ran.stderr
+    assert "640" in ran.stdout

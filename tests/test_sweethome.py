@@ -21,7 +21,7 @@ from scenes.photometry import LUMEN
 from scenes.registry import import_scene
 from scenes.sweethome.categories import category_of, room_type
 from scenes.sweethome.credits import licence_in
-from scenes.sweethome.finishes import laid, paint_of, roughness_of
+from scenes.sweethome.finishes import earthen, laid, paint_of, roughness_of
 from scenes.sweethome.home import Bulb, Home, Piece, Texture, Wall
 from scenes.sweethome.home import Surface as Side
 from scenes.sweethome.lamps import lumens_of
@@ -39,6 +39,7 @@ from scenes.sweethome.views import stored_cameras
 from scenes.sweethome.walls import build_walls, plan_walls
 
 MARK = np.array([2.0, 1.0, 4.0])  # the box's right, upper, front corner
+HAIR = 0.002  # metres by which pieces may stand above their place
 CORNERS = np.array([[x, y, z] for x in (0, 2) for y in (0, 1) for z in (0, 4)], dtype=float)
 
 
@@ -108,8 +109,8 @@ class TestPlacement:
         group = f"<furnitureGroup name='set' angle='1' x='5' y='5'>{inner}</furnitureGroup>"
         scene = bring(tmp_path, draw.usual(group), {"box": draw.BOX})
         (thing,) = [one for one in scene.objects if one.name == "thing"]
-        assert thing.bbox_min == pytest.approx((1.5, -1.75, 0))
-        assert thing.bbox_max == pytest.approx((2.5, -1.25, 0.8))
+        assert thing.bbox_min == pytest.approx((1.5, -1.75, 0), abs=HAIR)
+        assert thing.bbox_max == pytest.approx((2.5, -1.25, 0.8), abs=HAIR)
         assert thing.room == "room_0"
 
     def test_deformed_parts_move(self, tmp_path: Path) -> None:
@@ -121,7 +122,7 @@ class TestPlacement:
                                                       x=200, y=150)), {"m": model})  # fmt: skip
         shapes = next(one for one in scene.objects if one.name == "thing").shapes
         lows = sorted(round(float(read_ply(scene, shape)[0][:, 2].min()), 4) for shape in shapes)
-        assert lows == [0.0, 0.4]
+        assert lows == pytest.approx([0.0, 0.4], abs=HAIR)
 
 
 def read_ply(scene: Scene, shape: str) -> tuple[np.ndarray, np.ndarray]:
@@ -204,6 +205,19 @@ class TestWalls:
         assert areas[blue][1] == pytest.approx(4 * 2.51 - 1, rel=1e-6)
         assert paint_of(0xFF00FF00) in areas
 
+    def test_doors_leave_no_wall_in_the_floor(self) -> None:
+        xml = draw.home(draw.wall("w", (0, 0), (400, 0)) + draw.window(x=100, elevation=0))
+        drawing, changes = read(xml)
+        (storey,) = storeys(drawing, (), changes)
+        opening = opening_of(storey.pieces[0], 0, changes)
+        assert opening is not None
+        (thing,) = build_walls(storey, plan_walls(storey, 250, changes), [opening])
+        for part in thing.parts:
+            corners = part.mesh.corners
+            level = np.ptp(corners[:, :, 2], axis=1) < 1e-6
+            in_floor = np.abs(corners[:, :, 2].mean(axis=1)) < 1e-3
+            assert not (level & in_floor).any()
+
     def test_round_cut_out(self) -> None:
         region = path_region("M0,0.5 a0.5,0.5 0 1,0 1,0 a0.5,0.5 0 1,0 -1,0 z")
         assert region.area == pytest.approx(math.pi / 4, rel=0.01)
@@ -266,6 +280,14 @@ def test_levels_are_chosen_and_heights_follow() -> None:
     assert only.name == "High"
 
 
+def test_pieces_share_no_face_with_floors_or_each_other(tmp_path: Path) -> None:
+    boxes = draw.piece(model="box", x=200, y=150) + draw.piece(model="box", x=230, y=150)
+    scene = bring(tmp_path, draw.usual(boxes), {"box": draw.BOX})
+    lows = [thing.bbox_min[2] for thing in scene.objects if not thing.is_structure]
+    assert len(lows) == 2 and all(1e-4 < low < HAIR for low in lows)
+    assert abs(lows[0] - lows[1]) > 1e-4
+
+
 def test_later_rooms_cover_earlier_ones() -> None:
     xml = draw.home(draw.room(0, 0, 400, 300) + draw.room(300, 0, 200, 300))
     drawing, changes = read(xml)
@@ -324,6 +346,19 @@ class TestFinishes:
         assert paint_of(0xFFFFFFFF) == pytest.approx((0.82,) * 3)
         red = paint_of(0xFFFF8080)
         assert red == pytest.approx((0.82, 0.82 * 0.2158605, 0.82 * 0.2158605))
+
+    def test_no_paint_is_darker_than_its_surface(self) -> None:
+        assert paint_of(0xFF000000) == (0.03, 0.03, 0.03)
+
+    @pytest.mark.parametrize("color", [0xFFA8FF00, 0xFF00FF00, 0xFF0000FF, 0xFFFFFFFF])
+    def test_ground_is_no_signal_colour(self, color: int) -> None:
+        drawn, ground = np.array(paint_of(color)), np.array(earthen(paint_of(color)))
+        assert ground @ [0.2126, 0.7152, 0.0722] <= 0.15 + 1e-9
+        assert ground.min() >= 0.35 * ground.max() - 1e-9
+        assert np.argmax(ground) == np.argmax(drawn)
+
+    def test_soil_stays_as_it_is(self) -> None:
+        assert earthen((0.12, 0.10, 0.07)) == pytest.approx((0.12, 0.10, 0.07))
 
     def test_gloss(self) -> None:
         assert roughness_of(0.0) == pytest.approx(1.0)
@@ -449,8 +484,8 @@ def test_panes_leave_and_overrides_come_in_order(tmp_path: Path) -> None:
         return [float(v) for v in described.split('<rgb name="')[1].split('value="')[1]
                 .split('"')[0].split()]  # fmt: skip
 
-    assert colour("a.0") == pytest.approx([0.82, 0, 0])  # the piece's colour wins
-    assert colour("b.0") == pytest.approx([0, 0, 0.82])
+    assert colour("a.0") == pytest.approx([0.82, 0.03, 0.03])  # the piece's colour wins
+    assert colour("b.0") == pytest.approx([0.03, 0.03, 0.82])
     assert material("c.0").startswith("glass")  # panes keep what they are
     assert "window" not in {one.name for one in scene.objects}  # nothing but a pane: a portal
     assert [portal.clear for portal in scene.portals] == [True]

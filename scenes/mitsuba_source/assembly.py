@@ -14,6 +14,7 @@ import numpy as np
 from shapely.geometry import box
 
 from scenes.contract import Credit, Light, Portal, Room, Scene, SceneObject, save_scene
+from scenes.errors import InputError
 from scenes.mitsuba_source.changes import Changes
 from scenes.mitsuba_source.emitters import Emitter
 from scenes.mitsuba_source.meshes import Floats
@@ -24,9 +25,11 @@ from scenes.mitsuba_source.rays import RayCaster
 from scenes.mitsuba_source.reader import Node
 from scenes.mitsuba_source.rooms import FoundOpening, FoundRoom, find_openings, find_rooms
 from scenes.mitsuba_source.shapes import Shape
-from scenes.mitsuba_source.things import group_objects, room_type
+from scenes.mitsuba_source.things import bounds_of, group_objects, room_type
 from scenes.mitsuba_source.values import look_at
 from scenes.mitsuba_source.writer import sensor_element, write_scene_xml
+
+_LARGEST = 1e6  # metres that a scene may be across, skies and grounds included
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,7 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
     objects = draft.grouping(shapes, rooms, room_ids)
     names = draft.room_names(shapes, rooms, room_ids) if draft.room_names else {}
     if draft.ground:
-        plain, thing = ground(shapes)
+        plain, thing = ground(*bounds_of(shapes))
         shapes, objects = [*shapes, plain], (*objects, thing)
     lights = _lights(shapes, area, draft.emitters, rooms, room_ids)
     portals = _portals(openings, frosted, rooms, room_ids)
@@ -186,6 +189,12 @@ def survey_rooms(
         and not (shape.surface.frosted and is_flat(shape.mesh))
     ]
     everything = np.concatenate([shape.mesh.corners for shape in shapes])
+    extent = float(np.ptp(everything.reshape(-1, 3), axis=0).max())
+    if extent > _LARGEST:
+        raise InputError(
+            f"the scene is {extent:.3g} m across, at most {_LARGEST:g} m are taken; say what its "
+            "unit is with --scale, or mend the shape that lies so far out"
+        )
     corners = np.concatenate([shape.mesh.corners for shape in solid]) if solid else everything
     eye = cameras[0].to_world[:3, 3] if cameras else None
     rooms = find_rooms(RayCaster(everything), everything, eye)

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from scenes.errors import InputError
 
 MAX_BYTES = 512 * 2**20
+FARTHEST = 1e12  # units from the origin that a vertex may lie
 MAX_TRIANGLES = 10_000_000  # of one mesh; the whole scene has a limit of its own
 
 Floats = npt.NDArray[np.float64]
@@ -96,6 +97,9 @@ def cleaned(mesh: Mesh, where: str) -> tuple[Mesh, int]:
             f"{where}: vertex {int(np.argmax(bad))} is not a finite number "
             f"({int(bad.sum())} such vertices); repair the mesh"
         )
+    farthest = float(np.abs(mesh.vertices).max(initial=0.0))
+    if farthest > FARTHEST:
+        raise InputError(f"{where}: a vertex lies {farthest:.3g} units away; repair the mesh")
     areas, _ = face_areas(mesh.corners)
     keep = areas > 0
     normals, uvs = mesh.normals, mesh.uvs
@@ -338,6 +342,8 @@ def _unpack_serialized(where: str, packed: bytes, named: bool) -> Mesh:
     faces = take(3, np.dtype("<u4"), triangles).astype(np.int64)
     if not triangles:
         raise InputError(f"{where}: a mesh without triangles")
+    if faces.max() >= vertices:
+        raise InputError(f"{where}: a face refers to a vertex that does not exist")
     if flags & 0x10:
         normals = None
     elif normals is None:

@@ -10,7 +10,7 @@ from scenes.contract import SceneObject
 from scenes.mitsuba_source.elements import plugin
 from scenes.mitsuba_source.emitters import Emitter
 from scenes.mitsuba_source.materials import Surface
-from scenes.mitsuba_source.meshes import Mesh
+from scenes.mitsuba_source.meshes import Floats, Mesh
 from scenes.mitsuba_source.shapes import Shape
 
 GROUND_ID = "outside_ground"
@@ -29,10 +29,8 @@ def daylight(scale: float = 1.0) -> Emitter:
     return Emitter(made, ("sky", "sun"))
 
 
-def ground(shapes: list[Shape]) -> tuple[Shape, SceneObject]:
-    """A plain just below the lowest of `shapes`, as a shape and as an object."""
-    bounds = np.array([shape.mesh.bounds for shape in shapes])
-    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+def ground(low: Floats, high: Floats) -> tuple[Shape, SceneObject]:
+    """A plain just below what lies between `low` and `high` (3,), as a shape and as an object."""
     middle, z = 0.5 * (low + high)[:2], float(low[2]) - 0.02
     corners = middle + _REACH * np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
     vertices = np.column_stack([corners, np.full(4, z)])

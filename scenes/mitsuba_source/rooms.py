@@ -24,6 +24,7 @@ from scenes.mitsuba_source.meshes import Floats, face_areas
 from scenes.mitsuba_source.orientation import crossings
 from scenes.mitsuba_source.rays import RayCaster, sphere_directions
 
+_MAX_COLUMNS = 250_000  # of rays from below that look for ceilings
 MIN_HEIGHT, MAX_HEIGHT = 1.9, 8.0
 MIN_AREA = 1.2  # square metres
 _SLICES = (0.25, 0.12, 0.06, 0.4)  # metres below the ceiling, tried in this order
@@ -75,10 +76,12 @@ def find_rooms(rays: RayCaster, corners: Floats, eye: Floats | None) -> list[Fou
     """
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     step = float(np.clip(np.max(high - low)[None] / 100, 0.2, 2.0)[0])
-    xs = np.arange(low[0] + 0.37 * step, high[0], step)
-    ys = np.arange(low[1] + 0.41 * step, high[1], step)
-    points = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
-    columns = crossings(rays, points, low[2], high[2]) if len(points) <= 250_000 else []
+    columns: list[Floats] = []
+    if float(np.prod(np.ceil((high - low)[:2] / step))) <= _MAX_COLUMNS:
+        xs = np.arange(low[0] + 0.37 * step, high[0], step)
+        ys = np.arange(low[1] + 0.41 * step, high[1], step)
+        points = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
+        columns = crossings(rays, points, low[2], high[2])
     rooms: list[FoundRoom] = []
     for level in _ceiling_levels(columns, step):
         for polygon in _free_below(corners, level):

@@ -149,7 +149,13 @@ def _placed(
         cameras,
         _credits(path, scene_id, model, options, alone, changes),
         hint="" if alone else path.stem,
-        grouping=partial(_objects, model.owners, frozenset(area)),
+        grouping=partial(
+            _objects,
+            model.owners,
+            frozenset(area),
+            path.stem if alone else "",
+            frozenset(shape.id for shape in model.shapes),
+        ),
         ground=outdoors,
     )
 
@@ -277,21 +283,32 @@ def _punctual(light: Punctual, frame: Floats) -> Emitter:
 def _objects(
     owners: dict[str, tuple[str, ...]],
     shining: frozenset[str],
+    alone: str,
+    own: frozenset[str],
     shapes: list[Shape],
     rooms: list[FoundRoom],
     room_ids: list[str],
 ) -> tuple[SceneObject, ...]:
-    """One object for each thing that the file names, structure shape by shape."""
+    """One object for each thing that the file names, structure shape by shape.
+
+    A single object in a showroom comes with its file's name, `alone`: it is what that says, with
+    all its parts. If that says nothing, so are the parts that say nothing either. `own` are
+    the ids of the file's shapes.
+    """
     groups: dict[str, list[Shape]] = {}
     kinds: dict[str, tuple[str, str, bool]] = {}  # category, name, is structure
     reach = _reach(owners)
+    whole = named_category(alone)
     for shape in shapes:
         names = owners.get(shape.id, ())
-        structure = structural_kind(shape, rooms)
+        part = bool(alone) and shape.id in own
+        structure = "" if part else structural_kind(shape, rooms)
         if structure:
             key, kind = shape.id, (structure, shape.name, True)
         else:
             key, category, name = _owner(names, shape, reach, len(owners))
+            if part and (whole != "other" or category == "other"):
+                key, category, name = "/", whole, alone
             kind = (
                 "lamp" if shape.id in shining and category == "other" else category,
                 name,

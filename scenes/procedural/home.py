@@ -15,6 +15,7 @@ from scenes.procedural.finishes import make_finishes
 from scenes.procedural.furniture.style import make_style
 from scenes.procedural.lighting import (
     Sky,
+    as_lamps,
     choose_lit,
     draw_cooler,
     draw_sky,
@@ -73,7 +74,7 @@ def make_home(
         if opening.kind != "entrance"
     }
     windowless = [room.id for room in plan.rooms if room.id not in bright]
-    lit = choose_lit(draws("light", "lamps", lighting), lighting, furniture, windowless)
+    lit = choose_lit(draws("light", "lamps", lighting), lighting, as_lamps(furniture), windowless)
     burning = [part for thing in lamps_of(furniture) if thing.id in lit for part in thing.parts]
     lamp_weight = sum(sampling_weight(part) for part in burning if part.lumens > 0)
     cooler = draw_cooler(draws("light", "lamp colour", lighting))

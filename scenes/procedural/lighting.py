@@ -23,6 +23,15 @@ class Sky:
     choices: dict[str, float]  # what was drawn, for the record
 
 
+@dataclass(frozen=True)
+class Lamp:
+    """Something that can be lit."""
+
+    id: str
+    room: str | None
+    lumens: float
+
+
 def draw_sky(rng: np.random.Generator, setting: str, lamp_weight: float) -> Sky:
     """The sky of a `setting`; `lamp_weight` is the sum of the lit lamps' sampling weights.
 
@@ -83,8 +92,13 @@ def lamps_of(things: Sequence[Thing]) -> list[Thing]:
     return [thing for thing in things if any(part.lumens > 0 for part in thing.parts)]
 
 
+def as_lamps(things: Sequence[Thing]) -> list[Lamp]:
+    """What matters of `lamps_of(things)` when some are chosen to burn."""
+    return [Lamp(thing.id, thing.room, _lumens(thing)) for thing in lamps_of(things)]
+
+
 def choose_lit(
-    rng: np.random.Generator, setting: str, things: Sequence[Thing], windowless: Collection[str]
+    rng: np.random.Generator, setting: str, lamps: Sequence[Lamp], windowless: Collection[str]
 ) -> set[str]:
     """Ids of the lamps that burn.
 
@@ -93,15 +107,15 @@ def choose_lit(
     """
     share = {"day": 0.0, "evening": 0.6, "night": 0.75, "mixed": 0.55}[setting]
     lit: set[str] = set()
-    by_room: dict[str | None, list[Thing]] = {}
-    for lamp in lamps_of(things):
+    by_room: dict[str | None, list[Lamp]] = {}
+    for lamp in lamps:
         by_room.setdefault(lamp.room, []).append(lamp)
     for room in sorted(by_room, key=str):
-        lamps = by_room[room]
-        draws = rng.random(len(lamps))
-        chosen = {lamp.id for lamp, draw in zip(lamps, draws, strict=True) if draw < share}
+        here = by_room[room]
+        draws = rng.random(len(here))
+        chosen = {lamp.id for lamp, draw in zip(here, draws, strict=True) if draw < share}
         if not chosen and (setting in ("night", "evening") or room in windowless):
-            chosen = {max(lamps, key=_lumens).id}
+            chosen = {max(here, key=lambda lamp: lamp.lumens).id}
         lit |= chosen
     return lit
 

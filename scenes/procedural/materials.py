@@ -43,6 +43,7 @@ class MaterialLibrary:
 
     folder: Path  # the scene's folder; textures go to its `textures/`
     texture_size: int
+    prefix: str = ""  # of the names of BSDFs and textures, where there are others already
     _ids: dict[Material, str] = field(default_factory=dict)
     _tiles: dict[Material, float] = field(default_factory=dict)
     _xml: list[str] = field(default_factory=list)
@@ -50,7 +51,7 @@ class MaterialLibrary:
     def bsdf(self, material: Material) -> str:
         """The id of the BSDF for `material`, made on first use."""
         if material not in self._ids:
-            self._ids[material] = f"{material.kind}-{len(self._ids)}"
+            self._ids[material] = f"{self.prefix}{material.kind}-{len(self._ids)}"
             self._xml.append(self._describe(material, self._ids[material]))
         return self._ids[material]
 

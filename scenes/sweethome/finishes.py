@@ -24,8 +24,12 @@ from scenes.sweethome.home import Surface, Texture
 from scenes.sweethome.things import Color, Finish
 
 WHITEST = 0.82  # no paint reflects more
+DARKEST = 0.03  # nor less, in any colour: its surface alone reflects as much
+_EARTH = 0.15  # luminance: grass, soil and gravel outdoors reflect hardly more
+_VIVID = 0.35  # of an outdoor colour's strongest band: its weakest is no less
 WHITE: Color = (WHITEST, WHITEST, WHITEST)
 _MATT = 1 / 128  # shininess up to which a surface has no highlight worth a lobe
+_REC709 = np.array([0.2126, 0.7152, 0.0722])
 _MAX_IMAGE = 64 * 2**20  # bytes
 
 
@@ -36,10 +40,29 @@ def linear(value: float) -> float:
 
 
 def paint(display: tuple[float, float, float]) -> Color:
-    """Linear reflectance of a display colour; its hue is kept where it is whiter than paint."""
+    """Linear reflectance of a display colour; its hue is kept where it is whiter than paint.
+
+    No band is darker than paint either.
+    """
     red, green, blue = (linear(value) for value in display)
     scale = min(1.0, WHITEST / max(red, green, blue, 1e-9))
-    return (red * scale, green * scale, blue * scale)
+    return tuple(max(value * scale, DARKEST) for value in (red, green, blue))  # type: ignore[return-value]
+
+
+def earthen(color: Color) -> Color:
+    """The reflectance of ground that is drawn in `color` (linear): its hue, on grass or soil.
+
+    Homes mark their ground with signal colours, which no lawn or yard has.
+    """
+    values = np.maximum(np.array(color, dtype=np.float64), 1e-6)
+    # Mixed with grey of its own luminance until no band is too far from the strongest.
+    grey = float(values @ _REC709)
+    low, high = values.min(), values.max()
+    if low < _VIVID * high:
+        share = (_VIVID * high - low) / ((grey - low) + _VIVID * (high - grey))
+        values = values + share * (grey - values)
+    values *= min(1.0, _EARTH / float(values @ _REC709))
+    return (float(values[0]), float(values[1]), float(values[2]))
 
 
 def paint_of(color: int) -> Color:

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import manifold3d
 import numpy as np
 import shapely
+from shapely.affinity import translate
 from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
+from shapely.ops import unary_union
 
 from scenes.mitsuba_source.changes import Changes
 from scenes.mitsuba_source.meshes import Floats
@@ -19,6 +21,8 @@ from scenes.sweethome.solids import polygons
 
 _TOUCH = 1.0  # square centimetres of overlap that make a door cut a wall
 _PAST = 3.0  # cm by which a hole is deeper than the wall, skirting included
+_AT_FLOOR = 0.5  # cm between floor and hole up to which it has no sill
+_SUNK = 1.5  # cm that such a hole reaches into the floor: no wall shows in the floor's face
 _WHOLE = box(0, 0, 1, 1)
 
 
@@ -59,10 +63,16 @@ class Opening:
             low, high = max(low, -reach), min(high, reach)
         return (low - _PAST, high + _PAST)
 
-    def hole(self, low: float, high: float) -> manifold3d.Manifold:
-        """The cut-out between two depths (cm), as a solid in the world (m)."""
+    def hole(self, low: float, high: float, floor: float) -> manifold3d.Manifold:
+        """The cut-out between two depths (cm), as a solid in the world (m).
+
+        `floor` (cm above the ground) is that of the storey whose wall is cut.
+        """
         contours = []
-        for part in polygons(self.shape):
+        shape = self.shape
+        if abs(shape.bounds[1] - floor) < _AT_FLOOR:
+            shape = unary_union([shape, translate(shape, 0, -_SUNK)])
+        for part in polygons(shape):
             contours.append(np.asarray(part.exterior.coords)[:-1])
             contours += [np.asarray(inner.coords)[:-1] for inner in part.interiors]
         section = manifold3d.CrossSection(contours, manifold3d.FillRule.Positive)

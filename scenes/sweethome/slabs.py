@@ -14,7 +14,7 @@ from shapely.ops import unary_union
 
 from scenes.mitsuba_source.changes import Changes
 from scenes.mitsuba_source.meshes import Floats, Mesh
-from scenes.sweethome.finishes import laid, paint_of, surface_finish
+from scenes.sweethome.finishes import earthen, laid, paint_of, surface_finish
 from scenes.sweethome.home import Environment, Piece, Surface
 from scenes.sweethome.paths import UnreadablePath, path_region
 from scenes.sweethome.solids import polygonal, polygons, prism, surface, world_region
@@ -195,8 +195,7 @@ def build_ground(environment: Environment, below: list[BaseGeometry], centre: Fl
     if texture is not None:
         uvs = laid(100 * vertices, texture)
         uvs = np.stack([uvs[:, 0], 1 - uvs[:, 1]], axis=1)
-    surface_ = Surface(environment.ground_color, texture)
-    finish = surface_finish(surface_, paint_of(environment.ground_color))
+    finish = surface_finish(Surface(None, texture), earthen(paint_of(environment.ground_color)))
     return Thing(
         "ground", "ground", "ground", (Part(Mesh(points, faces, None, uvs), finish),), True
     )

@@ -50,6 +50,9 @@ from scenes.sweethome.writer import write_scene
 
 _BUILT = ("wall", "floor", "ceiling", "skirting", "slab", "ground")  # ids that we give
 MAX_TRIANGLES = 20_000_000  # of a whole home
+# Pieces stand and hang a hair above where they are drawn, neighbours by different amounts: else
+# faces that lie in floors, sills and tops of other pieces would show in patches.
+_HAIR, _HAIRS = 0.02, 8  # cm; how many different amounts
 
 
 @dataclass(frozen=True)
@@ -229,10 +232,11 @@ def _furnish(
             category, is_structure = category_of(
                 piece.kind, piece.name, piece.catalog_id, piece.model or ""
             )
+            elevation = level.storey.elevation
             try:
-                placed = _placed(piece, level.storey, models, credits, changes)
+                lifted = elevation + _HAIR * (2 + len(taken) % _HAIRS)
+                placed = _placed(piece, lifted, models, credits, changes)
             except UnreadableModel as error:
-                elevation = level.storey.elevation
                 missing.append(missing_piece(piece, category, elevation, str(error)))
                 placed = bare(piece, elevation)
             parts, lumens = placed.parts, 0.0
@@ -265,12 +269,12 @@ def _furnish(
 
 
 def _placed(
-    piece: Piece, storey: Storey, models: Models, credits: Credits, changes: Changes
+    piece: Piece, elevation: float, models: Models, credits: Credits, changes: Changes
 ) -> Placed:
     if piece.model is None:
         raise UnreadableModel("the home names none")
     model = models.get(piece.model)
-    placed = place(piece, model, storey.elevation, changes)
+    placed = place(piece, model, elevation, changes)
     credits.model(piece.name, piece.creator, piece.model, model)
     return placed
 

@@ -96,7 +96,7 @@ def build_walls(storey: Storey, planned: list[PlannedWall], openings: list[Openi
         for opening in openings:
             depths = opening.depths(region, is_round(one.wall))
             if depths is not None:
-                holes.append(opening.hole(*depths))
+                holes.append(opening.hole(*depths, storey.elevation))
         name = f"wall-{storey.number}-{number}"
         parts = _wall_parts(one, holes)
         if parts:

@@ -1,0 +1,89 @@
+"""One variant of an imported scene: its folder copied, refinished, relit, and its choices noted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element, ElementTree, indent
+
+import defusedxml.ElementTree
+import numpy as np
+
+from scenes.contract import Scene, SceneObject, load_scene, save_scene, writing_scene
+from scenes.files import copy_files
+from scenes.mitsuba_source.elements import plugin
+from scenes.mitsuba_source.outdoors import ground
+from scenes.mitsuba_source.writer import write_ply
+from scenes.params import SceneParams
+from scenes.variants.refinish import refinish
+from scenes.variants.relight import relight
+
+
+def vary_scene(
+    base: Path, out: Path, scene_id: str, variant: int, params: SceneParams, seed: int
+) -> Scene:
+    """Write variant number `variant` (1 and up) of the scene in `base` as the scene folder `out`.
+
+    Of `params.vary`, "finishes" (floors, walls, ceilings and fabrics) and "light" (hour, weather,
+    which lamps burn and how warm) apply to imports; "furniture" and "outdoors" are as the file
+    has them. Plan, cameras, objects and portals stay; the split is that of `base`. Equal
+    arguments give equal bytes. Raises `InputError` if `base` is no complete scene.
+    """
+    scene = load_scene(base)
+    varied = [aspect for aspect in ("finishes", "light") if aspect in params.vary]
+    noted: dict[str, Any] = {"variant": variant, "varied": varied, "of": scene.scene_id}
+    with writing_scene(Path(out)) as folder:
+        copy_files(base, folder)
+        root: Element = defusedxml.ElementTree.parse(folder / "scene.xml").getroot()
+        lights, lighting, objects = scene.lights, scene.lighting, scene.objects
+        if "finishes" in varied:
+            noted["finishes"] = refinish(folder, root, scene, params.texture_size, seed, variant)
+        if "light" in varied:
+            relit = relight(root, scene, params.lighting, seed, variant)
+            lights, lighting, noted["light"] = relit.lights, relit.lighting, relit.choices
+            if relit.sky and not any(thing.category == "ground" for thing in objects):
+                # An environment map had its own ground; a sky has none.
+                objects = (*objects, _with_ground(folder, root, scene))
+        _remove_unused(folder, root)
+        indent(root, "  ")
+        ElementTree(root).write(folder / "scene.xml", encoding="utf-8", xml_declaration=True)
+        save_scene(
+            folder,
+            replace(
+                scene,
+                scene_id=scene_id,
+                source={**scene.source, **noted},
+                objects=objects,
+                lights=lights,
+                lighting=lighting,
+                plan=scene.plan or scene.scene_id,
+            ),
+        )
+    return load_scene(Path(out))
+
+
+def _with_ground(folder: Path, root: Element, scene: Scene) -> SceneObject:
+    """Add a plain under the scene; returns it as an object."""
+    low = np.min([thing.bbox_min for thing in scene.objects], axis=0)
+    high = np.max([thing.bbox_max for thing in scene.objects], axis=0)
+    plain, thing = ground(low, high)
+    write_ply(folder / "meshes" / f"{plain.id}.ply", plain.mesh)
+    shape = plugin("shape", "ply", filename=f"meshes/{plain.id}.ply", face_normals=True)
+    shape.set("id", plain.id)
+    if plain.surface.element is not None:
+        shape.append(plain.surface.element)
+    root.append(shape)
+    return thing
+
+
+def _remove_unused(folder: Path, root: Element) -> None:
+    """Delete the textures that no material has any more, and materials that no shape has."""
+    used = {ref.get("id") for ref in root.iter("ref")}
+    for bsdf in root.findall("bsdf"):
+        if bsdf.get("id") not in used:
+            root.remove(bsdf)
+    named = {item.get("value") for item in root.iter("string") if item.get("name") == "filename"}
+    for path in sorted((folder / "textures").rglob("*")):
+        if path.is_file() and path.relative_to(folder).as_posix() not in named:
+            path.unlink()

@@ -1,0 +1,52 @@
+"""`pbrnet import` on a terminal: the help, the options of each kind of file, what is printed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from pipeline.cli import cli
+from scenes.registry import SOURCES
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(cli, ["import", *map(str, arguments)])
+
+
+def test_help_knows_every_kind_and_sorts_the_options() -> None:
+    text = run("--help").output
+    for suffix in SOURCES:
+        assert suffix.removeprefix(".") in text.lower()
+    models, mitsuba, homes, every = (
+        text.index(title)
+        for title in (
+            "Mitsuba, glTF, GLB, OBJ:",
+            "Mitsuba only:",
+            "Sweet Home 3D only:",
+            "Every kind of file, but for scene folders:",
+        )
+    )
+    assert models < text.index("--scale") < text.index("--sky") < mitsuba
+    assert mitsuba < text.index("--skip-missing") < homes < text.index("--level") < every
+    assert every < text.index("--licence")
+
+
+@pytest.mark.parametrize(
+    "name, options",
+    [
+        ("a.glb", ["--time", "12:00"]),
+        ("a.gltf", ["--parameter", "a=b"]),
+        ("a.obj", ["--skip-missing"]),
+        ("a.sh3d", ["--up", "z"]),
+        ("a.xml", ["--lamps", "on"]),
+    ],
+)
+def test_options_of_other_kinds_are_refused(tmp_path: Path, name: str, options: list[str]) -> None:
+    path = tmp_path / name
+    path.write_text("")
+    ran = run(path, "--out", tmp_path / "out", *options)
+    assert ran.exit_code != 0
+    assert f"{options[0]}: not for {path.suffix} files" in f"{ran.output} {ran.exception}"
+    assert not (tmp_path / "out").exists()
