@@ -43,6 +43,7 @@ class HomeJob:
     lighting: str
     variant: int
     fingerprint: str
+    assets: Path  # converted catalogues, for `scenes.catalogue_share`
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,15 @@ def use_renderer(variant: str, renderer: str, threads: int) -> None:
 def make_scene(job: HomeJob | ImportJob) -> dict[str, Any]:
     """Write one scene folder, marked with what determined it."""
     if isinstance(job, HomeJob):
-        scene = make_home(job.folder, job.scene_id, job.params, job.seed, job.lighting, job.variant)
+        scene = make_home(
+            job.folder,
+            job.scene_id,
+            job.params,
+            job.seed,
+            job.lighting,
+            job.variant,
+            job.assets,
+        )
     else:
         scene = import_scene(job.path, job.folder, job.scene_id)
     # Until this mark is written the folder does not hold, so a kill in between costs a repeat.
