@@ -53,7 +53,8 @@ Examples:
   pbrnet inspect data/cameras/home-0000.json           views, and why others were dropped
   pbrnet inspect data/color/home-0000/000.exr          figures of every channel, and pictures
   pbrnet inspect data/dataset --out sheet.png          columns, sizes, and a contact sheet
-  pbrnet inspect models/shading.safetensors --json     layers and card, machine-readable"""
+  pbrnet inspect models/shading.safetensors --json     layers and card, machine-readable
+  pbrnet inspect data/assets                           catalogues, and a sheet of their pieces"""
 )
 @click.argument("path", type=click.Path(path_type=Path))
 @click.option(
@@ -68,7 +69,7 @@ Examples:
     "--seed", type=int, default=None, expose_value=False, help="Not used: nothing is random."
 )
 def inspect(path: Path, out: Path | None, text_only: bool, as_json: bool) -> None:
-    """Say what PATH holds (scene, cameras, frame, shard, dataset, model), and draw it."""
+    """Say what PATH holds (scene, frame, shard, dataset, model, catalogues ...), and draw it."""
     inspection = inspect_path(path)
     click.echo(inspection.json if as_json else inspection.text)
     if not text_only:

@@ -20,6 +20,7 @@ from scenes.files import read_json, write_json
 
 SCHEMA = 1
 INDEX = "catalogue.json"
+PREVIEW = "preview.png"
 Color = tuple[float, float, float]
 Point3 = tuple[float, float, float]
 

@@ -16,7 +16,9 @@ import numpy as np
 import trimesh
 from PIL import Image
 
+from scenes.catalogue import preview
 from scenes.catalogue.assets import (
+    PREVIEW,
     Asset,
     AssetLevel,
     AssetPart,
@@ -30,7 +32,7 @@ from scenes.catalogue.library import CataloguePiece, Unusable
 from scenes.errors import InputError
 from scenes.files import atomic_directory, digest_bytes
 from scenes.mitsuba_source.changes import Changes
-from scenes.mitsuba_source.meshes import Floats, Mesh, creased
+from scenes.mitsuba_source.meshes import Floats, Mesh, creased, read_ply
 from scenes.mitsuba_source.writer import write_ply
 from scenes.photometry import LUMEN
 from scenes.sweethome import furniture, home
@@ -99,8 +101,25 @@ def convert(
                 provenance=provenance,
                 fingerprint=fingerprint,
             )
+            _draw(folder, asset)
             save_asset(folder, asset)
     return asset
+
+
+def _draw(folder: Path, asset: Asset) -> None:
+    """The piece's picture, from the files just written."""
+    parts = []
+    for part in asset.parts:
+        texture = None
+        if part.texture:
+            with Image.open(folder / part.texture) as image:
+                small = image.convert("RGB")
+                small.thumbnail((preview.SIZE, preview.SIZE), Image.Resampling.BOX)
+                texture = np.asarray(small)
+        linear = np.array(part.color)
+        display = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+        parts.append((read_ply(folder / part.mesh), display, texture))
+    Image.fromarray(preview.draw(parts)).save(folder / PREVIEW, compress_level=6)
 
 
 def _model(archive: HomeArchive, piece: CataloguePiece, changes: Changes) -> Model:
@@ -153,10 +172,7 @@ def _standing(piece: CataloguePiece, model: Model, changes: Changes) -> list[Par
         angle=0.0,
         rotation=piece.rotation,
         power=_POWER if piece.lights else 0.0,
-        bulbs=tuple(
-            home.Bulb(light.x, light.y, light.z, light.color, light.diameter)
-            for light in piece.lights
-        ),
+        bulbs=_bulbs(piece),
     )
     stood = furniture.place(described, model, 0.0, changes)
     parts = stood.parts
@@ -165,6 +181,20 @@ def _standing(piece: CataloguePiece, model: Model, changes: Changes) -> list[Par
     if not parts:
         raise Unusable("nothing of its model is visible")
     return merged(parts)
+
+
+def _bulbs(piece: CataloguePiece) -> tuple[home.Bulb, ...]:
+    """The piece's light sources; those around it, not in it, become one in its middle.
+
+    The application never shows its light sources, so some catalogues put them into the air.
+    """
+    bulbs = tuple(
+        home.Bulb(light.x, light.y, light.z, light.color, light.diameter) for light in piece.lights
+    )
+    if all(0 <= place <= 1 for bulb in bulbs for place in (bulb.x, bulb.y, bulb.z)):
+        return bulbs
+    middle = float(np.clip(np.mean([bulb.z for bulb in bulbs]), 0.1, 0.9))
+    return (replace(bulbs[0], x=0.5, y=0.5, z=middle),)
 
 
 def _checked(piece: CataloguePiece, parts: list[Part]) -> float:
