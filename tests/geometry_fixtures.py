@@ -12,6 +12,7 @@ from scenes.mitsuba_source.meshes import read_ply
 
 _DEEP = 3e-3  # metres that surfaces may sink into each other
 _SHIFT = 4e-3  # what stands on something may be moved up or down by this
+_SINK = 0.02  # the same for cloth on upholstery
 _REACH = 0.014  # metres of air that may be below what stands
 
 
@@ -48,12 +49,11 @@ def crossings(solids: Solids) -> list[tuple[str, str]]:
             high = np.minimum(first.bbox_max, second.bbox_max)
             if not (high - low > _DEEP).all():
                 continue
-            # Cloth sinks into upholstery.
-            if {first.category, second.category} & {"textile", "cushion"} and high[2] - low[2] < 0.02:
-                continue
+            soft = {first.category, second.category} & {"textile", "cushion"}
+            shift = np.array([0, 0, _SINK if soft else _SHIFT])
             one, other = (_within(solids.of(each), low, high) for each in (first, second))
-            shifts = (np.array([0, 0, -_SHIFT]), np.array([0, 0, _SHIFT]))
-            if all(_pierces(one, other + by) or _pierces(other + by, one) for by in shifts):
+            moved = (other - shift, other + shift)
+            if all(_pierces(one, each) or _pierces(each, one) for each in moved):
                 found.append((first.id, second.id))
     return found
 

@@ -23,6 +23,7 @@ _LEVEL = 0.003  # metres, how uneven a level may be
 _HEADROOM = 0.1  # metres free above a level for it to carry anything
 _LEAST = 0.08  # metres, the shorter side of a level worth the name
 _MAX_LEVELS = 8
+_CLOSED = 0.3  # share of a level's front that may be hidden
 
 
 @dataclass(frozen=True)
@@ -165,7 +166,10 @@ def _level(
     cell: float,
     low: Floats,
 ) -> Level | None:
-    """The largest free rectangle about height `z`, of the columns `cells` on a grid."""
+    """The largest free rectangle about height `z`, of the columns `cells` on a grid.
+
+    None where it is too small, or hidden behind a front.
+    """
     count = int(shape.prod())
     at_level = is_flat & (np.abs(heights - z) <= 1.5 * _LEVEL)
     held = np.bincount(cells[at_level], minlength=count) > 0
@@ -182,6 +186,13 @@ def _level(
     inside[x0:x1, y0:y1] = True
     chosen = inside.ravel()
     top = float(tops[chosen].max())
+    column = cells // shape[1]
+    before = (column >= x0) & (column < x1) & (cells % shape[1] < y1) & (heights > z + 0.02)
+    if np.isfinite(above[chosen]).any():
+        # Covered: a closed cupboard, unless most of its front is open.
+        before &= heights < above[chosen].min() - 0.01
+        if len(np.unique(column[before])) > _CLOSED * (x1 - x0):
+            return None
     first, last = low[:2] + cell * np.array([x0, y0]), low[:2] + cell * np.array([x1, y1])
     half = 0.5 * (last - first) - 0.25 * cell
     centre = 0.5 * (first + last)
