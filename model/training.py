@@ -112,7 +112,7 @@ def train_network(
 
     network = channels_last(network.to(device))
     loss = PerceptualLoss(backbone.to(device), params.train.loss)
-    optimiser = torch.optim.Adam(network.parameters(), lr=params.train.learning_rate)
+    optimiser = torch.optim.Adam(network.parameters(), lr=params.train.learning_rate, fused=True)
     if shading is not None:
         shading = shading.to(device)
     target = "shading" if name == "shading" else "color"

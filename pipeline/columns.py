@@ -126,6 +126,7 @@ def dataset_columns(size: tuple[int, int], panorama: tuple[int, int]) -> tuple[C
         Column("noise_shading", single, "Relative noise estimate of shading."),
         Column("noise_color", single, "Relative noise estimate of color."),
         Column("score", single, "Camera score: how much furniture the view shows."),
+        Column("objects", pa.int32(), "Pieces of furniture that cover over 1 % of the view each."),
         Column("seed", pa.int64(), "Seed of the path tracer; 64 bits in two's complement."),
         Column("renderer", text, "Renderer, its version and variant."),
         Column("source", text, "Where the scene came from."),

@@ -8,7 +8,7 @@ import click
 
 from pipeline.card import DatasetSummary
 from pipeline.dataset import pack_dataset
-from pipeline.inspection import inspect_path
+from pipeline.inspection import inspect_diversity, inspect_path
 from pipeline.options import common_options
 from pipeline.params import Params
 from pipeline.pictures import png_bytes
@@ -53,6 +53,7 @@ Examples:
   pbrnet inspect data/cameras/home-0000.json           views, and why others were dropped
   pbrnet inspect data/color/home-0000/000.exr          figures of every channel, and pictures
   pbrnet inspect data/dataset --out sheet.png          columns, sizes, and a contact sheet
+  pbrnet inspect data/dataset --diversity              histograms of what its views show
   pbrnet inspect models/shading.safetensors --json     layers and card, machine-readable
   pbrnet inspect data/assets                           catalogues, and a sheet of their pieces"""
 )
@@ -66,11 +67,16 @@ Examples:
 @click.option("--text-only", is_flag=True, help="Draw nothing.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 @click.option(
+    "--diversity",
+    is_flag=True,
+    help="Of a dataset: objects, depth, brightness, colour and lights of its views, by source.",
+)
+@click.option(
     "--seed", type=int, default=None, expose_value=False, help="Not used: nothing is random."
 )
-def inspect(path: Path, out: Path | None, text_only: bool, as_json: bool) -> None:
+def inspect(path: Path, out: Path | None, text_only: bool, as_json: bool, diversity: bool) -> None:
     """Say what PATH holds (scene, frame, shard, dataset, model, catalogues ...), and draw it."""
-    inspection = inspect_path(path)
+    inspection = inspect_diversity(path) if diversity else inspect_path(path)
     click.echo(inspection.json if as_json else inspection.text)
     if not text_only:
         target = out or Path(f"inspect-{path.resolve().stem}.png")

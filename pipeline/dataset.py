@@ -243,12 +243,20 @@ def make_row(
         "noise_shading": noise_of(shading),
         "noise_color": noise_of(color),
         "score": view.score,
+        "objects": _objects_in(view, scene),
         "seed": _signed(color.meta.get("seed")),
         "renderer": str(color.meta.get("renderer", "unknown")),
         "source": str(scene.source.get("kind", "unknown")),
         "licence": licence_of(scene),
         "attribution": attribution_of(scene),
     }
+
+
+def _objects_in(view: View, scene: Scene) -> int:
+    """How many objects, parts of the building aside, cover more than 1 % of what is seen."""
+    furniture = {thing.id for thing in scene.objects if not thing.is_structure}
+    least = 0.01 * sum(view.seen.values())
+    return sum(pixels > least for name, pixels in view.seen.items() if name in furniture)
 
 
 class ShardWriter:

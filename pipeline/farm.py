@@ -213,23 +213,26 @@ class _Run:
         """Keep every worker's window full; suspects wait until the farm is empty.
 
         Which worker runs a batch is dask's choice: it takes the least busy one, which is nearly
-        always the one whose window had room. (Tying batches to workers, even loosely, leaves
-        them waiting for ever if all workers die at once.)
+        always the one whose window had room, as long as the workers are fed in turn. (Tying
+        batches to workers, even loosely, leaves them waiting for ever if all workers die at
+        once.)
         """
         workers = self.workers()
         load = dict.fromkeys(workers, 0)
         for _, worker in self.flight.values():
             if worker in load:
                 load[worker] += 1
-        for worker in sorted(workers, key=lambda name: (load[name], name)):
-            while load[worker] < self.farm.params.window:
-                batch = self.waiting.take(worker, len(workers))
-                if not batch and self.again:
-                    batch = (self.again.popleft(),)
-                if not batch:
-                    break
-                self.submit(batch, worker)
-                load[worker] += 1
+        while workers:
+            worker = min(workers, key=lambda name: (load[name], name))
+            if load[worker] >= self.farm.params.window:
+                break
+            batch = self.waiting.take(worker, len(workers))
+            if not batch and self.again:
+                batch = (self.again.popleft(),)
+            if not batch:
+                break
+            self.submit(batch, worker)
+            load[worker] += 1
         if workers and not self.flight and self.suspects:
             suspect = self.suspects.popleft()
             self.alone = suspect.key

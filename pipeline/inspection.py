@@ -11,7 +11,7 @@ import io
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence, Sized
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from matplotlib.patches import Polygon, Rectangle, Wedge
 from safetensors import SafetensorError, safe_open
 
 from pipeline.asset_sheet import describe_asset, describe_index, draw_asset, draw_index
+from pipeline.diversity import dataset_figures, draw_figures, summary_table
 from pipeline.frames import RGB, Frame, read_frame
 from pipeline.params import ToneParams
 from pipeline.pictures import (
@@ -345,6 +346,21 @@ def inspect_shards(paths: Sequence[Path], name: str) -> Inspection:
     )
 
 
+def inspect_diversity(folder: Path) -> Inspection:
+    """How varied a dataset's views are, source by source; reads all its images."""
+    shards = sorted(folder.glob("*.parquet"))
+    if not shards:
+        raise InputError(f"{folder}: no dataset folder, and only a dataset has a diversity")
+    figures = dataset_figures(shards)
+    views = sum(len(values["depth"]) for values in figures.values())
+    return Inspection(
+        "diversity",
+        f"{folder}: {_count(range(views), 'view')} from {_count(figures, 'kind')} of scenes",
+        {"Figures": summary_table(figures)},
+        lambda: _picture_of(draw_figures(figures)),
+    )
+
+
 def inspect_model(path: Path) -> Inspection:
     """Layers, parameter counts and the JSON card beside it; drawn as bars of layer sizes."""
     tensors: Table = []
@@ -640,7 +656,7 @@ def _megabytes(files: Iterable[Path]) -> str:
     return f"{sum(file.stat().st_size for file in files) / 1e6:.1f} MB"
 
 
-def _count(things: Sequence[Any], noun: str) -> str:
+def _count(things: Sized, noun: str) -> str:
     return f"{len(things)} {noun}{'' if len(things) == 1 else 's'}"
 
 

@@ -106,6 +106,7 @@ def test_every_column_equals_the_frames_bit_for_bit(packed: Path) -> None:
             assert row[name].tobytes() == values.tobytes(), name
         assert row["seed"] == -5, "64-bit seeds are kept in two's complement"
         assert (row["spp"], row["noise_color"], row["score"]) == (64, 0.125, view.score)
+        assert row["objects"] == 2  # sofa and lamp
         exposure = exposure_of(frames["color"].rgb, params.tone)
         assert (row["exposure_color"], row["white_color"]) == (exposure.scale, exposure.white)
         assert (row["licence"], row["source"]) == ("CC0-1.0", "procedural")

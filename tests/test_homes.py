@@ -665,8 +665,13 @@ def test_tiles_are_as_large_as_they_claim() -> None:
     assert (row > 0.5).mean() * 0.3 == pytest.approx(0.004, abs=0.002)
 
 
-def test_uvs_of_floors_and_walls_are_metres(homes: list[Home]) -> None:
+def test_floors_and_walls_are_textured_in_real_scale(homes: list[Home]) -> None:
+    """One unit of uv is one repeat: so many metres as the pattern is wide, everywhere alike."""
+    sides = {"tiles": (0.4, 2.8), "planks": (1.6, 3.2), "carpet": (0.3, 3), "plaster": (0.3, 3)}
+    seen = set()
     for home in homes[:3]:
+        text = (home.folder / "scene.xml").read_text()
+        assert "to_uv" not in text
         for name in [f"floor-{room.id}.0" for room in home.scene.rooms] + ["walls-room-0.0"]:
             vertices, faces, uvs = read_ply(home.folder / "meshes" / f"{name}.ply")
             a, b, c = (vertices[faces[:, k]] for k in range(3))
@@ -677,12 +682,13 @@ def test_uvs_of_floors_and_walls_are_metres(homes: list[Home]) -> None:
             shown = area > 0
             if name.startswith("floor"):  # the sides of the slab are hidden in the walls
                 shown = np.abs(np.cross(b - a, c - a)[:, 2]) > 0.5 * area
-            assert flat[shown] == pytest.approx(area[shown], rel=1e-3, abs=1e-6)
-        scales = re.findall(
-            r'textures/tiles[^"]*"/><transform name="to_uv"><scale x="([\d.]+)"',
-            (home.folder / "scene.xml").read_text(),
-        )
-        assert all(0.1 <= 1 / float(scale) / 4 <= 0.7 for scale in scales)  # a tile's side
+            metres = np.sqrt(area[shown].sum() / flat[shown].sum())
+            assert flat[shown] * metres**2 == pytest.approx(area[shown], rel=2e-3, abs=1e-6)
+            kind = re.search(rf'id="{name}".*?<ref id="([a-z]+)-', text)[1]  # type: ignore[index]
+            low, high = sides.get(kind, (0.2, 3.0))
+            assert low * 0.999 <= metres <= high * 1.001, (name, kind, metres)
+            seen.add(kind)
+    assert {"tiles", "planks"} & seen
 
 
 def test_textures_keep_their_top_up(homes: list[Home]) -> None:

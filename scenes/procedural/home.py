@@ -154,7 +154,7 @@ def _write_shapes(
         for part in _merged(thing.parts, thing.id in lit):
             shape = f"{thing.id}.{len(ids)}"
             ids.append(shape)
-            write_ply(folder / "meshes" / f"{shape}.ply", part)
+            write_ply(folder / "meshes" / f"{shape}.ply", part, library.tile(part.material))
             light = ""
             if part.lumens > 0:
                 glowing.append(shape)

@@ -2,7 +2,9 @@
 
 Matt surfaces are `diffuse`, coated ones `principled`, mirrors `conductor`, glass
 `thindielectric`, shades and thin curtains `principledthin`. All opaque ones are two-sided.
-Textures tile in real size: a mesh's uvs are metres, `to_uv` divides by the pattern's side.
+Textures tile in real size: a part's uvs are metres, and the mesh that is written has them divided
+by `tile`, the pattern's side. (A `to_uv` transform in the texture would do the same, but the
+renderer bakes that into code, so that each size would be compiled by itself.)
 """
 
 from __future__ import annotations
@@ -43,6 +45,7 @@ class MaterialLibrary:
     folder: Path  # the scene's folder; textures go to its `textures/`
     texture_size: int
     _ids: dict[Material | BoughtMaterial, str] = field(default_factory=dict)
+    _tiles: dict[Material, float] = field(default_factory=dict)
     _xml: list[str] = field(default_factory=list)
 
     def bsdf(self, material: Material | BoughtMaterial) -> str:
@@ -52,6 +55,19 @@ class MaterialLibrary:
             describe = self._bought if isinstance(material, BoughtMaterial) else self._describe
             self._xml.append(describe(material, self._ids[material]))  # type: ignore[arg-type]
         return self._ids[material]
+
+    def tile(self, material: Material | BoughtMaterial) -> float:
+        """Metres after which the texture of `material` repeats; 1 for one without a pattern."""
+        if isinstance(material, BoughtMaterial):
+            return 1.0  # its meshes count in images already
+        if material not in self._tiles:
+            self._tiles[material] = (
+                pattern(material.kind, material.variant % SEEDS, self._side(material)).metres
+                * material.scale
+                if has_pattern(material.kind)
+                else 1.0
+            )
+        return self._tiles[material]
 
     @property
     def xml(self) -> list[str]:
@@ -119,14 +135,15 @@ class MaterialLibrary:
     def _color(self, prop: str, material: Material, name: str) -> str:
         if material.kind == "picture":
             self._save(_picture_image(material, min(self.texture_size, 256)), name)
-            return _bitmap(prop, name, 1.0)
+            return _bitmap(prop, name)
         if not has_pattern(material.kind):
             limit = 1.0 if material.kind == "metal" else WHITEST
             return _rgb(prop, _limited(material.color, limit))
-        size = max(64, self.texture_size // _SHARE.get(material.kind, 1))
-        seed = material.variant % SEEDS
-        self._save(texture_image(material, size), name)
-        return _bitmap(prop, name, pattern(material.kind, seed, size).metres * material.scale)
+        self._save(texture_image(material, self._side(material)), name)
+        return _bitmap(prop, name)
+
+    def _side(self, material: Material) -> int:
+        return max(64, self.texture_size // _SHARE.get(material.kind, 1))
 
     def _save(self, image: npt.NDArray[np.uint8], name: str) -> None:
         path = self.folder / "textures" / f"{name}.png"
@@ -183,12 +200,10 @@ def _rgb(name: str, color: Color) -> str:
     return f'<rgb name="{name}" value="{color[0]:.6g} {color[1]:.6g} {color[2]:.6g}"/>'
 
 
-def _bitmap(name: str, texture: str, metres: float) -> str:
-    scale = f"{1 / metres:.6g}"
+def _bitmap(name: str, texture: str) -> str:
     return (
         f'<texture type="bitmap" name="{name}">'
-        f'<string name="filename" value="textures/{texture}.png"/>'
-        f'<transform name="to_uv"><scale x="{scale}" y="{scale}"/></transform></texture>'
+        f'<string name="filename" value="textures/{texture}.png"/></texture>'
     )
 
 

@@ -9,8 +9,10 @@ import numpy as np
 from scenes.procedural.piece import Part
 
 
-def write_ply(path: Path, part: Part) -> None:
+def write_ply(path: Path, part: Part, tile: float) -> None:
     """Write a part as little-endian binary PLY: position, normal where smooth, uv (as `u`, `v`).
+
+    uvs are metres in a part and repeats of the texture, `tile` metres each, in the file.
 
     Facetted parts carry no normals; their shape asks Mitsuba for `face_normals`.
     """
@@ -19,7 +21,7 @@ def write_ply(path: Path, part: Part) -> None:
     if part.smooth:
         columns.append(part.normals)
         names += ["nx", "ny", "nz"]
-    columns.append(part.uvs)
+    columns.append(part.uvs / tile)
     names += ["u", "v"]
     vertices = np.concatenate(columns, axis=1).astype("<f4")
     faces = np.empty(len(part.faces), dtype=[("count", "u1"), ("index", "<i4", (3,))])

@@ -1,0 +1,186 @@
+"""How varied a dataset's views are: figures of every view, and their distributions by source.
+
+What networks learn by heart is what repeats. These are the quantities in which indoor views differ
+most visibly: how much stands in them, how far they look, how bright and how colourful they are, and
+how many lights surround the camera.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow.parquet as pq
+from matplotlib.figure import Figure
+from scipy import ndimage
+
+from pipeline.tonemap import luminance
+from scenes.errors import InputError
+
+Floats = npt.NDArray[np.float64]
+_COLUMNS = ("source", "objects", "depth", "valid", "color", "reflectance", "intensity")
+_BINS = 24
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One figure of a view: its name in tables, its axis label, and how it is binned."""
+
+    name: str
+    label: str
+    logarithmic: bool = False
+    whole: bool = False
+
+
+QUANTITIES = (
+    Quantity("objects", "objects in view", whole=True),
+    Quantity("depth", "mean depth, metres"),
+    Quantity("luminance", "log-average luminance of colour", logarithmic=True),
+    Quantity("saturation", "mean saturation of reflectance"),
+    Quantity("lights", "lights in the panorama", whole=True),
+    Quantity("lit", "share of the panorama that shines", logarithmic=True),
+)
+
+
+def view_figures(row: dict[str, Any]) -> dict[str, float]:
+    """The figures of one view, by the names of `QUANTITIES`.
+
+    `row` holds `objects` and, as arrays, `depth` (H, W) metres, `valid` (H, W), `color` and
+    `reflectance` (H, W, 3) linear, `intensity` (h, 2 h). Depth is averaged over what is valid;
+    saturation is (max - min) / max of linear reflectance, averaged over pixels; a light is a
+    connected region of the panorama, whose left and right edges meet; its share is of the
+    sphere's solid angle.
+    """
+    valid = np.asarray(row["valid"]) > 0
+    colors = np.asarray(row["reflectance"], dtype=np.float64)[valid]
+    high, low = (colors.max(-1), colors.min(-1)) if len(colors) else (np.zeros(1), np.zeros(1))
+    light = luminance(np.asarray(row["color"], dtype=np.float64))
+    shining = np.asarray(row["intensity"]) > 0
+    rows = np.sin((np.arange(shining.shape[0]) + 0.5) * np.pi / shining.shape[0])
+    return {
+        "objects": float(row["objects"]),
+        "depth": float(np.asarray(row["depth"])[valid].mean()) if valid.any() else 0.0,
+        "luminance": float(np.exp(np.log(np.maximum(light, 1e-8)).mean())),
+        "saturation": float(np.mean((high - low) / np.maximum(high, 1e-3))),
+        "lights": float(count_lights(shining)),
+        "lit": float((shining * rows[:, None]).sum() / (rows.sum() * shining.shape[1])),
+    }
+
+
+def count_lights(shining: npt.NDArray[np.bool_]) -> int:
+    """Connected regions (also by corners) of an equirectangular mask (h, w)."""
+    labels, count = ndimage.label(shining, structure=np.ones((3, 3)))
+    # Regions that touch across the seam are one: union by walking their pairs.
+    parent = list(range(count + 1))
+
+    def root(label: int) -> int:
+        while parent[label] != label:
+            label = parent[label]
+        return label
+
+    for shift in (-1, 0, 1):
+        right = np.roll(labels[:, -1], shift)
+        inside = np.ones(len(right), bool)
+        if shift:
+            inside[0 if shift > 0 else -1] = False
+        for a, b in zip(labels[:, 0][inside], right[inside], strict=True):
+            if a and b:
+                parent[root(int(a))] = root(int(b))
+    return len({root(label) for label in range(1, count + 1)})
+
+
+def dataset_figures(shards: Sequence[Path]) -> dict[str, dict[str, Floats]]:
+    """Source -> quantity -> its values over all views; reads one row group at a time.
+
+    Raises `InputError` for shards that lack a column, such as those of an older version.
+    """
+    found: dict[str, list[dict[str, float]]] = {}
+    for shard in shards:
+        file = pq.ParquetFile(shard)
+        missing = sorted(set(_COLUMNS) - set(file.schema_arrow.names))
+        if missing:
+            raise InputError(f"{shard}: has no column {missing[0]!r}; pack the dataset again")
+        for group in range(file.metadata.num_row_groups):
+            table = file.read_row_group(group, columns=list(_COLUMNS))
+            images = {name: _images(table, name) for name in _COLUMNS[2:]}
+            for index in range(table.num_rows):
+                row = {name: values[index] for name, values in images.items()}
+                row["objects"] = table["objects"][index].as_py()
+                source = str(table["source"][index].as_py())
+                found.setdefault(source, []).append(view_figures(row))
+    return {
+        source: {
+            quantity.name: np.array([view[quantity.name] for view in views])
+            for quantity in QUANTITIES
+        }
+        for source, views in sorted(found.items())
+    }
+
+
+def summary_table(figures: dict[str, dict[str, Floats]]) -> list[dict[str, Any]]:
+    """One row a source and quantity: views, the 5 %, 50 % and 95 % points, and mean."""
+    return [
+        {
+            "source": source,
+            "quantity": quantity.name,
+            "views": len(values[quantity.name]),
+            **{
+                name: float(f"{value:.3g}")
+                for name, value in zip(
+                    ("5 %", "median", "95 %"),
+                    np.quantile(values[quantity.name], (0.05, 0.5, 0.95)),
+                    strict=True,
+                )
+            },
+            "mean": float(f"{values[quantity.name].mean():.3g}"),
+        }
+        for source, values in figures.items()
+        for quantity in QUANTITIES
+    ]
+
+
+def draw_figures(figures: dict[str, dict[str, Floats]]) -> Figure:
+    """Histograms of every quantity, one outline a source, as shares of that source's views."""
+    page = Figure(figsize=(12, 6.5), dpi=100, layout="constrained")
+    colors = ("#3b76af", "#c9682d", "#4f9a54", "#a5435e", "#7a5ea8", "#6b6b6b")
+    for axes, quantity in zip(page.subplots(2, 3).flat, QUANTITIES, strict=True):
+        edges = _edges(quantity, np.concatenate([one[quantity.name] for one in figures.values()]))
+        for number, (source, values) in enumerate(figures.items()):
+            counts, _ = np.histogram(np.clip(values[quantity.name], edges[0], edges[-1]), edges)
+            axes.stairs(
+                counts / max(1, counts.sum()),
+                edges,
+                label=f"{source} ({len(values[quantity.name])})",
+                color=colors[number % len(colors)],
+                linewidth=1.8,
+            )
+        if quantity.logarithmic:
+            axes.set_xscale("log")
+        axes.set_xlabel(quantity.label)
+        axes.set_ylim(bottom=0)
+    page.axes[0].set_ylabel("share of views")
+    page.axes[3].set_ylabel("share of views")
+    page.axes[0].legend(fontsize=9)
+    return page
+
+
+def _edges(quantity: Quantity, values: Floats) -> Floats:
+    low, high = np.quantile(values, (0.005, 0.995))
+    if quantity.whole:
+        return np.arange(np.floor(values.min()), np.ceil(high) + 2) - 0.5
+    if quantity.logarithmic:
+        floor = max(low, high * 1e-6, 1e-12)
+        return np.geomspace(floor, max(high, floor * 1.01), _BINS + 1)
+    return np.linspace(low, max(high, low + 1e-6), _BINS + 1)
+
+
+def _images(table: Any, name: str) -> npt.NDArray[Any]:
+    field = table.schema.field(name)
+    shape = json.loads(field.metadata[b"shape"])
+    column = table[name].combine_chunks()
+    return column.flatten().to_numpy(zero_copy_only=False).reshape(table.num_rows, *shape)
