@@ -54,7 +54,8 @@ Examples:
   pbrnet inspect data/color/home-0000/000.exr          figures of every channel, and pictures
   pbrnet inspect data/dataset --out sheet.png          columns, sizes, and a contact sheet
   pbrnet inspect data/dataset --diversity              histograms of what its views show
-  pbrnet inspect models/shading.safetensors --json     layers and card, machine-readable"""
+  pbrnet inspect models/shading.safetensors --json     layers and card, machine-readable
+  pbrnet inspect data/assets                           catalogues, and a sheet of their pieces"""
 )
 @click.argument("path", type=click.Path(path_type=Path))
 @click.option(
@@ -77,7 +78,7 @@ Examples:
 def inspect(
     path: Path, out: Path | None, text_only: bool, plan_only: bool, as_json: bool, diversity: bool
 ) -> None:
-    """Say what PATH holds (scene, cameras, frame, shard, dataset, model), and draw it.
+    """Say what PATH holds (scene, frame, shard, dataset, model, catalogues ...), and draw it.
 
     Of a scene the picture shows the plan, a dollhouse view from above and two quick renders.
     """

@@ -1,6 +1,7 @@
 """What a file of ours holds, in words and as a picture: `pbrnet inspect`.
 
-Understands a scene folder, a camera file, a frame, a shard, a dataset folder and a model.
+Understands a scene folder, a camera file, a frame, a shard, a dataset folder, a model and
+furniture catalogues.
 Whatever else, or damaged, is refused with an `InputError` that says what it looks like.
 """
 
@@ -24,6 +25,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle, Wedge
 from safetensors import SafetensorError, safe_open
 
+from pipeline.asset_sheet import describe_asset, describe_index, draw_asset, draw_index
 from pipeline.diversity import dataset_figures, draw_figures, summary_table
 from pipeline.dollhouse import draw_dollhouse, quick_renders
 from pipeline.frames import RGB, Frame, read_frame
@@ -45,6 +47,7 @@ from pipeline.pictures import (
 from pipeline.sizes import scene_sizes
 from pipeline.tonemap import exposure_of
 from pipeline.views import CameraFile, View, load_cameras
+from scenes.catalogue.assets import INDEX, load_asset, load_index
 from scenes.checked import build
 from scenes.contract import Point2, Room, Scene, load_scene
 from scenes.errors import InputError
@@ -56,7 +59,7 @@ Section = dict[str, Any] | Table | list[str]
 
 KNOWN = (
     "a scene folder, a camera file (.json), a frame (.exr), a shard (.parquet), "
-    "a dataset folder or a model (.safetensors)"
+    "a dataset folder, a model (.safetensors), or furniture catalogues (data/assets)"
 )
 ROOM_COLORS = {
     "living": "#f2d6a2",
@@ -107,7 +110,11 @@ def inspect_path(path: Path, renders: bool = True) -> Inspection:
             return inspect_scene(path, renders)
         if any(path.glob("*.parquet")):
             return inspect_shards(sorted(path.glob("*.parquet")), str(path))
-        raise InputError(f"{path}: neither a scene nor a dataset folder; can inspect {KNOWN}")
+        if (path / INDEX).is_file():
+            return inspect_assets(path)
+        if (path / "piece.json").is_file():
+            return inspect_piece(path)
+        raise InputError(f"{path}: nothing of ours in this folder; can inspect {KNOWN}")
     readers: dict[str, Callable[[Path], Inspection]] = {
         ".exr": inspect_frame,
         ".parquet": lambda file: inspect_shards([file], file.name),
@@ -187,6 +194,30 @@ def inspect_scene(folder: Path, renders: bool = True) -> Inspection:
             "Changed or lost in import": list(scene.changes),
         },
         lambda: draw_scene(scene, views) if renders else draw_plan(scene, views),
+    )
+
+
+def inspect_assets(folder: Path) -> Inspection:
+    """Libraries, categories, licences and refusals; drawn as a sheet of pieces by category."""
+    index = load_index(folder)
+    total = len(index.pieces) + len(index.refused)
+    return Inspection(
+        "assets",
+        f"Furniture catalogues: {len(index.pieces)} of {total} pieces usable, "
+        f"from {len(index.libraries)} libraries",
+        describe_index(index),
+        lambda: draw_index(index),
+    )
+
+
+def inspect_piece(folder: Path) -> Inspection:
+    """One converted catalogue piece; drawn as its picture."""
+    asset = load_asset(folder)
+    return Inspection(
+        "piece",
+        f"Catalogue piece {asset.piece.key}: {asset.piece.name}, {_count(asset.parts, 'part')}",
+        describe_asset(asset),
+        lambda: draw_asset(folder),
     )
 
 

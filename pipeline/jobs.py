@@ -45,6 +45,7 @@ class HomeJob:
     lighting: str
     variant: int
     fingerprint: str
+    assets: Path  # converted catalogues, for `scenes.catalogue_share`
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,15 @@ def use_renderer(variant: str, renderer: str, threads: int) -> None:
 def make_scene(job: HomeJob | ImportJob) -> dict[str, Any]:
     """Write one scene folder, marked with what determined it."""
     if isinstance(job, HomeJob):
-        scene = make_home(job.folder, job.scene_id, job.params, job.seed, job.lighting, job.variant)
+        scene = make_home(
+            job.folder,
+            job.scene_id,
+            job.params,
+            job.seed,
+            job.lighting,
+            job.variant,
+            job.assets,
+        )
     elif job.variant is None:
         scene = import_scene(job.path, job.folder, job.scene_id)
     else:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from pipeline.assets import run_assets
 from pipeline.options import common_options, farm_options
 from pipeline.params import Params
 from pipeline.stages import (
@@ -16,24 +17,23 @@ from pipeline.stages import (
     run_inputs,
     run_scenes,
 )
-from scenes.errors import ParameterError
-from scenes.files import write_json
 
 
-@click.command(epilog="Example:  pbrnet assets --params params.yaml")
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet assets --params params.yaml    with assets.enabled: true
+  pbrnet inspect data/assets            what is in them, as a sheet of pictures"""
+)
+@farm_options
 @common_options
-def assets(params: Params, data: Path) -> None:
-    """Fetch optional furniture catalogues, with provenance, into DATA/assets.
+def assets(params: Params, data: Path, scheduler: str | None) -> None:
+    """Fetch optional furniture catalogues and convert their pieces into DATA/assets.
 
-    Off by default (assets.enabled): procedural homes bring their own furniture.
+    Off by default (assets.enabled): procedural homes bring their own furniture. Catalogues are
+    the .sh3f files of assets.folder, or else of the Debian packages in assets.debian.
     """
-    if params.assets.enabled:
-        raise ParameterError(
-            "assets.enabled: true is not allowed yet; furniture catalogues are not supported "
-            "in this version, set it to false"
-        )
-    write_json(data / "assets" / "provenance.json", {"catalogues": []})
-    click.echo("assets: catalogues are off (assets.enabled), nothing to fetch")
+    click.echo(str(run_assets(data, params, scheduler)))
 
 
 @click.command(

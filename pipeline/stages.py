@@ -45,6 +45,7 @@ from pipeline.progress import Progress
 from pipeline.records import Failure, Ledger, data_lock, save_failures
 from pipeline.renderer import renderer_version, set_variant
 from pipeline.views import CameraFile, View, load_cameras
+from scenes.catalogue.assets import INDEX, load_index
 from scenes.checked import plain
 from scenes.contract import Scene, load_scene, scene_folders
 from scenes.errors import InputError, PbrnetError
@@ -318,6 +319,19 @@ def _home_jobs(root: Path, params: Params) -> Iterable[HomeJob]:
     # ask for the scene's content, not for this.
     sources = sorted(Path(home.__file__).parent.rglob("*.py"))
     revision = digest_bytes(*(digest_file(source).encode() for source in sources))
+    assets = root.parent / "assets"
+    bought: dict[str, Any] = {}
+    if wanted.catalogue_share > 0 and wanted.homes:
+        if not load_index(assets).pieces:
+            raise InputError(
+                f"scenes.catalogue_share: {wanted.catalogue_share:g}, but {assets} holds no "
+                "furniture; set assets.enabled to true and run first: pbrnet assets"
+            )
+        bought = {
+            "share": wanted.catalogue_share,
+            "triangles": wanted.catalogue_triangles,
+            "catalogue": digest_file(assets / INDEX),
+        }
     for index, variant in product(range(wanted.homes), range(wanted.variants)):
         scene_id = f"home-{index:04d}" + (f"-v{variant}" if variant else "")
         turn = index + (variant if "light" in wanted.vary else 0)
@@ -332,8 +346,9 @@ def _home_jobs(root: Path, params: Params) -> Iterable[HomeJob]:
             rooms=(wanted.rooms_min, wanted.rooms_max),
             texture_size=wanted.texture_size,
             varied=(variant, *sorted(wanted.vary)) if variant else (),
+            **bought,
         )
-        yield HomeJob(root / scene_id, scene_id, wanted, seed, lighting, variant, mark)
+        yield HomeJob(root / scene_id, scene_id, wanted, seed, lighting, variant, mark, assets)
 
 
 def _import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable[ImportJob]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -13,9 +14,22 @@ Aspect = Literal["finishes", "furniture", "light", "outdoors"]
 
 @dataclass(frozen=True)
 class AssetParams:
-    """Optional furniture catalogues."""
+    """Optional furniture catalogues: `.sh3f` files of a folder, else of Debian packages."""
 
     enabled: bool = False
+    folder: str = ""  # the `.sh3f` files in it are used, and nothing is fetched
+    # Packages that hold `.sh3f` files; taken from this machine where they are installed.
+    debian: tuple[str, ...] = ("sweethome3d-furniture",)
+    max_triangles: int = field(default=200_000, metadata=within(100, 2_000_000))  # of one piece
+    texture_size: int = field(default=1024, metadata=within(16, 8192))  # pixels, longer side
+
+    def verify(self, where: str) -> None:
+        """There must be something to take; raises ValueError."""
+        if self.enabled and not self.folder and not self.debian:
+            raise ValueError(f"{where}.folder: empty, and no package in debian; name either")
+        for name in self.debian:
+            if not re.fullmatch(r"[a-z0-9][a-z0-9+.-]+", name):
+                raise ValueError(f"{where}.debian: {name!r} is not a package's name")
 
 
 @dataclass(frozen=True)
@@ -31,6 +45,11 @@ class SceneParams:
     # Light settings, dealt out in turn so that every split sees each.
     lighting: tuple[LightSetting, ...] = ("day", "evening", "night", "mixed")
     texture_size: int = field(default=512, metadata=within(64, 4096))  # pixels a side
+    # Share of the furniture that comes from the catalogues of the `assets` stage, where those
+    # have something fitting; 0: all of it is the generator's own.
+    catalogue_share: float = field(default=0.0, metadata=within(0, 1))
+    # Catalogue pieces with more triangles than this are not used in homes.
+    catalogue_triangles: int = field(default=30_000, metadata=within(100, 2_000_000))
     # Scenes of one's own: files that `pbrnet import` reads, brought in by the same stage.
     imports: tuple[str, ...] = ()
 

@@ -366,7 +366,7 @@ def test_commands_have_examples_and_say_what_they_did(data: Path, tmp_path: Path
         result = CliRunner().invoke(command, options, catch_exceptions=False)
         assert result.exit_code == 0 and line in result.output
     result = CliRunner().invoke(stage_commands.assets, options[:4], catch_exceptions=False)
-    assert json.loads((data / "assets" / "provenance.json").read_text()) == {"catalogues": []}
+    assert json.loads((data / "assets" / "catalogue.json").read_text())["pieces"] == []
     assert "off" in result.output
 
 

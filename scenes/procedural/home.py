@@ -25,10 +25,12 @@ from scenes.procedural.lighting import (
 )
 from scenes.procedural.materials import MaterialLibrary
 from scenes.procedural.outdoors import build_outdoors
+from scenes.procedural.piece import Credit as Bought
 from scenes.procedural.piece import Part
 from scenes.procedural.placement import furnish
 from scenes.procedural.plan import Plan, make_plan
 from scenes.procedural.ply import write_ply
+from scenes.procedural.shop import Shop, open_stock
 from scenes.procedural.structure import build_structure
 from scenes.procedural.thing import Thing
 from scenes.seeds import generator
@@ -44,6 +46,7 @@ def make_home(
     seed: int,
     lighting: str,
     variant: int = 0,
+    assets: Path | None = None,
 ) -> Scene:
     """Write a procedural home as the scene folder `folder` and return its `Scene`.
 
@@ -51,7 +54,8 @@ def make_home(
     `lighting` ("day", "evening", "night", "mixed") share their plan and furniture. Equal
     arguments give equal bytes. A `variant` above 0 keeps the plan and draws anew what
     `params.vary` names: finishes (materials and colours), furniture (pieces, places and small
-    things), light (hour, weather, lamps), outdoors.
+    things), light (hour, weather, lamps), outdoors. `assets` is the folder of converted
+    catalogues, which `params.catalogue_share` above 0 asks for.
     """
 
     def draws(aspect: Aspect, *names: str) -> np.random.Generator:
@@ -63,7 +67,10 @@ def make_home(
     kinds = {room.id: str(room.type) for room in plan.rooms}
     finishes = make_finishes(draws("finishes", "finishes"), style, kinds)
     building, portals = build_structure(plan, finishes)
-    furniture = furnish(draws("furniture", "furniture"), plan, style)
+    shop = None
+    if params.catalogue_share > 0 and assets is not None:
+        shop = Shop(draws("furniture", "catalogue"), open_stock(assets), params)
+    furniture = furnish(draws("furniture", "furniture"), plan, style, shop)
     outdoors = build_outdoors(draws("outdoors", "outdoors"), plan)
     things = [*building, *furniture, *outdoors]
     bright = {
@@ -99,7 +106,7 @@ def make_home(
             objects=tuple(objects),
             lights=(*lights, *sky.lights),
             portals=tuple(portals),
-            credits=(Credit("everything", "procedural home", "pbrnet", "CC0-1.0", "generated"),),
+            credits=_credits(furniture),
             lighting=lighting,
             plan=f"home-{seed:016x}",
         )
@@ -196,10 +203,32 @@ def _merged(parts: Sequence[Part], lit: bool) -> list[Part]:
                     [part.faces + start for part, start in zip(group, starts, strict=False)]
                 ),
                 uvs=np.concatenate([part.uvs for part in group]),
+                given=_joined([part.given for part in group]),
                 lumens=sum(part.lumens for part in group),
             )
         )
     return merged
+
+
+def _joined(tables: Sequence[np.ndarray | None]) -> np.ndarray | None:
+    """All tables in one; None unless all are there."""
+    present = [table for table in tables if table is not None]
+    return np.concatenate(present) if len(present) == len(tables) else None
+
+
+def _credits(things: Sequence[Thing]) -> tuple[Credit, ...]:
+    """The generator's own credit, then one for each author, licence and library of a catalogue."""
+    names: dict[Bought, set[str]] = {}
+    for thing in things:
+        if thing.credit is not None:
+            names.setdefault(thing.credit, set()).add(thing.name)
+    own = "everything else" if names else "everything"
+    made = [Credit(own, "procedural home", "pbrnet", "CC0-1.0", "generated")]
+    for bought in sorted(names, key=lambda each: (each.library, each.author, each.licence)):
+        part = ", ".join(sorted(names[bought]))
+        title = f"furniture of the catalogue {bought.library}"
+        made.append(Credit(part, title, bought.author, bought.licence, bought.source))
+    return tuple(made)
 
 
 def _scene_xml(plan: Plan, library: MaterialLibrary, shapes: list[str], sky: Sky) -> str:

@@ -9,6 +9,7 @@ renderer bakes that into code, so that each size would be compiled by itself.)
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,7 +18,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from scenes.procedural.patterns import SEEDS, has_pattern, pattern, picture
-from scenes.procedural.piece import Color, Material
+from scenes.procedural.piece import BoughtMaterial, Color, Material
 from scenes.seeds import generator
 
 WHITEST = 0.82  # no diffuse surface of a home reflects more
@@ -44,19 +45,22 @@ class MaterialLibrary:
     folder: Path  # the scene's folder; textures go to its `textures/`
     texture_size: int
     prefix: str = ""  # of the names of BSDFs and textures, where there are others already
-    _ids: dict[Material, str] = field(default_factory=dict)
+    _ids: dict[Material | BoughtMaterial, str] = field(default_factory=dict)
     _tiles: dict[Material, float] = field(default_factory=dict)
     _xml: list[str] = field(default_factory=list)
 
-    def bsdf(self, material: Material) -> str:
+    def bsdf(self, material: Material | BoughtMaterial) -> str:
         """The id of the BSDF for `material`, made on first use."""
         if material not in self._ids:
             self._ids[material] = f"{self.prefix}{material.kind}-{len(self._ids)}"
-            self._xml.append(self._describe(material, self._ids[material]))
+            describe = self._bought if isinstance(material, BoughtMaterial) else self._describe
+            self._xml.append(describe(material, self._ids[material]))  # type: ignore[arg-type]
         return self._ids[material]
 
-    def tile(self, material: Material) -> float:
+    def tile(self, material: Material | BoughtMaterial) -> float:
         """Metres after which the texture of `material` repeats; 1 for one without a pattern."""
+        if isinstance(material, BoughtMaterial):
+            return 1.0  # its meshes count in images already
         if material not in self._tiles:
             self._tiles[material] = (
                 pattern(material.kind, material.variant % SEEDS, self._side(material)).metres
@@ -95,6 +99,39 @@ class MaterialLibrary:
                 f"{_float('roughness', max(material.roughness, 0.05))}{metallic}</bsdf>"
             )
         return f'<bsdf type="twosided" id="{name}">{inner}</bsdf>'
+
+    def _bought(self, material: BoughtMaterial, name: str) -> str:
+        """The BSDF of a catalogue piece's material; its images are copied into the scene."""
+        if material.kind == "glass":
+            return f'<bsdf type="thindielectric" id="{name}"/>'
+        if material.kind == "mirror":
+            rgb = _rgb("specular_reflectance", material.color)
+            inner = f'<bsdf type="conductor"><string name="material" value="none"/>{rgb}</bsdf>'
+            return f'<bsdf type="twosided" id="{name}">{inner}</bsdf>'
+        matt = material.kind in ("matt", "sheer") or material.roughness >= 1
+        prop = "reflectance" if matt else "base_color"
+        color = _rgb(prop, _limited(material.color, WHITEST))
+        if material.texture is not None:
+            file = self._copied(material.texture, name)
+            color = _image(prop, file)
+        if matt:
+            inner = f'<bsdf type="diffuse">{color}</bsdf>'
+        else:
+            metallic = _float("metallic", 1.0) if material.kind == "metal" else ""
+            roughness = _float("roughness", max(material.roughness, 0.05))
+            inner = f'<bsdf type="principled">{color}{roughness}{metallic}</bsdf>'
+        if material.alpha is not None:
+            opacity = _image("opacity", self._copied(material.alpha, f"{name}-alpha"), raw=True)
+        elif material.kind == "sheer":
+            opacity = _float("opacity", material.opacity)
+        else:
+            return f'<bsdf type="twosided" id="{name}">{inner}</bsdf>'
+        return f'<bsdf type="mask" id="{name}">{opacity}<bsdf type="twosided">{inner}</bsdf></bsdf>'
+
+    def _copied(self, image: str, name: str) -> str:
+        file = f"textures/{name}{Path(image).suffix}"
+        shutil.copyfile(image, self.folder / file)
+        return file
 
     def _color(self, prop: str, material: Material, name: str) -> str:
         if material.kind == "picture":
@@ -168,4 +205,12 @@ def _bitmap(name: str, texture: str) -> str:
     return (
         f'<texture type="bitmap" name="{name}">'
         f'<string name="filename" value="textures/{texture}.png"/></texture>'
+    )
+
+
+def _image(name: str, file: str, raw: bool = False) -> str:
+    as_it_is = '<boolean name="raw" value="true"/>' if raw else ""
+    return (
+        f'<texture type="bitmap" name="{name}"><string name="filename" value="{file}"/>'
+        f"{as_it_is}</texture>"
     )

@@ -63,6 +63,31 @@ class Material:
 
 
 @dataclass(frozen=True)
+class BoughtMaterial:
+    """A material of a catalogue piece. `color` is linear RGB; `texture`, `alpha` are image files.
+
+    Texture coordinates are Mitsuba's: the unit square is the image, v = 0 its top row.
+    """
+
+    kind: Literal["matt", "gloss", "metal", "mirror", "glass", "sheer"]
+    color: Color
+    roughness: float = 1.0
+    opacity: float = 1.0  # "sheer": the rest of the light goes straight through
+    texture: str | None = None
+    alpha: str | None = None
+
+
+@dataclass(frozen=True)
+class Credit:
+    """Whose work a catalogue piece is, on what terms, and where it came from."""
+
+    author: str
+    licence: str
+    library: str
+    source: str
+
+
+@dataclass(frozen=True)
 class Part:
     """One shape: a triangle mesh of one material.
 
@@ -74,18 +99,21 @@ class Part:
     vertices: npt.NDArray[np.float64]
     faces: npt.NDArray[np.int64]
     uvs: npt.NDArray[np.float64]
-    material: Material
+    material: Material | BoughtMaterial
     smooth: bool = False
     lumens: float = 0.0  # above 0: this part emits, lit when the home's lamps are on
     kelvin: float = 2800.0  # colour temperature of what it emits
+    given: npt.NDArray[np.float64] | None = None  # unit vertex normals that came with the mesh
 
     @property
     def normals(self) -> npt.NDArray[np.float64]:
-        """Unit vertex normals (V, 3), weighted by area and angle.
+        """Unit vertex normals (V, 3): those given, else weighted by area and angle.
 
         Vertices at one place share theirs where the surface turns by less than 50 degrees, so
         seams of the uvs stay invisible and creases stay sharp.
         """
+        if self.given is not None:
+            return self.given
         corners = self.vertices[self.faces]
         facets = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         doubled = np.linalg.norm(facets, axis=1)
@@ -135,6 +163,8 @@ class Piece:
     side_clearance: float = 0.0
     surfaces: tuple[Surface, ...] = ()
     mount_height: float = 0.0  # on_wall: height of the origin above the floor
+    boxes: npt.NDArray[np.float64] | None = None  # (N, 2, 3): hold all of it; None: see `bodies`
+    credit: Credit | None = None  # of a piece from a catalogue
 
     @cached_property
     def bounds(self) -> npt.NDArray[np.float64]:
@@ -144,7 +174,12 @@ class Piece:
 
     @cached_property
     def bodies(self) -> npt.NDArray[np.float64]:
-        """Axis-aligned bounds (N, 2, 3) of each connected body of its meshes, own frame."""
+        """Boxes (N, 2, 3) in its own frame that hold all of it, apart where it leaves room.
+
+        Those given, else the axis-aligned bounds of each connected body of its meshes.
+        """
+        if self.boxes is not None:
+            return self.boxes
         return np.concatenate([_body_bounds(part) for part in self.parts])
 
 

@@ -11,12 +11,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from scenes.procedural.extras import furnish_further
 from scenes.procedural.finishes import WALL_TILES
 from scenes.procedural.furniture import Style, catalogue
 from scenes.procedural.furniture.geometry import Mesh, span
 from scenes.procedural.furniture.style import tone
 from scenes.procedural.piece import Material, Piece
 from scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
+from scenes.procedural.shop import Shop
 from scenes.procedural.space import GAP, Item, RoomSpace, facing
 from scenes.procedural.structure import pane_depth
 from scenes.procedural.thing import Pose, Thing, part_of
@@ -25,13 +27,17 @@ Point = np.ndarray
 _PLANTS = 6
 
 
-def furnish(rng: np.random.Generator, plan: Plan, style: Style) -> list[Thing]:
-    """The furniture of a whole home, as things in the world."""
+def furnish(
+    rng: np.random.Generator, plan: Plan, style: Style, shop: Shop | None = None
+) -> list[Thing]:
+    """The furniture of a whole home, as things in the world; some of it from a `shop`."""
     things: list[Thing] = []
     plants: list[Piece] = []
     for room in plan.rooms:
-        maker = Furnisher(rng, plan, room, style, plants)
+        maker = Furnisher(rng, plan, room, style, plants, shop)
         maker.fill()
+        if shop is not None:
+            furnish_further(maker.space, shop)
         things += [item.thing(room.id) for item in maker.space.items]
     return things
 
@@ -46,7 +52,9 @@ class Furnisher:
         room: PlanRoom,
         style: Style,
         plants: list[Piece],
+        shop: Shop | None = None,
     ) -> None:
+        self.shop = shop
         self.rng, self.plan, self.room, self.style = rng, plan, room, style
         self.plants = plants
         self.space = RoomSpace(plan, room)
@@ -74,7 +82,10 @@ class Furnisher:
         return bool(self.rng.random() < probability)
 
     def make(self, kind: str, **options: float) -> Piece:
-        """A piece from the catalogue in the home's style."""
+        """A piece in the home's style, or one of the shop's in place of it."""
+        bought = self.shop.offer(kind, options) if self.shop is not None else None
+        if bought is not None:
+            return bought
         if kind != "small_plant":
             return self._new(kind, options)
         if len(self.plants) < _PLANTS:
@@ -986,4 +997,6 @@ def _knee_room(desk: Piece) -> float:
     if len(points) == 0:
         return 0.0
     heavier = float(np.mean(points[:, 0]))
+    if desk.credit is not None and abs(heavier) < 0.1 * (high - low):
+        return 0.0  # legs alike on both sides
     return float(-np.sign(heavier) * 0.22 * (high - low))

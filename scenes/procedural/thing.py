@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from scenes.procedural.furniture.geometry import Mesh, merge
-from scenes.procedural.piece import Material, Part, Piece
+from scenes.procedural.piece import Credit, Material, Part, Piece
 
 
 @dataclass(frozen=True)
@@ -21,6 +21,7 @@ class Thing:
     parts: tuple[Part, ...]
     is_structure: bool
     room: str | None = None
+    credit: Credit | None = None
 
     @property
     def bounds(self) -> npt.NDArray[np.float64]:
@@ -48,6 +49,10 @@ class Pose:
         y = self.y + sine * points[:, 0] + cosine * points[:, 1]
         return np.stack([x, y, points[:, 2] + self.z], axis=1)
 
+    def turned(self, directions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Directions (N, 3) of the piece's frame in the world."""
+        return replace(self, x=0.0, y=0.0, z=0.0).apply(directions)
+
 
 def _sine_cosine(degrees: float) -> tuple[float, float]:
     quarter, rest = divmod(degrees, 90.0)
@@ -58,8 +63,15 @@ def _sine_cosine(degrees: float) -> tuple[float, float]:
 
 def placed(piece: Piece, pose: Pose, thing_id: str, room: str | None) -> Thing:
     """A piece of furniture at its place in the world."""
-    parts = tuple(replace(part, vertices=pose.apply(part.vertices)) for part in piece.parts)
-    return Thing(thing_id, piece.name, piece.category, parts, False, room)
+    parts = tuple(
+        replace(
+            part,
+            vertices=pose.apply(part.vertices),
+            given=None if part.given is None else pose.turned(part.given),
+        )
+        for part in piece.parts
+    )
+    return Thing(thing_id, piece.name, piece.category, parts, False, room, piece.credit)
 
 
 def part_of(name: str, material: Material, *meshes: Mesh, smooth: bool = False) -> Part:

@@ -22,6 +22,7 @@ class HomeArchive:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._read = 0
+        self._folders: dict[str, list[str]] | None = None
         try:
             self._zip = zipfile.ZipFile(path)
             names = self._zip.infolist()
@@ -96,9 +97,21 @@ class HomeArchive:
                 return member
         return None
 
+    def names(self) -> list[str]:
+        """All members; sorted."""
+        return sorted(self._members)
+
+    def top(self) -> list[str]:
+        """The members that lie in no folder; sorted."""
+        return sorted(member for member in self._members if "/" not in member)
+
     def folder(self, name: str) -> list[str]:
         """The members in the folder of member `name`, if it lies in one; sorted."""
-        parent = PurePosixPath(name).parent
-        if not parent.parts:
+        parent = name.rpartition("/")[0]
+        if not parent:
             return []
-        return sorted(member for member in self._members if PurePosixPath(member).parent == parent)
+        if self._folders is None:
+            self._folders = {}
+            for member in sorted(self._members):
+                self._folders.setdefault(member.rpartition("/")[0], []).append(member)
+        return list(self._folders.get(parent, []))

@@ -11,7 +11,8 @@ from scenes.sweethome.home import Home, Texture
 from scenes.sweethome.models import Model
 
 _COMMONS = re.compile(
-    r"creativecommons\.org/(?P<kind>licenses|publicdomain)/(?P<terms>[a-z-]+)/(?P<version>\d\.\d)",
+    r"creativecommons\.org/(?P<kind>licenses|publicdomain)/(?P<terms>[a-z-]+)/(?P<version>\d\.\d)"
+    r"(?:/(?P<region>at|au|de|nl|us)(?![a-z]))?",  # ports that have an SPDX name of their own
     re.IGNORECASE,
 )
 _SPOKEN = re.compile(
@@ -29,7 +30,8 @@ def licence_in(text: str) -> str:
     if commons:
         terms = commons["terms"].upper()
         name = "CC0" if commons["kind"].lower() == "publicdomain" else f"CC-{terms}"
-        return f"{name}-{commons['version']}"
+        region = f"-{commons['region'].upper()}" if commons["region"] else ""
+        return f"{name}-{commons['version']}{region}"
     spoken = _SPOKEN.search(text)
     if spoken:
         terms = spoken["terms"].upper().replace(" ", "-")

@@ -129,6 +129,7 @@ def read_obj(data: bytes, library: Callable[[str], dict[str, ModelMaterial]]) ->
     group, material, smooth = "default", "default", False
     run: _Run | None = None
     triangles = 0
+    known: dict[str, tuple[int, int, int]] = {}  # corners seen before, which most are
     for number, line in enumerate(lines):
         word, _, rest = line.strip().partition(" ")
         if word in rows:
@@ -142,7 +143,15 @@ def read_obj(data: bytes, library: Callable[[str], dict[str, ModelMaterial]]) ->
                 raise UnreadableModel(f"more than {MAX_TRIANGLES:,} triangles")
             if len(corners) >= 3:
                 sizes = (len(rows["v"]), len(rows["vt"]), len(rows["vn"]))
-                run.polygons.append([_corner(text, sizes, number) for text in corners])
+                polygon = []
+                for text in corners:
+                    corner = known.get(text)
+                    if corner is None:
+                        corner = _corner(text, sizes, number)
+                        if "-" not in text:  # negative ones count from the end so far
+                            known[text] = corner
+                    polygon.append(corner)
+                run.polygons.append(polygon)
         elif word in ("g", "o"):
             group, run = rest.strip() or "default", None
         elif word == "usemtl":
