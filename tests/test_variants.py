@@ -21,6 +21,7 @@ from scenes.files import digest_folder
 from scenes.mitsuba_source.meshes import Mesh, face_areas, read_ply
 from scenes.params import SceneParams
 from scenes.photometry import blackbody
+from scenes.procedural.patterns import has_pattern
 from scenes.registry import import_scene
 from scenes.variants.refinish import with_metric_uvs
 from scenes.variants.vary import vary_scene
@@ -81,6 +82,7 @@ def test_the_plan_stays_and_the_finishes_change(base: Scene) -> None:
 def test_finishes_lie_in_true_size(base: Scene) -> None:
     made = varied(base)
     root = ElementTree.parse(made.xml).getroot()
+    tiles: dict[str, set[float]] = {}
     for name in made.source["finishes"]["shapes"]:
         mesh = read_ply(made.folder / "meshes" / f"{name}.ply")
         assert mesh.uvs is not None
@@ -89,7 +91,14 @@ def test_finishes_lie_in_true_size(base: Scene) -> None:
         cross = along[:, 0] * aside[:, 1] - along[:, 1] * aside[:, 0]
         area = face_areas(mesh.corners)[0]
         whole = area > 1e-6
-        assert np.abs(0.5 * cross)[whole] == pytest.approx(area[whole], rel=1e-3, abs=1e-6)
+        flat_area = np.abs(0.5 * cross)[whole]
+        tile = np.sqrt(area[whole].sum() / flat_area.sum())  # metres that one repeat takes
+        assert flat_area * tile**2 == pytest.approx(area[whole], rel=1e-3, abs=1e-6)
+        kind = made.source["finishes"]["shapes"][name]
+        tiles.setdefault(kind, set()).add(round(float(tile), 3))
+    for kind, sizes in tiles.items():
+        assert all(0.2 <= size <= 3.0 or not has_pattern(kind) for size in sizes), (kind, sizes)
+    assert "to_uv" not in made.xml.read_text()
     for bitmap in root.iter("texture"):
         file = next(item for item in bitmap if item.get("name") == "filename")
         assert (made.folder / file.get("value", "")).is_file()

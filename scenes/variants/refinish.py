@@ -40,8 +40,8 @@ def refinish(
 ) -> dict[str, Any]:
     """Give `root` (of `scene.xml` in `folder`) other finishes; returns what was chosen.
 
-    Changed shapes get meshes whose uvs are metres. Lights, glass, metal, mirrors and cut-outs
-    stay as they are.
+    Changed shapes get uvs in which the finish has its true size. Lights, glass, metal, mirrors
+    and cut-outs stay as they are.
     """
     style = make_style(generator(seed, "variant", variant, "style"))
     kinds = {room.id: room.type for room in scene.rooms}
@@ -66,12 +66,12 @@ def refinish(
                     )
             material = _material(thing, room, finishes, style)
             if material is not None:
-                _cover(folder, shapes[name], mesh, library.bsdf(material), _turned(room, scene))
+                _cover(folder, shapes[name], mesh, library, material, _turned(room, scene))
                 chosen[name] = material.kind
     for room, (_, name, mesh) in sorted(accents.items()):
         accent = finishes.rooms[room].accent
         if accent is not None:
-            _cover(folder, shapes[name], mesh, library.bsdf(accent), False)
+            _cover(folder, shapes[name], mesh, library, accent, False)
             chosen[name] = accent.kind
     first = min((list(root).index(shape) for shape in shapes.values()), default=len(root))
     for offset, text in enumerate(library.xml):
@@ -85,8 +85,8 @@ def refinish(
     }
 
 
-def with_metric_uvs(mesh: Mesh, turned: bool = False) -> Mesh:
-    """The mesh with corners of its own and uvs (V, 2) in metres along its faces.
+def with_metric_uvs(mesh: Mesh, turned: bool = False, tile: float = 1.0) -> Mesh:
+    """The mesh with corners of its own and uvs (V, 2) along its faces, in units of `tile` metres.
 
     Upright faces run horizontally in u and up in v; flat ones along x and y, or y and x where
     `turned`.
@@ -104,7 +104,10 @@ def with_metric_uvs(mesh: Mesh, turned: bool = False) -> Mesh:
     uvs = np.where(flat[:, None, None], level, upright)
     own = None if mesh.normals is None else mesh.normals[mesh.faces].reshape(-1, 3)
     return Mesh(
-        corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3), own, uvs.reshape(-1, 2)
+        corners.reshape(-1, 3),
+        np.arange(corners.size // 3).reshape(-1, 3),
+        own,
+        uvs.reshape(-1, 2) / tile,
     )
 
 
@@ -209,12 +212,20 @@ def _turned(room: str | None, scene: Scene) -> bool:
     return False
 
 
-def _cover(folder: Path, shape: Element, mesh: Mesh, bsdf: str, turned: bool) -> None:
-    """Write the mesh with metric uvs and put the material `bsdf` on the shape."""
-    write_ply(folder / "meshes" / f"{shape.get('id')}.ply", with_metric_uvs(mesh, turned))
+def _cover(
+    folder: Path,
+    shape: Element,
+    mesh: Mesh,
+    library: MaterialLibrary,
+    material: Material,
+    turned: bool,
+) -> None:
+    """Put `material` on the shape, its mesh written with uvs that give it its true size."""
+    covered = with_metric_uvs(mesh, turned, library.tile(material))
+    write_ply(folder / "meshes" / f"{shape.get('id')}.ply", covered)
     for old in [*shape.findall("ref"), *shape.findall("bsdf")]:
         shape.remove(old)
-    shape.append(Element("ref", {"id": bsdf}))
+    shape.append(Element("ref", {"id": library.bsdf(material)}))
     if mesh.normals is None and not any(
         item.get("name") == "face_normals" for item in shape.findall("boolean")
     ):
