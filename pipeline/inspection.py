@@ -400,10 +400,10 @@ def inspect_model(path: Path) -> Inspection:
 
 def draw_scene(scene: Scene, views: Sequence[View] = ()) -> Picture:
     """The plan, and below it the dollhouse view and two quick renders."""
-    pictures = [("without its ceilings", draw_dollhouse(scene)), *quick_renders(scene, views)]
-    below = contact_sheet(
-        [picture for _, picture in pictures], len(pictures), [label for label, _ in pictures]
-    )
+    pictures = quick_renders(scene, views)
+    renders = contact_sheet([picture for _, picture in pictures], 1, [name for name, _ in pictures])
+    house = draw_dollhouse(scene)
+    below = contact_sheet([house, renders], 2, ["without its ceilings", "quick renders"])
     plan = fit(draw_plan(scene, views), below.shape[1])
     aside = below.shape[1] - plan.shape[1]
     paper = ((0, 0), (aside // 2, aside - aside // 2), (0, 0))
