@@ -24,10 +24,11 @@ from scenes.catalogue.convert import convert, temperature
 from scenes.catalogue.geometry import covering_boxes, diced, levels_of
 from scenes.catalogue.library import CataloguePiece, Unusable, read_library
 from scenes.catalogue.properties import parse_properties
-from scenes.contract import Scene, load_scene
+from scenes.contract import Room, Scene, SceneObject, load_scene
 from scenes.errors import InputError, MachineError
 from scenes.files import digest_folder
 from scenes.mitsuba_source.meshes import Mesh, read_ply
+from scenes.mitsuba_source.writer import write_ply
 from scenes.params import AssetParams, SceneParams
 from scenes.photometry import blackbody
 from scenes.procedural.home import make_home
@@ -430,6 +431,33 @@ def test_homes_use_and_credit_the_catalogue(converted: Path, tmp_path: Path) -> 
         assert crossings(solids) == []
         assert [thing for room in scene.rooms for thing in floating(solids, room)] == []
     assert {"bookcase", "lamp"} <= seen and seen & {"chair", "turned chair", "zipped chair"}
+
+
+def test_the_geometry_check_finds_what_is_wrong(tmp_path: Path) -> None:
+    """Boxes of 40 cm: sunk 2 cm into each other, touching, standing on one another, hanging."""
+
+    def scene(lows: dict[str, tuple[float, float, float]]) -> Solids:
+        (tmp_path / "meshes").mkdir(exist_ok=True)
+        things = []
+        for name, low in lows.items():
+            high = tuple(value + 0.4 for value in low)
+            corners = _corners([(low, high)])  # type: ignore[list-item]
+            faces = np.arange(3 * len(corners)).reshape(-1, 3)
+            write_ply(tmp_path / "meshes" / f"{name}.ply", Mesh(corners.reshape(-1, 3), faces))
+            things.append(SceneObject(name, name, "box", (name,), low, high, False, "room"))  # type: ignore[arg-type]
+        floor = ((0.0, 0.0), (5.0, 0.0), (5.0, 5.0), (0.0, 5.0))
+        room = Room("room", "room", "living", floor, 0.0, 2.5, True)
+        made = Scene("s", {}, (room,), tuple(things), (), (), ())
+        object.__setattr__(made, "folder", tmp_path)
+        return Solids(made)
+
+    sunk = scene({"a": (1, 1, 0), "b": (1.38, 1.1, 0.05)})
+    assert crossings(sunk) == [("a", "b")]
+    assert floating(sunk, sunk.scene.rooms[0]) == ["b"]
+    stacked = scene({"a": (1, 1, 0), "b": (1.1, 1.1, 0.4), "c": (1.4, 1.0, 0)})
+    assert crossings(stacked) == [] and floating(stacked, stacked.scene.rooms[0]) == []
+    hanging = scene({"a": (1, 1, 0), "b": (1.1, 1.1, 0.43), "c": (0.0, 2.0, 1.0)})
+    assert floating(hanging, hanging.scene.rooms[0]) == ["b"]  # c is on the wall
 
 
 def test_a_lamp_of_the_catalogue_lights_the_home(converted: Path, tmp_path: Path) -> None:
