@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from geometry_fixtures import Solids, crossings, floating
 from PIL import Image
 
 from pipeline import assets as stage
+from pipeline import stage_commands
 from pipeline.assets import INSTALLED, run_assets
 from pipeline.inspection import inspect_path
 from pipeline.params import FarmParams, Params
@@ -304,15 +306,16 @@ def test_levels_need_width_and_headroom() -> None:
 def test_off_means_an_empty_catalogue(tmp_path: Path, converted: Path, library: Path) -> None:
     summary = run_assets(tmp_path, Params())
     assert "off" in str(summary) and load_index(tmp_path / "assets").pieces == ()
+    shutil.copytree(converted / "assets", tmp_path / "assets", dirs_exist_ok=True)
     on = run_assets(tmp_path, _params(library.parent))
-    assert on.made == 8
+    assert (on.made, on.kept) == (0, 8)
     off = run_assets(tmp_path, Params())
     assert off.removed == 8 and not list((tmp_path / "assets").glob("*/*"))
 
 
-def test_a_second_run_keeps_what_holds(library: Path, tmp_path: Path) -> None:
+def test_a_second_run_keeps_what_holds(converted: Path, library: Path, tmp_path: Path) -> None:
     params = _params(library.parent)
-    run_assets(tmp_path, params)
+    shutil.copytree(converted / "assets", tmp_path / "assets")
     before = digest_folder(tmp_path / "assets")
     again = run_assets(tmp_path, params)
     assert (again.made, again.kept) == (0, 8) and digest_folder(tmp_path / "assets") == before
@@ -483,14 +486,15 @@ def test_the_scenes_stage_asks_for_a_catalogue_it_needs(
     assert run_scenes(converted, more).made == 1
 
 
-def test_the_command_says_what_is_usable(library: Path, tmp_path: Path) -> None:
-    from pipeline.stage_commands import assets
-
+def test_the_command_says_what_is_usable(converted: Path, library: Path, tmp_path: Path) -> None:
+    shutil.copytree(converted / "assets", tmp_path / "data" / "assets")
     params = tmp_path / "params.yaml"
     params.write_text(
         f"assets: {{enabled: true, folder: {library.parent}}}\nfarm: {{workers: 1}}\n"
     )
-    run = CliRunner().invoke(assets, ["--params", str(params), "--data", str(tmp_path / "data")])
+    run = CliRunner().invoke(
+        stage_commands.assets, ["--params", str(params), "--data", str(tmp_path / "data")]
+    )
     assert run.exit_code == 0 and "8 of 8 pieces usable" in run.output
 
 
