@@ -9,10 +9,12 @@ from shapely.geometry import Point, Polygon
 
 from scenes.contract import Room, Scene, SceneObject
 from scenes.mitsuba_source.meshes import read_ply
+from scenes.mitsuba_source.rays import RayCaster
 
 _DEEP = 3e-3  # metres that surfaces may sink into each other
 _SHIFT = 4e-3  # what stands on something may be moved up or down by this
 _SINK = 0.02  # the same for cloth on upholstery
+_MARGIN = 0.006
 _REACH = 0.014  # metres of air that may be below what stands
 
 
@@ -52,8 +54,7 @@ def crossings(solids: Solids) -> list[tuple[str, str]]:
             soft = {first.category, second.category} & {"textile", "cushion"}
             shift = np.array([0, 0, _SINK if soft else _SHIFT])
             one, other = (_within(solids.of(each), low, high) for each in (first, second))
-            moved = (other - shift, other + shift)
-            if all(_pierces(one, each) or _pierces(each, one) for each in moved):
+            if len(one) and len(other) and _cross(one, other, shift):
                 found.append((first.id, second.id))
     return found
 
@@ -112,23 +113,29 @@ def _within(triangles: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndar
     """The triangles (N, 3, 3) that come into a box."""
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     least, most = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-    return triangles[((most > low - 0.01) & (least < high + 0.01)).all(axis=1)]
+    return triangles[((most > low - _MARGIN) & (least < high + _MARGIN)).all(axis=1)]
 
 
-def _pierces(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether an edge of `one` runs through a triangle of `other`, well within its ends."""
-    if not len(one) or not len(other):
-        return False
-    starts = one.reshape(-1, 3)
-    ways = np.roll(one, -1, axis=1).reshape(-1, 3) - starts
+def _cross(one: np.ndarray, other: np.ndarray, shift: np.ndarray) -> bool:
+    """Whether edges of either run through the other, also if it is moved by `shift` or back."""
+    casters = RayCaster(one), RayCaster(other)
+    return all(
+        _pierces(one - by, casters[1]) or _pierces(other + by, casters[0]) for by in (shift, -shift)
+    )
+
+
+def _pierces(triangles: np.ndarray, caster: RayCaster) -> bool:
+    """Whether an edge of the triangles (N, 3, 3) runs through what is cast at, well inside it."""
+    starts = triangles.reshape(-1, 3)
+    ways = np.roll(triangles, -1, axis=1).reshape(-1, 3) - starts
     lengths = np.linalg.norm(ways, axis=1)
-    for start, way, length in zip(starts, ways, lengths, strict=True):
-        if length <= 2 * _DEEP:
-            continue
-        reach = _hits(start, way / length, other)
-        if ((reach > _DEEP) & (reach < length - _DEEP)).any():
-            return True
-    return False
+    long = lengths > 2 * _DEEP
+    if not long.any():
+        return False
+    starts, lengths = starts[long], lengths[long]
+    ways = ways[long] / lengths[:, None]
+    distances, _ = caster.cast(starts + _DEEP * ways, ways)
+    return bool((distances < lengths - 2 * _DEEP).any())
 
 
 def _hits(start: np.ndarray, way: np.ndarray, triangles: np.ndarray) -> np.ndarray:

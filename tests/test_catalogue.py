@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from geometry_fixtures import Solids, crossings, floating
 from PIL import Image
 
 from pipeline import assets as stage
+from pipeline import stage_commands
 from pipeline.assets import INSTALLED, run_assets
 from pipeline.inspection import inspect_path
 from pipeline.params import FarmParams, Params
@@ -24,10 +26,11 @@ from scenes.catalogue.convert import convert, temperature
 from scenes.catalogue.geometry import covering_boxes, diced, levels_of
 from scenes.catalogue.library import CataloguePiece, Unusable, read_library
 from scenes.catalogue.properties import parse_properties
-from scenes.contract import Scene, load_scene
+from scenes.contract import Room, Scene, SceneObject, load_scene
 from scenes.errors import InputError, MachineError
 from scenes.files import digest_folder
 from scenes.mitsuba_source.meshes import Mesh, read_ply
+from scenes.mitsuba_source.writer import write_ply
 from scenes.params import AssetParams, SceneParams
 from scenes.photometry import blackbody
 from scenes.procedural.home import make_home
@@ -303,15 +306,16 @@ def test_levels_need_width_and_headroom() -> None:
 def test_off_means_an_empty_catalogue(tmp_path: Path, converted: Path, library: Path) -> None:
     summary = run_assets(tmp_path, Params())
     assert "off" in str(summary) and load_index(tmp_path / "assets").pieces == ()
+    shutil.copytree(converted / "assets", tmp_path / "assets", dirs_exist_ok=True)
     on = run_assets(tmp_path, _params(library.parent))
-    assert on.made == 8
+    assert (on.made, on.kept) == (0, 8)
     off = run_assets(tmp_path, Params())
     assert off.removed == 8 and not list((tmp_path / "assets").glob("*/*"))
 
 
-def test_a_second_run_keeps_what_holds(library: Path, tmp_path: Path) -> None:
+def test_a_second_run_keeps_what_holds(converted: Path, library: Path, tmp_path: Path) -> None:
     params = _params(library.parent)
-    run_assets(tmp_path, params)
+    shutil.copytree(converted / "assets", tmp_path / "assets")
     before = digest_folder(tmp_path / "assets")
     again = run_assets(tmp_path, params)
     assert (again.made, again.kept) == (0, 8) and digest_folder(tmp_path / "assets") == before
@@ -432,6 +436,33 @@ def test_homes_use_and_credit_the_catalogue(converted: Path, tmp_path: Path) -> 
     assert {"bookcase", "lamp"} <= seen and seen & {"chair", "turned chair", "zipped chair"}
 
 
+def test_the_geometry_check_finds_what_is_wrong(tmp_path: Path) -> None:
+    """Boxes of 40 cm: sunk 2 cm into each other, touching, standing on one another, hanging."""
+
+    def scene(lows: dict[str, tuple[float, float, float]]) -> Solids:
+        (tmp_path / "meshes").mkdir(exist_ok=True)
+        things = []
+        for name, low in lows.items():
+            high = tuple(value + 0.4 for value in low)
+            corners = _corners([(low, high)])  # type: ignore[list-item]
+            faces = np.arange(3 * len(corners)).reshape(-1, 3)
+            write_ply(tmp_path / "meshes" / f"{name}.ply", Mesh(corners.reshape(-1, 3), faces))
+            things.append(SceneObject(name, name, "box", (name,), low, high, False, "room"))  # type: ignore[arg-type]
+        floor = ((0.0, 0.0), (5.0, 0.0), (5.0, 5.0), (0.0, 5.0))
+        room = Room("room", "room", "living", floor, 0.0, 2.5, True)
+        made = Scene("s", {}, (room,), tuple(things), (), (), ())
+        object.__setattr__(made, "folder", tmp_path)
+        return Solids(made)
+
+    sunk = scene({"a": (1, 1, 0), "b": (1.38, 1.1, 0.05)})
+    assert crossings(sunk) == [("a", "b")]
+    assert floating(sunk, sunk.scene.rooms[0]) == ["b"]
+    stacked = scene({"a": (1, 1, 0), "b": (1.1, 1.1, 0.4), "c": (1.4, 1.0, 0)})
+    assert crossings(stacked) == [] and floating(stacked, stacked.scene.rooms[0]) == []
+    hanging = scene({"a": (1, 1, 0), "b": (1.1, 1.1, 0.43), "c": (0.0, 2.0, 1.0)})
+    assert floating(hanging, hanging.scene.rooms[0]) == ["b"]  # c is on the wall
+
+
 def test_a_lamp_of_the_catalogue_lights_the_home(converted: Path, tmp_path: Path) -> None:
     for seed in range(12):
         scene = _home(tmp_path / str(seed), seed, 1.0, converted / "assets")
@@ -455,14 +486,15 @@ def test_the_scenes_stage_asks_for_a_catalogue_it_needs(
     assert run_scenes(converted, more).made == 1
 
 
-def test_the_command_says_what_is_usable(library: Path, tmp_path: Path) -> None:
-    from pipeline.stage_commands import assets
-
+def test_the_command_says_what_is_usable(converted: Path, library: Path, tmp_path: Path) -> None:
+    shutil.copytree(converted / "assets", tmp_path / "data" / "assets")
     params = tmp_path / "params.yaml"
     params.write_text(
         f"assets: {{enabled: true, folder: {library.parent}}}\nfarm: {{workers: 1}}\n"
     )
-    run = CliRunner().invoke(assets, ["--params", str(params), "--data", str(tmp_path / "data")])
+    run = CliRunner().invoke(
+        stage_commands.assets, ["--params", str(params), "--data", str(tmp_path / "data")]
+    )
     assert run.exit_code == 0 and "8 of 8 pieces usable" in run.output
 
 
