@@ -737,6 +737,7 @@ def test_forty_homes_are_made(tmp_path: Path) -> None:
 
 
 @pytest.mark.check
+@pytest.mark.timeout(3600)
 @pytest.mark.parametrize("first", range(1000, 2000, 50))
 def test_a_thousand_homes_keep_the_rules(first: int, tmp_path: Path) -> None:
     """None fails, none is like another, nothing intersects or floats, all can be walked."""
