@@ -8,7 +8,7 @@ import click
 
 from pipeline.card import DatasetSummary
 from pipeline.dataset import pack_dataset
-from pipeline.inspection import inspect_diversity, inspect_path
+from pipeline.inspection import inspect_diversity, inspect_path, with_leaks
 from pipeline.options import common_options
 from pipeline.params import Params
 from pipeline.pictures import png_bytes
@@ -54,6 +54,7 @@ Examples:
   pbrnet inspect data/color/home-0000/000.exr          figures of every channel, and pictures
   pbrnet inspect data/dataset --out sheet.png          columns, sizes, and a contact sheet
   pbrnet inspect data/dataset --diversity              histograms of what its views show
+  pbrnet inspect data/scenes/flat --leaks --text-only  gaps that let light through
   pbrnet inspect models/shading.safetensors --json     layers and card, machine-readable
   pbrnet inspect data/assets                           catalogues, and a sheet of their pieces"""
 )
@@ -72,17 +73,26 @@ Examples:
     is_flag=True,
     help="Of a dataset: objects, depth, brightness, colour and lights of its views, by source.",
 )
+@click.option("--leaks", is_flag=True, help="Of a scene: where light gets in besides by portals.")
 @click.option(
     "--seed", type=int, default=None, expose_value=False, help="Not used: nothing is random."
 )
 def inspect(
-    path: Path, out: Path | None, text_only: bool, plan_only: bool, as_json: bool, diversity: bool
+    path: Path,
+    out: Path | None,
+    text_only: bool,
+    plan_only: bool,
+    as_json: bool,
+    diversity: bool,
+    leaks: bool,
 ) -> None:
     """Say what PATH holds (scene, frame, shard, dataset, model, catalogues ...), and draw it.
 
     Of a scene the picture shows the plan, a dollhouse view from above and two quick renders.
     """
     inspection = inspect_diversity(path) if diversity else inspect_path(path, renders=not plan_only)
+    if leaks:
+        inspection = with_leaks(inspection, path)
     click.echo(inspection.json if as_json else inspection.text)
     if not text_only:
         target = out or Path(f"inspect-{path.resolve().stem}.png")

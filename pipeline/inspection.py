@@ -12,7 +12,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence, Sized
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from pipeline.asset_sheet import describe_asset, describe_index, draw_asset, dra
 from pipeline.diversity import dataset_figures, draw_figures, summary_table
 from pipeline.dollhouse import draw_dollhouse, quick_renders
 from pipeline.frames import RGB, Frame, read_frame
+from pipeline.leaks import find_leaks
 from pipeline.params import ToneParams
 from pipeline.pictures import (
     Picture,
@@ -44,6 +45,7 @@ from pipeline.pictures import (
     reflectance_picture,
     tone_picture,
 )
+from pipeline.renderer import open_scene, set_variant
 from pipeline.sizes import scene_sizes
 from pipeline.tonemap import exposure_of
 from pipeline.views import CameraFile, View, load_cameras
@@ -364,6 +366,16 @@ def inspect_diversity(folder: Path) -> Inspection:
         {"Figures": summary_table(figures)},
         lambda: _picture_of(draw_figures(figures)),
     )
+
+
+def with_leaks(inspection: Inspection, path: Path) -> Inspection:
+    """A scene's inspection with one section more: where its rooms leak light."""
+    if inspection.kind != "scene":
+        raise InputError(f"{path}: no scene, and only a scene has leaks")
+    set_variant()
+    leaks = find_leaks(open_scene(load_scene(path if path.is_dir() else path.parent)))
+    words = [str(leak) for leak in leaks] or ["none: with all portals closed no light gets in"]
+    return replace(inspection, sections={**inspection.sections, "Leaks": words})
 
 
 def inspect_model(path: Path) -> Inspection:
