@@ -12,7 +12,7 @@ from scenes.mitsuba_source.meshes import read_ply
 from scenes.mitsuba_source.rays import RayCaster
 
 _DEEP = 3e-3  # metres that surfaces may sink into each other
-_SHIFT = 4e-3  # what stands on something may be moved up or down by this
+_SHIFT = 4e-3  # what crosses still does if one of the two is moved by this
 _SINK = 0.02  # the same for cloth on upholstery
 _MARGIN = 0.006
 _REACH = 0.014  # metres of air that may be below what stands
@@ -52,7 +52,7 @@ def crossings(solids: Solids) -> list[tuple[str, str]]:
             if not (high - low > _DEEP).all():
                 continue
             soft = {first.category, second.category} & {"textile", "cushion"}
-            shift = np.array([0, 0, _SINK if soft else _SHIFT])
+            shift = np.diag([_SHIFT, _SHIFT, _SINK if soft else _SHIFT])
             one, other = (_within(solids.of(each), low, high) for each in (first, second))
             if len(one) and len(other) and _cross(one, other, shift):
                 found.append((first.id, second.id))
@@ -117,10 +117,12 @@ def _within(triangles: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndar
 
 
 def _cross(one: np.ndarray, other: np.ndarray, shift: np.ndarray) -> bool:
-    """Whether edges of either run through the other, also if it is moved by `shift` or back."""
+    """Whether edges of either run through the other, also if it is moved by any row of `shift`
+    (3, 3) or back: things may touch."""
     casters = RayCaster(one), RayCaster(other)
     return all(
-        _pierces(one - by, casters[1]) or _pierces(other + by, casters[0]) for by in (shift, -shift)
+        _pierces(one - by, casters[1]) or _pierces(other + by, casters[0])
+        for by in (*shift, *-shift)
     )
 
 

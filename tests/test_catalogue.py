@@ -215,6 +215,20 @@ def test_a_lamp_shines_with_the_flux_of_its_bulb(converted: Path) -> None:
     assert glowing and all(3000 < part.kelvin < 5500 for part in glowing)
 
 
+def test_a_lamp_keeps_its_clear_shade_as_opal_glass(library: Path, tmp_path: Path) -> None:
+    """Clear glass would stop the light's shadow rays, and its absence change the lamp's size."""
+    clear = f"mtllib lamp.mtl\n{draw.LAMP}"
+    materials = "newmtl wood\nKd 0.4 0.3 0.2\nnewmtl shade\nKd 1 1 1\nd 0.2\n"
+    source = draw.write_catalogue(
+        tmp_path / "clear.sh3f", **{"models/lamp.obj": clear, "models/lamp.mtl": materials}
+    )
+    piece = next(piece for piece in read_library(source).pieces if piece.lights)
+    asset = convert(source, piece, tmp_path / "lamp", NOWHERE, "", 1000, 64)
+    assert asset.checks.size_error < 1e-4 and any("opal" in note for note in asset.checks.notes)
+    assert all(part.kind not in ("glass", "sheer") for part in asset.parts)
+    assert asset.lumens == pytest.approx(USUAL, rel=0.02)
+
+
 def test_colour_temperatures_of_black_bodies_are_their_own() -> None:
     for kelvin in (2400, 3000, 4000, 6500):
         assert temperature(blackbody(kelvin)) == pytest.approx(kelvin, rel=0.04)

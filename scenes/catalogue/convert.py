@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import tempfile
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -47,6 +48,7 @@ _MAX_IMAGE = 64 * 2**20  # bytes
 _SIZE_TOLERANCE = 0.01  # of a side
 _THINNEST = 0.001  # metres; flat things are no thicker than their own description says
 _POWER = 0.5  # of a lamp, the application's usual one
+_OPAL = Finish(color=(0.8, 0.79, 0.76))
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 _UNREADABLE = (
     InputError,
@@ -175,12 +177,27 @@ def _standing(piece: CataloguePiece, model: Model, changes: Changes) -> list[Par
         bulbs=_bulbs(piece),
     )
     stood = furniture.place(described, model, 0.0, changes)
-    parts = stood.parts
-    if piece.lights:
-        parts, _ = lit_parts(described, parts, stood.to_world, changes)
-    if not parts:
+    if not stood.parts:
         raise Unusable("nothing of its model is visible")
-    return merged(parts)
+    if not piece.lights:
+        return merged(stood.parts)
+    lit, _ = lit_parts(described, stood.parts, stood.to_world, Changes())
+    if not lit or np.abs(_extent(lit) - _extent(stood.parts)).max() > _THINNEST:
+        # Clear glass around the bulb would be left out, and with it the shade: let it be opal.
+        opal = [
+            replace(part, finish=_OPAL) if part.finish.kind in ("glass", "sheer") else part
+            for part in stood.parts
+        ]
+        changes.note("the clear shade of a lamp became opal glass")
+        stood = replace(stood, parts=tuple(opal))
+    lit, _ = lit_parts(described, stood.parts, stood.to_world, changes)
+    return merged(lit)
+
+
+def _extent(parts: Sequence[Part]) -> Floats:
+    """Size (3,) of all parts together."""
+    bounds = np.array([part.mesh.bounds for part in parts if part.ball is None])
+    return np.asarray(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0))
 
 
 def _bulbs(piece: CataloguePiece) -> tuple[home.Bulb, ...]:
@@ -199,15 +216,12 @@ def _bulbs(piece: CataloguePiece) -> tuple[home.Bulb, ...]:
 
 def _checked(piece: CataloguePiece, parts: list[Part]) -> float:
     """How far the meshes' size is from the catalogue's; raises `Unusable` for unsound meshes."""
-    bounds = np.array([part.mesh.bounds for part in parts if part.ball is None])
-    if not len(bounds):
-        raise Unusable("nothing of its model is visible")
     for part in parts:
         mesh = part.mesh
         tables = [table for table in (mesh.vertices, mesh.normals, mesh.uvs) if table is not None]
         if not all(np.isfinite(table).all() for table in tables):
             raise Unusable("its model holds numbers that are not finite")
-    size = bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)
+    size = _extent(parts)
     error = np.abs(size - np.array(piece.size))
     allowed = np.maximum(_SIZE_TOLERANCE * np.array(piece.size), _THINNEST)
     if (error > allowed).any():
