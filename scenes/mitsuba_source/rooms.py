@@ -34,6 +34,9 @@ _CELL = 0.05  # grid of the search for openings
 _INSET = 0.12  # metres inside the wall where that search starts
 _REVEAL = 0.65  # metres a wall may be thick around an opening
 _MIN_OPENING = 0.08  # square metres
+_SUNK = 0.02  # metres behind the wall's face from which something stands in a hole of it
+_OPEN_SHARE = 0.2  # of an opening, the rest being frame and bars
+_FRAME = 4  # cells that a window's frame may be wide in a hole
 
 
 @dataclass
@@ -187,6 +190,7 @@ def _open_parts(
     flat = grid.reshape(-1, 3)
     distance, _ = rays.cast(flat - _INSET * outward, outward)
     open_cells = (distance > _INSET + _REVEAL).reshape(rows, columns)
+    hollow = (distance > _INSET + _SUNK).reshape(rows, columns)
     if within is not None:
         inside = shapely.contains_xy(within, flat[:, 0], flat[:, 1]).reshape(rows, columns)
         open_cells &= inside
@@ -196,6 +200,8 @@ def _open_parts(
     bars = np.ones((3, 3), dtype=bool)  # bridges window bars up to about 10 cm
     padded = np.pad(open_cells, 3)
     joined = ndimage.binary_closing(padded, bars, iterations=2)[3:-3, 3:-3]
+    # Up to the edges of the wall's hole: slanting rays get past a frame that stands in it.
+    joined |= ndimage.binary_dilation(joined, bars, iterations=_FRAME, mask=hollow | joined)
     if within is not None:
         joined &= inside
     labels, count = ndimage.label(joined)
@@ -204,11 +210,11 @@ def _open_parts(
     for label in range(1, count + 1):
         cells = labels == label
         area = float(cells.sum()) * du * dv
-        if area < _MIN_OPENING or (cells & open_cells).sum() < 0.25 * cells.sum():
+        if area < _MIN_OPENING or (cells & open_cells).sum() < _OPEN_SHARE * cells.sum():
             continue
         if min(np.ptp(np.nonzero(cells)[0]), np.ptp(np.nonzero(cells)[1])) < 1:
             continue  # a slit of one cell: a seam, not an opening
-        outline = _outline(cells, du, dv)
+        outline = np.clip(_outline(cells, du, dv), 0.0, [width, height])
         points = origin + outline[:, :1] * u + outline[:, 1:] * v
         parts.append((points, area / (width * height)))
     return parts
@@ -231,14 +237,16 @@ def _reaches_sky(
 
 def _outline(cells: npt.NDArray[np.bool_], du: float, dv: float) -> Floats:
     """The cells' outline in metres: their bounding rectangle where they nearly fill it, else a
-    simplified polygon."""
+    simplified polygon. Larger by a cell, by which the opening's edge is known, so that nothing
+    gets out beside it."""
     rows, columns = np.nonzero(cells)
     low = np.array([columns.min() * du, rows.min() * dv])
     high = np.array([(columns.max() + 1) * du, (rows.max() + 1) * dv])
     if cells.sum() * du * dv >= 0.8 * float(np.prod(high - low)):
+        low, high = low - [du, dv], [*high, du, dv]
         return np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
     boxes = shapely.box(columns * du, rows * dv, (columns + 1) * du, (rows + 1) * dv)
-    shape = unary_union(list(boxes)).buffer(1e-6)
+    shape = unary_union(list(boxes)).buffer(max(du, dv), join_style="mitre")
     if isinstance(shape, MultiPolygon):
         shape = max(shape.geoms, key=lambda part: part.area)
     ring = np.array(Polygon(shape.exterior).simplify(0.06).exterior.coords)[:-1]
