@@ -243,7 +243,8 @@ def _outline(cells: npt.NDArray[np.bool_], du: float, dv: float) -> Floats:
     low = np.array([columns.min() * du, rows.min() * dv])
     high = np.array([(columns.max() + 1) * du, (rows.max() + 1) * dv])
     if cells.sum() * du * dv >= 0.8 * float(np.prod(high - low)):
-        low, high = low - [du, dv], [*high, du, dv]
+        cell = np.array([du, dv])
+        low, high = low - cell, high + cell
         return np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
     boxes = shapely.box(columns * du, rows * dv, (columns + 1) * du, (rows + 1) * dv)
     shape = unary_union(list(boxes)).buffer(max(du, dv), join_style="mitre")
