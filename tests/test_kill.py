@@ -22,7 +22,7 @@ PARAMETERS = """
 image: {width: 64, height: 48}
 farm: {batch: 2}
 cameras: {views_per_room: 4}
-groundtruth: {spp: 4, block_spp: 2, max_depth: 5}
+groundtruth: {spp: 64, block_spp: 16, max_depth: 5}
 """
 STAGES = ("inputs", "illumination", "groundtruth", "dataset")
 RESULTS = ("inputs", "illumination", "shading", "color", "dataset")
