@@ -103,7 +103,7 @@ def _carried(foot: np.ndarray, solids: Solids, others: list[SceneObject]) -> boo
             continue
         box = np.array([[-1e-3, -1e-3, -0.04], [1e-3, 1e-3, 0.03]]) + foot
         triangles = _within(solids.of(other), box[0], box[1])
-        reach = _hits(start, np.array([0.0, 0.0, -1.0]), triangles)
+        reach = hits(start, np.array([0.0, 0.0, -1.0]), triangles)
         if ((reach > 0) & (reach < 0.021 + _REACH)).any():
             return True
     return False
@@ -140,7 +140,7 @@ def _pierces(triangles: np.ndarray, caster: RayCaster) -> bool:
     return bool((distances < lengths - 2 * _DEEP).any())
 
 
-def _hits(start: np.ndarray, way: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+def hits(start: np.ndarray, way: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Distances (H,) along a ray at which it passes through triangles (N, 3, 3)."""
     a, ab, ac = (
         triangles[:, 0],

@@ -18,6 +18,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import shapely
+from geometry_fixtures import hits
 from PIL import Image
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -538,32 +539,14 @@ def _pierces(one: np.ndarray, other: np.ndarray) -> bool:
         ((reach > 3e-3) & (reach < length - 3e-3)).any()
         for start, way, length in zip(starts, ways, lengths, strict=True)
         if length > 6e-3
-        for reach in [_hits(start, way / length, other)]
+        for reach in [hits(start, way / length, other)]
     )
 
 
 def _holds(one: np.ndarray, other: np.ndarray) -> bool:
     """Whether `one` has the middle of `other` within: a ray from there leaves it once more."""
-    hits = _hits(other.mean(axis=(0, 1)), np.array([0.48, 0.36, 0.8]), one)
-    return len(np.unique(np.round(hits[hits > 0], 5))) % 2 == 1
-
-
-def _hits(start: np.ndarray, way: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Distances (H,) along a ray at which it passes through triangles (N, 3, 3)."""
-    a, ab, ac = (
-        triangles[:, 0],
-        triangles[:, 1] - triangles[:, 0],
-        triangles[:, 2] - triangles[:, 0],
-    )
-    across = np.cross(way, ac)
-    volume = (ab * across).sum(axis=1)
-    flat = np.abs(volume) < 1e-14
-    scale = 1 / np.where(flat, 1.0, volume)
-    u = ((start - a) * across).sum(axis=1) * scale
-    turned = np.cross(start - a, ab)
-    v = (way * turned).sum(axis=1) * scale
-    inside = ~flat & (u >= 0) & (v >= 0) & (u + v <= 1)
-    return np.asarray((ac * turned).sum(axis=1) * scale)[inside]
+    found = hits(other.mean(axis=(0, 1)), np.array([0.48, 0.36, 0.8]), one)
+    return len(np.unique(np.round(found[found > 0], 5))) % 2 == 1
 
 
 def test_nothing_floats(homes: list[Home]) -> None:

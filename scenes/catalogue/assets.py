@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from scenes.catalogue.geometry import Level
 from scenes.catalogue.library import CataloguePiece
 from scenes.checked import build, plain
 from scenes.errors import InputError
@@ -46,18 +47,6 @@ class AssetPart:
 
 
 @dataclass(frozen=True)
-class AssetLevel:
-    """A horizontal rectangle that carries things: centre, half sides, metres free above it."""
-
-    x: float
-    y: float
-    z: float
-    half_x: float
-    half_y: float
-    headroom: float
-
-
-@dataclass(frozen=True)
 class Checks:
     """What was measured when the piece was converted."""
 
@@ -87,7 +76,7 @@ class Asset:
     piece: CataloguePiece
     parts: tuple[AssetPart, ...]
     boxes: tuple[tuple[Point3, Point3], ...]  # hold all of its geometry
-    levels: tuple[AssetLevel, ...]
+    levels: tuple[Level, ...]
     checks: Checks
     provenance: Provenance
     fingerprint: str  # of the catalogue file, the piece's description and the converter

@@ -21,14 +21,13 @@ from scenes.catalogue import preview
 from scenes.catalogue.assets import (
     PREVIEW,
     Asset,
-    AssetLevel,
     AssetPart,
     Checks,
     Point3,
     Provenance,
     save_asset,
 )
-from scenes.catalogue.geometry import covering_boxes, levels_of
+from scenes.catalogue.geometry import Level, covering_boxes, levels_of
 from scenes.catalogue.library import CataloguePiece, Unusable
 from scenes.errors import InputError
 from scenes.files import atomic_directory, digest_bytes
@@ -348,9 +347,9 @@ class _Images:
         return f"{name}.png", alpha
 
 
-def _levels(piece: CataloguePiece, corners: Floats) -> tuple[AssetLevel, ...]:
+def _levels(piece: CataloguePiece, corners: Floats) -> tuple[Level, ...]:
     return tuple(
-        AssetLevel(*(round(value, 5) for value in (
+        Level(*(round(value, 5) for value in (
             level.x, level.y, level.z, level.half_x, level.half_y, level.headroom)))
         for level in levels_of(corners, piece.drop)
     )  # fmt: skip
