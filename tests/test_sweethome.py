@@ -25,7 +25,7 @@ from scenes.sweethome.finishes import earthen, laid, paint_of, roughness_of
 from scenes.sweethome.home import Bulb, Home, Piece, Texture, Wall
 from scenes.sweethome.home import Surface as Side
 from scenes.sweethome.lamps import lumens_of
-from scenes.sweethome.models import read_mtl, read_obj
+from scenes.sweethome.obj import read_mtl, read_obj
 from scenes.sweethome.openings import opening_of
 from scenes.sweethome.outlines import joined, unjoined
 from scenes.sweethome.paths import path_region

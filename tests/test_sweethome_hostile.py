@@ -18,7 +18,8 @@ from scenes.contract import Scene
 from scenes.errors import InputError, ParameterError
 from scenes.registry import import_scene
 from scenes.sweethome.archive import HomeArchive
-from scenes.sweethome.models import UnreadableModel, read_obj
+from scenes.sweethome.model_parts import UnreadableModel
+from scenes.sweethome.obj import read_obj
 from scenes.sweethome.paths import UnreadablePath, path_region
 
 SECONDS = 10.0

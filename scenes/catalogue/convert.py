@@ -7,7 +7,6 @@ whole homes; here a piece stands alone at the origin.
 from __future__ import annotations
 
 import io
-import tempfile
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
@@ -38,7 +37,8 @@ from scenes.photometry import LUMEN
 from scenes.sweethome import furniture, home
 from scenes.sweethome.archive import HomeArchive
 from scenes.sweethome.lamps import lit_parts
-from scenes.sweethome.models import Model, UnreadableModel, read_model
+from scenes.sweethome.model_parts import Model, UnreadableModel
+from scenes.sweethome.models import read_model
 from scenes.sweethome.things import Finish, Part, area, merged
 
 REVISION = 1  # counts up when the same catalogue would convert to other files
@@ -124,33 +124,11 @@ def _draw(folder: Path, asset: Asset) -> None:
 
 
 def _model(archive: HomeArchive, piece: CataloguePiece, changes: Changes) -> Model:
-    """The piece's model: a file in the catalogue, or the first OBJ of a zip in it."""
+    """The piece's model: a file in the catalogue, or in a zip in it."""
     try:
-        if piece.model in archive and archive.read(piece.model)[:4] == b"PK\3\4":
-            return _zipped_model(archive, piece.model, changes)
         return read_model(archive, piece.model, changes)
     except (UnreadableModel, InputError) as error:
         raise Unusable(f"its model {piece.model}: {error}") from None
-
-
-def _zipped_model(archive: HomeArchive, member: str, changes: Changes) -> Model:
-    with tempfile.NamedTemporaryFile(suffix=".zip") as file:
-        file.write(archive.read(member))
-        file.flush()
-        with HomeArchive(Path(file.name)) as inner:
-            found = [name for name in inner.names() if name.lower().endswith(".obj")]
-            if not found:
-                raise UnreadableModel("no OBJ in the zip")
-            model = read_model(inner, found[0], changes)
-    if any(part.material.image for part in model.parts):
-        changes.note("images inside a zipped model gave way to plain colour: {}", member)
-        model = replace(
-            model,
-            parts=tuple(
-                replace(part, material=replace(part.material, image=None)) for part in model.parts
-            ),
-        )
-    return model
 
 
 def _standing(piece: CataloguePiece, model: Model, changes: Changes) -> list[Part]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import posixpath
 import zipfile
 import zlib
 from pathlib import Path, PurePosixPath
@@ -23,18 +25,25 @@ class HomeArchive:
         self.path = path
         self._read = 0
         self._folders: dict[str, list[str]] | None = None
+        self._members: dict[str, tuple[zipfile.ZipFile, zipfile.ZipInfo]] = {}
         try:
             self._zip = zipfile.ZipFile(path)
-            names = self._zip.infolist()
         except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
             raise InputError(f"{path}: not a Sweet Home 3D file, or damaged ({error})") from None
-        if len(names) > MAX_MEMBERS:
-            raise InputError(f"{path}: {len(names):,} files inside; at most {MAX_MEMBERS:,}")
-        self._members = {info.filename: info for info in names if not info.is_dir()}
-        for name in self._members:
+        self._add(self._zip, "")
+
+    def _add(self, file: zipfile.ZipFile, prefix: str) -> list[str]:
+        """Make the members of `file` known by names that begin with `prefix`; returns these."""
+        infos = file.infolist()
+        if len(infos) + len(self._members) > MAX_MEMBERS:
+            raise InputError(f"{self.path}: {len(infos):,} files inside; at most {MAX_MEMBERS:,}")
+        added = {info.filename: info for info in infos if not info.is_dir()}
+        for name in added:
             parts = PurePosixPath(name.replace("\\", "/")).parts
             if name.startswith(("/", "\\")) or ".." in parts or ":" in name or "\0" in name:
-                raise InputError(f"{path}: a file inside has a path that leads out: {name!r}")
+                raise InputError(f"{self.path}: a file inside has a path that leads out: {name!r}")
+        self._members |= {prefix + name: (file, info) for name, info in added.items()}
+        return sorted(prefix + name for name in added)
 
     def __enter__(self) -> HomeArchive:
         return self
@@ -57,12 +66,24 @@ class HomeArchive:
             raise InputError(f"{self.path}: no Home.xml inside; not a Sweet Home 3D home")
         return self.read("Home.xml", MAX_XML)
 
+    def open_inside(self, name: str) -> list[str]:
+        """Open the zip that member `name` is; its files become members `name!/file`, returned."""
+        prefix = f"{name}!/"
+        known = sorted(member for member in self._members if member.startswith(prefix))
+        if known:
+            return known
+        try:
+            inner = zipfile.ZipFile(io.BytesIO(self.read(name)))
+        except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
+            raise InputError(f"{self.path}: {name}: a damaged zip ({error})") from None
+        return self._add(inner, prefix)
+
     def read(self, name: str, limit: int = MAX_MEMBER) -> bytes:
         """The bytes of a member; at most `limit`."""
-        info = self._members.get(name)
         where = f"{self.path}: {name}"
-        if info is None:
+        if name not in self._members:
             raise InputError(f"{where}: missing in the file")
+        file, info = self._members[name]
         if info.file_size > limit:
             raise InputError(f"{where}: {info.file_size:,} bytes unpacked; at most {limit:,}")
         if info.file_size > max(_SMALL, MAX_RATIO * info.compress_size):
@@ -71,7 +92,7 @@ class HomeArchive:
         if self._read > MAX_TOTAL:
             raise InputError(f"{self.path}: more than {MAX_TOTAL:,} bytes in all")
         try:
-            with self._zip.open(info) as stream:
+            with file.open(info) as stream:
                 data = stream.read(info.file_size + 1)
         except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError,
                 NotImplementedError) as error:  # fmt: skip
@@ -81,20 +102,24 @@ class HomeArchive:
         return data
 
     def beside(self, name: str, wanted: str) -> str | None:
-        """The member `wanted` in the folder of member `name`, or one with its base name there.
+        """The member `wanted` as seen from member `name`, or one with its base name near there.
 
-        Case and foreign paths do not matter; None where there is none.
+        Near is the folder of `name` first, then all that was saved with it. Case and foreign
+        paths do not matter; None where there is none.
         """
-        folder = PurePosixPath(name).parent
-        base = PurePosixPath(wanted.replace("\\", "/")).name.lower()
-        exact = (folder / wanted.replace("\\", "/")).as_posix()
+        folder = posixpath.dirname(name)
+        wanted = wanted.replace("\\", "/")
+        base = posixpath.basename(wanted).lower()
+        exact = posixpath.normpath(posixpath.join(folder, wanted))
         if exact in self._members:
             return exact
-        for member in sorted(self._members):
-            path = PurePosixPath(member)
-            inside = path.is_relative_to(folder) if folder.parts else len(path.parts) == 1
-            if inside and path.name.lower() == base:
-                return member
+        zipped, inside, _ = name.partition("!/")
+        whole = f"{zipped}!" if inside else name.partition("/")[0] if folder else ""
+        for root in dict.fromkeys((folder, whole)):
+            for member in sorted(self._members):
+                near = member.startswith(f"{root}/") if root else "/" not in member
+                if near and posixpath.basename(member).lower() == base:
+                    return member
         return None
 
     def names(self) -> list[str]:

@@ -8,7 +8,7 @@ from scenes.contract import Credit
 from scenes.mitsuba_source.changes import Changes
 from scenes.sweethome.archive import HomeArchive
 from scenes.sweethome.home import Home, Texture
-from scenes.sweethome.models import Model
+from scenes.sweethome.model_parts import Model
 
 _COMMONS = re.compile(
     r"creativecommons\.org/(?P<kind>licenses|publicdomain)/(?P<terms>[a-z-]+)/(?P<version>\d\.\d)"

@@ -19,7 +19,7 @@ from scenes.sweethome.finishes import (
     roughness_of,
 )
 from scenes.sweethome.home import NamedMaterial, Piece, Texture
-from scenes.sweethome.models import Model, ModelMaterial, ModelPart
+from scenes.sweethome.model_parts import Model, ModelMaterial, ModelPart
 from scenes.sweethome.placement import normalizing, placing
 from scenes.sweethome.things import Color, Finish, Part
 

@@ -28,7 +28,8 @@ from scenes.sweethome.furniture import Placed, bare, place
 from scenes.sweethome.home import Home, Piece
 from scenes.sweethome.lamps import lit_parts
 from scenes.sweethome.missing import MissingPiece, missing_piece, note_missing
-from scenes.sweethome.models import Models, UnreadableModel
+from scenes.sweethome.model_parts import UnreadableModel
+from scenes.sweethome.models import Models
 from scenes.sweethome.openings import Opening, opening_of
 from scenes.sweethome.outlines import is_round
 from scenes.sweethome.portals import doorways
