@@ -161,6 +161,53 @@ def test_a_scene_without_lamps_has_no_night(tmp_path: Path) -> None:
     assert kept.lights == base.lights and kept.lighting == base.lighting
 
 
+def test_points_and_spots_are_lamps_too(tmp_path: Path) -> None:
+    """By day they are out where there is a window, at night lit in the colour of the variant."""
+    emitters = (
+        '<emitter type="point"><point name="position" x="1" y="1" z="2"/>'
+        '<rgb name="intensity" value="4, 4, 4"/></emitter>'
+        '<emitter type="spot"><transform name="to_world"><lookat origin="2,2,2.4" '
+        'target="2,2,0" up="0,1,0"/></transform><rgb name="intensity" value="2,6,2"/></emitter>'
+        '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
+    )
+    base = import_scene(
+        windowed_room(tmp_path / "room.xml", emitters), tmp_path / "flat", up="z", scale=1.0
+    )
+    assert [light.kind for light in base.lights][:2] == ["point", "spot"]
+    assert len(base.rooms) == 1 and base.portals
+    only = {"vary": ("light",), "texture_size": 64}
+    day = varied(base, params=SceneParams(lighting=("day",), **only))
+    assert {light.kind for light in day.lights} <= {"sun", "sky"}
+    assert "intensity" not in day.xml.read_text()
+    night = varied(base, 2, params=SceneParams(lighting=("night",), **only))
+    lit = [light.kind for light in night.lights if light.kind != "environment"]
+    found = ElementTree.parse(night.xml).getroot().findall("emitter")
+    kept = {item.get("type"): item for item in found}
+    assert lit and set(kept) == {*lit, "constant"}
+    tint = np.array(blackbody(night.source["light"]["lamps_kelvin"]))
+    before = {"point": 4.0, "spot": np.array([2, 6, 2]) @ REC709}
+    for kind in lit:
+        rgb = kept[kind].find("rgb")
+        assert rgb is not None
+        value = np.array([float(word) for word in rgb.get("value", "").split()])
+        assert value / tint == pytest.approx([before[kind]] * 3, rel=1e-4)
+
+
+def windowed_room(path: Path, emitters: str) -> Path:
+    """A closed room of 4 x 3 x 2.5 m, its north wall around a hole of 1 x 1 m."""
+    corners = [(x, y, z) for x in (0, 4) for y in (0, 3) for z in (0, 2.5)]
+    hole = [(1, 3, 1), (2, 3, 1), (2, 3, 2), (1, 3, 2)]
+    faces = [(0, 2, 6, 4), (1, 5, 7, 3), (0, 4, 5, 1), (0, 1, 3, 2), (4, 6, 7, 5),
+             (2, 8, 9, 6), (6, 9, 10, 7), (7, 10, 11, 3), (3, 11, 8, 2)]  # fmt: skip
+    text = "".join(f"v {x} {y} {z}\n" for x, y, z in corners + hole)
+    text += "".join("f " + " ".join(str(k + 1) for k in face) + "\n" for face in faces)
+    path.with_suffix(".obj").write_text(text)
+    shape = f'<shape type="obj"><string name="filename" value="{path.stem}.obj"/>'
+    shape += '<bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>'
+    path.write_text(f'<scene version="3.0.0">{emitters}{shape}</scene>')
+    return path
+
+
 def test_the_stage_makes_variants_of_imports(tmp_path: Path) -> None:
     file = draw.pack(tmp_path / "flat.sh3d", furnished(), {"box": draw.BOX})
     values = yaml.safe_load((REPOSITORY / "params.yaml").read_text())

@@ -17,6 +17,7 @@ from scenes.seeds import generator
 
 _OUTSIDE = ("sunsky", "sky", "sun", "constant", "envmap")
 _OUTDOORS = ("sun", "sky", "environment")
+_BARE = ("point", "spot")  # lamps without a surface: emitters of their own
 _KELVIN = (2700.0, 2800.0, 3000.0, 3300.0)  # of lamps for homes
 _REC709 = np.array([0.2126, 0.7152, 0.0722])
 
@@ -38,11 +39,13 @@ def relight(
 
     Settings take turns; those that the scene cannot have are skipped: no night without lamps, no
     day without windows or sky. Where none is left the light stays as it is. Lamps keep their
-    power; only those that burn in `scene` can burn. Points and spots stay lit.
+    power; only those that burn in `scene` can burn. Directional lights stay as they are.
     """
-    lamps = [light for light in scene.lights if light.kind == "area"]
+    bare = _bare(root, scene)
+    lamps = [light for light in scene.lights if light.kind == "area" or light.id in bare]
     outside = any(light.kind in _OUTDOORS for light in scene.lights)
-    others = tuple(light for light in scene.lights if light.kind not in ("area", *_OUTDOORS))
+    others = tuple(light for light in scene.lights
+                   if light not in lamps and light.kind not in _OUTDOORS)  # fmt: skip
     setting = _setting(settings, bool(lamps), outside, variant)
     if setting is None:
         return Relit(scene.lights, scene.lighting, {"setting": "as it was"})
@@ -61,6 +64,11 @@ def relight(
     kelvin = float(rng("colour").choice(_KELVIN)) + draw_cooler(rng("cooler"))
     burning = tuple(light for light in lamps if light.id in lit)
     weight = _switch(root, lamps, {name for light in burning for name in light.shapes}, kelvin)
+    for name, emitter in bare.items():
+        if name in lit:
+            weight += _tinted(emitter, "intensity", kelvin)
+        else:
+            root.remove(emitter)
     choices: dict[str, Any] = {
         "setting": setting,
         "lamps_lit": sorted(lit),
@@ -99,16 +107,32 @@ def _switch(root: Element, lamps: list[Light], burning: set[str], kelvin: float)
         if shape.get("id") not in burning:
             shape.remove(emitter)
             continue
-        for item in emitter.findall("rgb"):
-            if item.get("name") == "radiance":
-                old = np.array([float(word) for word in item.get("value", "").split()])
-                luminance = float(old @ _REC709) if old.size == 3 else float(old.mean())
-                tint = luminance * np.array(blackbody(kelvin))
-                item.set("value", " ".join(f"{value:.9g}" for value in tint))
-        weights = [item for item in emitter.findall("float")
-                   if item.get("name") == "sampling_weight"]  # fmt: skip
-        weight += float(weights[0].get("value", 1)) if weights else 1.0
+        weight += _tinted(emitter, "radiance", kelvin)
     return weight
+
+
+def _tinted(emitter: Element, name: str, kelvin: float) -> float:
+    """Give an emitter's `name` the colour of `kelvin`, its luminance kept; its sampling weight."""
+    for item in emitter.findall("rgb"):
+        if item.get("name") == name:
+            old = np.array([float(word) for word in item.get("value", "").split()])
+            luminance = float(old @ _REC709) if old.size == 3 else float(old.mean())
+            tint = luminance * np.array(blackbody(kelvin))
+            item.set("value", " ".join(f"{value:.9g}" for value in tint))
+    weights = [item for item in emitter.findall("float") if item.get("name") == "sampling_weight"]
+    return float(weights[0].get("value", 1)) if weights else 1.0
+
+
+def _bare(root: Element, scene: Scene) -> dict[str, Element]:
+    """The emitters of points and spots by their light's id: both come in the same order.
+
+    Empty where they do not match, as in a scene that somebody edited; they then stay lit.
+    """
+    lights = [light for light in scene.lights if light.kind in _BARE]
+    emitters = [item for item in root.findall("emitter") if item.get("type") in _BARE]
+    if [light.kind for light in lights] != [item.get("type") for item in emitters]:
+        return {}
+    return {light.id: emitter for light, emitter in zip(lights, emitters, strict=True)}
 
 
 def _free(name: str, root: Element) -> str:
