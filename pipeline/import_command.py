@@ -12,17 +12,12 @@ import click
 from pipeline.sizes import triangles_of
 from scenes.contract import Scene
 from scenes.errors import ParameterError
+from scenes.imports import OPTIONS, SPELLED
 from scenes.params import SceneParams
 from scenes.registry import import_scene
 from scenes.seeds import derive
 from scenes.variants.vary import vary_scene
 
-# Options beside those that every import has, by kind of file.
-_MITSUBA = ("parameters", "scale", "up", "root", "skip_missing", "sky", "licence", "author")
-_MODEL = ("scale", "up", "root", "sky", "licence", "author")
-_HOME = ("levels", "time", "lamps", "licence", "author")
-_OPTIONS = {".xml": _MITSUBA, ".sh3d": _HOME, ".gltf": _MODEL, ".glb": _MODEL, ".obj": _MODEL}
-_FLAGS = {"parameters": "parameter", "levels": "level"}  # where they differ from the name
 # Sections of the help: title -> names of parameters; what is in none comes first.
 _SECTIONS = {
     "Mitsuba, glTF, GLB, OBJ": ("scale", "up", "root", "sky"),
@@ -175,12 +170,12 @@ def _options_for(path: Path, options: dict[str, Any]) -> dict[str, Any]:
     Raises `ParameterError` for one that was given and belongs to another kind.
     """
     context = click.get_current_context()
-    own = () if path.is_dir() else _OPTIONS.get(path.suffix.lower(), tuple(options))
+    own = () if path.is_dir() else OPTIONS.get(path.suffix.lower(), tuple(options))
     for name in sorted(options):
         source = context.get_parameter_source(name)
         if name not in own and source == click.core.ParameterSource.COMMANDLINE:
             kind = "scene folders" if path.is_dir() else f"{path.suffix} files"
-            raise ParameterError(f"--{_FLAGS.get(name, name).replace('_', '-')}: not for {kind}")
+            raise ParameterError(f"--{SPELLED.get(name, name).replace('_', '-')}: not for {kind}")
     return {name: options[name] for name in own}
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import gc
 import tempfile
 from collections import OrderedDict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -66,6 +66,7 @@ class ImportJob:
     scene_id: str
     path: Path
     fingerprint: str
+    options: dict[str, Any] = field(default_factory=dict)  # of `import_scene`
     variant: ImportVariant | None = None
 
 
@@ -131,7 +132,7 @@ def make_scene(job: HomeJob | ImportJob) -> dict[str, Any]:
             job.assets,
         )
     elif job.variant is None:
-        scene = import_scene(job.path, job.folder, job.scene_id)
+        scene = import_scene(job.path, job.folder, job.scene_id, **job.options)
     else:
         scene = _make_variant(job, job.variant)
     # Until this mark is written the folder does not hold, so a kill in between costs a repeat.
@@ -144,7 +145,7 @@ def _make_variant(job: ImportJob, variant: ImportVariant) -> Scene:
     """Import the scene once more, beside the data, and vary it."""
     with tempfile.TemporaryDirectory(prefix="pbrnet-variant-") as folder:
         base = Path(folder) / variant.of
-        import_scene(job.path, base, variant.of)
+        import_scene(job.path, base, variant.of, **job.options)
         return vary_scene(
             base, job.folder, job.scene_id, variant.number, variant.params, variant.seed
         )

@@ -21,11 +21,10 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-import defusedxml.ElementTree as ElementTree
-
 from pipeline import cameras
 from pipeline.farm import Farm, Item, Outcome
 from pipeline.frames import Kind, fingerprint, frame_path, holds
+from pipeline.import_files import digest_import, scene_name
 from pipeline.jobs import (
     STAGE_MARK,
     CameraJob,
@@ -49,7 +48,8 @@ from scenes.catalogue.assets import INDEX, load_index
 from scenes.checked import plain
 from scenes.contract import Scene, load_scene, scene_folders
 from scenes.errors import InputError, PbrnetError
-from scenes.files import digest_bytes, digest_file, digest_folder, remove_partials
+from scenes.files import digest_bytes, digest_file, remove_partials
+from scenes.imports import ImportEntry
 from scenes.procedural import home
 from scenes.seeds import derive
 
@@ -352,60 +352,38 @@ def _home_jobs(root: Path, params: Params) -> Iterable[HomeJob]:
 
 
 def _import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable[ImportJob]:
-    for name in params.scenes.imports:
-        path = Path(name).expanduser().resolve()
-        scene_id = _scene_name(path)
-        if not path.exists():
-            failures.append(Failure("scenes", scene_id, "", f"{name}: no such file"))
+    wanted = params.scenes
+    for named in wanted.imports:
+        entry = ImportEntry(named) if isinstance(named, str) else named
+        path = Path(entry.file).expanduser().resolve()
+        scene_id = entry.id or scene_name(path)
+        options = entry.options()
+        missing = [one for one in (path, options.get("root", path)) if not one.exists()]
+        if missing:
+            words = (
+                f"{entry.file}: no such file" if missing[0] == path else f"{missing[0]}: no root"
+            )
+            failures.append(Failure("scenes", scene_id, "", words))
             continue
-        content = _digest_import(path)
-        mark = fingerprint(kind="import", scene_id=scene_id, content=content)
-        yield ImportJob(root / scene_id, scene_id, path, mark)
-        wanted = params.scenes
+        content: dict[str, Any] = {"content": digest_import(path, entry)}
+        if options:
+            content["options"] = entry.given()
+        mark = fingerprint(kind="import", scene_id=scene_id, **content)
+        yield ImportJob(root / scene_id, scene_id, path, mark, options)
         seed = derive(params.seed, "import", scene_id)
         for variant in range(1, wanted.variants):
             own_id = f"{scene_id}-v{variant}"
             mark = fingerprint(
                 kind="import",
                 scene_id=own_id,
-                content=content,
                 seed=seed,
                 lighting=wanted.lighting,
                 texture_size=wanted.texture_size,
                 varied=(variant, *sorted(wanted.vary)),
+                **content,
             )
-            yield ImportJob(
-                root / own_id, own_id, path, mark, ImportVariant(scene_id, variant, wanted, seed)
-            )
-
-
-def _scene_name(path: Path) -> str:
-    """A scene id from a file's name, or its folder's where the file is just called "scene"."""
-    stem = path.stem if path.suffix else path.name
-    if stem.lower() in ("scene", "main", "index") and path.parent.name:
-        stem = path.parent.name
-    return re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-") or "scene"
-
-
-def _digest_import(path: Path) -> str:
-    """A digest of a scene file and, for XML, of every file beside it that it names."""
-    if path.is_dir():
-        return digest_folder(path)
-    parts = {path.name: digest_file(path)}
-    if path.suffix.lower() == ".xml":
-        try:
-            values = {
-                value
-                for element in ElementTree.parse(path).iter()
-                for value in element.attrib.values()
-            }
-        except (ElementTree.ParseError, ValueError):
-            values = set()  # the importer will say what is wrong
-        for value in sorted(values):
-            file = path.parent / value
-            if len(value) < 1000 and "\0" not in value and file.is_file():
-                parts[value] = digest_file(file)
-    return fingerprint(files=parts)
+            made = ImportVariant(scene_id, variant, wanted, seed)
+            yield ImportJob(root / own_id, own_id, path, mark, options, made)
 
 
 def _mark_of(folder: Path) -> str | None:

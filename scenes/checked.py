@@ -93,7 +93,11 @@ def _convert(hint: Any, value: Any, key: str, metadata: Any, error: type[PbrnetE
         options = [option for option in get_args(hint) if option is not type(None)]
         if value is None and type(None) in get_args(hint):
             return None
-        return _convert(options[0], value, key, metadata, error)
+        # A mapping is for the dataclass among them, if there is one, and nothing else is.
+        fitting = [
+            one for one in options if dataclasses.is_dataclass(one) == isinstance(value, dict)
+        ]
+        return _convert((fitting or options)[0], value, key, metadata, error)
     if origin is tuple:
         return _convert_tuple(hint, value, key, metadata, error)
     if origin is dict:
@@ -139,6 +143,8 @@ def _convert_tuple(
 
 def _describe(hint: Any, metadata: Any = types.MappingProxyType({})) -> str:
     names = {int: "a whole number", float: "a number", str: "text", bool: "true or false"}
+    if dataclasses.is_dataclass(hint):
+        return "a mapping"
     if hint in names:
         allowed = metadata.get("allowed", "")
         return f"{names[hint]} {allowed}".strip()
@@ -149,6 +155,7 @@ def _describe(hint: Any, metadata: Any = types.MappingProxyType({})) -> str:
         return "a mapping"
     if origin in (Union, types.UnionType):
         return " or ".join(
-            "nothing" if option is type(None) else _describe(option) for option in get_args(hint)
+            "nothing" if option is type(None) else _describe(option, metadata)
+            for option in get_args(hint)
         )
     return str(getattr(hint, "__name__", typing.cast(Any, hint)))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from scenes.checked import within
+from scenes.imports import ImportEntry
 
 LightSetting = Literal["day", "evening", "night", "mixed"]
 Aspect = Literal["finishes", "furniture", "light", "outdoors"]
@@ -51,7 +52,7 @@ class SceneParams:
     # Catalogue pieces with more triangles than this are not used in homes.
     catalogue_triangles: int = field(default=30_000, metadata=within(100, 2_000_000))
     # Scenes of one's own: files that `pbrnet import` reads, brought in by the same stage.
-    imports: tuple[str, ...] = ()
+    imports: tuple[str | ImportEntry, ...] = ()
 
     def verify(self, where: str) -> None:
         """Checks across fields; raises ValueError."""
