@@ -684,6 +684,14 @@ def test_damaged_files_are_refused_with_a_reason(tmp_path: Path, name: str) -> N
     _refused(path, tmp_path, message)
 
 
+def test_a_file_of_nothing_but_clear_glass_is_refused(tmp_path: Path) -> None:
+    made = gltf_fixtures.square(
+        alphaMode="BLEND", pbrMetallicRoughness={"baseColorFactor": [1, 1, 1, 0]}
+    )
+    with pytest.raises(InputError, match="nothing of it is visible"):
+        import_scene(made.save(tmp_path / "glass.glb"), tmp_path / "out")
+
+
 def test_an_image_of_a_billion_pixels_is_not_decoded(tmp_path: Path) -> None:
     header = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + b"IHDR"
     header += struct.pack(">IIBBBBB", 40_000, 40_000, 8, 2, 0, 0, 0)

@@ -231,9 +231,9 @@ def test_odd_homes_come_in(tmp_path: Path, body: str) -> None:
         ("v 0 0 0\nv 1 0 0\nv 0 x 1\nf 1 2 3\n", "not a number"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/a 2 3\n", "corner"),
         ("# nothing\n", "no faces"),
-        (b"MM\0\0" + bytes(64), "3DS"),
-        (b"<?xml version='1.0'?><COLLADA/>", "COLLADA"),
-        (b"PK\x03\x04", "zipped"),
+        (b"MM\0\0" + bytes(64), "damaged 3DS"),
+        (b"<?xml version='1.0'?><COLLADA/>", "no faces"),
+        (b"PK\x03\x04", "damaged zip"),
         (bytes(100), "binary"),
     ],
 )

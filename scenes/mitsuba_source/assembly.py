@@ -85,6 +85,8 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
         if shape.surface.invisible:
             changes.note("an invisible shape was left out: {}", shape.name)
     shapes = [shape for shape in shapes if not shape.surface.invisible]
+    if not shapes:
+        raise InputError(f"{draft.scene_id}: nothing of it is visible: all of it is clear glass")
     area = {shape.id: draft.area[shape.id] for shape in shapes if shape.id in draft.area}
     room_ids = [f"room_{index}" for index in range(len(rooms))]
     objects = draft.grouping(shapes, rooms, room_ids)

@@ -111,10 +111,10 @@ class HomeArchive:
         wanted = wanted.replace("\\", "/")
         base = posixpath.basename(wanted).lower()
         exact = posixpath.normpath(posixpath.join(folder, wanted))
-        if exact in self._members:
-            return exact
         zipped, inside, _ = name.partition("!/")
         whole = f"{zipped}!" if inside else name.partition("/")[0] if folder else ""
+        if exact in self._members and exact.startswith(f"{whole}/" if whole else ""):
+            return exact
         for root in dict.fromkeys((folder, whole)):
             for member in sorted(self._members):
                 near = member.startswith(f"{root}/") if root else "/" not in member

@@ -95,7 +95,7 @@ def read_3ds(data: bytes, find: Callable[[str], str | None]) -> Model:
 def _first(data: bytes) -> bytes:
     """The content of the file's one chunk; raises `UnreadableModel`."""
     kind, length = struct.unpack_from("<HI", data)
-    if kind != _MAIN or length > len(data):
+    if kind != _MAIN or not 6 <= length <= len(data):
         raise UnreadableModel(f"damaged 3DS file ({len(data):,} bytes of {length:,})")
     return data[6:length]
 

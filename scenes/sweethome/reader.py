@@ -36,6 +36,7 @@ _MAX_ELEMENTS = 500_000
 _MAX_ITEMS = 20_000  # walls, rooms, pieces
 _MAX_POINTS = 5_000  # of one room
 _FAR = 1e6  # cm: no home reaches further
+_THINNEST = 0.5  # cm: walls drawn as lines are sheets, as the application shows them
 _FURNITURE = ("pieceOfFurniture", "doorOrWindow", "light", "shelfUnit")
 _DEPTH = 32  # of groups in groups
 # Known inside of others, whether there is a use for them here or not.
@@ -193,12 +194,15 @@ class _Reader:
             )
         }
         arc = get.maybe("arcExtent", 2 * math.pi)
+        thickness = get.size("thickness")
+        if thickness < _THINNEST:
+            self.changes.note("walls drawn as lines became sheets of 5 mm: {}", get.text("id"))
         return Wall(
             id=get.text("id"),
             level=get.optional("level"),
             start=(get.number("xStart"), get.number("yStart")),
             end=(get.number("xEnd"), get.number("yEnd")),
-            thickness=get.size("thickness"),
+            thickness=max(thickness, _THINNEST),
             height=get.maybe("height"),
             height_at_end=get.maybe("heightAtEnd"),
             arc=arc or None,

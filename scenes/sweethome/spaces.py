@@ -51,7 +51,8 @@ def find_spaces(
 ) -> list[Space]:
     """The rooms of a storey. Where drawn rooms overlap, the later one covers the earlier.
 
-    Closed spaces that nobody drew are rooms, too, if a door or window leads into them.
+    Closed spaces that nobody drew are rooms, too, if a door or window leads into them, or if the
+    storey has neither rooms nor doors.
     """
     solid = unary_union([world_region(one.outline.region) for one in walls])
     inside = _filled(solid)
@@ -71,7 +72,8 @@ def find_spaces(
     doors = world_region(unary_union([opening.footprint for opening in openings]))
     for gap in polygons(inside.difference(solid).difference(everything)):
         is_roomy = gap.area > _SMALLEST and not gap.buffer(-_NARROW).is_empty
-        if is_roomy and gap.distance(doors) < _DOOR:
+        is_all = not drawn and doors.is_empty
+        if is_roomy and (is_all or gap.distance(doors) < _DOOR):
             number = len(found)
             shape = RoomShape(f"space-{storey.number}-{number}", None, "", (), True, True,
                               _PLAIN_FLOOR, Surface())  # fmt: skip

@@ -60,7 +60,7 @@ def plan_walls(storey: Storey, wall_height: float, changes: Changes) -> list[Pla
     usable = [wall for wall in storey.walls if has_length(wall)]
     for wall in storey.walls:
         if not has_length(wall):
-            changes.note("walls without length or thickness were left out: {}", wall.id)
+            changes.note("walls without length were left out: {}", wall.id)
     usable = _closed_gaps(usable)
     by_id = {wall.id: wall for wall in usable}
     planned = []
