@@ -9,12 +9,15 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from gltf_fixtures import Builder
 from stages_fixtures import write_room
 
 from pipeline.cli import cli
 from pipeline.leaks import blocked, find_leaks
 from pipeline.renderer import open_scene, set_variant
 from scenes.contract import Portal, Scene, load_scene, save_scene
+from scenes.params import SceneParams
+from scenes.procedural.home import make_home
 from scenes.registry import import_scene
 
 SIZE = (4.0, 3.0, 2.6)
@@ -91,3 +94,48 @@ def test_light_enters_a_real_room_by_its_windows(shared_scenes: Path, tmp_path: 
     bare = replace(scene, scene=replace(scene.scene, portals=()))
     (leak,) = find_leaks(bare)
     assert leak.share > 0.2, "without portals the windows are leaks"
+
+
+@pytest.mark.parametrize("seed", [3, 8])
+def test_procedural_homes_are_dark(tmp_path: Path, seed: int) -> None:
+    params = SceneParams(rooms_min=3, rooms_max=4, texture_size=64)
+    scene = make_home(tmp_path / "home", "home", params, seed, "day")
+    leaks = find_leaks(open_scene(scene), walks=2000)
+    assert not leaks, str(leaks[0])
+
+
+@pytest.mark.parametrize("name", ["1-BedroomApartment", "4-BedroomHouse"])
+def test_homes_that_people_drew_are_dark(shared_scenes: Path, tmp_path: Path, name: str) -> None:
+    scene = import_scene(shared_scenes / "homes" / f"{name}.sh3d", tmp_path / name)
+    leaks = find_leaks(open_scene(scene), walks=1000)
+    assert not leaks, str(leaks[0])
+
+
+def test_a_house_of_the_release_leaks_only_behind_its_doors(
+    shared_scenes: Path, tmp_path: Path
+) -> None:
+    """Its outer doors stand ajar, and each portal is found in the gap that its leaf leaves: what
+    passes behind the leaf is next to nothing."""
+    (file,) = (shared_scenes / "pbrs").glob("*/main_template_color.xml")
+    scene = open_scene(import_scene(file, tmp_path / "house", root=shared_scenes / "pbrs"))
+    assert all(leak.share < 0.02 for leak in find_leaks(scene, walks=2000))
+
+
+def test_a_model_of_a_building_is_dark_but_for_its_window(tmp_path: Path) -> None:
+    """A glTF room of 5 x 4 x 2.7 m whose wall at z = 0 has a hole of 1 x 1 m."""
+    x, y, z = 5.0, 2.7, 4.0
+    points = [(0, 0, 0), (x, 0, 0), (x, y, 0), (0, y, 0), (0, 0, z), (x, 0, z), (x, y, z),
+              (0, y, z), (2, 1, 0), (3, 1, 0), (3, 2, 0), (2, 2, 0)]  # fmt: skip
+    quads = [(0, 4, 5, 1), (3, 2, 6, 7), (0, 3, 7, 4), (1, 5, 6, 2), (4, 7, 6, 5),
+             (0, 1, 9, 8), (1, 2, 10, 9), (2, 3, 11, 10), (3, 0, 8, 11)]  # fmt: skip
+    faces = [index for a, b, c, d in quads for index in (a, b, c, a, c, d)]
+    made = Builder()
+    paint = made.add("materials", {"doubleSided": True})
+    made.node(mesh=made.mesh(np.array(points, dtype=float), faces, material=paint), name="shell")
+    scene = open_scene(import_scene(made.save(tmp_path / "flat.glb"), tmp_path / "flat"))
+    (portal,) = scene.scene.portals
+    low, high = np.min(portal.polygon, axis=0), np.max(portal.polygon, axis=0)
+    assert (high - low)[2] == pytest.approx(1, abs=0.02)
+    assert find_leaks(scene, walks=1000) == []
+    bare = replace(scene, scene=replace(scene.scene, portals=()))
+    assert [leak.room for leak in find_leaks(bare, walks=1000)] == [portal.room]

@@ -685,9 +685,7 @@ def test_damaged_files_are_refused_with_a_reason(tmp_path: Path, name: str) -> N
 
 
 def test_a_file_of_nothing_but_clear_glass_is_refused(tmp_path: Path) -> None:
-    made = gltf_fixtures.square(
-        alphaMode="BLEND", pbrMetallicRoughness={"baseColorFactor": [1, 1, 1, 0]}
-    )
+    made = square(alphaMode="BLEND", pbrMetallicRoughness={"baseColorFactor": [1, 1, 1, 0]})
     with pytest.raises(InputError, match="nothing of it is visible"):
         import_scene(made.save(tmp_path / "glass.glb"), tmp_path / "out")
 

@@ -209,7 +209,8 @@ class Materials:
         if wrap not in ("repeat", "mirror", "clamp"):
             changes.note("texture wrap mode {} became clamp", repr(wrap))
             wrap = "clamp"
-        gamma = properties.number("gamma", -1.0)
+        is_named = properties.text("gamma", "").lower() == "srgb"
+        gamma = -1.0 if is_named else properties.number("gamma", -1.0)
         raw = properties.boolean("raw", False) or gamma == 1.0 or use == "data"
         if gamma > 0 and gamma != 1 and abs(gamma - 2.2) > 0.25:
             changes.note("texture gamma {} was read as sRGB", f"{gamma:g}")

@@ -35,6 +35,7 @@ _VALUE_TAGS = frozenset(
         "string",
         "rgb",
         "srgb",
+        "xyz",
         "spectrum",
         "blackbody",
         "vector",

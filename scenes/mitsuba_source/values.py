@@ -19,6 +19,11 @@ from scenes.photometry import blackbody
 
 T = TypeVar("T")
 Color = tuple[float, float, float]
+# From CIE XYZ to linear Rec. 709 (ITU-R BT.709, D65).
+_FROM_XYZ = np.array(
+    [[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560],
+     [0.0556434, -0.2040259, 1.0572252]]
+)  # fmt: skip
 Matrix4 = npt.NDArray[np.float64]
 
 _MAX_REFERENCES = 32
@@ -226,6 +231,11 @@ def read_color(node: Node, scope: Scope, emission: bool = False) -> Color | Node
             rgb = np.where(
                 rgb <= 0.04045, rgb / 12.92, ((np.maximum(rgb, 0) + 0.055) / 1.055) ** 2.4
             )
+    elif node.tag == "xyz":
+        rgb = np.array(_numbers(node, text))
+        if rgb.size != 3:
+            raise node.error(f"a colour has 3 values, not {rgb.size}")
+        rgb = np.maximum(_FROM_XYZ @ rgb, 0)
     elif node.tag in ("float", "integer"):
         rgb = np.full(3, _number(node, text))
     elif node.tag == "blackbody":
@@ -331,7 +341,15 @@ def _look_at(node: Node) -> Matrix4:
             if len(values) != 3:
                 raise node.error(f"{name} needs 3 values, got {text!r}")
             points.append(np.array(values))
+        if "up" not in attributes or not points[2].any():
+            points[2] = _some_up(points[1] - points[0])
     return look_at(points[0], points[1], points[2], node)
+
+
+def _some_up(forward: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """What is up where a file does not say: +y, or +x for what looks along y, as lamps do."""
+    upright = np.linalg.norm(forward[[0, 2]]) > 1e-6 * np.linalg.norm(forward)
+    return np.array([0.0, 1, 0] if upright else [1.0, 0, 0])
 
 
 def look_at(

@@ -194,14 +194,15 @@ class _Reader:
             )
         }
         arc = get.maybe("arcExtent", 2 * math.pi)
+        start, end = ((get.number(f"x{side}"), get.number(f"y{side}")) for side in ("Start", "End"))
         thickness = get.size("thickness")
         if thickness < _THINNEST:
             self.changes.note("walls drawn as lines became sheets of 5 mm: {}", get.text("id"))
         return Wall(
             id=get.text("id"),
             level=get.optional("level"),
-            start=(get.number("xStart"), get.number("yStart")),
-            end=(get.number("xEnd"), get.number("yEnd")),
+            start=start,
+            end=end,
             thickness=max(thickness, _THINNEST),
             height=get.maybe("height"),
             height_at_end=get.maybe("heightAtEnd"),
