@@ -110,7 +110,10 @@ def blocked(
 
 
 def _inside(room: Room, count: int, rng: np.random.Generator) -> Floats:
-    """Random places (count, 3) in a room's air, a little off its floor, walls and ceiling."""
+    """Random places (count, 3) in the lower half of a room's air, a little off floor and walls.
+
+    A room's ceiling height is that of most of it: under a roof its upper half may be outdoors.
+    """
     floor = Polygon(room.floor).buffer(-0.05)
     if floor.is_empty:
         floor = Polygon(room.floor)
@@ -120,7 +123,8 @@ def _inside(room: Room, count: int, rng: np.random.Generator) -> Floats:
         drawn = rng.uniform((west, south), (east, north), (4 * count, 2))
         made.append(drawn[shapely.contains_xy(floor, drawn[:, 0], drawn[:, 1])])
     plan = np.concatenate(made)[:count]
-    low, high = room.floor_z + 0.02, max(room.ceiling_z - 0.1, room.floor_z + 0.03)
+    low = room.floor_z + 0.02
+    high = max(0.5 * (room.floor_z + room.ceiling_z), room.floor_z + 0.03)
     return np.column_stack([plan, rng.uniform(low, high, count)])
 
 

@@ -104,7 +104,7 @@ def test_procedural_homes_are_dark(tmp_path: Path, seed: int) -> None:
     assert not leaks, str(leaks[0])
 
 
-@pytest.mark.parametrize("name", ["1-BedroomApartment", "4-BedroomHouse"])
+@pytest.mark.parametrize("name", ["1-BedroomApartment", "4-BedroomHouse", "Sample"])
 def test_homes_that_people_drew_are_dark(shared_scenes: Path, tmp_path: Path, name: str) -> None:
     scene = import_scene(shared_scenes / "homes" / f"{name}.sh3d", tmp_path / name)
     leaks = find_leaks(open_scene(scene), walks=1000)
