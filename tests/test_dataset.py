@@ -352,6 +352,7 @@ def speckled(values: np.ndarray) -> np.ndarray:
         ("black", "color", spoil("color", rgb=half_black)),
         ("blown_out", "100.0%", spoil("color", rgb=lambda values: values * 0 + 1e9)),
         ("fireflies", "shading", spoil("shading", rgb=speckled)),
+        ("fireflies", "60.0% of the light", spoil("shading", firefly_light=0.6)),
         ("noise", "0.95", spoil("color", noise=0.95)),
         ("not_finite", "3 pixels without", spoil("color", lost_pixels=3)),
     ],
