@@ -256,9 +256,10 @@ def spoil(kind: str, **changes: Any) -> Any:
 
     def write(data: Path, view: Any) -> None:
         channels = box_frames(view, small_params())[kind]
-        meta = {key: changes[key] for key in ("noise", "lost_pixels") if key in changes}
+        notes = ("noise", "lost_pixels", "firefly_light")
+        meta = {key: changes[key] for key in notes if key in changes}
         for name, value in changes.items():
-            if name in ("noise", "lost_pixels", "rgb"):
+            if name in (*notes, "rgb"):
                 continue
             channels[name] = value(channels[name])
         if "rgb" in changes:
