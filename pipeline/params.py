@@ -32,6 +32,7 @@ class FarmParams:
     batch: int = field(default=8, metadata=within(1, 1024))  # views of one scene per task
     window: int = field(default=2, metadata=within(1, 64))  # tasks in flight per worker
     retries: int = field(default=2, metadata=within(0, 10))  # further attempts for a failing view
+    time_limit: int = field(default=3600, metadata=within(0, 1_000_000))  # seconds a view; 0: none
     variant: Variant = "auto"
 
 
