@@ -38,8 +38,9 @@ from pipeline.stages import (
 )
 from pipeline.tonemap import exposure_of
 from pipeline.views import load_cameras
+from scenes.checked import build
 from scenes.contract import Scene, load_scene
-from scenes.files import write_json, write_text
+from scenes.files import read_json, write_json, write_text
 
 ROOT = Path(__file__).resolve().parent.parent
 TEMPLATE = "main_template_color.xml"  # of a house of the PBRS release, beside other settings
@@ -174,7 +175,14 @@ def main(
     folder = folder.resolve()
     costs: dict[Path, Cost] = {}
     for path in scene_files(folder):
-        costs[path] = bring(path, folder, data / "scenes" / scene_name(path))
+        place = data / "scenes" / scene_name(path)
+        # What an earlier run brought in and measured stays: the rest of the chain resumes, too.
+        noted = out / f"cost-{place.name}.json"
+        if noted.is_file() and (place / "scene.json").is_file():
+            costs[path] = build(Cost, read_json(noted))
+        else:
+            costs[path] = bring(path, folder, place)
+            write_json(noted, asdict(costs[path]))
         click.echo(f"{path.name}: {costs[path].seconds:.1f} s  {costs[path].error}")
     fine = all(
         not cost.error and cost.seconds <= most_seconds and cost.megabytes <= 1024 * most_gib
