@@ -135,7 +135,7 @@ def test_a_model_of_a_building_is_dark_but_for_its_window(tmp_path: Path) -> Non
     scene = open_scene(import_scene(made.save(tmp_path / "flat.glb"), tmp_path / "flat"))
     (portal,) = scene.scene.portals
     low, high = np.min(portal.polygon, axis=0), np.max(portal.polygon, axis=0)
-    assert (high - low)[2] == pytest.approx(1, abs=0.02)
+    assert 1 <= (high - low)[2] < 1.15
     assert find_leaks(scene, walks=1000) == []
     bare = replace(scene, scene=replace(scene.scene, portals=()))
     assert [leak.room for leak in find_leaks(bare, walks=1000)] == [portal.room]

@@ -112,6 +112,11 @@ class TestCollada:
         made = dae(files.dae(materials=files.effect("red", files.PLAIN + transparent)))
         assert made.parts[0].material.opacity == pytest.approx(opacity)
 
+    def test_faces_may_name_their_material_themselves(self) -> None:
+        geometry = files.box().replace("material='m'", "material='red-id'")
+        text = files.dae("<node><instance_geometry url='#box'/></node>", geometry)
+        assert dae(text).parts[0].material.color == (1.0, 0.5, 0.25)
+
     def test_old_sketchup_wrote_it_the_other_way_round(self) -> None:
         shading = files.PLAIN + "<transparent><color>1 1 1 1</color></transparent>"
         shading += "<transparency><float>0.3</float></transparency>"

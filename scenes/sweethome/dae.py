@@ -138,7 +138,8 @@ def _parts(document: Any, find: Callable[[str], str | None]) -> Iterator[ModelPa
     for group, matrix, node in _instances(roots, base):
         targets = {one.symbol: one.target for one in node.materials}
         for primitive in node.geometry.primitives:
-            target = targets.get(primitive.material)
+            # Some exporters bind no materials: the faces' symbol is then the material itself.
+            target = targets.get(primitive.material) or document.materials.get(primitive.material)
             name, material = "default", ModelMaterial()
             if target is not None:
                 if target.id not in materials:
