@@ -51,6 +51,16 @@ scenes: {{homes: 0, imports: [below]}}
 cameras: {{views_per_scene: {views}}}
 groundtruth: {{spp: {spp}, block_spp: 8}}
 """
+# Runs the command line and says last what memory it took at most. (The usage that a parent reads
+# of its child is never below the parent's own, as both are one until the child begins.)
+IMPORT = """
+import atexit, sys
+from pathlib import Path
+from pipeline.cli import main
+status = Path("/proc/self/status")
+atexit.register(lambda: print(status.read_text().split("VmHWM:")[1].split()[0], file=sys.stderr))
+sys.exit(main())
+"""
 
 
 @dataclass(frozen=True)
@@ -83,7 +93,7 @@ def scene_files(folder: Path) -> list[Path]:
 
 def bring(path: Path, folder: Path, out: Path) -> Cost:
     """Import `path` in a process of its own; its peak memory is its own, too."""
-    words = [sys.executable, "-m", "pipeline.cli", "import", str(path), "--out", str(out)]
+    words = [sys.executable, "-c", IMPORT, "import", str(path), "--out", str(out)]
     if path.suffix.lower() == ".xml":
         words += ["--root", str(folder)]
     started = time.monotonic()
@@ -91,12 +101,13 @@ def bring(path: Path, folder: Path, out: Path) -> Cost:
         words, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     )
     assert process.stderr is not None
-    said = process.stderr.read()
+    said, _, peak = process.stderr.read().rstrip().rpartition("\n")
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     error = "" if process.returncode == 0 else (said.strip() or str(process.returncode))
     seconds = usage.ru_utime + usage.ru_stime
-    return Cost(seconds, time.monotonic() - started, usage.ru_maxrss / 1024, error)
+    kilobytes = int(peak) if peak.isdigit() else usage.ru_maxrss  # the latter where it was killed
+    return Cost(seconds, time.monotonic() - started, kilobytes / 1024, error)
 
 
 def leaks_of(scene: Scene) -> tuple[str, list[Leak]]:
