@@ -185,7 +185,11 @@ def main(
     params = load_params(parameters)
     folder = folder.resolve()
     costs: dict[Path, Cost] = {}
-    for path in scene_files(folder):
+    files = scene_files(folder)
+    twice = [name for name, count in Counter(map(scene_name, files)).items() if count > 1]
+    if twice:
+        raise click.ClickException(f"several files would be called {', '.join(twice)}; rename some")
+    for path in files:
         place = data / "scenes" / scene_name(path)
         # What an earlier run brought in and measured stays: the rest of the chain resumes, too.
         noted = out / f"cost-{place.name}.json"

@@ -15,6 +15,7 @@ from scenes.files import digest_file, digest_folder
 from scenes.imports import ImportEntry
 
 _MAX_TEXT = 256 * 2**20  # bytes of a file that is searched for names of others
+_NAMELESS = ("scene", "main", "main_template_color", "index")  # the third: of a PBRS house
 _LONGEST = 1000  # characters of a path
 _RELEASE = ("light_geometry_compact.txt", "ModelCategoryMappingNewActive.csv", "room_camera.txt",
             "room_camera_name.txt", "room_camera_node.txt")  # fmt: skip
@@ -23,7 +24,7 @@ _RELEASE = ("light_geometry_compact.txt", "ModelCategoryMappingNewActive.csv", "
 def scene_name(path: Path) -> str:
     """A scene id from a file's name, or its folder's where the file is just called "scene"."""
     stem = path.stem if path.suffix else path.name
-    if stem.lower() in ("scene", "main", "index") and path.parent.name:
+    if stem.lower() in _NAMELESS and path.parent.name:
         stem = path.parent.name
     return re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-") or "scene"
 

@@ -127,4 +127,5 @@ def test_digests_see_every_file_that_is_named(tmp_path: Path) -> None:
 
 def test_names_of_scenes() -> None:
     assert scene_name(Path("/a/My house.sh3d")) == "My-house"
+    assert scene_name(Path("/release/0004d52d/main_template_color.xml")) == "0004d52d"
     assert scene_name(Path("/a/Grey & White/scene.xml")) == "Grey-White"
