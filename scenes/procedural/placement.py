@@ -138,7 +138,8 @@ class Furnisher:
                     continue
                 s = float(self.rng.uniform(size / 2 + 0.08, window.width - size / 2 - 0.08))
                 centre = 0.5 * (low + high)
-                x, y = window.edge.at(s, 0.03 - max(size / 2, deep / 2))
+                # Mid-sill, but its back before the handles.
+                x, y = window.edge.at(s, -min(deep / 2 - 0.03, deep - 0.06 - size / 2))
                 pose = Pose(float(x - centre[0]), float(y - centre[1]), window.z0 + 0.022, 0.0)
                 self.space.place_on_sill(kind, piece, pose, window)
 
