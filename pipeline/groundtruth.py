@@ -90,7 +90,7 @@ def render_both(
 def _render(
     scene: Any, integrator: Any, view: View, params: GroundTruthParams, seed: int, images: int
 ) -> list[Truth]:
-    """Render all blocks of an integrator's `images`, which it gives side by side in 3 bands each."""
+    """Render all blocks of an integrator that gives so many `images`, three bands each."""
     spp, blocks = block_sizes(params)
     at_once = blocks_at_once(blocks, spp * view.width * view.height)
     sensor = _sensor(view, at_once)

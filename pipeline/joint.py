@@ -106,9 +106,7 @@ class JointPath:
             # Both materials, with one emitter sample, one shadow ray, the same random numbers
             goes_on = active & si.is_valid() & (depth + 1 < self.max_depth)
             own = si.bsdf(ray)
-            twin = dr.gather(
-                mi.BSDFPtr, self.twins, dr.reinterpret_array(mi.UInt32, own), goes_on
-            )
+            twin = dr.gather(mi.BSDFPtr, self.twins, dr.reinterpret_array(mi.UInt32, own), goes_on)
             smooth = goes_on & mi.has_flag(own.flags() | twin.flags(), mi.BSDFFlags.Smooth)
             ds, light = scene.sample_emitter_direction(si, sampler.next_2d(), True, smooth)
             lit = smooth & (ds.pdf != 0)
@@ -139,9 +137,7 @@ class JointPath:
         self, bsdf: Any, si: Any, wo: Any, first: Any, second: Any, active: Any
     ) -> Scattering:
         """A material's value towards the emitter sample, and its own sample of a direction."""
-        return Scattering(
-            *bsdf.eval_pdf_sample(mi.BSDFContext(), si, wo, first, second, active)
-        )
+        return Scattering(*bsdf.eval_pdf_sample(mi.BSDFContext(), si, wo, first, second, active))
 
     def found(self, branch: Branch, density: Any) -> Any:
         """Weight of emission that a material's direction found, given the emitters' density."""

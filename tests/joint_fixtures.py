@@ -17,8 +17,9 @@ from pipeline.views import View
 from tests.render_fixtures import ball, diffuse, make_view, quad, room_walls, write_scene
 
 ALBEDO = 0.5
-MAX_DEPTH = 8
-SPACING, RADIUS, DISTANCE = 0.62, 0.28, 3.0
+MAX_DEPTH = 6
+SPACING, RADIUS, DISTANCE = 0.62, 0.28, 3.0  # metres
+CELL = 12  # pixels from ball to ball
 
 
 def rgb(name: str, value: str) -> str:
@@ -136,6 +137,7 @@ PARTING = {
 def shelf(folder: Path, materials: dict[str, str]) -> tuple[RenderScene, View, dict[str, Any]]:
     """A room with a ball of each material, lit by a lamp, a bulb and a window; its view, and by
     the material's name the pixels (H, W) of its ball, and of the "room" around them."""
+    focal = CELL / SPACING * DISTANCE
     columns = int(np.ceil(np.sqrt(len(materials) * 4 / 3)))
     rows = -(-len(materials) // columns)
     walls, _ = room_walls(diffuse("0.8,0.7,0.4"), window=True)
@@ -148,15 +150,15 @@ def shelf(folder: Path, materials: dict[str, str]) -> tuple[RenderScene, View, d
         + rgb("radiance", "1,1.5,2")
         + "</emitter>"
     )
-    view = make_view((0, -1.8, 1.5), size=(20 * columns, 20 * rows), focal=96.0)
+    view = make_view((0, -1.8, 1.5), size=(CELL * columns, CELL * rows), focal=focal)
     rays = np.stack(np.meshgrid(np.arange(view.width), np.arange(view.height)), axis=-1) + 0.5
     regions: dict[str, Any] = {}
     for index, (name, material) in enumerate(materials.items()):
         x = SPACING * (index % columns - (columns - 1) / 2)
         z = SPACING * (index // columns - (rows - 1) / 2)
         body += ball(f"ball{index}", (x, DISTANCE - 1.8, 1.5 + z), RADIUS, material)
-        centre = np.array([view.width / 2, view.height / 2]) + 96 / DISTANCE * np.array([x, -z])
-        regions[name] = np.linalg.norm(rays - centre, axis=-1) < 0.9 * 96 / DISTANCE * RADIUS
+        centre = np.array([view.width / 2, view.height / 2]) + CELL / SPACING * np.array([x, -z])
+        regions[name] = np.linalg.norm(rays - centre, axis=-1) < 0.9 * CELL / SPACING * RADIUS
     regions["room"] = ~np.any(list(regions.values()), axis=0)
     scene = write_scene(folder / "shelf", body, files=TEXTURES)
     return open_scene(scene), view, regions
