@@ -27,6 +27,7 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 # Squared distance of unit directions beyond which they are not one direction computed twice.
 _APART = 1e-7
@@ -59,14 +60,15 @@ def available() -> bool:
 
 def twin_table(pairs: list[tuple[Any, Any]]) -> Any:
     """`mi.BSDFPtr` array that gives at a BSDF's registry index its twin; `pairs` are of BSDFs."""
-    distinct = {id(own): (own, twin) for own, twin in pairs}
-    indices = {_index(own): _index(twin) for own, twin in distinct.values()}
-    table = [indices.get(index, 0) for index in range(max(indices, default=0) + 1)]
+    own, twins = (_indices([pair[which] for pair in pairs]) for which in (0, 1))
+    table = np.zeros(own.max() + 1, dtype=np.uint32)
+    table[own] = twins
     return dr.reinterpret_array(mi.BSDFPtr, mi.UInt32(table))
 
 
-def _index(bsdf: Any) -> int:
-    return int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0])
+def _indices(bsdfs: list[Any]) -> Any:
+    """Registry indices of BSDFs, (N,)."""
+    return np.array(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdfs)))
 
 
 class JointPath:

@@ -134,22 +134,29 @@ PARTING = {
 }  # fmt: skip
 
 
-def shelf(folder: Path, materials: dict[str, str]) -> tuple[RenderScene, View, dict[str, Any]]:
-    """A room with a ball of each material, lit by a lamp, a bulb and a window; its view, and by
-    the material's name the pixels (H, W) of its ball, and of the "room" around them."""
+def shelf(
+    folder: Path, materials: dict[str, str], wide: bool = False
+) -> tuple[RenderScene, View, dict[str, Any]]:
+    """A room with a ball of each material; its view, and by the material's name the pixels (H, W)
+    of its ball, and of the "room" around them.
+
+    It is lit by a lamp, a bulb and a window, or by a `wide` lamp, which both ways of sampling find.
+    """
     focal = CELL / SPACING * DISTANCE
     columns = int(np.ceil(np.sqrt(len(materials) * 4 / 3)))
     rows = -(-len(materials) // columns)
     walls, _ = room_walls(diffuse("0.8,0.7,0.4"), window=True)
     lamp = f'{diffuse(0)}<emitter type="area">{rgb("radiance", "6,5,3")}</emitter>'
-    body = walls + quad("lamp", (0, -0.8, 2.95), (0, 0, -1), (0.6, 0.4), lamp, (0, 1, 0))
-    body += (
-        '<emitter type="point"><point name="position" x="-1.5" y="-1" z="2"/>'
-        + rgb("intensity", "0.3,0.5,0.7")
-        + '</emitter><emitter type="constant">'
-        + rgb("radiance", "1,1.5,2")
-        + "</emitter>"
-    )
+    half = (1.6, 0.8) if wide else (0.6, 0.4)
+    body = walls + quad("lamp", (0, -1, 2.95), (0, 0, -1), half, lamp, (0, 1, 0))
+    if not wide:
+        body += (
+            '<emitter type="point"><point name="position" x="-1.5" y="-1" z="2"/>'
+            + rgb("intensity", "0.3,0.5,0.7")
+            + '</emitter><emitter type="constant">'
+            + rgb("radiance", "1,1.5,2")
+            + "</emitter>"
+        )
     view = make_view((0, -1.8, 1.5), size=(CELL * columns, CELL * rows), focal=focal)
     rays = np.stack(np.meshgrid(np.arange(view.width), np.arange(view.height)), axis=-1) + 0.5
     regions: dict[str, Any] = {}

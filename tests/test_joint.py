@@ -29,6 +29,7 @@ from tests.joint_fixtures import (
 from tests.render_fixtures import ball, diffuse, make_view, room_walls, write_scene
 
 COPIES, SPP = 16, 20
+SUSPECT_SPP = 48
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -50,7 +51,7 @@ def test_without_roulette_both_images_are_paths_own(tmp_path: Path) -> None:
         wanted = plain(scene, view, albedo, MAX_DEPTH + 1, 16, 2, 5)
         same = np.isclose(got, wanted, rtol=1e-3, atol=1e-5).all(axis=-1)
         for name, pixels in regions.items():
-            assert same[:, pixels].mean() > 0.98, name
+            assert same[:, pixels].mean() > 0.99, name
             np.testing.assert_allclose(
                 got[:, pixels].mean(), wanted[:, pixels].mean(), rtol=5e-3, err_msg=name
             )
@@ -62,16 +63,19 @@ def test_each_image_is_unbiased(tmp_path: Path, materials: dict[str, str]) -> No
     scene, view, regions = shelf(tmp_path, materials)
     pair = joined(scene, view, 2, SPP, COPIES, 1)
     for seed, (images, albedo) in enumerate(zip(pair, (None, ALBEDO), strict=True)):
-        ours = region_means(images, regions)
-        theirs = region_means(plain(scene, view, albedo, 2, SPP, COPIES, 2 + seed), regions)
+        others = plain(scene, view, albedo, 2, SPP, COPIES, 2 + seed)
+        ours, theirs = region_means(images, regions), region_means(others, regions)
         off = abs(deviations(ours, theirs))
         for name, worst in zip(regions, off.max(axis=-1), strict=True):
             assert worst < 4.5, (name, albedo)
-        error = ours.std(axis=0, ddof=1) / np.sqrt(COPIES) / theirs.mean(axis=0)
+        lit = theirs.mean(axis=0) > 0
+        error = (ours.std(axis=0, ddof=1) / np.sqrt(COPIES))[lit] / theirs.mean(axis=0)[lit]
         assert np.median(error) < 0.02  # so that a bias of a few per cent cannot hide
-        # The twin's company does not make either image noisier.
-        spread = [np.log(each.std(axis=0, ddof=1)).mean() for each in (ours, theirs)]
-        assert spread[0] - spread[1] < 0.15
+        # The other's company costs samples at partings, and wins some by the milder roulette.
+        spread = [
+            np.log(each.std(axis=0, ddof=1).mean(axis=-1) + 1e-9) for each in (images, others)
+        ]
+        assert np.mean(spread[0] - spread[1]) < np.log(1.05)
 
 
 class NoCosine(JointPath):
@@ -149,9 +153,9 @@ def suspects(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """A small room, and what two plain renders make of it."""
     chosen = {name: {**FAITHFUL, **PARTING}[name] for name in ("black texture", "gold", "plastic")}
     chosen["polished plastic"] = PARTING["rough plastic"].replace("0.2", "0.05")
-    scene, view, regions = shelf(tmp_path_factory.mktemp("suspects"), chosen)
+    scene, view, regions = shelf(tmp_path_factory.mktemp("suspects"), chosen, wide=True)
     wanted = [
-        region_means(plain(scene, view, albedo, 1, SPP, COPIES, 3), regions)
+        region_means(plain(scene, view, albedo, 1, SUSPECT_SPP, COPIES, 3), regions)
         for albedo in (None, ALBEDO)
     ]
     return scene, view, regions, wanted
@@ -159,7 +163,7 @@ def suspects(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 def worst(suspects: Any, kind: type[JointPath]) -> float:
     scene, view, regions, wanted = suspects
-    pair = joined(scene, view, 1, SPP, COPIES, 4, kind)
+    pair = joined(scene, view, 1, SUSPECT_SPP, COPIES, 4, kind)
     return max(
         float(abs(deviations(region_means(images, regions), theirs)).max())
         for images, theirs in zip(pair, wanted, strict=True)
