@@ -41,7 +41,7 @@ REASONS = {
     "black": "too many pixels without any light",
     "blown_out": "too many pixels at the limit of half floats",
     "noise": "the noise estimate is above the limit",
-    "fireflies": "too many pixels far brighter than all around them",
+    "fireflies": "too many pixels far brighter than all around them, or too much of the light",
 }
 
 # A firefly outshines its neighbours this many times, where they count for at least so much.
@@ -127,6 +127,7 @@ def check_frames(
         or _over("blown_out", "pixels are at the limit", renders, blown_share, limits.max_blown)
         or _noisy(frames, limits.max_noise)
         or _over("fireflies", "pixels are fireflies", renders, firefly_share, limits.max_fireflies)
+        or _chance_light(frames, limits.max_firefly_light)
     )
 
 
@@ -257,6 +258,15 @@ def _noisy(frames: Mapping[Kind, Frame], limit: float) -> Rejection | None:
         noise = noise_of(frames[kind])
         if noise is not None and not noise <= limit:
             return Rejection("noise", f"{kind}: relative noise {noise:.3g}, limit {limit:.3g}")
+    return None
+
+
+def _chance_light(frames: Mapping[Kind, Frame], limit: float) -> Rejection | None:
+    for kind in ("shading", "color"):
+        share = float(frames[kind].meta.get("firefly_light", 0.0))
+        if not share <= limit:
+            words = f"{kind}: {share:.1%} of the light is in fireflies, limit {limit:.1%}"
+            return Rejection("fireflies", words)
     return None
 
 

@@ -6,6 +6,7 @@ machine, one process per allowed CPU. Workers hand back paths and figures, never
 What may go wrong, and what becomes of it:
 
 * an item raises: tried again `retries` times by itself, then reported as a failure;
+* an item takes longer than `time_limit`: its worker ends itself, as if it had died;
 * a worker dies: dask gives its batches to another; a batch that keeps killing its workers is
   taken apart and its items run one at a time with nothing beside them, so that only the guilty
   one is reported;
@@ -16,6 +17,7 @@ What may go wrong, and what becomes of it:
 from __future__ import annotations
 
 import contextlib
+import faulthandler
 import logging
 import multiprocessing
 import os
@@ -189,6 +191,7 @@ class _Run:
         self.again: deque[Item] = deque()  # failed once or more: each by itself
         self.suspects: deque[Item] = deque()  # were on workers that died: run alone, at the end
         self.alone = ""  # the suspect now in flight with nothing beside it
+        self.alone_since = 0.0
         self.flight: dict[Future, tuple[tuple[Item, ...], str]] = {}
         self.done: queue.Queue[Future] = queue.Queue()
         self.name = f"pbrnet-{uuid.uuid4().hex[:12]}"  # a shared scheduler sees other runs' keys
@@ -235,7 +238,7 @@ class _Run:
             load[worker] += 1
         if workers and not self.flight and self.suspects:
             suspect = self.suspects.popleft()
-            self.alone = suspect.key
+            self.alone, self.alone_since = suspect.key, time.monotonic()
             self.submit((suspect,), workers[0])
 
     def submit(self, batch: tuple[Item, ...], worker: str) -> None:
@@ -248,6 +251,7 @@ class _Run:
             _work_batch,
             self.farm.setup,
             self.farm.threads,
+            self.farm.params.time_limit,
             self.work,
             batch,
             attempts,
@@ -283,7 +287,7 @@ class _Run:
             if batch[0].key == alone:
                 yield Outcome(
                     key=batch[0].key,
-                    error="its worker process died each time (out of memory, or a crash)",
+                    error=self.cause_of_death(),
                     worker=worker,
                     attempt=self.attempts[batch[0].key],
                 )
@@ -306,6 +310,13 @@ class _Run:
                 self.again.append(by_key[outcome.key])
             else:
                 yield outcome
+
+    def cause_of_death(self) -> str:
+        """What became of the suspect that has just been run alone and ended its workers."""
+        limit = self.farm.params.time_limit
+        if limit and time.monotonic() - self.alone_since >= limit:
+            return f"it ran longer than farm.time_limit allows ({limit} s) and was ended each time"
+        return "its worker process died each time (out of memory, or a crash)"
 
     def workers(self) -> list[str]:
         names = sorted(self.client.scheduler_info()["workers"])
@@ -398,6 +409,7 @@ def _remove_old_folders() -> None:
 def _work_batch(
     setup: Callable[[int], None],
     threads: int,
+    time_limit: int,
     work: Callable[[Any], Any],
     batch: tuple[Item, ...],
     attempts: list[int],
@@ -411,8 +423,9 @@ def _work_batch(
             started = time.perf_counter()
             value, words, fatal = None, "", False
             try:
-                setup(threads)
-                value = work(item.payload)
+                with _time_limit(time_limit):
+                    setup(threads)
+                    value = work(item.payload)
             except MachineError as error:
                 words, fatal = str(error), True
             except Exception as error:
@@ -422,6 +435,24 @@ def _work_batch(
             if fatal:
                 break
     return outcomes
+
+
+@contextlib.contextmanager
+def _time_limit(seconds: int) -> Iterator[None]:
+    """End this process if the block takes longer (0: never).
+
+    By the interpreter's own watchdog, which is no Python thread: an endless kernel in native code
+    may hold the interpreter's lock.
+    """
+    if not seconds:
+        yield
+        return
+    with Path(os.devnull).open("w") as nowhere:  # the traceback would say nothing of the kernel
+        faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
+        try:
+            yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()
 
 
 def _words(error: Exception) -> str:

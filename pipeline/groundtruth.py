@@ -61,7 +61,8 @@ def render_truth(
       if no block was finite: `lost_pixels`); `negative_pixels`: pixels with a negative mean
       in any band (set to 0; skies may be slightly negative);
     * `black`, `blown`, `fireflies`: shares of pixels at exactly 0, at or above half the largest
-      half float, and far brighter than all around by chance.
+      half float, and far brighter than all around by chance; `firefly_light`: the share of all
+      light that lies in those last.
 
     `seed` is the view's own seed, see `scenes.seeds`. Raises `InputError` for a view whose
     pixels are not square.
@@ -135,6 +136,7 @@ class _Tally:
         mean = np.maximum(mean, 0)
         error = relative_error(np.stack(self.lights))
         lum = luminance(mean)
+        fireflies = _fireflies(lum, error)
         stats = {
             "spp": spp * blocks,
             "blocks": blocks,
@@ -144,7 +146,8 @@ class _Tally:
             "negative_pixels": int(negative.sum()),
             "black": float((lum == 0).mean()),
             "blown": float((mean.max(axis=-1) >= HALF_MAX / 2).mean()),
-            "fireflies": float(_fireflies(lum, error).mean()),
+            "fireflies": float(fireflies.mean()),
+            "firefly_light": float(lum[fireflies].sum() / max(lum.sum(), np.finfo(float).tiny)),
         }
         return {name: mean[..., i].astype(np.float32) for i, name in enumerate(RGB)}, stats
 

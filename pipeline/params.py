@@ -32,6 +32,7 @@ class FarmParams:
     batch: int = field(default=8, metadata=within(1, 1024))  # views of one scene per task
     window: int = field(default=2, metadata=within(1, 64))  # tasks in flight per worker
     retries: int = field(default=2, metadata=within(0, 10))  # further attempts for a failing view
+    time_limit: int = field(default=3600, metadata=within(0, 1_000_000))  # seconds a view; 0: none
     variant: Variant = "auto"
 
 
@@ -112,6 +113,7 @@ class CheckParams:
     max_black: float = field(default=0.9, metadata=within(0, 1))  # share of pixels at exactly 0
     max_blown: float = field(default=0.5, metadata=within(0, 1))  # share at the half-float limit
     max_fireflies: float = field(default=0.02, metadata=within(0, 1))
+    max_firefly_light: float = field(default=0.5, metadata=within(0, 1))  # of all light in it
 
 
 @dataclass(frozen=True)

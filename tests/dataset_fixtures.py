@@ -70,6 +70,7 @@ def write_view(folder: Path, kind: Kind, channels: Channels, view: View, **meta:
         "fingerprint": fingerprint(view=view, kind=kind),
         "spp": 64,
         "noise": 0.125,
+        "firefly_light": 0.0,
         "seed": 2**64 - 5,
         "renderer": "mitsuba 3.9.1 llvm_ad_rgb",
         **meta,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import time
@@ -31,6 +32,8 @@ def work(payload: dict[str, Any]) -> Any:
             raise KeyError(payload["name"])
         case "die":
             os.kill(os.getpid(), signal.SIGKILL)
+        case "hang":
+            ctypes.PyDLL(None).sleep(600)  # native code that keeps the interpreter's lock
         case "full":
             raise MachineError("the disk is full")
     return payload["name"]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import time
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -448,6 +450,31 @@ def test_homes_use_and_credit_the_catalogue(converted: Path, tmp_path: Path) -> 
         assert crossings(solids) == []
         assert [thing for room in scene.rooms for thing in floating(solids, room)] == []
     assert {"bookcase", "lamp"} <= seen and seen & {"chair", "turned chair", "zipped chair"}
+
+
+@pytest.mark.check
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("first", range(0, 1000, 50))
+def test_a_thousand_homes_with_real_catalogues(first: int, tmp_path: Path) -> None:
+    """None fails, nothing crosses or floats; prints the processor's seconds a home took."""
+    assets = Path(os.environ.get("PBRNET_ASSETS", "data/assets"))
+    if not load_index(assets).pieces:
+        pytest.skip(f"no catalogues in {assets}; run pbrnet assets with assets.enabled: true")
+    seconds, wrong = [], {}
+    for seed in range(first, first + 50):
+        started = time.process_time()
+        scene = _home(tmp_path / f"home-{seed}", seed, 0.6, assets.resolve())
+        seconds.append(time.process_time() - started)
+        solids = Solids(scene)
+        crossed = crossings(solids)
+        hung = [thing for room in scene.rooms for thing in floating(solids, room)]
+        if crossed or hung:
+            wrong[seed] = (crossed, hung)
+        shutil.rmtree(scene.folder)
+    print(
+        f"homes {first} to {first + 49}: mean {np.mean(seconds):.2f} s, {max(seconds):.2f} s most"
+    )
+    assert not wrong
 
 
 def test_the_geometry_check_finds_what_is_wrong(tmp_path: Path) -> None:

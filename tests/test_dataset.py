@@ -256,9 +256,10 @@ def spoil(kind: str, **changes: Any) -> Any:
 
     def write(data: Path, view: Any) -> None:
         channels = box_frames(view, small_params())[kind]
-        meta = {key: changes[key] for key in ("noise", "lost_pixels") if key in changes}
+        notes = ("noise", "lost_pixels", "firefly_light")
+        meta = {key: changes[key] for key in notes if key in changes}
         for name, value in changes.items():
-            if name in ("noise", "lost_pixels", "rgb"):
+            if name in (*notes, "rgb"):
                 continue
             channels[name] = value(channels[name])
         if "rgb" in changes:
@@ -352,6 +353,7 @@ def speckled(values: np.ndarray) -> np.ndarray:
         ("black", "color", spoil("color", rgb=half_black)),
         ("blown_out", "100.0%", spoil("color", rgb=lambda values: values * 0 + 1e9)),
         ("fireflies", "shading", spoil("shading", rgb=speckled)),
+        ("fireflies", "60.0% of the light", spoil("shading", firefly_light=0.6)),
         ("noise", "0.95", spoil("color", noise=0.95)),
         ("not_finite", "3 pixels without", spoil("color", lost_pixels=3)),
     ],

@@ -70,6 +70,13 @@ def test_a_worker_that_dies_once_costs_nothing(tmp_path: Path) -> None:
     assert all(not outcome.error for outcome in outcomes.values())
 
 
+def test_an_endless_item_is_ended_and_named() -> None:
+    params = FarmParams(workers=2, batch=4, retries=1, time_limit=3)
+    outcomes = _run(_items(8, k2={"do": "hang"}), params)
+    assert "longer than farm.time_limit allows (3 s)" in outcomes["k2"].error
+    assert all(not outcome.error for key, outcome in outcomes.items() if key != "k2")
+
+
 def test_outcomes_that_die_with_their_worker_are_made_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

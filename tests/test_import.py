@@ -21,7 +21,7 @@ from pipeline.cli import cli
 from pipeline.renderer import set_variant
 from scenes.contract import Scene, load_scene
 from scenes.errors import InputError
-from scenes.mitsuba_source.meshes import Mesh, creased, read_obj, read_ply, smooth_normals
+from scenes.mitsuba_source.meshes import Mesh, cleaned, creased, read_obj, read_ply, smooth_normals
 from scenes.mitsuba_source.orientation import guess_scale, upright
 from scenes.mitsuba_source.primitives import cube, cylinder, disk, sphere
 from scenes.mitsuba_source.spectra import spectrum_to_rgb
@@ -200,6 +200,13 @@ def test_obj_polygons_negative_indices_and_absent_parts(tmp_path: Path) -> None:
     assert np.allclose(mesh.normals, [0, 0, 1])
     areas = np.cross(*(mesh.corners[:, i] - mesh.corners[:, 0] for i in (1, 2)))[:, 2] / 2
     assert areas.tolist() == [0.5, 0.5]
+
+
+def test_texture_coordinates_beyond_all_texels_become_zero() -> None:
+    """A catalogue's vase has 3443870976 in its `vt`; its texture then returned 1e9."""
+    uvs = np.array([[3443870976.0, 1.0], [0.25, np.nan], [-7.5, np.inf]])
+    mesh, _ = cleaned(Mesh(np.eye(3), np.array([[0, 1, 2]]), None, uvs), "vase")
+    assert mesh.uvs is not None and mesh.uvs.tolist() == [[0, 1], [0.25, 0], [-7.5, 0]]
 
 
 @pytest.mark.parametrize("order", ["little", "big"])

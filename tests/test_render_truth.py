@@ -289,6 +289,9 @@ def test_broken_samples_are_counted_and_replaced(
     assert stats["negative_pixels"] == 1
     assert channels["R"][3, 4] == 2 and channels["R"][0, 0] == 0 and channels["R"][5, 6] == 0
     assert stats["fireflies"] == pytest.approx(1 / (24 * 32))
+    bright = 2 + (1e4 - 2) / 4
+    rest = 2 * (24 * 32 - 3)
+    assert stats["firefly_light"] == pytest.approx(bright / (bright + rest), rel=1e-4)
     assert stats["black"] == pytest.approx(2 / (24 * 32))
     assert all(np.isfinite(values).all() for values in channels.values())
 

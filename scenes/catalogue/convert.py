@@ -41,7 +41,7 @@ from scenes.sweethome.lamps import lit_parts
 from scenes.sweethome.models import Model, UnreadableModel, read_model
 from scenes.sweethome.things import Finish, Part, area, merged
 
-REVISION = 1  # counts up when the same catalogue would convert to other files
+REVISION = 2  # counts up when the same catalogue would convert to other files
 MAX_PIXELS = 100_000_000
 _MAX_IMAGE = 64 * 2**20  # bytes
 _SIZE_TOLERANCE = 0.01  # of a side

@@ -18,6 +18,7 @@ from scenes.errors import InputError
 
 MAX_BYTES = 512 * 2**20
 FARTHEST = 1e12  # units from the origin that a vertex may lie
+FARTHEST_UV = 1e5  # beyond, float32 has no texels left and textures return nonsense, even 1e9
 MAX_TRIANGLES = 10_000_000  # of one mesh; the whole scene has a limit of its own
 
 Floats = npt.NDArray[np.float64]
@@ -109,8 +110,8 @@ def cleaned(mesh: Mesh, where: str) -> tuple[Mesh, int]:
             normals = smooth_normals(mesh.vertices, mesh.faces)
         else:
             normals = normals / length[:, None]
-    if uvs is not None and not np.isfinite(uvs).all():
-        uvs = np.where(np.isfinite(uvs), uvs, 0.0)
+    if uvs is not None:
+        uvs = np.where(np.abs(uvs) < FARTHEST_UV, uvs, 0.0)  # NaN compares false
     dropped = int((~keep).sum())
     mesh = Mesh(mesh.vertices, mesh.faces, normals, uvs)
     return (mesh.subset(keep) if dropped else mesh), dropped

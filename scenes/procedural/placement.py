@@ -226,10 +226,10 @@ class Furnisher:
 
     def _bathroom(self) -> None:
         rng, space = self.rng, self.space
-        bath, basin = self._sanitary()
+        tub, basin = self._sanitary()
         if basin is not None:
             self._over_basin(basin)
-        if bath is None or self.area > 7:
+        if self.area > 7 and tub is not None and tub.kind == "bath_tub":
             self._shower()
         if self.chance(0.5):
             space.against_wall(
@@ -238,8 +238,8 @@ class Furnisher:
         if self.chance(0.8):
             space.on_wall(rng, "towel_rail", self.make("towel_rail"))
         self._dress_windows_lightly()
-        self._bath_mat(bath or basin)
-        for kind, probability in (("waste_bin", 0.5), ("stool", 0.25)):
+        self._bath_mat(tub or basin)
+        for kind, probability in (("waste_bin", 0.7), ("stool", 0.25)):
             if self.chance(probability):
                 space.in_corner(rng, kind, self.make(kind))
         if self.chance(0.35):
@@ -248,30 +248,34 @@ class Furnisher:
             self._pictures(1)
 
     def _sanitary(self) -> tuple[Item | None, Item | None]:
-        """Bath, toilet and basin; in a tight room smaller ones, at last without the bath."""
-        space = self.space
-        with_bath = self.chance(0.65)
-        for tight in (False, True, True):
-            bath, toilet, basin = self._try_sanitary(with_bath, tight)
-            if toilet and basin:
-                return bath, basin
-            for item in (bath, toilet, basin):
+        """Bath or shower, toilet and basin; in a tight room smaller ones, at last without either.
+
+        Returns the bath or shower, and the basin.
+        """
+        baths = [("bath_tub", False), ("bath_tub", True)] if self.chance(0.65) else []
+        for first, tight in (*baths, ("shower", False), ("shower", True)):
+            found = tub, _, basin = self._try_sanitary(first, tight)
+            if all(found):
+                return tub, basin
+            for item in found:
                 if item is not None:
-                    space.remove_last()
-        bath, _, basin = self._try_sanitary(False, True)
-        return bath, basin
+                    self.space.remove_last()
+        _, _, basin = self._try_sanitary("", True)
+        return None, basin
 
     def _try_sanitary(
-        self, with_bath: bool, tight: bool
+        self, first: str, tight: bool
     ) -> tuple[Item | None, Item | None, Item | None]:
         rng, space = self.rng, self.space
-        bath = None
-        if with_bath:
-            tub = self.make("bath_tub", width=1.6 if tight else float(rng.choice([1.6, 1.7])))
-            bath = space.against_wall(rng, "bath_tub", tub, where="corner", tries=120)
+        tub = None
+        if first == "bath_tub":
+            piece = self.make("bath_tub", width=1.6 if tight else float(rng.choice([1.6, 1.7])))
+            tub = space.against_wall(rng, "bath_tub", piece, where="corner", tries=120)
+        elif first == "shower":
+            tub = self._shower()
         toilet = space.against_wall(rng, "toilet", self.make("toilet"), tries=160)
         sink = self.make("wash_basin", width=0.55) if tight else self.make("wash_basin")
-        return bath, toilet, space.against_wall(rng, "wash_basin", sink, tries=160)
+        return tub, toilet, space.against_wall(rng, "wash_basin", sink, tries=160)
 
     def _study(self) -> None:
         rng, space = self.rng, self.space
@@ -820,6 +824,8 @@ class Furnisher:
         else:
             mirror = self.make("wall_mirror")
             hung = space.hang("wall_mirror", mirror, edge, s, mirror.mount_height)
+        if hung is None:  # there is a window
+            self._wall_things("wall_mirror")
         lamp = self.make("light_strip", width=min(0.6, width))
         top = float(hung.bounds[1, 2]) if hung else 1.9
         height = max(lamp.mount_height, top + 0.09)

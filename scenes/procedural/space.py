@@ -29,6 +29,7 @@ TOUCH = 1e-3  # metres that may overlap: surfaces in contact
 BODY = 0.21  # half the width of a person who passes
 STEP_OVER = 0.06  # metres; lower things are walked over
 HEAD = 1.75  # higher things are walked under
+_FLAT = 0.02  # metres from the wall; what is flatter is walked past
 CELL = 0.05  # of the walking grid, metres
 SKIRTING_TOP = 0.125  # metres; no skirting is higher
 GAP = SKIRTING + 0.004  # between a wall and what stands against it
@@ -400,7 +401,7 @@ class RoomSpace:
     def hang(self, kind: str, piece: Piece, edge: WallEdge, s: float, z: float) -> Item | None:
         """Hang a piece at one place of a wall."""
         pose = self.wall_pose(piece, edge, s, z)
-        walked = float(piece.bounds[0, 2]) + z < HEAD and float(piece.bounds[0, 1]) < -0.25
+        walked = float(piece.bounds[0, 2]) + z < HEAD and float(piece.bounds[0, 1]) < -_FLAT
         return self.try_place(kind, piece, pose, zone=False, on_floor=walked)
 
     def in_corner(
