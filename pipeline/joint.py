@@ -12,7 +12,8 @@ throughputs. Both materials are given the same random numbers at each vertex. Th
 So each image by itself is a plain path tracer's (emitter and BSDF sampling combined by its own
 densities) with the coin and the roulette as further factors whose expectation is one: unbiased
 for both, for every material whose own sampling is, delta lobes and black textures included, as no
-density of one material ever divides the other's value. Roulette goes by the larger throughput.
+density of one material ever divides the other's value. Where the twins do not part, shading depends
+on no colour, to the bit: direction and roulette are the grey path's while it has any throughput.
 
 Random numbers are drawn as Mitsuba's `path` draws them, so that without roulette and partings both
 images equal `path`'s, sample by sample. Left out, beside what the ground truth leaves out anyway:
@@ -169,18 +170,24 @@ class JointPath:
         heads = random < 0.5
         colour.throughput *= dr.select(part, dr.select(heads, 2.0, 0.0), 1.0)
         grey.throughput *= dr.select(part, dr.select(heads, 0.0, 2.0), 1.0)
-        follow_colour = lives & (~part | heads)
-        wo = dr.select(follow_colour, of_colour.sample.wo, of_grey.sample.wo)
-        eta = dr.select(follow_colour, of_colour.sample.eta, of_grey.sample.eta)
+        follow_grey = grey_lives & ~(part & heads)
+        wo = dr.select(follow_grey, of_grey.sample.wo, of_colour.sample.wo)
+        eta = dr.select(follow_grey, of_grey.sample.eta, of_colour.sample.eta)
         return wo, eta, dr.select(part, 2 * random - dr.select(heads, 0.0, 1.0), random)
 
     def roulette(self, colour: Branch, grey: Branch, eta: Any, depth: Any) -> tuple[Any, Any]:
-        """Probability that the path goes on, by the larger throughput, and what it then gains."""
-        largest = dr.maximum(dr.max(colour.throughput), dr.max(grey.throughput))
-        survival = dr.minimum(largest * dr.square(eta), 0.95)
+        """Probability that the path goes on, and what it then gains.
+
+        By the grey throughput, since shading must not depend on colours, but by its square root,
+        so that colours brighter than the grey are not starved; by the colour's where the grey one
+        is zero.
+        """
+        of_grey = dr.max(grey.throughput)
+        likely = dr.select(of_grey > 0, dr.sqrt(of_grey), dr.max(colour.throughput))
+        survival = dr.minimum(likely * dr.square(eta), 0.95)
         at_stake = depth >= self.rr_depth
         share = dr.select(at_stake & (survival > 0), dr.rcp(survival), 1.0)
-        return dr.select(at_stake | (largest == 0), survival, 1.0), share
+        return dr.select(at_stake | (likely == 0), survival, 1.0), share
 
 
 def power_heuristic(one: Any, other: Any) -> Any:
