@@ -28,10 +28,11 @@ from benchmarks.plain_loop import plain_sensor
 from pipeline.cameras import sample_cameras
 from pipeline.dataset import pack_dataset
 from pipeline.frames import frame_path, read_frame
-from pipeline.groundtruth import render_truth
+from pipeline.groundtruth import Truth, render_both, render_truth
 from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
 from pipeline.params import Params, load_params
+from pipeline.passes import render_truths
 from pipeline.renderer import RenderScene, open_scene, renderer_version, set_variant
 from pipeline.stages import run_cameras, run_groundtruth, run_illumination, run_inputs, run_scenes
 from pipeline.views import View, load_cameras
@@ -86,25 +87,55 @@ def _row(name: str, meaning: str, ratios: list[float]) -> Row:
 def error_ratio(scene: RenderScene, view: View, params: Params) -> Row:
     """Squared error of Mitsuba's default sampler over that of ours, at equal samples."""
     truth = replace(params.groundtruth, spp=4096, block_spp=256)
-    reference, _ = render_truth(scene, view, truth, seed=1)
-    wanted = np.stack([reference[band] for band in "RGB"], axis=-1)
+    reference = _pixels(render_truth(scene, view, truth, seed=1))
     ratios = []
     for seed in range(REPEATS):
-        ours, _ = render_truth(scene, view, replace(truth, spp=64, block_spp=16), seed=seed + 2)
-        found = np.stack([ours[band] for band in "RGB"], axis=-1)
+        ours = render_truth(scene, view, replace(truth, spp=64, block_spp=16), seed=seed + 2)
         sensor = plain_sensor(view, "independent")
         integrator = mi.load_dict({"type": "path", "max_depth": params.groundtruth.max_depth})
         plain = np.array(
             mi.render(scene.mitsuba, sensor=sensor, integrator=integrator, spp=64, seed=seed)
         )
-        limit = np.quantile(wanted, 0.99)  # the last per cent is lamps and their fireflies
         ratios.append(
-            float(
-                np.mean((np.minimum(found, limit) - np.minimum(wanted, limit)) ** 2)
-                / np.mean((np.minimum(plain[..., :3], limit) - np.minimum(wanted, limit)) ** 2)
-            )
+            _squared_error(_pixels(ours), reference) / _squared_error(plain[..., :3], reference)
         )
     return _row("error: ours / independent", "squared error of 64 spp, equal samples", ratios)
+
+
+def joint_rows(scene: RenderScene, view: View, params: Params) -> list[Row]:
+    """What the joint trace of colour and shading costs, and its errors, against plain renders."""
+    truth, grey = params.groundtruth, params.shading.albedo
+    rows = [
+        compare(
+            "joint trace / one plain render",
+            f"seconds of colour and shading in one against `path`'s colour, {truth.spp} spp",
+            lambda: render_both(scene, view, truth, grey, 0),
+            lambda: render_truth(scene, view, truth, 0),
+        )
+    ]
+    for name, form in (("color", scene), ("shading", scene.neutral(grey))):
+        long = replace(truth, spp=4096, block_spp=256)
+        reference = _pixels(render_truth(form, view, long, seed=1))
+        ratios = []
+        for seed in range(2, 2 + REPEATS):
+            both = render_both(scene, view, truth, grey, seed)
+            found, plain = getattr(both, name), render_truth(form, view, truth, seed + 100)
+            ratios.append(
+                _squared_error(_pixels(found), reference)
+                / _squared_error(_pixels(plain), reference)
+            )
+        meaning = f"squared error of {truth.spp} spp, equal samples"
+        rows.append(_row(f"error of {name}: joint / plain", meaning, ratios))
+    return rows
+
+
+def _pixels(truth: Truth) -> np.ndarray:
+    return np.stack([truth[0][band] for band in "RGB"], axis=-1)
+
+
+def _squared_error(image: np.ndarray, wanted: np.ndarray) -> float:
+    limit = np.quantile(wanted, 0.99)  # the last per cent is lamps and their fireflies
+    return float(np.mean((np.minimum(image, limit) - np.minimum(wanted, limit)) ** 2))
 
 
 def scalar_ratio(data: Path, scene_id: str) -> Row:
@@ -113,7 +144,7 @@ def scalar_ratio(data: Path, scene_id: str) -> Row:
         "import sys, time; from pathlib import Path\n"
         "from pipeline.params import Params, GroundTruthParams\n"
         "from pipeline.renderer import open_scene, set_variant\n"
-        "from pipeline.groundtruth import render_truth\n"
+        "from pipeline.groundtruth import Truth, render_both, render_truth\n"
         "from pipeline.views import load_cameras; from scenes.contract import load_scene\n"
         "set_variant(sys.argv[1]); data = Path(sys.argv[2])\n"
         "scene = open_scene(load_scene(data / 'scenes' / sys.argv[3]))\n"
@@ -172,19 +203,19 @@ def main(homes: int, out: Path) -> None:
         rows += [
             compare(
                 "panorama / ground truth",
-                f"one view, {params.illumination.width} pixels wide against {truth.spp} spp x 2",
+                f"{params.illumination.width} pixels wide against both images at {truth.spp} spp",
                 lambda: render_illumination(scene, view, params.illumination),
                 lambda: _both_truths(scene, view, params),
             ),
             compare(
                 "inputs / ground truth",
-                "one view's depth, normal, reflectance against both path traces",
+                "one view's depth, normal, reflectance against colour and shading",
                 lambda: render_inputs(scene, view),
                 lambda: _both_truths(scene, view, params),
             ),
             compare(
                 "cameras / ground truth",
-                "sampling all views of a home against path tracing one of them",
+                "sampling all views of a home against colour and shading of one of them",
                 lambda: sample_cameras(scene, scene.scene, params, 0),
                 lambda: _both_truths(scene, view, params),
             ),
@@ -192,6 +223,7 @@ def main(homes: int, out: Path) -> None:
         ]
         if variant != "scalar_rgb":
             rows.append(scalar_ratio(data, name))
+            rows += joint_rows(scene, view, params)
         run_inputs(data, params)
         run_illumination(data, params)
         run_groundtruth(data, params)
@@ -201,8 +233,7 @@ def main(homes: int, out: Path) -> None:
 
 
 def _both_truths(scene: RenderScene, view: View, params: Params) -> None:
-    render_truth(scene, view, params.groundtruth, 0)
-    render_truth(scene.neutral(params.shading.albedo), view, params.groundtruth, 0)
+    render_truths(scene, view, params, 0)
 
 
 def stage_ratio(data: Path, parameters: Path) -> Row:

@@ -18,7 +18,7 @@ from pipeline.frames import Channels, Frame, frame_path, read_frame
 from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
 from pipeline.params import Params, ToneParams
-from pipeline.passes import PASSES
+from pipeline.passes import render_truths
 from pipeline.pictures import Picture, contact_sheet, error_picture, reflectance_picture
 from pipeline.renderer import RenderScene, open_scene, set_variant
 from pipeline.tonemap import exposure_of, to_bytes, tonemap
@@ -152,9 +152,8 @@ def compare(networks: Networks, example: Example, prediction: Prediction) -> tup
 
 def _traced(scene: RenderScene, view: View, params: Params) -> tuple[Channels, Channels]:
     seed = derive(params.seed, "predict", view.scene_id, view.view_id)
-    shading, _ = PASSES["shading"].render(scene, view, params, seed)
-    color, _ = PASSES["color"].render(scene, view, params, seed)
-    return shading, color
+    truths = render_truths(scene, view, params, seed)
+    return truths["shading"][0], truths["color"][0]
 
 
 def _example(

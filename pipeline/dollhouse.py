@@ -41,7 +41,7 @@ _LIP = 0.02  # metres from a room's rim that belong to its walls
 _CUT = 0.15  # metres below a storey's lowest ceiling from which things are lifted off
 _PAPER = np.array([246.0, 245.0, 241.0])  # behind it
 _SURROUNDINGS = ("ground", "outdoors", "tree", "house", "hedge")
-_QUICK = GroundTruthParams(spp=16, block_spp=8, denoise="oidn")
+_QUICK = GroundTruthParams(spp=16, block_spp=8, denoise="oidn", joint=False)  # colour is enough
 _QUICK_WIDTH = 320
 
 

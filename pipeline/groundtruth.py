@@ -1,4 +1,4 @@
-"""Ground truth of a view: the path-traced image, in colour or of the scene's neutral twin.
+"""Ground truth of a view: the path-traced image, in colour, of the scene's neutral twin, or both.
 
 Samples are taken in blocks, each an independent stratified estimate (multi-jittered, box filter)
 with random numbers of its own, and averaged in float64. That bounds memory, makes the image
@@ -8,6 +8,7 @@ lens blur, motion blur, wavelengths, and pixels that are not square.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter
 
+from pipeline import joint
 from pipeline.frames import HALF_MAX, RGB, Channels
 from pipeline.params import GroundTruthParams
 from pipeline.renderer import RenderScene
@@ -24,18 +26,30 @@ from pipeline.views import View
 from scenes.errors import InputError
 from scenes.seeds import derive32
 
-REVISION = 2
+REVISION = 3
 _LAUNCH = 1 << 21  # samples; changing it changes pixels
 _NEAR, _FAR = 1e-3, 1e5  # metres
 _FIREFLY_RATIO = 8.0  # times the median of the 5 x 5 pixels around
 _FIREFLY_DOUBT = 0.5  # relative error from which a bright pixel is chance, not a small lamp
 
 Float64 = npt.NDArray[Any]
+Truth = tuple[Channels, dict[str, Any]]  # an image and its statistics
+
+
+@dataclass(frozen=True)
+class Truths:
+    """A view's image in the scene's own colours and that of its neutral twin.
+
+    Each as `render_truth` returns it: channels and statistics.
+    """
+
+    color: Truth
+    shading: Truth
 
 
 def render_truth(
     render_scene: RenderScene, view: View, params: GroundTruthParams, seed: int
-) -> tuple[Channels, dict[str, Any]]:
+) -> Truth:
     """Path-trace a view; `render_scene.neutral(albedo)` gives shading, the scene itself colour.
 
     Returns channels `R`, `G`, `B`, float32 (H, W), linear radiance >= 0, and statistics:
@@ -53,13 +67,35 @@ def render_truth(
     `seed` is the view's own seed, see `scenes.seeds`. Raises `InputError` for a view whose
     pixels are not square.
     """
+    integrator = _integrator(params.max_depth, params.rr_depth)
+    (truth,) = _render(render_scene.mitsuba, integrator, view, params, seed, 1)
+    return truth
+
+
+def render_both(
+    render_scene: RenderScene, view: View, params: GroundTruthParams, albedo: float, seed: int
+) -> Truths:
+    """Path-trace colour and the shading of the grey `albedo` from one trace of paths.
+
+    Each image has the expectation of its own `render_truth`; see `pipeline.joint`. Only where
+    `joint.available()`. Raises `InputError` as `render_truth` does, and for a material that
+    has no neutral twin.
+    """
+    table = joint.twin_table(render_scene.twins(albedo))
+    path = joint.JointPath(table, params.max_depth, params.rr_depth)
+    scene = render_scene.neutral(None).mitsuba
+    color, shading = _render(scene, path.integrator(), view, params, seed, 2)
+    return Truths(color, shading)
+
+
+def _render(
+    scene: Any, integrator: Any, view: View, params: GroundTruthParams, seed: int, images: int
+) -> list[Truth]:
+    """Render all blocks of an integrator that gives so many `images`, three bands each."""
     spp, blocks = block_sizes(params)
     at_once = blocks_at_once(blocks, spp * view.width * view.height)
-    sensor, integrator = _sensor(view, at_once), _integrator(params.max_depth, params.rr_depth)
-    scene = render_scene.mitsuba
-    total = np.zeros((view.height, view.width, 3))
-    finite = np.zeros((view.height, view.width))
-    lights = []
+    sensor = _sensor(view, at_once)
+    tallies = [_Tally(view) for _ in range(images)]
     for first in range(0, blocks, at_once):
         launch = mi.render(
             scene,
@@ -68,33 +104,52 @@ def render_truth(
             spp=spp,
             seed=derive32(seed, "block", first),
         )
-        images = np.asarray(launch, dtype=np.float64).reshape(view.height, at_once, view.width, 3)
+        bands = np.asarray(launch, dtype=np.float64)
+        bands = bands.reshape(view.height, at_once, view.width, images, 3)
         for block in range(at_once):
-            pixels: Float64 = images[:, block]
-            sound = np.asarray(np.isfinite(pixels).all(axis=-1))
-            pixels = np.where(sound[..., None], pixels, 0)
-            total += pixels
-            finite += sound
-            lights.append(np.where(sound, luminance(pixels), np.nan))
-    mean = total / np.maximum(finite, 1)[..., None]
-    negative = (mean < 0).any(axis=-1)
-    mean = np.maximum(mean, 0)
-    error = relative_error(np.stack(lights))
-    lum = luminance(mean)
-    fireflies = _fireflies(lum, error)
-    stats = {
-        "spp": spp * blocks,
-        "blocks": blocks,
-        "noise": float(np.sqrt(np.mean(error**2))),
-        "nan_pixels": int((finite < blocks).sum()),
-        "lost_pixels": int((finite == 0).sum()),
-        "negative_pixels": int(negative.sum()),
-        "black": float((lum == 0).mean()),
-        "blown": float((mean.max(axis=-1) >= HALF_MAX / 2).mean()),
-        "fireflies": float(fireflies.mean()),
-        "firefly_light": float(lum[fireflies].sum() / max(lum.sum(), np.finfo(float).tiny)),
-    }
-    return {name: mean[..., i].astype(np.float32) for i, name in enumerate(RGB)}, stats
+            for image, tally in enumerate(tallies):
+                tally.add(bands[:, block, :, image])
+    return [tally.truth(spp) for tally in tallies]
+
+
+class _Tally:
+    """The blocks of one image, summed in float64."""
+
+    def __init__(self, view: View) -> None:
+        self.total = np.zeros((view.height, view.width, 3))
+        self.finite = np.zeros((view.height, view.width))
+        self.lights: list[Float64] = []
+
+    def add(self, pixels: Float64) -> None:
+        """Add a block's mean radiance, (H, W, 3)."""
+        sound = np.asarray(np.isfinite(pixels).all(axis=-1))
+        pixels = np.where(sound[..., None], pixels, 0)
+        self.total += pixels
+        self.finite += sound
+        self.lights.append(np.where(sound, luminance(pixels), np.nan))
+
+    def truth(self, spp: int) -> Truth:
+        """The image and its statistics, given the samples a pixel in each block."""
+        blocks = len(self.lights)
+        mean = self.total / np.maximum(self.finite, 1)[..., None]
+        negative = (mean < 0).any(axis=-1)
+        mean = np.maximum(mean, 0)
+        error = relative_error(np.stack(self.lights))
+        lum = luminance(mean)
+        fireflies = _fireflies(lum, error)
+        stats = {
+            "spp": spp * blocks,
+            "blocks": blocks,
+            "noise": float(np.sqrt(np.mean(error**2))),
+            "nan_pixels": int((self.finite < blocks).sum()),
+            "lost_pixels": int((self.finite == 0).sum()),
+            "negative_pixels": int(negative.sum()),
+            "black": float((lum == 0).mean()),
+            "blown": float((mean.max(axis=-1) >= HALF_MAX / 2).mean()),
+            "fireflies": float(fireflies.mean()),
+            "firefly_light": float(lum[fireflies].sum() / max(lum.sum(), np.finfo(float).tiny)),
+        }
+        return {name: mean[..., i].astype(np.float32) for i, name in enumerate(RGB)}, stats
 
 
 def block_sizes(params: GroundTruthParams) -> tuple[int, int]:

@@ -16,13 +16,13 @@ from typing import Any, cast
 import drjit as dr
 
 from pipeline.cameras import sample_cameras
-from pipeline.frames import Kind, frame_path, write_frame
+from pipeline.frames import Channels, Kind, frame_path, write_frame
 from pipeline.params import Params, Variant
-from pipeline.passes import PASSES, camera_of, pass_seed
+from pipeline.passes import PASSES, camera_of, pass_seed, render_truths
 from pipeline.renderer import RenderScene, open_scene, renderer_version, set_variant
 from pipeline.views import View, save_cameras
 from scenes.contract import Scene, load_scene, save_scene
-from scenes.errors import MachineError
+from scenes.errors import InputError, MachineError
 from scenes.params import SceneParams
 from scenes.procedural.home import make_home
 from scenes.registry import import_scene
@@ -84,14 +84,13 @@ class CameraJob:
 
 @dataclass(frozen=True)
 class FrameJob:
-    """Render one kind of frame of one view."""
+    """Render one kind of frame of one view, or both of its truths."""
 
     data: Path
-    kind: Kind
     view: View
     scene_digest: str
     params: Params
-    fingerprint: str
+    fingerprints: dict[Kind, str]  # of the frames to write
 
 
 def no_renderer(threads: int) -> None:
@@ -167,25 +166,51 @@ def sample_scene(job: CameraJob) -> dict[str, Any]:
     }
 
 
-def render_frame(job: FrameJob) -> dict[str, Any]:
-    """Render one frame and write it; returns what the ledger wants to know."""
+def render_frames(job: FrameJob) -> dict[str, Any]:
+    """Render a job's frames and write them; returns what the ledger wants to know.
+
+    A frame's pixels are the same whether it is rendered alone or with its sister. Where one of
+    two cannot be rendered, the other is, and `failed` says by its kind why not.
+    """
     folder = job.data / "scenes" / job.view.scene_id
     _require(folder)
     opened = _opened(folder, job.scene_digest)
-    seed = pass_seed(job.kind, job.view, job.params.seed)
-    made_by = PASSES[job.kind]
-    channels, stats = made_by.render(opened, job.view, job.params, seed)
+    if len(job.fingerprints) > 1:
+        try:
+            both = render_truths(opened, job.view, job.params, _seed(job, "color"))
+            return {"spp": max(_write(job, kind, *both[kind]) for kind in job.fingerprints)}
+        except InputError:
+            pass
+    spp, failed = 0, {}
+    for kind in job.fingerprints:
+        try:
+            rendered = PASSES[kind].render(opened, job.view, job.params, _seed(job, kind))
+        except InputError as error:
+            if len(job.fingerprints) == 1:
+                raise
+            failed[kind] = str(error)
+        else:
+            spp = _write(job, kind, *rendered)
+    return {"spp": spp, "failed": failed}
+
+
+def _seed(job: FrameJob, kind: Kind) -> int:
+    return pass_seed(kind, job.view, job.params.seed)
+
+
+def _write(job: FrameJob, kind: Kind, channels: Channels, stats: dict[str, Any]) -> int:
+    """Write one frame; returns its samples a pixel."""
     write_frame(
-        frame_path(job.data, job.kind, job.view),
-        job.kind,
+        frame_path(job.data, kind, job.view),
+        kind,
         channels,
         camera_of(job.view),
         **stats,
-        **({"seed": seed} if made_by.seeded else {}),
+        **({"seed": _seed(job, kind)} if PASSES[kind].seeded else {}),
         renderer=renderer_version(),
-        fingerprint=job.fingerprint,
+        fingerprint=job.fingerprints[kind],
     )
-    return {"spp": stats.get("spp", 0)}
+    return int(stats.get("spp", 0))
 
 
 def _opened(folder: Path, digest: str) -> RenderScene:

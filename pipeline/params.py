@@ -87,6 +87,7 @@ class GroundTruthParams:
     max_depth: int = field(default=11, metadata=within(1, 1000))
     rr_depth: int = field(default=5, metadata=within(1, 1000))
     denoise: Literal["none", "oidn"] = "none"
+    joint: bool = True  # both from one trace of paths, where the variant can
 
     def verify(self, where: str) -> None:
         """Blocks must divide the samples; raises ValueError."""

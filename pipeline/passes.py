@@ -11,19 +11,22 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pipeline import groundtruth, illumination, inputs
+from pipeline import groundtruth, illumination, inputs, joint
 from pipeline.denoise import denoise, denoiser_version, grey_guide, guides
 from pipeline.frames import Channels, Kind, fingerprint
-from pipeline.groundtruth import render_truth
+from pipeline.groundtruth import render_both, render_truth
 from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
 from pipeline.params import Params
 from pipeline.renderer import RenderScene
 from pipeline.views import View
 from scenes.checked import plain
+from scenes.errors import InputError
 from scenes.seeds import derive
 
-Render = Callable[[RenderScene, View, Params, int], tuple[Channels, dict[str, Any]]]
+Result = tuple[Channels, dict[str, Any]]  # channels, and what else goes into the attribute
+Render = Callable[[RenderScene, View, Params, int], Result]
+TRUTHS: tuple[Kind, ...] = ("shading", "color")
 
 
 @dataclass(frozen=True)
@@ -36,37 +39,64 @@ class Pass:
     seeded: bool = False  # whether chance has a part in it
 
 
-def _inputs(
-    scene: RenderScene, view: View, params: Params, seed: int
-) -> tuple[Channels, dict[str, Any]]:
+def _inputs(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
     return render_inputs(scene, view), {}
 
 
-def _illumination(
-    scene: RenderScene, view: View, params: Params, seed: int
-) -> tuple[Channels, dict[str, Any]]:
+def _illumination(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
     return render_illumination(scene, view, params.illumination), {}
 
 
-def _shading(
-    scene: RenderScene, view: View, params: Params, seed: int
-) -> tuple[Channels, dict[str, Any]]:
-    grey = params.shading.albedo
-    channels, stats = render_truth(scene.neutral(grey), view, params.groundtruth, seed)
-    if params.groundtruth.denoise == "none":
-        return channels, stats
-    _, normal = guides(scene, view)
-    clean = denoise(channels, grey_guide(normal, grey), normal)
-    return clean, {**stats, "denoiser": denoiser_version()}
+def _shading(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
+    if traced_together(params):
+        truths = render_both(scene, view, params.groundtruth, params.shading.albedo, seed)
+        return _finished("shading", truths.shading, scene, view, params)
+    grey = scene.neutral(params.shading.albedo)
+    truth = render_truth(grey, view, params.groundtruth, seed)
+    return _finished("shading", truth, scene, view, params)
 
 
-def _color(
-    scene: RenderScene, view: View, params: Params, seed: int
-) -> tuple[Channels, dict[str, Any]]:
-    channels, stats = render_truth(scene, view, params.groundtruth, seed)
+def _color(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
+    if traced_together(params) and _has_twin(scene, params):
+        truths = render_both(scene, view, params.groundtruth, params.shading.albedo, seed)
+        return _finished("color", truths.color, scene, view, params)
+    truth = render_truth(scene, view, params.groundtruth, seed)
+    return _finished("color", truth, scene, view, params)
+
+
+def render_truths(scene: RenderScene, view: View, params: Params, seed: int) -> dict[Kind, Result]:
+    """Shading and colour of a view, each bit for bit as its own pass renders it.
+
+    Raises `InputError` for a material without neutral twin, though colour alone could be had.
+    """
+    if not traced_together(params):
+        return {kind: PASSES[kind].render(scene, view, params, seed) for kind in TRUTHS}
+    truths = render_both(scene, view, params.groundtruth, params.shading.albedo, seed)
+    return {kind: _finished(kind, getattr(truths, kind), scene, view, params) for kind in TRUTHS}
+
+
+def traced_together(params: Params) -> bool:
+    """Whether colour and shading come from one trace: as asked for, where the variant can."""
+    return params.groundtruth.joint and joint.available()
+
+
+def _has_twin(scene: RenderScene, params: Params) -> bool:
+    try:
+        scene.twins(params.shading.albedo)
+    except InputError:
+        return False
+    return True
+
+
+def _finished(kind: Kind, truth: Result, scene: RenderScene, view: View, params: Params) -> Result:
+    """Denoised, if the parameters say so."""
+    channels, stats = truth
     if params.groundtruth.denoise == "none":
-        return channels, stats
-    return denoise(channels, *guides(scene, view)), {**stats, "denoiser": denoiser_version()}
+        return truth
+    albedo, normal = guides(scene, view)
+    if kind == "shading":
+        albedo = grey_guide(normal, params.shading.albedo)
+    return denoise(channels, albedo, normal), {**stats, "denoiser": denoiser_version()}
 
 
 def _truth_determined_by(params: Params) -> dict[str, Any]:
@@ -75,6 +105,12 @@ def _truth_determined_by(params: Params) -> dict[str, Any]:
         "truth": plain(params.groundtruth),
         "denoiser": [denoiser_version(), inputs.REVISION] if used else None,
     }
+
+
+def _color_determined_by(params: Params) -> dict[str, Any]:
+    # In a joint trace the twin's throughput has a say in every path's roulette.
+    company = {"shading": plain(params.shading)} if params.groundtruth.joint else {}
+    return {**_truth_determined_by(params), **company}
 
 
 PASSES: dict[Kind, Pass] = {
@@ -90,7 +126,7 @@ PASSES: dict[Kind, Pass] = {
     ),
     "color": Pass(
         groundtruth.REVISION,
-        _truth_determined_by,
+        _color_determined_by,
         _color,
         seeded=True,
     ),
@@ -98,8 +134,12 @@ PASSES: dict[Kind, Pass] = {
 
 
 def pass_seed(kind: Kind, view: View, root: int) -> int:
-    """The seed of one pass over one view, descended from the root seed."""
-    return derive(root, "scene", view.scene_id, "view", view.view_id, kind)
+    """The seed of one pass over one view, descended from the root seed.
+
+    Shading and colour have one in common, since they may come from one trace.
+    """
+    name = "truth" if kind in TRUTHS else kind
+    return derive(root, "scene", view.scene_id, "view", view.view_id, name)
 
 
 def camera_of(view: View) -> View:

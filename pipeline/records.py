@@ -43,7 +43,9 @@ def save_failures(data: Path, stage: str, failures: list[Failure]) -> None:
 
 class Ledger:
     """Appends cost rows to `data/ledger/<stage>.csv`, by rename, every `every` seconds and at
-    the end. Costs are a record of this machine: nothing that determines data reads them."""
+    the end. One row a frame; frames that were rendered together share their seconds evenly.
+
+    Costs are a record of this machine: nothing that determines data reads them."""
 
     def __init__(self, data: Path, stage: str, every: float = 30.0) -> None:
         self.path = data / "ledger" / f"{stage}.csv"

@@ -90,6 +90,13 @@ class RenderScene:
         """
         return replace(self, albedo=albedo)
 
+    def twins(self, albedo: float) -> list[tuple[Any, Any]]:
+        """Every material with its twin in the grey `albedo`, as they are now in memory.
+
+        Raises `InputError` for a material that has no neutral twin.
+        """
+        return self.wardrobe.twins(albedo)
+
     def dress(self) -> None:
         """Give the shared shapes this form's materials, unless they wear them.
 

@@ -90,7 +90,7 @@ Examples:
 @farm_options
 @common_options
 def groundtruth(params: Params, data: Path, scheduler: str | None) -> None:
-    """Path-trace textureless shading and full colour of every view.
+    """Path-trace textureless shading and full colour of every view, both from one trace.
 
     Frames that are up to date are kept, so an interrupted run goes on where it stopped.
     """
@@ -101,7 +101,10 @@ def groundtruth(params: Params, data: Path, scheduler: str | None) -> None:
 @farm_options
 @common_options
 def shading(params: Params, data: Path, scheduler: str | None) -> None:
-    """Path-trace only the textureless shading of every view."""
+    """Path-trace only the textureless shading of every view.
+
+    Where both come from one trace, one of them costs as much as both: see pbrnet groundtruth.
+    """
     _say(run_groundtruth(data, params, scheduler, parts=("shading",)))
 
 
@@ -109,7 +112,10 @@ def shading(params: Params, data: Path, scheduler: str | None) -> None:
 @farm_options
 @common_options
 def color(params: Params, data: Path, scheduler: str | None) -> None:
-    """Path-trace only the full colour of every view."""
+    """Path-trace only the full colour of every view.
+
+    Where both come from one trace, one of them costs as much as both: see pbrnet groundtruth.
+    """
     _say(run_groundtruth(data, params, scheduler, parts=("color",)))
 
 

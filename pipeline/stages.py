@@ -12,7 +12,7 @@ import re
 import shutil
 import sys
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -34,12 +34,12 @@ from pipeline.jobs import (
     ImportVariant,
     make_scene,
     no_renderer,
-    render_frame,
+    render_frames,
     sample_scene,
     use_renderer,
 )
 from pipeline.params import Params
-from pipeline.passes import frame_fingerprint
+from pipeline.passes import TRUTHS, frame_fingerprint, traced_together
 from pipeline.progress import Progress
 from pipeline.records import Failure, Ledger, data_lock, save_failures
 from pipeline.renderer import renderer_version, set_variant
@@ -82,6 +82,16 @@ class Summary:
         return "\n".join([f"{parts[0]}, {self.seconds:.1f} s", *self.notes])
 
 
+@dataclass(frozen=True)
+class _Target:
+    """What an item writes: a frame, a camera file or a scene, and by what names it is listed."""
+
+    path: Path
+    stage: str
+    scene_id: str
+    view_id: str = ""
+
+
 @dataclass
 class _Work:
     """A stage's plan: what is to be done, how, and what is already known to fail."""
@@ -90,20 +100,19 @@ class _Work:
     unit: str
     work: Callable[[Any], Any]
     items: list[Item] = field(default_factory=list)
-    labels: dict[str, tuple[str, str, str]] = field(default_factory=dict)  # stage, scene, view
     failures: list[Failure] = field(default_factory=list)
     kept: int = 0
     removed: int = 0
     renders: bool = True
 
-    targets: dict[str, Path] = field(default_factory=dict)  # key -> what the item writes
+    targets: dict[str, list[_Target]] = field(default_factory=dict)  # key -> what the item writes
 
-    def add(self, stage: str, scene_id: str, view_id: str, target: Path, job: Any) -> None:
-        """Add an item; what lies at `target` now is out of date."""
-        key = f"{stage}/{scene_id}/{view_id}"
-        self.items.append(Item(key, scene_id, job))
-        self.labels[key] = (stage, scene_id, view_id)
-        self.targets[key] = target
+    def add(self, job: Any, *targets: _Target) -> None:
+        """Add an item; what lies at its targets now is out of date."""
+        first = targets[0]
+        key = f"{'+'.join(target.stage for target in targets)}/{first.scene_id}/{first.view_id}"
+        self.items.append(Item(key, first.scene_id, job))
+        self.targets[key] = list(targets)
 
 
 def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summary:
@@ -140,7 +149,7 @@ def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summ
                     )
                 )
             else:
-                work.add("scenes", scene_id, "", job.folder, job)
+                work.add(job, _Target(job.folder, "scenes", scene_id))
         made = _carry_out(data, params, scheduler, work)
         return _finish(data, work, made, started)
 
@@ -172,7 +181,7 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
                     params.seed,
                     mark,
                 )
-                work.add("cameras", scene_id, "", path, job)
+                work.add(job, _Target(path, "cameras", scene_id))
         made = _carry_out(data, params, scheduler, work, renderer)
         return _finish(data, work, made, started, lambda: _camera_notes(root, scenes))
 
@@ -205,34 +214,56 @@ def _run_frames(
     data = Path(data).resolve()
     with data_lock(data, stage):
         renderer = _renderer(params)
-        work = _Work(stage, "views" if len(kinds) == 1 else "frames", render_frame)
+        work = _Work(stage, "views" if len(kinds) == 1 else "frames", render_frames)
         scenes = _scenes(data, work)
         digests = _digests(data, scenes)
         views = _views(data, params, scenes, digests, renderer, work)
-        jobs: dict[Path, FrameJob] = {}
+        wanted: dict[Path, _WantedFrame] = {}
         for kind in kinds:
             for view in views:
-                digest = digests[view.scene_id]
-                mark = frame_fingerprint(kind, view, params, digest, renderer)
-                job = FrameJob(data, kind, view, digest, params, mark)
-                jobs[frame_path(data, kind, view)] = job
+                mark = frame_fingerprint(kind, view, params, digests[view.scene_id], renderer)
+                wanted[frame_path(data, kind, view)] = _WantedFrame(kind, view, mark)
             # A scene that cannot be read now may be whole again tomorrow: its frames stay.
             spared = {failure.scene_id for failure in work.failures}
-            work.removed += _remove_stranger_frames(data / kind, jobs, spared)
-        stale = _not_holding(jobs)
-        work.kept = len(jobs) - len(stale)
-        # By scene, then kind: a worker changes neither more often than it must.
-        for path in sorted(stale, key=lambda path: (jobs[path].view.scene_id, jobs[path].kind)):
-            job = jobs[path]
-            work.add(job.kind, job.view.scene_id, job.view.view_id, path, job)
+            work.removed += _remove_stranger_frames(data / kind, wanted, spared)
+        stale = _not_holding(wanted)
+        work.kept = len(wanted) - len(stale)
+        for paths in _in_one_trace(stale, params):
+            view = wanted[paths[0]].view
+            marks = {wanted[path].kind: wanted[path].mark for path in paths}
+            job = FrameJob(data, view, digests[view.scene_id], params, marks)
+            work.add(job, *(wanted[path].target(path) for path in paths))
         made = _carry_out(data, params, scheduler, work, renderer)
         # An earlier run's worker may have outlived it and written its frame over ours.
-        for path in _not_holding({path: jobs[path] for path in stale if made[path]}):
+        for path in _not_holding({path: wanted[path] for path in stale if made[path]}):
             made[path] = False
-            view = jobs[path].view
+            target = wanted[path].target(path)
             error = f"{path} was overwritten by another run; run again"
-            work.failures.append(Failure(jobs[path].kind, view.scene_id, view.view_id, error))
+            work.failures.append(Failure(target.stage, target.scene_id, target.view_id, error))
         return _finish(data, work, made, started)
+
+
+@dataclass(frozen=True)
+class _WantedFrame:
+    """A frame that should be there, and its fingerprint."""
+
+    kind: Kind
+    view: View
+    mark: str
+
+    def target(self, path: Path) -> _Target:
+        return _Target(path, self.kind, self.view.scene_id, self.view.view_id)
+
+
+def _in_one_trace(wanted: dict[Path, _WantedFrame], params: Params) -> list[list[Path]]:
+    """Frames, those of one trace together; by scene, then kind: a worker changes neither more
+    often than it must."""
+    together = traced_together(params)
+    groups: dict[tuple[str, str, str], list[Path]] = defaultdict(list)
+    for path, frame in wanted.items():
+        kind = "truth" if together and frame.kind in TRUTHS else frame.kind
+        groups[frame.view.scene_id, kind, frame.view.view_id].append(path)
+    return [groups[key] for key in sorted(groups)]
 
 
 def _carry_out(
@@ -240,20 +271,19 @@ def _carry_out(
 ) -> dict[Path, bool]:
     """Have the farm do the work; says of each target whether it was made, and adds to the
     work's failures."""
-    made = dict.fromkeys(work.targets.values(), False)
+    made = {target.path: False for targets in work.targets.values() for target in targets}
     if not work.items:
         return made
     setup: Callable[[int], None] = no_renderer
     if work.renders:
         setup = partial(use_renderer, set_variant(params.farm.variant), renderer)
     ledger = Ledger(data, work.stage)
-    with Progress(work.kept + len(work.items), work.stage, work.unit) as progress:
+    with Progress(work.kept + len(made), work.stage, work.unit) as progress:
         progress.advance(work.kept)
         try:
             with Farm(params.farm, scheduler, setup, len(work.items)) as farm:
                 for outcome in farm.run(work.work, work.items):
-                    made[work.targets[outcome.key]] = not outcome.error
-                    _record(outcome, work, ledger, progress)
+                    made.update(_record(outcome, work, ledger, progress))
         finally:
             for folder in sorted({target.parent for target in made}):
                 remove_partials(folder)
@@ -261,17 +291,28 @@ def _carry_out(
     return made
 
 
-def _record(outcome: Outcome, work: _Work, ledger: Ledger, progress: Progress) -> None:
-    stage, scene_id, view_id = work.labels[outcome.key]
-    if outcome.error:
-        failure = Failure(stage, scene_id, view_id, outcome.error)
-        work.failures.append(failure)
-        progress.write(f"failed: {failure}")
-    else:
-        seconds = f"{outcome.seconds:.3f}"
-        spp = outcome.value.get("spp", 0)
-        ledger.add(stage, scene_id, view_id, seconds, outcome.worker, outcome.attempt, spp)
-    progress.advance(1, scene_id)
+def _record(outcome: Outcome, work: _Work, ledger: Ledger, progress: Progress) -> dict[Path, bool]:
+    """Book an outcome: failures, costs, progress; says of each of its targets whether it was made.
+
+    Frames from one trace share its seconds evenly, so that the ledger's sum is what was spent.
+    """
+    targets, value = work.targets[outcome.key], outcome.value or {}
+    errors = {
+        target.path: outcome.error or value.get("failed", {}).get(target.stage, "")
+        for target in targets
+    }
+    seconds = outcome.seconds / max(1, sum(not error for error in errors.values()))
+    for target in targets:
+        label = (target.stage, target.scene_id, target.view_id)
+        if errors[target.path]:
+            failure = Failure(*label, errors[target.path])
+            work.failures.append(failure)
+            progress.write(f"failed: {failure}")
+        else:
+            spp = value.get("spp", 0)
+            ledger.add(*label, f"{seconds:.3f}", outcome.worker, outcome.attempt, spp)
+        progress.advance(1, target.scene_id)
+    return {path: not error for path, error in errors.items()}
 
 
 def _finish(
@@ -543,11 +584,11 @@ def _some(names: list[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-def _not_holding(jobs: dict[Path, FrameJob]) -> list[Path]:
-    """Paths whose frame is missing, truncated or was made from something else."""
-    paths = list(jobs)
-    good = _threaded(lambda path: holds(path, jobs[path].fingerprint), paths)
-    return [path for path, fine in zip(paths, good, strict=True) if not fine]
+def _not_holding(wanted: dict[Path, _WantedFrame]) -> dict[Path, _WantedFrame]:
+    """Those whose frame is missing, truncated or was made from something else."""
+    paths = list(wanted)
+    good = _threaded(lambda path: holds(path, wanted[path].mark), paths)
+    return {path: wanted[path] for path, fine in zip(paths, good, strict=True) if not fine}
 
 
 def _remove_stranger_frames(root: Path, wanted: dict[Path, Any], spared: set[str]) -> int:

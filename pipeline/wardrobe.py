@@ -13,7 +13,7 @@ from scenes.errors import InputError
 
 _ANY_GREY = 0.5
 
-Suit = list[tuple[Any, Any]]  # shape and BSDF
+Suit = list[tuple[Any, Any]]  # shape and BSDF, or two BSDFs
 
 
 class Wardrobe:
@@ -47,6 +47,17 @@ class Wardrobe:
         for shape, bsdf in self._own if albedo is None else self._grey:
             shape.set_bsdf(bsdf)
         self._worn = albedo
+
+    def twins(self, albedo: float) -> Suit:
+        """Every shape's own material with its twin in the grey `albedo`; changes no clothes.
+
+        They hold until another grey is asked for. Raises `InputError` as `wear` does.
+        """
+        worn = self._worn
+        self.wear(albedo)
+        self.wear(worn)
+        pairs = zip(self._own, self._grey, strict=True)
+        return [(own, grey) for (_, own), (_, grey) in pairs]
 
     def _tailor(self, albedo: float) -> None:
         self._shade = None

@@ -138,6 +138,39 @@ def test_missing_truncated_and_foreign_frames_are_rendered_again(data: Path) -> 
     assert _files(data) == before
 
 
+def test_halves_are_the_whole(data: Path) -> None:
+    """Frames are the same whether made together or alone."""
+    before = _files(data)
+    for kind in ("shading", "color"):
+        shutil.rmtree(data / kind)
+        assert run_groundtruth(data, PARAMS, parts=(kind,)).made == 4
+    assert _files(data) == before
+
+
+def test_without_twin_there_is_colour_but_no_shading(data: Path) -> None:
+    scene = data / "scenes" / "alpha" / "scene.xml"
+    hair = '<shape type="sphere" id="hairy"><float name="radius" value="0.1"/><bsdf type="hair"/>'
+    scene.write_text(scene.read_text().replace("</scene>", hair + "</shape></scene>"))
+    with pytest.raises(StageError, match=r"2 failed, 2 made, 4 kept(.|\n)*'hair'"):
+        run_groundtruth(data, PARAMS)
+    before = _files(data, "color")
+    assert len(list((data / "color" / "alpha").glob("*.exr"))) == 2
+    assert not list((data / "shading" / "alpha").glob("*.exr"))
+    shutil.rmtree(data / "color" / "alpha")
+    assert run_groundtruth(data, PARAMS, parts=("color",)).made == 2
+    assert _files(data, "color") == before
+
+
+def test_two_renders_differ_from_one_trace_by_noise_only(data: Path) -> None:
+    view = _views(data)[0]
+    one = [read_frame(frame_path(data, kind, view)).rgb for kind in ("shading", "color")]
+    apart = replace(PARAMS, groundtruth=replace(PARAMS.groundtruth, joint=False))
+    assert run_groundtruth(data, apart).made == 8
+    two = [read_frame(frame_path(data, kind, view)).rgb for kind in ("shading", "color")]
+    for first, second in zip(one, two, strict=True):
+        assert first.mean() == pytest.approx(second.mean(), rel=0.1)
+
+
 def test_strangers_are_removed_and_files_of_others_are_not(
     data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -182,7 +215,8 @@ def _alter(section: str, **values: Any) -> Params:
         (_alter("groundtruth", spp=8), "shading color"),
         (_alter("groundtruth", block_spp=4), "shading color"),
         (_alter("groundtruth", max_depth=4), "shading color"),
-        (_alter("shading", albedo=0.4), "shading"),
+        (_alter("shading", albedo=0.4), "shading color"),
+        (_alter("groundtruth", joint=False), "shading color"),
         (_alter("illumination", width=64), "illumination"),
         (_alter("illumination", supersampling=2), "illumination"),
         (replace(PARAMS, seed=1), "shading color"),
