@@ -26,7 +26,7 @@ from pipeline.views import View
 from scenes.errors import InputError
 from scenes.seeds import derive32
 
-REVISION = 3
+REVISION = 4
 _LAUNCH = 1 << 21  # samples; changing it changes pixels
 _NEAR, _FAR = 1e-3, 1e5  # metres
 _FIREFLY_RATIO = 8.0  # times the median of the 5 x 5 pixels around
@@ -62,7 +62,7 @@ def render_truth(
       in any band (set to 0; skies may be slightly negative);
     * `black`, `blown`, `fireflies`: shares of pixels at exactly 0, at or above half the largest
       half float, and far brighter than all around by chance; `firefly_light`: the share of all
-      light that lies in those last.
+      light that lies in the brightest of those last, at most a thousandth of the pixels.
 
     `seed` is the view's own seed, see `scenes.seeds`. Raises `InputError` for a view whose
     pixels are not square.
@@ -147,7 +147,7 @@ class _Tally:
             "black": float((lum == 0).mean()),
             "blown": float((mean.max(axis=-1) >= HALF_MAX / 2).mean()),
             "fireflies": float(fireflies.mean()),
-            "firefly_light": float(lum[fireflies].sum() / max(lum.sum(), np.finfo(float).tiny)),
+            "firefly_light": _glare(lum, fireflies),
         }
         return {name: mean[..., i].astype(np.float32) for i, name in enumerate(RGB)}, stats
 
@@ -209,6 +209,13 @@ def _fireflies(lum: Float64, error: Float64) -> npt.NDArray[np.bool_]:
     floor = 0.01 * lum.mean()
     bright: npt.NDArray[np.bool_] = lum > _FIREFLY_RATIO * (around + floor)
     return bright & (error > _FIREFLY_DOUBT)
+
+
+def _glare(lum: Float64, fireflies: npt.NDArray[np.bool_]) -> float:
+    """Share of all light in the brightest fireflies: little in grain, all of it where a material
+    or a path goes wrong and outshines the room."""
+    few = -(-lum.size // 1000)
+    return float(np.sort(lum[fireflies])[-few:].sum() / max(lum.sum(), np.finfo(float).tiny))
 
 
 def _sensor(view: View, copies: int = 1) -> Any:

@@ -113,7 +113,7 @@ class CheckParams:
     max_black: float = field(default=0.9, metadata=within(0, 1))  # share of pixels at exactly 0
     max_blown: float = field(default=0.5, metadata=within(0, 1))  # share at the half-float limit
     max_fireflies: float = field(default=0.02, metadata=within(0, 1))
-    max_firefly_light: float = field(default=0.5, metadata=within(0, 1))  # of all light in it
+    max_firefly_light: float = field(default=0.5, metadata=within(0, 1))  # in the brightest
 
 
 @dataclass(frozen=True)

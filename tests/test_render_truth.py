@@ -296,6 +296,17 @@ def test_broken_samples_are_counted_and_replaced(
     assert all(np.isfinite(values).all() for values in channels.values())
 
 
+def test_grain_is_no_glare() -> None:
+    """One firefly that outshines the room counts; a thousand that make up the room do not."""
+    grain = np.random.default_rng(1).gamma(0.1, 10.0, (120, 160))
+    fireflies = grain > 4
+    assert grain[fireflies].sum() > 0.5 * grain.sum()
+    assert groundtruth._glare(grain, fireflies) < 0.05
+    grain[60, 80] = 10 * grain.sum()
+    fireflies[60, 80] = True
+    assert groundtruth._glare(grain, fireflies) > 0.9
+
+
 SCRIPT = """
 import sys
 import drjit as dr
