@@ -1,6 +1,6 @@
 # make repro   environment, then every stage of dvc.yaml that is out of date
 # make test    formatting, lint, types, tests
-# make check   what is too long for every test run: hundreds of homes, long fault runs
+# make check   what is too long for every test run: thousands of homes
 # make bench   measured ratios, printed and written to benchmarks/results.json
 # make lock    pin anew what pyproject.toml allows
 # make clean   remove what the pipeline made (not the environment)

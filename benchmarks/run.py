@@ -144,7 +144,7 @@ def scalar_ratio(data: Path, scene_id: str) -> Row:
         "import sys, time; from pathlib import Path\n"
         "from pipeline.params import Params, GroundTruthParams\n"
         "from pipeline.renderer import open_scene, set_variant\n"
-        "from pipeline.groundtruth import Truth, render_both, render_truth\n"
+        "from pipeline.groundtruth import render_truth\n"
         "from pipeline.views import load_cameras; from scenes.contract import load_scene\n"
         "set_variant(sys.argv[1]); data = Path(sys.argv[2])\n"
         "scene = open_scene(load_scene(data / 'scenes' / sys.argv[3]))\n"

@@ -166,8 +166,12 @@ def firefly_share(image: npt.NDArray[np.float32]) -> float:
 
 def noise_of(frame: Frame) -> float | None:
     """A rendered frame's relative noise estimate, None if it carries none."""
-    noise = frame.meta.get("noise")
-    return float(noise) if isinstance(noise, (int, float)) else None
+    return _figure(frame, "noise")
+
+
+def _figure(frame: Frame, name: str) -> float | None:
+    value = frame.meta.get(name)
+    return float(value) if isinstance(value, (int, float)) else None
 
 
 def _stale(view: View, frames: Mapping[Kind, Frame]) -> Rejection | None:
@@ -263,8 +267,8 @@ def _noisy(frames: Mapping[Kind, Frame], limit: float) -> Rejection | None:
 
 def _chance_light(frames: Mapping[Kind, Frame], limit: float) -> Rejection | None:
     for kind in ("shading", "color"):
-        share = float(frames[kind].meta.get("firefly_light", 0.0))
-        if not share <= limit:
+        share = _figure(frames[kind], "firefly_light")
+        if share is not None and not share <= limit:
             words = f"{kind}: {share:.1%} of the light is in fireflies, limit {limit:.1%}"
             return Rejection("fireflies", words)
     return None

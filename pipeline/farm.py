@@ -313,8 +313,8 @@ class _Run:
 
     def cause_of_death(self) -> str:
         """What became of the suspect that has just been run alone and ended its workers."""
-        limit = self.farm.params.time_limit
-        if limit and time.monotonic() - self.alone_since >= limit:
+        limit, tries = self.farm.params.time_limit, self.farm.params.retries + 1
+        if limit and time.monotonic() - self.alone_since >= tries * limit:
             return f"it ran longer than farm.time_limit allows ({limit} s) and was ended each time"
         return "its worker process died each time (out of memory, or a crash)"
 

@@ -47,21 +47,19 @@ def _illumination(scene: RenderScene, view: View, params: Params, seed: int) -> 
     return render_illumination(scene, view, params.illumination), {}
 
 
-def _shading(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
-    if traced_together(params):
-        truths = render_both(scene, view, params.groundtruth, params.shading.albedo, seed)
-        return _finished("shading", truths.shading, scene, view, params)
-    grey = scene.neutral(params.shading.albedo)
-    truth = render_truth(grey, view, params.groundtruth, seed)
-    return _finished("shading", truth, scene, view, params)
+def _truth(kind: Kind) -> Render:
+    """How one of the two truths is rendered when it is wanted alone."""
 
+    def render(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
+        albedo = params.shading.albedo
+        if traced_together(params) and (kind == "shading" or _has_twin(scene, params)):
+            truths = render_both(scene, view, params.groundtruth, albedo, seed)
+            return _finished(kind, getattr(truths, kind), scene, view, params)
+        form = scene.neutral(albedo if kind == "shading" else None)
+        truth = render_truth(form, view, params.groundtruth, seed)
+        return _finished(kind, truth, scene, view, params)
 
-def _color(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
-    if traced_together(params) and _has_twin(scene, params):
-        truths = render_both(scene, view, params.groundtruth, params.shading.albedo, seed)
-        return _finished("color", truths.color, scene, view, params)
-    truth = render_truth(scene, view, params.groundtruth, seed)
-    return _finished("color", truth, scene, view, params)
+    return render
 
 
 def render_truths(scene: RenderScene, view: View, params: Params, seed: int) -> dict[Kind, Result]:
@@ -121,13 +119,13 @@ PASSES: dict[Kind, Pass] = {
     "shading": Pass(
         groundtruth.REVISION,
         lambda params: {**_truth_determined_by(params), "shading": plain(params.shading)},
-        _shading,
+        _truth("shading"),
         seeded=True,
     ),
     "color": Pass(
         groundtruth.REVISION,
         _color_determined_by,
-        _color,
+        _truth("color"),
         seeded=True,
     ),
 }

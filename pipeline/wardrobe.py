@@ -13,7 +13,7 @@ from scenes.errors import InputError
 
 _ANY_GREY = 0.5
 
-Suit = list[tuple[Any, Any]]  # shape and BSDF, or two BSDFs
+Suit = list[tuple[Any, Any]]  # shape and BSDF
 
 
 class Wardrobe:
@@ -48,14 +48,15 @@ class Wardrobe:
             shape.set_bsdf(bsdf)
         self._worn = albedo
 
-    def twins(self, albedo: float) -> Suit:
+    def twins(self, albedo: float) -> list[tuple[Any, Any]]:
         """Every shape's own material with its twin in the grey `albedo`; changes no clothes.
 
         They hold until another grey is asked for. Raises `InputError` as `wear` does.
         """
-        worn = self._worn
-        self.wear(albedo)
-        self.wear(worn)
+        if albedo != self._shade:
+            worn = self._worn
+            self.wear(albedo)
+            self.wear(worn)
         pairs = zip(self._own, self._grey, strict=True)
         return [(own, grey) for (_, own), (_, grey) in pairs]
 

@@ -46,6 +46,8 @@ class ModelPart:
 
 @dataclass(frozen=True)
 class Model:
+    """All parts of a model, in its own axes and units."""
+
     parts: tuple[ModelPart, ...]
     header: str = ""  # the comment at the file's start, where authors put their terms
 
