@@ -2,7 +2,8 @@
 
 Samples are taken in blocks, each an independent stratified estimate (multi-jittered, box filter)
 with random numbers of its own, and averaged in float64. That bounds memory, makes the image
-equal whatever the number of threads, and yields the noise estimate. Left out: participating media,
+equal whatever the number of threads, and yields the noise estimate, by which a view may stop
+early (`groundtruth.noise`). Left out: participating media,
 lens blur, motion blur, wavelengths, and pixels that are not square.
 """
 
@@ -14,25 +15,20 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-import numpy.typing as npt
-from scipy.ndimage import median_filter
 
 from pipeline import joint
-from pipeline.frames import HALF_MAX, RGB, Channels
+from pipeline.frames import Channels
+from pipeline.noise import Tally
 from pipeline.params import GroundTruthParams
 from pipeline.renderer import RenderScene
-from pipeline.tonemap import luminance
 from pipeline.views import View
 from scenes.errors import InputError
 from scenes.seeds import derive32
 
-REVISION = 4
+REVISION = 5
 _LAUNCH = 1 << 21  # samples; changing it changes pixels
 _NEAR, _FAR = 1e-3, 1e5  # metres
-_FIREFLY_RATIO = 8.0  # times the median of the 5 x 5 pixels around
-_FIREFLY_DOUBT = 0.5  # relative error from which a bright pixel is chance, not a small lamp
 
-Float64 = npt.NDArray[Any]
 Truth = tuple[Channels, dict[str, Any]]  # an image and its statistics
 
 
@@ -56,7 +52,7 @@ def render_truth(
 
     * `spp`: samples a pixel that were taken; `blocks`: in how many blocks;
     * `noise`: root mean square over the pixels of the relative standard error of luminance,
-      see `noise_estimate`;
+      see `pipeline.noise.Tally.relative_error`;
     * `nan_pixels`: pixels where a block was not finite (replaced by the other blocks' mean, by 0
       if no block was finite: `lost_pixels`); `negative_pixels`: pixels with a negative mean
       in any band (set to 0; skies may be slightly negative);
@@ -93,10 +89,15 @@ def _render(
 ) -> list[Truth]:
     """Render all blocks of an integrator that gives so many `images`, three bands each."""
     spp, blocks = block_sizes(params)
-    at_once = blocks_at_once(blocks, spp * view.width * view.height)
+    least = blocks
+    if params.noise:
+        least = min(blocks, max(2, -(-params.min_spp // spp)))
+    at_once = blocks_at_once(least, spp * view.width * view.height)
     sensor = _sensor(view, at_once)
-    tallies = [_Tally(view) for _ in range(images)]
-    for first in range(0, blocks, at_once):
+    tallies = [Tally(view.height, view.width) for _ in range(images)]
+    for first in range(0, blocks - at_once + 1, at_once):
+        if first >= least and all(tally.noise() <= params.noise for tally in tallies):
+            break
         launch = mi.render(
             scene,
             sensor=sensor,
@@ -109,47 +110,7 @@ def _render(
         for block in range(at_once):
             for image, tally in enumerate(tallies):
                 tally.add(bands[:, block, :, image])
-    return [tally.truth(spp) for tally in tallies]
-
-
-class _Tally:
-    """The blocks of one image, summed in float64."""
-
-    def __init__(self, view: View) -> None:
-        self.total = np.zeros((view.height, view.width, 3))
-        self.finite = np.zeros((view.height, view.width))
-        self.lights: list[Float64] = []
-
-    def add(self, pixels: Float64) -> None:
-        """Add a block's mean radiance, (H, W, 3)."""
-        sound = np.asarray(np.isfinite(pixels).all(axis=-1))
-        pixels = np.where(sound[..., None], pixels, 0)
-        self.total += pixels
-        self.finite += sound
-        self.lights.append(np.where(sound, luminance(pixels), np.nan))
-
-    def truth(self, spp: int) -> Truth:
-        """The image and its statistics, given the samples a pixel in each block."""
-        blocks = len(self.lights)
-        mean = self.total / np.maximum(self.finite, 1)[..., None]
-        negative = (mean < 0).any(axis=-1)
-        mean = np.maximum(mean, 0)
-        error = relative_error(np.stack(self.lights))
-        lum = luminance(mean)
-        fireflies = _fireflies(lum, error)
-        stats = {
-            "spp": spp * blocks,
-            "blocks": blocks,
-            "noise": float(np.sqrt(np.mean(error**2))),
-            "nan_pixels": int((self.finite < blocks).sum()),
-            "lost_pixels": int((self.finite == 0).sum()),
-            "negative_pixels": int(negative.sum()),
-            "black": float((lum == 0).mean()),
-            "blown": float((mean.max(axis=-1) >= HALF_MAX / 2).mean()),
-            "fireflies": float(fireflies.mean()),
-            "firefly_light": _glare(lum, fireflies),
-        }
-        return {name: mean[..., i].astype(np.float32) for i, name in enumerate(RGB)}, stats
+    return [(tally.image(), {"spp": spp * tally.blocks, **tally.statistics()}) for tally in tallies]
 
 
 def block_sizes(params: GroundTruthParams) -> tuple[int, int]:
@@ -179,43 +140,6 @@ def stratified(spp: int) -> int:
     """`spp` as the `multijitter` sampler takes it: rounded up to a grid of nearly equal sides."""
     side = int(np.sqrt(spp))
     return side * -(-spp // side)
-
-
-def relative_error(blocks: Float64) -> Float64:
-    """Relative standard error of each pixel's mean, (H, W), from block means (B, H, W).
-
-    sqrt(s² / B) / (m + δ), where m and s² are mean and variance of the pixel's finite blocks
-    and δ is 1 % of the image's mean, so that darkness does not count as noise. Radiance is not
-    negative, so a single block that holds all the light gives 1, the largest value possible:
-    no firefly can dominate the view's noise. With one block, neighbouring pixels stand in.
-    """
-    if len(blocks) == 1:
-        image = np.nan_to_num(np.maximum(blocks[0], 0))
-        shifted = np.stack([image, np.roll(image, 1, axis=1)])
-        return relative_error(shifted) * np.sqrt(2)
-    blocks = np.maximum(blocks, 0)
-    count = np.isfinite(blocks).sum(axis=0)
-    values = np.nan_to_num(blocks)
-    mean = values.sum(axis=0) / np.maximum(count, 1)
-    squares = (np.where(np.isfinite(blocks), values - mean, 0) ** 2).sum(axis=0)
-    variance = squares / np.maximum(count * (count - 1), 1)
-    floor = 0.01 * mean.mean()
-    safe = mean + floor
-    return np.where(safe > 0, np.sqrt(variance) / np.where(safe > 0, safe, 1), 0)
-
-
-def _fireflies(lum: Float64, error: Float64) -> npt.NDArray[np.bool_]:
-    around = median_filter(lum, size=5, mode="nearest")
-    floor = 0.01 * lum.mean()
-    bright: npt.NDArray[np.bool_] = lum > _FIREFLY_RATIO * (around + floor)
-    return bright & (error > _FIREFLY_DOUBT)
-
-
-def _glare(lum: Float64, fireflies: npt.NDArray[np.bool_]) -> float:
-    """Share of all light in the brightest fireflies: little in grain, all of it where a material
-    or a path goes wrong and outshines the room."""
-    few = -(-lum.size // 1000)
-    return float(np.sort(lum[fireflies])[-few:].sum() / max(lum.sum(), np.finfo(float).tiny))
 
 
 def _sensor(view: View, copies: int = 1) -> Any:

@@ -84,13 +84,18 @@ class GroundTruthParams:
 
     spp: int = field(default=64, metadata=within(1, 1 << 20))
     block_spp: int = field(default=16, metadata=within(1, 4096))  # one seeded block
+    # a view is done when its noise is below this, after min_spp to spp samples; 0: always spp
+    noise: float = field(default=0.0, metadata=within(0, 1))
+    min_spp: int = field(default=16, metadata=within(1, 1 << 20))
     max_depth: int = field(default=11, metadata=within(1, 1000))
     rr_depth: int = field(default=5, metadata=within(1, 1000))
     denoise: Literal["none", "oidn"] = "none"
     joint: bool = True  # both from one trace of paths, where the variant can
 
     def verify(self, where: str) -> None:
-        """Blocks must divide the samples; raises ValueError."""
+        """Blocks must divide the samples, and the least be no more; raises ValueError."""
+        if self.noise and self.min_spp > self.spp:
+            raise ValueError(f"{where}.min_spp: {self.min_spp} is more than spp ({self.spp})")
         if self.spp % self.block_spp and self.spp > self.block_spp:
             raise ValueError(f"{where}.spp: {self.spp} is not a multiple of block_spp")
 
