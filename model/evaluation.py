@@ -20,6 +20,7 @@ from model.encoding import color_exposure
 from model.inference import Networks, load_networks, product
 from model.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
 from model.training import Folders
+from pipeline.ledger import read_ledger
 from pipeline.params import Params
 from pipeline.pictures import error_picture, png_bytes
 from pipeline.progress import Progress
@@ -159,21 +160,12 @@ def time_networks(dataset: Dataset, networks: Networks, views: int) -> dict[str,
 
 
 def renderer_seconds(data: Path, scores: Sequence[Score]) -> dict[str, float]:
-    """Mean seconds a view of each rendering stage, from `data/ledger/*.csv` where there is one."""
+    """Mean seconds a view of each rendering stage, from the ledger where there is one."""
     wanted = {(score.scene_id, score.view_id) for score in scores}
     found: dict[str, list[float]] = {}
-    for path in sorted((data / "ledger").glob("*.csv")):
-        with path.open(newline="", encoding="utf-8") as stream:
-            for row in csv.DictReader(stream):
-                try:
-                    stage, seconds = str(row["stage"]), float(row["seconds"])
-                    view = (row["scene_id"], row["view_id"])
-                except (KeyError, TypeError, ValueError):
-                    raise InputError(
-                        f"{path}: not a ledger of rendering costs; delete it and render again"
-                    ) from None
-                if view in wanted and stage in RENDERER_STAGES:
-                    found.setdefault(f"renderer_{stage}", []).append(seconds)
+    for row in read_ledger(data).to_pylist():
+        if (row["scene_id"], row["view_id"]) in wanted and row["stage"] in RENDERER_STAGES:
+            found.setdefault(f"renderer_{row['stage']}", []).append(row["seconds"])
     return {stage: mean(times) for stage, times in sorted(found.items())}
 
 

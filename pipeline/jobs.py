@@ -6,8 +6,11 @@ go from the worker to the disk.
 
 from __future__ import annotations
 
+import contextlib
 import gc
+import resource
 import tempfile
+import time
 from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,7 +21,7 @@ import drjit as dr
 from pipeline.cameras import sample_cameras
 from pipeline.frames import Channels, Kind, frame_path, write_frame
 from pipeline.params import Params, Variant
-from pipeline.passes import PASSES, camera_of, pass_seed, render_truths
+from pipeline.passes import PASSES, Result, camera_of, pass_seed, render_truths
 from pipeline.renderer import RenderScene, open_scene, renderer_version, set_variant
 from pipeline.views import View, save_cameras
 from scenes.contract import Scene, load_scene, save_scene
@@ -137,7 +140,7 @@ def make_scene(job: HomeJob | ImportJob) -> dict[str, Any]:
     # Until this mark is written the folder does not hold, so a kill in between costs a repeat.
     marked = replace(scene, source={**scene.source, STAGE_MARK: job.fingerprint})
     save_scene(job.folder, marked)
-    return {"rooms": len(scene.rooms), "objects": len(scene.objects)}
+    return {"costs": {"peak_mb": _peak_memory()}}
 
 
 def _make_variant(job: ImportJob, variant: ImportVariant) -> Scene:
@@ -156,14 +159,10 @@ STAGE_MARK = "made_by_stage"  # key in scene.json's `source`: the fingerprint, o
 def sample_scene(job: CameraJob) -> dict[str, Any]:
     """Sample one scene's cameras and write its camera file."""
     _require(job.scene_folder)
-    opened = _opened(job.scene_folder, job.scene_digest)
+    opened, opening = _opened(job.scene_folder, job.scene_digest)
     cameras = sample_cameras(opened, opened.scene, job.params, job.seed)
     save_cameras(job.path, replace(cameras, fingerprint=job.fingerprint))
-    return {
-        "views": len(cameras.views),
-        "candidates": cameras.candidates,
-        "rejected": cameras.rejected,
-    }
+    return {"costs": {**opening, "threads": dr.thread_count(), "peak_mb": _peak_memory()}}
 
 
 def render_frames(job: FrameJob) -> dict[str, Any]:
@@ -174,34 +173,40 @@ def render_frames(job: FrameJob) -> dict[str, Any]:
     """
     folder = job.data / "scenes" / job.view.scene_id
     _require(folder)
-    opened = _opened(folder, job.scene_digest)
+    opened, opening = _opened(folder, job.scene_digest)
+    rendered, failed = _rendered(opened, job)
+    frames = {kind: _write(job, kind, *frame) for kind, frame in rendered.items()}
+    costs = {**opening, "threads": dr.thread_count(), "peak_mb": _peak_memory(), "frames": frames}
+    return {"costs": costs, "failed": failed}
+
+
+def _rendered(opened: RenderScene, job: FrameJob) -> tuple[dict[Kind, Result], dict[Kind, str]]:
+    """The frames that are wanted, and of those that cannot be, why."""
     if len(job.fingerprints) > 1:
-        try:
+        with contextlib.suppress(InputError):
             both = render_truths(opened, job.view, job.params, _seed(job, "color"))
-            return {"spp": max(_write(job, kind, *both[kind]) for kind in job.fingerprints)}
-        except InputError:
-            pass
-    spp, failed = 0, {}
+            return {kind: both[kind] for kind in job.fingerprints}, {}
+    rendered: dict[Kind, Result] = {}
+    failed: dict[Kind, str] = {}
     for kind in job.fingerprints:
         try:
-            rendered = PASSES[kind].render(opened, job.view, job.params, _seed(job, kind))
+            rendered[kind] = PASSES[kind].render(opened, job.view, job.params, _seed(job, kind))
         except InputError as error:
             if len(job.fingerprints) == 1:
                 raise
             failed[kind] = str(error)
-        else:
-            spp = _write(job, kind, *rendered)
-    return {"spp": spp, "failed": failed}
+    return rendered, failed
 
 
 def _seed(job: FrameJob, kind: Kind) -> int:
     return pass_seed(kind, job.view, job.params.seed)
 
 
-def _write(job: FrameJob, kind: Kind, channels: Channels, stats: dict[str, Any]) -> int:
-    """Write one frame; returns its samples a pixel."""
+def _write(job: FrameJob, kind: Kind, channels: Channels, stats: dict[str, Any]) -> dict[str, Any]:
+    """Write one frame; returns its columns of the ledger."""
+    path = frame_path(job.data, kind, job.view)
     write_frame(
-        frame_path(job.data, kind, job.view),
+        path,
         kind,
         channels,
         camera_of(job.view),
@@ -210,21 +215,36 @@ def _write(job: FrameJob, kind: Kind, channels: Channels, stats: dict[str, Any])
         renderer=renderer_version(),
         fingerprint=job.fingerprints[kind],
     )
-    return int(stats.get("spp", 0))
+    return {
+        "width": next(iter(channels.values())).shape[1],
+        "height": next(iter(channels.values())).shape[0],
+        "spp": stats.get("spp"),
+        "noise": stats.get("noise"),
+        "bytes": path.stat().st_size,
+    }
 
 
-def _opened(folder: Path, digest: str) -> RenderScene:
-    """The scene, from this process's few open ones if its content is the same."""
+def _peak_memory() -> float:
+    """The most memory that this process has held so far, in MB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def _opened(folder: Path, digest: str) -> tuple[RenderScene, dict[str, Any]]:
+    """The scene, from this process's few open ones if its content is the same.
+
+    Also the ledger's columns on it: `opening` seconds, and whether this is its `first` use.
+    """
+    started = time.perf_counter()
     key = (str(folder), digest)
-    if key in _open:
-        _open.move_to_end(key)
-        return _open[key]
-    while len(_open) >= _OPEN_SCENES:
-        _open.popitem(last=False)
-        gc.collect()
-        dr.flush_malloc_cache()
-    _open[key] = open_scene(load_scene(folder))
-    return _open[key]
+    first = key not in _open
+    if first:
+        while len(_open) >= _OPEN_SCENES:
+            _open.popitem(last=False)
+            gc.collect()
+            dr.flush_malloc_cache()
+        _open[key] = open_scene(load_scene(folder))
+    _open.move_to_end(key)
+    return _open[key], {"opening": time.perf_counter() - started, "first": first}
 
 
 def _require(folder: Path) -> None:

@@ -1,21 +1,16 @@
-"""What a stage writes beside its data: costs per view, failures, and the lock on a data folder."""
+"""What a stage writes beside its data: the list of failures, and the lock on a data folder."""
 
 from __future__ import annotations
 
-import csv
 import fcntl
-import io
 import os
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from scenes.errors import PbrnetError
-from scenes.files import write_json, write_text
-
-LEDGER_COLUMNS = ("stage", "scene_id", "view_id", "seconds", "worker", "attempt", "spp")
+from scenes.files import write_json
 
 
 @dataclass(frozen=True)
@@ -39,40 +34,6 @@ def save_failures(data: Path, stage: str, failures: list[Failure]) -> None:
         write_json(path, [asdict(failure) for failure in failures])
     else:
         path.unlink(missing_ok=True)
-
-
-class Ledger:
-    """Appends cost rows to `data/ledger/<stage>.csv`, by rename, every `every` seconds and at
-    the end. One row a frame; frames that were rendered together share their seconds evenly.
-
-    Costs are a record of this machine: nothing that determines data reads them."""
-
-    def __init__(self, data: Path, stage: str, every: float = 30.0) -> None:
-        self.path = data / "ledger" / f"{stage}.csv"
-        self.every = every
-        self._rows: list[tuple[object, ...]] = []
-        self._saved = time.monotonic()
-
-    def add(self, *row: object) -> None:
-        """Add one row, in the order of `LEDGER_COLUMNS`."""
-        self._rows.append(row)
-        if time.monotonic() - self._saved >= self.every:
-            self.save()
-
-    def save(self) -> None:
-        """Write the rows that are not on the disk yet."""
-        if not self._rows:
-            return
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        if self.path.is_file():
-            text.write(self.path.read_text(encoding="utf-8"))
-        else:
-            writer.writerow(LEDGER_COLUMNS)
-        writer.writerows(self._rows)
-        write_text(self.path, text.getvalue())
-        self._rows.clear()
-        self._saved = time.monotonic()
 
 
 @contextmanager

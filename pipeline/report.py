@@ -28,6 +28,7 @@ from markupsafe import Markup
 
 from pipeline.charts import TALL, WIDE, Node, chain, line_chart, panorama_guide, strip_plot
 from pipeline.checks import REASONS
+from pipeline.ledger import read_ledger
 from pipeline.params import Params
 from pipeline.pictures import (
     Picture,
@@ -612,15 +613,17 @@ class _Page:
         return shown
 
     def _costs(self) -> dict[str, Any] | None:
+        try:
+            rows = read_ledger(self.places.data).to_pylist()
+        except InputError as error:
+            rows = []
+            self.missing.append(str(error))
         seconds: dict[str, dict[tuple[str, str], float]] = defaultdict(dict)
-        again = 0
-        for path in sorted((self.places.data / "ledger").glob("*.csv")):
-            for line in self._csv(path, "seconds"):
-                costs, key = seconds[line["stage"]], (line["scene_id"], line["view_id"])
-                again += key in costs
-                costs[key] = line["seconds"]  # the last time it was made counts
+        for row in rows:
+            seconds[row["stage"]][row["scene_id"], row["view_id"]] = row["seconds"]
+        again = sum(row["times"] > 1 for row in rows)
         if not seconds:
-            self.missing.append("No costs yet; the rendering stages write them to data/ledger")
+            self.missing.append("No costs yet; the rendering stages write data/ledger.parquet")
             return None
         table = [
             {

@@ -38,10 +38,11 @@ from pipeline.jobs import (
     sample_scene,
     use_renderer,
 )
+from pipeline.ledger import Ledger
 from pipeline.params import Params
 from pipeline.passes import TRUTHS, frame_fingerprint, traced_together
 from pipeline.progress import Progress
-from pipeline.records import Failure, Ledger, data_lock, save_failures
+from pipeline.records import Failure, data_lock, save_failures
 from pipeline.renderer import renderer_version, set_variant
 from pipeline.views import CameraFile, View, load_cameras
 from scenes.catalogue.assets import INDEX, load_index
@@ -277,13 +278,13 @@ def _carry_out(
     setup: Callable[[int], None] = no_renderer
     if work.renders:
         setup = partial(use_renderer, set_variant(params.farm.variant), renderer)
-    ledger = Ledger(data, work.stage)
+    ledger = Ledger(data)
     with Progress(work.kept + len(made), work.stage, work.unit) as progress:
         progress.advance(work.kept)
         try:
             with Farm(params.farm, scheduler, setup, len(work.items)) as farm:
                 for outcome in farm.run(work.work, work.items):
-                    made.update(_record(outcome, work, ledger, progress))
+                    made.update(_record(outcome, work, renderer, ledger, progress))
         finally:
             for folder in sorted({target.parent for target in made}):
                 remove_partials(folder)
@@ -291,26 +292,36 @@ def _carry_out(
     return made
 
 
-def _record(outcome: Outcome, work: _Work, ledger: Ledger, progress: Progress) -> dict[Path, bool]:
+def _record(
+    outcome: Outcome, work: _Work, renderer: str, ledger: Ledger, progress: Progress
+) -> dict[Path, bool]:
     """Book an outcome: failures, costs, progress; says of each of its targets whether it was made.
 
     Frames from one trace share its seconds evenly, so that the ledger's sum is what was spent.
     """
     targets, value = work.targets[outcome.key], outcome.value or {}
-    errors = {
-        target.path: outcome.error or value.get("failed", {}).get(target.stage, "")
-        for target in targets
-    }
-    seconds = outcome.seconds / max(1, sum(not error for error in errors.values()))
+    failed, costs = value.get("failed", {}), dict(value.get("costs", {}))
+    frames = costs.pop("frames", {})
+    errors = {target.path: outcome.error or failed.get(target.stage, "") for target in targets}
+    sharing = max(1, sum(not error for error in errors.values()))
+    spent = {"seconds": outcome.seconds, "opening": costs.pop("opening", None)}
+    shared = {name: value / sharing for name, value in spent.items() if value is not None}
     for target in targets:
-        label = (target.stage, target.scene_id, target.view_id)
+        key = (target.stage, target.scene_id, target.view_id)
         if errors[target.path]:
-            failure = Failure(*label, errors[target.path])
+            failure = Failure(*key, errors[target.path])
             work.failures.append(failure)
             progress.write(f"failed: {failure}")
         else:
-            spp = value.get("spp", 0)
-            ledger.add(*label, f"{seconds:.3f}", outcome.worker, outcome.attempt, spp)
+            ledger.add(
+                key,
+                **shared,
+                **costs,
+                **frames.get(target.stage, {}),
+                worker=outcome.worker,
+                attempt=outcome.attempt,
+                renderer=renderer or None,
+            )
         progress.advance(1, target.scene_id)
     return {path: not error for path, error in errors.items()}
 

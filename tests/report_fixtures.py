@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.ledger import Ledger
 from pipeline.pictures import error_picture, png_bytes
 
 
@@ -73,15 +74,13 @@ def make_results(root: Path, keys: list[tuple[str, str]], size: tuple[int, int])
 
 def make_ledger(data: Path, keys: list[tuple[str, str]]) -> None:
     """Costs of two stages; the first view was made twice."""
-    (data / "ledger").mkdir(exist_ok=True)
+    ledger = Ledger(data)
     random = np.random.default_rng(1)
-    for stage, seconds in (("inputs", 0.1), ("groundtruth", 3.0)):
-        with (data / "ledger" / f"{stage}.csv").open("w", newline="") as stream:
-            writer = csv.writer(stream)
-            writer.writerow(("stage", "scene_id", "view_id", "seconds", "worker", "attempt", "spp"))
-            for scene_id, view_id in (keys[0], *keys):
-                cost = seconds * random.uniform(0.8, 1.6)
-                writer.writerow((stage, scene_id, view_id, f"{cost:.3f}", "w0", 1, 64))
+    for stage, seconds in (("inputs", 0.1), ("color", 3.0)):
+        for key in (keys[0], *keys):
+            cost = seconds * random.uniform(0.8, 1.6)
+            ledger.add((stage, *key), seconds=cost, worker="w0", attempt=1, spp=64)
+    ledger.save()
 
 
 def write(path: Path, value: Any) -> None:

@@ -25,6 +25,7 @@ from model.predict import resized
 from model.training import Folders, train_network
 from pipeline.cli import main
 from pipeline.frames import write_frame
+from pipeline.ledger import Ledger
 from pipeline.params import (
     BackboneParams,
     EvaluateParams,
@@ -148,15 +149,13 @@ def test_one_scene_gives_means_without_interval(workplace: Callable[..., Folders
 
 def test_the_renderers_time_is_read_from_the_ledger(workplace: Callable[..., Folders]) -> None:
     folders = workplace(["fresh"])
-    ledger = folders.data / "ledger" / "color.csv"
-    ledger.parent.mkdir()
-    ledger.write_text(
-        "stage,scene_id,view_id,seconds\ncolor,fresh,v000,1.5\ncolor,fresh,v001,2.5\n"
-        "color,another,v000,99\n"
-    )
+    ledger = Ledger(folders.data)
+    for scene, view, seconds in (("fresh", "v000", 1), ("fresh", "v001", 3), ("other", "v0", 9)):
+        ledger.add(("color", scene, view), seconds=seconds)
+    ledger.save()
     assert evaluate(PARAMS, folders)["timing"]["renderer_color"] == pytest.approx(2.0)
-    ledger.write_text("who,what\nme,this\n")
-    with pytest.raises(InputError, match=r"color\.csv: not a ledger"):
+    ledger.path.write_text("who,what\nme,this\n")
+    with pytest.raises(InputError, match=r"ledger\.parquet: not a ledger"):
         evaluate(PARAMS, folders)
 
 

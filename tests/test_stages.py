@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import shutil
@@ -18,6 +17,7 @@ from stages_fixtures import write_room
 
 from pipeline import stage_commands
 from pipeline.frames import Kind, frame_path, holds, read_frame, read_meta
+from pipeline.ledger import read_ledger
 from pipeline.params import (
     CameraParams,
     FarmParams,
@@ -100,11 +100,19 @@ def test_all_frames_are_there_and_describe_themselves(finished: Path) -> None:
             assert "mitsuba" in frame.meta["renderer"]
             assert ("seed" in frame.meta) == (kind in ("shading", "color"))
     assert sum(1 for _ in finished.rglob("*.exr")) == 16
-    rows = list(csv.DictReader((finished / "ledger" / "groundtruth.csv").open()))
-    assert {(row["stage"], row["scene_id"]) for row in rows} == {
-        (kind, scene) for kind in ("shading", "color") for scene in ("alpha", "beta")
-    }
-    assert all(float(row["seconds"]) > 0 and row["spp"] == "4" for row in rows)
+    rows = read_ledger(finished).to_pylist()
+    made = {(row["stage"], row["scene_id"], row["view_id"]): row for row in rows}
+    assert len(rows) == len(made) == 2 + 16
+    for view in views:
+        for kind in KINDS:
+            row = made[kind, view.scene_id, view.view_id]
+            path = frame_path(finished, kind, view)
+            assert row["bytes"] == path.stat().st_size and row["seconds"] > row["opening"] >= 0
+            assert row["peak_mb"] > 50 and row["threads"] >= 1 and "mitsuba" in row["renderer"]
+            frame = read_frame(path)
+            height, width = next(iter(frame.channels.values())).shape
+            assert (row["width"], row["height"], row["times"]) == (width, height, 1)
+            assert (row["spp"], row["noise"]) == (frame.meta.get("spp"), frame.meta.get("noise"))
     assert not (finished / "failures" / "groundtruth.json").exists()
 
 

@@ -1,0 +1,106 @@
+"""What everything cost: `data/ledger.parquet`, one row for each scene, camera file and frame.
+
+Costs are a record of the machines that did the work: nothing that determines data reads them.
+Frames that were rendered together share their seconds evenly.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from scenes.errors import InputError
+from scenes.files import atomic_file
+
+KEY = ("stage", "scene_id", "view_id")
+SCHEMA = pa.schema(
+    [
+        pa.field("stage", pa.string(), metadata={"meaning": "the pass: scenes, ... color"}),
+        pa.field("scene_id", pa.string()),
+        pa.field("view_id", pa.string(), metadata={"meaning": "empty: the whole scene"}),
+        pa.field("seconds", pa.float64(), metadata={"unit": "s"}),
+        pa.field("opening", pa.float64(), metadata={"unit": "s", "meaning": "of them, opening"}),
+        pa.field("first", pa.bool_(), metadata={"meaning": "the worker's first of this scene"}),
+        pa.field("threads", pa.int32(), metadata={"meaning": "that the worker rendered with"}),
+        pa.field("width", pa.int32(), metadata={"unit": "px"}),
+        pa.field("height", pa.int32(), metadata={"unit": "px"}),
+        pa.field("spp", pa.int32(), metadata={"meaning": "samples a pixel; null: not sampled"}),
+        pa.field("noise", pa.float64(), metadata={"meaning": "relative error, estimated"}),
+        pa.field("bytes", pa.int64(), metadata={"meaning": "of the frame's file"}),
+        pa.field("peak_mb", pa.float64(), metadata={"meaning": "the worker's memory at most, MB"}),
+        pa.field("worker", pa.string(), metadata={"meaning": "host:process"}),
+        pa.field("attempt", pa.int32(), metadata={"meaning": "which try of this run succeeded"}),
+        pa.field("times", pa.int32(), metadata={"meaning": "how often it was made, all runs"}),
+        pa.field("renderer", pa.string()),
+    ]
+)
+
+
+def ledger_path(data: Path) -> Path:
+    """Where the ledger of a data folder lies."""
+    return Path(data) / "ledger.parquet"
+
+
+def read_ledger(data: Path) -> pa.Table:
+    """All rows, sorted by `KEY`; none where nothing was made yet. `InputError` if damaged."""
+    path = ledger_path(data)
+    if not path.is_file():
+        return SCHEMA.empty_table()
+    try:
+        return pq.read_table(path, schema=SCHEMA)
+    except (OSError, pa.ArrowException) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(
+            f"{path}: not a ledger of costs ({reason}); remove it and run again"
+        ) from None
+
+
+class Ledger:
+    """Adds rows to a data folder's ledger: written by rename, now and then and by `save`.
+
+    A thing that is made again replaces its row, and `times` counts on.
+    """
+
+    def __init__(self, data: Path, every: float = 30.0) -> None:
+        self.path, self.every = ledger_path(data), every
+        self._table = read_ledger(data)
+        self._new: dict[tuple[str, ...], dict[str, Any]] = {}
+        self._saved = time.monotonic()
+
+    def add(self, key: tuple[str, str, str], **costs: Any) -> None:
+        """Add the row of stage, scene and view; `costs` are columns, absent ones null."""
+        unknown = set(costs) - set(SCHEMA.names)
+        if unknown:
+            raise ValueError(f"no column {sorted(unknown)} in the ledger")
+        before = self._new.get(key, {}).get("times", 0)
+        self._new[key] = {**dict(zip(KEY, key, strict=True)), **costs, "times": before + 1}
+        if time.monotonic() - self._saved >= self.every:
+            self.save()
+
+    def save(self) -> None:
+        """Write the rows that are not on the disk yet."""
+        if not self._new:
+            return
+        started = time.monotonic()
+        old = _joined_keys(self._table)
+        known = pc.is_in(old, value_set=pa.array(["/".join(key) for key in self._new]))
+        for row in self._table.filter(known).select([*KEY, "times"]).to_pylist():
+            self._new[tuple(row[name] for name in KEY)]["times"] += row["times"]
+        fresh = pa.Table.from_pylist(list(self._new.values()), schema=SCHEMA)
+        table = pa.concat_tables([self._table.filter(pc.invert(known)), fresh])
+        self._table = table.sort_by([(name, "ascending") for name in KEY])
+        with atomic_file(self.path) as partial:
+            pq.write_table(self._table, partial, compression="zstd")
+        self._new.clear()
+        self._saved = time.monotonic()
+        # Writing takes longer as the table grows: never more than a twentieth of the time.
+        self.every = max(self.every, 20 * (self._saved - started))
+
+
+def _joined_keys(table: pa.Table) -> pa.ChunkedArray:
+    return pc.binary_join_element_wise(*(table[name] for name in KEY), "/")

@@ -1,0 +1,52 @@
+"""The ledger of costs: one row a thing, whatever is made again or interrupted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pipeline.ledger import SCHEMA, Ledger, ledger_path, read_ledger
+from scenes.errors import InputError
+
+
+def test_a_row_is_replaced_and_counts_how_often_it_was_made(tmp_path: Path) -> None:
+    assert read_ledger(tmp_path).num_rows == 0
+    ledger = Ledger(tmp_path)
+    ledger.add(("color", "b", "001"), seconds=2.0, spp=16)
+    ledger.add(("color", "a", "001"), seconds=1.0)
+    ledger.add(("color", "a", "001"), seconds=3.0)
+    ledger.save()
+    later = Ledger(tmp_path)
+    later.add(("color", "b", "001"), seconds=5.0)
+    later.add(("scenes", "b", ""), seconds=7.0)
+    later.save()
+    later.add(("color", "b", "001"), seconds=6.0)
+    later.save()
+    rows = [
+        tuple(row[name] for name in ("stage", "scene_id", "view_id", "seconds", "spp", "times"))
+        for row in read_ledger(tmp_path).to_pylist()
+    ]
+    assert rows == [
+        ("color", "a", "001", 3.0, None, 2),
+        ("color", "b", "001", 6.0, None, 3),
+        ("scenes", "b", "", 7.0, None, 1),
+    ]
+    assert read_ledger(tmp_path).schema.equals(SCHEMA)
+
+
+def test_rows_are_written_now_and_then(tmp_path: Path) -> None:
+    ledger = Ledger(tmp_path, every=0)
+    ledger.add(("inputs", "a", "001"), seconds=1.0)
+    assert read_ledger(tmp_path).num_rows == 1
+
+
+def test_a_damaged_ledger_is_named_before_any_work(tmp_path: Path) -> None:
+    ledger_path(tmp_path).write_bytes(b"PAR1 not what it was PAR1")
+    with pytest.raises(InputError, match=r"ledger\.parquet: not a ledger of costs .* remove it"):
+        Ledger(tmp_path)
+
+
+def test_an_unknown_column_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="price"):
+        Ledger(tmp_path).add(("color", "a", "001"), price=3)
