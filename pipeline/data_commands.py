@@ -13,6 +13,7 @@ from pipeline.options import common_options
 from pipeline.params import Params
 from pipeline.pictures import png_bytes
 from pipeline.report import Places, write_report
+from pipeline.sums import verify_sums
 from scenes.files import atomic_file
 
 
@@ -54,6 +55,8 @@ Examples:
   pbrnet inspect data/color/home-0000/000.exr          figures of every channel, and pictures
   pbrnet inspect data/dataset --out sheet.png          columns, sizes, and a contact sheet
   pbrnet inspect data/dataset --diversity              histograms of what its views show
+  pbrnet inspect data/dataset --verify --text-only      its files against their checksums
+  pbrnet inspect data/ledger.parquet                   what everything cost
   pbrnet inspect data/scenes/flat --leaks --text-only  gaps that let light through
   pbrnet inspect models/shading.safetensors --json     layers and card, machine-readable
   pbrnet inspect data/assets                           catalogues, and a sheet of their pieces"""
@@ -73,6 +76,7 @@ Examples:
     is_flag=True,
     help="Of a dataset: objects, depth, brightness, colour and lights of its views, by source.",
 )
+@click.option("--verify", is_flag=True, help="Of a dataset: compare its files' checksums first.")
 @click.option("--leaks", is_flag=True, help="Of a scene: where light gets in besides by portals.")
 @click.option(
     "--seed", type=int, default=None, expose_value=False, help="Not used: nothing is random."
@@ -84,12 +88,16 @@ def inspect(
     plan_only: bool,
     as_json: bool,
     diversity: bool,
+    verify: bool,
     leaks: bool,
 ) -> None:
     """Say what PATH holds (scene, frame, shard, dataset, model, catalogues ...), and draw it.
 
     Of a scene the picture shows the plan, a dollhouse view from above and two quick renders.
     """
+    if verify:
+        count = verify_sums(path if path.is_dir() else path.parent)
+        click.echo(f"{count} files are as they were written", err=as_json)
     inspection = inspect_diversity(path) if diversity else inspect_path(path, renders=not plan_only)
     if leaks:
         inspection = with_leaks(inspection, path)

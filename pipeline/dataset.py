@@ -46,6 +46,7 @@ from pipeline.params import Params, SplitParams, ToneParams
 from pipeline.pictures import fit, png_bytes, tone_picture
 from pipeline.progress import Progress
 from pipeline.records import data_lock
+from pipeline.sums import write_sums
 from pipeline.tonemap import exposure_of
 from pipeline.views import CameraFile, View, load_cameras
 from scenes.contract import Scene, load_scene, scene_folders
@@ -147,6 +148,7 @@ def _pack_dataset(data: Path, params: Params) -> DatasetSummary:
         scenes = [source.scene for source in kept]
         write_text(partial / "README.md", dataset_card(summary, columns, scenes, params))
         write_croissant(partial, columns, scenes)
+        write_sums(partial)
     return summary
 
 

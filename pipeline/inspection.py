@@ -30,6 +30,7 @@ from pipeline.diversity import dataset_figures, draw_figures, summary_table
 from pipeline.dollhouse import draw_dollhouse, quick_renders
 from pipeline.frames import RGB, Frame, read_frame
 from pipeline.leaks import find_leaks
+from pipeline.ledger_sheet import draw_ledger, is_ledger, ledger_table
 from pipeline.params import ToneParams
 from pipeline.pictures import (
     Picture,
@@ -61,7 +62,8 @@ Section = dict[str, Any] | Table | list[str]
 
 KNOWN = (
     "a scene folder, a camera file (.json), a frame (.exr), a shard (.parquet), "
-    "a dataset folder, a model (.safetensors), or furniture catalogues (data/assets)"
+    "a dataset folder, a ledger of costs, a model (.safetensors), or furniture catalogues "
+    "(data/assets)"
 )
 ROOM_COLORS = {
     "living": "#f2d6a2",
@@ -119,7 +121,7 @@ def inspect_path(path: Path, renders: bool = True) -> Inspection:
         raise InputError(f"{path}: nothing of ours in this folder; can inspect {KNOWN}")
     readers: dict[str, Callable[[Path], Inspection]] = {
         ".exr": inspect_frame,
-        ".parquet": lambda file: inspect_shards([file], file.name),
+        ".parquet": _inspect_parquet,
         ".safetensors": inspect_model,
         ".json": lambda file: _inspect_json(file, renders),
     }
@@ -353,6 +355,17 @@ def inspect_shards(paths: Sequence[Path], name: str) -> Inspection:
     )
 
 
+def inspect_ledger(path: Path) -> Inspection:
+    """What everything cost, by stage; drawn as seconds, hours and memory."""
+    ledger = pq.read_table(path)
+    return Inspection(
+        "ledger",
+        f"Ledger {path}: {_count(range(ledger.num_rows), 'thing')} made",
+        {"Stages": ledger_table(ledger)},
+        lambda: _picture_of(draw_ledger(ledger)),
+    )
+
+
 def inspect_diversity(folder: Path) -> Inspection:
     """How varied a dataset's views are, source by source; reads all its images."""
     shards = sorted(folder.glob("*.parquet"))
@@ -544,6 +557,12 @@ def draw_previews(files: Sequence[pq.ParquetFile], most: int = _SHEET_PICTURES) 
     return contact_sheet(pictures, 4, labels)
 
 
+def _inspect_parquet(path: Path) -> Inspection:
+    if is_ledger(_open_parquet(path).schema_arrow):
+        return inspect_ledger(path)
+    return inspect_shards([path], path.name)
+
+
 def _inspect_json(path: Path, renders: bool) -> Inspection:
     content = read_json(path)
     if path.name == "scene.json":
@@ -555,12 +574,16 @@ def _inspect_json(path: Path, renders: bool) -> Inspection:
     raise InputError(f"{path}: JSON, but neither cameras nor a model's card; can inspect {KNOWN}")
 
 
-def _open_shard(path: Path) -> pq.ParquetFile:
+def _open_parquet(path: Path) -> pq.ParquetFile:
     try:
-        file = pq.ParquetFile(path)
+        return pq.ParquetFile(path)
     except (pa.ArrowInvalid, OSError) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: damaged, truncated or not Parquet ({reason})") from None
+
+
+def _open_shard(path: Path) -> pq.ParquetFile:
+    file = _open_parquet(path)
     needed = {"scene_id", "view_id", "split", "preview"}
     missing = needed - set(file.schema_arrow.names)
     if missing:

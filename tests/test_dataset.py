@@ -19,6 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from click.testing import CliRunner
 from dataset_fixtures import (
     add_scene,
     box_frames,
@@ -30,11 +31,13 @@ from dataset_fixtures import (
 )
 
 from pipeline.checks import REASONS, black_share, blown_share, check_frames, firefly_share
+from pipeline.cli import cli
 from pipeline.columns import dataset_columns
 from pipeline.dataset import Source, pack_dataset, split_plans
 from pipeline.frames import HALF_MAX, Frame, frame_path, read_frame
 from pipeline.params import CheckParams, SplitParams
 from pipeline.pictures import read_picture
+from pipeline.sums import verify_sums
 from pipeline.tonemap import exposure_of
 from scenes.contract import Credit
 from scenes.errors import InputError, MachineError
@@ -531,6 +534,32 @@ def test_croissant_names_every_shard_with_its_checksum_and_every_column(packed: 
     assert [field["name"] for field in views["field"]] == names
     ids = {item["@id"] for item in described["distribution"]}
     assert {field["source"]["fileSet"]["@id"] for field in views["field"]} <= ids
+
+
+def test_checksums_find_what_is_damaged_missing_or_foreign(packed: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "dataset"
+    shutil.copytree(packed / "dataset", folder)
+    inspect = ["inspect", str(folder), "--verify", "--text-only"]
+    assert "files are as they were written" in CliRunner().invoke(cli, inspect).output
+    done = subprocess.run(["sha256sum", "--check", "--strict", "SHA256SUMS"], cwd=folder)
+    assert done.returncode == 0
+    assert verify_sums(folder) == len(list(folder.iterdir())) - 1
+    shard = next(folder.glob("train*.parquet"))
+    content = bytearray(shard.read_bytes())
+    content[len(content) // 2] ^= 1
+    shard.write_bytes(content)
+    (folder / "scenes.csv").unlink()
+    (folder / "notes.txt").write_text("mine")
+    with pytest.raises(InputError) as caught:
+        verify_sums(folder)
+    for words in (f"{shard.name} is damaged", "scenes.csv is missing", "notes.txt is not on"):
+        assert words in str(caught.value)
+    (folder / "SHA256SUMS").write_text("../../etc/passwd\n")
+    with pytest.raises(InputError, match="is no checksum"):
+        verify_sums(folder)
+    (folder / "SHA256SUMS").unlink()
+    result = CliRunner().invoke(cli, inspect)
+    assert result.exit_code and isinstance(result.exception, InputError)
 
 
 def test_the_command_packs_and_tells(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.inspection import inspect_path
 from pipeline.ledger import SCHEMA, Ledger, ledger_path, read_ledger
 from scenes.errors import InputError
 
@@ -39,6 +40,20 @@ def test_rows_are_written_now_and_then(tmp_path: Path) -> None:
     ledger = Ledger(tmp_path, every=0)
     ledger.add(("inputs", "a", "001"), seconds=1.0)
     assert read_ledger(tmp_path).num_rows == 1
+
+
+def test_a_ledger_is_inspected(tmp_path: Path) -> None:
+    ledger = Ledger(tmp_path)
+    for view in range(20):
+        costs = {"seconds": 1.0 + view, "opening": 0.5, "peak_mb": 300.0 + view, "attempt": 1}
+        ledger.add(("color", "a", f"{view:03}"), **costs, noise=0.1, bytes=10**6, worker="h:1")
+    ledger.add(("scenes", "a", ""), seconds=2.0, attempt=2)
+    ledger.save()
+    inspection = inspect_path(ledger_path(tmp_path))
+    made, color = inspection.sections["Stages"]
+    assert (made["stage"], made["retried"], color["made"], color["MB"]) == ("scenes", 1, 20, 20.0)
+    assert color["mean s"] == 10.5 and color["peak MB"] == 319 and color["opening"] == "5%"
+    assert inspection.draw().shape[1] == 1200
 
 
 def test_a_damaged_ledger_is_named_before_any_work(tmp_path: Path) -> None:

@@ -1,0 +1,45 @@
+"""Checksums of a dataset: `SHA256SUMS`, as `sha256sum --check` reads it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from scenes.errors import InputError
+from scenes.files import digest_file, write_text
+
+SUMS = "SHA256SUMS"
+_LINE = re.compile(r"([0-9a-f]{64})  ([^/\0]+)")
+
+
+def write_sums(folder: Path) -> None:
+    """Write the checksums of all files in `folder`, by name."""
+    names = sorted(path.name for path in folder.iterdir() if path.is_file() and path.name != SUMS)
+    write_text(folder / SUMS, "".join(f"{digest_file(folder / name)}  {name}\n" for name in names))
+
+
+def verify_sums(folder: Path) -> int:
+    """Compare all files with their checksums; returns how many there are.
+
+    Raises `InputError` that names every file that is missing, damaged or not on the list.
+    """
+    path = Path(folder) / SUMS
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        raise InputError(f"{path}: no readable checksums; make them with: pbrnet dataset") from None
+    listed = {}
+    for line in lines:
+        match = _LINE.fullmatch(line)
+        if match is None:
+            raise InputError(f"{path}: damaged, {line[:80]!r} is no checksum of a file")
+        listed[match[2]] = match[1]
+    found = {file.name for file in path.parent.iterdir() if file.is_file()} - {SUMS}
+    wrong = [f"{name} is missing" for name in sorted(set(listed) - found)]
+    wrong += [f"{name} is not on the list" for name in sorted(found - set(listed))]
+    for name in sorted(found & set(listed)):
+        if digest_file(path.parent / name) != listed[name]:
+            wrong.append(f"{name} is damaged")
+    if wrong:
+        raise InputError(f"{folder}: " + "; ".join(wrong) + "; make it again with: pbrnet dataset")
+    return len(listed)
