@@ -13,14 +13,16 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pipeline.farm import Farm, Item
-from pipeline.jobs import no_renderer
+from pipeline.jobs import use_code
 from pipeline.params import Params
 from pipeline.progress import Progress
 from pipeline.records import data_lock
+from pipeline.versions import code_version
 from scenes.catalogue.assets import (
     Asset,
     Index,
@@ -309,7 +311,8 @@ def _convert_all(
     with Progress(kept + len(items), "assets", "pieces") as progress:
         progress.advance(kept)
         try:
-            with Farm(params.farm, scheduler, no_renderer, len(items)) as farm:
+            setup = partial(use_code, code_version())
+            with Farm(params.farm, scheduler, setup, len(items)) as farm:
                 for outcome in farm.run(convert_piece, items):
                     job = by_key[outcome.key]
                     if outcome.error:

@@ -149,12 +149,17 @@ def read_meta(path: Path) -> dict[str, Any]:
     return meta
 
 
-def holds(path: Path, expected: str) -> bool:
-    """Whether a complete frame with this fingerprint lies at `path` (its pixels are not read)."""
+def holds(path: Path, expected: str, verify: bool = False) -> bool:
+    """Whether a complete frame with this fingerprint lies at `path`; with `verify` its pixels are
+    read, too, and compared with their checksum."""
     try:
-        return bool(read_meta(path).get("fingerprint") == expected) and is_complete(path)
+        if read_meta(path).get("fingerprint") != expected or not is_complete(path):
+            return False
+        if verify:
+            read_frame(path)
     except InputError:
         return False
+    return True
 
 
 def is_complete(path: Path) -> bool:

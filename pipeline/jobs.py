@@ -23,6 +23,7 @@ from pipeline.frames import Channels, Kind, frame_path, write_frame
 from pipeline.params import Params, Variant
 from pipeline.passes import PASSES, Result, camera_of, pass_seed, render_truths
 from pipeline.renderer import RenderScene, open_scene, renderer_version, set_variant
+from pipeline.versions import require_code
 from pipeline.views import View, save_cameras
 from scenes.contract import Scene, load_scene, save_scene
 from scenes.errors import InputError, MachineError
@@ -96,17 +97,20 @@ class FrameJob:
     fingerprints: dict[Kind, str]  # of the frames to write
 
 
-def no_renderer(threads: int) -> None:
-    """Set-up of workers that do not render."""
+def use_code(code: str, threads: int) -> None:
+    """Set-up of workers that do not render; `MachineError` if theirs is not the `code` of
+    `pipeline.versions`."""
+    require_code(code)
 
 
-def use_renderer(variant: str, renderer: str, threads: int) -> None:
+def use_renderer(variant: str, renderer: str, code: str, threads: int) -> None:
     """Set-up of workers that render: the variant and the threads, once per process.
 
-    Raises `MachineError` if this worker cannot render with `variant`, or its renderer is not
-    the `renderer` that the fingerprints were made for.
+    Raises `MachineError` if this worker runs other code, cannot render with `variant`, or its
+    renderer is not the `renderer` that the fingerprints were made for.
     """
     global _threads_set
+    require_code(code)
     set_variant(cast(Variant, variant))
     # Workers that compile the same kernel at the same time race for its place in Dr.Jit's cache,
     # and one of them warns; that is harmless.

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from scenes.errors import PbrnetError
-from scenes.files import write_json
+from scenes.files import machine_errors, write_json
 
 
 @dataclass(frozen=True)
@@ -38,13 +38,16 @@ def save_failures(data: Path, stage: str, failures: list[Failure]) -> None:
 
 @contextmanager
 def data_lock(data: Path, stage: str) -> Iterator[None]:
-    """Hold the data folder for one run; raises `PbrnetError` if another run holds it.
+    """Hold the data folder for one run; raises `PbrnetError` if another run holds it, and
+    `MachineError` if it cannot be written.
 
     The lock is the kernel's and ends with the process, however that ends.
     """
-    data.mkdir(parents=True, exist_ok=True)
     path = data / ".lock"
-    with path.open("a+", encoding="utf-8") as stream:
+    with machine_errors(path):
+        data.mkdir(parents=True, exist_ok=True)
+        stream = path.open("a+", encoding="utf-8")
+    with stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -54,8 +57,9 @@ def data_lock(data: Path, stage: str) -> Iterator[None]:
                 f"{data}: in use by {holder}; wait for it to end, or give this run another "
                 "folder with --data"
             ) from None
-        stream.seek(0)
-        stream.truncate()
-        stream.write(f"'pbrnet {stage}' (process {os.getpid()} on {os.uname().nodename})")
-        stream.flush()
+        with machine_errors(path):
+            stream.seek(0)
+            stream.truncate()
+            stream.write(f"'pbrnet {stage}' (process {os.getpid()} on {os.uname().nodename})")
+            stream.flush()
         yield

@@ -33,9 +33,9 @@ from pipeline.jobs import (
     ImportJob,
     ImportVariant,
     make_scene,
-    no_renderer,
     render_frames,
     sample_scene,
+    use_code,
     use_renderer,
 )
 from pipeline.ledger import Ledger
@@ -44,6 +44,7 @@ from pipeline.passes import TRUTHS, frame_fingerprint, traced_together
 from pipeline.progress import Progress
 from pipeline.records import Failure, data_lock, save_failures
 from pipeline.renderer import renderer_version, set_variant
+from pipeline.versions import code_version
 from pipeline.views import CameraFile, View, load_cameras
 from scenes.catalogue.assets import INDEX, load_index
 from scenes.checked import plain
@@ -227,7 +228,7 @@ def _run_frames(
             # A scene that cannot be read now may be whole again tomorrow: its frames stay.
             spared = {failure.scene_id for failure in work.failures}
             work.removed += _remove_stranger_frames(data / kind, wanted, spared)
-        stale = _not_holding(wanted)
+        stale = _not_holding(wanted, params.farm.checksums)
         work.kept = len(wanted) - len(stale)
         for paths in _in_one_trace(stale, params):
             view = wanted[paths[0]].view
@@ -236,7 +237,9 @@ def _run_frames(
             work.add(job, *(wanted[path].target(path) for path in paths))
         made = _carry_out(data, params, scheduler, work, renderer)
         # An earlier run's worker may have outlived it and written its frame over ours.
-        for path in _not_holding({path: wanted[path] for path in stale if made[path]}):
+        for path in _not_holding(
+            {path: wanted[path] for path in stale if made[path]}, verify=False
+        ):
             made[path] = False
             target = wanted[path].target(path)
             error = f"{path} was overwritten by another run; run again"
@@ -275,9 +278,9 @@ def _carry_out(
     made = {target.path: False for targets in work.targets.values() for target in targets}
     if not work.items:
         return made
-    setup: Callable[[int], None] = no_renderer
+    setup: Callable[[int], None] = partial(use_code, code_version())
     if work.renders:
-        setup = partial(use_renderer, set_variant(params.farm.variant), renderer)
+        setup = partial(use_renderer, set_variant(params.farm.variant), renderer, code_version())
     ledger = Ledger(data)
     with Progress(work.kept + len(made), work.stage, work.unit) as progress:
         progress.advance(work.kept)
@@ -595,10 +598,11 @@ def _some(names: list[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-def _not_holding(wanted: dict[Path, _WantedFrame]) -> dict[Path, _WantedFrame]:
-    """Those whose frame is missing, truncated or was made from something else."""
+def _not_holding(wanted: dict[Path, _WantedFrame], verify: bool) -> dict[Path, _WantedFrame]:
+    """Those whose frame is missing, truncated or was made from something else; with `verify`
+    also those whose pixels are damaged."""
     paths = list(wanted)
-    good = _threaded(lambda path: holds(path, wanted[path].mark), paths)
+    good = _threaded(lambda path: holds(path, wanted[path].mark, verify), paths)
     return {path: wanted[path] for path, fine in zip(paths, good, strict=True) if not fine}
 
 

@@ -28,13 +28,13 @@ def atomic_file(path: Path) -> Iterator[Path]:
     Raises `MachineError` when the disk is full or the folder cannot be written.
     """
     path = Path(path)
-    with _machine_errors(path):
+    with machine_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=_PARTIAL, suffix=path.suffix, dir=path.parent)
         os.close(handle)
     partial = Path(name)
     try:
-        with _machine_errors(path):
+        with machine_errors(path):
             yield partial
             _flush(partial)
             partial.chmod(0o644)
@@ -47,11 +47,11 @@ def atomic_file(path: Path) -> Iterator[Path]:
 def atomic_directory(path: Path) -> Iterator[Path]:
     """Yield a temporary folder beside `path`; on success it replaces `path`, else it is gone."""
     path = Path(path)
-    with _machine_errors(path):
+    with machine_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = Path(tempfile.mkdtemp(prefix=_PARTIAL, dir=path.parent))
     try:
-        with _machine_errors(path):
+        with machine_errors(path):
             yield partial
             _flush_all(file for file in partial.rglob("*") if file.is_file())
             partial.chmod(0o755)
@@ -150,7 +150,8 @@ def _flush(path: Path) -> None:
 
 
 @contextmanager
-def _machine_errors(path: Path) -> Iterator[None]:
+def machine_errors(path: Path) -> Iterator[None]:
+    """Turn the disk's refusals (full, read-only, no permission) into `MachineError`."""
     try:
         yield
     except OSError as error:

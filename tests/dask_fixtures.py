@@ -30,31 +30,51 @@ class Cluster:
 def dask_cluster(folder: Path) -> Iterator[Cluster]:
     """Start both processes, and end them with all their children."""
     folder.mkdir(parents=True, exist_ok=True)
+    with dask_scheduler(folder) as (address, scheduler), dask_worker(address, folder) as worker:
+        yield Cluster(address, scheduler, worker)
+
+
+@contextmanager
+def dask_scheduler(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """A scheduler alone: its address and process."""
     file = folder / "scheduler.json"
-    common = ["--scheduler-file", str(file), "--host", "127.0.0.1", "--no-dashboard"]
-    roles = (
-        ["scheduler", "--port", "0"],
-        ["worker", "--nthreads", "2", "--local-directory", str(folder)],
-    )
-    processes = [
-        subprocess.Popen(
-            [sys.executable, "-m", "dask", *role, *common],
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": str(TESTS)},
-        )
-        for role in roles
-    ]
-    try:
+    words = ["--scheduler-file", str(file), "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
+    with _dask("scheduler", *words) as process:
         deadline = time.monotonic() + 60
         while "address" not in (text := file.read_text() if file.exists() else ""):
             assert time.monotonic() < deadline, "the scheduler did not start"
             time.sleep(0.1)
         address = re.search(r'"address": "([^"]+)"', text)
         assert address
-        yield Cluster(address[1], *processes)
+        yield address[1], process
+
+
+@contextmanager
+def dask_worker(
+    address: str, folder: Path, source: Path | None = None
+) -> Iterator[subprocess.Popen[bytes]]:
+    """A worker at work in `folder`, with our code or that below `source`; ended at the end."""
+    folder.mkdir(parents=True, exist_ok=True)
+    words = ["--host", "127.0.0.1", "--nthreads", "2", "--local-directory", str(folder)]
+    with _dask("worker", address, *words, "--no-dashboard", folder=folder, source=source) as worker:
+        yield worker
+
+
+@contextmanager
+def _dask(
+    *words: str, folder: Path | None = None, source: Path | None = None
+) -> Iterator[subprocess.Popen[bytes]]:
+    code = [str(path) for path in (source or TESTS.parent, TESTS)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "dask", *words],
+        stderr=subprocess.DEVNULL,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(code)},
+    )
+    try:
+        yield process
     finally:
-        for process in reversed(processes):
-            kill_tree(process)
+        kill_tree(process)
 
 
 def kill_tree(process: subprocess.Popen[bytes]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import signal
@@ -13,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from dask_fixtures import dask_cluster, workers_of
+from dask_fixtures import dask_cluster, dask_scheduler, dask_worker, workers_of
 from stages_fixtures import write_room
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
@@ -138,6 +139,60 @@ def test_scheduler_killed(fresh: Path, undisturbed: Path, tmp_path: Path) -> Non
         if process.wait(timeout=120):
             assert "scheduler has gone" in _finish(process, (4,))
     _run(fresh, "groundtruth", "dataset")
+    assert _files(fresh) == _files(undisturbed)
+
+
+def test_workers_in_other_folders_come_and_go(
+    fresh: Path, undisturbed: Path, tmp_path: Path
+) -> None:
+    _run(fresh, "inputs", "illumination")
+    with dask_cluster(tmp_path / "early") as cluster:
+        process = _start(fresh, "groundtruth", "--scheduler", cluster.address)
+        _wait_for_frames(fresh, process, 1)
+        with dask_worker(cluster.address, tmp_path / "late"):
+            _wait_for_frames(fresh, process, 3)
+            cluster.worker.terminate()
+            _finish(process)
+    _run(fresh, "dataset")
+    assert _files(fresh) == _files(undisturbed)
+
+
+def test_a_worker_with_other_code_is_refused(fresh: Path, tmp_path: Path) -> None:
+    for package in ("pipeline", "scenes", "model"):
+        shutil.copytree(Path(__file__).parent.parent / package, tmp_path / "other" / package)
+    with (tmp_path / "other" / "pipeline" / "noise.py").open("a") as stream:
+        stream.write("# one line more\n")
+    with (
+        dask_scheduler(tmp_path) as (address, _),
+        dask_worker(address, tmp_path / "theirs", tmp_path / "other"),
+    ):
+        words = _finish(_start(fresh, "inputs", "--scheduler", address), (4,))
+    assert "a worker runs pbrnet" in words and "bring the same version" in words
+    assert not list(fresh.rglob("*.exr"))
+
+
+@pytest.mark.check
+@pytest.mark.timeout(1800)
+def test_twenty_kills(fresh: Path, undisturbed: Path, tmp_path: Path) -> None:
+    """Twenty times SIGKILL, to a worker, the scheduler or the main process, at random times."""
+    rng = np.random.default_rng(3)
+    kills = 0
+    while kills < 20:
+        stage = STAGES[kills % 3]
+        shutil.rmtree(fresh / ("color" if stage == "groundtruth" else stage), ignore_errors=True)
+        with dask_cluster(tmp_path / f"dask{kills}") as cluster:
+            theirs = ["--scheduler", cluster.address] if kills % 2 else []
+            process = _start(fresh, stage, *theirs)
+            time.sleep(rng.uniform(1.0, 8.0))
+            workers = [p for p in workers_of(process) if "spawn_main" in " ".join(p.cmdline())]
+            workers += [p for p in workers_of(cluster.worker) if theirs]
+            victims = [process, *workers, *([cluster.scheduler] if theirs else [])]
+            victims[int(rng.integers(len(victims)))].kill()
+            kills += 1
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.communicate(timeout=120)
+        assert not list(fresh.rglob("*.exr")) or process.returncode is not None
+    _run(fresh, *STAGES)
     assert _files(fresh) == _files(undisturbed)
 
 

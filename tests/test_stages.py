@@ -146,6 +146,18 @@ def test_missing_truncated_and_foreign_frames_are_rendered_again(data: Path) -> 
     assert _files(data) == before
 
 
+def test_a_frame_that_rots_on_the_disk_is_found_and_made_again(data: Path) -> None:
+    path = frame_path(data, "color", _views(data)[1])
+    whole = path.read_bytes()
+    rotten = bytearray(whole)
+    rotten[-len(whole) // 4] ^= 0x10
+    path.write_bytes(rotten)
+    trusting = replace(PARAMS, farm=replace(PARAMS.farm, checksums=False))
+    assert run_groundtruth(data, trusting).made == 0
+    assert run_groundtruth(data, PARAMS).made == 1
+    assert path.read_bytes() == whole
+
+
 def test_halves_are_the_whole(data: Path) -> None:
     """Frames are the same whether made together or alone."""
     before = _files(data)
@@ -361,6 +373,35 @@ def test_scenes_are_made_kept_renewed_and_removed(tmp_path: Path) -> None:
     with pytest.raises(StageError, match="a scene from elsewhere"):
         write_room(elsewhere / "mine")
         run_scenes(data, params("mine"))
+
+
+def test_a_clock_that_jumps_makes_nothing_again(data: Path) -> None:
+    """What holds is told by fingerprints: times of files mean nothing."""
+    for path in sorted(data.rglob("*.exr"))[::2]:
+        os.utime(path, (4e9, 4e9))
+    for path in sorted(data.rglob("scene.xml")):
+        os.utime(path, (1, 1))
+    for stage, count in (("cameras", 2), ("inputs", 4), ("groundtruth", 8)):
+        assert (STAGES[stage](data, PARAMS).made, STAGES[stage](data, PARAMS).kept) == (0, count)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="mounting a small tmpfs needs root")
+def test_a_folder_that_is_read_only_is_said_and_keeps_all(data: Path, tmp_path: Path) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "none", disk], check=False)
+    if mounted.returncode:
+        pytest.skip("a tmpfs cannot be mounted here")
+    try:
+        shutil.copytree(data, disk, dirs_exist_ok=True)
+        next((disk / "color").rglob("*.exr")).unlink()
+        before = _files(disk)
+        subprocess.run(["mount", "-o", "remount,ro", disk], check=True)
+        with pytest.raises(MachineError, match="Read-only file system"):
+            run_groundtruth(disk, PARAMS)
+        assert _files(disk) == before
+    finally:
+        subprocess.run(["umount", disk], check=True)
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="mounting a small tmpfs needs root")
