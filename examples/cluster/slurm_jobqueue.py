@@ -1,0 +1,33 @@
+"""dvc repro with workers that dask-jobqueue asks SLURM for, a job each.
+
+pip install dask-jobqueue; run in the project folder, on a node that may submit jobs:
+    .venv/bin/python examples/cluster/slurm_jobqueue.py --jobs 8
+Jobs that end are replaced, so their time limit may be short.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+
+from dask_jobqueue import SLURMCluster
+
+parser = argparse.ArgumentParser()
+parser.add_argument("--jobs", type=int, default=4)
+parser.add_argument("--cores", type=int, default=32, help="of a job")
+parser.add_argument("--walltime", default="04:00:00")
+parser.add_argument("--partition", default=None)
+options = parser.parse_args()
+
+with SLURMCluster(
+    cores=options.cores,
+    processes=options.cores,  # a renderer's threads are its process's: one core each
+    memory=f"{2 * options.cores}GB",
+    walltime=options.walltime,
+    queue=options.partition,
+    python=sys.executable,
+    local_directory=os.environ.get("TMPDIR", "/tmp"),
+) as cluster:
+    cluster.adapt(minimum_jobs=options.jobs, maximum_jobs=options.jobs)
+    environment = {**os.environ, "DASK_SCHEDULER_ADDRESS": cluster.scheduler_address}
+    sys.exit(subprocess.run(["dvc", "repro"], env=environment, check=False).returncode)
