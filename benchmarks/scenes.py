@@ -30,7 +30,6 @@ from pipeline.pictures import contact_sheet, png_bytes, tone_picture
 from pipeline.renderer import open_scene, set_variant
 from pipeline.sizes import triangles_of
 from pipeline.stages import (
-    StageError,
     run_cameras,
     run_groundtruth,
     run_illumination,
@@ -38,6 +37,7 @@ from pipeline.stages import (
 )
 from pipeline.tonemap import exposure_of
 from pipeline.views import load_cameras
+from pipeline.work import StageError
 from scenes.checked import build
 from scenes.contract import Scene, load_scene
 from scenes.files import read_json, write_json, write_text

@@ -7,11 +7,10 @@ Whatever else, or damaged, is refused with an `InputError` that says what it loo
 
 from __future__ import annotations
 
-import io
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence, Sized
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,40 +18,33 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.patches import Polygon, Rectangle, Wedge
 from safetensors import SafetensorError, safe_open
 
 from pipeline.asset_sheet import describe_asset, describe_index, draw_asset, draw_index
 from pipeline.diversity import dataset_figures, draw_figures, summary_table
-from pipeline.dollhouse import draw_dollhouse, quick_renders
-from pipeline.frames import RGB, Frame, read_frame
+from pipeline.drawings import (
+    counted,
+    draw_cameras,
+    draw_frame,
+    draw_layers,
+    draw_plan,
+    draw_previews,
+    draw_scene,
+    floor_area,
+    picture_of,
+)
+from pipeline.frames import read_frame
 from pipeline.leaks import find_leaks
 from pipeline.ledger_sheet import draw_ledger, is_ledger, ledger_table
-from pipeline.params import ToneParams
 from pipeline.pictures import (
     Picture,
-    color_map,
-    contact_sheet,
-    depth_picture,
-    distance_picture,
-    enlarge,
-    fit,
-    intensity_picture,
-    normal_picture,
-    read_picture,
-    reflectance_picture,
-    tone_picture,
 )
 from pipeline.renderer import open_scene, set_variant
 from pipeline.sizes import scene_sizes
-from pipeline.tonemap import exposure_of
-from pipeline.views import CameraFile, View, load_cameras
+from pipeline.views import View, load_cameras
 from scenes.catalogue.assets import INDEX, load_asset, load_index
 from scenes.checked import build
-from scenes.contract import Point2, Room, Scene, load_scene
+from scenes.contract import load_scene
 from scenes.errors import InputError
 from scenes.files import read_json
 
@@ -65,15 +57,6 @@ KNOWN = (
     "a dataset folder, a ledger of costs, a model (.safetensors), or furniture catalogues "
     "(data/assets)"
 )
-ROOM_COLORS = {
-    "living": "#f2d6a2",
-    "bedroom": "#c9d8f0",
-    "kitchen": "#f3c5b5",
-    "bathroom": "#bfe5e1",
-    "study": "#d9ceec",
-    "dining": "#e6e2a8",
-}
-_SHEET_PICTURES = 24
 
 
 @dataclass(frozen=True)
@@ -145,7 +128,7 @@ def inspect_scene(folder: Path, renders: bool = True) -> Inspection:
             "room": room.id,
             "name": room.name,
             "type": room.type,
-            "m2": round(_area(room.floor), 1),
+            "m2": round(floor_area(room.floor), 1),
             "height m": round(room.ceiling_z - room.floor_z, 2),
             "light": "yes" if room.has_light else "no",
             "objects": sum(thing.room == room.id for thing in scene.objects),
@@ -157,9 +140,9 @@ def inspect_scene(folder: Path, renders: bool = True) -> Inspection:
     lumens = [light.lumens for light in scene.lights if light.lumens is not None]
     return Inspection(
         "scene",
-        f"Scene {scene.scene_id}: {_count(scene.rooms, 'room')}, "
-        f"{_count(scene.objects, 'object')}, {_count(scene.lights, 'light')}, "
-        f"{_count(scene.portals, 'portal')}",
+        f"Scene {scene.scene_id}: {counted(scene.rooms, 'room')}, "
+        f"{counted(scene.objects, 'object')}, {counted(scene.lights, 'light')}, "
+        f"{counted(scene.portals, 'portal')}",
         {
             "General": {
                 **{f"source {key}": value for key, value in scene.source.items()},
@@ -219,7 +202,7 @@ def inspect_piece(folder: Path) -> Inspection:
     asset = load_asset(folder)
     return Inspection(
         "piece",
-        f"Catalogue piece {asset.piece.key}: {asset.piece.name}, {_count(asset.parts, 'part')}",
+        f"Catalogue piece {asset.piece.key}: {asset.piece.name}, {counted(asset.parts, 'part')}",
         describe_asset(asset),
         lambda: draw_asset(folder),
     )
@@ -246,10 +229,10 @@ def inspect_cameras(path: Path) -> Inspection:
     ]
     return Inspection(
         "cameras",
-        f"Cameras of scene {cameras.scene_id}: {_count(cameras.views, 'view')} "
+        f"Cameras of scene {cameras.scene_id}: {counted(cameras.views, 'view')} "
         f"from {cameras.candidates} candidates",
         {"Candidates dropped": dict(cameras.rejected), "Views": views},
-        lambda: draw_plan(scene, cameras.views) if scene else _draw_cameras_only(cameras),
+        lambda: draw_plan(scene, cameras.views) if scene else draw_cameras(cameras),
     )
 
 
@@ -345,7 +328,7 @@ def inspect_shards(paths: Sequence[Path], name: str) -> Inspection:
     total = sum(file.metadata.num_rows for file in files)
     return Inspection(
         "dataset" if len(paths) > 1 else "shard",
-        f"{name}: {_count(range(total), 'view')} in {_count(paths, 'file')}",
+        f"{name}: {counted(range(total), 'view')} in {counted(paths, 'file')}",
         {
             "Scenes by split": {split: len(names) for split, names in sorted(scenes.items())},
             "Files": rows,
@@ -360,9 +343,9 @@ def inspect_ledger(path: Path) -> Inspection:
     ledger = pq.read_table(path)
     return Inspection(
         "ledger",
-        f"Ledger {path}: {_count(range(ledger.num_rows), 'thing')} made",
+        f"Ledger {path}: {counted(range(ledger.num_rows), 'thing')} made",
         {"Stages": ledger_table(ledger)},
-        lambda: _picture_of(draw_ledger(ledger)),
+        lambda: picture_of(draw_ledger(ledger)),
     )
 
 
@@ -375,9 +358,9 @@ def inspect_diversity(folder: Path) -> Inspection:
     views = sum(len(values["depth"]) for values in figures.values())
     return Inspection(
         "diversity",
-        f"{folder}: {_count(range(views), 'view')} from {_count(figures, 'kind')} of scenes",
+        f"{folder}: {counted(range(views), 'view')} from {counted(figures, 'kind')} of scenes",
         {"Figures": summary_table(figures)},
-        lambda: _picture_of(draw_figures(figures)),
+        lambda: picture_of(draw_figures(figures)),
     )
 
 
@@ -413,148 +396,14 @@ def inspect_model(path: Path) -> Inspection:
         raise InputError(f"{card_path}: expected a JSON object")
     return Inspection(
         "model",
-        f"Model {path.name}: {sum(counts.values()):,} parameters in {_count(tensors, 'tensor')}",
+        f"Model {path.name}: {sum(counts.values()):,} parameters in {counted(tensors, 'tensor')}",
         {
             "Card": _flatten(card) or ["There is no JSON card beside it."],
             "Notes in the file": notes,
             "Tensors": tensors,
         },
-        lambda: _draw_layers(path.name, counts),
+        lambda: draw_layers(path.name, counts),
     )
-
-
-def draw_scene(scene: Scene, views: Sequence[View] = ()) -> Picture:
-    """The plan, and below it the dollhouse view and two quick renders."""
-    pictures = quick_renders(scene, views)
-    renders = contact_sheet([picture for _, picture in pictures], 1, [name for name, _ in pictures])
-    house = draw_dollhouse(scene)
-    below = contact_sheet([house, renders], 2, ["without its ceilings", "quick renders"])
-    plan = fit(draw_plan(scene, views), below.shape[1])
-    aside = below.shape[1] - plan.shape[1]
-    paper = ((0, 0), (aside // 2, aside - aside // 2), (0, 0))
-    return np.concatenate([np.pad(plan, paper, constant_values=255), below])
-
-
-def draw_plan(scene: Scene, views: Sequence[View] = ()) -> Picture:
-    """The scene from above, one plan a storey: rooms, furniture, lights, portals, cameras."""
-    levels = sorted({round(room.floor_z, 1) for room in scene.rooms}) or [0.0]
-    figure = Figure(figsize=(9 * len(levels), 8.5), dpi=110, layout="constrained")
-    all_axes = figure.subplots(1, len(levels), squeeze=False)[0]
-    emitting = {shape for light in scene.lights for shape in light.shapes}
-    for axes, level, above in zip(all_axes, levels, [*levels[1:], math.inf], strict=True):
-        for room in scene.rooms:
-            if round(room.floor_z, 1) == level:
-                _draw_room(axes, room)
-        here = [
-            thing
-            for thing in scene.objects
-            if level - 0.5 <= thing.bbox_min[2] < above - 0.3 and not thing.is_structure
-        ]
-        # The largest first, so that what stands on something is seen on it.
-        for thing in sorted(here, key=lambda thing: -_footprint(thing)):
-            (left, bottom, _), (right, top, _) = thing.bbox_min, thing.bbox_max
-            lit = not emitting.isdisjoint(thing.shapes)
-            axes.add_patch(
-                Rectangle(
-                    (left, bottom),
-                    right - left,
-                    top - bottom,
-                    facecolor="#ffd84d" if lit else "#ffffff",
-                    edgecolor="#8a6d00" if lit else "#666666",
-                    alpha=0.9 if lit else 0.55,
-                    linewidth=0.8,
-                )
-            )
-            if min(right - left, top - bottom) > 0.45:
-                axes.text(
-                    (left + right) / 2,
-                    (bottom + top) / 2,
-                    thing.category,
-                    fontsize=6,
-                    ha="center",
-                    va="center",
-                    clip_on=True,
-                )
-        for portal in scene.portals:
-            points = np.array(portal.polygon)
-            if level - 0.5 <= points[:, 2].mean() < above:
-                ends = _extent(points[:, :2])
-                color = "#0b84d8" if portal.clear else "#7a8b99"
-                axes.plot(ends[:, 0], ends[:, 1], color=color, linewidth=4, solid_capstyle="butt")
-        for view in views:
-            if level - 0.5 <= view.eye[2] < above:
-                _draw_camera(axes, view)
-        axes.set_aspect("equal")
-        axes.autoscale_view()
-        axes.set_xlabel("x, metres")
-        axes.set_ylabel("y, metres")
-        axes.grid(alpha=0.25, linewidth=0.5)
-        storey = f", floor at {level:g} m" if len(levels) > 1 else ""
-        axes.set_title(
-            f"{scene.scene_id}{storey} · {scene.lighting} · {_count(views, 'view')}", fontsize=10
-        )
-    figure.supxlabel(
-        "yellow: lit · blue: clear window or opening · grey bar: frosted or closed · red: cameras",
-        fontsize=8,
-    )
-    return _picture_of(figure)
-
-
-def draw_frame(frame: Frame) -> Picture:
-    """All channels of a frame as labelled pictures."""
-    channels, tone = frame.channels, ToneParams()
-    names = set(channels)
-    pictures: list[tuple[str, Picture]] = []
-    if set(RGB) <= names:
-        image = frame.rgb
-        exposure = exposure_of(image, tone)
-        pictures.append(
-            (f"tone-mapped, exposure {exposure.scale:.4g}", tone_picture(image, exposure))
-        )
-        logarithm = np.log10(np.maximum(image.mean(axis=-1), 1e-8))
-        low, high = float(np.percentile(logarithm, 1)), float(logarithm.max())
-        pictures.append(
-            (f"log10 of the mean, {low:.1f} to {high:.1f}", color_map(logarithm, low, high))
-        )
-    if "Z" in names:
-        valid, depth = channels["valid"], channels["Z"]
-        seen = depth[valid > 0]
-        span = f"{seen.min():.2f} to {seen.max():.2f} m" if seen.size else "no surface"
-        pictures += [
-            (f"depth, {span}", depth_picture(depth, valid)),
-            ("normal", normal_picture(frame.stack("N.X", "N.Y", "N.Z"), valid)),
-            ("reflectance", reflectance_picture(frame.stack(*(f"albedo.{b}" for b in RGB)))),
-            (f"objects, {len(np.unique(channels['object']))}", _label_picture(channels["object"])),
-        ]
-    if "intensity.Y" in names:
-        intensity, distance = channels["intensity.Y"], channels["distance.Z"]
-        lit = distance[distance > 0]
-        span = f"{lit.min():.2f} to {lit.max():.2f} m" if lit.size else "no light source"
-        pictures += [
-            (f"intensity, log, up to {intensity.max():.4g}", intensity_picture(intensity)),
-            (f"distance, {span}", distance_picture(distance)),
-        ]
-    return contact_sheet(
-        [enlarge(fit(picture, 640), 480) for _, picture in pictures],
-        2 if len(pictures) > 1 else 1,
-        [label for label, _ in pictures],
-    )
-
-
-def draw_previews(files: Sequence[pq.ParquetFile], most: int = _SHEET_PICTURES) -> Picture:
-    """A contact sheet of previews, spread evenly over the rows."""
-    total = sum(file.metadata.num_rows for file in files)
-    wanted = set(np.unique(np.linspace(0, total - 1, min(total, most)).astype(int)).tolist())
-    pictures, labels, row = [], [], 0
-    columns = ["scene_id", "view_id", "split", "preview"]
-    for file in files:
-        for batch in file.iter_batches(64, columns=columns):
-            chosen = [index for index in range(batch.num_rows) if row + index in wanted]
-            for record in batch.take(chosen).to_pylist():
-                pictures.append(enlarge(fit(read_picture(record["preview"]["bytes"]), 256), 240))
-                labels.append(f"{record['scene_id']} {record['view_id']} {record['split']}")
-            row += batch.num_rows
-    return contact_sheet(pictures, 4, labels)
 
 
 def _inspect_parquet(path: Path) -> Inspection:
@@ -596,116 +445,6 @@ def _encoding(names: Sequence[str]) -> str:
     if "BYTE_STREAM_SPLIT" in names:
         return "byte stream split"
     return "dictionary" if "RLE_DICTIONARY" in names else "plain"
-
-
-def _draw_room(axes: Axes, room: Room) -> None:
-    axes.add_patch(
-        Polygon(
-            room.floor,
-            facecolor=ROOM_COLORS.get(room.type, "#dddddd"),
-            edgecolor="#222222",
-            linewidth=2,
-            alpha=0.8,
-        )
-    )
-    # In the corner: the middle belongs to the furniture.
-    corner = max(room.floor, key=lambda point: point[1] - point[0])
-    axes.annotate(
-        f"{room.name}, {_area(room.floor):.1f} m²",
-        corner,
-        (5, -5),
-        textcoords="offset points",
-        fontsize=8,
-        fontweight="bold",
-        va="top",
-        color="#333333",
-        zorder=6,
-    )
-
-
-def _draw_camera(axes: Axes, view: View) -> None:
-    forward = view.pose[:3, 2]
-    half = math.degrees(math.atan(0.5 * view.width / view.intrinsics[0, 0]))
-    heading = math.degrees(math.atan2(forward[1], forward[0]))
-    x, y = view.eye[:2]
-    axes.add_patch(
-        Wedge((x, y), 0.9, heading - half, heading + half, color="#d62728", alpha=0.25, zorder=4)
-    )
-    axes.plot([x], [y], "o", color="#d62728", markersize=4, zorder=5)
-    axes.text(
-        x + 0.95 * math.cos(math.radians(heading)),
-        y + 0.95 * math.sin(math.radians(heading)),
-        view.view_id,
-        fontsize=6,
-        color="#8b0000",
-        ha="center",
-        va="center",
-        zorder=6,
-    )
-
-
-def _draw_cameras_only(cameras: CameraFile) -> Picture:
-    figure = Figure(figsize=(8, 8), dpi=110, layout="constrained")
-    axes = figure.subplots()
-    for view in cameras.views:
-        _draw_camera(axes, view)
-    axes.set_aspect("equal")
-    axes.margins(0.3)
-    axes.autoscale_view()
-    axes.set_title(f"{cameras.scene_id}: cameras from above (its scene is not here)", fontsize=10)
-    return _picture_of(figure)
-
-
-def _draw_layers(name: str, counts: Counter[str]) -> Picture:
-    shown = list(counts.items())[:60]
-    figure = Figure(figsize=(9, 1.2 + 0.2 * len(shown)), dpi=110, layout="constrained")
-    axes = figure.subplots()
-    labels = [label for label, _ in shown]
-    axes.barh(range(len(shown)), [count for _, count in shown], color="#3b76af")
-    axes.set_yticks(range(len(shown)), labels, fontsize=7)
-    axes.invert_yaxis()
-    axes.set_xscale("log")
-    axes.set_xlabel("parameters")
-    more = f" (first {len(shown)} of {len(counts)} layers)" if len(counts) > len(shown) else ""
-    axes.set_title(f"{name}: {sum(counts.values()):,} parameters{more}", fontsize=10)
-    return _picture_of(figure)
-
-
-def _picture_of(figure: Figure) -> Picture:
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    stream = io.BytesIO()
-    canvas.print_png(stream)
-    return read_picture(stream.getvalue())
-
-
-def _label_picture(labels: np.ndarray[Any, Any]) -> Picture:
-    """Object indices as colours that differ between neighbours; none is grey."""
-    hashed = labels.astype(np.uint32) * np.uint32(2654435761)
-    shifts = [(hashed >> np.uint32(shift)).astype(np.uint8) for shift in (8, 16, 24)]
-    picture: Picture = (np.stack(shifts, axis=-1) // 2 + 96).astype(np.uint8)
-    picture[labels == 0] = 40
-    return picture
-
-
-def _extent(points: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """The two points (2, 2) farthest apart: an upright polygon seen from above is a line."""
-    gaps = np.linalg.norm(points[:, None] - points[None], axis=-1)
-    first, last = np.unravel_index(gaps.argmax(), gaps.shape)
-    return points[[first, last]]
-
-
-def _area(polygon: Sequence[Point2]) -> float:
-    x, y = np.array(polygon).T
-    return float(0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
-
-
-def _footprint(thing: Any) -> float:
-    return float((thing.bbox_max[0] - thing.bbox_min[0]) * (thing.bbox_max[1] - thing.bbox_min[1]))
-
-
-def _count(things: Sized, noun: str) -> str:
-    return f"{len(things)} {noun}{'' if len(things) == 1 else 's'}"
 
 
 def _flatten(value: dict[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -10,13 +10,13 @@ from pipeline.assets import run_assets
 from pipeline.options import common_options, farm_options
 from pipeline.params import Params
 from pipeline.stages import (
-    Summary,
     run_cameras,
     run_groundtruth,
     run_illumination,
     run_inputs,
     run_scenes,
 )
+from pipeline.work import Summary
 
 
 @click.command(

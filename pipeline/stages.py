@@ -9,112 +9,40 @@ nothing to do starts no worker.
 from __future__ import annotations
 
 import re
-import shutil
 import sys
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
-from functools import partial
-from itertools import product
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 from pipeline import cameras
-from pipeline.farm import Farm, Item, Outcome
 from pipeline.frames import Kind, fingerprint, frame_path, holds
-from pipeline.import_files import digest_import, scene_name
 from pipeline.jobs import (
     STAGE_MARK,
     CameraJob,
     FrameJob,
     HomeJob,
     ImportJob,
-    ImportVariant,
     make_scene,
     render_frames,
     sample_scene,
-    use_code,
-    use_renderer,
 )
-from pipeline.ledger import Ledger
 from pipeline.params import Params
 from pipeline.passes import TRUTHS, frame_fingerprint, traced_together
-from pipeline.progress import Progress
-from pipeline.records import Failure, data_lock, save_failures
+from pipeline.records import Failure, data_lock
 from pipeline.renderer import renderer_version, set_variant
-from pipeline.versions import code_version
+from pipeline.scene_jobs import home_jobs, import_jobs, mark_of, remove_old_scenes
 from pipeline.views import CameraFile, View, load_cameras
-from scenes.catalogue.assets import INDEX, load_index
+from pipeline.work import Summary, Target, Work, carry_out, finish, threaded
 from scenes.checked import plain
 from scenes.contract import Scene, load_scene, scene_folders
-from scenes.errors import InputError, PbrnetError
-from scenes.files import digest_bytes, digest_file, remove_partials
-from scenes.imports import ImportEntry
-from scenes.procedural import home
-from scenes.seeds import derive
+from scenes.errors import InputError
+from scenes.files import digest_file, remove_partials
 
 Part = Literal["shading", "color"]
-A = TypeVar("A")
-B = TypeVar("B")
 _SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,199}")
-_SHOWN = 20  # failures named on the terminal; all of them are in data/failures
-
-
-class StageError(PbrnetError):
-    """Everything else was done, but some scenes or views failed; the text names them."""
-
-    exit_code = 1
-
-
-@dataclass(frozen=True)
-class Summary:
-    """What a stage did."""
-
-    stage: str
-    made: int
-    kept: int
-    removed: int
-    seconds: float
-    notes: tuple[str, ...] = ()
-
-    def __str__(self) -> str:
-        parts = [f"{self.stage}: {self.made} made, {self.kept} kept, {self.removed} removed"]
-        return "\n".join([f"{parts[0]}, {self.seconds:.1f} s", *self.notes])
-
-
-@dataclass(frozen=True)
-class _Target:
-    """What an item writes: a frame, a camera file or a scene, and by what names it is listed."""
-
-    path: Path
-    stage: str
-    scene_id: str
-    view_id: str = ""
-
-
-@dataclass
-class _Work:
-    """A stage's plan: what is to be done, how, and what is already known to fail."""
-
-    stage: str
-    unit: str
-    work: Callable[[Any], Any]
-    items: list[Item] = field(default_factory=list)
-    failures: list[Failure] = field(default_factory=list)
-    kept: int = 0
-    removed: int = 0
-    renders: bool = True
-
-    targets: dict[str, list[_Target]] = field(default_factory=dict)  # key -> what the item writes
-
-    def add(self, job: Any, *targets: _Target) -> None:
-        """Add an item; what lies at its targets now is out of date."""
-        first = targets[0]
-        key = f"{'+'.join(target.stage for target in targets)}/{first.scene_id}/{first.view_id}"
-        self.items.append(Item(key, first.scene_id, job))
-        self.targets[key] = list(targets)
 
 
 def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summary:
@@ -128,17 +56,17 @@ def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summ
     with data_lock(data, "scenes"):
         root = data / "scenes"
         remove_partials(root)
-        work = _Work("scenes", "scenes", make_scene, renders=False)
+        work = Work("scenes", "scenes", make_scene, renders=False)
         wanted: dict[str, HomeJob | ImportJob] = {}
-        jobs: list[HomeJob | ImportJob] = [*_home_jobs(root, params)]
-        jobs += _import_jobs(root, params, work.failures)
+        jobs: list[HomeJob | ImportJob] = [*home_jobs(root, params)]
+        jobs += import_jobs(root, params, work.failures)
         for job in jobs:
             if job.scene_id in wanted:
                 raise InputError(f"scenes.imports: two scenes would be named {job.scene_id!r}")
             wanted[job.scene_id] = job
-        work.removed = _remove_old_scenes(root, set(wanted))
+        work.removed = remove_old_scenes(root, set(wanted))
         for scene_id, job in wanted.items():
-            mark = _mark_of(job.folder)
+            mark = mark_of(job.folder)
             if mark == job.fingerprint:
                 work.kept += 1
             elif mark is None and (job.folder / "scene.json").is_file():
@@ -151,9 +79,9 @@ def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summ
                     )
                 )
             else:
-                work.add(job, _Target(job.folder, "scenes", scene_id))
-        made = _carry_out(data, params, scheduler, work)
-        return _finish(data, work, made, started)
+                work.add(job, Target(job.folder, "scenes", scene_id))
+        made = carry_out(data, params, scheduler, work)
+        return finish(data, work, made, started)
 
 
 def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Summary:
@@ -164,7 +92,7 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
         root = data / "cameras"
         remove_partials(root)
         renderer = _renderer(params)
-        work = _Work("cameras", "scenes", sample_scene)
+        work = Work("cameras", "scenes", sample_scene)
         scenes = _scenes(data, work)
         digests = _digests(data, scenes)
         spared = {failure.scene_id for failure in work.failures}
@@ -183,9 +111,9 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
                     params.seed,
                     mark,
                 )
-                work.add(job, _Target(path, "cameras", scene_id))
-        made = _carry_out(data, params, scheduler, work, renderer)
-        return _finish(data, work, made, started, lambda: _camera_notes(root, scenes))
+                work.add(job, Target(path, "cameras", scene_id))
+        made = carry_out(data, params, scheduler, work, renderer)
+        return finish(data, work, made, started, lambda: _camera_notes(root, scenes))
 
 
 def run_inputs(data: Path, params: Params, scheduler: str | None = None) -> Summary:
@@ -216,7 +144,7 @@ def _run_frames(
     data = Path(data).resolve()
     with data_lock(data, stage):
         renderer = _renderer(params)
-        work = _Work(stage, "views" if len(kinds) == 1 else "frames", render_frames)
+        work = Work(stage, "views" if len(kinds) == 1 else "frames", render_frames)
         scenes = _scenes(data, work)
         digests = _digests(data, scenes)
         views = _views(data, params, scenes, digests, renderer, work)
@@ -235,7 +163,7 @@ def _run_frames(
             marks = {wanted[path].kind: wanted[path].mark for path in paths}
             job = FrameJob(data, view, digests[view.scene_id], params, marks)
             work.add(job, *(wanted[path].target(path) for path in paths))
-        made = _carry_out(data, params, scheduler, work, renderer)
+        made = carry_out(data, params, scheduler, work, renderer)
         # An earlier run's worker may have outlived it and written its frame over ours.
         for path in _not_holding(
             {path: wanted[path] for path in stale if made[path]}, verify=False
@@ -244,7 +172,7 @@ def _run_frames(
             target = wanted[path].target(path)
             error = f"{path} was overwritten by another run; run again"
             work.failures.append(Failure(target.stage, target.scene_id, target.view_id, error))
-        return _finish(data, work, made, started)
+        return finish(data, work, made, started)
 
 
 @dataclass(frozen=True)
@@ -255,8 +183,8 @@ class _WantedFrame:
     view: View
     mark: str
 
-    def target(self, path: Path) -> _Target:
-        return _Target(path, self.kind, self.view.scene_id, self.view.view_id)
+    def target(self, path: Path) -> Target:
+        return Target(path, self.kind, self.view.scene_id, self.view.view_id)
 
 
 def _in_one_trace(wanted: dict[Path, _WantedFrame], params: Params) -> list[list[Path]]:
@@ -270,201 +198,12 @@ def _in_one_trace(wanted: dict[Path, _WantedFrame], params: Params) -> list[list
     return [groups[key] for key in sorted(groups)]
 
 
-def _carry_out(
-    data: Path, params: Params, scheduler: str | None, work: _Work, renderer: str = ""
-) -> dict[Path, bool]:
-    """Have the farm do the work; says of each target whether it was made, and adds to the
-    work's failures."""
-    made = {target.path: False for targets in work.targets.values() for target in targets}
-    if not work.items:
-        return made
-    setup: Callable[[int], None] = partial(use_code, code_version())
-    if work.renders:
-        setup = partial(use_renderer, set_variant(params.farm.variant), renderer, code_version())
-    ledger = Ledger(data)
-    with Progress(work.kept + len(made), work.stage, work.unit) as progress:
-        progress.advance(work.kept)
-        try:
-            with Farm(params.farm, scheduler, setup, len(work.items)) as farm:
-                for outcome in farm.run(work.work, work.items):
-                    made.update(_record(outcome, work, renderer, ledger, progress))
-        finally:
-            for folder in sorted({target.parent for target in made}):
-                remove_partials(folder)
-            ledger.save()
-    return made
-
-
-def _record(
-    outcome: Outcome, work: _Work, renderer: str, ledger: Ledger, progress: Progress
-) -> dict[Path, bool]:
-    """Book an outcome: failures, costs, progress; says of each of its targets whether it was made.
-
-    Frames from one trace share its seconds evenly, so that the ledger's sum is what was spent.
-    """
-    targets, value = work.targets[outcome.key], outcome.value or {}
-    failed, costs = value.get("failed", {}), dict(value.get("costs", {}))
-    frames = costs.pop("frames", {})
-    errors = {target.path: outcome.error or failed.get(target.stage, "") for target in targets}
-    sharing = max(1, sum(not error for error in errors.values()))
-    spent = {"seconds": outcome.seconds, "opening": costs.pop("opening", None)}
-    shared = {name: value / sharing for name, value in spent.items() if value is not None}
-    for target in targets:
-        key = (target.stage, target.scene_id, target.view_id)
-        if errors[target.path]:
-            failure = Failure(*key, errors[target.path])
-            work.failures.append(failure)
-            progress.write(f"failed: {failure}")
-        else:
-            ledger.add(
-                key,
-                **shared,
-                **costs,
-                **frames.get(target.stage, {}),
-                worker=outcome.worker,
-                attempt=outcome.attempt,
-                renderer=renderer or None,
-            )
-        progress.advance(1, target.scene_id)
-    return {path: not error for path, error in errors.items()}
-
-
-def _finish(
-    data: Path,
-    work: _Work,
-    made: dict[Path, bool],
-    started: float,
-    notes: Callable[[], Iterable[str]] = tuple,
-) -> Summary:
-    """Remove what is out of date and could not be made again, and write the failures list.
-
-    Raises `StageError` if there is anything on it. (Out-of-date files go only now, not before
-    the work: a run begun by mistake and interrupted loses nothing that it has not replaced.)
-    """
-    for path in [path for path, fine in made.items() if not fine]:
-        if path.is_dir():
-            shutil.rmtree(path)
-        else:
-            path.unlink(missing_ok=True)
-    failures = sorted(work.failures, key=lambda f: (f.scene_id, f.view_id, f.stage))
-    save_failures(data, work.stage, failures)
-    count = sum(made.values())
-    if failures:
-        named = [f"  {failure}" for failure in failures[:_SHOWN]]
-        if len(failures) > _SHOWN:
-            named.append(f"  and {len(failures) - _SHOWN} more")
-        raise StageError(
-            f"{work.stage}: {len(failures)} failed, {count} made, {work.kept} kept\n"
-            + "\n".join(named)
-            + f"\nThe whole list is in {data / 'failures' / (work.stage + '.json')}; everything "
-            "else is done. Run the same command again to retry."
-        )
-    seconds = time.monotonic() - started
-    return Summary(work.stage, count, work.kept, work.removed, seconds, tuple(notes()))
-
-
 def _renderer(params: Params) -> str:
     set_variant(params.farm.variant)
     return renderer_version()
 
 
-def _home_jobs(root: Path, params: Params) -> Iterable[HomeJob]:
-    wanted = params.scenes
-    # The generator's own source stands for its revision: a home is made in seconds, and frames
-    # ask for the scene's content, not for this.
-    sources = sorted(Path(home.__file__).parent.rglob("*.py"))
-    revision = digest_bytes(*(digest_file(source).encode() for source in sources))
-    assets = root.parent / "assets"
-    bought: dict[str, Any] = {}
-    if wanted.catalogue_share > 0 and wanted.homes:
-        if not load_index(assets).pieces:
-            raise InputError(
-                f"scenes.catalogue_share: {wanted.catalogue_share:g}, but {assets} holds no "
-                "furniture; set assets.enabled to true and run first: pbrnet assets"
-            )
-        bought = {
-            "share": wanted.catalogue_share,
-            "triangles": wanted.catalogue_triangles,
-            "catalogue": digest_file(assets / INDEX),
-        }
-    for index, variant in product(range(wanted.homes), range(wanted.variants)):
-        scene_id = f"home-{index:04d}" + (f"-v{variant}" if variant else "")
-        turn = index + (variant if "light" in wanted.vary else 0)
-        lighting = wanted.lighting[turn % len(wanted.lighting)]
-        seed = derive(params.seed, "home", index)
-        mark = fingerprint(
-            kind="home",
-            revision=revision,
-            scene_id=scene_id,
-            seed=seed,
-            lighting=lighting,
-            rooms=(wanted.rooms_min, wanted.rooms_max),
-            texture_size=wanted.texture_size,
-            varied=(variant, *sorted(wanted.vary)) if variant else (),
-            **bought,
-        )
-        yield HomeJob(root / scene_id, scene_id, wanted, seed, lighting, variant, mark, assets)
-
-
-def _import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable[ImportJob]:
-    wanted = params.scenes
-    for named in wanted.imports:
-        entry = ImportEntry(named) if isinstance(named, str) else named
-        path = Path(entry.file).expanduser().resolve()
-        scene_id = entry.id or scene_name(path)
-        options = entry.options()
-        missing = [one for one in (path, options.get("root", path)) if not one.exists()]
-        if missing:
-            words = (
-                f"{entry.file}: no such file" if missing[0] == path else f"{missing[0]}: no root"
-            )
-            failures.append(Failure("scenes", scene_id, "", words))
-            continue
-        content: dict[str, Any] = {"content": digest_import(path, entry)}
-        if options:
-            content["options"] = entry.given()
-        mark = fingerprint(kind="import", scene_id=scene_id, **content)
-        yield ImportJob(root / scene_id, scene_id, path, mark, options)
-        seed = derive(params.seed, "import", scene_id)
-        for variant in range(1, wanted.variants):
-            own_id = f"{scene_id}-v{variant}"
-            mark = fingerprint(
-                kind="import",
-                scene_id=own_id,
-                seed=seed,
-                lighting=wanted.lighting,
-                texture_size=wanted.texture_size,
-                varied=(variant, *sorted(wanted.vary)),
-                **content,
-            )
-            made = ImportVariant(scene_id, variant, wanted, seed)
-            yield ImportJob(root / own_id, own_id, path, mark, options, made)
-
-
-def _mark_of(folder: Path) -> str | None:
-    """The fingerprint this stage left in a complete scene; None: another tool's, or none.
-
-    A broken scene of ours counts as ours without fingerprint, to be made again.
-    """
-    if not folder.is_dir():
-        return None
-    try:
-        mark = load_scene(folder).source.get(STAGE_MARK)
-    except InputError:
-        return ""
-    return str(mark) if mark is not None else None
-
-
-def _remove_old_scenes(root: Path, wanted: set[str]) -> int:
-    removed = 0
-    for folder in scene_folders(root):
-        if folder.name not in wanted and _mark_of(folder):
-            shutil.rmtree(folder)
-            removed += 1
-    return removed
-
-
-def _scenes(data: Path, work: _Work) -> dict[str, Scene]:
+def _scenes(data: Path, work: Work) -> dict[str, Scene]:
     """All readable scenes by id; the others become failures of the stage."""
     scenes = {}
     for folder in scene_folders(data / "scenes"):
@@ -488,7 +227,7 @@ def _scenes(data: Path, work: _Work) -> dict[str, Scene]:
 
 def _digests(data: Path, scenes: Iterable[str]) -> dict[str, str]:
     names = list(scenes)
-    digests = _threaded(lambda name: _scene_digest(data / "scenes" / name), names)
+    digests = threaded(lambda name: _scene_digest(data / "scenes" / name), names)
     return dict(zip(names, digests, strict=True))
 
 
@@ -503,12 +242,6 @@ def _scene_digest(folder: Path) -> str:
         if file != folder / "scene.json"
     }
     return fingerprint(scene=bare, files=contents)
-
-
-def _threaded(function: Callable[[A], B], values: Sequence[A]) -> list[B]:
-    """Map over values with a few threads: the time goes into reading files."""
-    with ThreadPoolExecutor(4) as pool:
-        return list(pool.map(function, values))
 
 
 def _camera_fingerprint(scene_id: str, params: Params, digest: str, renderer: str) -> str:
@@ -557,7 +290,7 @@ def _views(
     scenes: dict[str, Scene],
     digests: dict[str, str],
     renderer: str,
-    work: _Work,
+    work: Work,
 ) -> list[View]:
     """The views of all scenes, sorted; broken camera files become failures."""
     views: list[View] = []
@@ -602,7 +335,7 @@ def _not_holding(wanted: dict[Path, _WantedFrame], verify: bool) -> dict[Path, _
     """Those whose frame is missing, truncated or was made from something else; with `verify`
     also those whose pixels are damaged."""
     paths = list(wanted)
-    good = _threaded(lambda path: holds(path, wanted[path].mark, verify), paths)
+    good = threaded(lambda path: holds(path, wanted[path].mark, verify), paths)
     return {path: wanted[path] for path, fine in zip(paths, good, strict=True) if not fine}
 
 

@@ -11,7 +11,8 @@ import yaml
 
 from pipeline.import_files import digest_import, scene_name
 from pipeline.params import Params, load_params
-from pipeline.stages import StageError, run_scenes
+from pipeline.stages import run_scenes
+from pipeline.work import StageError
 from scenes.contract import load_scene
 from scenes.errors import ParameterError
 from scenes.imports import ImportEntry

@@ -30,7 +30,6 @@ from pipeline.params import (
 from pipeline.passes import frame_fingerprint
 from pipeline.records import data_lock
 from pipeline.stages import (
-    StageError,
     run_cameras,
     run_groundtruth,
     run_illumination,
@@ -38,6 +37,7 @@ from pipeline.stages import (
     run_scenes,
 )
 from pipeline.views import View, load_cameras, save_cameras
+from pipeline.work import StageError
 from scenes.contract import load_scene
 from scenes.errors import InputError, MachineError, PbrnetError
 from scenes.params import SceneParams
@@ -127,7 +127,7 @@ def test_one_worker_makes_the_same_bytes_as_two(finished: Path, tmp_path: Path) 
 def test_a_second_run_keeps_everything_and_starts_nobody(
     data: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.stages.Farm", None)
+    monkeypatch.setattr("pipeline.work.Farm", None)
     before = _files(data)
     for stage, count in (("cameras", 2), ("inputs", 4), ("groundtruth", 8)):
         summary = STAGES[stage](data, PARAMS)

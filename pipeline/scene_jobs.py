@@ -1,0 +1,118 @@
+"""Which scenes the parameters ask for: a job and a fingerprint each, and whose a folder is."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from pipeline.frames import fingerprint
+from pipeline.import_files import digest_import, scene_name
+from pipeline.jobs import STAGE_MARK, HomeJob, ImportJob, ImportVariant
+from pipeline.params import Params
+from pipeline.records import Failure
+from scenes.catalogue.assets import INDEX, load_index
+from scenes.contract import load_scene, scene_folders
+from scenes.errors import InputError
+from scenes.files import digest_bytes, digest_file
+from scenes.imports import ImportEntry
+from scenes.procedural import home
+from scenes.seeds import derive
+
+
+def home_jobs(root: Path, params: Params) -> Iterable[HomeJob]:
+    wanted = params.scenes
+    # The generator's own source stands for its revision: a home is made in seconds, and frames
+    # ask for the scene's content, not for this.
+    sources = sorted(Path(home.__file__).parent.rglob("*.py"))
+    revision = digest_bytes(*(digest_file(source).encode() for source in sources))
+    assets = root.parent / "assets"
+    bought: dict[str, Any] = {}
+    if wanted.catalogue_share > 0 and wanted.homes:
+        if not load_index(assets).pieces:
+            raise InputError(
+                f"scenes.catalogue_share: {wanted.catalogue_share:g}, but {assets} holds no "
+                "furniture; set assets.enabled to true and run first: pbrnet assets"
+            )
+        bought = {
+            "share": wanted.catalogue_share,
+            "triangles": wanted.catalogue_triangles,
+            "catalogue": digest_file(assets / INDEX),
+        }
+    for index, variant in product(range(wanted.homes), range(wanted.variants)):
+        scene_id = f"home-{index:04d}" + (f"-v{variant}" if variant else "")
+        turn = index + (variant if "light" in wanted.vary else 0)
+        lighting = wanted.lighting[turn % len(wanted.lighting)]
+        seed = derive(params.seed, "home", index)
+        mark = fingerprint(
+            kind="home",
+            revision=revision,
+            scene_id=scene_id,
+            seed=seed,
+            lighting=lighting,
+            rooms=(wanted.rooms_min, wanted.rooms_max),
+            texture_size=wanted.texture_size,
+            varied=(variant, *sorted(wanted.vary)) if variant else (),
+            **bought,
+        )
+        yield HomeJob(root / scene_id, scene_id, wanted, seed, lighting, variant, mark, assets)
+
+
+def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable[ImportJob]:
+    wanted = params.scenes
+    for named in wanted.imports:
+        entry = ImportEntry(named) if isinstance(named, str) else named
+        path = Path(entry.file).expanduser().resolve()
+        scene_id = entry.id or scene_name(path)
+        options = entry.options()
+        missing = [one for one in (path, options.get("root", path)) if not one.exists()]
+        if missing:
+            words = (
+                f"{entry.file}: no such file" if missing[0] == path else f"{missing[0]}: no root"
+            )
+            failures.append(Failure("scenes", scene_id, "", words))
+            continue
+        content: dict[str, Any] = {"content": digest_import(path, entry)}
+        if options:
+            content["options"] = entry.given()
+        mark = fingerprint(kind="import", scene_id=scene_id, **content)
+        yield ImportJob(root / scene_id, scene_id, path, mark, options)
+        seed = derive(params.seed, "import", scene_id)
+        for variant in range(1, wanted.variants):
+            own_id = f"{scene_id}-v{variant}"
+            mark = fingerprint(
+                kind="import",
+                scene_id=own_id,
+                seed=seed,
+                lighting=wanted.lighting,
+                texture_size=wanted.texture_size,
+                varied=(variant, *sorted(wanted.vary)),
+                **content,
+            )
+            made = ImportVariant(scene_id, variant, wanted, seed)
+            yield ImportJob(root / own_id, own_id, path, mark, options, made)
+
+
+def mark_of(folder: Path) -> str | None:
+    """The fingerprint this stage left in a complete scene; None: another tool's, or none.
+
+    A broken scene of ours counts as ours without fingerprint, to be made again.
+    """
+    if not folder.is_dir():
+        return None
+    try:
+        mark = load_scene(folder).source.get(STAGE_MARK)
+    except InputError:
+        return ""
+    return str(mark) if mark is not None else None
+
+
+def remove_old_scenes(root: Path, wanted: set[str]) -> int:
+    removed = 0
+    for folder in scene_folders(root):
+        if folder.name not in wanted and mark_of(folder):
+            shutil.rmtree(folder)
+            removed += 1
+    return removed
