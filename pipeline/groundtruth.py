@@ -18,6 +18,7 @@ import numpy as np
 
 from pipeline import joint
 from pipeline.frames import Channels
+from pipeline.light_choice import PlannedLights, UniformLights, plan_lights
 from pipeline.noise import Tally
 from pipeline.params import GroundTruthParams
 from pipeline.renderer import RenderScene
@@ -78,8 +79,12 @@ def render_both(
     has no neutral twin.
     """
     table = joint.twin_table(render_scene.twins(albedo))
-    path = joint.JointPath(table, params.max_depth, params.rr_depth)
     scene = render_scene.neutral(None).mitsuba
+    lights: UniformLights | PlannedLights = UniformLights()
+    if params.lights == "planned" and scene.emitters():
+        portals = render_scene.scene.portals
+        lights = PlannedLights(scene, plan_lights(scene, view, portals, seed))
+    path = joint.JointPath(table, params.max_depth, params.rr_depth, lights)
     color, shading = _render(scene, path.integrator(), view, params, seed, 2)
     return Truths(color, shading)
 

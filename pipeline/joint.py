@@ -30,6 +30,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from pipeline.light_choice import PlannedLights, UniformLights
+
 # Squared distance of unit directions beyond which they are not one direction computed twice.
 _APART = 1e-7
 
@@ -73,12 +75,22 @@ def _indices(bsdfs: list[Any]) -> Any:
 
 
 class JointPath:
-    """The joint path tracer; `max_depth` and `rr_depth` mean what they mean in `path`."""
+    """The joint path tracer; `max_depth` and `rr_depth` mean what they mean in `path`.
 
-    def __init__(self, twins: Any, max_depth: int, rr_depth: int) -> None:
+    `lights` chooses the emitter samples; see `pipeline.light_choice`.
+    """
+
+    def __init__(
+        self,
+        twins: Any,
+        max_depth: int,
+        rr_depth: int,
+        lights: UniformLights | PlannedLights | None = None,
+    ) -> None:
         self.twins = twins
         self.max_depth = max_depth
         self.rr_depth = rr_depth
+        self.lights = lights or UniformLights()
 
     def integrator(self) -> Any:
         """A Mitsuba integrator: colour in `R`, `G`, `B`, the neutral image in three AOVs."""
@@ -101,7 +113,7 @@ class JointPath:
 
             # Emission that the last direction found
             ds = mi.DirectionSample3f(scene, si=si, ref=before)
-            density = scene.pdf_emitter_direction(before, ds, ~(colour.delta & grey.delta))
+            density = self.lights.density(scene, before, ds, ~(colour.delta & grey.delta))
             emitted = ds.emitter.eval(si, active)
             colour.radiance += colour.throughput * emitted * self.found(colour, density)
             grey.radiance += grey.throughput * emitted * self.found(grey, density)
@@ -111,7 +123,7 @@ class JointPath:
             own = si.bsdf(ray)
             twin = dr.gather(mi.BSDFPtr, self.twins, dr.reinterpret_array(mi.UInt32, own), goes_on)
             smooth = goes_on & mi.has_flag(own.flags() | twin.flags(), mi.BSDFFlags.Smooth)
-            ds, light = scene.sample_emitter_direction(si, sampler.next_2d(), True, smooth)
+            ds, light = self.lights.sample(scene, si, sampler.next_2d(), smooth)
             lit = smooth & (ds.pdf != 0)
             wo = si.to_local(ds.d)
             first, second = sampler.next_1d(), sampler.next_2d()

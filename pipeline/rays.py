@@ -159,7 +159,7 @@ def sky(emitter: Any, directions: Array) -> npt.NDArray[np.float64]:
             light[i] = emitter.eval(si)
         return _luminance(light)
     si = dr.zeros(mi.SurfaceInteraction3f, len(directions))
-    si.wi = _vector(mi.Vector3f, -directions)
+    si.wi = vector(mi.Vector3f, -directions)
     (light,) = _arrays(mi.Color3f(emitter.eval(si)))
     return _luminance(light)
 
@@ -181,12 +181,12 @@ def towards_lights(
         return _scalar_towards_lights(emitters, which, eye, samples)
     count = len(which)
     table = mi.UInt32([registry_id(emitter, mi.EmitterPtr) for emitter in emitters])
-    number = dr.gather(mi.UInt32, table, _column(mi.UInt32, which))
+    number = dr.gather(mi.UInt32, table, column(mi.UInt32, which))
     pointer = dr.reinterpret_array(mi.EmitterPtr, number)
     si = dr.zeros(mi.SurfaceInteraction3f, count)
     # Opaque, or the position would be compiled into the kernel, one kernel per view.
     si.p = mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in np.asarray(eye)))
-    ds, weight = pointer.sample_direction(si, _vector(mi.Point2f, samples))
+    ds, weight = pointer.sample_direction(si, vector(mi.Point2f, samples))
     direction, distance, light, density = _arrays(
         ds.d, ds.dist, mi.Color3f(weight), dr.select(ds.delta, 0, ds.pdf)
     )
@@ -231,18 +231,18 @@ def _in_chunks(
 
 
 def _wave_ray(origins: Array, directions: Array) -> Any:
-    return mi.Ray3f(_vector(mi.Point3f, origins), _vector(mi.Vector3f, directions))
+    return mi.Ray3f(vector(mi.Point3f, origins), vector(mi.Vector3f, directions))
 
 
-def _vector(kind: Any, rows: Array) -> Any:
+def vector(kind: Any, rows: Array) -> Any:
     """Rows (N, D) as a Dr.Jit vector, component by component.
 
     Dr.Jit's own conversion of a matrix would compile N into every kernel that uses it.
     """
-    return kind(*(_column(mi.Float, rows[:, axis]) for axis in range(rows.shape[1])))
+    return kind(*(column(mi.Float, rows[:, axis]) for axis in range(rows.shape[1])))
 
 
-def _column(kind: Any, values: Array) -> Any:
+def column(kind: Any, values: Array) -> Any:
     """Values (N,) as a Dr.Jit array, in memory so aligned that one kernel serves all."""
     dtype = np.dtype(np.float32 if kind is mi.Float else np.uint32)
     room = np.empty(len(values) + 16, dtype=dtype)
@@ -268,8 +268,8 @@ def _wave_camera_rays(poses: Array, local: Array) -> Any:
     count = len(local)
     index = dr.arange(mi.UInt32, len(poses) * count)
     pose, pixel = index // dr.opaque(mi.UInt32, count), index % dr.opaque(mi.UInt32, count)
-    table = _column(mi.Float, poses[:, :3, :].ravel())
-    columns = [_column(mi.Float, local[:, axis]) for axis in range(3)]
+    table = column(mi.Float, poses[:, :3, :].ravel())
+    columns = [column(mi.Float, local[:, axis]) for axis in range(3)]
     row = [[dr.gather(mi.Float, table, pose * 12 + 4 * i + j) for j in range(4)] for i in range(3)]
     x, y, z = (dr.gather(mi.Float, column, pixel) for column in columns)
     return mi.Ray3f(
@@ -363,7 +363,7 @@ def _wave_emitted(
     shape, distance, hit, ray = _wave_first(target, _wave_ray(origins, directions), True)
     if not glowing.any():
         return (*_arrays(shape, distance), np.zeros((len(directions), 3)))
-    table = _column(mi.UInt32, glowing)
+    table = column(mi.UInt32, glowing)
     lit = dr.gather(mi.UInt32, table, mi.UInt32(dr.maximum(shape, 0)), shape >= 0) == 1
     si = hit.compute_surface_interaction(ray, mi.RayFlags.All, lit)
     light = mi.Color3f(dr.select(lit, mi.Color3f(si.shape.emitter().eval(si, lit)), 0))

@@ -12,6 +12,7 @@ from PIL import Image
 
 from pipeline import joint
 from pipeline.groundtruth import _integrator, _sensor
+from pipeline.light_choice import PlannedLights, UniformLights
 from pipeline.renderer import RenderScene, open_scene
 from pipeline.views import View
 from tests.render_fixtures import ball, diffuse, make_view, quad, room_walls, write_scene
@@ -187,9 +188,10 @@ def joined(
     copies: int,
     seed: int,
     kind: type[joint.JointPath] = joint.JointPath,
+    lights: UniformLights | PlannedLights | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Independent pairs of images by the joint trace: colour and neutral, as `plain` gives them."""
-    path = kind(joint.twin_table(scene.twins(ALBEDO)), MAX_DEPTH, rr)
+    path = kind(joint.twin_table(scene.twins(ALBEDO)), MAX_DEPTH, rr, lights)
     images = _images(scene.mitsuba, path.integrator(), view, spp, copies, seed)
     return images[..., :3], images[..., 3:]
 

@@ -1,0 +1,195 @@
+"""Which light is asked: never a bias, and less noise where most lights do not reach the view."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from pipeline.groundtruth import render_both
+from pipeline.joint import available
+from pipeline.light_choice import WINDOWS, PlannedLights, panes_of, plan_lights
+from pipeline.params import GroundTruthParams
+from pipeline.rays import vector
+from pipeline.renderer import RenderScene, open_scene, set_variant
+from scenes.contract import Portal
+from tests.joint_fixtures import FAITHFUL, deviations, joined, plain, region_means, shelf
+from tests.render_fixtures import (
+    WINDOW,
+    ball,
+    diffuse,
+    glow,
+    make_view,
+    quad,
+    room_walls,
+    write_scene,
+)
+
+SPP, COPIES = 64, 16
+VIEW = make_view((0, -1.8, 1.5), (0.2, 1, -0.1), size=(24, 18))
+LAMP = quad("lamp", (-1.2, 0.5, 2.9), (0, 0, -1), (0.15, 0.15), glow("8,6,4"), (0, 1, 0))
+SUN = (
+    '<emitter type="sunsky"><vector name="sun_direction" x="-0.3" y="0.7" z="0.5"/>'
+    '<float name="sun_scale" value="0.02"/><float name="sky_scale" value="4"/></emitter>'
+)
+SKY = SUN.replace('y="0.7"', 'y="-0.7"')  # the sun stands behind the house
+# Lamps in a second room, behind the wall y = 2 and beside the window: none reaches the view.
+HIDDEN = "".join(
+    ball(f"far{index}", (3.0 + 0.3 * index, 0.5, 1.5), 0.1, glow(20)) for index in range(8)
+)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def variant() -> str:
+    name = set_variant()
+    if not available():
+        pytest.skip("the scalar variant lets Mitsuba choose")
+    return name
+
+
+def room(folder: Path, *things: str, wall: str = "0.6,0.5,0.4") -> RenderScene:
+    walls, _ = room_walls(diffuse(wall), window=True)
+    balls = ball("ball", (0.5, 1.0, 0.5), 0.5, diffuse("0.2,0.6,0.3"))
+    return open_scene(
+        write_scene(folder / "room", walls + balls + "".join(things), portals=[WINDOW])
+    )
+
+
+def planned(scene: RenderScene, kind: type[PlannedLights] = PlannedLights) -> PlannedLights:
+    return kind(scene.mitsuba, plan_lights(scene.mitsuba, VIEW, scene.scene.portals, 3))
+
+
+def off_by(scene: RenderScene, lights: Any) -> np.ndarray:
+    """Standard errors between our images' regions and Mitsuba's own, (regions, 3)."""
+    regions = {
+        f"row{row}": np.arange(18)[:, None] // 6 == np.full((18, 24), row) for row in range(3)
+    }
+    ours, _ = joined(scene, VIEW, 3, SPP, COPIES, 1, lights=lights)
+    theirs = plain(scene, VIEW, None, 3, 4 * SPP, COPIES, 2)
+    return deviations(region_means(ours, regions), region_means(theirs, regions))
+
+
+@pytest.mark.parametrize(
+    "things", [(LAMP, SUN), (LAMP, HIDDEN, SUN), (LAMP, HIDDEN)], ids=["sun", "all", "night"]
+)
+def test_planned_light_is_unbiased(things: tuple[str, ...], tmp_path: Path) -> None:
+    scene = room(tmp_path, *things)
+    assert abs(off_by(scene, planned(scene))).max() < 4.5
+
+
+def test_every_material_is_unbiased_under_it(tmp_path: Path) -> None:
+    scene, view, regions = shelf(tmp_path, FAITHFUL)
+    lights = PlannedLights(scene.mitsuba, plan_lights(scene.mitsuba, view, (WINDOW,), 3))
+    assert lights.panes is not None
+    ours, _ = joined(scene, view, 3, SPP, COPIES, 1, lights=lights)
+    theirs = plain(scene, view, None, 3, SPP, COPIES, 2)
+    off = abs(deviations(region_means(ours, regions), region_means(theirs, regions)))
+    assert off.max() < 4.5
+
+
+class PanesForgotten(PlannedLights):
+    """Takes the density of the one way that was used, as if the other did not exist."""
+
+    def _either(self, origin: Any, ds: Any, through: Any) -> Any:
+        return ds.pdf
+
+
+class ChoiceForgotten(PlannedLights):
+    """Takes no account of how likely an emitter was to be asked."""
+
+    def _ask(self, si: Any, random: Any, active: Any) -> tuple[Any, Any]:
+        ds, light = super()._ask(si, random, active)
+        return ds, light * 0.8
+
+
+class DensityDoubled(PlannedLights):
+    """Takes its directions for twice as likely as they are, where a material found a light."""
+
+    def density(self, scene: Any, before: Any, ds: Any, active: Any) -> Any:
+        return 2 * super().density(scene, before, ds, active)
+
+
+@pytest.mark.parametrize("kind", [PanesForgotten, ChoiceForgotten, DensityDoubled])
+def test_mistakes_would_be_found(kind: type[PlannedLights], tmp_path: Path) -> None:
+    wide = quad("wide", (0, 0, 2.95), (0, 0, -1), (1.6, 1.6), glow("3,2,1"), (0, 1, 0))
+    scene = room(tmp_path, wide, SUN)
+    assert abs(off_by(scene, planned(scene))).max() < 4.5
+    assert abs(off_by(scene, planned(scene, kind))).max() > 6
+
+
+def test_less_noise_where_lamps_are_hidden_and_the_sky_is_behind_walls(tmp_path: Path) -> None:
+    """Mean squared error, the brightest thousandth left out, at equal samples."""
+    for name, things, most in (("night", (LAMP, HIDDEN), 0.3), ("sky", (SKY,), 0.75)):
+        scene = room(tmp_path / name, *things)
+        images = {}
+        for lights in (None, planned(scene)):
+            copies, _ = joined(scene, VIEW, 5, 16, COPIES, 5, lights=lights)
+            images[lights is None] = copies
+        reference = (images[True].mean(axis=0) + images[False].mean(axis=0)) / 2
+        errors = {
+            uniform: np.quantile((copies - reference) ** 2, np.linspace(0, 0.999, 1000)).mean()
+            for uniform, copies in images.items()
+        }
+        assert errors[False] < most * errors[True], name
+
+
+def test_the_plan_asks_what_lights_the_view(tmp_path: Path) -> None:
+    scene = room(tmp_path, LAMP, HIDDEN, SKY)
+    plan = plan_lights(scene.mitsuba, VIEW, scene.scene.portals, 0)
+    assert sum(plan.emitters) == pytest.approx(1) and sum(plan.windows) == pytest.approx(1)
+    assert 0.05 < plan.through < 0.95 and len(plan.windows) == 1
+    shares = np.sort(plan.emitters) * (1 - plan.through)
+    np.testing.assert_allclose(shares[:8], 0.05 / 10, rtol=0.01)  # the hidden lamps
+    assert shares[8] > 0.02
+
+
+def test_the_plan_depends_on_no_colour_and_repeats(tmp_path: Path) -> None:
+    plans = [
+        plan_lights(room(tmp_path / wall, LAMP, SUN, wall=wall).mitsuba, VIEW, (WINDOW,), 3)
+        for wall in ("0.9", "0.1,0.2,0.5", "0.1,0.2,0.5")
+    ]
+    for plan in plans[1:]:
+        np.testing.assert_array_equal(plan.emitters, plans[0].emitters)
+        assert plan.through == plans[0].through
+
+
+def test_densities_through_panes_integrate_to_one(tmp_path: Path) -> None:
+    """Over all directions from a point before them; each pane counts by its share."""
+    scene = room(tmp_path, SUN)
+    second = replace(WINDOW, polygon=((-2, -1, 0.5), (-2, 1, 0.5), (-2, 1, 2), (-2, -1, 2)))
+    west = Portal("west", "window", second.polygon, (-1, 0, 0), True)
+    panes = panes_of((WINDOW, west))
+    np.testing.assert_allclose(panes.area, [1.0, 3.0])
+    plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 0)
+    plan = replace(plan, panes=panes, windows=np.array([0.3, 0.7]))
+    sampler = PlannedLights(scene.mitsuba, plan).panes
+    assert sampler is not None and WINDOWS >= 2
+    random = np.random.default_rng(0).normal(size=(1 << 20, 3))
+    random /= np.linalg.norm(random, axis=1, keepdims=True)
+    towards = vector(mi.Vector3f, random)
+    density = np.array(sampler.density(mi.Point3f(0.4, -0.5, 1.2), towards))
+    assert 4 * np.pi * density.mean() == pytest.approx(1, rel=0.02)
+    north = random[:, 1] * 2.5 > abs(random[:, 0]) * 2.5
+    assert 4 * np.pi * (density * north).mean() == pytest.approx(0.3, rel=0.05)
+    outside = np.array(sampler.density(mi.Point3f(0, 3, 1.5), towards))
+    assert outside[random[:, 1] > 0].max() == 0 or (outside > 0).mean() < 0.2
+
+
+def test_the_parameter_switches_it_and_both_agree(tmp_path: Path) -> None:
+    scene = room(tmp_path, LAMP, SUN)
+    params = GroundTruthParams(spp=256, block_spp=32)
+    images = []
+    for lights in ("planned", "uniform"):
+        truths = render_both(scene, VIEW, replace(params, lights=lights), 0.5, 1)  # type: ignore[arg-type]
+        images.append(np.stack([truths.shading[0][band] for band in "RGB"], axis=-1))
+    assert (images[0] != images[1]).any()
+    np.testing.assert_allclose(np.median(images[0]), np.median(images[1]), rtol=0.1)
+
+
+def test_a_scene_without_lights_is_black(tmp_path: Path) -> None:
+    truths = render_both(room(tmp_path), VIEW, GroundTruthParams(spp=4, block_spp=2), 0.5, 1)
+    assert truths.color[1]["black"] == 1
