@@ -23,6 +23,7 @@ Tensors = dict[str, torch.Tensor]
 
 # Channels of every encoded input.
 CHANNELS = {"depth": 2, "normal": 3, "intensity": 1, "distance": 1, "reflectance": 3}
+GREY = 0.5  # reflectance the networks are given where there is no surface
 NEAR, MIDDLE, FAR = 0.05, 2.5, 100.0  # metres: depths and distances are clamped to the range
 
 
@@ -34,14 +35,14 @@ def encode(examples: Sequence[Example]) -> Tensors:
     * `intensity`: relative to its mean over the sphere by solid angle; all 0 where no light shows
     * `distance`: metres, at most `FAR`; both are made logarithmic by the network, which may have
       to average them first
-    * `reflectance`: sRGB-encoded and `centred`, like the display values that it meets
+    * `reflectance`: `see_through`, sRGB-encoded and `centred`, like the display values it meets
     """
     return {
         "depth": _stack([_depth(example) for example in examples]),
         "normal": _stack([example.normal for example in examples]),
         "intensity": _stack([_intensity(example.intensity) for example in examples]),
         "distance": _stack([np.minimum(example.distance, FAR)[..., None] for example in examples]),
-        "reflectance": _stack([centred(encode_srgb(example.reflectance)) for example in examples]),
+        "reflectance": _stack([centred(encode_srgb(see_through(e, GREY))) for e in examples]),
     }
 
 
@@ -56,6 +57,15 @@ def targets(examples: Sequence[Example], policy: Policy) -> Tensors:
 def color_exposure(example: Example, policy: Policy) -> Exposure:
     """`own`: the colour image's own exposure (the paper); `shared`: shading's for both."""
     return example.exposure_shading if policy == "shared" else example.exposure_color
+
+
+def see_through(example: Example, grey: float) -> Array:
+    """Reflectance with `grey` where there is no surface, float32 (H, W, 3).
+
+    What is seen through a window looks alike in shading and in colour, as a surface does whose
+    reflectance is the grey of the shading frames. With the 0 of the dataset windows would be black.
+    """
+    return np.where(example.valid[..., None], example.reflectance, np.float32(grey))
 
 
 def centred(display: Value) -> Value:

@@ -185,7 +185,7 @@ def _images(example: Example, networks: Networks) -> dict[str, Array]:
 
 
 def _product(example: Example, shading: Array, networks: Networks) -> Array:
-    return product(example.reflectance, shading, example.exposure_shading, networks.card)
+    return product(example, shading, example.exposure_shading, networks.card)
 
 
 def _summary(scores: Sequence[Score], seed: int) -> dict[str, Any]:

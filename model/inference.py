@@ -10,7 +10,7 @@ import torch
 from torch import nn
 
 from model.data import Array, Example
-from model.encoding import encode, to_image
+from model.encoding import encode, see_through, to_image
 from model.store import ModelCard, load_model
 from pipeline.params import ToneParams
 from pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
@@ -73,13 +73,14 @@ def load_networks(models: Path) -> Networks:
     return Networks(shading, composition, unet, cards)
 
 
-def product(reflectance: Array, shading: Array, exposure: Exposure, card: ModelCard) -> Array:
-    """Reflectance x shading, display values float32 (H, W, 3).
+def product(example: Example, shading: Array, exposure: Exposure, card: ModelCard) -> Array:
+    """A view's reflectance x shading, display values float32 (H, W, 3).
 
     `shading` holds display values of exposure `exposure`; a surface of reflectance `card.albedo`
     would look just so, hence the division. Under the policy `own` the product, like any image
     then, is exposed by its own log average.
     """
+    reflectance = see_through(example, card.albedo)
     linear = untonemap(shading, exposure) * (reflectance / card.albedo)
     return tonemap(linear, product_exposure(linear, exposure, card))
 

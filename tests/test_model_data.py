@@ -14,6 +14,7 @@ from model_fixtures import box_dataset, box_rows, box_view, write_shard
 
 from model.data import Dataset, coin_flips, mirrored
 from model.encoding import encode
+from pipeline.tonemap import encode_srgb
 from scenes.errors import InputError
 
 SIZE = {"width": 8, "height": 6, "panorama": 8}
@@ -115,6 +116,15 @@ def test_a_view_without_any_light_is_encoded_without_nan(folder: Path) -> None:
         }
     )
     assert all(value.isfinite().all() for value in encode([dark]).values())
+
+
+def test_what_is_no_surface_reaches_the_composition_as_grey_not_as_black(folder: Path) -> None:
+    example = next(Dataset(folder, "train").ordered())
+    window = example.__class__(
+        **{**vars(example), "reflectance": 0 * example.reflectance, "valid": 0 * example.valid > 0}
+    )
+    given = encode([window])["reflectance"]
+    assert np.allclose(given, 2 * encode_srgb(np.float32(0.5)) - 1)
 
 
 def test_no_dataset_at_all(tmp_path: Path) -> None:
