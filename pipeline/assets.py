@@ -17,12 +17,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pipeline.farm import Farm, Item
+from pipeline.farm import Farm
 from pipeline.jobs import use_code
 from pipeline.params import Params
 from pipeline.progress import Progress
 from pipeline.records import data_lock
+from pipeline.site import open_site
 from pipeline.versions import code_version
+from pipeline.waiting import Item
 from scenes.catalogue.assets import (
     Asset,
     Index,
@@ -124,7 +126,7 @@ def run_assets(data: Path, params: Params, scheduler: str | None = None) -> Asse
         removed = _remove_strangers(root, jobs)
         kept = {key: entry(asset) for key, job in jobs.items() if (asset := _held(job))}
         work = [job for key, job in jobs.items() if key not in kept]
-        made, failures = _convert_all(params, scheduler, work, len(kept), refused)
+        made, failures = _convert_all(data, params, scheduler, work, len(kept), refused)
         index = Index(
             _entries(libraries, {**kept, **made}),
             tuple(sorted({**kept, **made}.values(), key=lambda piece: piece.key)),
@@ -295,6 +297,7 @@ def convert_piece(job: _PieceJob) -> dict[str, Any]:
 
 
 def _convert_all(
+    data: Path,
     params: Params,
     scheduler: str | None,
     jobs: Sequence[_PieceJob],
@@ -308,11 +311,14 @@ def _convert_all(
         return made, failures
     by_key = {job.piece.key: job for job in jobs}
     items = [Item(key, key.partition("/")[0], job) for key, job in by_key.items()]
-    with Progress(kept + len(items), "assets", "pieces") as progress:
+    with (
+        Progress(kept + len(items), "assets", "pieces") as progress,
+        open_site(data, params.farm.transfer, params.farm.cache_mb) as site,
+    ):
         progress.advance(kept)
         try:
-            setup = partial(use_code, code_version())
-            with Farm(params.farm, scheduler, setup, len(items)) as farm:
+            setup = partial(use_code, code_version(), site)
+            with Farm(params.farm, scheduler, setup, len(items), needed=site.mark) as farm:
                 for outcome in farm.run(convert_piece, items):
                     job = by_key[outcome.key]
                     if outcome.error:

@@ -1,7 +1,8 @@
-"""The farm: work spread over dask workers, results as they come. The one place that knows dask.
+"""The farm: work spread over dask workers, results as they come. It and its courier know dask.
 
 Whose workers: `--scheduler`, then `DASK_SCHEDULER_ADDRESS`, then a cluster of our own on this
-machine, one process per allowed CPU. Workers hand back paths and figures, never pixels.
+machine, one process per allowed CPU. Workers that share the data folder hand back paths and
+figures; others are sent what they need (`pipeline.courier`) and hand back the files they made.
 
 What may go wrong, and what becomes of it:
 
@@ -42,24 +43,17 @@ import psutil
 from dask.system import cpu_count
 from distributed import Client, Future, KilledWorker, LocalCluster
 
+from pipeline.courier import Courier, Supply
 from pipeline.params import FarmParams
+from pipeline.waiting import Item, Waiting
 from scenes.errors import MachineError
 
 CONNECT_PATIENCE = 15.0  # seconds to look for a scheduler
 WORKER_PATIENCE = 300.0  # seconds without a single worker before the farm gives up
 _GO_ON = "run the same command again to go on where this run stopped"
 _FOLDER = "pbrnet-farm-"
+_CARRIED = 32 << 20  # bytes of files that a batch hands back; with more it ends before its time
 _rendering = threading.Lock()  # one batch at a time per process: Dr.Jit's state is the process's
-
-
-@dataclass(frozen=True)
-class Item:
-    """A piece of work: `payload` goes to the work function; `group` names the costly state
-    (an opened scene) that items share."""
-
-    key: str
-    group: str
-    payload: Any
 
 
 @dataclass(frozen=True)
@@ -80,16 +74,22 @@ class Farm:
 
     `setup` runs on a worker before each batch and must be quick when repeated; it is given the
     number of threads that the worker may use (0: its own choice). It and the work function must
-    be importable by name.
+    be importable by name. `supply` is what workers may ask for while they work. If `needed`, a
+    file, is not seen by all workers of a scheduler, workers of our own do the work instead.
     """
 
     def __init__(
-        self, params: FarmParams, scheduler: str | None, setup: Callable[[int], None], items: int
+        self,
+        params: FarmParams,
+        scheduler: str | None,
+        setup: Callable[[int], None],
+        items: int,
+        supply: Supply | None = None,
+        needed: Path | None = None,
     ) -> None:
-        self.params, self.setup = params, setup
+        self.params, self.setup, self.supply, self.needed = params, setup, supply, needed
         self.address = scheduler or os.environ.get("DASK_SCHEDULER_ADDRESS") or ""
         self.wanted = min(params.workers or cpu_count(), max(1, items))
-        self.threads = 0 if self.address else max(1, cpu_count() // self.wanted)
         self._stack = contextlib.ExitStack()
         self._cluster: LocalCluster | None = None
 
@@ -116,17 +116,42 @@ class Farm:
         """
         yield from _Run(self, self._client, work, items).outcomes()
 
+    @property
+    def threads(self) -> int:
+        """That each worker may use; 0: its own choice."""
+        return 0 if self.address else max(1, cpu_count() // self.wanted)
+
     def _start(self) -> None:
         if self.address:
-            try:
-                self._client = Client(self.address, timeout=CONNECT_PATIENCE, set_as_default=False)
-            except (OSError, ValueError, TimeoutError) as error:
-                raise MachineError(
-                    f"no dask scheduler answers at {self.address!r} ({error}); start one with "
-                    "'dask scheduler', or unset DASK_SCHEDULER_ADDRESS to use this machine alone"
-                ) from None
-            self._stack.callback(self._close_quietly, self._client)
+            self._connect()
+        if not self.address:
+            self._start_own()
+        if self.supply:
+            courier = Courier(self._client, self.supply)
+            self._stack.callback(courier.close)
+
+    def _connect(self) -> None:
+        """Use the scheduler at the address; forget it if its workers do not see what is needed."""
+        try:
+            client = Client(self.address, timeout=CONNECT_PATIENCE, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise MachineError(
+                f"no dask scheduler answers at {self.address!r} ({error}); start one with "
+                "'dask scheduler', or unset DASK_SCHEDULER_ADDRESS to use this machine alone"
+            ) from None
+        if self.needed and not _all_see(client, self.needed):
+            print(
+                f"note: the workers at {self.address} do not see {self.needed.parent}, which this "
+                "stage needs: it is done by workers of this machine",
+                file=sys.stderr,
+            )
+            self._close_quietly(client)
+            self.address = ""
             return
+        self._client = client
+        self._stack.callback(self._close_quietly, client)
+
+    def _start_own(self) -> None:
         _remove_old_folders()
         folder = self._stack.enter_context(
             tempfile.TemporaryDirectory(
@@ -175,6 +200,14 @@ class Farm:
             if process is not None and process.pid:
                 with contextlib.suppress(OSError):
                     os.kill(process.pid, signal.SIGKILL)
+
+
+def _all_see(client: Client, file: Path) -> bool:
+    try:
+        client.wait_for_workers(1, timeout=CONNECT_PATIENCE)
+        return all(client.run(os.path.isfile, str(file)).values())
+    except Exception:  # no worker yet, or one that has just gone
+        return False
 
 
 class _Run:
@@ -303,6 +336,10 @@ class _Run:
                 "the same version of pbrnet as this command"
             ) from error
         by_key = {item.key: item for item in batch}
+        for key in by_key.keys() - {outcome.key for outcome in outcomes}:
+            if not any(outcome.fatal for outcome in outcomes):  # the batch ended before its time
+                self.attempts[key] -= 1
+                self.again.append(by_key[key])
         for outcome in outcomes:
             if outcome.fatal:
                 raise MachineError(outcome.error)
@@ -323,47 +360,6 @@ class _Run:
         if names:
             self.last_worker_seen = time.monotonic()
         return names
-
-
-class Waiting:
-    """Items not yet submitted, by group, the biggest group first.
-
-    A worker is kept on the group it had before; a worker that has none left opens the next
-    untouched group, and at the end helps with the one that has most left. Batches shrink
-    towards the end so that all workers finish at about the same time.
-    """
-
-    def __init__(self, items: Sequence[Item], batch: int, window: int) -> None:
-        groups: dict[str, deque[Item]] = {}
-        for item in items:
-            groups.setdefault(item.group, deque()).append(item)
-        order = sorted(groups, key=lambda name: (-len(groups[name]), name))
-        self.groups = {name: groups[name] for name in order}
-        self.untouched = deque(order)
-        self.batch, self.window = batch, window
-        self.left = len(items)
-        self.home: dict[str, str] = {}  # worker -> the group it had last
-
-    def __bool__(self) -> bool:
-        return self.left > 0
-
-    def take(self, worker: str, workers: int) -> tuple[Item, ...]:
-        """The next batch for `worker`, one of `workers`; empty when nothing is left."""
-        if not self.left:
-            return ()
-        group = self.home.get(worker, "")
-        if not self.groups.get(group):
-            while self.untouched and not self.groups[self.untouched[0]]:
-                self.untouched.popleft()
-            if self.untouched:
-                group = self.untouched.popleft()
-            else:
-                group = max(self.groups, key=lambda name: len(self.groups[name]))
-            self.home[worker] = group
-        fair = -(-self.left // (self.window * max(1, workers)))
-        size = min(self.batch, fair, len(self.groups[group]))
-        self.left -= size
-        return tuple(self.groups[group].popleft() for _ in range(size))
 
 
 @contextlib.contextmanager
@@ -414,7 +410,9 @@ def _work_batch(
     batch: tuple[Item, ...],
     attempts: list[int],
 ) -> list[Outcome]:
-    """Runs on a worker: every item's outcome, up to the first that no other could survive."""
+    """Runs on a worker: the outcomes of the items, up to the first that no other could survive,
+    or until there is much to hand back."""
+    carried = 0
     worker = f"{os.uname().nodename}:{os.getpid()}"
     outcomes = []
     _leave_terminal()
@@ -432,7 +430,9 @@ def _work_batch(
                 words = _words(error)
             seconds = time.perf_counter() - started
             outcomes.append(Outcome(item.key, value, words, fatal, seconds, worker, attempt))
-            if fatal:
+            files = value.get("files", {}) if isinstance(value, dict) else {}
+            carried += sum(len(file.content) for file in files.values())
+            if fatal or carried > _CARRIED:
                 break
     return outcomes
 

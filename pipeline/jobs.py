@@ -1,7 +1,7 @@
 """What workers do: make a scene, sample its cameras, render a frame. One function each.
 
 A job is a small frozen dataclass that travels to the worker; the result is small, too. Pixels
-go from the worker to the disk.
+go from the worker to the disk, or where the worker does not see it, back to the command as files.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ from pipeline.frames import Channels, Kind, frame_path, write_frame
 from pipeline.params import Params, Variant
 from pipeline.passes import PASSES, Result, camera_of, pass_seed, render_truths
 from pipeline.renderer import RenderScene, open_scene, renderer_version, set_variant
+from pipeline.scene_digest import STAGE_MARK
+from pipeline.site import SentFile, Site, require_data, scene_folder, use_site, writing
 from pipeline.versions import require_code
 from pipeline.views import View, save_cameras
 from scenes.contract import Scene, load_scene, save_scene
@@ -34,7 +36,7 @@ from scenes.variants.vary import vary_scene
 
 # One: Dr.Jit compiles the materials of every open scene into each kernel.
 _OPEN_SCENES = 1
-_open: OrderedDict[tuple[str, str], RenderScene] = OrderedDict()
+_open: OrderedDict[tuple[str, str], tuple[RenderScene, contextlib.ExitStack]] = OrderedDict()
 _threads_set = 0
 
 
@@ -97,20 +99,26 @@ class FrameJob:
     fingerprints: dict[Kind, str]  # of the frames to write
 
 
-def use_code(code: str, threads: int) -> None:
-    """Set-up of workers that do not render; `MachineError` if theirs is not the `code` of
-    `pipeline.versions`."""
+def use_code(code: str, site: Site, threads: int) -> None:
+    """Set-up of workers that do not render.
+
+    Raises `MachineError` if theirs is not the `code` of `pipeline.versions`, or if they do not
+    see the data folder: their scenes and models would stay with them.
+    """
     require_code(code)
+    require_data(site)
 
 
-def use_renderer(variant: str, renderer: str, code: str, threads: int) -> None:
-    """Set-up of workers that render: the variant and the threads, once per process.
+def use_renderer(variant: str, renderer: str, code: str, site: Site | None, threads: int) -> None:
+    """Set-up of workers that render: the variant and the threads, once per process; and where
+    scenes are found and frames left.
 
     Raises `MachineError` if this worker runs other code, cannot render with `variant`, or its
     renderer is not the `renderer` that the fingerprints were made for.
     """
     global _threads_set
     require_code(code)
+    use_site(site)
     set_variant(cast(Variant, variant))
     # Workers that compile the same kernel at the same time race for its place in Dr.Jit's cache,
     # and one of them warns; that is harmless.
@@ -157,16 +165,15 @@ def _make_variant(job: ImportJob, variant: ImportVariant) -> Scene:
         )
 
 
-STAGE_MARK = "made_by_stage"  # key in scene.json's `source`: the fingerprint, ours to replace
-
-
 def sample_scene(job: CameraJob) -> dict[str, Any]:
     """Sample one scene's cameras and write its camera file."""
-    _require(job.scene_folder)
     opened, opening = _opened(job.scene_folder, job.scene_digest)
     cameras = sample_cameras(opened, opened.scene, job.params, job.seed)
-    save_cameras(job.path, replace(cameras, fingerprint=job.fingerprint))
-    return {"costs": {**opening, "threads": dr.thread_count(), "peak_mb": _peak_memory()}}
+    sent: dict[str, SentFile] = {}
+    with writing(job.path, sent, "cameras") as path:
+        save_cameras(path, replace(cameras, fingerprint=job.fingerprint))
+    costs = {**opening, "threads": dr.thread_count(), "peak_mb": _peak_memory()}
+    return {"costs": costs, "files": sent}
 
 
 def render_frames(job: FrameJob) -> dict[str, Any]:
@@ -175,13 +182,12 @@ def render_frames(job: FrameJob) -> dict[str, Any]:
     A frame's pixels are the same whether it is rendered alone or with its sister. Where one of
     two cannot be rendered, the other is, and `failed` says by its kind why not.
     """
-    folder = job.data / "scenes" / job.view.scene_id
-    _require(folder)
-    opened, opening = _opened(folder, job.scene_digest)
+    opened, opening = _opened(job.data / "scenes" / job.view.scene_id, job.scene_digest)
     rendered, failed = _rendered(opened, job)
-    frames = {kind: _write(job, kind, *frame) for kind, frame in rendered.items()}
+    sent: dict[str, SentFile] = {}
+    frames = {kind: _write(job, kind, *frame, sent) for kind, frame in rendered.items()}
     costs = {**opening, "threads": dr.thread_count(), "peak_mb": _peak_memory(), "frames": frames}
-    return {"costs": costs, "failed": failed}
+    return {"costs": costs, "failed": failed, "files": sent}
 
 
 def _rendered(opened: RenderScene, job: FrameJob) -> tuple[dict[Kind, Result], dict[Kind, str]]:
@@ -206,25 +212,32 @@ def _seed(job: FrameJob, kind: Kind) -> int:
     return pass_seed(kind, job.view, job.params.seed)
 
 
-def _write(job: FrameJob, kind: Kind, channels: Channels, stats: dict[str, Any]) -> dict[str, Any]:
-    """Write one frame; returns its columns of the ledger."""
-    path = frame_path(job.data, kind, job.view)
-    write_frame(
-        path,
-        kind,
-        channels,
-        camera_of(job.view),
-        **stats,
-        **({"seed": _seed(job, kind)} if PASSES[kind].seeded else {}),
-        renderer=renderer_version(),
-        fingerprint=job.fingerprints[kind],
-    )
+def _write(
+    job: FrameJob,
+    kind: Kind,
+    channels: Channels,
+    stats: dict[str, Any],
+    sent: dict[str, SentFile],
+) -> dict[str, Any]:
+    """Write one frame, or add it to what is `sent`; returns its columns of the ledger."""
+    with writing(frame_path(job.data, kind, job.view), sent, kind) as path:
+        write_frame(
+            path,
+            kind,
+            channels,
+            camera_of(job.view),
+            **stats,
+            **({"seed": _seed(job, kind)} if PASSES[kind].seeded else {}),
+            renderer=renderer_version(),
+            fingerprint=job.fingerprints[kind],
+        )
+        size = path.stat().st_size
     return {
         "width": next(iter(channels.values())).shape[1],
         "height": next(iter(channels.values())).shape[0],
         "spp": stats.get("spp"),
         "noise": stats.get("noise"),
-        "bytes": path.stat().st_size,
+        "bytes": size,
     }
 
 
@@ -243,17 +256,12 @@ def _opened(folder: Path, digest: str) -> tuple[RenderScene, dict[str, Any]]:
     first = key not in _open
     if first:
         while len(_open) >= _OPEN_SCENES:
-            _open.popitem(last=False)
+            _, (_, stack) = _open.popitem(last=False)
+            stack.close()
             gc.collect()
             dr.flush_malloc_cache()
-        _open[key] = open_scene(load_scene(folder))
+        with contextlib.ExitStack() as stack:
+            place = stack.enter_context(scene_folder(folder, digest))
+            _open[key] = open_scene(load_scene(place)), stack.pop_all()
     _open.move_to_end(key)
-    return _open[key], {"opening": time.perf_counter() - started, "first": first}
-
-
-def _require(folder: Path) -> None:
-    if not folder.is_dir():
-        raise MachineError(
-            f"a worker does not see {folder}: all workers need the project folder under the "
-            "same path"
-        )
+    return _open[key][0], {"opening": time.perf_counter() - started, "first": first}

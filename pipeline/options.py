@@ -36,22 +36,28 @@ def common_options(command: Command) -> Command:
     )
     @wraps(command)
     def wrapped(params_file: Path, seed: int | None, **others: Any) -> Any:
-        workers = others.pop("workers", None)
+        asked = {name: others.pop(name, None) for name in ("workers", "transfer")}
+        given = {name: value for name, value in asked.items() if value is not None}
         params = load_params(params_file, seed)
-        if workers is not None:
-            params = replace(params, farm=replace(params.farm, workers=workers))
+        params = replace(params, farm=replace(params.farm, **given))
         return command(params=params, **others)
 
     return wrapped
 
 
 def farm_options(command: Command) -> Command:
-    """Add `--scheduler` and `--workers`; use above `common_options`' function, see there."""
+    """Add `--scheduler`, `--transfer` and `--workers`; use above `common_options`, see there."""
     command = click.option(
         "--scheduler",
         metavar="ADDRESS",
         default=None,
         help="Dask scheduler to use; else DASK_SCHEDULER_ADDRESS, else workers of our own.",
+    )(command)
+    command = click.option(
+        "--transfer",
+        type=click.Choice(["auto", "shared", "send"]),
+        default=None,
+        help="Scenes and frames by the shared data folder, sent by dask, or (auto) as can be.",
     )(command)
     return click.option(
         "--workers",

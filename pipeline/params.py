@@ -34,6 +34,9 @@ class FarmParams:
     retries: int = field(default=2, metadata=within(0, 10))  # further attempts for a failing view
     time_limit: int = field(default=3600, metadata=within(0, 1_000_000))  # seconds a view; 0: none
     checksums: bool = True  # compare the pixels of frames that are kept with their checksums
+    # how workers come by scenes and hand over frames: in the data folder, by dask, or as can be
+    transfer: Literal["auto", "shared", "send"] = "auto"
+    cache_mb: int = field(default=4096, metadata=within(1, 1 << 30))  # sent scenes, per machine
     variant: Variant = "auto"
 
 

@@ -10,9 +10,10 @@ from typing import Any
 
 from pipeline.frames import fingerprint
 from pipeline.import_files import digest_import, scene_name
-from pipeline.jobs import STAGE_MARK, HomeJob, ImportJob, ImportVariant
+from pipeline.jobs import HomeJob, ImportJob, ImportVariant
 from pipeline.params import Params
 from pipeline.records import Failure
+from pipeline.scene_digest import STAGE_MARK
 from scenes.catalogue.assets import INDEX, load_index
 from scenes.contract import load_scene, scene_folders
 from scenes.errors import InputError

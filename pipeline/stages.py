@@ -13,14 +13,13 @@ import sys
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from pipeline import cameras
 from pipeline.frames import Kind, fingerprint, frame_path, holds
 from pipeline.jobs import (
-    STAGE_MARK,
     CameraJob,
     FrameJob,
     HomeJob,
@@ -33,13 +32,14 @@ from pipeline.params import Params
 from pipeline.passes import TRUTHS, frame_fingerprint, traced_together
 from pipeline.records import Failure, data_lock
 from pipeline.renderer import renderer_version, set_variant
+from pipeline.scene_digest import scene_digest
 from pipeline.scene_jobs import home_jobs, import_jobs, mark_of, remove_old_scenes
 from pipeline.views import CameraFile, View, load_cameras
 from pipeline.work import Summary, Target, Work, carry_out, finish, threaded
 from scenes.checked import plain
 from scenes.contract import Scene, load_scene, scene_folders
 from scenes.errors import InputError
-from scenes.files import digest_file, remove_partials
+from scenes.files import remove_partials
 
 Part = Literal["shading", "color"]
 _SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,199}")
@@ -227,21 +227,8 @@ def _scenes(data: Path, work: Work) -> dict[str, Scene]:
 
 def _digests(data: Path, scenes: Iterable[str]) -> dict[str, str]:
     names = list(scenes)
-    digests = threaded(lambda name: _scene_digest(data / "scenes" / name), names)
+    digests = threaded(lambda name: scene_digest(data / "scenes" / name), names)
     return dict(zip(names, digests, strict=True))
-
-
-def _scene_digest(folder: Path) -> str:
-    """A digest of all that a scene folder holds, but for this stage's own mark."""
-    scene = load_scene(folder)
-    bare = replace(scene, source={k: v for k, v in scene.source.items() if k != STAGE_MARK})
-    files = sorted(file for file in folder.rglob("*") if file.is_file())
-    contents = {
-        file.relative_to(folder).as_posix(): digest_file(file)
-        for file in files
-        if file != folder / "scene.json"
-    }
-    return fingerprint(scene=bare, files=contents)
 
 
 def _camera_fingerprint(scene_id: str, params: Params, digest: str, renderer: str) -> str:

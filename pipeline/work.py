@@ -15,14 +15,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pipeline.farm import Farm, Item, Outcome
+from pipeline.courier import Supply
+from pipeline.farm import Farm, Outcome
 from pipeline.jobs import use_code, use_renderer
 from pipeline.ledger import Ledger
 from pipeline.params import Params
 from pipeline.progress import Progress
 from pipeline.records import Failure, save_failures
 from pipeline.renderer import set_variant
+from pipeline.site import open_site, receive, supply
 from pipeline.versions import code_version
+from pipeline.waiting import Item
 from scenes.errors import PbrnetError
 from scenes.files import remove_partials
 
@@ -94,14 +97,22 @@ def carry_out(
     made = {target.path: False for targets in work.targets.values() for target in targets}
     if not work.items:
         return made
-    setup: Callable[[int], None] = partial(use_code, code_version())
-    if work.renders:
-        setup = partial(use_renderer, set_variant(params.farm.variant), renderer, code_version())
     ledger = Ledger(data)
-    with Progress(work.kept + len(made), work.stage, work.unit) as progress:
+    farm_params = params.farm
+    with (
+        Progress(work.kept + len(made), work.stage, work.unit) as progress,
+        open_site(data, farm_params.transfer, farm_params.cache_mb) as site,
+    ):
         progress.advance(work.kept)
+        setup: Callable[[int], None] = partial(use_code, code_version(), site)
+        files: Supply | None = None
+        needed: Path | None = site.mark
+        if work.renders:
+            variant = set_variant(farm_params.variant)
+            setup = partial(use_renderer, variant, renderer, code_version(), site)
+            files, needed = supply(site), None
         try:
-            with Farm(params.farm, scheduler, setup, len(work.items)) as farm:
+            with Farm(farm_params, scheduler, setup, len(work.items), files, needed) as farm:
                 for outcome in farm.run(work.work, work.items):
                     made.update(_record(outcome, work, renderer, ledger, progress))
         finally:
@@ -122,6 +133,10 @@ def _record(
     failed, costs = value.get("failed", {}), dict(value.get("costs", {}))
     frames = costs.pop("frames", {})
     errors = {target.path: outcome.error or failed.get(target.stage, "") for target in targets}
+    sent = value.get("files", {})
+    for target in targets:
+        if target.stage in sent and not errors[target.path]:
+            receive(target.path, sent[target.stage])
     sharing = max(1, sum(not error for error in errors.values()))
     spent = {"seconds": outcome.seconds, "opening": costs.pop("opening", None)}
     shared = {name: value / sharing for name, value in spent.items() if value is not None}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -37,6 +38,7 @@ def dask_cluster(folder: Path) -> Iterator[Cluster]:
 @contextmanager
 def dask_scheduler(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """A scheduler alone: its address and process."""
+    folder.mkdir(parents=True, exist_ok=True)
     file = folder / "scheduler.json"
     words = ["--scheduler-file", str(file), "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
     with _dask("scheduler", *words) as process:
@@ -51,25 +53,54 @@ def dask_scheduler(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]
 
 @contextmanager
 def dask_worker(
-    address: str, folder: Path, source: Path | None = None
+    address: str,
+    folder: Path,
+    source: Path | None = None,
+    hidden: Path | None = None,
+    processes: int = 1,
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """A worker at work in `folder`, with our code or that below `source`; ended at the end."""
+    """A worker at work in `folder`, with our code or that below `source`; ended at the end.
+
+    It and what it starts do not see what lies in the folder `hidden`, as on another machine. What
+    it is sent it keeps in `folder/cache`.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     words = ["--host", "127.0.0.1", "--nthreads", "2", "--local-directory", str(folder)]
-    with _dask("worker", address, *words, "--no-dashboard", folder=folder, source=source) as worker:
+    words += ["--nworkers", str(processes), "--no-dashboard"]
+    with _dask("worker", address, *words, folder=folder, source=source, hidden=hidden) as worker:
         yield worker
+
+
+def without(hidden: Path) -> list[str]:
+    """What to put before a command for it to see an empty folder instead of `hidden`."""
+    rights = ["--mount"] if os.geteuid() == 0 else ["--mount", "--map-root-user"]
+    script = 'mount -t tmpfs tmpfs "$0" && exec "$@"'
+    return ["unshare", *rights, "sh", "-c", script, str(hidden)]
+
+
+def can_hide(folder: Path) -> bool:
+    """Whether this machine lets us hide folders from what we start."""
+    if not shutil.which("unshare"):
+        return False
+    (folder / "something").touch()
+    command = [*without(folder), "test", "!", "-e", str(folder / "something")]
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0
 
 
 @contextmanager
 def _dask(
-    *words: str, folder: Path | None = None, source: Path | None = None
+    *words: str,
+    folder: Path | None = None,
+    source: Path | None = None,
+    hidden: Path | None = None,
 ) -> Iterator[subprocess.Popen[bytes]]:
     code = [str(path) for path in (source or TESTS.parent, TESTS)]
+    cache = {"PBRNET_CACHE": str(folder / "cache")} if folder else {}
     process = subprocess.Popen(
-        [sys.executable, "-m", "dask", *words],
+        [*(without(hidden) if hidden else []), sys.executable, "-m", "dask", *words],
         stderr=subprocess.DEVNULL,
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(code)},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(code), **cache},
     )
     try:
         yield process

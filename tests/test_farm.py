@@ -18,8 +18,9 @@ from distributed import Future
 from farm_fixtures import no_setup, work
 
 from pipeline import farm as farm_module
-from pipeline.farm import Farm, Item, Outcome, Waiting
+from pipeline.farm import Farm, Outcome
 from pipeline.params import FarmParams
+from pipeline.waiting import Item, Waiting
 from scenes.errors import MachineError
 
 
