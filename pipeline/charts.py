@@ -7,7 +7,7 @@ Every function returns one `<svg>` element, safe to put into a page: text is esc
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,16 @@ class Node:
     title: str
     note: str
     image: str = ""
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A stretch of time on a row of a timeline; `group` names its colour."""
+
+    row: int
+    begin: float
+    end: float
+    group: int
 
 
 WIDE: dict[str, Box] = {
@@ -102,11 +112,50 @@ def chain(nodes: Mapping[str, Node], layout: Mapping[str, Box], name: str) -> Ma
 
 def line_chart(series: Mapping[str, Points], x_label: str, y_label: str) -> Markup:
     """Lines over a common x axis; y is logarithmic where the values span more than a decade."""
-    width, height, left, bottom, top, right = 480.0, 250.0, 56.0, 42.0, 12.0, 16.0
     points = [point for line in series.values() for point in line if _usable(point)]
     if not points:
         return Markup("")
+    parts, place = _frame(points, x_label, y_label)
+    for index, line in enumerate(series.values()):
+        placed = [place(x, y) for x, y in line if _usable((x, y))]
+        path = " L".join(f"{x:.1f},{y:.1f}" for x, y in placed)
+        if len(placed) > 1:
+            parts.append(f'<path class="line s{index % 6}" d="M{path}"/>')
+        if len(placed) <= 30:
+            parts += [
+                f'<circle class="dot s{index % 6}" cx="{x:.1f}" cy="{y:.1f}" r="3"/>'
+                for x, y in placed
+            ]
+    return Markup("".join(parts) + "</svg>")
+
+
+def scatter_plot(
+    points: Points,
+    x_label: str,
+    y_label: str,
+    groups: Sequence[int] = (),
+    zero: bool = False,
+) -> Markup:
+    """A dot for each point, coloured by its group; y from 0 on if `zero`, else as `line_chart`."""
+    usable = [index for index, point in enumerate(points) if _usable(point)]
+    if not usable:
+        return Markup("")
+    parts, place = _frame([points[index] for index in usable], x_label, y_label, zero)
+    for index in usable:
+        x, y = place(*points[index])
+        group = groups[index] % 6 if groups else 0
+        parts.append(f'<circle class="dot faint s{group}" cx="{x:.1f}" cy="{y:.1f}" r="2.5"/>')
+    return Markup("".join(parts) + "</svg>")
+
+
+def _frame(
+    points: Points, x_label: str, y_label: str, zero: bool = False
+) -> tuple[list[str], Callable[[float, float], tuple[float, float]]]:
+    """The start of a chart with axes that hold the points, and where a point lies in it."""
+    width, height, left, bottom, top, right = 480.0, 250.0, 56.0, 42.0, 12.0, 16.0
     xs, ys = [x for x, _ in points], [y for _, y in points]
+    if zero:
+        ys = [0.0, *ys]
     logarithmic = min(ys) > 0 and max(ys) / min(ys) > 10
     scale = math.log10 if logarithmic else float
     low_x, high_x = min(xs), max(xs)
@@ -144,17 +193,43 @@ def line_chart(series: Mapping[str, Points], x_label: str, y_label: str) -> Mark
         f'<text class="label" transform="translate(12 {middle:g}) rotate(-90)">'
         f"{escape(words)}</text>"
     )
-    for index, line in enumerate(series.values()):
-        placed = [place(x, y) for x, y in line if _usable((x, y))]
-        path = " L".join(f"{x:.1f},{y:.1f}" for x, y in placed)
-        if len(placed) > 1:
-            parts.append(f'<path class="line s{index % 6}" d="M{path}"/>')
-        if len(placed) <= 30:
-            parts += [
-                f'<circle class="dot s{index % 6}" cx="{x:.1f}" cy="{y:.1f}" r="3"/>'
-                for x, y in placed
-            ]
-    return Markup("".join(parts) + "</svg>")
+    return parts, place
+
+
+def timeline(bars: Sequence[Bar], rows: int, cuts: Sequence[float], x_label: str) -> Markup:
+    """Bars over a common time axis that starts at 0; a dashed rule at each cut."""
+    if not bars:
+        return Markup("")
+    step = 18.0 if rows <= 8 else 11.0
+    width, left, right, top, bottom = 480.0, 26.0, 16.0, 8.0, 42.0
+    height = top + step * rows + bottom
+    last = max(bar.end for bar in bars) or 1.0
+
+    def place(value: float) -> float:
+        return left + max(0.0, value) / last * (width - left - right)
+
+    parts = [f'<svg class="chart" viewBox="0 0 {width:g} {height:g}" role="img">']
+    foot = height - bottom
+    for value in _ticks(0, last, 6):
+        parts.append(f'<path class="grid" d="M{place(value):.1f},{top:g} V{foot:g}"/>')
+        parts.append(
+            f'<text class="tick" x="{place(value):.1f}" y="{foot + 17:g}">{value:g}</text>'
+        )
+    for row in range(rows):
+        if rows <= 8 or row % 4 == 0:
+            y = top + step * (row + 0.5) + 4
+            parts.append(f'<text class="tick end" x="{left - 6:g}" y="{y:g}">{row + 1}</text>')
+    for bar in bars:
+        x, y = place(bar.begin), top + step * bar.row + 0.15 * step
+        wide = max(0.4, place(bar.end) - x - 0.3)
+        parts.append(
+            f'<rect class="dot s{bar.group % 6}" x="{x:.1f}" y="{y:.1f}" width="{wide:.1f}" '
+            f'height="{0.7 * step:.1f}"/>'
+        )
+    parts += [f'<path class="cut" d="M{place(cut):.1f},{top:g} V{foot:g}"/>' for cut in cuts]
+    parts.append(f'<path class="axis" d="M{left:g},{foot:g} H{width - right:g}"/>')
+    parts.append(f'<text class="label" x="{(left + width) / 2:g}" y="{height - 5:g}">')
+    return Markup("".join(parts) + f"{escape(x_label)}</text></svg>")
 
 
 def strip_plot(groups: Mapping[str, Sequence[float]], label: str) -> Markup:

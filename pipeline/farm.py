@@ -8,6 +8,7 @@ What may go wrong, and what becomes of it:
 
 * an item raises: tried again `retries` times by itself, then reported as a failure;
 * an item takes longer than `time_limit`: its worker ends itself, as if it had died;
+* a worker has done many scenes or grown: a fresh process takes its place (`pipeline.recycling`);
 * a worker dies: dask gives its batches to another; a batch that keeps killing its workers is
   taken apart and its items run one at a time with nothing beside them, so that only the guilty
   one is reported;
@@ -35,6 +36,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +47,7 @@ from distributed import Client, Future, KilledWorker, LocalCluster
 
 from pipeline.courier import Courier, Supply
 from pipeline.params import FarmParams
+from pipeline.recycling import replace_if_worn
 from pipeline.waiting import Item, Waiting
 from scenes.errors import MachineError
 
@@ -67,6 +70,7 @@ class Outcome:
     seconds: float = 0.0
     worker: str = ""
     attempt: int = 1
+    ended: datetime | None = None  # by the worker's clock
 
 
 class Farm:
@@ -285,6 +289,7 @@ class _Run:
             self.farm.setup,
             self.farm.threads,
             self.farm.params.time_limit,
+            self.farm.params.recycle,
             self.work,
             batch,
             attempts,
@@ -406,6 +411,7 @@ def _work_batch(
     setup: Callable[[int], None],
     threads: int,
     time_limit: int,
+    recycle: int,
     work: Callable[[Any], Any],
     batch: tuple[Item, ...],
     attempts: list[int],
@@ -417,6 +423,7 @@ def _work_batch(
     outcomes = []
     _leave_terminal()
     with _rendering:
+        replace_if_worn(batch[0].group, recycle)
         for item, attempt in zip(batch, attempts, strict=True):
             started = time.perf_counter()
             value, words, fatal = None, "", False
@@ -429,7 +436,8 @@ def _work_batch(
             except Exception as error:
                 words = _words(error)
             seconds = time.perf_counter() - started
-            outcomes.append(Outcome(item.key, value, words, fatal, seconds, worker, attempt))
+            ended = datetime.now(UTC)
+            outcomes.append(Outcome(item.key, value, words, fatal, seconds, worker, attempt, ended))
             files = value.get("files", {}) if isinstance(value, dict) else {}
             carried += sum(len(file.content) for file in files.values())
             if fatal or carried > _CARRIED:

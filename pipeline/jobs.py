@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import drjit as dr
+import psutil
 
 from pipeline.cameras import sample_cameras
 from pipeline.frames import Channels, Kind, frame_path, write_frame
@@ -152,7 +153,7 @@ def make_scene(job: HomeJob | ImportJob) -> dict[str, Any]:
     # Until this mark is written the folder does not hold, so a kill in between costs a repeat.
     marked = replace(scene, source={**scene.source, STAGE_MARK: job.fingerprint})
     save_scene(job.folder, marked)
-    return {"costs": {"peak_mb": _peak_memory()}}
+    return {"costs": _memory()}
 
 
 def _make_variant(job: ImportJob, variant: ImportVariant) -> Scene:
@@ -172,7 +173,7 @@ def sample_scene(job: CameraJob) -> dict[str, Any]:
     sent: dict[str, SentFile] = {}
     with writing(job.path, sent, "cameras") as path:
         save_cameras(path, replace(cameras, fingerprint=job.fingerprint))
-    costs = {**opening, "threads": dr.thread_count(), "peak_mb": _peak_memory()}
+    costs = {**opening, "threads": dr.thread_count(), **_memory()}
     return {"costs": costs, "files": sent}
 
 
@@ -186,7 +187,7 @@ def render_frames(job: FrameJob) -> dict[str, Any]:
     rendered, failed = _rendered(opened, job)
     sent: dict[str, SentFile] = {}
     frames = {kind: _write(job, kind, *frame, sent) for kind, frame in rendered.items()}
-    costs = {**opening, "threads": dr.thread_count(), "peak_mb": _peak_memory(), "frames": frames}
+    costs = {**opening, "threads": dr.thread_count(), **_memory(), "frames": frames}
     return {"costs": costs, "failed": failed, "files": sent}
 
 
@@ -241,9 +242,11 @@ def _write(
     }
 
 
-def _peak_memory() -> float:
-    """The most memory that this process has held so far, in MB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+def _memory() -> dict[str, float]:
+    """This process's columns of the ledger: the memory that it holds, and the most so far, MB."""
+    now = psutil.Process().memory_info().rss / (1 << 20)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return {"memory_mb": now, "peak_mb": max(now, peak)}
 
 
 def _opened(folder: Path, digest: str) -> tuple[RenderScene, dict[str, Any]]:

@@ -33,6 +33,7 @@ class FarmParams:
     window: int = field(default=2, metadata=within(1, 64))  # tasks in flight per worker
     retries: int = field(default=2, metadata=within(0, 10))  # further attempts for a failing view
     time_limit: int = field(default=3600, metadata=within(0, 1_000_000))  # seconds a view; 0: none
+    recycle: int = field(default=100, metadata=within(0, 1_000_000))  # scenes a process; 0: any
     checksums: bool = True  # compare the pixels of frames that are kept with their checksums
     # how workers come by scenes and hand over frames: in the data folder, by dask, or as can be
     transfer: Literal["auto", "shared", "send"] = "auto"

@@ -28,6 +28,7 @@ from markupsafe import Markup
 
 from pipeline.charts import TALL, WIDE, Node, chain, line_chart, panorama_guide, strip_plot
 from pipeline.checks import REASONS
+from pipeline.cost_charts import cost_drawings
 from pipeline.ledger import read_ledger
 from pipeline.params import Params
 from pipeline.pictures import (
@@ -646,6 +647,7 @@ class _Page:
         return {
             "table": table,
             "bars": _bars([(str(line["stage"]), float(str(line["total"]))) for line in table]),
+            "drawings": cost_drawings(rows),
             "again": again,
             "views": len(per_view),
             "each": mean(per_view.values()) if per_view else 0.0,

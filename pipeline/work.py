@@ -154,6 +154,7 @@ def _record(
                 **frames.get(target.stage, {}),
                 worker=outcome.worker,
                 attempt=outcome.attempt,
+                ended=outcome.ended,
                 renderer=renderer or None,
             )
         progress.advance(1, target.scene_id)

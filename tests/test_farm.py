@@ -20,6 +20,7 @@ from farm_fixtures import no_setup, work
 from pipeline import farm as farm_module
 from pipeline.farm import Farm, Outcome
 from pipeline.params import FarmParams
+from pipeline.recycling import Wear
 from pipeline.waiting import Item, Waiting
 from scenes.errors import MachineError
 
@@ -100,6 +101,32 @@ def test_outcomes_that_die_with_their_worker_are_made_again(
     outcomes = _run(_items(6, **slow), FarmParams(workers=2, batch=2))
     assert killed
     assert all((o.value, o.error) == (key, "") for key, o in outcomes.items())
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_workers_are_replaced_after_so_many_scenes(workers: int, tmp_path: Path) -> None:
+    """Nothing is done twice for it, not even where there is nobody else meanwhile."""
+    log = {f"k{index}": {"log": str(tmp_path)} for index in range(30)}  # six scenes
+    outcomes = _run(_items(30, **log), FarmParams(workers=workers, batch=2, recycle=2))
+    assert all((o.value, o.error, o.attempt) == (key, "", 1) for key, o in outcomes.items())
+    assert len(list(tmp_path.iterdir())) == 30
+    scenes: dict[str, set[str]] = {}
+    for key, outcome in outcomes.items():
+        scenes.setdefault(outcome.worker, set()).add(f"g{int(key[1:]) // 5}")
+    assert len(scenes) >= 3
+    assert max(len(groups) for groups in scenes.values()) <= 2
+
+
+def test_a_process_that_grew_is_replaced_but_not_for_little_or_too_early() -> None:
+    mb, wear = 1 << 20, Wear()
+    for number, held in enumerate((100, 900, 950, 400, 500)):
+        assert not wear.reason(f"g{number}", held * mb, 100), "settled at 400 MB"
+        wear.begins(f"g{number}", held * mb)
+    assert not wear.reason("g5", 655 * mb, 100)
+    assert wear.reason("g5", 700 * mb, 100) == "700.00 MiB of memory, 400.00 MiB at first"
+    assert not wear.reason("g4", 5000 * mb, 100), "it has this scene open"
+    assert not wear.reason("g5", 5000 * mb, 0)
+    assert "5 scenes" in wear.reason("g5", 400 * mb, 5)
 
 
 def test_a_machine_that_lacks_something_stops_the_run() -> None:

@@ -1,0 +1,157 @@
+"""Memory of a worker process over hundreds of scenes: `python -m benchmarks.memory`.
+
+A few procedural homes, each many times under another name, are opened and rendered one after the
+other by one worker that is never replaced; after each scene its resident memory is noted (the
+ledger has it). The first time that each home is met is the warm-up: its kernels are compiled, and
+memory rises to what the largest home takes. From then on it should stay.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import click
+import numpy as np
+from matplotlib.figure import Figure
+
+from pipeline.ledger import read_ledger
+from pipeline.params import (
+    CameraParams,
+    FarmParams,
+    GroundTruthParams,
+    IlluminationParams,
+    ImageParams,
+    Params,
+)
+from pipeline.stages import run_cameras, run_groundtruth, run_illumination, run_inputs, run_scenes
+from scenes.contract import load_scene, save_scene, scene_folders
+from scenes.files import atomic_file
+from scenes.params import SceneParams
+
+STAGES = ("cameras", "inputs", "illumination", "truth")
+_COLORS = ("#1f6fb2", "#c9541a", "#2c8a4b", "#8b4fae")
+
+
+@dataclass(frozen=True)
+class Course:
+    """A worker's memory in one stage: MB after each scene, in the order of work."""
+
+    stage: str
+    memory: tuple[float, ...]
+    warm_up: int  # scenes until every home was met
+
+    @property
+    def growth(self) -> float:
+        """How much the most of any later part is above the most of the first after the warm-up.
+
+        Parts have as many scenes as there are homes, so that all homes are in each.
+        """
+        peaks = self.peaks
+        return max(peaks[1:]) / peaks[0] - 1 if len(peaks) > 1 else 0.0
+
+    @property
+    def peaks(self) -> tuple[float, ...]:
+        """The most memory in each part after the warm-up."""
+        size = self.warm_up
+        starts = range(size, len(self.memory) - size + 1, size)
+        return tuple(max(self.memory[start : start + size]) for start in starts)
+
+
+def parameters(homes: int, recycle: int = 0) -> Params:
+    """Small views, one a scene, by one worker."""
+    return Params(
+        image=ImageParams(width=32, height=24),
+        farm=FarmParams(workers=1, batch=1, recycle=recycle),
+        scenes=SceneParams(homes=homes, rooms_min=1, rooms_max=3, texture_size=64),
+        cameras=CameraParams(views_per_room=1, views_per_scene=1, candidates=4),
+        illumination=IlluminationParams(width=32, supersampling=1, light_samples=4),
+        groundtruth=GroundTruthParams(spp=4, block_spp=4, max_depth=5),
+    )
+
+
+def measure(folder: Path, homes: int, scenes: int, recycle: int = 0) -> list[Course]:
+    """Make the homes below `folder`, multiply them to so many scenes, and run the stages."""
+    params = parameters(homes, recycle)
+    run_scenes(folder, params)
+    multiply(folder / "scenes", scenes)
+    run_cameras(folder, params)
+    run_inputs(folder, params)
+    run_illumination(folder, params)
+    run_groundtruth(folder, params)
+    return courses(folder, homes)
+
+
+def multiply(root: Path, count: int) -> None:
+    """Copies of the scenes below `root` under other names, until there are `count`.
+
+    Meshes and textures are links to the same files; to the pipeline they are scenes like others.
+    """
+    originals = scene_folders(root)
+    for number in range(len(originals), count):
+        original = originals[number % len(originals)]
+        copy = root / f"{number:05}-{original.name}"  # work goes by name: one home after the other
+        for file in sorted(path for path in original.rglob("*") if path.is_file()):
+            target = copy / file.relative_to(original)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            if file.name != "scene.json":
+                os.link(file, target)
+        source = {**load_scene(original).source}
+        source.pop("made_by_stage", None)
+        save_scene(copy, replace(load_scene(original), scene_id=copy.name, source=source))
+
+
+def courses(folder: Path, homes: int) -> list[Course]:
+    """What the ledger says of each stage."""
+    rows = [row for row in read_ledger(folder).to_pylist() if row["ended"] is not None]
+    found = []
+    for stage in STAGES:
+        wanted = ("color",) if stage == "truth" else (stage,)
+        done = sorted((row for row in rows if row["stage"] in wanted), key=lambda r: r["ended"])
+        found.append(Course(stage, tuple(row["memory_mb"] for row in done), homes))
+    return found
+
+
+def draw(found: Sequence[Course]) -> Figure:
+    """Memory over scenes, a line a stage; grey: the warm-up."""
+    page = Figure(figsize=(9, 4), dpi=100, layout="constrained")
+    axes = page.subplots()
+    axes.axvspan(0, max(course.warm_up for course in found), color="#dddddd", linewidth=0)
+    for course, color in zip(found, _COLORS, strict=True):
+        label = f"{course.stage}: {course.growth:+.1%} after the warm-up"
+        axes.plot(np.arange(1, len(course.memory) + 1), course.memory, color=color, label=label)
+    axes.set_ylim(bottom=0)
+    axes.set_xlim(left=0)
+    axes.set_xlabel("scenes that the worker has opened (grey: each home for the first time)")
+    axes.set_ylabel("resident memory, MB")
+    axes.legend(loc="lower right", frameon=False)
+    axes.spines[["top", "right"]].set_visible(False)
+    return page
+
+
+@click.command()
+@click.option("--homes", default=20, show_default=True, help="Different homes.")
+@click.option("--scenes", default=500, show_default=True, help="Scenes made of them.")
+@click.option("--recycle", default=0, show_default=True, help="As farm.recycle.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=Path("memory.png"),
+    show_default=True,
+)
+def main(homes: int, scenes: int, recycle: int, out: Path) -> None:
+    """Measure and draw."""
+    with tempfile.TemporaryDirectory(prefix="pbrnet-memory-") as folder:
+        found = measure(Path(folder), homes, scenes, recycle)
+    with atomic_file(out) as partial:
+        draw(found).savefig(partial)
+    for course in found:
+        peaks = ", ".join(f"{peak:.0f}" for peak in course.peaks)
+        click.echo(f"{course.stage:14}{course.growth:+.2%}   peaks, MB: {peaks}")
+
+
+if __name__ == "__main__":
+    main()
