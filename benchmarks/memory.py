@@ -3,7 +3,8 @@
 A few procedural homes, each many times under another name, are opened and rendered one after the
 other by one worker that is never replaced; after each scene its resident memory is noted (the
 ledger has it). The first time that each home is met is the warm-up: its kernels are compiled, and
-memory rises to what the largest home takes. From then on it should stay.
+memory rises to what the largest home takes. From then on it should stay. Homes get their cameras
+once; a camera is as good in a copy.
 """
 
 from __future__ import annotations
@@ -28,12 +29,13 @@ from pipeline.params import (
     Params,
 )
 from pipeline.stages import run_cameras, run_groundtruth, run_illumination, run_inputs, run_scenes
+from pipeline.views import load_cameras, save_cameras
 from scenes.contract import load_scene, save_scene, scene_folders
 from scenes.files import atomic_file
 from scenes.params import SceneParams
 
-STAGES = ("cameras", "inputs", "illumination", "truth")
-_COLORS = ("#1f6fb2", "#c9541a", "#2c8a4b", "#8b4fae")
+STAGES = {"inputs": run_inputs, "illumination": run_illumination, "truth": run_groundtruth}
+_COLORS = ("#1f6fb2", "#c9541a", "#2c8a4b")
 
 
 @dataclass(frozen=True)
@@ -73,24 +75,27 @@ def parameters(homes: int, recycle: int = 0) -> Params:
     )
 
 
-def measure(folder: Path, homes: int, scenes: int, recycle: int = 0) -> list[Course]:
+def measure(
+    folder: Path, homes: int, scenes: int, recycle: int = 0, stages: Sequence[str] = ("truth",)
+) -> list[Course]:
     """Make the homes below `folder`, multiply them to so many scenes, and run the stages."""
     params = parameters(homes, recycle)
     run_scenes(folder, params)
-    multiply(folder / "scenes", scenes)
     run_cameras(folder, params)
-    run_inputs(folder, params)
-    run_illumination(folder, params)
-    run_groundtruth(folder, params)
-    return courses(folder, homes)
+    multiply(folder, scenes)
+    for stage in stages:
+        STAGES[stage](folder, params)
+    return courses(folder, homes, stages)
 
 
-def multiply(root: Path, count: int) -> None:
-    """Copies of the scenes below `root` under other names, until there are `count`.
+def multiply(data: Path, count: int) -> None:
+    """Copies of the scenes that have views, under other names, until there are `count`.
 
     Meshes and textures are links to the same files; to the pipeline they are scenes like others.
     """
-    originals = scene_folders(root)
+    root = data / "scenes"
+    cameras = {path.stem: load_cameras(path) for path in (data / "cameras").glob("*.json")}
+    originals = [folder for folder in scene_folders(root) if cameras[folder.name].views]
     for number in range(len(originals), count):
         original = originals[number % len(originals)]
         copy = root / f"{number:05}-{original.name}"  # work goes by name: one home after the other
@@ -102,13 +107,19 @@ def multiply(root: Path, count: int) -> None:
         source = {**load_scene(original).source}
         source.pop("made_by_stage", None)
         save_scene(copy, replace(load_scene(original), scene_id=copy.name, source=source))
+        file = cameras[original.name]
+        views = tuple(replace(view, scene_id=copy.name) for view in file.views)
+        save_cameras(
+            data / "cameras" / f"{copy.name}.json",
+            replace(file, scene_id=copy.name, views=views),
+        )
 
 
-def courses(folder: Path, homes: int) -> list[Course]:
-    """What the ledger says of each stage."""
+def courses(folder: Path, homes: int, stages: Sequence[str]) -> list[Course]:
+    """What the ledger says of each of the stages."""
     rows = [row for row in read_ledger(folder).to_pylist() if row["ended"] is not None]
     found = []
-    for stage in STAGES:
+    for stage in stages:
         wanted = ("color",) if stage == "truth" else (stage,)
         done = sorted((row for row in rows if row["stage"] in wanted), key=lambda r: r["ended"])
         found.append(Course(stage, tuple(row["memory_mb"] for row in done), homes))
@@ -120,7 +131,7 @@ def draw(found: Sequence[Course]) -> Figure:
     page = Figure(figsize=(9, 4), dpi=100, layout="constrained")
     axes = page.subplots()
     axes.axvspan(0, max(course.warm_up for course in found), color="#dddddd", linewidth=0)
-    for course, color in zip(found, _COLORS, strict=True):
+    for course, color in zip(found, _COLORS, strict=False):
         label = f"{course.stage}: {course.growth:+.1%} after the warm-up"
         axes.plot(np.arange(1, len(course.memory) + 1), course.memory, color=color, label=label)
     axes.set_ylim(bottom=0)
@@ -135,6 +146,9 @@ def draw(found: Sequence[Course]) -> Figure:
 @click.command()
 @click.option("--homes", default=20, show_default=True, help="Different homes.")
 @click.option("--scenes", default=500, show_default=True, help="Scenes made of them.")
+@click.option(
+    "--stage", "stages", type=click.Choice(list(STAGES)), multiple=True, default=("truth",)
+)
 @click.option("--recycle", default=0, show_default=True, help="As farm.recycle.")
 @click.option(
     "--out",
@@ -142,10 +156,10 @@ def draw(found: Sequence[Course]) -> Figure:
     default=Path("memory.png"),
     show_default=True,
 )
-def main(homes: int, scenes: int, recycle: int, out: Path) -> None:
+def main(homes: int, scenes: int, stages: tuple[str, ...], recycle: int, out: Path) -> None:
     """Measure and draw."""
     with tempfile.TemporaryDirectory(prefix="pbrnet-memory-") as folder:
-        found = measure(Path(folder), homes, scenes, recycle)
+        found = measure(Path(folder), homes, scenes, recycle, stages)
     with atomic_file(out) as partial:
         draw(found).savefig(partial)
     for course in found:

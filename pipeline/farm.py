@@ -53,6 +53,8 @@ from scenes.errors import MachineError
 
 CONNECT_PATIENCE = 15.0  # seconds to look for a scheduler
 WORKER_PATIENCE = 300.0  # seconds without a single worker before the farm gives up
+_FETCH = 10.0  # seconds for finished outcomes to arrive
+_LOST = "60s"  # that a worker of our own may take to come back, on a busy machine
 _GO_ON = "run the same command again to go on where this run stopped"
 _FOLDER = "pbrnet-farm-"
 _CARRIED = 32 << 20  # bytes of files that a batch hands back; with more it ends before its time
@@ -166,6 +168,7 @@ class Farm:
             dask.config.set(
                 {
                     "distributed.scheduler.allowed-failures": self.params.retries,
+                    "distributed.deploy.lost-worker-timeout": _LOST,
                     # A renderer's memory is native: it cannot be spilled, and pausing would be
                     # for ever. The nanny ends a worker that outgrows its share.
                     "distributed.worker.memory.target": False,
@@ -191,6 +194,11 @@ class Farm:
         self._stack.callback(self._close_quietly, self._cluster)
         self._client = Client(self._cluster, set_as_default=False)
         self._stack.callback(self._close_quietly, self._client)
+
+    def refill(self) -> None:
+        """Start anew those of our own workers that did not come back."""
+        if self._cluster is not None and len(self._cluster.workers) < self.wanted:
+            self._cluster.scale(self.wanted)
 
     @staticmethod
     def _close_quietly(thing: Any) -> None:
@@ -304,9 +312,9 @@ class _Run:
         if self.client.status not in ("running", "newly-created"):
             raise MachineError(f"the dask scheduler has gone; {_GO_ON}")
         if time.monotonic() - self.last_worker_seen > WORKER_PATIENCE:
+            advice = "start one with 'dask worker ADDRESS', then " if self.farm.address else ""
             raise MachineError(
-                f"no dask worker has been there for {WORKER_PATIENCE:.0f} s; start one with "
-                f"'dask worker ADDRESS', then {_GO_ON}"
+                f"no dask worker has been there for {WORKER_PATIENCE:.0f} s; {advice}{_GO_ON}"
             )
         try:
             return self.done.get(timeout=1)
@@ -320,7 +328,10 @@ class _Run:
         batch, worker = self.flight.pop(future)
         alone, self.alone = self.alone, ""
         try:
-            outcomes = future.result()
+            outcomes = future.result(timeout=_FETCH)
+        except TimeoutError:  # died just now, on the way here
+            self.flight[future], self.alone = (batch, worker), alone
+            return
         except KilledWorker:
             if batch[0].key == alone:
                 yield Outcome(
@@ -361,6 +372,7 @@ class _Run:
         return "its worker process died each time (out of memory, or a crash)"
 
     def workers(self) -> list[str]:
+        self.farm.refill()
         names = sorted(self.client.scheduler_info()["workers"])
         if names:
             self.last_worker_seen = time.monotonic()

@@ -10,15 +10,16 @@ import shutil
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pipeline.courier import Supply
+from pipeline.estimates import estimator
 from pipeline.farm import Farm, Outcome
 from pipeline.jobs import use_code, use_renderer
-from pipeline.ledger import Ledger
+from pipeline.ledger import Ledger, read_ledger
 from pipeline.params import Params
 from pipeline.progress import Progress
 from pipeline.records import Failure, save_failures
@@ -113,13 +114,28 @@ def carry_out(
             files, needed = supply(site), None
         try:
             with Farm(farm_params, scheduler, setup, len(work.items), files, needed) as farm:
-                for outcome in farm.run(work.work, work.items):
+                for outcome in farm.run(work.work, _weighed(data, work)):
                     made.update(_record(outcome, work, renderer, ledger, progress))
         finally:
             for folder in sorted({target.parent for target in made}):
                 remove_partials(folder)
             ledger.save()
     return made
+
+
+def _weighed(data: Path, work: Work) -> list[Item]:
+    """The items, each with the seconds that it may take."""
+    estimate = estimator(read_ledger(data))
+    return [
+        replace(
+            item,
+            weight=sum(
+                estimate(target.stage, target.scene_id, target.view_id)
+                for target in work.targets[item.key]
+            ),
+        )
+        for item in work.items
+    ]
 
 
 def _record(

@@ -72,6 +72,16 @@ def test_a_worker_that_dies_once_costs_nothing(tmp_path: Path) -> None:
     assert all(not outcome.error for outcome in outcomes.values())
 
 
+def test_a_worker_that_was_given_up_is_started_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a busy machine a worker may come back too late for dask, which then forgets it."""
+    monkeypatch.setattr("pipeline.farm._LOST", "1ms")
+    once = {"do": "die", "well_after": 1, "log": str(tmp_path)}
+    outcomes = _run(_items(6, k2=once), FarmParams(workers=1, batch=2))
+    assert all(not outcome.error for outcome in outcomes.values())
+
+
 def test_an_endless_item_is_ended_and_named() -> None:
     params = FarmParams(workers=2, batch=4, retries=1, time_limit=3)
     outcomes = _run(_items(8, k2={"do": "hang"}), params)

@@ -29,7 +29,7 @@ def test_memory_is_flat_over_rooms(tmp_path: Path) -> None:
     params = parameters(homes=1)
     run_cameras(tmp_path, params)
     run_groundtruth(tmp_path, params)
-    found = {course.stage: course for course in courses(tmp_path, 10)}
+    found = {course.stage: course for course in courses(tmp_path, 10, ("cameras", "truth"))}
     for stage in ("cameras", "truth"):
         assert len(found[stage].memory) == 40
         assert min(found[stage].memory) > 50
@@ -40,9 +40,9 @@ def test_memory_is_flat_over_rooms(tmp_path: Path) -> None:
 @pytest.mark.timeout(7200)
 def test_memory_is_flat_over_five_hundred_scenes(tmp_path: Path) -> None:
     """One worker that is never replaced; PBRNET_PICTURES names a folder for the drawing."""
-    found = measure(tmp_path, homes=20, scenes=500)
+    found = measure(tmp_path, homes=10, scenes=500)
     pictures = Path(os.environ.get("PBRNET_PICTURES", tmp_path))
     draw(found).savefig(pictures / "memory.png")
     for course in found:
-        assert len(course.memory) >= 480, "nearly every home has a view"
+        assert len(course.memory) == 500
         assert course.growth < 0.05, (course.stage, course.peaks)
