@@ -122,7 +122,9 @@ def test_columns_come_in_the_documented_order_with_units(packed: Path) -> None:
     columns = dataset_columns(SIZE, PANORAMA)
     assert schema.names == [column.name for column in columns]
     for name in ("depth", "normal", "reflectance", "intensity", "distance", "shading", "color"):
-        assert pa.types.is_fixed_size_list(schema.field(name).type), name
+        field = schema.field(name)
+        assert pa.types.is_fixed_size_list(field.type), name
+        assert not field.nullable and not field.type.value_field.nullable, name
     assert schema.field("depth").metadata[b"unit"] == b"metre"
     assert all(field.metadata[b"description"] for field in schema)
 
