@@ -1,9 +1,9 @@
 """What anyone would write first: `mi.render` over the views, one after the other.
 
-    python -m benchmarks.plain_loop DATA PARAMS
+    python -m benchmarks.plain_loop DATA PARAMS [--joint]
 
-renders colour and textureless shading of every view under DATA and keeps nothing. `make bench`
-compares the ground truth stage with it.
+renders colour and textureless shading of every view under DATA, one after the other or (`--joint`)
+from one trace of paths, and keeps nothing. `make bench` compares the ground truth stage with it.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from pipeline.groundtruth import render_both
 from pipeline.params import Params, load_params
 from pipeline.renderer import open_scene, set_variant
 from pipeline.views import View, load_cameras
@@ -55,6 +56,15 @@ def plain_loop(data: Path, params: Params) -> None:
                 np.array(image)
 
 
+def joint_loop(data: Path, params: Params) -> None:
+    """The same images from joint traces."""
+    for folder in scene_folders(data / "scenes"):
+        scene = open_scene(load_scene(folder))
+        for view in load_cameras(data / "cameras" / f"{folder.name}.json").views:
+            render_both(scene, view, params.groundtruth, params.shading.albedo, seed=0)
+
+
 if __name__ == "__main__":
     set_variant()
-    plain_loop(Path(sys.argv[1]), load_params(Path(sys.argv[2])))
+    loop = joint_loop if sys.argv[3:] == ["--joint"] else plain_loop
+    loop(Path(sys.argv[1]), load_params(Path(sys.argv[2])))

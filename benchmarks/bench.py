@@ -1,0 +1,137 @@
+"""What the rows are measured on: homes from seeds, their views, and how much work each row is."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.groundtruth import Truth
+from pipeline.params import ImageParams, Params, load_params
+from pipeline.renderer import RenderScene, open_scene
+from pipeline.stages import run_cameras, run_scenes
+from pipeline.views import View, as_matrix, intrinsics_of, load_cameras
+from scenes.contract import load_scene, scene_folders
+from scenes.files import write_text
+
+ROOT = Path(__file__).resolve().parent.parent
+# The denoiser is left out: it is work that a plain loop does not do.
+_PARAMETERS = """
+scenes: {{homes: {homes}}}
+cameras: {{views_per_scene: {views}}}
+groundtruth: {{spp: {spp}, block_spp: 16, denoise: none}}
+dataset: {{splits: {{test: 0, validation: 0}}, row_group: 16, checks: {{max_noise: 1000000}}}}
+"""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How much work: `FULL` is what counts, about a quarter of an hour on two quiet cores."""
+
+    homes: int = 3
+    views: int = 4  # a home, in the stages
+    spp: int = 64
+    repeats: int = 3
+    processes: int = 2  # repeats of what starts processes
+    large: tuple[int, int] = (480, 360)  # of single renders
+    middle: tuple[int, int] = (240, 180)  # of what needs a reference
+    reference: int = 384  # samples a pixel of each half of a reference
+    clay: int = 512  # those of the clay's
+    rows: int = 16  # views in the shards that are read
+    rows_spp: int = 8
+
+
+FULL = Sizes()
+SMALL = Sizes(  # for trying the program: its figures mean nothing
+    homes=2, views=1, spp=4, repeats=1, processes=1, large=(64, 48), middle=(48, 36),
+    reference=32, clay=32, rows=2, rows_spp=1,
+)  # fmt: skip
+
+
+class Bench:
+    """Homes in a folder, made when first asked for."""
+
+    def __init__(self, folder: Path, sizes: Sizes, tools: Path) -> None:
+        self.folder, self.sizes = folder, sizes
+        self.tools = tools  # what stays from run to run: another renderer's environment
+        self.data = folder / "data"
+        self.parameters = folder / "params.yaml"
+
+    @cached_property
+    def params(self) -> Params:
+        """Those of the stages."""
+        sizes = self.sizes
+        text = _PARAMETERS.format(homes=sizes.homes, views=sizes.views, spp=sizes.spp)
+        write_text(self.parameters, text)
+        return load_params(self.parameters)
+
+    @cached_property
+    def views(self) -> dict[str, list[View]]:
+        """Views of each home, at the stages' size."""
+        run_scenes(self.data, self.params)
+        run_cameras(self.data, self.params)
+        names = [path.name for path in scene_folders(self.data / "scenes")]
+        return {
+            name: list(load_cameras(self.data / "cameras" / f"{name}.json").views) for name in names
+        }
+
+    @property
+    def home(self) -> str:
+        """The home with the most views, the first of them."""
+        return max(self.views, key=lambda name: len(self.views[name]))
+
+    def open(self, name: str) -> RenderScene:
+        """A home, ready to render; its views are known then."""
+        assert name in self.views
+        return open_scene(load_scene(self.data / "scenes" / name))
+
+
+def resized(view: View, size: tuple[int, int]) -> View:
+    """The same camera with so many pixels, (width, height)."""
+    width, height = size
+    matrix = as_matrix(intrinsics_of(ImageParams(width=width, height=height)))
+    return replace(view, width=width, height=height, K=matrix)
+
+
+def python(*words: str) -> None:
+    """Run this interpreter in a process of its own, in the project's folder."""
+    command = [sys.executable, *words]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    if done.returncode != 0:
+        raise RuntimeError(f"{' '.join(words)} failed:\n{done.stderr[-2000:]}")
+
+
+def pixels(truth: Truth) -> npt.NDArray[np.float64]:
+    """The image of a truth, (H, W, 3)."""
+    return np.stack([truth[0][band] for band in "RGB"], axis=-1).astype(np.float64)
+
+
+class Reference:
+    """A long render in two independent halves, so that its own error is known.
+
+    Errors against it are mean squared ones over the squared mean, with both images cut at what
+    99 % of the reference's values are below: the last per cent is lamps and the sky, whose
+    brightness would outweigh the room.
+    """
+
+    def __init__(self, first: npt.ArrayLike, second: npt.ArrayLike) -> None:
+        halves = [np.asarray(half, dtype=np.float64) for half in (first, second)]
+        self.image = (halves[0] + halves[1]) / 2
+        self.limit = float(np.quantile(self.image, 0.99))
+        self.scale = float(np.minimum(self.image, self.limit).mean()) ** 2
+        self.own = self._squares(halves[0], halves[1]) / 4
+
+    def error(self, image: npt.ArrayLike) -> float:
+        """Relative squared error of an image that shares no samples with the reference; its own
+        error is taken off."""
+        return max(self._squares(np.asarray(image, np.float64), self.image) - self.own, 1e-12)
+
+    def _squares(self, first: npt.NDArray[Any], second: npt.NDArray[Any]) -> float:
+        apart = np.minimum(first, self.limit) - np.minimum(second, self.limit)
+        return float(np.mean(apart**2)) / self.scale

@@ -1,0 +1,142 @@
+"""Blender Cycles renders a clay scene: run by the interpreter of an environment that has `bpy`.
+
+    python -P blender_program.py SCENE.json
+
+SCENE.json is what `benchmarks.clay` writes: PLY meshes with a diffuse colour each, a camera, a
+constant sky, windows. The program imports nothing of pbrnet. It answers each line on standard
+input, {"spp": 64, "seed": 1, "portals": false, "out": "image.exr"}, with one on standard
+output that begins with "@": the seconds that rendering took, by processor and by the clock.
+
+No denoiser, no clamping, no adaptive sampling, no light tree to get wrong with a single light;
+one-pixel box filter, linear Rec. 709: what is compared is path tracing. Data stay in memory
+between renders (`use_persistent_data`), so that from the second on only rendering is timed.
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import bpy
+from mathutils import Matrix, Vector
+
+
+def main(path: Path) -> None:
+    """Build the scene, then render as asked until standard input ends."""
+    description = json.loads(path.read_text(encoding="utf-8"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    for mesh in description["meshes"]:
+        add_mesh(path.parent / mesh["file"], mesh["name"], mesh["reflectance"])
+    add_sky(scene, description["sky"])
+    add_camera(scene, description["camera"])
+    portals = [add_portal(scene, corners) for corners in description["windows"]]
+    settings(scene, description)
+    answer(version=bpy.app.version_string, meshes=len(description["meshes"]))
+    for line in sys.stdin:
+        answer(**render(scene, portals, json.loads(line)))
+
+
+def answer(**fields: Any) -> None:
+    """One line that the other side reads; Blender itself writes there, too."""
+    print("@" + json.dumps(fields), flush=True)
+
+
+def add_mesh(file: Path, name: str, reflectance: list[float]) -> None:
+    """A mesh with a diffuse material, facetted."""
+    bpy.ops.wm.ply_import(filepath=str(file), forward_axis="Y", up_axis="Z", merge_verts=False)
+    thing = bpy.context.selected_objects[0]
+    material = bpy.data.materials.new(name)
+    material.use_nodes = True
+    tree = material.node_tree
+    tree.nodes.clear()
+    diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    diffuse.inputs["Color"].default_value = (*reflectance, 1.0)
+    diffuse.inputs["Roughness"].default_value = 0.0
+    output = tree.nodes.new("ShaderNodeOutputMaterial")
+    tree.links.new(diffuse.outputs["BSDF"], output.inputs["Surface"])
+    thing.data.materials.clear()
+    thing.data.materials.append(material)
+    thing.data.shade_flat()
+
+
+def add_sky(scene: Any, radiance: float) -> None:
+    """The same radiance from everywhere."""
+    world = bpy.data.worlds.new("sky")
+    world.use_nodes = True
+    background = world.node_tree.nodes["Background"]
+    background.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    background.inputs["Strength"].default_value = radiance
+    scene.world = world
+
+
+def add_camera(scene: Any, camera: dict[str, Any]) -> None:
+    """`camera_to_world` comes in OpenCV axes; Blender's camera looks along -z, y up."""
+    data = bpy.data.cameras.new("camera")
+    data.sensor_fit = "HORIZONTAL"
+    data.angle = camera["fov_x"]
+    data.clip_start, data.clip_end = 1e-3, 1e5
+    thing = bpy.data.objects.new("camera", data)
+    scene.collection.objects.link(thing)
+    thing.matrix_world = Matrix(camera["camera_to_world"]) @ Matrix.Diagonal((1, -1, -1, 1))
+    scene.camera = thing
+
+
+def add_portal(scene: Any, corners: list[list[float]]) -> Any:
+    """A rectangle, given by a corner, its two neighbours and the inward normal, that guides
+    rays to the sky."""
+    corner, first, second, inward = (Vector(values) for values in corners)
+    across, along = first - corner, second - corner
+    data = bpy.data.lights.new("portal", "AREA")
+    data.shape, data.size, data.size_y = "RECTANGLE", across.length, along.length
+    data.cycles.is_portal = True
+    thing = bpy.data.objects.new("portal", data)
+    scene.collection.objects.link(thing)
+    x, z = across.normalized(), -inward.normalized()  # lamps shine along their -z
+    y = z.cross(x)
+    turn = Matrix((x, y, z)).transposed().to_4x4()
+    thing.matrix_world = Matrix.Translation(corner + (across + along) / 2) @ turn
+    return thing
+
+
+def settings(scene: Any, description: dict[str, Any]) -> None:
+    """A plain path tracer with as many bounces as the other side."""
+    camera, cycles, picture = description["camera"], scene.cycles, scene.render
+    picture.engine = "CYCLES"
+    cycles.device = "CPU"
+    picture.threads_mode, picture.threads = "FIXED", description["threads"]
+    picture.resolution_x, picture.resolution_y = camera["width"], camera["height"]
+    picture.resolution_percentage = 100
+    picture.use_persistent_data = True
+    picture.dither_intensity = 0.0
+    picture.image_settings.file_format = "OPEN_EXR"
+    picture.image_settings.color_mode = "RGB"
+    picture.image_settings.color_depth = "32"
+    picture.image_settings.exr_codec = "ZIP"
+    cycles.use_denoising = cycles.use_adaptive_sampling = False
+    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
+    cycles.pixel_filter_type = "BOX"
+    # Bounces after the first hit; Mitsuba counts the segments from the camera to the light.
+    bounces = description["max_depth"] - 2
+    cycles.max_bounces = cycles.diffuse_bounces = bounces
+
+
+def render(scene: Any, portals: list[Any], job: dict[str, Any]) -> dict[str, float]:
+    """Render one image to a file."""
+    scene.cycles.samples, scene.cycles.seed = job["spp"], job["seed"]
+    for portal in portals:
+        portal.hide_render = not job["portals"]
+    scene.render.filepath = job["out"]
+    usage, started = resource.getrusage(resource.RUSAGE_SELF), time.perf_counter()
+    bpy.ops.render.render(write_still=True)
+    wall, after = time.perf_counter() - started, resource.getrusage(resource.RUSAGE_SELF)
+    cpu = after.ru_utime + after.ru_stime - usage.ru_utime - usage.ru_stime
+    return {"cpu": cpu, "wall": wall}
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

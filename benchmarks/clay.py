@@ -1,0 +1,106 @@
+"""A home as clay under a constant sky: what Mitsuba and Blender Cycles both have, and no more.
+
+Every shape becomes its triangles, facetted, with one diffuse colour drawn from a seed; lamps
+go out, panes are left out, and all light comes from a white sky through the windows. The folder
+is a scene of the contract, so that this project renders it as it renders all scenes, with
+`cycles.json` beside it for `benchmarks/blender_program.py`.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.light_choice import panes_of
+from pipeline.renderer import RenderScene
+from pipeline.views import View
+from scenes.contract import Light, Portal, Scene, load_scene, save_scene, writing_scene
+from scenes.files import write_json
+from scenes.mitsuba_source.meshes import Mesh
+from scenes.mitsuba_source.writer import write_ply
+from scenes.seeds import generator
+
+SKY = 1.0  # radiance
+_SHAPE = (
+    '<shape type="ply" id="{name}"><string name="filename" value="meshes/{name}.ply"/>'
+    '<boolean name="face_normals" value="true"/><bsdf type="twosided"><bsdf type="diffuse">'
+    '<rgb name="reflectance" value="{color}"/></bsdf></bsdf></shape>'
+)
+
+
+def write_clay(scene: RenderScene, view: View, max_depth: int, folder: Path) -> Scene:
+    """Write the clay of a scene, and for the other renderer one view of it; returns the scene."""
+    kept: list[tuple[str, list[float]]] = []
+    with writing_scene(folder) as partial:
+        for shape, clear in zip(scene.target.shapes, scene.target.clear, strict=True):
+            if clear or not isinstance(shape, mi.Mesh):
+                continue
+            name = shape.id()
+            write_ply(partial / "meshes" / f"{name}.ply", _triangles(shape))
+            color = generator(0, "clay", name).uniform(0.3, 0.8, 3)
+            kept.append((name, [round(float(band), 4) for band in color]))
+        lines = [_SHAPE.format(name=name, color=" ".join(map(str, color))) for name, color in kept]
+        sky = f'<emitter type="constant"><rgb name="radiance" value="{SKY}"/></emitter>'
+        text = "\n".join(['<scene version="3.0.0">', sky, *lines, "</scene>"])
+        (partial / "scene.xml").write_text(text, encoding="utf-8")
+        save_scene(partial, _bare(scene.scene, folder.name, {name for name, _ in kept}))
+        write_json(partial / "cycles.json", _description(scene, view, max_depth, kept))
+    return load_scene(folder)
+
+
+def _triangles(mesh: Any) -> Mesh:
+    """A Mitsuba mesh as it is in memory, in the world."""
+    parameters = mi.traverse(mesh)
+    vertices = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
+    return Mesh(vertices, np.array(parameters["faces"], dtype=np.int64).reshape(-1, 3))
+
+
+def _bare(scene: Scene, name: str, shapes: set[str]) -> Scene:
+    """The scene's description with the shapes that are left, and the sky as its only light."""
+    objects = [
+        replace(thing, shapes=tuple(shape for shape in thing.shapes if shape in shapes))
+        for thing in scene.objects
+    ]
+    return replace(
+        scene, scene_id=name, objects=tuple(objects), lights=(Light("sky", "environment"),)
+    )
+
+
+def _description(
+    scene: RenderScene, view: View, max_depth: int, kept: list[tuple[str, list[float]]]
+) -> dict[str, Any]:
+    return {
+        "meshes": [
+            {"name": name, "file": f"meshes/{name}.ply", "reflectance": color}
+            for name, color in kept
+        ],
+        "sky": SKY,
+        "camera": {
+            "width": view.width,
+            "height": view.height,
+            "fov_x": 2 * math.atan(0.5 * view.width / view.K[0][0]),
+            "camera_to_world": [list(row) for row in view.camera_to_world],
+        },
+        "windows": windows_of(scene.scene.portals),
+        "max_depth": max_depth,
+        "threads": len(os.sched_getaffinity(0)),
+    }
+
+
+def windows_of(portals: tuple[Portal, ...]) -> list[list[list[float]]]:
+    """Rectangles around the portals: a corner, its two neighbours, the normal that points in."""
+    panes = panes_of(portals)
+    rows: list[list[npt.NDArray[np.float64]]] = [
+        [corner, corner + first, corner + second, -normal]
+        for corner, first, second, normal in zip(
+            panes.corner, *panes.edges, panes.normal, strict=True
+        )
+    ]
+    return [[[float(value) for value in point] for point in row] for row in rows]

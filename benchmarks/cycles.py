@@ -1,0 +1,247 @@
+"""Rows against Blender Cycles: the same clay, camera, sky and depth, error at equal core-seconds.
+
+Cycles comes from the package `bpy`, in an environment of its own that is made when it is missing.
+Where that cannot be had the rows say so. First the two renderers' long renders are compared: only
+if they are images of the same scene does a common reference, their mean, make sense.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+
+from benchmarks.bench import ROOT, Bench, Reference, pixels, resized
+from benchmarks.clay import SKY, write_clay
+from benchmarks.rendering import plain_render
+from benchmarks.rows import Row, at_least, at_most, missing
+from benchmarks.timing import spend, spread
+from pipeline import joint
+from pipeline.groundtruth import render_both, render_truth
+from pipeline.renderer import RenderScene, open_scene
+from pipeline.views import View
+
+PROGRAM = ROOT / "benchmarks" / "blender_program.py"
+NAME = "ours / Blender Cycles"
+MEANING = "efficiency at equal core-seconds, clay under a constant sky"
+_PATIENCE = 1800  # seconds to install, or for one render
+AGREE = 0.01
+
+Tried = tuple[np.ndarray, float]  # an image, and core-seconds
+
+
+class BlenderMissing(Exception):
+    """Why there is no Blender here."""
+
+
+@dataclass
+class Blender:
+    """A process that renders the clay with Cycles."""
+
+    process: subprocess.Popen[str]
+    folder: Path
+    version: str = ""
+
+    def answer(self) -> dict[str, Any]:
+        """Its next answer; Blender's own lines in between are skipped."""
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            if line.startswith("@"):
+                return dict(json.loads(line[1:]))
+        raise BlenderMissing(f"the renderer ended with status {self.process.wait()}")
+
+    def render(self, portals: bool, spp: int, seed: int) -> Tried:
+        """An image and its core-seconds, by the renderer's own processor clock."""
+        out = self.folder / f"cycles-{seed}-{portals}.exr"
+        job = {"spp": spp, "seed": seed, "portals": portals, "out": str(out)}
+        assert self.process.stdin is not None
+        print(json.dumps(job), file=self.process.stdin, flush=True)
+        spent = self.answer()
+        with OpenEXR.File(str(out)) as file:
+            return np.array(file.channels()["RGB"].pixels), spent["cpu"]
+
+
+def blender_python(tools: Path, given: Path | None) -> Path:
+    """An interpreter that has `bpy`: the one that is given, or of an environment made in `tools`.
+
+    Raises `BlenderMissing` if there is none and none can be made.
+    """
+    if given is not None:
+        return given
+    folder = tools / "bpy"
+    interpreter = folder / "bin" / "python"
+    install = [str(interpreter), "-m", "pip", "install", "--quiet", "--only-binary=:all:", "bpy"]
+    steps = [[sys.executable, "-m", "venv", str(folder)], install]
+    if not has_bpy(interpreter):
+        for step in steps:
+            run_step(step)
+    if not has_bpy(interpreter):
+        raise BlenderMissing("bpy was installed but cannot be imported")
+    return interpreter
+
+
+def has_bpy(interpreter: Path) -> bool:
+    """Whether this interpreter exists and can import `bpy`."""
+    if not interpreter.is_file():
+        return False
+    return subprocess.run([interpreter, "-c", "import bpy"], capture_output=True).returncode == 0
+
+
+def run_step(command: list[str]) -> None:
+    """Run a command of the installation; `BlenderMissing` with its last words if it fails."""
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise BlenderMissing(str(error)) from None
+    if done.returncode != 0:
+        words = (done.stderr.strip() or done.stdout.strip() or "no word why").splitlines()
+        raise BlenderMissing(f"bpy cannot be installed: {words[-1]}")
+
+
+@contextmanager
+def blender(interpreter: Path, scene: Path) -> Iterator[Blender]:
+    """The clay in `scene`, open in a process of its own."""
+    command = [str(interpreter), "-P", str(PROGRAM), str(scene / "cycles.json")]
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    try:
+        found = Blender(process, scene)
+        found.version = str(found.answer()["version"])
+        yield found
+    finally:
+        assert process.stdin is not None
+        process.stdin.close()
+        try:
+            process.wait(timeout=30)
+        except subprocess.TimeoutExpired:
+            process.kill()
+
+
+def cycles_rows(bench: Bench, given: Path | None = None) -> Iterator[Row]:
+    """Ours against Cycles as it comes, and against Cycles with light portals in the windows."""
+    goal = at_least(2.5)
+    if not joint.available():
+        yield missing(NAME, MEANING, "joint traces are not in scalar variants", goal)
+        return
+    try:
+        interpreter = blender_python(bench.tools, given)
+        yield from _compare(bench, interpreter)
+    except BlenderMissing as error:
+        yield missing(NAME, MEANING, str(error), goal)
+
+
+def _compare(bench: Bench, interpreter: Path) -> Iterator[Row]:
+    sizes, depth = bench.sizes, bench.params.groundtruth.max_depth
+    view = _bright_view(bench)
+    folder = bench.folder / "clay"
+    home = bench.open(bench.home)
+    clay = open_scene(write_clay(home, view, depth, folder))
+    with blender(interpreter, folder) as other:
+        ways = _ways(bench, clay, view, other)
+        for way in ways.values():
+            way(4, 99)  # builds, compiles
+        long = {name: ways[name](sizes.clay, 0)[0] for name in ("planned", "portals")}
+        reference = Reference(long["planned"], long["portals"])
+        apart = _apart(reference, long)
+        size = f"{view.width}x{view.height}, {sizes.clay} spp each, Blender {other.version}"
+        yield Row(
+            "mean of Cycles' long render / ours",
+            f"how far it is from 1 in the worst of three bands; {size}",
+            spread([apart]),
+            goal=at_most(AGREE),
+        )
+        own = {"planned": reference, "path": reference, "cycles": reference, "portals": reference}
+        if apart > AGREE:  # each is held against its own kind
+            own = _own_references(ways, long, sizes.clay)
+        costs: dict[str, list[float]] = {name: [] for name in ways}
+        for turn in range(sizes.repeats):
+            for name, way in ways.items():
+                image, cpu = way(sizes.spp, 2 + turn)
+                costs[name].append(cpu * own[name].error(image))
+    yield from _rows(costs, sizes.spp, apart <= AGREE)
+
+
+def _rows(costs: dict[str, list[float]], spp: int, common: bool) -> Iterator[Row]:
+    against = "a common reference" if common else "each renderer's own reference"
+    for mine, what, goal in (
+        ("planned", "the ground truth's joint trace, for its colour alone", at_least(2.5)),
+        ("path", "Mitsuba's `path` with `multijitter`", None),
+    ):
+        for theirs, how in (("cycles", "as it comes"), ("portals", "with portals in the windows")):
+            pairs = zip(costs[theirs], costs[mine], strict=True)
+            yield Row(
+                f"{NAME if mine == 'planned' else 'plain path / Blender Cycles'}, {how}",
+                f"efficiency of {what} over that of Cycles {how}: error against {against} at "
+                f"equal core-seconds, {spp} spp each",
+                spread([cycles / ours for cycles, ours in pairs]),
+                clock="cpu",
+                goal=goal,
+            )
+
+
+def _ways(
+    bench: Bench, clay: RenderScene, view: View, other: Blender
+) -> dict[str, Callable[[int, int], Tried]]:
+    truth, grey = bench.params.groundtruth, bench.params.shading.albedo
+
+    def timed(work: Callable[[], np.ndarray]) -> Tried:
+        found: list[np.ndarray] = []
+        spent = spend(lambda: found.append(work()))
+        return found[0], spent.cpu
+
+    def planned(spp: int, seed: int) -> Tried:
+        asked = replace(truth, spp=spp, block_spp=min(64, spp))
+        return timed(lambda: pixels(render_both(clay, view, asked, grey, seed).color))
+
+    def path(spp: int, seed: int) -> Tried:
+        return timed(lambda: plain_render(clay, view, spp, seed, truth.max_depth))
+
+    return {
+        "planned": planned,
+        "path": path,
+        "cycles": partial(other.render, False),
+        "portals": partial(other.render, True),
+    }
+
+
+def _own_references(
+    ways: dict[str, Callable[[int, int], Tried]], long: dict[str, np.ndarray], spp: int
+) -> dict[str, Reference]:
+    ours = Reference(long["planned"], ways["planned"](spp, 1)[0])
+    theirs = Reference(long["portals"], ways["portals"](spp, 1)[0])
+    return {"planned": ours, "path": ours, "cycles": theirs, "portals": theirs}
+
+
+def _apart(reference: Reference, long: dict[str, np.ndarray]) -> float:
+    """Largest relative difference of the two long renders' means, of three bands."""
+    means = [
+        np.minimum(long[name], reference.limit).mean(axis=(0, 1)) for name in ("portals", "planned")
+    ]
+    return float(np.abs(means[0] / means[1] - 1).max())
+
+
+def _bright_view(bench: Bench) -> View:
+    """The view of the home to which most of the sky's light comes."""
+    views = bench.views[bench.home]
+    folder = bench.folder / "probe"
+    home = bench.open(bench.home)
+    clay = open_scene(write_clay(home, views[0], 3, folder))
+    quick = replace(bench.params.groundtruth, spp=4, block_spp=4)
+    small = [resized(view, (48, 36)) for view in views]
+    images = [pixels(render_truth(clay, view, quick, 0)) for view in small]
+    light = [np.minimum(image, 0.9 * SKY).mean() for image in images]  # not the sky itself
+    return resized(views[int(np.argmax(light))], bench.sizes.middle)

@@ -1,0 +1,192 @@
+"""Rows about single renders: joint against plain, LLVM against scalar, the cheap passes' share."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from benchmarks.bench import ROOT, Bench, resized
+from benchmarks.plain_loop import plain_sensor
+from benchmarks.rows import Row, at_least, at_most, missing
+from benchmarks.timing import Spent, by_turns, ratio, spread
+from pipeline import cameras, joint
+from pipeline.groundtruth import render_both
+from pipeline.illumination import render_illumination
+from pipeline.inputs import render_inputs
+from pipeline.params import IlluminationParams
+from pipeline.renderer import RenderScene
+from pipeline.views import CameraFile, View
+
+PANORAMA = IlluminationParams(width=360)
+# Candidates that were refused before anything was looked at.
+_UNSEEN = (
+    cameras.NO_LIGHT,
+    cameras.OUTSIDE,
+    cameras.ABOVE,
+    cameras.TOO_CLOSE,
+    cameras.INSIDE,
+    cameras.NOT_TRIED,
+)
+
+
+def plain_render(
+    scene: RenderScene, view: View, spp: int, seed: int, depth: int, sampler: str = "multijitter"
+) -> np.ndarray:
+    """`mi.render` with Mitsuba's `path` and film, as its documentation has it: (H, W, 3)."""
+    integrator = mi.load_dict({"type": "path", "max_depth": depth})
+    sensor = plain_sensor(view, sampler)
+    image = mi.render(scene.mitsuba, sensor=sensor, integrator=integrator, spp=spp, seed=seed)
+    return np.array(image)[..., :3]
+
+
+def render_rows(bench: Bench) -> Iterator[Row]:
+    """What a view's passes cost beside each other, and the cameras."""
+    sizes, params = bench.sizes, bench.params
+    if not joint.available():
+        yield missing("joint trace", "colour and shading in one trace", "not in scalar variants")
+        return
+    scene = bench.open(bench.home)
+    view = resized(bench.views[bench.home][0], sizes.large)
+    truth, depth = params.groundtruth, params.groundtruth.max_depth
+    grey = scene.neutral(params.shading.albedo)
+
+    def both(spp: int, seed: int) -> object:
+        asked = replace(truth, spp=spp)
+        return render_both(scene, view, asked, params.shading.albedo, seed)
+
+    ways: dict[str, Callable[[int], object]] = {
+        "color": lambda spp: plain_render(scene, view, spp, 0, depth),
+        "shading": lambda spp: plain_render(grey, view, spp, 0, depth),
+        "joint": lambda spp: both(spp, 0),
+        "panorama": lambda spp: render_illumination(scene, view, PANORAMA),
+        "inputs": lambda spp: render_inputs(scene, view),
+        "cameras": lambda spp: _sampled(bench, scene),
+    }
+    for work in ways.values():
+        work(4)  # compiles, whatever the number of samples
+    spent = by_turns(
+        {name: lambda work=work: work(truth.spp) for name, work in ways.items()},
+        sizes.repeats,
+        warm=False,
+    )
+    yield from _joint_rows(spent, f"{view.width}x{view.height}, {truth.spp} spp")
+    yield from _cheap_rows(spent, len(bench.views[bench.home]))
+    yield _camera_row(bench, scene)
+
+
+def _joint_rows(spent: dict[str, list[Spent]], size: str) -> Iterator[Row]:
+    yield Row(
+        "joint trace / one plain render",
+        f"colour and shading in one trace against colour by `path`, {size}",
+        ratio(spent["joint"], spent["color"], "cpu"),
+        clock="cpu",
+        goal=at_most(1.25),
+    )
+    yield Row(
+        "joint trace / two plain renders",
+        f"the same against colour and shading by `path` one after the other, {size}",
+        ratio(spent["joint"], _sums(spent["color"], spent["shading"]), "cpu"),
+        clock="cpu",
+    )
+
+
+def _cheap_rows(spent: dict[str, list[Spent]], views: int) -> Iterator[Row]:
+    per_view = [Spent(s.cpu / views, s.wall / views) for s in spent["cameras"]]
+    cheap = _sums(_sums(spent["panorama"], spent["inputs"]), per_view)
+    yield Row(
+        "inputs, panorama and cameras / ground truth",
+        "one view's depth, normal, reflectance, its panorama 360 pixels wide and its share of "
+        f"sampling {views} views, against the joint trace above",
+        ratio(cheap, spent["joint"], "cpu"),
+        clock="cpu",
+        goal=at_most(0.05),
+    )
+    for name in ("inputs", "panorama"):
+        meaning = f"the part of it that is the {name}"
+        share = ratio(spent[name], spent["joint"], "cpu")
+        yield Row(f"{name} / ground truth", meaning, share, clock="cpu")
+    yield Row(
+        "panorama",
+        "360 x 180, after the first",
+        spread([1000 * s.wall for s in spent["panorama"]]),
+        "ms",
+        "wall",
+        at_most(50),
+    )
+
+
+def _camera_row(bench: Bench, scene: RenderScene) -> Row:
+    looked_at = _looked_at(_sampled(bench, scene))
+    spent = by_turns({"cameras": lambda: _sampled(bench, scene)}, bench.sizes.repeats)["cameras"]
+    return Row(
+        "camera candidates",
+        f"candidates a second that were rendered as ids and scored ({looked_at} of one home), "
+        "clearance and choice included",
+        spread([looked_at / s.wall for s in spent]),
+        "/s",
+        "wall",
+        at_least(2000),
+    )
+
+
+def _sampled(bench: Bench, scene: RenderScene) -> CameraFile:
+    return cameras.sample_cameras(scene, scene.scene, bench.params, 0)
+
+
+def _looked_at(file: CameraFile) -> int:
+    rejected: Counter[str] = Counter(file.rejected)
+    return file.candidates - sum(rejected[reason] for reason in _UNSEEN)
+
+
+def _sums(first: list[Spent], second: list[Spent]) -> list[Spent]:
+    pairs = zip(first, second, strict=True)
+    return [Spent(a.cpu + b.cpu, a.wall + b.wall) for a, b in pairs]
+
+
+_VARIANT = """
+import json, sys
+from pathlib import Path
+from benchmarks.rendering import plain_render
+from benchmarks.timing import spend
+from pipeline.renderer import open_scene, set_variant
+from pipeline.views import load_cameras
+from scenes.contract import load_scene
+set_variant(sys.argv[1])
+data, name, spp = Path(sys.argv[2]), sys.argv[3], int(sys.argv[4])
+scene = open_scene(load_scene(data / "scenes" / name))
+view = load_cameras(data / "cameras" / f"{name}.json").views[0]
+plain_render(scene, view, 1, 0, 11)
+spent = spend(lambda: plain_render(scene, view, spp, 1, 11))
+print(json.dumps([spent.cpu, spent.wall]))
+"""
+
+
+def variant_rows(bench: Bench) -> Iterator[Row]:
+    """The scalar variant against the one in use; each time in processes of their own."""
+    current = str(mi.variant())
+    name = f"scalar_rgb / {current}"
+    meaning = "a plain render by `path`, the kernel compiled before"
+    if current == "scalar_rgb":
+        yield missing(name, meaning, "scalar_rgb is the only variant that runs here")
+        return
+    home, spp = bench.home, bench.sizes.spp
+    spent: dict[str, list[Spent]] = {"scalar_rgb": [], current: []}
+    for _ in range(bench.sizes.repeats):
+        for variant, kept in spent.items():
+            words = [variant, str(bench.data), home, str(spp)]
+            kept.append(_in_process(words))
+    yield Row(name, meaning, ratio(spent["scalar_rgb"], spent[current], "cpu"), clock="cpu")
+
+
+def _in_process(words: list[str]) -> Spent:
+    command: list[Any] = [sys.executable, "-c", _VARIANT, *words]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    return Spent(*json.loads(done.stdout.splitlines()[-1]))

@@ -1,0 +1,184 @@
+"""Rows about the dataset's shards: reading them against reading the EXR frames, and writing.
+
+Both give what a training loop needs, float32 images of one view after the other, with all
+threads that the machine has. Pixels come from the page cache: the disk is not what is measured.
+EXR files are read without comparing checksums, shards with the columns of images alone.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from benchmarks.bench import Bench
+from benchmarks.rows import Row, at_least
+from benchmarks.timing import Clock, Spent, by_turns, ratio, spread
+from model.data import IMAGES, Dataset
+from pipeline.dataset import pack_dataset
+from pipeline.frames import RGB, Kind, frame_path, read_frame
+from pipeline.params import ImageParams, Params
+from pipeline.stages import run_cameras, run_groundtruth, run_illumination, run_inputs
+from pipeline.views import View, load_cameras
+
+KINDS: tuple[Kind, ...] = ("inputs", "illumination", "shading", "color")
+_TURNS = 5  # reading is quick and noisy
+
+
+def shard_rows(bench: Bench) -> Iterator[Row]:
+    """At two sizes of images: the quick start's and that of the paper's kind."""
+    for size in ((160, 120), bench.sizes.large):
+        data, params = _frames(bench, size)
+        yield from _rows_at(data, params, f"{size[0]}x{size[1]}")
+
+
+def _frames(bench: Bench, size: tuple[int, int]) -> tuple[Path, Params]:
+    """Frames of some views of the homes, at this size."""
+    sizes = bench.sizes
+    data = bench.folder / f"shards-{size[0]}"
+    options = bench.params
+    params = replace(
+        options,
+        image=ImageParams(width=size[0], height=size[1]),
+        illumination=replace(options.illumination, width=size[0]),
+        groundtruth=replace(
+            options.groundtruth, spp=sizes.rows_spp, block_spp=min(8, sizes.rows_spp)
+        ),
+        cameras=replace(options.cameras, views_per_scene=-(-sizes.rows // sizes.homes)),
+    )
+    data.mkdir()
+    (data / "scenes").symlink_to(bench.data / "scenes")
+    for stage in (run_cameras, run_inputs, run_illumination, run_groundtruth):
+        stage(data, params)
+    return data, params
+
+
+def views_of(data: Path) -> list[View]:
+    """All views below a data folder."""
+    files = sorted((data / "cameras").glob("*.json"))
+    return [view for path in files for view in load_cameras(path).views]
+
+
+def _rows_at(data: Path, params: Params, size: str) -> Iterator[Row]:
+    views = views_of(data)
+    written = by_turns({"pack": partial(pack_dataset, data, params)}, 2)["pack"]
+    folder = data / "dataset"
+    count = len(Dataset(folder, "train"))
+    megabytes = sum(path.stat().st_size for path in folder.glob("*.parquet")) / 1e6
+    yield Row(
+        f"packing {size}",
+        f"{len(views)} views checked and packed, {megabytes / count:.2f} MB a row; rows a second",
+        spread([len(views) / s.wall for s in written]),
+        "/s",
+        "wall",
+    )
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        ways: dict[str, Callable[[], object]] = {
+            "frames": partial(_read_frames, pool, data, views),
+            "arrow": partial(read_columns, folder),
+            "stream": partial(_read_stream, folder),
+        }
+        spent = by_turns(ways, _TURNS)
+    per_row = {
+        "frames": _each(spent["frames"], len(views)),
+        "arrow": _each(spent["arrow"], count),
+        "stream": _each(spent["stream"], count),
+    }
+    clocks: tuple[Clock, ...] = ("wall", "cpu")
+    for clock in clocks:
+        for name, shown in (("arrow", "pyarrow to NumPy"), ("stream", "this project's reader")):
+            yield Row(
+                f"shards {size}, {shown} ({clock})",
+                "rows a second over those from the four EXR files of each view",
+                ratio(per_row["frames"], per_row[name], clock),
+                clock=clock,
+                goal=at_least(10) if clock == "wall" else None,
+            )
+    yield Row(
+        f"rows a second {size}",
+        "pyarrow to NumPy, all images",
+        spread([1 / s.wall for s in per_row["arrow"]]),
+        "/s",
+        "wall",
+    )
+    yield _bound_row(folder, per_row["frames"], size)
+
+
+def _each(spent: list[Spent], rows: int) -> list[Spent]:
+    return [Spent(s.cpu / rows, s.wall / rows) for s in spent]
+
+
+def _read_frames(pool: ThreadPoolExecutor, data: Path, views: list[View]) -> None:
+    for _ in pool.map(partial(read_view, data), views):
+        pass
+
+
+def read_view(data: Path, view: View) -> dict[str, np.ndarray]:
+    """A view's images from its four files, float32, by column name."""
+    frames = {kind: read_frame(frame_path(data, kind, view), verify=False) for kind in KINDS}
+    inputs, panorama = frames["inputs"], frames["illumination"].channels
+    return {
+        "depth": inputs.channels["Z"],
+        "normal": inputs.stack("N.X", "N.Y", "N.Z"),
+        "reflectance": inputs.stack(*(f"albedo.{band}" for band in RGB)),
+        "valid": inputs.channels["valid"] > 0,
+        "intensity": panorama["intensity.Y"],
+        "distance": panorama["distance.Z"],
+        "shading": frames["shading"].rgb,
+        "color": frames["color"].rgb,
+    }
+
+
+def read_columns(folder: Path) -> int:
+    """All images of all shards with pyarrow alone, float32; returns the number of values."""
+    count = 0
+    for path in sorted(folder.glob("*.parquet")):
+        with pq.ParquetFile(path) as file:
+            for group in range(file.num_row_groups):
+                table = file.read_row_group(group, columns=list(IMAGES))
+                for name in IMAGES:
+                    values = pa.concat_arrays(table.column(name).chunks).flatten().to_numpy()
+                    count += len(values.astype(np.float32, copy=False))
+    return count
+
+
+def _read_stream(folder: Path) -> None:
+    for _ in Dataset(folder, "train").ordered():
+        pass
+
+
+def _bound_row(folder: Path, frames: list[Spent], size: str) -> Row:
+    """What a reader could reach that did nothing but undo ZSTD."""
+    packed = _packed_pages(folder)
+    codec = pa.Codec("zstd")
+    spent = by_turns({"zstd": lambda: [codec.decompress(*page) for page in packed]}, _TURNS)
+    rows = len(Dataset(folder, "train"))
+    return Row(
+        f"upper bound {size} (cpu)",
+        "the same ratio for undoing ZSTD alone, the images' bytes in pages of 1 MiB: no reader of "
+        "compressed shards is faster on a core",
+        ratio(frames, _each(spent["zstd"], rows), "cpu"),
+        clock="cpu",
+    )
+
+
+def _packed_pages(folder: Path) -> list[tuple[bytes, int]]:
+    """The images as they lie in the pages: bytes split into streams, compressed; their sizes."""
+    codec, pages = pa.Codec("zstd", 3), []
+    for path in sorted(folder.glob("*.parquet")):
+        table = pq.read_table(path, columns=list(IMAGES))
+        for name in IMAGES:
+            values = pa.concat_arrays(table.column(name).chunks).flatten().to_numpy()
+            step = (1 << 20) // values.itemsize
+            for start in range(0, len(values), step):
+                part = np.ascontiguousarray(values[start : start + step])
+                split = part.view(np.uint8).reshape(len(part), -1).T.tobytes()
+                pages.append((codec.compress(split, asbytes=True), len(split)))
+    return pages
