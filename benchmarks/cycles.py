@@ -153,7 +153,7 @@ def _compare(bench: Bench, interpreter: Path) -> Iterator[Row]:
     with blender(interpreter, folder) as other:
         ways = _ways(bench, clay, view, other)
         for way in ways.values():
-            way(4, 99)  # builds, compiles
+            way(sizes.spp, 99)  # builds, compiles
         long = {name: ways[name](sizes.clay, 0)[0] for name in ("planned", "portals")}
         reference = Reference(long["planned"], long["portals"])
         apart = _apart(reference, long)

@@ -71,7 +71,7 @@ def render_rows(bench: Bench) -> Iterator[Row]:
         "cameras": lambda spp: _sampled(bench, scene),
     }
     for work in ways.values():
-        work(4)  # compiles, whatever the number of samples
+        work(min(truth.spp, 2 * truth.block_spp))  # compiles, with launches as large as those timed
     spent = by_turns(
         {name: lambda work=work: work(truth.spp) for name, work in ways.items()},
         sizes.repeats,

@@ -59,7 +59,7 @@ def _of_home(bench: Bench, scene: RenderScene, view: View) -> Iterator[Row]:
     truth = replace(bench.params.groundtruth, spp=sizes.spp)
     ways = ways_of(scene, view, truth, grey)
     for way in ways.values():
-        way(4, 0)  # compiles
+        way(sizes.spp, 99)  # compiles
     halves = [ways["planned"](sizes.reference, seed) for seed in (0, 1)]
     references = {kind: Reference(*(half[kind] for half in halves)) for kind in halves[0]}
     turns = [
