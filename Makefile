@@ -1,7 +1,8 @@
 # make repro   environment, then every stage of dvc.yaml that is out of date
 # make test    formatting, lint, types, tests
 # make check   what is too long for every test run: thousands of homes
-# make bench   measured ratios, printed and written to benchmarks/results.json
+# make bench   measured figures and their goals, to docs/benchmarks.md: 15 quiet minutes, 2 cores
+#              (ONLY="shards farm" for some topics; the list: python -m benchmarks.run --help)
 # make lock    pin anew what pyproject.toml allows
 # make clean   remove what the pipeline made (not the environment)
 
@@ -37,7 +38,7 @@ check: env
 	$(BIN)/python -m pytest -q --durations=15 -m check
 
 bench: env
-	$(BIN)/python -m benchmarks.run
+	$(BIN)/python -m benchmarks.run $(addprefix --only ,$(ONLY))
 
 lock:
 	$(PYTHON) -m venv build/lock

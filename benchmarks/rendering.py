@@ -8,6 +8,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import mitsuba as mi
@@ -73,7 +74,7 @@ def render_rows(bench: Bench) -> Iterator[Row]:
     for work in ways.values():
         work(min(truth.spp, 2 * truth.block_spp))  # compiles, with launches as large as those timed
     spent = by_turns(
-        {name: lambda work=work: work(truth.spp) for name, work in ways.items()},
+        {name: partial(work, truth.spp) for name, work in ways.items()},
         sizes.repeats,
         warm=False,
     )
