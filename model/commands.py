@@ -13,9 +13,9 @@ from model import evaluation
 from model import predict as prediction
 from model.backbone import make_backbone
 from model.inference import load_networks
+from model.methods import BASELINES, METHODS
 from model.metrics import NAMES
-from model.networks import Kind
-from model.training import BASELINES, Folders, train_network
+from model.training import Folders, train_network
 from pipeline.frames import read_frame
 from pipeline.options import common_options
 from pipeline.params import Params
@@ -63,7 +63,9 @@ def backbone(params: Params, data: Path, models: Path) -> None:
 Examples:
   pbrnet train shading                 first stage
   pbrnet train composition             second stage, on the fixed shading network
-  pbrnet train baselines               every network they are compared with
+  pbrnet train baselines               those they are compared with
+  pbrnet train pix2pix                 one of those, trained with our loss
+  pbrnet train pix2pix_own             and with its paper's
   pbrnet train shading --data data/room --models models/room \\
       --from models/shading.safetensors      fine-tune on another dataset
 
@@ -98,7 +100,7 @@ def _train_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _train(
-    name: Kind, params: Params, data: Path, models: Path, backbone: Path, start: Path | None
+    name: str, params: Params, data: Path, models: Path, backbone: Path, start: Path | None
 ) -> None:
     folders = Folders.beside(data, models, backbone)
     card = train_network(name, params, folders, start)
@@ -125,24 +127,38 @@ def train_composition(
     _train("composition", params, data, models, backbone_folder, start)
 
 
-@train.command("unet", epilog="Example: pbrnet train unet")
-@_train_options
-def train_unet(
-    params: Params, data: Path, models: Path, backbone_folder: Path, start: Path | None
-) -> None:
-    """Baseline: one U-Net from all inputs straight to colour."""
-    _train("unet", params, data, models, backbone_folder, start)
+def _baseline_command(name: str) -> click.Command:
+    @train.command(
+        name, help=f"Baseline: {METHODS[name].title}.", epilog=f"Example: pbrnet train {name}"
+    )
+    @_train_options
+    def command(
+        params: Params, data: Path, models: Path, backbone_folder: Path, start: Path | None
+    ) -> None:
+        _train(name, params, data, models, backbone_folder, start)
+
+    return command
 
 
-@train.command("baselines", epilog="Example: pbrnet train baselines")
+for _name in BASELINES:
+    _baseline_command(_name)
+
+
+@train.command(
+    "baselines",
+    epilog="""\b
+Examples:
+  pbrnet train baselines               those that params.yaml names: train.baselines
+  dvc repro train_baselines            the same, each only if it is out of date""",
+)
 @_train_options
 def train_baselines(
     params: Params, data: Path, models: Path, backbone_folder: Path, start: Path | None
 ) -> None:
-    """Every network that ours are compared with."""
-    if start is not None and len(BASELINES) > 1:
+    """Every network of train.baselines, one after the other."""
+    if start is not None and len(params.train.baselines) > 1:
         raise click.UsageError("--from fits one network; train the baselines one by one")
-    for name in BASELINES:
+    for name in params.train.baselines:
         _train(name, params, data, models, backbone_folder, start)
 
 
@@ -157,7 +173,7 @@ Refused if a test scene, or another scene of its floor plan, was trained on.""",
 @_models_option("Trained networks.")
 @common_options
 def evaluate(params: Params, data: Path, models: Path) -> None:
-    """Measure the networks beside reflectance x shading and the direct U-Net."""
+    """Measure the networks beside reflectance x shading and every baseline that is trained."""
     result = evaluation.evaluate(params, Folders.beside(data, models, models))
     click.echo(f"{result['views']} views of {result['scenes']} {result['split']} scenes")
     for method in evaluation.METHODS:
@@ -172,7 +188,7 @@ def _line(method: str, values: dict[str, Any]) -> str:
             low, high = values[name]["low"], values[name]["high"]
             around = "" if low is None else f" ({low:.3f} to {high:.3f})"
             parts.append(f"{name.upper()} {values[name]['mean']:.3f}{around}")
-    return f"{method:>10}: {', '.join(parts)}"
+    return f"{method:>14}: {', '.join(parts)}"
 
 
 @click.command(

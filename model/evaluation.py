@@ -15,9 +15,11 @@ from typing import Any
 import numpy as np
 import torch
 
+from model.baselines.product import product, product_linear
 from model.data import Array, Dataset, Example
-from model.encoding import color_exposure
-from model.inference import Networks, load_networks, product
+from model.encoding import color_exposure, see_through
+from model.inference import Networks, load_networks
+from model.methods import BASELINES, trained_baselines
 from model.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
 from model.training import Folders
 from pipeline.ledger import read_ledger
@@ -30,7 +32,8 @@ from scenes.errors import InputError
 from scenes.files import atomic_directory, write_json, write_text
 from scenes.seeds import derive
 
-METHODS = ("pbrnet", "product", "unet", "ceiling")
+PRODUCTS = {"product": product, "product_linear": product_linear}
+METHODS = ("pbrnet", *PRODUCTS, *BASELINES, "ceiling")
 EXAMPLES = 4  # best and as many worst views are drawn
 RENDERER_STAGES = ("groundtruth", "color", "shading", "inputs", "illumination")
 
@@ -52,12 +55,14 @@ class Score:
 def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
     """Measure every method on the split; write `evaluation.json`, `.csv` and example pictures.
 
-    Methods: `pbrnet` (both networks), `product` (reflectance x predicted shading), `unet` if it
-    has been trained, and `ceiling` (reflectance x true shading), the best that `product` can do.
-    Raises `LeakError` if a scene, or another scene of its plan, was trained on.
+    Methods: `pbrnet` (both networks), `product` (reflectance x predicted shading) by Reinhard's
+    operator and `product_linear`, every baseline of the registry that has been trained, and
+    `ceiling` (reflectance x true shading), the best that `product` can do. Raises `InputError` if
+    a baseline that `train.baselines` names is missing, `LeakError` if a scene, or another scene of
+    its plan, was trained on.
     """
     torch.set_num_threads(len(os.sched_getaffinity(0)))
-    networks = load_networks(folders.models)
+    networks = load_networks(folders.models, _baselines(params, folders.models))
     dataset = Dataset(folders.data / "dataset", params.evaluate.split)
     refuse_leaks(dataset, networks)
     if networks.card.tone != plain(params.tone):
@@ -110,6 +115,12 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
     return result
 
 
+def _baselines(params: Params, models: Path) -> list[str]:
+    """Those that are named, which must be there, and those that are there."""
+    present = trained_baselines(models)
+    return [name for name in BASELINES if name in present or name in params.train.baselines]
+
+
 def refuse_leaks(dataset: Dataset, networks: Networks) -> None:
     """Raise `LeakError` if any network was trained on a scene or plan of this dataset.
 
@@ -153,9 +164,10 @@ def time_networks(dataset: Dataset, networks: Networks, views: int) -> dict[str,
     for example in examples:
         shading = timed("shading", networks.predict_shading, example)
         timed("composition", networks.predict_color, example, shading)
-        timed("product", _product, example, shading, networks)
-        if networks.unet is not None:
-            timed("unet", networks.predict_directly, example)
+        for name in PRODUCTS:
+            timed(name, _product, name, example, shading, networks)
+        for name in networks.baselines:
+            timed(name, networks.predict_directly, name, example)
     return {part: float(np.median(times[1:])) for part, times in parts.items()}
 
 
@@ -176,16 +188,17 @@ def _images(example: Example, networks: Networks) -> dict[str, Array]:
     images = {
         "shading": shading,
         "pbrnet": networks.predict_color(example, shading),
-        "product": _product(example, shading, networks),
-        "ceiling": _product(example, true_shading, networks),
+        "ceiling": _product("product", example, true_shading, networks),
     }
-    if networks.unet is not None:
-        images["unet"] = networks.predict_directly(example)
+    images |= {name: _product(name, example, shading, networks) for name in PRODUCTS}
+    images |= {name: networks.predict_directly(name, example) for name in networks.baselines}
     return images
 
 
-def _product(example: Example, shading: Array, networks: Networks) -> Array:
-    return product(example, shading, example.exposure_shading, networks.card)
+def _product(name: str, example: Example, shading: Array, networks: Networks) -> Array:
+    project = PRODUCTS[name]
+    reflectance = see_through(example, networks.card.albedo)
+    return project(reflectance, shading, example.exposure_shading, networks.card)
 
 
 def _summary(scores: Sequence[Score], seed: int) -> dict[str, Any]:
@@ -202,19 +215,19 @@ def _summary(scores: Sequence[Score], seed: int) -> dict[str, Any]:
 
 
 def _method_seconds(method: str, parts: dict[str, float]) -> float | None:
-    needed = {
-        "pbrnet": ("shading", "composition"),
-        "product": ("shading", "product"),
-        "unet": ("unet",),
-    }
-    return sum(parts[part] for part in needed[method]) if method in needed else None
+    if method == "ceiling":
+        return None
+    needed = {"pbrnet": ("shading", "composition")}
+    needed |= {name: ("shading", name) for name in PRODUCTS}
+    return sum(parts[part] for part in needed.get(method, (method,)))
 
 
 def _draw_examples(
     folder: Path, dataset: Dataset, networks: Networks, chosen: Iterable[Score]
 ) -> None:
     wanted = {(score.scene_id, score.view_id) for score in chosen}
-    names = {"pbrnet": "prediction", "shading": "shading", "unet": "unet", "product": "product"}
+    names = {"pbrnet": "prediction", "shading": "shading", "product": "product"}
+    names |= {name: name for name in networks.baselines}
     with atomic_directory(folder) as partial:
         for example in dataset.ordered():
             if (example.scene_id, example.view_id) not in wanted:

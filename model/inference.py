@@ -1,29 +1,28 @@
-"""From a view to a picture through trained networks, and the plain product beside them."""
+"""From a view to a picture through trained networks."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import nn
 
 from model.data import Array, Example
-from model.encoding import encode, see_through, to_image
+from model.encoding import encode, to_image
 from model.store import ModelCard, load_model
-from pipeline.params import ToneParams
-from pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
+from pipeline.tonemap import Exposure
 from scenes.errors import InputError
 
 
 @dataclass(frozen=True)
 class Networks:
-    """The two-stage network, and the direct U-Net where it has been trained."""
+    """The two-stage network, and the baselines that were asked for."""
 
     shading: nn.Module
     composition: nn.Module
-    unet: nn.Module | None
+    baselines: dict[str, nn.Module]  # by their names in the registry
     cards: dict[str, ModelCard]
 
     @property
@@ -43,15 +42,17 @@ class Networks:
         return to_image(self.composition(batch, encode([example])["reflectance"]))
 
     @torch.no_grad()
-    def predict_directly(self, example: Example) -> Array:
-        """Display values float32 (H, W, 3) of the direct U-Net."""
-        if self.unet is None:
-            raise InputError("models/unet.safetensors: no such model; pbrnet train unet makes it")
-        return to_image(self.unet(encode([example])))
+    def predict_directly(self, name: str, example: Example) -> Array:
+        """Display values float32 (H, W, 3) of a baseline."""
+        return to_image(self.baselines[name](encode([example])))
 
 
-def load_networks(models: Path) -> Networks:
-    """Read the trained networks; refuses a composition network trained on another shading one."""
+def load_networks(models: Path, baselines: Sequence[str] = ()) -> Networks:
+    """Read the trained networks, and these baselines.
+
+    Raises `InputError` if one is missing, if the composition network was trained on another
+    shading network, or if their colours are of different exposure policies.
+    """
     shading, shading_card = load_model(models / "shading.safetensors")
     composition, card = load_model(models / "composition.safetensors")
     if card.needs.get("shading") != shading_card.sha256:
@@ -60,9 +61,9 @@ def load_networks(models: Path) -> Networks:
             "one beside it; train it again with: pbrnet train composition"
         )
     cards = {"shading": shading_card, "composition": card}
-    unet = None
-    if (models / "unet.safetensors").is_file():
-        unet, cards["unet"] = load_model(models / "unet.safetensors")
+    others = {}
+    for name in baselines:
+        others[name], cards[name] = load_model(models / f"{name}.safetensors")
     for name, other in cards.items():
         if (other.exposure, other.tone) != (card.exposure, card.tone):
             raise InputError(
@@ -70,26 +71,7 @@ def load_networks(models: Path) -> Networks:
                 f"differently ({other.exposure} exposure, {other.tone}; {card.exposure} exposure, "
                 f"{card.tone}); train both with the same parameters"
             )
-    return Networks(shading, composition, unet, cards)
-
-
-def product(example: Example, shading: Array, exposure: Exposure, card: ModelCard) -> Array:
-    """A view's reflectance x shading, display values float32 (H, W, 3).
-
-    `shading` holds display values of exposure `exposure`; a surface of reflectance `card.albedo`
-    would look just so, hence the division. Under the policy `own` the product, like any image
-    then, is exposed by its own log average.
-    """
-    reflectance = see_through(example, card.albedo)
-    linear = untonemap(shading, exposure) * (reflectance / card.albedo)
-    return tonemap(linear, product_exposure(linear, exposure, card))
-
-
-def product_exposure(linear: Array, shading: Exposure, card: ModelCard) -> Exposure:
-    """The exposure of a linear product under the card's policy."""
-    if card.exposure == "shared":
-        return shading
-    return exposure_of(np.asarray(linear), ToneParams(**card.tone))
+    return Networks(shading, composition, others, cards)
 
 
 def likely_exposure(card: ModelCard) -> Exposure:

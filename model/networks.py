@@ -1,4 +1,4 @@
-"""The networks: shading, composition, and the direct U-Net that they are compared with.
+"""The paper's networks: shading and composition. Those they are compared with: model/baselines.
 
 Layout after the paper's Fig. 2 and section III-B; what it leaves open, above all how a panorama
 meets an image of another shape and frame, is argued in docs/networks.md.
@@ -17,7 +17,7 @@ from torch.nn import functional
 
 from model.encoding import CHANNELS, Tensors, centred
 
-Kind = Literal["shading", "composition", "unet"]
+Kind = Literal["shading", "composition", "unet", "can", "pix2pix", "cyclegan"]
 Panorama = Literal["resize", "normal"]
 
 GRID = (32, 64)  # cells that a panorama of any size is averaged to before the `normal` join
@@ -30,19 +30,19 @@ class Architecture:
 
     kind: Kind
     width: int  # channels of the first level
-    levels: int  # resolutions; each but the last is halved once
+    levels: int  # of a U-Net, resolutions; of the others how deep, as their files say
     panorama: Panorama = "normal"
 
 
-def build_network(architecture: Architecture) -> nn.Module:
-    """The network of an architecture, freshly initialised from torch's random state."""
-    if architecture.kind == "composition":
-        return CompositionNet(architecture.width, architecture.levels)
-    images = ("depth", "normal") if architecture.kind == "shading" else IMAGE_INPUTS
+def shading_network(architecture: Architecture) -> GuidedNet:
+    """Shading from depth, normal and panorama: the first stage."""
+    images = ("depth", "normal")
     return GuidedNet(images, architecture.width, architecture.levels, architecture.panorama)
 
 
-IMAGE_INPUTS = ("depth", "normal", "reflectance")
+def composition_network(architecture: Architecture) -> CompositionNet:
+    """Colour from shading and reflectance: the second stage."""
+    return CompositionNet(architecture.width, architecture.levels)
 
 
 class GuidedNet(nn.Module):

@@ -11,7 +11,8 @@ from safetensors.torch import load_file, save_file
 from torch import nn
 
 from model.encoding import Policy
-from model.networks import Architecture, build_network, channels_last
+from model.methods import build_network
+from model.networks import Architecture, channels_last
 from scenes.checked import build, plain
 from scenes.errors import InputError
 from scenes.files import atomic_file, digest_file, read_json, write_json

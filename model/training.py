@@ -1,4 +1,4 @@
-"""Training: one loop for every network, two stages for ours.
+"""Training: one loop for every network of the registry, two stages for ours.
 
 The shading network first; then, fixed, it feeds the composition network (paper, section III-B).
 On one machine a run that was killed and started again ends with the same bits as one that was
@@ -25,9 +25,11 @@ from torch import nn
 
 from model.backbone import Backbone, load_backbone
 from model.data import Dataset, Example, coin_flips, mirrored
-from model.encoding import Tensors, encode, targets
+from model.encoding import encode, targets
 from model.loss import PerceptualLoss
-from model.networks import Architecture, Kind, build_network, channels_last
+from model.methods import METHODS, Method, build_network
+from model.networks import Architecture, channels_last
+from model.objective import Batch, Objective, Setting
 from model.store import ModelCard, TrainingData, load_model, save_model
 from pipeline.params import Params, StageTrainParams, TrainParams
 from pipeline.progress import Progress
@@ -36,11 +38,8 @@ from scenes.errors import InputError, PbrnetError
 from scenes.files import atomic_file, digest_bytes, digest_file, write_json, write_text
 from scenes.seeds import derive, derive32
 
-BASELINES: tuple[Kind, ...] = ("unet",)
 VALIDATION_VIEWS = 32  # at most so many are looked at after each epoch
 LICENCE = "MIT"
-
-Forward = Callable[[Tensors], torch.Tensor]
 
 
 class TrainingError(PbrnetError):
@@ -77,7 +76,7 @@ class CurvePoint:
 
 @dataclass
 class State:
-    """What a checkpoint holds beside weights and Adam's moments."""
+    """What a checkpoint holds beside the objective and Adam's moments."""
 
     step: int = 0
     loss_sum: float = 0.0  # over the steps of this epoch
@@ -85,66 +84,52 @@ class State:
 
 
 def train_network(
-    name: Kind, params: Params, folders: Folders, start: Path | None = None
+    name: str, params: Params, folders: Folders, start: Path | None = None
 ) -> ModelCard:
-    """Train one network and write its model, card, metrics and learning curve.
+    """Train the method `name` of the registry; write its model, card, metrics and learning curve.
 
     `start`: a model file of the same architecture to go on from (fine-tuning).
     Raises `TrainingError` that names view and step if the loss stops being a number,
     `InputError` for a dataset, backbone or model that cannot be used.
     """
     torch.set_num_threads(len(os.sched_getaffinity(0)))
+    method = METHODS[name]
     stage: StageTrainParams = getattr(params.train, name)
-    architecture = Architecture(name, stage.width, stage.levels, params.train.panorama)
+    architecture = Architecture(method.layout, stage.width, stage.levels, params.train.panorama)
     dataset = Dataset(folders.data / "dataset", "train")
-    validation = _validation_views(folders.data / "dataset")
     backbone = load_backbone(folders.backbone)
     channels_last(backbone)
-    shading, needs = _fixed_shading(name, params, folders)
+    shading, needs = _fixed_shading(method, params, folders)
     device = choose_device(params.train)
     precision = choose_precision(params.train, device)
 
-    network = _initial(architecture, params.seed, start)
+    network = _initial(name, architecture, params.seed, start)
     steps_per_epoch = stage.steps_per_epoch or math.ceil(len(dataset) / params.train.batch)
     steps = stage.epochs * steps_per_epoch
     data = _seen(dataset)
-    identity = _identity(params, architecture, data, backbone, needs, start, steps, precision)
+    settings = _settings(params.train, method)
+    identity = _identity(
+        *(name, params.seed, settings, plain(params.tone), plain(architecture), data.fingerprint),
+        *(plain(backbone.card), needs, digest_file(start) if start else "", steps, precision),
+    )
 
-    network = channels_last(network.to(device))
-    loss = PerceptualLoss(backbone.to(device), params.train.loss)
-    optimiser = torch.optim.Adam(network.parameters(), lr=params.train.learning_rate, fused=True)
-    if shading is not None:
-        shading = shading.to(device)
-    target = "shading" if name == "shading" else "color"
-    judge = Judge(network, shading, loss, target, params.train, device, precision)
-
-    checkpoint = folders.models / "checkpoints" / f"{name}.pt"
-    state = _resume(checkpoint, identity, network, optimiser)
+    objective = _objective(
+        method,
+        Setting(
+            channels_last(network.to(device)),
+            PerceptualLoss(backbone.to(device), params.train.loss),
+            shading if shading is None else shading.to(device),
+            architecture.width,
+            _autocast(device, precision),
+        ),
+        derive32(params.seed, "initial", name, "opponents"),
+        device,
+    )
+    run = Run(name, method, params, objective, device, steps, steps_per_epoch)
+    checkpoint = Checkpoint(folders.models / "checkpoints" / f"{name}.pt", identity)
+    state = checkpoint.resume(run)
     began, first = time.monotonic(), state.step
-    batches = _batches(dataset, params, state.step)
-    with Progress(steps, f"train {name}", "steps") as progress:
-        progress.advance(state.step)
-        try:
-            while state.step < steps:
-                examples = next(batches)
-                for group in optimiser.param_groups:
-                    group["lr"] = learning_rate(params.train, state.step, steps)
-                value = judge.loss(examples)
-                _stop_if_diverged(value, name, state.step, examples)
-                optimiser.zero_grad(set_to_none=True)
-                value.backward()  # type: ignore[no-untyped-call]
-                optimiser.step()
-                state.step += 1
-                state.loss_sum += float(value.detach())
-                if state.step % steps_per_epoch == 0:
-                    point = _close_epoch(state, steps_per_epoch, judge, validation)
-                    progress.write(_sentence(name, point, stage.epochs))
-                if state.step % params.train.checkpoint_steps == 0 and state.step < steps:
-                    _save_checkpoint(checkpoint, identity, network, optimiser, state)
-                progress.advance()
-        except KeyboardInterrupt:
-            _save_checkpoint(checkpoint, identity, network, optimiser, state)
-            raise
+    _train(run, state, checkpoint, dataset, _validation_views(folders.data / "dataset"))
     seconds = (time.monotonic() - began) / max(1, steps - first)
 
     last = state.curve[-1]
@@ -161,7 +146,7 @@ def train_network(
             "tone": plain(params.tone),
             "albedo": params.shading.albedo,
             "training": {
-                **_settings(params.train),
+                **settings,
                 **plain(stage),
                 "seed": params.seed,
                 "steps": steps,
@@ -191,51 +176,105 @@ def train_network(
             "exposure": params.train.exposure,
         },
     )
-    checkpoint.unlink(missing_ok=True)
+    checkpoint.path.unlink(missing_ok=True)
     return card
 
 
-class Judge:
-    """The forward pass and its loss, the same for training and validation."""
+class Run:
+    """One training: the objective, an optimiser for each of its players, and how to feed it."""
 
     def __init__(
         self,
-        network: nn.Module,
-        shading: nn.Module | None,
-        loss: PerceptualLoss,
-        target: str,
-        params: TrainParams,
+        name: str,
+        method: Method,
+        params: Params,
+        objective: Objective,
         device: torch.device,
-        precision: str,
+        steps: int,
+        steps_per_epoch: int,
     ) -> None:
-        self.network, self.shading, self.criterion = network, shading, loss
-        self.target, self.params, self.device = target, params, device
-        self.half = precision == "bfloat16"
+        self.name, self.method, self.params = name, method, params
+        self.objective, self.device = objective, device
+        self.steps, self.steps_per_epoch = steps, steps_per_epoch
+        self.optimisers = {
+            player: torch.optim.Adam(
+                module.parameters(),
+                lr=params.train.learning_rate,
+                betas=method.adam.betas if method.adam else (0.9, 0.999),
+                fused=True,
+            )
+            for player, module in objective.players.items()
+        }
 
-    def loss(self, examples: Sequence[Example]) -> torch.Tensor:
-        """Loss of the network on these views, a scalar with gradient."""
+    def batch(self, examples: Sequence[Example]) -> Batch:
+        """The views as tensors on the device."""
+        truth = targets(examples, self.params.train.exposure)[self.method.target]
         inputs = {name: self._put(value) for name, value in encode(examples).items()}
-        truth = self._put(targets(examples, self.params.exposure)[self.target])
-        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.half):
-            prediction = self._predict(inputs)
-            return self.criterion(prediction.float(), truth)
+        return Batch(inputs, self._put(truth))
 
-    def _predict(self, inputs: Tensors) -> torch.Tensor:
-        if self.shading is None:
-            return self.network(inputs)
+    def begin_step(self, step: int) -> None:
+        """Learning rates and random draws (dropout, histories) are functions of the step."""
+        torch.manual_seed(derive32(self.params.seed, "step", self.name, step))
+        for optimiser in self.optimisers.values():
+            for group in optimiser.param_groups:
+                group["lr"] = self.method.rate(self.params.train, step, self.steps)
+
+    def validate(self, views: Sequence[Example]) -> float | None:
+        """Mean loss of the network on these views, without dropout; none without views."""
+        if not views:
+            return None
+        self._set_mode(training=False)
         with torch.no_grad():
-            shading = self.shading(inputs).float().clamp(0, 1)
-        return self.network(shading, inputs["reflectance"])
+            losses = [float(self.objective.loss(self.batch([view]))) for view in views]
+        self._set_mode(training=True)
+        return sum(losses) / len(losses)
+
+    def _set_mode(self, training: bool) -> None:
+        for module in self.objective.players.values():
+            module.train(training)
 
     def _put(self, value: torch.Tensor) -> torch.Tensor:
         return value.to(self.device, memory_format=torch.channels_last)
 
 
-def learning_rate(params: TrainParams, step: int, steps: int) -> float:
-    """Constant as in the paper, or half a cosine down to nothing at `steps`."""
-    if params.decay == "constant":
-        return params.learning_rate
-    return params.learning_rate * 0.5 * (1 + math.cos(math.pi * step / steps))
+def _train(
+    run: Run,
+    state: State,
+    checkpoint: Checkpoint,
+    dataset: Dataset,
+    validation: Sequence[Example],
+) -> None:
+    """The loop: from the state's step to the last, players in turn within a step."""
+    name, epochs = run.name, run.steps // run.steps_per_epoch
+    batches = _batches(dataset, run.params, state.step)
+    whole = True  # whether all players have made equally many steps
+    with torch.random.fork_rng(), Progress(run.steps, f"train {name}", "steps") as progress:
+        progress.advance(state.step)
+        try:
+            while state.step < run.steps:
+                examples = next(batches)
+                run.begin_step(state.step)
+                for player, value in run.objective.losses(run.batch(examples)):
+                    _stop_if_diverged(value, name, state.step, examples)
+                    optimiser = run.optimisers[player]
+                    optimiser.zero_grad(set_to_none=True)
+                    value.backward()  # type: ignore[no-untyped-call]
+                    whole = False
+                    optimiser.step()
+                    if player == "network":
+                        state.loss_sum += float(value.detach())
+                state.step += 1
+                whole = True
+                if state.step % run.steps_per_epoch == 0:
+                    point = _close_epoch(state, run, validation)
+                    progress.write(_sentence(name, point, epochs))
+                if state.step % run.params.train.checkpoint_steps == 0 and state.step < run.steps:
+                    checkpoint.save(run, state)
+                progress.advance()
+        except KeyboardInterrupt:
+            if whole:
+                checkpoint.save(run, state)
+            raise
 
 
 def choose_device(params: TrainParams) -> torch.device:
@@ -261,7 +300,7 @@ def choose_precision(params: TrainParams, device: torch.device) -> str:
     return "bfloat16" if native else "float32"
 
 
-def _initial(architecture: Architecture, seed: int, start: Path | None) -> nn.Module:
+def _initial(name: str, architecture: Architecture, seed: int, start: Path | None) -> nn.Module:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(derive32(seed, "initial", architecture.kind))
         network = build_network(architecture)
@@ -271,17 +310,32 @@ def _initial(architecture: Architecture, seed: int, start: Path | None) -> nn.Mo
     if card.architecture != architecture:
         raise InputError(
             f"{start}: is a {plain(card.architecture)}; the parameters ask for "
-            f"{plain(architecture)}; make train.{architecture.kind} equal to start from it"
+            f"{plain(architecture)}; make train.{name} equal to start from it"
         )
     network.load_state_dict(earlier.state_dict())
     return network
 
 
+def _objective(method: Method, setting: Setting, seed: int, device: torch.device) -> Objective:
+    """The method's objective on the device; opponents start from random weights of the seed."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        objective = method.objective(setting)
+    for module in objective.players.values():
+        channels_last(module.to(device))
+    return objective
+
+
+def _autocast(device: torch.device, precision: str) -> Callable[[], torch.autocast]:
+    half = precision == "bfloat16"
+    return lambda: torch.autocast(device.type, torch.bfloat16, enabled=half)
+
+
 def _fixed_shading(
-    name: Kind, params: Params, folders: Folders
+    method: Method, params: Params, folders: Folders
 ) -> tuple[nn.Module | None, dict[str, str]]:
     """The trained shading network whose predictions the composition network learns from."""
-    if name != "composition":
+    if not method.fed:
         return None, {}
     network, card = load_model(folders.models / "shading.safetensors")
     if card.tone != plain(params.tone):
@@ -315,29 +369,19 @@ def _seen(dataset: Dataset) -> TrainingData:
     )
 
 
-def _identity(
-    params: Params,
-    architecture: Architecture,
-    data: TrainingData,
-    backbone: Backbone,
-    needs: dict[str, str],
-    start: Path | None,
-    steps: int,
-    precision: str,
-) -> str:
+def _identity(*parts: object) -> str:
     """All that determines the weights: a checkpoint of another identity is not gone on from."""
-    parts = (
-        *(params.seed, _settings(params.train), plain(params.tone), plain(architecture)),
-        data.fingerprint,
-        *(plain(backbone.card), needs, digest_file(start) if start else "", steps, precision),
-    )
     return digest_bytes(*(repr(part).encode() for part in parts))
 
 
-def _settings(params: TrainParams) -> dict[str, Any]:
-    """What all networks share of the parameters that determine the weights."""
-    others = ("checkpoint_steps", "device", "shading", "composition", "unet")
-    return {name: value for name, value in plain(params).items() if name not in others}
+def _settings(params: TrainParams, method: Method) -> dict[str, Any]:
+    """What networks share of the parameters that determine the weights, or the method's own."""
+    others = ("checkpoint_steps", "device", "baselines", *METHODS)
+    settings = {name: value for name, value in plain(params).items() if name not in others}
+    if method.adam is not None:
+        own = {"learning_rate": method.adam.rate, "decay": method.adam.decay, "loss": method.own}
+        settings |= {**own, "betas": plain(method.adam.betas)}
+    return settings
 
 
 def _batches(dataset: Dataset, params: Params, step: int) -> Iterator[list[Example]]:
@@ -375,16 +419,12 @@ def _stop_if_diverged(
         )
 
 
-def _close_epoch(
-    state: State, steps_per_epoch: int, judge: Judge, validation: Sequence[Example]
-) -> CurvePoint:
-    with torch.no_grad():
-        losses = [float(judge.loss([example])) for example in validation]
+def _close_epoch(state: State, run: Run, validation: Sequence[Example]) -> CurvePoint:
     point = CurvePoint(
         step=state.step,
-        epoch=state.step // steps_per_epoch,
-        train_loss=state.loss_sum / steps_per_epoch,
-        validation_loss=sum(losses) / len(losses) if losses else None,
+        epoch=state.step // run.steps_per_epoch,
+        train_loss=state.loss_sum / run.steps_per_epoch,
+        validation_loss=run.validate(validation),
     )
     state.loss_sum = 0.0
     state.curve.append(point)
@@ -399,42 +439,48 @@ def _sentence(name: str, point: CurvePoint, epochs: int) -> str:
     )
 
 
-def _save_checkpoint(
-    path: Path, identity: str, network: nn.Module, optimiser: torch.optim.Optimizer, state: State
-) -> None:
-    content = {
-        "identity": identity,
-        "network": network.state_dict(),
-        "optimiser": optimiser.state_dict(),
-        "step": state.step,
-        "loss_sum": state.loss_sum,
-        "curve": [plain(point) for point in state.curve],
-    }
-    with atomic_file(path) as partial:
-        torch.save(content, partial)
+@dataclass(frozen=True)
+class Checkpoint:
+    """The file that a training goes on from after it was stopped."""
 
+    path: Path
+    identity: str  # of the training; what another one left is not gone on from
 
-def _resume(
-    path: Path, identity: str, network: nn.Module, optimiser: torch.optim.Optimizer
-) -> State:
-    """Go on from the checkpoint if it is of this very training, else from the start."""
-    if not path.is_file():
-        return State()
-    try:
-        content: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
-        if content["identity"] != identity:
+    def save(self, run: Run, state: State) -> None:
+        """Write all that the next step depends on, by rename."""
+        content = {
+            "identity": self.identity,
+            "players": {name: p.state_dict() for name, p in run.objective.players.items()},
+            "optimisers": {name: o.state_dict() for name, o in run.optimisers.items()},
+            "memory": run.objective.memory(),
+            "step": state.step,
+            "loss_sum": state.loss_sum,
+            "curve": [plain(point) for point in state.curve],
+        }
+        with atomic_file(self.path) as partial:
+            torch.save(content, partial)
+
+    def resume(self, run: Run) -> State:
+        """Go on from the checkpoint if it is of this very training, else from the start."""
+        if not self.path.is_file():
             return State()
-        network.load_state_dict(content["network"])
-        optimiser.load_state_dict(content["optimiser"])
-    except Exception as error:
-        raise InputError(
-            f"{path}: damaged checkpoint ({type(error).__name__}); delete it to start over"
-        ) from None
-    return State(
-        step=content["step"],
-        loss_sum=content["loss_sum"],
-        curve=[CurvePoint(**point) for point in content["curve"]],
-    )
+        try:
+            content: dict[str, Any] = torch.load(self.path, map_location="cpu", weights_only=True)
+            if content["identity"] != self.identity:
+                return State()
+            for name, player in run.objective.players.items():
+                player.load_state_dict(content["players"][name])
+                run.optimisers[name].load_state_dict(content["optimisers"][name])
+            run.objective.remember(content["memory"])
+        except Exception as error:
+            raise InputError(
+                f"{self.path}: damaged checkpoint ({type(error).__name__}); delete it to start over"
+            ) from None
+        return State(
+            step=content["step"],
+            loss_sum=content["loss_sum"],
+            curve=[CurvePoint(**point) for point in content["curve"]],
+        )
 
 
 def _backbone_words(backbone: Backbone) -> dict[str, Any]:

@@ -28,7 +28,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         ),
         "dataset": ("pipeline.data_commands:dataset", "Check the frames and pack them."),
         "backbone": ("model.commands:backbone", "Get the perceptual loss's features."),
-        "train": ("model.commands:train", "Train a network: shading, composition, unet."),
+        "train": ("model.commands:train", "Train a network, ours or a baseline."),
         "evaluate": ("model.commands:evaluate", "Measure the networks on the test scenes."),
         "report": ("pipeline.data_commands:report", "Write the self-contained HTML report."),
     },

@@ -13,6 +13,8 @@ from scenes.errors import ParameterError
 from scenes.params import AssetParams, SceneParams
 
 Variant = Literal["auto", "llvm_ad_rgb", "cuda_ad_rgb", "scalar_rgb"]
+# What the networks can be compared with; `_own`: trained with its paper's loss, not with ours.
+Baseline = Literal["unet", "can", "can_own", "pix2pix", "pix2pix_own", "cyclegan", "cyclegan_own"]
 
 
 @dataclass(frozen=True)
@@ -177,7 +179,8 @@ class StageTrainParams:
     epochs: int = field(default=12, metadata=within(1, 100_000))
     steps_per_epoch: int = field(default=0, metadata=within(0, 10_000_000))  # 0: each view once
     width: int = field(default=32, metadata=within(1, 1024))  # channels of the first level
-    levels: int = field(default=5, metadata=within(1, 8))
+    # how deep: resolutions of a U-Net, layers of CAN, halvings of pix2pix, blocks of CycleGAN
+    levels: int = field(default=5, metadata=within(1, 16))
 
 
 @dataclass(frozen=True)
@@ -198,7 +201,25 @@ class TrainParams:
     loss: LossParams = LossParams()
     shading: StageTrainParams = StageTrainParams()
     composition: StageTrainParams = StageTrainParams(levels=3)
-    unet: StageTrainParams = StageTrainParams()  # the direct U-Net they are compared with
+    # those that `pbrnet train baselines` trains and `pbrnet evaluate` must find
+    baselines: tuple[Baseline, ...] = ("unet",)
+    unet: StageTrainParams = StageTrainParams()  # the direct U-Net
+    can: StageTrainParams = StageTrainParams(width=32, levels=10)
+    can_own: StageTrainParams = StageTrainParams(width=32, levels=10)
+    pix2pix: StageTrainParams = StageTrainParams(width=64, levels=8)
+    pix2pix_own: StageTrainParams = StageTrainParams(width=64, levels=8)
+    cyclegan: StageTrainParams = StageTrainParams(width=64, levels=9)
+    cyclegan_own: StageTrainParams = StageTrainParams(width=64, levels=9)
+
+    def verify(self, where: str) -> None:
+        """No baseline twice, and layouts that can be built; raises ValueError."""
+        if len(set(self.baselines)) < len(self.baselines):
+            raise ValueError(f"{where}.baselines: {list(self.baselines)} names one twice")
+        for name, least in (("can", 3), ("pix2pix", 2)):
+            for section in (name, f"{name}_own"):
+                levels = getattr(self, section).levels
+                if levels < least:
+                    raise ValueError(f"{where}.{section}.levels: {levels}; at least {least}")
 
 
 @dataclass(frozen=True)

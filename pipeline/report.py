@@ -71,13 +71,26 @@ MODALITIES = {
 METHODS = {
     "pbrnet": "Both networks (shading, then composition)",
     "product": "Reflectance × predicted shading",
+    "product_linear": "Reflectance × predicted shading, projected linearly",
     "unet": "One direct U-Net",
+    "can": "CAN, trained with our loss",
+    "can_own": "CAN, with its own loss: mean squares",
+    "pix2pix": "pix2pix's generator, trained with our loss",
+    "pix2pix_own": "pix2pix, with its own loss: adversarial and L1",
+    "cyclegan": "CycleGAN's generator, trained with our loss",
+    "cyclegan_own": "CycleGAN, with its own loss: unpaired, adversarial and cycles",
     "ceiling": "Reflectance × true shading: what the product could reach at best",
 }
 NETWORKS = {
     "shading": "Shading network",
     "composition": "Composition network",
     "unet": "Direct U-Net",
+    "can": "CAN, our loss",
+    "can_own": "CAN, its own loss",
+    "pix2pix": "pix2pix, our loss",
+    "pix2pix_own": "pix2pix, its own loss",
+    "cyclegan": "CycleGAN, our loss",
+    "cyclegan_own": "CycleGAN, its own loss",
 }
 METRICS = {
     "ssim": ("SSIM", True, 3),
@@ -89,7 +102,7 @@ EXAMPLE_PARTS = {
     "prediction": "Prediction",
     "shading": "Predicted shading",
     "error": "Error (ꟻLIP): bright is wrong",
-    "unet": "Direct U-Net",
+    **{name: words for name, words in NETWORKS.items() if name not in ("shading", "composition")},
     "product": "Reflectance × shading",
 }
 PACKAGES = ("pbrnet", "mitsuba", "drjit", "numpy", "torch", "OpenEXR", "pyarrow", "dask")

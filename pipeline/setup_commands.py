@@ -10,17 +10,18 @@ import shutil
 import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import get_args
 
 import click
 import drjit
 import psutil
 import torch
 
-from pipeline.params import load_params
+from pipeline.params import Baseline, load_params
 from scenes.errors import ParameterError
 from scenes.files import write_text
 
-NETWORKS = ("shading", "composition", "unet")
+NETWORKS = ("shading", "composition", *get_args(Baseline))
 
 
 @click.command(

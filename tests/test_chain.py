@@ -87,7 +87,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _would_run(folder: Path) -> list[str]:
     """Stages that are known to be out of date; those after them may follow."""
-    return re.findall(r"Running stage '(\w+)'", _output(_dvc(folder, "repro", "--dry")))
+    return re.findall(r"Running stage '([\w@]+)'", _output(_dvc(folder, "repro", "--dry")))
 
 
 def test_one_cpu_makes_everything(finished: Path) -> None:
@@ -110,7 +110,11 @@ def test_only_what_depends_on_a_change_is_redone(finished: Path) -> None:
         _change(finished, {"train": {"composition": {"epochs": 2}}})
         assert _would_run(finished) == ["train_composition"]
         _change(finished, {"train": {"learning_rate": 1e-5}})
-        assert _would_run(finished) == ["train_shading", "train_composition", "train_baselines"]
+        assert _would_run(finished) == [
+            "train_shading",
+            "train_composition",
+            "train_baselines@unet",
+        ]
         (finished / "params.yaml").write_text(before)
         _change(finished, {"groundtruth": {"spp": 6}})
         assert _would_run(finished) == ["groundtruth", "dataset"]

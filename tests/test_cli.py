@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args
 
 import click
 import pytest
@@ -12,6 +13,7 @@ import yaml
 from click.testing import CliRunner
 
 from pipeline.cli import COMMANDS, cli, main
+from pipeline.params import Baseline
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -41,7 +43,10 @@ def test_every_stage_of_dvc_is_a_command() -> None:
     stages = yaml.safe_load((ROOT / "dvc.yaml").read_text())["stages"]
     names = [name for name, _ in walk()]
     for stage in stages.values():
-        assert stage["cmd"].removeprefix("pbrnet ") in names
+        items = get_args(Baseline) if "matrix" in stage else [""]
+        for item in items:
+            command = stage["cmd"].replace("${item.name}", item)
+            assert command.removeprefix("pbrnet ") in names
 
 
 def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:

@@ -18,9 +18,11 @@ from render_fixtures import write_scene
 
 from model import evaluation, training
 from model.backbone import make_backbone
+from model.baselines.product import product, product_linear
 from model.data import Dataset
+from model.encoding import see_through
 from model.evaluation import LeakError, evaluate
-from model.inference import load_networks, product
+from model.inference import load_networks
 from model.predict import resized
 from model.training import Folders, train_network
 from pipeline.cli import main
@@ -36,7 +38,7 @@ from pipeline.params import (
     TrainParams,
 )
 from pipeline.pictures import png_facts, read_picture
-from pipeline.tonemap import Exposure, tonemap
+from pipeline.tonemap import Exposure, decode_srgb, tonemap
 from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, save_cameras
 from scenes.contract import load_scene
 from scenes.errors import InputError
@@ -90,7 +92,7 @@ def test_evaluation_measures_every_method_and_view(trained: Folders, tmp_path: P
     result = evaluate(PARAMS, folders)
     assert json.loads((folders.metrics / "evaluation.json").read_text()) == result
     assert (result["split"], result["views"], result["scenes"]) == ("test", 6, 3)
-    assert set(result["methods"]) == {"pbrnet", "product", "unet", "ceiling"}
+    assert set(result["methods"]) == {"pbrnet", "product", "product_linear", "unet", "ceiling"}
     for name, values in result["methods"].items():
         for metric in ("ssim", "psnr", "flip"):
             interval = values[metric]
@@ -99,7 +101,7 @@ def test_evaluation_measures_every_method_and_view(trained: Folders, tmp_path: P
         assert (values["seconds"] is None) == (name == "ceiling")
     with (folders.metrics / "evaluation.csv").open() as stream:
         rows = list(csv.DictReader(stream))
-    assert len(rows) == 6 * 4
+    assert len(rows) == 6 * 5
     flips = [float(row["flip"]) for row in rows if row["method"] == "pbrnet"]
     assert np.mean(flips) == pytest.approx(result["methods"]["pbrnet"]["flip"]["mean"], rel=1e-4)
     shown = [tuple(view) for group in result["examples"].values() for view in group]
@@ -185,7 +187,7 @@ def test_networks_of_different_exposure_policies_are_not_compared(
     card = tmp_path / "unet.json"
     card.write_text(card.read_text().replace('"exposure": "shared"', '"exposure": "own"'))
     with pytest.raises(InputError, match="colours differently"):
-        load_networks(tmp_path)
+        load_networks(tmp_path, ["unet"])
 
 
 def test_the_product_of_true_shading_is_the_truth_where_light_bounces_not(
@@ -196,7 +198,7 @@ def test_the_product_of_true_shading_is_the_truth_where_light_bounces_not(
     compared = 0
     for example in Dataset(trained.data / "dataset", "test").ordered():
         shading = tonemap(example.shading, example.exposure_shading)
-        image = product(example, shading, example.exposure_shading, networks.card)
+        image = product(example.reflectance, shading, example.exposure_shading, networks.card)
         truth = tonemap(example.color, example.exposure_shading)
         unclipped = shading.max(axis=-1) < 0.999
         assert np.abs(image - truth)[unclipped].max(initial=0) < 2e-3
@@ -215,20 +217,45 @@ def test_the_product_shows_the_sky_as_bright_as_shading_does(trained: Folders) -
         reflectance=np.where(sky[..., None], np.float32(0), example.reflectance),
     )
     shading = tonemap(example.shading, example.exposure_shading)
-    image = product(outside, shading, example.exposure_shading, networks.card)
+    image = product(see_through(outside, 0.5), shading, example.exposure_shading, networks.card)
     assert np.abs(image - shading)[sky].max() < 2e-3
-    inside = product(example, shading, example.exposure_shading, networks.card)
+    inside = product(example.reflectance, shading, example.exposure_shading, networks.card)
     assert np.array_equal(image[~sky], inside[~sky])
 
 
-def test_the_product_does_not_depend_on_the_unit_of_radiance(trained: Folders) -> None:
+@pytest.mark.parametrize("project", [product, product_linear])
+def test_the_product_does_not_depend_on_the_unit_of_radiance(
+    trained: Folders, project: Callable[..., np.ndarray]
+) -> None:
     networks = load_networks(trained.models)
     example = next(Dataset(trained.data / "dataset", "test").ordered())
     shading = tonemap(example.shading, example.exposure_shading)
     images = [
-        product(example, shading, Exposure(scale, 0.9), networks.card) for scale in (1.0, 1e-4)
+        project(example.reflectance, shading, Exposure(scale, 0.9), networks.card)
+        for scale in (1.0, 1e-4)
     ]
     assert np.allclose(*images, atol=1e-4)
+
+
+def test_the_linear_projection_by_hand(trained: Folders) -> None:
+    """White point 2: radiance 0.5 of scale 1, reflectance half the grey, shows as 0.125."""
+    networks = load_networks(trained.models)
+    exposure = Exposure(1.0, 2.0)
+    shading = tonemap(np.full((8, 8, 3), 0.5, np.float32), exposure)
+    reflectance = np.full((8, 8, 3), networks.card.albedo / 2, np.float32)
+    image = product_linear(reflectance, shading, exposure, networks.card)
+    assert np.allclose(decode_srgb(image), 0.125, atol=1e-4)
+    bright = product_linear(
+        reflectance * 2, tonemap(shading + 9, exposure), exposure, networks.card
+    )
+    assert bright.max() <= 1
+
+
+def test_a_baseline_that_is_named_must_be_there(trained: Folders, tmp_path: Path) -> None:
+    folders = replace(folders_in(tmp_path), data=trained.data, models=trained.models)
+    params = replace(PARAMS, train=replace(PARAMS.train, baselines=("unet", "can")))
+    with pytest.raises(InputError, match=r"can\.safetensors: no such model.*pbrnet train can"):
+        evaluate(params, folders)
 
 
 def test_the_worst_view_is_the_one_with_the_largest_error(

@@ -11,13 +11,13 @@ from torch import nn
 
 from model.backbone import EfficientNetLite0, Vgg19
 from model.encoding import CHANNELS
+from model.methods import build_network
 from model.networks import (
     Architecture,
     Kind,
     NormalPanorama,
     Panorama,
     averaged,
-    build_network,
     look_up,
 )
 
@@ -114,8 +114,9 @@ def test_any_panorama_size_is_taken(panorama: Panorama, width: int) -> None:
 
 
 @pytest.mark.parametrize("panorama", PANORAMAS)
-def test_every_input_reaches_the_output(panorama: Panorama) -> None:
-    network = build_network(Architecture("unet", 8, 3, panorama))
+@pytest.mark.parametrize("kind", ["unet", "can", "pix2pix", "cyclegan"])
+def test_every_input_reaches_the_output(kind: Kind, panorama: Panorama) -> None:
+    network = build_network(Architecture(kind, 8, 3, panorama))
     given = inputs(16, 16)
     for value in given.values():
         value.requires_grad_(True)

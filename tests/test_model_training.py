@@ -20,16 +20,10 @@ from model import training
 from model.backbone import make_backbone
 from model.data import Dataset
 from model.encoding import encode, to_image
+from model.methods import learning_rate
 from model.metrics import ssim
-from model.networks import Kind
 from model.store import load_model
-from model.training import (
-    Folders,
-    TrainingError,
-    choose_precision,
-    learning_rate,
-    train_network,
-)
+from model.training import Folders, TrainingError, choose_precision, train_network
 from pipeline.params import BackboneParams, LossParams, Params, StageTrainParams, TrainParams
 from pipeline.tonemap import tonemap
 from scenes.errors import InputError
@@ -65,7 +59,7 @@ def workplace(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Workp
     return make
 
 
-def weights(folders: Folders, name: Kind) -> bytes:
+def weights(folders: Folders, name: str) -> bytes:
     return (folders.models / f"{name}.safetensors").read_bytes()
 
 
