@@ -2,12 +2,16 @@
 
 In a home most lamps burn in other rooms, and nearly all of the sky is behind walls: chosen
 uniformly, most emitter samples find nothing. A `LightPlan` is made for each view from a small
-pilot: points that the camera sees, and points one bounce further, ask every emitter, and every
-window through which the sky may shine. Emitters are then chosen in proportion to the root mean
-square of what they add to pixels, relative to the pixels' brightness (which minimises the variance
-of one-sample estimates), windows get directions of their own, uniform over their
-area, and a twentieth of the choice goes to all emitters alike, so that no light is ever left out:
-the estimate is unbiased whatever the pilot found.
+pilot: points that the camera sees, and points one bounce further, ask every lamp, every window
+through which the sky may shine, the sun, and what else there is of the environment. Each is then
+chosen in proportion to the root mean square of what it adds to pixels, relative to the pixels'
+brightness (which minimises the variance of one-sample estimates), and a twentieth of the choice
+goes to all alike. Windows get directions uniform over their area, the sun directions over its
+disc. Where these are all of the environment that counts, its own sampling, which costs as much
+as a ray, is left out.
+
+The estimate is unbiased whatever the pilot found: a direction that no light sampling can give
+is found by the materials' own sampling, whose weight then is 1.
 
 The pilot sees geometry and lights, no materials, so that plans, like shading, depend on no colour.
 """
@@ -31,7 +35,11 @@ from scenes.seeds import generator
 WINDOWS = 4  # at most so many of a scene's get directions of their own in a view
 _GRID = (24, 18)  # camera rays of the pilot
 _ASKED = 4  # samples of each light at each point
-_UNIFORM = 0.05  # share of the choice that all emitters have alike
+_UNIFORM = 0.05  # share of the choice that all have alike
+_NEGLIGIBLE = 0.02  # of all light: below that the environment's own sampling is left out
+_WIDEST, _STEP = 10.0, 0.005  # degrees: a sun's radius is looked for up to so much, in such steps
+_CONTRAST = 3.0  # times as bright is a sun, at its edge, as the sky beside it
+_MARGIN = 1.03
 _FAINT = 0.01  # of the mean light: points darker than that do not count fully
 _ALBEDO = 0.5  # what surfaces are taken to pass on
 _MOST = 10.0  # times the brightness of pixels that one point may add
@@ -63,14 +71,31 @@ class Panes:
 
 
 @dataclass(frozen=True)
+class Sun:
+    """A disc in the sky: its centre, a unit vector (3,), and the cosine of its angular radius."""
+
+    towards: Floats
+    cosine: float
+
+    @property
+    def density(self) -> float:
+        """Of directions uniform over the disc, by solid angle."""
+        return 1 / (2 * np.pi * (1 - self.cosine))
+
+
+@dataclass(frozen=True)
 class LightPlan:
-    """How a view chooses its lights: `emitters` (N,) sums to 1; with probability `through` the
-    direction goes through one of `panes` instead, chosen by `windows` (K,), which sums to 1."""
+    """How a view chooses its lights; `emitters`, `windows` and `sunlight` sum to 1.
+
+    `emitters` (N,): the environment's entry is for its own sampling, which may be 0; `windows`
+    (K,): directions through `panes`; `sunlight`: directions to the disc of `sun`.
+    """
 
     emitters: Floats
-    through: float
     windows: Floats
     panes: Panes
+    sunlight: float = 0.0
+    sun: Sun | None = None
 
 
 class UniformLights:
@@ -86,96 +111,143 @@ class UniformLights:
 
 
 class PlannedLights:
-    """The choice of a `LightPlan`."""
+    """The choice of a `LightPlan`.
+
+    Directions into the environment come by up to three ways (`_Outdoors`); each counts with the
+    density with which any of them gives it. Figures of the plan are opaque to the compiler, so
+    that all views of a scene share one kernel.
+    """
 
     def __init__(self, scene: Any, plan: LightPlan) -> None:
-        self.emitters = mi.EmitterPtr(list(scene.emitters()))
-        self.environment = scene.environment()
-        numbers = np.array(dr.reinterpret_array(mi.UInt32, self.emitters))
+        emitters = scene.emitters()
+        numbers = np.array(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(list(emitters))))
         pmf = np.zeros(numbers.max() + 1)
         pmf[numbers] = plan.emitters
         self.pmf = column(mi.Float, pmf)  # by an emitter's number in the registry
-        self.choice = mi.DiscreteDistribution(column(mi.Float, plan.emitters))
-        self.panes = None
-        if self.environment is not None and len(plan.windows):
-            self.panes = _PaneSampler(plan)
-            number = dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(self.environment))
-            self.sky_pmf = dr.opaque(mi.Float, pmf[int(np.array(number)[0])])
-        self.through = dr.opaque(mi.Float, plan.through)
+        asked = np.flatnonzero(plan.emitters)
+        self.asks = len(asked) > 0
+        self.asking = dr.opaque(mi.Float, float(plan.emitters.sum()))
+        if self.asks:
+            self.emitters = mi.EmitterPtr([emitters[row] for row in asked])
+            self.choice = mi.DiscreteDistribution(column(mi.Float, plan.emitters[asked]))
+        self.outdoors = None
+        if plan.windows.sum() + plan.sunlight > 0:
+            self.outdoors = _Outdoors(scene, plan)
 
     def sample(self, scene: Any, si: Any, random: Any, active: Any) -> tuple[Any, Any]:
         """As that of `UniformLights`."""
-        if self.panes is None:
+        if self.outdoors is None:
             ds, light = self._ask(si, random, active)
+        elif not self.asks:
+            ds, light = self.outdoors.sample(scene, si, random, active)
         else:
-            through = random.x < self.through
-            rest = dr.select(
-                through, random.x / self.through, (random.x - self.through) / (1 - self.through)
+            asks = random.x < self.asking
+            first = dr.select(
+                asks, random.x / self.asking, (random.x - self.asking) / (1 - self.asking)
             )
-            random = mi.Point2f(rest, random.y)
-            ds, light = self._ask(si, random, active & ~through)
-            other, other_light = self._look_out(scene, si, random, active & through)
-            ds, light = dr.select(through, other, ds), dr.select(through, other_light, light)
-            density = self._either(si.p, ds, through)
-            light *= dr.select(ds.pdf > 0, ds.pdf / density, 0)
-            ds.pdf = dr.select(ds.pdf > 0, density, 0)
+            random = mi.Point2f(first, random.y)
+            ds, light = self._ask(si, random, active & asks)
+            other, other_light = self.outdoors.sample(scene, si, random, active & ~asks)
+            ds, light = dr.select(asks, ds, other), dr.select(asks, light, other_light)
         hidden = scene.ray_test(si.spawn_ray_to(ds.p), active & (ds.pdf != 0))
         ds.pdf[hidden] = 0
         return ds, dr.select(hidden, 0, light)
 
     def density(self, scene: Any, before: Any, ds: Any, active: Any) -> Any:
         """As that of `UniformLights`."""
+        if self.outdoors is None:
+            return self._asked(before, ds, active)
+        sky = ds.emitter == mi.EmitterPtr(self.outdoors.environment)
+        outdoors = self.outdoors.density(before.p, ds.d)
+        if self.outdoors.asked:
+            return self._asked(before, ds, active) + dr.select(sky, outdoors, 0)
+        return dr.select(sky, outdoors, self._asked(before, ds, active & ~sky))
+
+    def _asked(self, before: Any, ds: Any, active: Any) -> Any:
         number = dr.reinterpret_array(mi.UInt32, ds.emitter)
         pmf = dr.gather(mi.Float, self.pmf, number, active)
-        density = pmf * ds.emitter.pdf_direction(before, ds, active)
-        if self.panes is None:
-            return density
-        leaving = dr.select(self._is_sky(ds), self.panes.density(before.p, ds.d), 0)
-        return self.through * leaving + (1 - self.through) * density
-
-    def _either(self, origin: Any, ds: Any, through: Any) -> Any:
-        """Density with which one way or the other gives what `through` says which one gave.
-
-        Each sample's own density is taken from it: computed anew it may differ, as at the very
-        edge of the sun's disc.
-        """
-        assert self.panes is not None
-        sky = self._is_sky(ds) & ~ds.delta
-        asked = dr.select(through, self._asked_density(origin, ds, sky & through), ds.pdf)
-        seen = dr.select(through, ds.pdf, self.panes.density(origin, ds.d))
-        return (1 - self.through) * asked + self.through * dr.select(sky, seen, 0)
-
-    def _asked_density(self, origin: Any, ds: Any, active: Any) -> Any:
-        before = dr.zeros(mi.Interaction3f)
-        before.p = origin
-        return self.sky_pmf * self.environment.pdf_direction(before, ds, active)
-
-    def _is_sky(self, ds: Any) -> Any:
-        return ds.emitter == mi.EmitterPtr(self.environment)
+        return pmf * ds.emitter.pdf_direction(before, ds, active)
 
     def _ask(self, si: Any, random: Any, active: Any) -> tuple[Any, Any]:
-        """A sample of one emitter; density and light count the choice of the emitter."""
+        """A sample of one emitter; density and light count all ways to choose it."""
         index, again, pmf = self.choice.sample_reuse_pmf(random.x, active)
+        pmf *= self.asking
         emitter = dr.gather(mi.EmitterPtr, self.emitters, index, active)
         ds, light = emitter.sample_direction(si, mi.Point2f(again, random.y), active)
-        ds.pdf *= pmf
-        return ds, light / pmf
+        # The sample's own density is taken: computed anew it may differ, as at a disc's very edge.
+        density = ds.pdf * pmf
+        if self.outdoors is not None and self.outdoors.asked:
+            sky = (ds.emitter == mi.EmitterPtr(self.outdoors.environment)) & ~ds.delta
+            density += dr.select(sky, self.outdoors.density(si.p, ds.d), 0)
+        light *= dr.select(ds.pdf > 0, ds.pdf / density, 0)
+        ds.pdf = dr.select(ds.pdf > 0, density, 0)
+        return ds, light
 
-    def _look_out(self, scene: Any, si: Any, random: Any, active: Any) -> tuple[Any, Any]:
-        """A direction through a pane to the sky; density and light count the choice of pane."""
-        assert self.panes is not None
-        towards = dr.normalize(self.panes.point(random) - si.p)
-        density = self.panes.density(si.p, towards)
+
+class _Outdoors:
+    """Directions to the environment through panes and to the sun's disc.
+
+    Densities count the probabilities of both, not that of the environment's own sampling, which
+    `asked` says may give the same directions.
+    """
+
+    def __init__(self, scene: Any, plan: LightPlan) -> None:
+        self.environment = scene.environment()
+        emitters = scene.emitters()
+        own = next(row for row, emitter in enumerate(emitters) if emitter.is_environment())
+        self.asked = bool(plan.emitters[own] > 0)
+        self.own_pmf = dr.opaque(mi.Float, float(plan.emitters[own]))
+        through = float(plan.windows.sum())
+        self.through = dr.opaque(mi.Float, through)
+        self.share = dr.opaque(mi.Float, through / (through + plan.sunlight))
+        self.panes = _PaneSampler(plan) if through > 0 else None
+        self.sun = plan.sun if plan.sunlight > 0 else None
+        if self.sun is not None:
+            towards = [dr.opaque(mi.Float, part) for part in self.sun.towards.tolist()]
+            self.frame = mi.Frame3f(mi.Vector3f(*towards))
+            self.cosine = dr.opaque(mi.Float, self.sun.cosine)
+            self.sun_density = dr.opaque(mi.Float, plan.sunlight * self.sun.density)
+
+    def sample(self, scene: Any, si: Any, random: Any, active: Any) -> tuple[Any, Any]:
+        """A direction, its density and its radiance over that, whether or not it is hidden."""
+        share = self.share
+        through = random.x < share
+        towards, sunwards = mi.Vector3f(0, 0, 1), mi.Bool(False)
+        if self.panes is not None:
+            spot = mi.Point2f(random.x / share, random.y)
+            towards = dr.normalize(self.panes.point(spot) - si.p)
+        if self.sun is not None:
+            spot = mi.Point2f((random.x - share) / (1 - share), random.y)
+            local = mi.warp.square_to_uniform_cone(spot, self.cosine)
+            towards = dr.select(through, towards, self.frame.to_world(local))
+            sunwards = ~through
+        density = self.density(si.p, towards, sunwards)
+        fine = active & (density > 0)
         ds = dr.zeros(mi.DirectionSample3f)
-        ds.d, ds.n, ds.pdf = towards, -towards, density
-        sphere = scene.bbox().bounding_sphere()
-        ds.dist = 2 * sphere.radius
+        ds.d, ds.n = towards, -towards
+        ds.dist = 2 * scene.bbox().bounding_sphere().radius
         ds.p = si.p + towards * ds.dist
         ds.emitter = mi.EmitterPtr(self.environment)
+        if self.asked:
+            before = dr.zeros(mi.Interaction3f)
+            before.p = si.p
+            density += self.own_pmf * self.environment.pdf_direction(before, ds, fine)
+        ds.pdf = dr.select(fine, density, 0)
         beyond = dr.zeros(mi.SurfaceInteraction3f)
         beyond.wi = -towards
-        light = self.environment.eval(beyond, active & (density > 0))
-        return ds, dr.select(density > 0, light / density, 0)
+        light = self.environment.eval(beyond, fine)
+        return ds, dr.select(fine, light / density, 0)
+
+    def density(self, origin: Any, direction: Any, sunwards: Any = False) -> Any:
+        """Density, by solid angle, of a direction from `origin`; `sunwards`: known to be the
+        sun's, which at the very edge of its disc rounding hides."""
+        density = mi.Float(0)
+        if self.panes is not None:
+            density += self.through * self.panes.density(origin, direction)
+        if self.sun is not None:
+            inside = (dr.dot(direction, self.frame.n) > self.cosine) | sunwards
+            density += dr.select(inside, self.sun_density, 0)
+        return density
 
 
 class _PaneSampler:
@@ -187,7 +259,7 @@ class _PaneSampler:
         first, second = plan.panes.edges
         filled[:count] = np.concatenate([plan.panes.corner, first, second, plan.panes.normal], 1)
         pmf = np.zeros(WINDOWS)
-        pmf[:count] = plan.windows
+        pmf[:count] = plan.windows / plan.windows.sum()
         area = np.ones(WINDOWS)
         area[:count] = plan.panes.area
         self.numbers = column(mi.Float, filled.ravel())
@@ -226,23 +298,80 @@ class _PaneSampler:
 def plan_lights(scene: Any, view: View, portals: tuple[Portal, ...], seed: int) -> LightPlan:
     """The plan of a view, from its pilot; `scene` is the Mitsuba scene."""
     points, normals, seen = _pilot_points(scene, view, seed)
-    panes = panes_of(portals) if scene.environment() is not None else panes_of(())
-    count = len(scene.emitters())
-    shares = _shares(_asked(scene, points, normals, panes, seed), seen)
-    emitters, windows = shares[:count], shares[count:]
+    sky = _sky_of(scene)
+    panes = panes_of(portals if sky is not None else ())
+    shares = _shares(_asked(scene, points, normals, panes, sky, seed), seen)
+    return _plan(shares, panes, sky)
+
+
+@dataclass(frozen=True)
+class _Sky:
+    """The environment: its place among the emitters, its sun if it has one, and whether without
+    it it is so even that directions uniform over a window will do."""
+
+    row: int
+    sun: Sun | None
+    even: bool
+
+
+def _plan(shares: Floats, panes: Panes, sky: _Sky | None) -> LightPlan:
+    """From what each adds: emitters (N,), panes (K,) and the sun (1,)."""
+    count = len(shares) - len(panes.area) - 1
+    emitters, windows, sunlight = shares[:count], shares[count:-1], float(shares[-1])
+    if not shares.any():
+        return LightPlan(np.full(count, 1 / count), np.zeros(0), panes.take(np.arange(0)))
     best = np.argsort(-windows, kind="stable")[:WINDOWS]
-    best = best[windows[best] > 0]
-    lit = emitters.sum() + windows[best].sum()
-    through = float((1 - _UNIFORM) * windows[best].sum() / lit) if lit > 0 else 0.0
-    chosen = emitters / emitters.sum() if emitters.sum() > 0 else np.full(count, 1 / count)
-    # Of all choices, `_UNIFORM` are alike for all emitters, those of the panes counted in.
-    alike = _UNIFORM / (1 - through)
+    kept = np.concatenate([np.ones(count), np.ones(len(best)), [0.0]])
+    if sky is not None and sky.sun is not None:
+        kept[-1] = 1  # whatever the pilot saw of it: materials hardly ever find it by chance
+    if sky is not None and sky.even and (len(best) or sky.sun is not None):
+        rest = emitters[sky.row] + windows.sum() - windows[best].sum()
+        kept[sky.row] = rest > _NEGLIGIBLE * shares.sum()
+    chosen = kept * np.concatenate([emitters, windows[best], [sunlight]])
+    alike = kept / kept.sum()
+    chosen = chosen / chosen.sum() if chosen.sum() > 0 else alike
+    chosen = (1 - _UNIFORM) * chosen + _UNIFORM * alike
     return LightPlan(
-        (1 - alike) * chosen + alike / count,
-        through,
-        windows[best] / windows[best].sum() if len(best) else np.zeros(0),
+        chosen[:count],
+        chosen[count:-1],
         panes.take(best),
+        float(chosen[-1]),
+        sky.sun if sky is not None else None,
     )
+
+
+def _sky_of(scene: Any) -> _Sky | None:
+    environment = scene.environment()
+    if environment is None:
+        return None
+    row = next(row for row, one in enumerate(scene.emitters()) if one.is_environment())
+    params = mi.traverse(environment)
+    keys = {key for key, _ in params.items()}
+    if "sun_direction" not in keys:
+        return _Sky(row, None, not any(key.endswith("data") for key in keys))
+    local = np.array(params["sun_direction"], dtype=np.float64).ravel()
+    turned = np.array(params["to_world"].matrix, dtype=np.float64).reshape(4, 4)[:3, :3] @ local
+    for towards in (turned, local):
+        sun = _disc_about(environment, towards / np.linalg.norm(towards))
+        if sun is not None:
+            return _Sky(row, sun, True)
+    return _Sky(row, None, float(params["sun_scale"]) == 0)
+
+
+def _disc_about(environment: Any, towards: Floats) -> Sun | None:
+    """The sun around `towards`, as wide as the sky is bright there; None if it shines not there."""
+    aside = np.cross(towards, [0.0, 0.0, 1.0] if abs(towards[2]) < 0.9 else [0.0, 1.0, 0.0])
+    aside /= np.linalg.norm(aside)
+    angles = np.radians(np.arange(0, _WIDEST, _STEP))
+    around = np.cos(angles)[:, None] * towards + np.sin(angles)[:, None] * aside
+    beyond = dr.zeros(mi.SurfaceInteraction3f, len(angles))
+    beyond.wi = vector(mi.Vector3f, -around)
+    light = luminance(np.array(environment.eval(beyond)).T.astype(np.float64))
+    edge = int(np.argmax(light[:-1] / np.maximum(light[1:], 1e-30)))
+    if light[edge] <= _CONTRAST * light[edge + 1]:
+        return None
+    # A little wider: rounding at the edge then meets sky, not sun.
+    return Sun(towards, float(np.cos(_MARGIN * angles[edge + 1])))
 
 
 def panes_of(portals: tuple[Portal, ...]) -> Panes:
@@ -297,27 +426,35 @@ def _first_hits(scene: Any, origins: Floats, directions: Floats) -> tuple[Floats
     return points, normals
 
 
-def _asked(scene: Any, points: Floats, normals: Floats, panes: Panes, seed: int) -> Floats:
-    """Luminance that each light brings to each point, (P, N + K): emitters, then panes.
+def _asked(
+    scene: Any, points: Floats, normals: Floats, panes: Panes, sky: _Sky | None, seed: int
+) -> Floats:
+    """Luminance that each light brings to each point, (P, N + K + 1): emitters, panes, the sun.
 
-    What the environment brings through panes counts for the panes, the rest (the sun) for it,
-    split by the balance heuristic.
+    Of an even sky, the sun's disc counts for the sun, what comes through panes for them, and only
+    the rest for the environment's own sampling. Of another it is split by the balance heuristic.
     """
     random = generator(seed, "asked")
     if not len(points):
-        return np.zeros((0, len(scene.emitters()) + len(panes.area)))
+        return np.zeros((0, len(scene.emitters()) + len(panes.area) + 1))
     places = np.repeat(points + _LIFT * normals, _ASKED, axis=0)
     facing = np.repeat(normals, _ASKED, axis=0)
     brought = [
-        _from_emitters(scene, places, facing, panes, random),
-        _through_panes(scene, places, facing, panes, random),
+        _from_emitters(scene, places, facing, panes, sky, random),
+        _through_panes(scene, places, facing, panes, sky, random),
+        _from_sun(scene, places, facing, sky, random),
     ]
     shape = (-1, len(points), _ASKED)
     return np.concatenate([part.reshape(shape).mean(axis=-1) for part in brought]).T
 
 
 def _from_emitters(
-    scene: Any, places: Floats, facing: Floats, panes: Panes, random: np.random.Generator
+    scene: Any,
+    places: Floats,
+    facing: Floats,
+    panes: Panes,
+    sky: _Sky | None,
+    random: np.random.Generator,
 ) -> Floats:
     """One estimate of each emitter's light at each place, (N, Q)."""
     emitters = mi.EmitterPtr(list(scene.emitters()))
@@ -330,21 +467,35 @@ def _from_emitters(
     light = dr.select(hidden | (ds.pdf == 0), 0, light * dr.maximum(dr.dot(ds.d, si.n), 0))
     density, towards = np.array(ds.pdf, dtype=np.float64), np.array(ds.d).T
     brought = luminance(np.array(light).T.astype(np.float64)).reshape(count, -1)
-    for row, emitter in enumerate(scene.emitters()):
-        if emitter.is_environment() and len(panes.area):
-            mine = slice(row * len(places), (row + 1) * len(places))
-            others = _densities(panes, places, towards[mine].astype(np.float64)).sum(axis=1)
-            brought[row] *= density[mine] / np.maximum(density[mine] + others, 1e-30)
+    if sky is not None:
+        mine = slice(sky.row * len(places), (sky.row + 1) * len(places))
+        there = towards[mine].astype(np.float64)
+        others = _densities(panes, places, there).sum(axis=1)
+        if sky.even:
+            brought[sky.row] *= (others == 0) & ~_in_disc(sky.sun, there)
+        else:
+            brought[sky.row] *= density[mine] / np.maximum(density[mine] + others, 1e-30)
     return np.asarray(np.nan_to_num(brought))
 
 
+def _in_disc(sun: Sun | None, directions: Floats) -> npt.NDArray[np.bool_]:
+    if sun is None:
+        return np.zeros(directions.shape[:-1], dtype=bool)
+    return np.asarray(directions @ sun.towards > sun.cosine)
+
+
 def _through_panes(
-    scene: Any, places: Floats, facing: Floats, panes: Panes, random: np.random.Generator
+    scene: Any,
+    places: Floats,
+    facing: Floats,
+    panes: Panes,
+    sky: _Sky | None,
+    random: np.random.Generator,
 ) -> Floats:
-    """One estimate of the environment's light through each pane at each place, (K, Q)."""
+    """One estimate of the sky's light through each pane at each place, (K, Q)."""
     count = len(panes.area)
-    if not count:
-        return np.zeros((0, len(places)))
+    if not count or sky is None:
+        return np.zeros((count, len(places)))
     spots = random.random((count, len(places), 2, 1))
     first, second = (edge[:, None] for edge in panes.edges)
     towards = panes.corner[:, None] + spots[:, :, 0] * first + spots[:, :, 1] * second - places
@@ -353,12 +504,33 @@ def _through_panes(
     slope = np.maximum((towards * panes.normal[:, None]).sum(axis=-1), 0)
     cosine = np.maximum((towards * facing).sum(axis=-1), 0)
     worth = panes.area[:, None] * slope * cosine / reach[..., 0] ** 2
-    si = _surface(np.tile(places, (count, 1)), np.tile(facing, (count, 1)))
-    si.wi = vector(mi.Vector3f, -towards.reshape(-1, 3))
-    light = scene.environment().eval(si)
-    light = dr.select(scene.ray_test(mi.Ray3f(si.p, -si.wi)), 0, light)
-    brought = luminance(np.array(light).T.astype(np.float64)).reshape(count, -1)
-    return np.asarray(np.nan_to_num(brought * worth))
+    worth *= ~_in_disc(sky.sun, towards)
+    light = _seen(scene, np.tile(places, (count, 1)), towards.reshape(-1, 3)).reshape(count, -1)
+    return np.asarray(np.nan_to_num(light * worth))
+
+
+def _from_sun(
+    scene: Any, places: Floats, facing: Floats, sky: _Sky | None, random: np.random.Generator
+) -> Floats:
+    """One estimate of the sun's light at each place, (1, Q)."""
+    if sky is None or sky.sun is None:
+        return np.zeros((1, len(places)))
+    numbers = vector(mi.Point2f, random.random((len(places), 2)))
+    local = mi.warp.square_to_uniform_cone(numbers, sky.sun.cosine)
+    frame = mi.Frame3f(mi.Vector3f(*sky.sun.towards.tolist()))
+    towards = np.array(frame.to_world(local)).T.astype(np.float64)
+    cosine = np.maximum((towards * facing).sum(axis=-1), 0)
+    return (_seen(scene, places, towards) * cosine / sky.sun.density)[None]
+
+
+def _seen(scene: Any, places: Floats, directions: Floats) -> Floats:
+    """Luminance of the environment in directions (Q, 3) from places (Q, 3), 0 where hidden."""
+    beyond = dr.zeros(mi.SurfaceInteraction3f, len(places))
+    beyond.wi = vector(mi.Vector3f, -directions)
+    light = scene.environment().eval(beyond)
+    hidden = scene.ray_test(mi.Ray3f(vector(mi.Point3f, places), -beyond.wi))
+    shown = np.array(dr.select(hidden, 0, light)).T.astype(np.float64)
+    return np.asarray(luminance(shown), dtype=np.float64)
 
 
 def _surface(places: Floats, normals: Floats) -> Any:
