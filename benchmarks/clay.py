@@ -18,7 +18,7 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.light_choice import panes_of
+from pipeline.light_plan import panes_of
 from pipeline.renderer import RenderScene
 from pipeline.views import View
 from scenes.contract import Light, Portal, Scene, load_scene, save_scene, writing_scene

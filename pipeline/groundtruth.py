@@ -18,7 +18,8 @@ import numpy as np
 
 from pipeline import joint
 from pipeline.frames import Channels
-from pipeline.light_choice import PlannedLights, UniformLights, plan_lights
+from pipeline.light_choice import PlannedLights, UniformLights
+from pipeline.light_plan import plan_lights
 from pipeline.noise import Tally
 from pipeline.params import GroundTruthParams
 from pipeline.renderer import RenderScene

@@ -9,10 +9,12 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
+from PIL import Image
 
 from pipeline.groundtruth import render_both
 from pipeline.joint import available
-from pipeline.light_choice import WINDOWS, PlannedLights, panes_of, plan_lights
+from pipeline.light_choice import PlannedLights
+from pipeline.light_plan import WINDOWS, LightPlan, panes_of, plan_lights
 from pipeline.params import GroundTruthParams
 from pipeline.rays import vector
 from pipeline.renderer import RenderScene, open_scene, set_variant
@@ -84,18 +86,38 @@ def test_planned_light_is_unbiased(things: tuple[str, ...], tmp_path: Path) -> N
 def test_every_material_is_unbiased_under_it(tmp_path: Path) -> None:
     scene, view, regions = shelf(tmp_path, FAITHFUL)
     lights = PlannedLights(scene.mitsuba, plan_lights(scene.mitsuba, view, (WINDOW,), 3))
-    assert lights.panes is not None
+    assert lights.outdoors is not None and not lights.outdoors.asked
     ours, _ = joined(scene, view, 3, SPP, COPIES, 1, lights=lights)
     theirs = plain(scene, view, None, 3, SPP, COPIES, 2)
     off = abs(deviations(region_means(ours, regions), region_means(theirs, regions)))
     assert off.max() < 4.5
 
 
-class PanesForgotten(PlannedLights):
-    """Takes the density of the one way that was used, as if the other did not exist."""
+def every_way(plan: LightPlan) -> LightPlan:
+    """The plan with a third of the choice for the environment's own sampling, too."""
+    emitters = plan.emitters.copy()
+    emitters[emitters == 0] = 0.5
+    total = emitters.sum() + plan.windows.sum() + plan.sunlight
+    return LightPlan(
+        emitters / total, plan.windows / total, plan.panes, plan.sunlight / total, plan.sun
+    )
 
-    def _either(self, origin: Any, ds: Any, through: Any) -> Any:
-        return ds.pdf
+
+class EveryWay(PlannedLights):
+    """Asks the environment itself, too: the same directions come by three ways."""
+
+    def __init__(self, scene: Any, plan: LightPlan) -> None:
+        super().__init__(scene, every_way(plan))
+        assert self.outdoors is not None and self.outdoors.asked
+
+
+class WaysForgotten(EveryWay):
+    """Takes the density of the one way that was used, as if the others did not exist."""
+
+    def __init__(self, scene: Any, plan: LightPlan) -> None:
+        super().__init__(scene, plan)
+        assert self.outdoors is not None
+        self.outdoors.asked = False
 
 
 class ChoiceForgotten(PlannedLights):
@@ -113,11 +135,12 @@ class DensityDoubled(PlannedLights):
         return 2 * super().density(scene, before, ds, active)
 
 
-@pytest.mark.parametrize("kind", [PanesForgotten, ChoiceForgotten, DensityDoubled])
+@pytest.mark.parametrize("kind", [WaysForgotten, ChoiceForgotten, DensityDoubled])
 def test_mistakes_would_be_found(kind: type[PlannedLights], tmp_path: Path) -> None:
     wide = quad("wide", (0, 0, 2.95), (0, 0, -1), (1.6, 1.6), glow("3,2,1"), (0, 1, 0))
     scene = room(tmp_path, wide, SUN)
-    assert abs(off_by(scene, planned(scene))).max() < 4.5
+    faithful = EveryWay if issubclass(kind, EveryWay) else PlannedLights
+    assert abs(off_by(scene, planned(scene, faithful))).max() < 4.5
     assert abs(off_by(scene, planned(scene, kind))).max() > 6
 
 
@@ -140,11 +163,44 @@ def test_less_noise_where_lamps_are_hidden_and_the_sky_is_behind_walls(tmp_path:
 def test_the_plan_asks_what_lights_the_view(tmp_path: Path) -> None:
     scene = room(tmp_path, LAMP, HIDDEN, SKY)
     plan = plan_lights(scene.mitsuba, VIEW, scene.scene.portals, 0)
-    assert sum(plan.emitters) == pytest.approx(1) and sum(plan.windows) == pytest.approx(1)
-    assert 0.05 < plan.through < 0.95 and len(plan.windows) == 1
-    shares = np.sort(plan.emitters) * (1 - plan.through)
-    np.testing.assert_allclose(shares[:8], 0.05 / 10, rtol=0.01)  # the hidden lamps
-    assert shares[8] > 0.02
+    assert plan.emitters.sum() + plan.windows.sum() + plan.sunlight == pytest.approx(1)
+    assert len(plan.windows) == 1 and 0.05 < plan.windows.sum() < 0.95
+    shares = np.sort(plan.emitters)
+    assert shares[0] == 0  # the environment's own sampling: window and sun are all there is
+    alike = 0.05 / 11  # nine lamps, the window, the sun
+    np.testing.assert_allclose(shares[1:9], alike, rtol=0.01)  # the hidden lamps
+    assert plan.sunlight == pytest.approx(alike, rel=0.01)  # behind the house
+    assert shares[9] > 0.02
+
+
+@pytest.mark.parametrize(
+    "turned", ["", '<transform name="to_world"><rotate z="1" angle="70"/></transform>']
+)
+def test_the_sun_is_found_where_it_stands_and_as_large_as_it_is(
+    turned: str, tmp_path: Path
+) -> None:
+    sun = SUN.replace("</emitter>", turned + "</emitter>")
+    plan = plan_lights(room(tmp_path, LAMP, sun).mitsuba, VIEW, (WINDOW,), 0)
+    assert plan.sun is not None
+    angle = np.radians(70) if turned else 0
+    spin = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    wanted = np.array(spin) @ np.array([-0.3, 0.7, 0.5])
+    np.testing.assert_allclose(plan.sun.towards, wanted / np.linalg.norm(wanted), atol=1e-6)
+    # Mitsuba's sun spans 0.5358 degrees; ours a little more.
+    assert 0.2679 < np.degrees(np.arccos(plan.sun.cosine)) < 0.29
+
+
+def test_other_environments_keep_their_own_sampling_where_they_are_uneven(tmp_path: Path) -> None:
+    """A constant sky comes through the window evenly; of a picture nobody knows."""
+    constant = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
+    plan = plan_lights(room(tmp_path / "a", LAMP, constant).mitsuba, VIEW, (WINDOW,), 0)
+    assert plan.emitters.min() == 0 and plan.sun is None and plan.sunlight == 0
+    Image.fromarray(np.full((8, 16, 3), 200, dtype=np.uint8)).save(tmp_path / "sky.png")
+    picture = (
+        f'<emitter type="envmap"><string name="filename" value="{tmp_path}/sky.png"/></emitter>'
+    )
+    plan = plan_lights(room(tmp_path / "b", LAMP, picture).mitsuba, VIEW, (WINDOW,), 0)
+    assert plan.emitters.min() > 0 and plan.windows.sum() > 0
 
 
 def test_the_plan_depends_on_no_colour_and_repeats(tmp_path: Path) -> None:
@@ -154,7 +210,8 @@ def test_the_plan_depends_on_no_colour_and_repeats(tmp_path: Path) -> None:
     ]
     for plan in plans[1:]:
         np.testing.assert_array_equal(plan.emitters, plans[0].emitters)
-        assert plan.through == plans[0].through
+        np.testing.assert_array_equal(plan.windows, plans[0].windows)
+        assert plan.sunlight == plans[0].sunlight
 
 
 def test_densities_through_panes_integrate_to_one(tmp_path: Path) -> None:
@@ -166,8 +223,9 @@ def test_densities_through_panes_integrate_to_one(tmp_path: Path) -> None:
     np.testing.assert_allclose(panes.area, [1.0, 3.0])
     plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 0)
     plan = replace(plan, panes=panes, windows=np.array([0.3, 0.7]))
-    sampler = PlannedLights(scene.mitsuba, plan).panes
-    assert sampler is not None and WINDOWS >= 2
+    outdoors = PlannedLights(scene.mitsuba, plan).outdoors
+    assert outdoors is not None and outdoors.panes is not None and WINDOWS >= 2
+    sampler = outdoors.panes
     random = np.random.default_rng(0).normal(size=(1 << 20, 3))
     random /= np.linalg.norm(random, axis=1, keepdims=True)
     towards = vector(mi.Vector3f, random)

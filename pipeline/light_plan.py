@@ -1,0 +1,367 @@
+"""What lights a view: a plan, from a small pilot, of which lights its paths should ask.
+
+In a home most lamps burn in other rooms, and nearly all of the sky is behind walls: asked
+uniformly, most emitter samples find nothing. In the pilot, points that the camera sees, and points
+one bounce further, ask every lamp, every window through which the sky may shine, the sun, and what
+else there is of the environment. Each is then to be chosen in proportion to the root mean square
+of what it adds to pixels, relative to the pixels' brightness (which minimises the variance of
+one-sample estimates), and a twentieth of the choice goes to all alike. Where windows and sun are
+all of the environment that counts, its own sampling, which costs as much as a ray, is left out.
+
+The pilot sees geometry and lights, no materials, so that plans, like shading, depend on no colour.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.rays import column, vector
+from pipeline.tonemap import luminance
+from pipeline.views import View
+from scenes.contract import Portal
+from scenes.seeds import generator
+
+WINDOWS = 4  # at most so many of a scene's get directions of their own in a view
+_GRID = (24, 18)  # camera rays of the pilot
+_ASKED = 4  # samples of each light at each point
+_UNIFORM = 0.05  # share of the choice that all have alike
+_NEGLIGIBLE = 0.02  # of all light: below that the environment's own sampling is left out
+_WIDEST, _STEP = 10.0, 0.005  # degrees: a sun's radius is looked for up to so much, in such steps
+_CONTRAST = 3.0  # times as bright is a sun, at its edge, as the sky beside it
+_MARGIN = 1.03
+_FAINT = 0.01  # of the mean light: points darker than that do not count fully
+_ALBEDO = 0.5  # what surfaces are taken to pass on
+_MOST = 10.0  # times the brightness of pixels that one point may add
+_LIFT = 1e-3  # metres that the pilot's rays start above surfaces
+_AREA = 1e-4  # square metres: smaller openings are left to the sky's own sampling
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Panes:
+    """Rectangles that the sky may shine through: a corner (K, 3), two edges (K, 3), the normal
+    that points outdoors (K, 3)."""
+
+    corner: Floats
+    edges: tuple[Floats, Floats]
+    normal: Floats
+
+    @property
+    def area(self) -> Floats:
+        """Square metres, (K,)."""
+        lengths = [np.linalg.norm(edge, axis=1) for edge in self.edges]
+        return np.asarray(lengths[0] * lengths[1])
+
+    def take(self, chosen: npt.NDArray[np.int64]) -> Panes:
+        """Some of them."""
+        first, second = self.edges
+        return Panes(self.corner[chosen], (first[chosen], second[chosen]), self.normal[chosen])
+
+
+@dataclass(frozen=True)
+class Sun:
+    """A disc in the sky: its centre, a unit vector (3,), and the cosine of its angular radius."""
+
+    towards: Floats
+    cosine: float
+
+    @property
+    def density(self) -> float:
+        """Of directions uniform over the disc, by solid angle."""
+        return 1 / (2 * np.pi * (1 - self.cosine))
+
+
+@dataclass(frozen=True)
+class LightPlan:
+    """How a view chooses its lights; `emitters`, `windows` and `sunlight` sum to 1.
+
+    `emitters` (N,): the environment's entry is for its own sampling, which may be 0; `windows`
+    (K,): directions through `panes`; `sunlight`: directions to the disc of `sun`.
+    """
+
+    emitters: Floats
+    windows: Floats
+    panes: Panes
+    sunlight: float = 0.0
+    sun: Sun | None = None
+
+
+def plan_lights(scene: Any, view: View, portals: tuple[Portal, ...], seed: int) -> LightPlan:
+    """The plan of a view, from its pilot; `scene` is the Mitsuba scene."""
+    points, normals, seen = _pilot_points(scene, view, seed)
+    sky = _sky_of(scene)
+    panes = panes_of(portals if sky is not None else ())
+    shares = _shares(_asked(scene, points, normals, panes, sky, seed), seen)
+    return _plan(shares, panes, sky)
+
+
+@dataclass(frozen=True)
+class _Sky:
+    """The environment: its place among the emitters, its sun if it has one, and whether without
+    it it is so even that directions uniform over a window will do."""
+
+    row: int
+    sun: Sun | None
+    even: bool
+
+
+def _plan(shares: Floats, panes: Panes, sky: _Sky | None) -> LightPlan:
+    """From what each adds: emitters (N,), panes (K,) and the sun (1,)."""
+    count = len(shares) - len(panes.area) - 1
+    emitters, windows, sunlight = shares[:count], shares[count:-1], float(shares[-1])
+    if not shares.any():
+        return LightPlan(np.full(count, 1 / count), np.zeros(0), panes.take(np.arange(0)))
+    best = np.argsort(-windows, kind="stable")[:WINDOWS]
+    kept = np.concatenate([np.ones(count), np.ones(len(best)), [0.0]])
+    if sky is not None and sky.sun is not None:
+        kept[-1] = 1  # whatever the pilot saw of it: materials hardly ever find it by chance
+    if sky is not None and sky.even and (len(best) or sky.sun is not None):
+        rest = emitters[sky.row] + windows.sum() - windows[best].sum()
+        kept[sky.row] = rest > _NEGLIGIBLE * shares.sum()
+    chosen = kept * np.concatenate([emitters, windows[best], [sunlight]])
+    alike = kept / kept.sum()
+    chosen = chosen / chosen.sum() if chosen.sum() > 0 else alike
+    chosen = (1 - _UNIFORM) * chosen + _UNIFORM * alike
+    return LightPlan(
+        chosen[:count],
+        chosen[count:-1],
+        panes.take(best),
+        float(chosen[-1]),
+        sky.sun if sky is not None else None,
+    )
+
+
+def _sky_of(scene: Any) -> _Sky | None:
+    environment = scene.environment()
+    if environment is None:
+        return None
+    row = next(row for row, one in enumerate(scene.emitters()) if one.is_environment())
+    params = mi.traverse(environment)
+    keys = {key for key, _ in params.items()}
+    if "sun_direction" not in keys:
+        return _Sky(row, None, not any(key.endswith("data") for key in keys))
+    local = np.array(params["sun_direction"], dtype=np.float64).ravel()
+    turned = np.array(params["to_world"].matrix, dtype=np.float64).reshape(4, 4)[:3, :3] @ local
+    for towards in (turned, local):
+        sun = _disc_about(environment, towards / np.linalg.norm(towards))
+        if sun is not None:
+            return _Sky(row, sun, True)
+    return _Sky(row, None, float(params["sun_scale"]) == 0)
+
+
+def _disc_about(environment: Any, towards: Floats) -> Sun | None:
+    """The sun around `towards`, as wide as the sky is bright there; None if it shines not there."""
+    aside = np.cross(towards, [0.0, 0.0, 1.0] if abs(towards[2]) < 0.9 else [0.0, 1.0, 0.0])
+    aside /= np.linalg.norm(aside)
+    angles = np.radians(np.arange(0, _WIDEST, _STEP))
+    around = np.cos(angles)[:, None] * towards + np.sin(angles)[:, None] * aside
+    beyond = dr.zeros(mi.SurfaceInteraction3f, len(angles))
+    beyond.wi = vector(mi.Vector3f, -around)
+    light = luminance(np.array(environment.eval(beyond)).T.astype(np.float64))
+    edge = int(np.argmax(light[:-1] / np.maximum(light[1:], 1e-30)))
+    if light[edge] <= _CONTRAST * light[edge + 1]:
+        return None
+    # A little wider: rounding at the edge then meets sky, not sun.
+    return Sun(towards, float(np.cos(_MARGIN * angles[edge + 1])))
+
+
+def panes_of(portals: tuple[Portal, ...]) -> Panes:
+    """The rectangle around each portal's polygon, in its plane; the tiny ones are left out."""
+    corners, firsts, seconds, normals = [], [], [], []
+    for portal in portals:
+        polygon, normal = np.array(portal.polygon), np.array(portal.normal, dtype=np.float64)
+        normal = normal / np.linalg.norm(normal)
+        aside = np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [0.0, 1.0, 0.0])
+        aside /= np.linalg.norm(aside)
+        upwards = np.cross(aside, normal)
+        across, along = (polygon - polygon[0]) @ aside, (polygon - polygon[0]) @ upwards
+        first, second = np.ptp(across) * aside, np.ptp(along) * upwards
+        if np.linalg.norm(first) * np.linalg.norm(second) < _AREA:
+            continue
+        corners.append(polygon[0] + across.min() * aside + along.min() * upwards)
+        firsts.append(first)
+        seconds.append(second)
+        normals.append(normal)
+    stacked = [np.array(rows).reshape(-1, 3) for rows in (corners, firsts, seconds, normals)]
+    return Panes(stacked[0], (stacked[1], stacked[2]), stacked[3])
+
+
+def _pilot_points(scene: Any, view: View, seed: int) -> tuple[Floats, Floats, int]:
+    """Points that the camera sees and, from each, one bounce further; normals towards where
+    they were seen from; how many the camera sees."""
+    random = generator(seed, "pilot")
+    width, height = _GRID
+    columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    pixels = np.stack([columns * view.width / width, rows * view.height / height], axis=-1)
+    local = np.concatenate([pixels.reshape(-1, 2), np.ones((width * height, 1))], axis=1)
+    directions = local @ np.linalg.inv(view.intrinsics).T @ view.pose[:3, :3].T
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    origins = np.tile(view.eye, (len(directions), 1))
+    found = [_first_hits(scene, origins, directions)]
+    points, normals = found[0]
+    bounced = random.normal(size=points.shape)
+    bounced = bounced / np.linalg.norm(bounced, axis=1, keepdims=True) + normals
+    lengths = np.linalg.norm(bounced, axis=1, keepdims=True)
+    bounced = np.where(lengths > 1e-3, bounced / np.maximum(lengths, 1e-3), normals)
+    found.append(_first_hits(scene, points + _LIFT * normals, bounced))
+    both = [np.concatenate(parts) for parts in zip(*found, strict=True)]
+    return both[0], both[1], len(points)
+
+
+def _first_hits(scene: Any, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+    ray = mi.Ray3f(vector(mi.Point3f, origins), vector(mi.Vector3f, directions))
+    si = scene.ray_intersect(ray)
+    normal = dr.select(dr.dot(si.n, ray.d) > 0, -si.n, si.n)
+    hit = np.array(si.is_valid())
+    points, normals = (np.array(value).T.astype(np.float64)[hit] for value in (si.p, normal))
+    return points, normals
+
+
+def _asked(
+    scene: Any, points: Floats, normals: Floats, panes: Panes, sky: _Sky | None, seed: int
+) -> Floats:
+    """Luminance that each light brings to each point, (P, N + K + 1): emitters, panes, the sun.
+
+    Of an even sky, the sun's disc counts for the sun, what comes through panes for them, and only
+    the rest for the environment's own sampling. Of another it is split by the balance heuristic.
+    """
+    random = generator(seed, "asked")
+    if not len(points):
+        return np.zeros((0, len(scene.emitters()) + len(panes.area) + 1))
+    places = np.repeat(points + _LIFT * normals, _ASKED, axis=0)
+    facing = np.repeat(normals, _ASKED, axis=0)
+    brought = [
+        _from_emitters(scene, places, facing, panes, sky, random),
+        _through_panes(scene, places, facing, panes, sky, random),
+        _from_sun(scene, places, facing, sky, random),
+    ]
+    shape = (-1, len(points), _ASKED)
+    return np.concatenate([part.reshape(shape).mean(axis=-1) for part in brought]).T
+
+
+def _from_emitters(
+    scene: Any,
+    places: Floats,
+    facing: Floats,
+    panes: Panes,
+    sky: _Sky | None,
+    random: np.random.Generator,
+) -> Floats:
+    """One estimate of each emitter's light at each place, (N, Q)."""
+    emitters = mi.EmitterPtr(list(scene.emitters()))
+    count = len(emitters)
+    index = column(mi.UInt32, np.repeat(np.arange(count), len(places)))
+    si = _surface(np.tile(places, (count, 1)), np.tile(facing, (count, 1)))
+    numbers = vector(mi.Point2f, random.random((count * len(places), 2)))
+    ds, light = dr.gather(mi.EmitterPtr, emitters, index).sample_direction(si, numbers)
+    hidden = scene.ray_test(si.spawn_ray_to(ds.p), ds.pdf != 0)
+    light = dr.select(hidden | (ds.pdf == 0), 0, light * dr.maximum(dr.dot(ds.d, si.n), 0))
+    density, towards = np.array(ds.pdf, dtype=np.float64), np.array(ds.d).T
+    brought = luminance(np.array(light).T.astype(np.float64)).reshape(count, -1)
+    if sky is not None:
+        mine = slice(sky.row * len(places), (sky.row + 1) * len(places))
+        there = towards[mine].astype(np.float64)
+        others = _densities(panes, places, there).sum(axis=1)
+        if sky.even:
+            brought[sky.row] *= (others == 0) & ~_in_disc(sky.sun, there)
+        else:
+            brought[sky.row] *= density[mine] / np.maximum(density[mine] + others, 1e-30)
+    return np.asarray(np.nan_to_num(brought))
+
+
+def _in_disc(sun: Sun | None, directions: Floats) -> npt.NDArray[np.bool_]:
+    if sun is None:
+        return np.zeros(directions.shape[:-1], dtype=bool)
+    return np.asarray(directions @ sun.towards > sun.cosine)
+
+
+def _through_panes(
+    scene: Any,
+    places: Floats,
+    facing: Floats,
+    panes: Panes,
+    sky: _Sky | None,
+    random: np.random.Generator,
+) -> Floats:
+    """One estimate of the sky's light through each pane at each place, (K, Q)."""
+    count = len(panes.area)
+    if not count or sky is None:
+        return np.zeros((count, len(places)))
+    spots = random.random((count, len(places), 2, 1))
+    first, second = (edge[:, None] for edge in panes.edges)
+    towards = panes.corner[:, None] + spots[:, :, 0] * first + spots[:, :, 1] * second - places
+    reach = np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-3)
+    towards = towards / reach
+    slope = np.maximum((towards * panes.normal[:, None]).sum(axis=-1), 0)
+    cosine = np.maximum((towards * facing).sum(axis=-1), 0)
+    worth = panes.area[:, None] * slope * cosine / reach[..., 0] ** 2
+    worth *= ~_in_disc(sky.sun, towards)
+    light = _seen(scene, np.tile(places, (count, 1)), towards.reshape(-1, 3)).reshape(count, -1)
+    return np.asarray(np.nan_to_num(light * worth))
+
+
+def _from_sun(
+    scene: Any, places: Floats, facing: Floats, sky: _Sky | None, random: np.random.Generator
+) -> Floats:
+    """One estimate of the sun's light at each place, (1, Q)."""
+    if sky is None or sky.sun is None:
+        return np.zeros((1, len(places)))
+    numbers = vector(mi.Point2f, random.random((len(places), 2)))
+    local = mi.warp.square_to_uniform_cone(numbers, sky.sun.cosine)
+    frame = mi.Frame3f(mi.Vector3f(*sky.sun.towards.tolist()))
+    towards = np.array(frame.to_world(local)).T.astype(np.float64)
+    cosine = np.maximum((towards * facing).sum(axis=-1), 0)
+    return (_seen(scene, places, towards) * cosine / sky.sun.density)[None]
+
+
+def _seen(scene: Any, places: Floats, directions: Floats) -> Floats:
+    """Luminance of the environment in directions (Q, 3) from places (Q, 3), 0 where hidden."""
+    beyond = dr.zeros(mi.SurfaceInteraction3f, len(places))
+    beyond.wi = vector(mi.Vector3f, -directions)
+    light = scene.environment().eval(beyond)
+    hidden = scene.ray_test(mi.Ray3f(vector(mi.Point3f, places), -beyond.wi))
+    shown = np.array(dr.select(hidden, 0, light)).T.astype(np.float64)
+    return np.asarray(luminance(shown), dtype=np.float64)
+
+
+def _surface(places: Floats, normals: Floats) -> Any:
+    si = dr.zeros(mi.SurfaceInteraction3f, len(places))
+    si.p, si.n = vector(mi.Point3f, places), vector(mi.Normal3f, normals)
+    return si
+
+
+def _densities(panes: Panes, places: Floats, towards: Floats) -> Floats:
+    """Density of each direction through each pane, (Q, K)."""
+    slope = towards @ panes.normal.T
+    away = ((panes.corner[None] - places[:, None]) * panes.normal[None]).sum(axis=-1)
+    fine = (slope > 1e-6) & (away > 0)
+    reach = np.where(fine, away / np.where(fine, slope, 1), 0)
+    spot = places[:, None] + reach[..., None] * towards[:, None] - panes.corner[None]
+    for edge in panes.edges:
+        part = (spot * edge[None]).sum(axis=-1) / (edge**2).sum(axis=-1)
+        fine &= (part >= 0) & (part <= 1)
+    return np.where(fine, reach**2 / (panes.area * np.where(fine, slope, 1)), 0)
+
+
+def _shares(brought: Floats, seen: int) -> Floats:
+    """Root mean square of what each light adds, (N + K,), relative to the brightness of pixels.
+
+    The first `seen` points are in the image: there a light's share counts. The others are a
+    bounce away: what they pass on adds to pixels of any brightness, so a small patch in the sun,
+    which lights the whole room, counts for much.
+    """
+    total = brought.sum(axis=1)
+    if not total.any():
+        return np.zeros(brought.shape[1])
+    passed_on = _ALBEDO * total[seen:].mean() if len(total) > seen else 0.0
+    brightness = total[:seen].mean() + passed_on
+    near = brought[:seen] / (total[:seen] + passed_on + _FAINT * brightness)[:, None]
+    far = np.minimum(_ALBEDO * brought[seen:] / brightness, _MOST)
+    return np.asarray(np.sqrt((near**2).mean(axis=0) + (far**2).sum(axis=0) / max(1, len(far))))
