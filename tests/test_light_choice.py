@@ -138,8 +138,9 @@ class DensityDoubled(PlannedLights):
 @pytest.mark.parametrize("kind", [WaysForgotten, ChoiceForgotten, DensityDoubled])
 def test_mistakes_would_be_found(kind: type[PlannedLights], tmp_path: Path) -> None:
     wide = quad("wide", (0, 0, 2.95), (0, 0, -1), (1.6, 1.6), glow("3,2,1"), (0, 1, 0))
-    scene = room(tmp_path, wide, SUN)
-    faithful = EveryWay if issubclass(kind, EveryWay) else PlannedLights
+    outdoors = issubclass(kind, EveryWay)
+    scene = room(tmp_path, LAMP if outdoors else wide, SUN)
+    faithful = EveryWay if outdoors else PlannedLights
     assert abs(off_by(scene, planned(scene, faithful))).max() < 4.5
     assert abs(off_by(scene, planned(scene, kind))).max() > 6
 
