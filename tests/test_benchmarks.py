@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks import cycles
+from benchmarks import cycles, farm
 from benchmarks.bench import SMALL, Bench, Reference
 from benchmarks.clay import windows_of
 from benchmarks.cycles import BlenderMissing, blender_python, cycles_rows, run_step
@@ -75,6 +77,39 @@ def test_ratios_are_taken_turn_by_turn() -> None:
 def test_no_repeats_are_refused() -> None:
     with pytest.raises(ValueError, match="no repeats"):
         spread([])
+
+
+def test_the_farm_rows_compare_the_stage_with_both_loops(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, allowed = FakeClock(), os.sched_getaffinity(0)
+    seconds = {"plain": 10.0, "joint": 6.0, "1": 12.0, "2": 6.3}
+
+    def python(*words: str) -> None:
+        if "groundtruth" in words:
+            way = words[words.index("--workers") + 1]
+            assert len(os.sched_getaffinity(0)) == min(int(way), len(allowed))
+        else:
+            way = "joint" if "--joint" in words else "plain"
+        clock.seconds += seconds[way]
+
+    monkeypatch.setattr(farm, "python", python)
+    monkeypatch.setattr(farm, "by_turns", partial(by_turns, clock=clock))
+    monkeypatch.setattr(farm.joint, "available", lambda: True)
+    bench = Bench(tmp_path, SMALL, tmp_path)
+    bench.__dict__["views"] = {"home": []}
+    rows = {row.name: row for row in farm.farm_rows(bench)}
+    assert os.sched_getaffinity(0) == allowed
+    figures = {name: row.spread.value for name, row in rows.items() if row.spread}
+    assert figures == pytest.approx(
+        {
+            "ground truth stage / plain loop": 0.63,
+            "ground truth stage / joint loop (wall)": 1.05,
+            "ground truth stage / joint loop (cpu)": 1.05,
+            "two workers / one": 12 / 6.3,
+        }
+    )
+    assert rows["two workers / one"].verdict == ">= 1.9: met"
 
 
 @pytest.mark.parametrize(
