@@ -161,7 +161,7 @@ def _frame(
     low_x, high_x = min(xs), max(xs)
     low_y, high_y = scale(min(ys)), scale(max(ys))
     margin = 0.06 * (high_y - low_y or abs(high_y) or 1.0)
-    low_y, high_y = low_y - margin, high_y + margin
+    low_y, high_y = low_y - (0.0 if zero else margin), high_y + margin
 
     def place(x: float, y: float) -> tuple[float, float]:
         across = (x - low_x) / (high_x - low_x or 1.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -76,10 +77,13 @@ def make_ledger(data: Path, keys: list[tuple[str, str]]) -> None:
     """Costs of two stages; the first view was made twice."""
     ledger = Ledger(data)
     random = np.random.default_rng(1)
+    began = datetime(2026, 1, 1, tzinfo=UTC)
     for stage, seconds in (("inputs", 0.1), ("color", 3.0)):
         for key in (keys[0], *keys):
             cost = seconds * random.uniform(0.8, 1.6)
-            ledger.add((stage, *key), seconds=cost, worker="w0", attempt=1, spp=64)
+            began += timedelta(seconds=cost)
+            known = {"ended": began, "memory_mb": 400.0, "peak_mb": 450.0}
+            ledger.add((stage, *key), seconds=cost, worker="w0", attempt=1, spp=64, **known)
     ledger.save()
 
 

@@ -120,6 +120,12 @@ def test_the_page_nests_and_has_every_section(text: str) -> None:
     assert "made by" not in page.text.replace("Made by pbrnet report", ""), "something is missing"
 
 
+def test_the_ledger_is_drawn(text: str) -> None:
+    costs = text[text.index('id="costs"') : text.index('id="scenes"')]
+    assert costs.count("<svg") == 2  # all views had as many samples
+    assert "Who worked when" in costs and "Memory of the workers" in costs
+
+
 def test_the_page_needs_nothing_from_outside(text: str) -> None:
     page = Page(text)
     assert page.sources

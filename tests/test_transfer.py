@@ -14,7 +14,7 @@ import pytest
 from dask_fixtures import can_hide, dask_scheduler, dask_worker, kill_tree, workers_of
 from stages_fixtures import write_room
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 PARAMETERS = """
 image: {width: 48, height: 36}
@@ -36,7 +36,7 @@ def _command(data: Path, stage: str, *options: str) -> list[str]:
 
 def _run(data: Path, stage: str, *options: str, code: int = 0) -> str:
     done = subprocess.run(
-        _command(data, stage, *options), capture_output=True, text=True, timeout=200, check=False
+        _command(data, stage, *options), capture_output=True, text=True, timeout=500, check=False
     )
     assert done.returncode == code, done.stderr
     return done.stderr
@@ -126,12 +126,12 @@ def test_sharing_and_other_workers_side_by_side(fresh: Path, local: Path, tmp_pa
     ):
         process = subprocess.Popen(_command(fresh, "groundtruth", "--scheduler", address))
         try:
-            deadline = time.monotonic() + 120
+            deadline = time.monotonic() + 500
             while process.poll() is None and not list((fresh / "color").rglob("*.exr")):
                 assert time.monotonic() < deadline
                 time.sleep(0.05)
             kill_tree(far)  # with scenes and frames under way
-            assert process.wait(timeout=200) == 0
+            assert process.wait(timeout=500) == 0
         finally:
             process.kill()
             process.wait()
