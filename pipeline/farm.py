@@ -43,7 +43,7 @@ from typing import Any
 import dask
 import psutil
 from dask.system import cpu_count
-from distributed import Client, Future, KilledWorker, LocalCluster
+from distributed import Client, Future, KilledWorker, LocalCluster, Nanny
 
 from pipeline.courier import Courier, Supply
 from pipeline.params import FarmParams
@@ -109,10 +109,14 @@ class Farm:
         return self
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
+        nannies = list(self._cluster.workers.values()) if self._cluster is not None else []
         # Interrupted work is worth nothing: do not wait for it to end.
-        if kind is not None and self._cluster is not None:
-            self._kill_workers(self._cluster)
+        if kind is not None:
+            for nanny in nannies:
+                nanny.close_gracefully()  # which means: start no other worker
+            _kill_workers(nannies)
         self._stack.close()
+        _kill_workers(nannies)  # a busy machine may have been too slow to end them in time
 
     def run(self, work: Callable[[Any], Any], items: Sequence[Item]) -> Iterator[Outcome]:
         """Yield exactly one final outcome per item, in order of completion.
@@ -205,13 +209,14 @@ class Farm:
         with contextlib.suppress(Exception):
             thing.close(timeout=5)
 
-    @staticmethod
-    def _kill_workers(cluster: LocalCluster) -> None:
-        for nanny in cluster.workers.values():
-            process = getattr(nanny, "process", None)
-            if process is not None and process.pid:
-                with contextlib.suppress(OSError):
-                    os.kill(process.pid, signal.SIGKILL)
+
+def _kill_workers(nannies: Sequence[Nanny]) -> None:
+    """End the worker processes that are still there."""
+    for nanny in nannies:
+        process = getattr(nanny, "process", None)
+        if process is not None and process.pid:
+            with contextlib.suppress(OSError):
+                os.kill(process.pid, signal.SIGKILL)
 
 
 def _all_see(client: Client, file: Path) -> bool:
