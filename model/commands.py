@@ -1,4 +1,4 @@
-"""`pbrnet backbone`, `train`, `evaluate` and `predict`."""
+"""`pbrnet backbone`, `train`, `evaluate`, `predict` and `export`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import click
 from model import evaluation
 from model import predict as prediction
 from model.backbone import make_backbone
+from model.export import INPUTS, export_onnx
 from model.inference import load_networks
 from model.methods import BASELINES, METHODS
 from model.metrics import NAMES
@@ -265,6 +266,24 @@ def predict(
     with atomic_file(out) as partial:
         partial.write_bytes(png_bytes(picture, facts))
     click.echo(f"{out}: {example.name}, {result.color.shape[1]}x{result.color.shape[0]} {words}")
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet export --onnx model.onnx
+  python examples/consume/with_onnx.py model.onnx data/dataset
+
+The file takes the dataset's columns as they are, at any size, and gives shading and colour as
+display values. Needs the extra packages: pip install 'pbrnet[onnx]'"""
+)
+@click.option("--onnx", "out", type=_FILE, required=True, metavar="FILE", help="ONNX to write.")
+@_models_option("Trained networks.")
+@common_options
+def export(params: Params, data: Path, models: Path, out: Path) -> None:
+    """Write both trained networks as one file for other programs."""
+    export_onnx(load_networks(models), out)
+    click.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {', '.join(INPUTS)} to shading, color")
 
 
 def _credits(scene: Path) -> list[str]:

@@ -40,6 +40,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         "import": ("pipeline.import_command:import_command", "Bring in one scene of your own."),
         "inspect": ("pipeline.data_commands:inspect", "Say what a file holds, and draw it."),
         "predict": ("model.commands:predict", "Make an image through the trained networks."),
+        "export": ("model.commands:export", "Write the networks for other programs (ONNX)."),
         "cost": ("pipeline.cost_command:cost", "Say how many core-hours a run will take."),
         "preset": ("pipeline.setup_commands:preset", "Put a parameter preset in place."),
         "doctor": ("pipeline.setup_commands:doctor", "Say what this machine has and lacks."),
