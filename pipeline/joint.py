@@ -103,7 +103,6 @@ class JointPath:
         active = mi.Bool(active)
         depth = mi.UInt32(0)  # vertices passed
         eta = mi.Float(1)  # product of the relative indices of refraction along the path
-        gained = mi.Float(1)  # product of what roulette has multiplied the throughputs by
         before = dr.zeros(mi.Interaction3f)  # the vertex before
         colour, grey = _at_camera(), _at_camera()
 
@@ -143,10 +142,9 @@ class JointPath:
 
             # Roulette for both at once
             depth[si.is_valid()] += 1
-            survival, share = self.roulette(colour, grey, gained, eta, depth)
+            survival, share = self.roulette(colour, grey, eta, depth)
             colour.throughput *= share
             grey.throughput *= share
-            gained *= share
             active = goes_on & (random < survival)
         return colour.radiance, grey.radiance
 
@@ -189,19 +187,15 @@ class JointPath:
         eta = dr.select(follow_grey, of_grey.sample.eta, of_colour.sample.eta)
         return wo, eta, dr.select(part, 2 * random - dr.select(heads, 0.0, 1.0), random)
 
-    def roulette(
-        self, colour: Branch, grey: Branch, gained: Any, eta: Any, depth: Any
-    ) -> tuple[Any, Any]:
+    def roulette(self, colour: Branch, grey: Branch, eta: Any, depth: Any) -> tuple[Any, Any]:
         """Probability that the path goes on, and what it then gains.
 
-        By the grey path, since shading must not depend on colours, but as if each of its surfaces
-        reflected the cube root of what it does: for the usual grey, 0.5, that is 0.79, about the
-        brightest that surfaces of a room are. By the grey itself, bright colours would go through
-        few paths of great weight. By the colour where the grey throughput is zero.
+        By the grey throughput, since shading must not depend on colours, but by its square root,
+        so that colours brighter than the grey are not starved; by the colour's where the grey one
+        is zero.
         """
         of_grey = dr.max(grey.throughput)
-        bright = dr.power(of_grey / gained, 1 / 3) * gained
-        likely = dr.select(of_grey > 0, bright, dr.max(colour.throughput))
+        likely = dr.select(of_grey > 0, dr.sqrt(of_grey), dr.max(colour.throughput))
         survival = dr.minimum(likely * dr.square(eta), 0.95)
         at_stake = depth >= self.rr_depth
         share = dr.select(at_stake & (survival > 0), dr.rcp(survival), 1.0)

@@ -154,8 +154,8 @@ class ColourLeads(JointPath):
 
 
 class RouletteOfColour(JointPath):
-    def roulette(self, colour: Branch, grey: Branch, *arguments: Any) -> Any:
-        return super().roulette(colour, colour, *arguments)
+    def roulette(self, colour: Branch, grey: Branch, eta: Any, depth: Any) -> Any:
+        return super().roulette(colour, colour, eta, depth)
 
 
 class RouletteNotPaidFor(JointPath):
