@@ -64,7 +64,7 @@ class PlannedLights:
             first = dr.select(
                 asks, random.x / self.asking, (random.x - self.asking) / (1 - self.asking)
             )
-            random = mi.Point2f(first, random.y)
+            random = mi.Point2f(_below_one(first), random.y)
             ds, light = self._ask(si, random, active & asks)
             other, other_light = self.outdoors.sample(scene, si, random, active & ~asks)
             ds, light = dr.select(asks, ds, other), dr.select(asks, light, other_light)
@@ -92,15 +92,22 @@ class PlannedLights:
         index, again, pmf = self.choice.sample_reuse_pmf(random.x, active)
         pmf *= self.asking
         emitter = dr.gather(mi.EmitterPtr, self.emitters, index, active)
-        ds, light = emitter.sample_direction(si, mi.Point2f(again, random.y), active)
+        ds, light = emitter.sample_direction(si, mi.Point2f(_below_one(again), random.y), active)
         # The sample's own density is taken: computed anew it may differ, as at a disc's very edge.
         density = ds.pdf * pmf
         if self.outdoors is not None and self.outdoors.asked:
             sky = (ds.emitter == mi.EmitterPtr(self.outdoors.environment)) & ~ds.delta
             density += dr.select(sky, self.outdoors.density(si.p, ds.d), 0)
-        light *= dr.select(ds.pdf > 0, ds.pdf / density, 0)
-        ds.pdf = dr.select(ds.pdf > 0, density, 0)
+        # Of millions of samples of `sunsky` a few are not finite: they count as none.
+        fine = (ds.pdf > 0) & dr.isfinite(ds.pdf) & dr.all(dr.isfinite(light))
+        light = dr.select(fine, light * (ds.pdf / density), 0)
+        ds.pdf = dr.select(fine, density, 0)
         return ds, light
+
+
+def _below_one(number: Any) -> Any:
+    """A stretched random number, in [0, 1) again: at 1, rounded up, some samplers return NaN."""
+    return dr.clip(number, 0, dr.one_minus_epsilon(mi.Float))
 
 
 class _Outdoors:
@@ -133,10 +140,10 @@ class _Outdoors:
         through = random.x < share
         towards, sunwards = mi.Vector3f(0, 0, 1), mi.Bool(False)
         if self.panes is not None:
-            spot = mi.Point2f(random.x / share, random.y)
+            spot = mi.Point2f(_below_one(random.x / share), random.y)
             towards = dr.normalize(self.panes.point(spot) - si.p)
         if self.sun is not None:
-            spot = mi.Point2f((random.x - share) / (1 - share), random.y)
+            spot = mi.Point2f(_below_one((random.x - share) / (1 - share)), random.y)
             local = mi.warp.square_to_uniform_cone(spot, self.cosine)
             towards = dr.select(through, towards, self.frame.to_world(local))
             sunwards = ~through

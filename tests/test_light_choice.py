@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -181,12 +182,18 @@ def test_the_sun_is_found_where_it_stands_and_as_large_as_it_is(
     turned: str, tmp_path: Path
 ) -> None:
     sun = SUN.replace("</emitter>", turned + "</emitter>")
-    plan = plan_lights(room(tmp_path, LAMP, sun).mitsuba, VIEW, (WINDOW,), 0)
+    scene = room(tmp_path, LAMP, sun)
+    plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 0)
     assert plan.sun is not None
-    angle = np.radians(70) if turned else 0
-    spin = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
-    wanted = np.array(spin) @ np.array([-0.3, 0.7, 0.5])
-    np.testing.assert_allclose(plan.sun.towards, wanted / np.linalg.norm(wanted), atol=1e-6)
+    if not turned:
+        wanted = np.array([-0.3, 0.7, 0.5])
+        np.testing.assert_allclose(plan.sun.towards, wanted / np.linalg.norm(wanted), atol=1e-6)
+    beyond = dr.zeros(mi.SurfaceInteraction3f, 2)
+    aside = plan.sun.towards + np.array([0.0, 0.0, 0.02])  # a degree higher
+    directions = np.stack([plan.sun.towards, aside / np.linalg.norm(aside)])
+    beyond.wi = vector(mi.Vector3f, -directions)
+    shown = np.array(scene.mitsuba.environment().eval(beyond))[1]
+    assert shown[0] > 20 * shown[1]
     # Mitsuba's sun spans 0.5358 degrees; ours a little more.
     assert 0.2679 < np.degrees(np.arccos(plan.sun.cosine)) < 0.29
 
