@@ -122,10 +122,10 @@ def require_data(site: Site) -> None:
 def scene_folder(folder: Path, digest: str) -> Iterator[Path]:
     """The scene with this digest, as a folder that this worker can read.
 
-    `folder` is where the command has it. A worker that does not share the data folder takes its
-    own copy at that place if it is the same scene, and else is sent it.
+    `folder` is where the command has it. With `auto`, a worker that does not share the data folder
+    takes its own copy at that place if it is the same scene; else it is sent it.
     """
-    if shares_data() or _is_scene(folder, digest):
+    if shares_data() or (_site and _site.transfer == "auto" and _is_scene(folder, digest)):
         yield folder
     else:
         assert _site is not None
