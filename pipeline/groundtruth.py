@@ -27,7 +27,7 @@ from pipeline.views import View
 from scenes.errors import InputError
 from scenes.seeds import derive32
 
-REVISION = 5
+REVISION = 6
 _LAUNCH = 1 << 21  # samples; changing it changes pixels
 _NEAR, _FAR = 1e-3, 1e5  # metres
 

@@ -98,8 +98,8 @@ class GroundTruthParams:
     rr_depth: int = field(default=5, metadata=within(1, 1000))
     denoise: Literal["none", "oidn"] = "none"
     joint: bool = True  # both from one trace of paths, where the variant can
-    # which lights paths ask, in a joint trace: all alike, or by what lights the view
-    lights: Literal["planned", "uniform"] = "uniform"
+    # which lights paths ask, in a joint trace: by what they add to the view, or all alike
+    lights: Literal["planned", "uniform"] = "planned"
 
     def verify(self, where: str) -> None:
         """Blocks must divide the samples, and the least be no more; raises ValueError."""
