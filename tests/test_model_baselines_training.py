@@ -192,8 +192,8 @@ def by_heart(name: str, steps: int, width: int, levels: int) -> Params:
     ("name", "steps", "width", "levels"),
     [
         ("can", 600, 16, 6),
-        ("can_own", 800, 16, 6),
-        ("pix2pix", 900, 24, 3),
+        pytest.param("can_own", 800, 16, 6, marks=pytest.mark.check),
+        pytest.param("pix2pix", 900, 24, 3, marks=pytest.mark.check),
         ("pix2pix_own", 600, 24, 3),
         ("cyclegan", 500, 16, 2),
     ],
