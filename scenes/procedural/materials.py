@@ -158,25 +158,31 @@ def texture_image(material: Material, size: int) -> npt.NDArray[np.uint8]:
     Where accent areas are structural (grout, mortar) the mean is that of the rest.
     """
     drawn = pattern(material.kind, material.variant % SEEDS, size)
-    base = np.array(_limited(material.color, WHITEST), dtype=np.float32)
+    base = np.array(_limited(material.color, WHITEST), dtype=np.float32)[:, None, None]
     accent = (
-        np.array(_limited(material.accent, WHITEST), dtype=np.float32)
+        np.array(_limited(material.accent, WHITEST), dtype=np.float32)[:, None, None]
         if material.accent
         else base * _DEFAULT_ACCENT
     )
-    linear = base + drawn.mix[..., None] * (accent - base)
-    linear *= drawn.shade[..., None]
+    linear = drawn.mix * (accent - base)  # (3, size, size)
+    linear += base
+    linear *= drawn.shade
     if material.kind not in _LAID:
-        linear *= base / np.maximum(linear.mean(axis=(0, 1)), 1e-4)
+        linear *= base / np.maximum(linear.mean(axis=(1, 2), keepdims=True), 1e-4)
         # Another start for each variant, so that few patterns serve many materials.
         shift = (material.variant // SEEDS) % (size * size)
-        linear = np.roll(linear, (shift // size, shift % size), axis=(0, 1))
-    return _SRGB[np.clip(linear * 4095 + 0.5, 0, 4095).astype(np.uint16)]
+        linear = np.roll(linear, (shift // size, shift % size), axis=(1, 2))
+    return _encoded(linear)
 
 
 def _picture_image(material: Material, size: int) -> npt.NDArray[np.uint8]:
-    image = picture(generator(material.variant, "picture"), size)
-    return _SRGB[np.clip(image * 4095 + 0.5, 0, 4095).astype(np.uint16)]
+    return _encoded(picture(generator(material.variant, "picture"), size))
+
+
+def _encoded(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+    """Planes of linear RGB (3, size, size) as an sRGB image (size, size, 3)."""
+    steps = np.clip(linear * 4095 + 0.5, 0, 4095).astype(np.uint16)
+    return np.ascontiguousarray(_SRGB[steps].transpose(1, 2, 0))
 
 
 def _srgb_table() -> npt.NDArray[np.uint8]:

@@ -54,10 +54,7 @@ def noise(
     The spectrum is drawn from the lowest frequencies up, so one seed looks alike at all sizes.
     """
     reach = min(size // 2, 256)
-    frequency_v = np.fft.fftfreq(2 * reach, 1 / (2 * reach)).astype(np.float32)[:, None]
-    frequency_u = np.arange(reach + 1, dtype=np.float32)[None, :]
-    radius = np.hypot(frequency_u * stretch[0], frequency_v * stretch[1])
-    amplitude = np.where(radius >= low, 1 / np.maximum(radius, 1e-6) ** falloff, 0)
+    amplitude = _amplitude(reach, falloff, stretch, low)
     phase = rng.standard_normal((2, *amplitude.shape)).astype(np.float32)
     spectrum = amplitude * (phase[0] + 1j * phase[1])
     if size > 2 * reach:
@@ -67,6 +64,15 @@ def noise(
         spectrum = full
     field = np.fft.irfft2(spectrum, s=(size, size))
     return (field / max(float(field.std()), 1e-12)).astype(np.float32)
+
+
+@lru_cache(maxsize=48)
+def _amplitude(reach: int, falloff: float, stretch: tuple[float, float], low: float) -> Field:
+    """Of the waves along v (2 reach rows, as the FFT orders them) and u (reach + 1 columns)."""
+    frequency_v = np.fft.fftfreq(2 * reach, 1 / (2 * reach)).astype(np.float32)[:, None]
+    frequency_u = np.arange(reach + 1, dtype=np.float32)[None, :]
+    radius = np.hypot(frequency_u * stretch[0], frequency_v * stretch[1])
+    return np.where(radius >= low, 1 / np.maximum(radius, 1e-6) ** falloff, 0)
 
 
 def _axes(size: int) -> tuple[Field, Field]:
@@ -283,16 +289,20 @@ _MAKERS: dict[str, Callable[[np.random.Generator, int], Pattern]] = {
 
 
 def picture(rng: np.random.Generator, size: int) -> Field:
-    """An abstract painting, linear RGB float32 (size, size, 3); row 0 is its bottom edge."""
+    """An abstract painting, planes of linear RGB float32 (3, size, size); row 0 is its bottom."""
     u, v = _axes(size)
     palette = rng.uniform(0.02, 0.75, (6, 3)).astype(np.float32)
     palette[0] = rng.uniform(0.45, 0.78)  # ground
     palette[1] *= 0.3
-    image = np.broadcast_to(palette[0], (size, size, 3)).copy()
+    image = np.empty((3, size, size), np.float32)
+    image[:] = palette[0][:, None, None]
     kind = int(rng.integers(4))
 
     def lay(mask: Field, color: npt.NDArray[np.float32]) -> None:
-        image[...] = image * (1 - mask[..., None]) + color * mask[..., None]
+        low, high = np.flatnonzero(mask.any(axis=1))[[0, -1]] if mask.any() else (0, -1)
+        rows = slice(low, high + 1)  # most shapes cover a small part
+        image[:, rows] *= 1 - mask[rows]
+        image[:, rows] += color[:, None, None] * mask[rows]
 
     ragged = 0.02 * noise(rng, size, 1.8)
     soft = 2.0 / size
@@ -325,4 +335,4 @@ def picture(rng: np.random.Generator, size: int) -> Field:
             stroke *= _smooth(-soft, 0.02, rng.uniform(0.1, 0.4) - np.abs(along) + ragged)
             lay(stroke, palette[int(rng.integers(1, 6))])
     canvas = 1 + 0.03 * noise(rng, size, 0.4, low=size // 8)
-    return np.clip(image * canvas[..., None], 0.005, 0.85).astype(np.float32)
+    return np.clip(image * canvas, 0.005, 0.85).astype(np.float32)

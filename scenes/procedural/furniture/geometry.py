@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Literal
 
 import mapbox_earcut
@@ -21,6 +21,7 @@ Array = npt.NDArray[np.float64]
 Axis = Literal["x", "y", "z"]
 AXES: dict[str, int] = {"x": 0, "y": 1, "z": 2}
 CREASE = np.cos(np.radians(50))  # sharper turns of a profile stay edges
+_NO_AREA = 1e-10  # square metres; smaller triangles have collapsed
 
 
 @dataclass(frozen=True)
@@ -41,12 +42,7 @@ class Mesh:
 
     def turned(self, axis: Axis, degrees: float) -> Mesh:
         """Rotated about an axis through the origin, counter-clockwise seen from its tip."""
-        sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
-        a, b = (AXES[axis] + 1) % 3, (AXES[axis] + 2) % 3
-        rotation = np.eye(3)
-        rotation[a, a] = rotation[b, b] = cosine
-        rotation[a, b], rotation[b, a] = -sine, sine
-        return replace(self, vertices=self.vertices @ rotation.T)
+        return replace(self, vertices=self.vertices @ _rotation(axis, degrees).T)
 
     def scaled(self, x: float = 1.0, y: float = 1.0, z: float = 1.0) -> Mesh:
         """Stretched by positive factors; uvs stay, so keep the factors near each other."""
@@ -59,10 +55,20 @@ class Mesh:
         )
 
 
+@lru_cache(maxsize=512)
+def _rotation(axis: Axis, degrees: float) -> Array:
+    sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
+    a, b = (AXES[axis] + 1) % 3, (AXES[axis] + 2) % 3
+    rotation = np.eye(3)
+    rotation[a, a] = rotation[b, b] = cosine
+    rotation[a, b], rotation[b, a] = -sine, sine
+    return rotation
+
+
 def merge(meshes: Iterable[Mesh]) -> Mesh:
     """One mesh of several."""
     meshes = list(meshes)
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    starts = accumulate((len(mesh.vertices) for mesh in meshes), initial=0)
     return Mesh(
         np.concatenate([mesh.vertices for mesh in meshes]),
         np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]),
@@ -79,14 +85,16 @@ def grid(points: Array, uvs: Array | None = None) -> Mesh:
     """
     n, m = points.shape[:2]
     if uvs is None:
-        uvs = np.empty((n, m, 2))
-        uvs[:, 1:, 0] = np.cumsum(_lengths(points[:, 1:] - points[:, :-1]).mean(axis=0))
-        uvs[1:, :, 1] = np.cumsum(_lengths(points[1:] - points[:-1]).mean(axis=1))[:, None]
-        uvs[0, :, 1] = uvs[:, 0, 0] = 0.0
+        uvs = np.zeros((n, m, 2))
+        along = np.add.reduce(_lengths(points[:, 1:] - points[:, :-1]), axis=0)
+        across = np.add.reduce(_lengths(points[1:] - points[:-1]), axis=1)
+        uvs[:, 1:, 0] = (along / n).cumsum()
+        uvs[1:, :, 1] = (across / m).cumsum()[:, None]
     faces = _grid_faces(n, m)
-    vertices = points.reshape(-1, 3)
-    solid = _areas(vertices, faces) > 1e-10
-    return Mesh(vertices, faces.copy() if solid.all() else faces[solid], uvs.reshape(-1, 2))
+    solid = _solid(points)
+    return Mesh(
+        points.reshape(-1, 3), faces.copy() if solid.all() else faces[solid], uvs.reshape(-1, 2)
+    )
 
 
 @lru_cache(maxsize=512)
@@ -110,20 +118,28 @@ def box(
     """
     half = np.asarray(size, dtype=float) / 2
     centre = np.asarray(at, dtype=float) + np.array([0, 0, half[2]])
-    bevel = min(bevel, 0.45 * 2 * float(half.min()))
-    along = AXES[grain] if grain else int(np.argmax(half))
-    signs, inset, facing, faces = _box_template(bevel > 0)
+    sizes = half.tolist()
+    bevel = min(bevel, 0.45 * 2 * min(sizes))
+    along = AXES[grain] if grain else sizes.index(max(sizes))
+    signs, inset, _, faces = _box_template(bevel > 0)
     corners = signs * (half - inset * max(bevel, 0.0))
     # (u, v) of the faces across each axis
-    axes = np.empty((3, 2), dtype=np.int64)
+    axes = []
     for axis in range(3):
-        others = [other for other in range(3) if other != axis]
-        u = along if along in others else max(others, key=lambda other: half[other])
-        axes[axis] = u, others[0] if others[1] == u else others[1]
+        first, second = (other for other in range(3) if other != axis)
+        u = along if along in (first, second) else max(first, second, key=sizes.__getitem__)
+        axes.append((u, first + second - u))
     # Boards sawn from one texture should not look alike: each starts somewhere else.
     start = np.array([1.7, 2.3]) @ np.array([[centre[0], centre[1]], [centre[2], centre[0]]])
-    uvs = np.take_along_axis(corners, axes[facing], axis=1) + start
+    uvs = corners.reshape(-1)[_box_columns(bevel > 0, tuple(axes))] + start
     return Mesh(corners + centre, faces.copy(), uvs, smooth=bevel > 0)
+
+
+@lru_cache
+def _box_columns(bevelled: bool, axes: tuple[tuple[int, int], ...]) -> npt.NDArray[np.int64]:
+    """Where u and v of each vertex (V, 2) lie in the flat array of a box's corners."""
+    facing = _box_template(bevelled)[2]
+    return 3 * np.arange(len(facing))[:, None] + np.array(axes)[facing]
 
 
 @lru_cache
@@ -272,20 +288,19 @@ def loft(rings: Array, closed: bool = True) -> Mesh:
     u runs along the body, v around it; flat horizontal bands have u, v = x, y.
     """
     rings = np.asarray(rings, dtype=float)
+    spans = rings.max(axis=1) - rings.min(axis=1)
     if closed:
-        ends = [rings[:1].mean(axis=1, keepdims=True), rings[-1:].mean(axis=1, keepdims=True)]
-        first, last = (np.broadcast_to(end, rings[:1].shape) for end in ends)
-        parts = [rings]
-        if np.ptp(rings[0], axis=0).max() > 1e-9:
-            parts.insert(0, first)
-        if np.ptp(rings[-1], axis=0).max() > 1e-9:
-            parts.append(last)
+        middles = np.add.reduce(rings[[0, -1]], axis=1) / rings.shape[1]
+        first, last = (np.broadcast_to(middle, (1, *rings.shape[1:])) for middle in middles)
+        opened = spans[[0, -1]].max(axis=1) > 1e-9
+        parts = [first] * bool(opened[0]) + [rings] + [last] * bool(opened[1])
         rings = np.concatenate(parts)
-    steps = np.diff(rings, axis=0)
+        spans = np.pad(spans, ((int(opened[0]), int(opened[1])), (0, 0)))
+    steps = rings[1:] - rings[:-1]
     directions = steps / np.maximum(_lengths(steps), 1e-12)[..., None]
-    turns = (directions[1:] * directions[:-1]).sum(axis=2).mean(axis=1)
+    turns = np.add.reduce((directions[1:] * directions[:-1]).sum(axis=2), axis=1) / rings.shape[1]
     # A band is level if it is flat and horizontal; such bands have uvs of their own.
-    level = (np.ptp(rings[..., 2], axis=1)[1:] < 1e-6) & (np.abs(steps[..., 2]).max(axis=1) < 1e-6)
+    level = (spans[1:, 2] < 1e-6) & (np.abs(steps[..., 2]).max(axis=1) < 1e-6)
     corners = (turns < CREASE) | (level[1:] != level[:-1])
     breaks = [0, *(int(k) + 1 for k in np.flatnonzero(corners)), len(rings) - 1]
     around = np.concatenate([rings, rings[:, :1]], axis=1)
@@ -363,7 +378,7 @@ def tube(
         tangents = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
     else:
         tangents = np.gradient(points, axis=0)
-    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    tangents /= _lengths(tangents)[:, None]
     sides, others = _carried_frames(tangents)
     angle = 2 * np.pi * np.arange(segments) / segments
     ring = np.cos(angle)[:, None] * sides[:, None] + np.sin(angle)[:, None] * others[:, None]
@@ -476,15 +491,19 @@ def _facets(points: Array) -> Mesh:
     return merge(strips)
 
 
-def _areas(vertices: Array, faces: npt.NDArray[np.int64]) -> Array:
-    corners = vertices.T[:, faces]
-    # Spelt out: np.cross costs more than all the rest of a small grid.
-    (x0, y0, z0), (x1, y1, z1) = (
-        corners[..., 1] - corners[..., 0],
-        corners[..., 2] - corners[..., 0],
-    )
-    x, y, z = y0 * z1 - z0 * y1, z0 * x1 - x0 * z1, x0 * y1 - y0 * x1
-    return np.asarray(np.sqrt(x * x + y * y + z * z) / 2)
+def _solid(points: Array) -> npt.NDArray[np.bool_]:
+    """Which triangles of `_grid_faces` have an area, (F,)."""
+    # Spelt out by coordinate: np.cross costs more than all the rest of a small grid.
+    n, m = points.shape[:2]
+    edges = np.empty((3, 3, n - 1, m - 1))  # of (x, y, z), from a to b, c and d
+    planes = points.transpose(2, 0, 1)
+    a = planes[:, :-1, :-1]
+    np.subtract(planes[:, 1:, :-1], a, out=edges[:, 0])
+    np.subtract(planes[:, 1:, 1:], a, out=edges[:, 1])
+    np.subtract(planes[:, :-1, 1:], a, out=edges[:, 2])
+    (x0, y0, z0), (x1, y1, z1) = edges[:, :2], edges[:, 1:]
+    nx, ny, nz = y0 * z1 - z0 * y1, z0 * x1 - x0 * z1, x0 * y1 - y0 * x1
+    return np.asarray(nx * nx + ny * ny + nz * nz > (2 * _NO_AREA) ** 2).reshape(-1)
 
 
 def _lengths(vectors: Array) -> Array:
