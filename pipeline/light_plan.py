@@ -158,8 +158,7 @@ def _sky_of(scene: Any) -> _Sky | None:
 
 def _disc_about(environment: Any, towards: Floats) -> Sun | None:
     """The sun around `towards`, as wide as the sky is bright there; None if it shines not there."""
-    aside = np.cross(towards, [0.0, 0.0, 1.0] if abs(towards[2]) < 0.9 else [0.0, 1.0, 0.0])
-    aside /= np.linalg.norm(aside)
+    aside = _across(towards)
     angles = np.radians(np.arange(0, _WIDEST, _STEP))
     around = np.cos(angles)[:, None] * towards + np.sin(angles)[:, None] * aside
     beyond = dr.zeros(mi.SurfaceInteraction3f, len(angles))
@@ -172,14 +171,19 @@ def _disc_about(environment: Any, towards: Floats) -> Sun | None:
     return Sun(towards, float(np.cos(_MARGIN * angles[edge + 1])))
 
 
+def _across(direction: Floats) -> Floats:
+    """A unit vector at right angles to `direction` (3,): level, unless that points up or down."""
+    aside = np.cross(direction, [0.0, 0.0, 1.0] if abs(direction[2]) < 0.9 else [0.0, 1.0, 0.0])
+    return np.asarray(aside / np.linalg.norm(aside))
+
+
 def panes_of(portals: tuple[Portal, ...]) -> Panes:
     """The rectangle around each portal's polygon, in its plane; the tiny ones are left out."""
     corners, firsts, seconds, normals = [], [], [], []
     for portal in portals:
         polygon, normal = np.array(portal.polygon), np.array(portal.normal, dtype=np.float64)
         normal = normal / np.linalg.norm(normal)
-        aside = np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [0.0, 1.0, 0.0])
-        aside /= np.linalg.norm(aside)
+        aside = _across(normal)
         upwards = np.cross(aside, normal)
         across, along = (polygon - polygon[0]) @ aside, (polygon - polygon[0]) @ upwards
         first, second = np.ptp(across) * aside, np.ptp(along) * upwards
@@ -351,7 +355,7 @@ def _densities(panes: Panes, places: Floats, towards: Floats) -> Floats:
 
 
 def _shares(brought: Floats, seen: int) -> Floats:
-    """Root mean square of what each light adds, (N + K,), relative to the brightness of pixels.
+    """Root mean square of what each light adds, (N + K + 1,), relative to the pixels' brightness.
 
     The first `seen` points are in the image: there a light's share counts. The others are a
     bounce away: what they pass on adds to pixels of any brightness, so a small patch in the sun,

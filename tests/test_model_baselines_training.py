@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 from model_fixtures import box_dataset
+from training_fixtures import Killed, stop_at
 
 from model import training
 from model.backbone import make_backbone
@@ -53,25 +54,6 @@ def workplace(root: Path, train: int = 8, **size: int) -> Folders:
     box_dataset(folders.data, train, 2, 4, **{**SIZE, **size})
     make_backbone(BackboneParams(network="efficientnet_lite0"), folders.models)
     return folders
-
-
-class Killed(BaseException):
-    """What no handler expects: the process is gone."""
-
-
-def stop_at(monkeypatch: pytest.MonkeyPatch, call: int, error: type[BaseException]) -> None:
-    """Raise the error when the loss is looked at for the `call`-th time."""
-    calls = 0
-    check = training._stop_if_diverged
-
-    def stop(*arguments: Any) -> None:
-        nonlocal calls
-        calls += 1
-        if calls == call:
-            raise error
-        check(*arguments)
-
-    monkeypatch.setattr(training, "_stop_if_diverged", stop)
 
 
 # Calls 13 and 14 are the two players of step 6, the first after a checkpoint; 16: the second of 7.

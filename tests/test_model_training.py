@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 from model_fixtures import box_dataset, box_rows, write_shard
+from training_fixtures import Killed, stop_at
 
 from model import training
 from model.backbone import make_backbone
@@ -98,10 +99,6 @@ def test_another_seed_trains_another_network(workplace: Workplace) -> None:
     assert weights(first, "shading") != weights(second, "shading")
 
 
-class Killed(BaseException):
-    """What no handler expects: the process is gone."""
-
-
 @pytest.mark.parametrize("stop", [4, 6, 11])
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
 def test_a_killed_training_ends_as_one_that_was_not(
@@ -111,24 +108,14 @@ def test_a_killed_training_ends_as_one_that_was_not(
     undisturbed, killed = workplace("a"), workplace("b")
     train_network("shading", params, undisturbed)
 
-    steps = 0
-    check = training._stop_if_diverged
-
-    def kill(*arguments: Any) -> None:
-        nonlocal steps
-        steps += 1
-        if steps == stop:
-            raise Killed
-        check(*arguments)
-
-    monkeypatch.setattr(training, "_stop_if_diverged", kill)
+    steps = stop_at(monkeypatch, stop)
     with pytest.raises(Killed):
         train_network("shading", params, killed)
     assert (killed.models / "checkpoints" / "shading.pt").exists()
     assert not (killed.models / "shading.safetensors").exists()
-    done = steps
+    done = steps()
     train_network("shading", params, killed)
-    assert steps - done == 16 - (stop - 1) // 3 * 3  # it went on from the last checkpoint
+    assert steps() - done == 16 - (stop - 1) // 3 * 3  # it went on from the last checkpoint
     assert weights(undisturbed, "shading") == weights(killed, "shading")
     for file in ("plots/train_shading.csv", "models/shading.json"):
         assert (undisturbed.models.parent / file).read_text() == (
@@ -139,11 +126,7 @@ def test_a_killed_training_ends_as_one_that_was_not(
 def test_ctrl_c_keeps_every_step(workplace: Workplace, monkeypatch: pytest.MonkeyPatch) -> None:
     folders = workplace()
 
-    def interrupt(_value: Any, _name: str, step: int, _examples: Any) -> None:
-        if step == 5:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(training, "_stop_if_diverged", interrupt)
+    stop_at(monkeypatch, 6, KeyboardInterrupt)
     with pytest.raises(KeyboardInterrupt):
         train_network("shading", PARAMS, folders)
     saved = torch.load(folders.models / "checkpoints" / "shading.pt", weights_only=True)
@@ -153,14 +136,10 @@ def test_ctrl_c_keeps_every_step(workplace: Workplace, monkeypatch: pytest.Monke
 def test_a_checkpoint_of_other_parameters_is_not_gone_on_from(
     workplace: Workplace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def kill_at_nine(_value: Any, _name: str, step: int, _examples: Any) -> None:
-        if step == 9:
-            raise Killed
-
     folders, fresh = workplace("a"), workplace("b")
     other = replace(PARAMS, train=replace(PARAMS.train, learning_rate=2e-3))
     with monkeypatch.context() as patch:
-        patch.setattr(training, "_stop_if_diverged", kill_at_nine)
+        stop_at(patch, 10)
         with pytest.raises(Killed):
             train_network("shading", PARAMS, folders)
     train_network("shading", other, folders)

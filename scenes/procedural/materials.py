@@ -10,6 +10,7 @@ renderer bakes that into code, so that each size would be compiled by itself.)
 from __future__ import annotations
 
 import shutil
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -149,7 +150,8 @@ class MaterialLibrary:
     def _save(self, image: npt.NDArray[np.uint8], name: str) -> None:
         path = self.folder / "textures" / f"{name}.png"
         # Mitsuba puts v = 0 at the top row of an image, we at the bottom.
-        Image.fromarray(image[::-1]).save(path, compress_level=1)
+        # Grain hardly repeats: looking for matches would cost time and save nothing.
+        Image.fromarray(image[::-1]).save(path, compress_type=zlib.Z_HUFFMAN_ONLY)
 
 
 def texture_image(material: Material, size: int) -> npt.NDArray[np.uint8]:

@@ -416,7 +416,16 @@ def _cross(a: list[float], b: list[float]) -> list[float]:
 
 def bar(start: Sequence[float], end: Sequence[float], radius: float, segments: int = 10) -> Mesh:
     """A straight round bar."""
-    return tube([start, end], radius, segments)
+    first = np.asarray(start, dtype=float)
+    along = np.asarray(end, dtype=float) - first
+    body = _bar_from_origin(tuple(along.tolist()), float(radius), segments)
+    return Mesh(body.vertices + first, body.faces.copy(), body.uvs.copy())
+
+
+@lru_cache(maxsize=256)
+def _bar_from_origin(along: tuple[float, ...], radius: float, segments: int) -> Mesh:
+    # Radiators, chairs and railings have many bars alike.
+    return tube([(0.0, 0.0, 0.0), along], radius, segments)
 
 
 def post(points: Sequence[Sequence[float]], sizes: Sequence[Sequence[float]]) -> Mesh:
