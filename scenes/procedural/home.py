@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -110,7 +111,7 @@ def make_home(
             lighting=lighting,
             plan=f"home-{seed:016x}",
         )
-        text = _scene_xml(plan, library, shapes, sky)
+        text = _scene_xml(plan, furniture, library, shapes, sky)
         (partial / "scene.xml").write_text(text, encoding="utf-8")
         save_scene(partial, scene)
     object.__setattr__(scene, "folder", Path(folder))
@@ -231,12 +232,23 @@ def _credits(things: Sequence[Thing]) -> tuple[Credit, ...]:
     return tuple(made)
 
 
-def _scene_xml(plan: Plan, library: MaterialLibrary, shapes: list[str], sky: Sky) -> str:
+def _near(spot: np.ndarray, box: np.ndarray) -> bool:
+    """Whether a point is in a box (2, 3) or within a quarter of a metre of it."""
+    return bool((spot > box[0] - 0.25).all() and (spot < box[1] + 0.25).all())
+
+
+def _scene_xml(
+    plan: Plan,
+    furniture: Sequence[Thing],
+    library: MaterialLibrary,
+    shapes: list[str],
+    sky: Sky,
+) -> str:
     lines = [
         '<?xml version="1.0" encoding="utf-8"?>',
         '<scene version="3.0.0">',
         '<integrator type="path"><integer name="max_depth" value="11"/></integrator>',
-        _sensor(plan),
+        _sensor(plan, furniture),
         sky.xml,
         *library.xml,
         *shapes,
@@ -245,17 +257,23 @@ def _scene_xml(plan: Plan, library: MaterialLibrary, shapes: list[str], sky: Sky
     return "\n".join(lines) + "\n"
 
 
-def _sensor(plan: Plan) -> str:
+def _sensor(plan: Plan, furniture: Sequence[Thing]) -> str:
     """A look across the largest room, for the plain `mitsuba` command and for previews."""
     room = max(plan.rooms, key=lambda candidate: candidate.shape.area)
     middle = room.shape.representative_point()
-    corner = max(
+    boxes = [thing.bounds for thing in furniture if thing.room == room.id]
+    corners = sorted(
         (edge.at(0.0) for edge in room.edges),
-        key=lambda point: math.dist(point, (middle.x, middle.y)),
+        key=lambda point: -math.dist(point, (middle.x, middle.y)),
     )
-    ahead = np.array([middle.x - corner[0], middle.y - corner[1]])
-    ahead /= np.linalg.norm(ahead)
-    x, y = np.array(corner) + 0.7 * ahead
+    x, y, ahead = middle.x, middle.y, np.array([1.0, 0.0])
+    for inwards, corner in product((0.7, 1.0, 1.4), corners):
+        towards = np.array([middle.x - corner[0], middle.y - corner[1]])
+        towards /= np.linalg.norm(towards)
+        spot = np.array([*(np.array(corner) + inwards * towards), EYE])
+        if not any(_near(spot, box) for box in boxes):
+            (x, y, _), ahead = spot, towards
+            break
     return (
         '<sensor type="perspective" id="sensor"><string name="fov_axis" value="x"/>'
         f'<float name="fov" value="{math.degrees(2 * HALF_FOV):.6g}"/>'

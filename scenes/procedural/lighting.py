@@ -35,8 +35,8 @@ class Lamp:
 def draw_sky(rng: np.random.Generator, setting: str, lamp_weight: float) -> Sky:
     """The sky of a `setting`; `lamp_weight` is the sum of the lit lamps' sampling weights.
 
-    Day and mixed: sun 18-62 degrees up, or an overcast sky without sun. Evening: a sun 5-14
-    degrees up, or dusk. Night: a faint uniform sky, as above a lit town.
+    Day and mixed: sun 18-62 degrees up, or an overcast sky without sun. Evening: a sun 6-14
+    degrees up, or dusk, in clear air. Night: a faint uniform sky, as above a lit town.
     """
     # Sky and lamps share the samples evenly where both matter (see FIELD-NOTES on variance).
     weight = max(1.0, lamp_weight)
@@ -53,7 +53,9 @@ def draw_sky(rng: np.random.Generator, setting: str, lamp_weight: float) -> Sky:
     azimuth = float(rng.uniform(0, 360))
     if setting == "evening":
         dusk = rng.random() < 0.45
-        elevation = 1.5 if dusk else float(rng.uniform(5, 14))
+        # In haze the sky model turns deep yellow towards a low sun (red to blue 5 to 1).
+        turbidity = 2.0 + 0.4 * (turbidity - 2.5)
+        elevation = 4.0 if dusk else float(rng.uniform(6, 14))
         sun_scale, sky_scale = (0.0, float(rng.uniform(0.05, 0.3))) if dusk else (1.0, 1.0)
     else:
         overcast = rng.random() < 0.25
