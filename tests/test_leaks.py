@@ -13,9 +13,10 @@ from gltf_fixtures import Builder
 from stages_fixtures import write_room
 
 from pipeline.cli import cli
-from pipeline.leaks import blocked, find_leaks
+from pipeline.leaks import find_leaks
 from pipeline.renderer import open_scene, set_variant
 from scenes.contract import Portal, Scene, load_scene, save_scene
+from scenes.darkness import blocked
 from scenes.params import SceneParams
 from scenes.procedural.home import make_home
 from scenes.registry import import_scene

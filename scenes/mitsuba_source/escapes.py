@@ -1,0 +1,219 @@
+"""Ways out of rooms that no straight look along a wall's normal finds: by walks of light.
+
+Behind a door that stands ajar, up a fireplace without a flue, around a corner: walks go at random
+from inside every room, bouncing as on matt surfaces, and those that get out other than by an
+opening show where another one is. World: metres, Z up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from shapely.geometry import Polygon
+
+from scenes.darkness import OFF, blocked, matt, places
+from scenes.mitsuba_source.meshes import Floats, face_areas
+from scenes.mitsuba_source.necks import DEPTHS, Cuts, Frame, air, outline_of
+from scenes.mitsuba_source.rays import RayCaster
+from scenes.mitsuba_source.rooms import MIN_OPENING, FoundOpening, FoundRoom
+from scenes.seeds import generator
+
+_WALKS = 4096  # a room
+_ALL_WALKS = 65_536  # a scene
+_BOUNCES = 8
+_ROUNDS = 4
+_FAR = 3.0  # metres that an escape's last stretch is followed
+_BESIDE = 0.3  # metres beside a wall that a way out through it may be
+_NARROW = 0.04  # metres, half of the least width: what is narrower is a crack
+_STEP = 0.04  # metres between level cuts
+_FEWEST = 3  # walks that show an opening rather than a crack
+_AS_GOOD = 0.9  # of the most walks that one cut explains
+
+
+@dataclass(frozen=True)
+class Escape:
+    """A walk that got out of room number `room`: where it turned, (K, 3), its end outdoors."""
+
+    room: int
+    points: Floats
+
+
+def find_escapes(
+    rays: RayCaster,
+    normals: Floats,
+    rooms: list[FoundRoom],
+    openings: list[FoundOpening],
+    seed: int = 0,
+) -> list[Escape]:
+    """Walks that leave `rooms` other than by `openings`; `normals` (F, 3) of the triangles."""
+    found = []
+    for number, room in enumerate(rooms):
+        rng = generator(seed, "escapes", number)
+        count = max(1, min(_WALKS, _ALL_WALKS // len(rooms)))
+        origins = places(room.floor, room.floor_z, room.ceiling_z, count, rng)
+        ways = rng.normal(size=(count, 3))
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+        turns = [origins]
+        walk = np.arange(count)  # which walk each of the living is
+        history = walk[:, None]  # and its row in each of `turns`
+        for _ in range(_BOUNCES):
+            distance, triangle = rays.cast(origins, ways)
+            stopped = blocked(openings, origins, ways, distance)
+            for row in np.nonzero(~stopped & np.isinf(distance))[0].tolist():
+                past = [turn[index] for turn, index in zip(turns, history[row], strict=True)]
+                found.append(Escape(number, np.array([*past, origins[row] + _FAR * ways[row]])))
+            going = ~stopped & np.isfinite(distance)
+            if not going.any():
+                break
+            met = origins[going] + distance[going, None] * ways[going]
+            facing, onward = matt(normals[triangle[going]], ways[going], rng)
+            origins, ways = met + OFF * facing, onward
+            turns.append(origins)
+            history = np.column_stack([history[going], np.arange(len(origins))])
+    return found
+
+
+def hidden_openings(
+    corners: Floats, cuts: Cuts, rooms: list[FoundRoom], openings: list[FoundOpening]
+) -> tuple[list[FoundOpening], list[Escape]]:
+    """Openings that walks find besides `openings`, and the walks that still get out.
+
+    `corners` (F, 3, 3) are the triangles that stop light, `cuts` those through them.
+    """
+    rays = RayCaster(corners)
+    _, normals = face_areas(corners)
+    hidden: list[FoundOpening] = []
+    escapes: list[Escape] = []
+    for round_ in range(_ROUNDS):
+        escapes = find_escapes(rays, normals, rooms, openings + hidden, round_)
+        found = _openings_of(escapes, cuts, rooms)
+        if not found:
+            break
+        hidden += found
+    return hidden, escapes
+
+
+def _openings_of(escapes: list[Escape], cuts: Cuts, rooms: list[FoundRoom]) -> list[FoundOpening]:
+    """Openings that the escapes went through, those that explain the most of them first."""
+    made = []
+    left = list(escapes)
+    while len(left) >= _FEWEST:
+        candidates = [
+            (explained, part, frame, depth)
+            for frame, depths, limits in _families(left, rooms)
+            for depth, part, explained in _passages(left, cuts, rooms, frame, depths, limits)
+        ]
+        if not candidates:
+            break
+        most = max(len(explained) for explained, *_ in candidates)
+        explained, part, frame, depth = min(
+            (one for one in candidates if len(one[0]) >= _AS_GOOD * most),
+            key=lambda one: one[1].area,
+        )
+        if len(explained) < _FEWEST:
+            break
+        room = left[min(explained)].room
+        height = rooms[room].ceiling_z - rooms[room].floor_z
+        outline = outline_of([part])
+        wall = height * max(float(np.ptp(outline[:, 0])), 1.0)
+        made.append(
+            FoundOpening(
+                room,
+                frame.world(outline, depth),
+                frame.normal,
+                min(1.0, part.area / wall) if abs(frame.normal[2]) < 0.9 else 0.0,
+                overhead=bool(frame.normal[2] > 0.9),
+                hidden=True,
+            )
+        )
+        left = [escape for index, escape in enumerate(left) if index not in explained]
+    return made
+
+
+Limits = tuple[Floats, Floats] | None  # of a cut, lowest and highest (u, v)
+
+
+def _families(
+    escapes: list[Escape], rooms: list[FoundRoom]
+) -> Iterator[tuple[Frame, Floats, Limits]]:
+    """Planes across which a way out may be: along walls, and level, seen from below and above."""
+    up = np.array([0.0, 0.0, 1.0])
+    for number in sorted({escape.room for escape in escapes}):
+        room = rooms[number]
+        height = room.ceiling_z - room.floor_z
+        for start, end in pairwise(np.array(room.floor.exterior.coords)):
+            length = float(np.linalg.norm(end - start))
+            if length < _BESIDE:
+                continue
+            along = np.append((end - start) / length, 0.0)
+            low = np.array([-_BESIDE, -_BESIDE])
+            high = np.array([length + _BESIDE, height + _BESIDE])
+            yield Frame(np.append(start, room.floor_z), along, up), DEPTHS, (low, high)
+    east, north = np.eye(3)[0], np.eye(3)[1]
+    for floor, ceiling in sorted({(room.floor_z, room.ceiling_z) for room in rooms}):
+        top = np.array([0.0, 0.0, ceiling])
+        levels = np.arange(floor - ceiling + _STEP, DEPTHS.max(), _STEP)
+        yield Frame(top, east, north), levels, None
+        yield Frame(np.array([0.0, 0.0, floor]), north, east), DEPTHS, None
+
+
+def _passages(
+    escapes: list[Escape],
+    cuts: Cuts,
+    rooms: list[FoundRoom],
+    frame: Frame,
+    depths: Floats,
+    limits: Limits,
+) -> Iterator[tuple[float, Polygon, set[int]]]:
+    """Holes in the cuts of one frame: depth, air, and which escapes went through it."""
+    tracks = [frame.local(escape.points) for escape in escapes]
+    crossed = {depth: _crossings(tracks, depth, limits) for depth in depths.tolist()}
+    crossed = {depth: marks for depth, marks in crossed.items() if len(marks[0]) >= _FEWEST}
+    if not crossed:
+        return
+    plane = np.concatenate([points for _, points in crossed.values()])
+    low = np.append(plane.min(axis=0) - 1.0, min(crossed))
+    high = np.append(plane.max(axis=0) + 1.0, max(crossed))
+    local = cuts.near(frame, low, high)
+    for depth, (who, points) in crossed.items():
+        for part in air(local, depth, points):
+            if part.area < MIN_OPENING or part.buffer(-_NARROW).is_empty:
+                continue
+            if _is_indoors(part, frame, depth, rooms):
+                continue
+            inside = shapely.contains_xy(part, points[:, 0], points[:, 1])
+            yield depth, part, set(who[inside].tolist())
+
+
+def _crossings(tracks: list[Floats], depth: float, limits: Limits) -> tuple[np.ndarray, Floats]:
+    """Which walks cross a cut outwards, and where they do so last, (M, 2)."""
+    who, points = [], []
+    for index, track in enumerate(tracks):
+        before, after = track[:-1, 2], track[1:, 2]
+        rows = np.nonzero((before < depth) & (after >= depth))[0]
+        if not len(rows):
+            continue
+        row = rows[-1]
+        share = (depth - before[row]) / (after[row] - before[row])
+        point = track[row, :2] + share * (track[row + 1, :2] - track[row, :2])
+        if limits is None or ((point >= limits[0]) & (point <= limits[1])).all():
+            who.append(index)
+            points.append(point)
+    return np.array(who, dtype=np.int64), np.array(points).reshape(-1, 2)
+
+
+def _is_indoors(part: Polygon, frame: Frame, depth: float, rooms: list[FoundRoom]) -> bool:
+    """Whether a cut's air is that of a room rather than of a hole in what encloses it."""
+    middle = frame.world(np.array([part.representative_point().coords[0]]), depth)[0]
+    if abs(frame.normal[2]) < 0.9:
+        return any(room.holds(middle, -0.1) for room in rooms)
+    ring = shapely.transform(part, lambda flat: frame.world(flat, depth)[:, :2])
+    return any(
+        room.floor_z - 0.05 < middle[2] < room.ceiling_z - 0.02
+        and ring.intersection(room.floor).area > 0.25 * ring.area
+        for room in rooms
+    )
