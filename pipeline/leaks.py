@@ -18,7 +18,7 @@ from shapely.geometry import Polygon
 from pipeline import rays
 from pipeline.renderer import RenderScene
 from scenes.contract import Room
-from scenes.darkness import OFF, blocked, matt, places
+from scenes.darkness import blocked, bounce, places
 from scenes.seeds import generator
 
 WALKS = 4096  # a room
@@ -67,13 +67,12 @@ def find_leaks(
             stopped = blocked(scene.scene.portals, origins[alive], way[alive], distance)
             escaped += alive[~stopped & np.isinf(distance)].tolist()
             going = ~stopped & np.isfinite(distance)
-            geometric = rays.unit(hits.geometric[going])
-            normal, onward = matt(geometric, way[alive[going]], rng)
-            alive = alive[going]
+            normals, alive = rays.unit(hits.geometric[going]), alive[going]
             if not len(alive):
                 break
-            origins[alive] = hits.position[going] + OFF * normal
-            way[alive] = onward
+            origins[alive], way[alive] = bounce(
+                origins[alive], way[alive], distance[going], normals, rng
+            )
             indoors = alive[_within(scene.scene.rooms, origins[alive])]
             kept_origin[indoors], kept_way[indoors] = origins[indoors], way[indoors]
         if escaped:

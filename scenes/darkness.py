@@ -15,7 +15,8 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry import Polygon
 
-OFF = 1e-4  # metres that a bounce starts above its surface
+_OFF = 1e-4  # metres that a bounce starts above its surface
+_STEEP = 0.01  # cosine below which it starts less high
 _EDGE = 2e-3  # metres by which a portal's blocker overlaps its frame
 
 Floats = npt.NDArray[np.float64]
@@ -45,7 +46,7 @@ def blocked(holes: Sequence[Hole], origins: Floats, directions: Floats, distance
         across = directions @ normal
         with np.errstate(divide="ignore", invalid="ignore"):
             reach = ((corners[0] - origins) @ normal) / across
-        near = np.isfinite(reach) & (reach > 0) & (reach < distances + OFF)
+        near = np.isfinite(reach) & (reach > 0) & (reach < distances + _OFF)
         if not near.any():
             continue
         first = np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0])
@@ -79,12 +80,20 @@ def places(
     return np.column_stack([plan, rng.uniform(low, high, count)])
 
 
-def matt(normals: Floats, directions: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """How walks go on that met surfaces of these unit normals (N, 3) along `directions`: the
-    normals on their side, and cosine-distributed directions (N, 3)."""
-    towards = np.sum(normals * directions, axis=-1, keepdims=True)
+def bounce(
+    origins: Floats, ways: Floats, distances: Floats, normals: Floats, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """How walks go on from where they hit something: origins and unit directions, (N, 3) each.
+
+    They came from `origins` along unit `ways` and met, after `distances` (N,), matt surfaces of
+    unit `normals` (N, 3), of either side. They start again a little back on their own way: above
+    the surface, and never behind another one that meets it in a crease.
+    """
+    towards = np.sum(normals * ways, axis=-1, keepdims=True)
     facing = np.where(towards > 0, -normals, normals)
-    return facing, _unit(facing + _unit(rng.normal(size=facing.shape)))
+    back = np.minimum(_OFF / np.maximum(np.abs(towards[:, 0]), _STEEP), 0.5 * distances)
+    onward = _unit(facing + _unit(rng.normal(size=facing.shape)))
+    return origins + (distances - back)[:, None] * ways, onward
 
 
 def _unit(vectors: npt.ArrayLike) -> Floats:

@@ -15,6 +15,7 @@ from shapely.geometry import box
 
 from scenes.contract import Credit, Light, Portal, Room, Scene, SceneObject, save_scene
 from scenes.errors import InputError
+from scenes.mitsuba_source.caulk import caulk, caulk_shape
 from scenes.mitsuba_source.changes import Changes
 from scenes.mitsuba_source.emitters import Emitter
 from scenes.mitsuba_source.escapes import hidden_openings
@@ -97,6 +98,11 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
         plain, thing = ground(*bounds_of(shapes))
         shapes, objects = [*shapes, plain], (*objects, thing)
     lights = _lights(shapes, area, draft.emitters, rooms, room_ids)
+    seal, count = caulk(_solid_corners(shapes), rooms, openings)
+    if count:
+        filler, part = caulk_shape(seal)
+        shapes, objects = [*shapes, filler], (*objects, part)
+        changes.note(f"cracks that light came through were closed from outside: {count} slabs")
     portals = _portals(openings, frosted, rooms, room_ids)
     if any(room.guessed for room in rooms):
         changes.note(

@@ -15,8 +15,8 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
-from scenes.darkness import OFF, blocked, matt, places
-from scenes.mitsuba_source.meshes import Floats, face_areas
+from scenes.darkness import blocked, bounce, places
+from scenes.mitsuba_source.meshes import Floats, Ints, face_areas
 from scenes.mitsuba_source.necks import DEPTHS, Cuts, Frame, air, outline_of
 from scenes.mitsuba_source.rays import RayCaster
 from scenes.mitsuba_source.rooms import MIN_OPENING, FoundOpening, FoundRoom
@@ -30,7 +30,9 @@ _FAR = 3.0  # metres that an escape's last stretch is followed
 _BESIDE = 0.3  # metres beside a wall that a way out through it may be
 _NARROW = 0.04  # metres, half of the least width: what is narrower is a crack
 _STEP = 0.04  # metres between level cuts
+_LOOKED_AT = 400  # escapes at most, evenly chosen
 _FEWEST = 3  # walks that show an opening rather than a crack
+_BUSY = 0.05  # of the walks that an open hole lets out: a leaf or a fire may stand before it
 _AS_GOOD = 0.9  # of the most walks that one cut explains
 
 
@@ -42,18 +44,37 @@ class Escape:
     points: Floats
 
 
+@dataclass(frozen=True)
+class _Passage:
+    """Closed-in air in a cut at `depth` of `frame`, and the numbers of the walks through it."""
+
+    frame: Frame
+    depth: float
+    air: Polygon
+    walks: frozenset[int]
+
+    @property
+    def width(self) -> float:
+        """Metres along `u`."""
+        west, _, east, _ = self.air.bounds
+        return float(east - west)
+
+
 def find_escapes(
     rays: RayCaster,
     normals: Floats,
     rooms: list[FoundRoom],
     openings: list[FoundOpening],
-    seed: int = 0,
+    count: int,
+    seed: int,
 ) -> list[Escape]:
-    """Walks that leave `rooms` other than by `openings`; `normals` (F, 3) of the triangles."""
+    """Of `count` walks in each of `rooms` those that get out other than by `openings`.
+
+    `normals` (F, 3) are those of the triangles that `rays` casts against.
+    """
     found = []
     for number, room in enumerate(rooms):
         rng = generator(seed, "escapes", number)
-        count = max(1, min(_WALKS, _ALL_WALKS // len(rooms)))
         origins = places(room.floor, room.floor_z, room.ceiling_z, count, rng)
         ways = rng.normal(size=(count, 3))
         ways /= np.linalg.norm(ways, axis=1, keepdims=True)
@@ -69,9 +90,8 @@ def find_escapes(
             going = ~stopped & np.isfinite(distance)
             if not going.any():
                 break
-            met = origins[going] + distance[going, None] * ways[going]
-            facing, onward = matt(normals[triangle[going]], ways[going], rng)
-            origins, ways = met + OFF * facing, onward
+            met = normals[triangle[going]]
+            origins, ways = bounce(origins[going], ways[going], distance[going], met, rng)
             turns.append(origins)
             history = np.column_stack([history[going], np.arange(len(origins))])
     return found
@@ -88,50 +108,85 @@ def hidden_openings(
     _, normals = face_areas(corners)
     hidden: list[FoundOpening] = []
     escapes: list[Escape] = []
+    count = max(1, min(_WALKS, _ALL_WALKS // max(1, len(rooms))))
     for round_ in range(_ROUNDS):
-        escapes = find_escapes(rays, normals, rooms, openings + hidden, round_)
-        found = _openings_of(escapes, cuts, rooms)
+        escapes = find_escapes(rays, normals, rooms, openings + hidden, count, round_)
+        found = _openings_of(escapes, count, cuts, rooms)
         if not found:
             break
         hidden += found
     return hidden, escapes
 
 
-def _openings_of(escapes: list[Escape], cuts: Cuts, rooms: list[FoundRoom]) -> list[FoundOpening]:
-    """Openings that the escapes went through, those that explain the most of them first."""
+def _openings_of(
+    escapes: list[Escape], walks: int, cuts: Cuts, rooms: list[FoundRoom]
+) -> list[FoundOpening]:
+    """Openings that the escapes of `walks` a room went through, the busiest first."""
+    every = -(-len(escapes) // _LOOKED_AT)
+    left, walks = escapes[::every], walks // max(1, every)
     made = []
-    left = list(escapes)
     while len(left) >= _FEWEST:
-        candidates = [
-            (explained, part, frame, depth)
-            for frame, depths, limits in _families(left, rooms)
-            for depth, part, explained in _passages(left, cuts, rooms, frame, depths, limits)
-        ]
-        if not candidates:
+        passage = _busiest(left, walks, cuts, rooms)
+        if passage is None:
             break
-        most = max(len(explained) for explained, *_ in candidates)
-        explained, part, frame, depth = min(
-            (one for one in candidates if len(one[0]) >= _AS_GOOD * most),
-            key=lambda one: one[1].area,
+        room, frame = left[min(passage.walks)].room, passage.frame
+        level = abs(frame.normal[2]) > 0.9
+        wall = (
+            rooms[room].floor.area
+            if level
+            else passage.width * (rooms[room].ceiling_z - rooms[room].floor_z)
         )
-        if len(explained) < _FEWEST:
-            break
-        room = left[min(explained)].room
-        height = rooms[room].ceiling_z - rooms[room].floor_z
-        outline = outline_of([part])
-        wall = height * max(float(np.ptp(outline[:, 0])), 1.0)
         made.append(
             FoundOpening(
                 room,
-                frame.world(outline, depth),
+                frame.world(outline_of([passage.air]), passage.depth),
                 frame.normal,
-                min(1.0, part.area / wall) if abs(frame.normal[2]) < 0.9 else 0.0,
+                min(1.0, passage.air.area / wall),
                 overhead=bool(frame.normal[2] > 0.9),
                 hidden=True,
             )
         )
-        left = [escape for index, escape in enumerate(left) if index not in explained]
+        left = [escape for index, escape in enumerate(left) if index not in passage.walks]
     return made
+
+
+def _busiest(
+    escapes: list[Escape], walks: int, cuts: Cuts, rooms: list[FoundRoom]
+) -> _Passage | None:
+    """The least of the holes that (nearly) the most escapes went through; None if all of them
+    are cracks."""
+    crossed = [
+        (frame, depth, who, points)
+        for frame, depths, limits in _families(escapes, rooms)
+        for depth, who, points in _crossings(escapes, frame, depths, limits)
+    ]
+    crossed.sort(key=lambda cut: -len(cut[2]))
+    found: list[_Passage] = []
+    most = _FEWEST
+    for frame, depth, who, points in crossed:
+        if len(who) < _AS_GOOD * most:
+            break  # no hole in this cut or in those that follow can be as busy
+        low, high = np.append(points.min(axis=0) - 1.0, depth), points.max(axis=0) + 1.0
+        for part in air(cuts.near(frame, low, np.append(high, depth)), depth, points):
+            inside = set(who[shapely.contains_xy(part, points[:, 0], points[:, 1])].tolist())
+            if not inside or part.area < MIN_OPENING or part.buffer(-_NARROW).is_empty:
+                continue
+            room = rooms[escapes[min(inside)].room]
+            if len(inside) >= _least(part.area, walks, room) and not _is_indoors(
+                part, frame, depth, rooms
+            ):
+                found.append(_Passage(frame, depth, part, frozenset(inside)))
+                most = max(most, len(inside))
+    good = [passage for passage in found if len(passage.walks) >= _AS_GOOD * most]
+    return min(good, key=lambda passage: passage.air.area, default=None)
+
+
+def _least(area: float, walks: int, room: FoundRoom) -> float:
+    """How many of a room's walks an open hole of `area` lets out at least; fewer show a crack
+    that merely lies in the same cut."""
+    around = room.floor.length * (room.ceiling_z - room.floor_z)
+    surface = 2 * room.floor.area + around
+    return max(_FEWEST, _BUSY * walks * min(1.0, _BOUNCES * area / surface))
 
 
 Limits = tuple[Floats, Floats] | None  # of a cut, lowest and highest (u, v)
@@ -161,49 +216,26 @@ def _families(
         yield Frame(np.array([0.0, 0.0, floor]), north, east), DEPTHS, None
 
 
-def _passages(
-    escapes: list[Escape],
-    cuts: Cuts,
-    rooms: list[FoundRoom],
-    frame: Frame,
-    depths: Floats,
-    limits: Limits,
-) -> Iterator[tuple[float, Polygon, set[int]]]:
-    """Holes in the cuts of one frame: depth, air, and which escapes went through it."""
+def _crossings(
+    escapes: list[Escape], frame: Frame, depths: Floats, limits: Limits
+) -> Iterator[tuple[float, Ints, Floats]]:
+    """Cuts that walks cross outwards: depth, which walks, and where they do so last, (M, 2)."""
     tracks = [frame.local(escape.points) for escape in escapes]
-    crossed = {depth: _crossings(tracks, depth, limits) for depth in depths.tolist()}
-    crossed = {depth: marks for depth, marks in crossed.items() if len(marks[0]) >= _FEWEST}
-    if not crossed:
-        return
-    plane = np.concatenate([points for _, points in crossed.values()])
-    low = np.append(plane.min(axis=0) - 1.0, min(crossed))
-    high = np.append(plane.max(axis=0) + 1.0, max(crossed))
-    local = cuts.near(frame, low, high)
-    for depth, (who, points) in crossed.items():
-        for part in air(local, depth, points):
-            if part.area < MIN_OPENING or part.buffer(-_NARROW).is_empty:
+    for depth in depths.tolist():
+        who, points = [], []
+        for index, track in enumerate(tracks):
+            before, after = track[:-1, 2], track[1:, 2]
+            rows = np.nonzero((before < depth) & (after >= depth))[0]
+            if not len(rows):
                 continue
-            if _is_indoors(part, frame, depth, rooms):
-                continue
-            inside = shapely.contains_xy(part, points[:, 0], points[:, 1])
-            yield depth, part, set(who[inside].tolist())
-
-
-def _crossings(tracks: list[Floats], depth: float, limits: Limits) -> tuple[np.ndarray, Floats]:
-    """Which walks cross a cut outwards, and where they do so last, (M, 2)."""
-    who, points = [], []
-    for index, track in enumerate(tracks):
-        before, after = track[:-1, 2], track[1:, 2]
-        rows = np.nonzero((before < depth) & (after >= depth))[0]
-        if not len(rows):
-            continue
-        row = rows[-1]
-        share = (depth - before[row]) / (after[row] - before[row])
-        point = track[row, :2] + share * (track[row + 1, :2] - track[row, :2])
-        if limits is None or ((point >= limits[0]) & (point <= limits[1])).all():
-            who.append(index)
-            points.append(point)
-    return np.array(who, dtype=np.int64), np.array(points).reshape(-1, 2)
+            row = rows[-1]
+            share = (depth - before[row]) / (after[row] - before[row])
+            point = track[row, :2] + share * (track[row + 1, :2] - track[row, :2])
+            if limits is None or ((point >= limits[0]) & (point <= limits[1])).all():
+                who.append(index)
+                points.append(point)
+        if len(who) >= _FEWEST:
+            yield depth, np.array(who, dtype=np.int64), np.array(points)
 
 
 def _is_indoors(part: Polygon, frame: Frame, depth: float, rooms: list[FoundRoom]) -> bool:

@@ -56,8 +56,7 @@ class Cuts:
     _high: Floats = field(init=False)
 
     def __post_init__(self) -> None:
-        self._low = self.corners.min(axis=1)
-        self._high = self.corners.max(axis=1)
+        self._low, self._high = _extremes(self.corners)
 
     def near(self, frame: Frame, low: Floats, high: Floats) -> Floats:
         """The triangles near the box from `low` to `high` (3,) of the frame, in its axes."""
@@ -67,8 +66,15 @@ class Cuts:
         world = frame.world(points[:, :2], 0.0) + points[:, 2:] * frame.normal
         meets = (self._low <= world.max(axis=0)) & (self._high >= world.min(axis=0))
         local = frame.local(self.corners[meets.all(axis=1)])
-        inside = (local.min(axis=1) <= high) & (local.max(axis=1) >= low)
-        return local[inside.all(axis=1)]
+        lowest, highest = _extremes(local)
+        return local[((lowest <= high) & (highest >= low)).all(axis=1)]
+
+
+def _extremes(corners: Floats) -> tuple[Floats, Floats]:
+    """Lowest and highest coordinates (F, 3) of triangles (F, 3, 3)."""
+    first, second, third = corners[:, 0], corners[:, 1], corners[:, 2]
+    low = np.minimum(np.minimum(first, second), third)
+    return low, np.maximum(np.maximum(first, second), third)
 
 
 def air(local: Floats, depth: float, seeds: Floats, around: float = _AROUND) -> list[Polygon]:

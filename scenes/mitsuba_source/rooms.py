@@ -300,11 +300,15 @@ def _free_below(corners: Floats, level: float) -> list[Polygon]:
 
 def slice_segments(corners: Floats, height: float) -> Floats:
     """Where the plane z = `height` cuts the triangles: segments (N, 2, 2) in x and y."""
-    z = corners[:, :, 2] - height
-    z = np.where(z == 0, 1e-9, z)
-    cut = corners[(z.min(axis=1) < 0) & (z.max(axis=1) > 0)]
+    # Columns, not `min(axis=1)`: that takes ten times as long on rows of three.
+    first, second, third = corners[:, 0, 2], corners[:, 1, 2], corners[:, 2, 2]
+    lowest = np.minimum(np.minimum(first, second), third)
+    highest = np.maximum(np.maximum(first, second), third)
+    cut = corners[(lowest <= height) & (highest >= height)]
     z = cut[:, :, 2] - height
     z = np.where(z == 0, 1e-9, z)
+    mixed = (z.min(axis=1) < 0) & (z.max(axis=1) > 0)
+    cut, z = cut[mixed], z[mixed]
     ends = np.zeros((len(cut), 2, 2))
     filled = np.zeros(len(cut), dtype=int)
     for a, b in ((0, 1), (1, 2), (2, 0)):
