@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 import shapely
@@ -18,7 +19,7 @@ from shapely.geometry import Polygon, box
 from scenes.contract import SceneObject
 from scenes.darkness import places
 from scenes.mitsuba_source.elements import plugin
-from scenes.mitsuba_source.escapes import find_escapes
+from scenes.mitsuba_source.escapes import Escape, Walker
 from scenes.mitsuba_source.materials import Surface
 from scenes.mitsuba_source.meshes import Floats, Mesh, face_areas
 from scenes.mitsuba_source.necks import Cuts, Frame
@@ -28,9 +29,12 @@ from scenes.mitsuba_source.shapes import Shape
 from scenes.seeds import generator
 
 CAULK_ID = "caulk"
-_WALKS = 32_768  # a scene, to see whether there are cracks
-_MORE_WALKS = 49_152  # and in each round, once there are
-_ROUNDS = 4
+_WALKS = 32_768  # a scene and round
+_ROUNDS = 7
+_AIMED = 20_000  # more in each further round, close to those that got out before
+_FOLLOWED = 60  # of the walks that got out, the latest
+_CLOSED_A_ROUND = 60  # of them that get a slab
+_ASIDE = 0.04  # metres by which they miss them
 _BEHIND = 5e-5  # metres from the surface beside a crack to the slab behind it
 _THICK = 8e-3  # metres
 _SLIT = 2e-4  # half of the widest gap in what bounds the slab
@@ -72,27 +76,50 @@ def caulk(
     """
     made: list[_Slab] = []
     added = np.empty((0, 3, 3))
+    known: list[Escape] = []
     for round_ in range(_ROUNDS):
         all_corners = np.concatenate([corners, added])
         rays, cuts = RayCaster(all_corners), Cuts(all_corners)
-        _, normals = face_areas(all_corners)
-        count = max(1, (_MORE_WALKS if made else _WALKS) // max(1, len(rooms)))
-        escapes = find_escapes(rays, normals, rooms, openings, count, seed=100 + round_)
+        normals = face_areas(all_corners)[1]
+        walker = Walker(rays, normals, openings)
+        escapes = walker.escapes(rooms, max(1, _WALKS // max(1, len(rooms))), 100 + round_)
+        if known:
+            escapes += _close_to(known, walker, generator(round_, "caulk"))
         if not escapes:
             break
-        witnesses = _witnesses(rays, rooms)
+        known += escapes
+        witnesses = _witnesses(rooms)
         new: list[_Slab] = []
-        for escape in escapes:
+        for escape in escapes[:_CLOSED_A_ROUND]:
             stretches = [escape.points[row : row + 2] for row in range(len(escape.points) - 1)]
             if not any(slab.stops(stretch) for slab in new for stretch in stretches):
-                tried = (_slab_for(one, rays, cuts, normals, openings, witnesses)
-                         for one in reversed(stretches))  # fmt: skip
-                new += [slab for slab in tried if slab is not None][:1]
+                tried = (
+                    _slab_for(one, rays, cuts, normals, openings, witnesses)
+                    for one in reversed(stretches)
+                )
+                new += islice((slab for slab in tried if slab is not None), 1)
         if not new:
             break
         made += new
         added = np.concatenate([added, *(slab.corners() for slab in new)])
     return added, len(made)
+
+
+def _close_to(known: list[Escape], walker: Walker, rng: np.random.Generator) -> list[Escape]:
+    """Walks that get out close to where others did."""
+    some = known[-_FOLLOWED:]
+    count = max(1, _AIMED // sum(len(escape.points) - 1 for escape in some))
+    found: list[Escape] = []
+    for escape in some:
+        starts, ends = escape.points[:-1], escape.points[1:]
+        origins, targets = np.repeat(starts, count, axis=0), np.repeat(ends, count, axis=0)
+        # Somewhere along the way, so that a crack is passed by its width and by its length.
+        share = rng.uniform(0.05, 1.0, (len(origins), 1))
+        targets = origins + share * (targets - origins) + rng.normal(0, _ASIDE, origins.shape)
+        ways = targets - origins
+        ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-12)
+        found += walker.follow(escape.room, origins, ways, rng)
+    return found
 
 
 def caulk_shape(corners: Floats) -> tuple[Shape, SceneObject]:
@@ -201,8 +228,8 @@ def _shadow(opening: FoundOpening, frame: Frame) -> Polygon:
     return shapely.convex_hull(shapely.multipoints(local[:, :2]))
 
 
-def _witnesses(rays: RayCaster, rooms: list[FoundRoom]) -> Floats:
-    """Places indoors, and what they see in some direction, (N, 3)."""
+def _witnesses(rooms: list[FoundRoom]) -> Floats:
+    """Places indoors, (N, 3)."""
     rng = generator(0, "witnesses")
     made = []
     for room in rooms:

@@ -60,41 +60,46 @@ class _Passage:
         return float(east - west)
 
 
-def find_escapes(
-    rays: RayCaster,
-    normals: Floats,
-    rooms: list[FoundRoom],
-    openings: list[FoundOpening],
-    count: int,
-    seed: int,
-) -> list[Escape]:
-    """Of `count` walks in each of `rooms` those that get out other than by `openings`.
+@dataclass(frozen=True)
+class Walker:
+    """Walks of light among triangles with unit `normals` (F, 3), stopped by `openings`."""
 
-    `normals` (F, 3) are those of the triangles that `rays` casts against.
-    """
-    found = []
-    for number, room in enumerate(rooms):
-        rng = generator(seed, "escapes", number)
-        origins = places(room.floor, room.floor_z, room.ceiling_z, count, rng)
-        ways = rng.normal(size=(count, 3))
-        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    rays: RayCaster
+    normals: Floats
+    openings: list[FoundOpening]
+
+    def escapes(self, rooms: list[FoundRoom], count: int, seed: int) -> list[Escape]:
+        """Of `count` walks in each of `rooms` those that get out."""
+        found = []
+        for number, room in enumerate(rooms):
+            rng = generator(seed, "escapes", number)
+            origins = places(room.floor, room.floor_z, room.ceiling_z, count, rng)
+            ways = rng.normal(size=(count, 3))
+            ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+            found += self.follow(number, origins, ways, rng)
+        return found
+
+    def follow(
+        self, room: int, origins: Floats, ways: Floats, rng: np.random.Generator
+    ) -> list[Escape]:
+        """Those of the walks that begin at `origins` (N, 3) along `ways` that get out."""
+        found = []
         turns = [origins]
-        walk = np.arange(count)  # which walk each of the living is
-        history = walk[:, None]  # and its row in each of `turns`
+        history = np.arange(len(origins))[:, None]  # of each living walk, its row in each of turns
         for _ in range(_BOUNCES):
-            distance, triangle = rays.cast(origins, ways)
-            stopped = blocked(openings, origins, ways, distance)
+            distance, triangle = self.rays.cast(origins, ways)
+            stopped = blocked(self.openings, origins, ways, distance)
             for row in np.nonzero(~stopped & np.isinf(distance))[0].tolist():
                 past = [turn[index] for turn, index in zip(turns, history[row], strict=True)]
-                found.append(Escape(number, np.array([*past, origins[row] + _FAR * ways[row]])))
+                found.append(Escape(room, np.array([*past, origins[row] + _FAR * ways[row]])))
             going = ~stopped & np.isfinite(distance)
             if not going.any():
                 break
-            met = normals[triangle[going]]
+            met = self.normals[triangle[going]]
             origins, ways = bounce(origins[going], ways[going], distance[going], met, rng)
             turns.append(origins)
             history = np.column_stack([history[going], np.arange(len(origins))])
-    return found
+        return found
 
 
 def hidden_openings(
@@ -104,13 +109,12 @@ def hidden_openings(
 
     `corners` (F, 3, 3) are the triangles that stop light, `cuts` those through them.
     """
-    rays = RayCaster(corners)
-    _, normals = face_areas(corners)
+    rays, normals = RayCaster(corners), face_areas(corners)[1]
     hidden: list[FoundOpening] = []
     escapes: list[Escape] = []
     count = max(1, min(_WALKS, _ALL_WALKS // max(1, len(rooms))))
     for round_ in range(_ROUNDS):
-        escapes = find_escapes(rays, normals, rooms, openings + hidden, count, round_)
+        escapes = Walker(rays, normals, openings + hidden).escapes(rooms, count, round_)
         found = _openings_of(escapes, count, cuts, rooms)
         if not found:
             break
@@ -122,8 +126,8 @@ def _openings_of(
     escapes: list[Escape], walks: int, cuts: Cuts, rooms: list[FoundRoom]
 ) -> list[FoundOpening]:
     """Openings that the escapes of `walks` a room went through, the busiest first."""
-    every = -(-len(escapes) // _LOOKED_AT)
-    left, walks = escapes[::every], walks // max(1, every)
+    every = max(1, -(-len(escapes) // _LOOKED_AT))
+    left, walks = escapes[::every], walks // every
     made = []
     while len(left) >= _FEWEST:
         passage = _busiest(left, walks, cuts, rooms)

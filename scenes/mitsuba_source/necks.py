@@ -13,15 +13,18 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon, box
 
-from scenes.mitsuba_source.meshes import Floats
+from scenes.mitsuba_source.meshes import Floats, face_areas
 from scenes.mitsuba_source.rooms import FoundOpening, slice_segments
 
 DEPTHS = np.arange(-0.03, 0.95, 0.04)  # metres outwards from a wall's face
 _GAP = 0.02  # half of the widest gap in what closes a hole in
 _OVERLAP = 0.03  # metres by which a portal reaches into what closes its hole in
-_AROUND = 0.7  # metres around the seeds that a hole may reach
+_AROUND = 1.2  # metres around the seeds that a hole may reach
 _EQUAL = 1.1  # holes up to this many times as large as the least are as good
 _FULL = 0.8  # of its rectangle: then the rectangle is taken
+_FLAT = 2e-3  # metres within which triangles lie in a cut, not across it
+_SHEET = 0.05  # square metres, the least of a sheet that a hole may be in
+_SHEETS = 6  # at most, the largest
 _LARGEST = 200_000  # segments of a cut; more are noise of vegetation, not a wall
 
 
@@ -89,10 +92,13 @@ def air(local: Floats, depth: float, seeds: Floats, around: float = _AROUND) -> 
     lines = slice_segments(local, depth)
     meets = (lines.min(axis=1) <= high) & (lines.max(axis=1) >= low)
     lines = lines[meets.all(axis=1)]
-    if not len(lines) or len(lines) > _LARGEST:
+    lowest, highest = _extremes(local)
+    sheet = local[(lowest[:, 2] > depth - _FLAT) & (highest[:, 2] < depth + _FLAT)][..., :2]
+    if not len(lines) + len(sheet) or len(lines) + len(sheet) > _LARGEST:
         return []
     window = box(*low, *high)
-    walls = shapely.union_all(shapely.buffer(shapely.linestrings(lines), _GAP, cap_style="square"))
+    solid = [*shapely.linestrings(lines), *shapely.polygons(sheet)]
+    walls = shapely.union_all(shapely.buffer(solid, _GAP, cap_style="square"))
     rim = window.exterior
     return [
         part
@@ -121,12 +127,11 @@ def seated(cuts: Cuts, opening: FoundOpening) -> FoundOpening:
     rest = frame.local(opening.polygon)
     seeds = frame.local(opening.seeds)[:, :2] if len(opening.seeds) else rest[:, :2]
     pane = opening.panes != []
-    depths = np.append(DEPTHS, 0.0) if pane else DEPTHS
-    low = np.append(seeds.min(axis=0) - _AROUND, depths.min())
-    high = np.append(seeds.max(axis=0) + _AROUND, depths.max())
+    low = np.append(seeds.min(axis=0) - _AROUND, DEPTHS.min())
+    high = np.append(seeds.max(axis=0) + _AROUND, DEPTHS.max())
     local = cuts.near(frame, low, high)
     found = {}
-    for depth in depths.tolist():
+    for depth in sorted({*DEPTHS.tolist(), *([0.0] if pane else []), *_sheets(local)}):
         parts = air(local, depth, seeds)
         if parts:
             found[depth] = parts
@@ -140,6 +145,19 @@ def seated(cuts: Cuts, opening: FoundOpening) -> FoundOpening:
     }
     depth = 0.0 if pane and 0.0 in good else min(good)
     return replace(opening, polygon=frame.world(outline_of(good[depth]), depth))
+
+
+def _sheets(local: Floats) -> list[float]:
+    """Depths of the largest surfaces parallel to a cut: a hole in one has no depth itself."""
+    areas, _ = face_areas(local)
+    lowest, highest = _extremes(local)
+    parallel = highest[:, 2] - lowest[:, 2] < _FLAT
+    steps = np.round(lowest[parallel, 2] / _FLAT).astype(np.int64)
+    levels, index = np.unique(steps, return_inverse=True)
+    total = np.bincount(index.reshape(-1), weights=areas[parallel], minlength=len(levels))
+    largest = np.argsort(-total, kind="stable")[:_SHEETS]
+    depths = (levels * _FLAT)[largest[total[largest] > _SHEET]]
+    return [float(depth) for depth in depths if DEPTHS[0] <= depth <= DEPTHS[-1]]
 
 
 def frame_of(opening: FoundOpening) -> Frame:
