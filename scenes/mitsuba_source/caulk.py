@@ -30,8 +30,8 @@ from scenes.seeds import generator
 
 CAULK_ID = "caulk"
 _WALKS = 32_768  # a scene and round
-_ROUNDS = 7
-_AIMED = 20_000  # more in each further round, close to those that got out before
+_ROUNDS = 6
+_AIMED = 16_000  # more in each further round, close to those that got out before
 _FOLLOWED = 60  # of the walks that got out, the latest
 _CLOSED_A_ROUND = 60  # of them that get a slab
 _ASIDE = 0.04  # metres by which they miss them

@@ -33,7 +33,7 @@ _STEP = 0.04  # metres between level cuts
 _LOOKED_AT = 400  # escapes at most, evenly chosen
 _FEWEST = 3  # walks that show an opening rather than a crack
 _BUSY = 0.05  # of the walks that an open hole lets out: a leaf or a fire may stand before it
-_AS_GOOD = 0.9  # of the most walks that one cut explains
+_AS_GOOD = 0.7  # of the most walks that one cut explains
 
 
 @dataclass(frozen=True)

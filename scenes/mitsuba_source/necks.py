@@ -19,9 +19,10 @@ from scenes.mitsuba_source.rooms import FoundOpening, slice_segments
 DEPTHS = np.arange(-0.03, 0.95, 0.04)  # metres outwards from a wall's face
 _GAP = 0.02  # half of the widest gap in what closes a hole in
 _OVERLAP = 0.03  # metres by which a portal reaches into what closes its hole in
-_AROUND = 1.2  # metres around the seeds that a hole may reach
+_AROUND = 1.0  # metres around the seeds that a hole may reach
 _EQUAL = 1.1  # holes up to this many times as large as the least are as good
 _FULL = 0.8  # of its rectangle: then the rectangle is taken
+_GRID = 0.01  # metres to which the ends of a cut's segments are rounded
 _FLAT = 2e-3  # metres within which triangles lie in a cut, not across it
 _SHEET = 0.05  # square metres, the least of a sheet that a hole may be in
 _SHEETS = 6  # at most, the largest
@@ -91,7 +92,7 @@ def air(local: Floats, depth: float, seeds: Floats, around: float = _AROUND) -> 
     low, high = seeds.min(axis=0) - around, seeds.max(axis=0) + around
     lines = slice_segments(local, depth)
     meets = (lines.min(axis=1) <= high) & (lines.max(axis=1) >= low)
-    lines = lines[meets.all(axis=1)]
+    lines = _coarse(lines[meets.all(axis=1)])
     lowest, highest = _extremes(local)
     sheet = local[(lowest[:, 2] > depth - _FLAT) & (highest[:, 2] < depth + _FLAT)][..., :2]
     if not len(lines) + len(sheet) or len(lines) + len(sheet) > _LARGEST:
@@ -145,6 +146,19 @@ def seated(cuts: Cuts, opening: FoundOpening) -> FoundOpening:
     }
     depth = 0.0 if pane and 0.0 in good else min(good)
     return replace(opening, polygon=frame.world(outline_of(good[depth]), depth))
+
+
+def _coarse(lines: Floats) -> Floats:
+    """Segments (N, 2, 2) with ends on a grid, each once: leaves of plants in a cut are thousands
+    of segments that one line of the grid's width shows as well."""
+    ends = np.round(lines / _GRID).astype(np.int64)
+    ends = ends[(ends[:, 0] != ends[:, 1]).any(axis=1)]
+    turn = (ends[:, 0, 0] > ends[:, 1, 0]) | (
+        (ends[:, 0, 0] == ends[:, 1, 0]) & (ends[:, 0, 1] > ends[:, 1, 1])
+    )
+    ends[turn] = ends[turn][:, ::-1]
+    kept: Floats = np.unique(ends.reshape(-1, 4), axis=0).reshape(-1, 2, 2) * _GRID
+    return kept
 
 
 def _sheets(local: Floats) -> list[float]:
