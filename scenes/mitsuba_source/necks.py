@@ -144,7 +144,7 @@ def seated(cuts: Cuts, opening: FoundOpening) -> FoundOpening:
         for depth, parts in found.items()
         if sum(part.area for part in parts) <= _EQUAL * least
     }
-    depth = 0.0 if pane and 0.0 in good else min(good)
+    depth = 0.0 if pane and 0.0 in good else min(good, key=abs)
     return replace(opening, polygon=frame.world(outline_of(good[depth]), depth))
 
 
