@@ -17,13 +17,12 @@ from shapely.geometry import Polygon
 
 from pipeline import rays
 from pipeline.renderer import RenderScene
-from scenes.contract import Portal, Room
+from scenes.contract import Room
+from scenes.darkness import blocked, bounce, places
 from scenes.seeds import generator
 
 WALKS = 4096  # a room
 BOUNCES = 8
-_OFF = 1e-4  # metres that a bounce starts above its surface
-_EDGE = 2e-3  # metres by which a portal's blocker overlaps its frame
 
 Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -58,7 +57,7 @@ def find_leaks(
     found = []
     for room in scene.scene.rooms:
         rng = generator(seed, "leaks", room.id)
-        origins = _inside(room, walks, rng)
+        origins = places(Polygon(room.floor), room.floor_z, room.ceiling_z, walks, rng)
         way = rays.unit(rng.normal(size=(walks, 3)))
         kept_origin, kept_way = origins.copy(), way.copy()  # of the last stretch from indoors
         alive, escaped = np.arange(walks), []
@@ -68,12 +67,12 @@ def find_leaks(
             stopped = blocked(scene.scene.portals, origins[alive], way[alive], distance)
             escaped += alive[~stopped & np.isinf(distance)].tolist()
             going = ~stopped & np.isfinite(distance)
-            normal = _facing(hits.geometric[going], way[alive[going]])
-            alive = alive[going]
+            normals, alive = rays.unit(hits.geometric[going]), alive[going]
             if not len(alive):
                 break
-            origins[alive] = hits.position[going] + _OFF * normal
-            way[alive] = rays.unit(normal + rays.unit(rng.normal(size=normal.shape)))
+            origins[alive], way[alive] = bounce(
+                origins[alive], way[alive], distance[going], normals, rng
+            )
             indoors = alive[_within(scene.scene.rooms, origins[alive])]
             kept_origin[indoors], kept_way[indoors] = origins[indoors], way[indoors]
         if escaped:
@@ -86,60 +85,12 @@ def find_leaks(
     return found
 
 
-def blocked(
-    portals: tuple[Portal, ...], origins: Floats, directions: Floats, distances: Floats
-) -> Mask:
-    """Which stretches (N,) from `origins` (N, 3) along unit `directions` cross a portal."""
-    crossed = np.zeros(len(origins), dtype=bool)
-    for portal in portals:
-        corners = np.asarray(portal.polygon, dtype=np.float64)
-        normal = rays.unit(np.asarray(portal.normal))
-        across = directions @ normal
-        with np.errstate(divide="ignore", invalid="ignore"):
-            reach = ((corners[0] - origins) @ normal) / across
-        near = np.isfinite(reach) & (reach > 0) & (reach < distances + _OFF)
-        if not near.any():
-            continue
-        first = rays.unit(np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1, 0, 0]))
-        frame = np.stack([first, np.cross(normal, first)], axis=1)
-        blocker = Polygon((corners - corners[0]) @ frame).buffer(_EDGE, join_style="mitre")
-        points = origins[near] + reach[near, None] * directions[near]
-        local = (points - corners[0]) @ frame
-        crossed[near] |= shapely.contains_xy(blocker, local[:, 0], local[:, 1])
-    return crossed
-
-
-def _inside(room: Room, count: int, rng: np.random.Generator) -> Floats:
-    """Random places (count, 3) in the lower half of a room's air, a little off floor and walls.
-
-    A room's ceiling height is that of most of it: under a roof its upper half may be outdoors.
-    """
-    floor = Polygon(room.floor).buffer(-0.05)
-    if floor.is_empty:
-        floor = Polygon(room.floor)
-    west, south, east, north = floor.bounds
-    made: list[Floats] = []
-    while sum(map(len, made)) < count:
-        drawn = rng.uniform((west, south), (east, north), (4 * count, 2))
-        made.append(drawn[shapely.contains_xy(floor, drawn[:, 0], drawn[:, 1])])
-    plan = np.concatenate(made)[:count]
-    low = room.floor_z + 0.02
-    high = max(0.5 * (room.floor_z + room.ceiling_z), room.floor_z + 0.03)
-    return np.column_stack([plan, rng.uniform(low, high, count)])
-
-
 def _within(rooms: tuple[Room, ...], points: Floats) -> Mask:
     inside = np.zeros(len(points), dtype=bool)
     for room in rooms:
         level = (points[:, 2] > room.floor_z - 0.05) & (points[:, 2] < room.ceiling_z + 0.05)
         inside |= level & shapely.contains_xy(Polygon(room.floor), points[:, 0], points[:, 1])
     return inside
-
-
-def _facing(normals: npt.NDArray[np.float32], directions: Floats) -> Floats:
-    unit = rays.unit(normals)
-    towards = np.sum(unit * directions, axis=-1, keepdims=True)
-    return np.where(towards > 0, -unit, unit)
 
 
 def _triple(values: Floats) -> tuple[float, float, float]:

@@ -15,9 +15,12 @@ from shapely.geometry import box
 
 from scenes.contract import Credit, Light, Portal, Room, Scene, SceneObject, save_scene
 from scenes.errors import InputError
+from scenes.mitsuba_source.caulk import caulk, caulk_shape
 from scenes.mitsuba_source.changes import Changes
 from scenes.mitsuba_source.emitters import Emitter
+from scenes.mitsuba_source.escapes import hidden_openings
 from scenes.mitsuba_source.meshes import Floats
+from scenes.mitsuba_source.necks import Cuts, seated
 from scenes.mitsuba_source.orientation import crossings, guess_scale, tallest_gaps
 from scenes.mitsuba_source.outdoors import ground
 from scenes.mitsuba_source.panes import frosted_openings, is_flat, remove_panes
@@ -77,7 +80,7 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
     `folder`."""
     shapes, cameras = draft.shapes, draft.cameras
     rooms, openings = survey_rooms(shapes, cameras)
-    shapes, glazed, openings = remove_panes(shapes, openings)
+    shapes, glazed, openings = _open_up(shapes, rooms, openings)
     if glazed:
         changes.note("clear window panes became portals: {}", ", ".join(glazed))
     frosted = frosted_openings(shapes, openings)
@@ -95,6 +98,11 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
         plain, thing = ground(*bounds_of(shapes))
         shapes, objects = [*shapes, plain], (*objects, thing)
     lights = _lights(shapes, area, draft.emitters, rooms, room_ids)
+    seal, count = caulk(_solid_corners(shapes), rooms, openings)
+    if count:
+        filler, part = caulk_shape(seal)
+        shapes, objects = [*shapes, filler], (*objects, part)
+        changes.note(f"cracks that light came through were closed from outside: {count} slabs")
     portals = _portals(openings, frosted, rooms, room_ids)
     if any(room.guessed for room in rooms):
         changes.note(
@@ -183,13 +191,6 @@ def survey_rooms(
     shapes: list[Shape], cameras: list[Camera]
 ) -> tuple[list[FoundRoom], list[FoundOpening]]:
     """Rooms and openings; clear glass and frosted panes do not close an opening."""
-    solid = [
-        shape
-        for shape in shapes
-        if not shape.surface.see_through
-        and not shape.surface.invisible
-        and not (shape.surface.frosted and is_flat(shape.mesh))
-    ]
     everything = np.concatenate([shape.mesh.corners for shape in shapes])
     extent = float(np.ptp(everything.reshape(-1, 3), axis=0).max())
     if extent > _LARGEST:
@@ -197,10 +198,35 @@ def survey_rooms(
             f"the scene is {extent:.3g} m across, at most {_LARGEST:g} m are taken; say what its "
             "unit is with --scale, or mend the shape that lies so far out"
         )
-    corners = np.concatenate([shape.mesh.corners for shape in solid]) if solid else everything
     eye = cameras[0].to_world[:3, 3] if cameras else None
     rooms = find_rooms(RayCaster(everything), everything, eye)
-    return rooms, find_openings(RayCaster(corners), rooms)
+    return rooms, find_openings(RayCaster(_solid_corners(shapes)), rooms)
+
+
+def _open_up(
+    shapes: list[Shape], rooms: list[FoundRoom], openings: list[FoundOpening]
+) -> tuple[list[Shape], list[str], list[FoundOpening]]:
+    """Shapes without clear panes, the ids of what had some, and all openings: those found, where
+    their holes are narrowest, and those that only walks of light find."""
+    shapes, glazed, openings = remove_panes(shapes, openings)
+    corners = _solid_corners(shapes)
+    cuts = Cuts(corners)
+    openings = [seated(cuts, opening) for opening in openings]
+    hidden, _ = hidden_openings(corners, cuts, rooms, openings)
+    shapes, more, hidden = remove_panes(shapes, hidden)
+    return shapes, [*glazed, *more], openings + hidden
+
+
+def _solid_corners(shapes: list[Shape]) -> Floats:
+    """The triangles (F, 3, 3) that stop light; all of them if none does."""
+    solid = [
+        shape.mesh.corners
+        for shape in shapes
+        if not shape.surface.see_through
+        and not shape.surface.invisible
+        and not (shape.surface.frosted and is_flat(shape.mesh))
+    ]
+    return np.concatenate(solid or [shape.mesh.corners for shape in shapes])
 
 
 def _lights(
@@ -236,7 +262,9 @@ def _portals(
         room = rooms[opening.room]
         low, high = opening.polygon.min(axis=0), opening.polygon.max(axis=0)
         kind: Literal["window", "door", "opening"] = "window"
-        if not opening.overhead and not opening.panes and number not in frosted:
+        if opening.hidden and opening.normal[2] > 0.9 and not opening.panes:
+            kind = "opening"  # no skylight: nobody looks up through it
+        elif not opening.overhead and not opening.panes and number not in frosted:
             on_floor = low[2] < room.floor_z + 0.12
             if opening.wall_share > 0.8:
                 kind = "opening"

@@ -99,7 +99,8 @@ def _at_pane(opening: FoundOpening, sheets: list[Floats], touched: list[str]) ->
     low, high = flat.min(axis=0), flat.max(axis=0)
     corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
     polygon = origin + corners @ frame + depth * opening.normal
-    return replace(opening, polygon=polygon, panes=list(touched))
+    seeds = opening.seeds + depth * opening.normal
+    return replace(opening, polygon=polygon, panes=list(touched), seeds=seeds)
 
 
 def _frame(opening: FoundOpening) -> Floats:
