@@ -98,7 +98,8 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
         plain, thing = ground(*bounds_of(shapes))
         shapes, objects = [*shapes, plain], (*objects, thing)
     lights = _lights(shapes, area, draft.emitters, rooms, room_ids)
-    seal, count = caulk(_solid_corners(shapes), rooms, openings)
+    solid = _solid_corners(shapes)
+    seal, count = caulk(solid, RayCaster(solid), rooms, openings)
     if count:
         filler, part = caulk_shape(seal)
         shapes, objects = [*shapes, filler], (*objects, part)
@@ -212,7 +213,7 @@ def _open_up(
     corners = _solid_corners(shapes)
     cuts = Cuts(corners)
     openings = [seated(cuts, opening) for opening in openings]
-    hidden, _ = hidden_openings(corners, cuts, rooms, openings)
+    hidden, _ = hidden_openings(RayCaster(corners), cuts, rooms, openings)
     shapes, more, hidden = remove_panes(shapes, hidden)
     return shapes, [*glazed, *more], openings + hidden
 

@@ -31,6 +31,7 @@ from scenes.seeds import generator
 CAULK_ID = "caulk"
 _WALKS = 32_768  # a scene and round
 _ROUNDS = 6
+_TRIANGLES = 1_000_000  # in all rounds together: scenes of many triangles get fewer
 _AIMED = 16_000  # more in each further round, close to those that got out before
 _FOLLOWED = 60  # of the walks that got out, the latest
 _CLOSED_A_ROUND = 60  # of them that get a slab
@@ -68,20 +69,21 @@ class _Slab:
 
 
 def caulk(
-    corners: Floats, rooms: list[FoundRoom], openings: list[FoundOpening]
+    corners: Floats, rays: RayCaster, rooms: list[FoundRoom], openings: list[FoundOpening]
 ) -> tuple[Floats, int]:
     """Triangles (F, 3, 3) that close what cracks walks of light find, and how many slabs they are.
 
-    `corners` are the triangles that stop light as it is.
+    `corners` are the triangles that stop light as it is, `rays` cast at them.
     """
     made: list[_Slab] = []
     added = np.empty((0, 3, 3))
     known: list[Escape] = []
-    for round_ in range(_ROUNDS):
+    for round_ in range(max(1, min(_ROUNDS, _TRIANGLES // len(corners)))):
         all_corners = np.concatenate([corners, added])
-        rays, cuts = RayCaster(all_corners), Cuts(all_corners)
+        cuts = Cuts(all_corners)
+        tight = RayCaster(added, rays) if len(added) else rays
         normals = face_areas(all_corners)[1]
-        walker = Walker(rays, normals, openings)
+        walker = Walker(tight, normals, openings)
         escapes = walker.escapes(rooms, max(1, _WALKS // max(1, len(rooms))), 100 + round_)
         if known:
             escapes += _close_to(known, walker, generator(round_, "caulk"))
@@ -94,7 +96,7 @@ def caulk(
             stretches = [escape.points[row : row + 2] for row in range(len(escape.points) - 1)]
             if not any(slab.stops(stretch) for slab in new for stretch in stretches):
                 tried = (
-                    _slab_for(one, rays, cuts, normals, openings, witnesses)
+                    _slab_for(one, tight, cuts, normals, openings, witnesses)
                     for one in reversed(stretches)
                 )
                 new += islice((slab for slab in tried if slab is not None), 1)

@@ -103,13 +103,13 @@ class Walker:
 
 
 def hidden_openings(
-    corners: Floats, cuts: Cuts, rooms: list[FoundRoom], openings: list[FoundOpening]
+    rays: RayCaster, cuts: Cuts, rooms: list[FoundRoom], openings: list[FoundOpening]
 ) -> tuple[list[FoundOpening], list[Escape]]:
     """Openings that walks find besides `openings`, and the walks that still get out.
 
-    `corners` (F, 3, 3) are the triangles that stop light, `cuts` those through them.
+    `rays` are cast at the triangles that stop light, `cuts` go through them.
     """
-    rays, normals = RayCaster(corners), face_areas(corners)[1]
+    normals = face_areas(cuts.corners)[1]
     hidden: list[FoundOpening] = []
     escapes: list[Escape] = []
     count = max(1, min(_WALKS, _ALL_WALKS // max(1, len(rooms))))
