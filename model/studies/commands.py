@@ -25,7 +25,7 @@ _FILE = click.Path(path_type=Path, dir_okay=False)
     epilog="""\b
 Examples:
   pbrnet study pairs                       a page of blind pairs to give to people
-  pbrnet study pairs --score answers*.json     what they answered
+  pbrnet study pairs --score answers/*.json    what they answered
 
 Results go to metrics/studies/; `pbrnet report` shows them."""
 )
@@ -38,7 +38,7 @@ def study() -> None:
 Examples:
   pbrnet study pairs                            50 pairs, 3 seconds each
   pbrnet study pairs --method pbrnet --method unet --pairs 40 --seed 7 --out other.html
-  pbrnet study pairs --score alice.json bob.json
+  pbrnet study pairs --score answers/*.json
 
 Give people the page alone: the key beside it, NAME-key.json, says which pictures are the
 renderer's. Keep it, for nobody can score the answers without it.""",
