@@ -21,7 +21,8 @@ PATIENCE = 60.0  # seconds; the machine may be busy
 FLAGS = (
     *("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"),
     *("--no-first-run", "--disable-background-networking", "--disable-component-update"),
-    *("--disable-extensions", "--mute-audio", "--remote-debugging-pipe"),
+    *("--disable-extensions", "--mute-audio", "--window-size=1280,900"),
+    "--remote-debugging-pipe",
 )
 
 
@@ -33,6 +34,7 @@ class Browser:
         self._buffer = b""
         self._number = 0
         self._session = ""
+        self._answers: dict[int, dict[str, Any]] = {}
         self.events: list[dict[str, Any]] = []
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
@@ -42,17 +44,15 @@ class Browser:
 
     def call(self, method: str, **params: Any) -> Any:
         """Ask for something and wait for the answer."""
-        self._number += 1
-        message = {"id": self._number, "method": method, "params": params}
-        if self._session and not method.startswith(("Target.", "Browser.")):
-            message["sessionId"] = self._session
-        os.write(self._write, json.dumps(message).encode() + b"\0")
-        while True:
-            said = self._next(time.monotonic() + PATIENCE, method)
-            if said.get("id") == self._number:
-                assert "error" not in said, f"{method}: {said['error']}"
-                return said["result"]
-            self.events.append(said)
+        return self._answer(self._send(method, **params), method)
+
+    def leave(self) -> str:
+        """Go elsewhere against the page's will; the kind of the question it has asked first."""
+        number = self._send("Page.navigate", url="about:blank")
+        kind: str = self._event("Page.javascriptDialogOpening")["type"]
+        self.call("Page.handleJavaScriptDialog", accept=True)
+        self._answer(number, "Page.navigate")
+        return kind
 
     def open(self, path: Path) -> None:
         """Open a file and wait until it is loaded."""
@@ -84,12 +84,13 @@ class Browser:
         self.call("Input.dispatchKeyEvent", type="keyUp", key=key, code=key)
 
     def click(self, selector: str) -> None:
-        """The middle of an element, with the mouse."""
+        """The middle of an element, with the mouse, scrolled to if need be."""
         box = self.script(
-            f"(b => [b.x + b.width / 2, b.y + b.height / 2])"
-            f"(document.querySelector({json.dumps(selector)}).getBoundingClientRect())"
+            f"(e => (e.scrollIntoView({{block: 'nearest'}}), e.getBoundingClientRect().toJSON()))"
+            f"(document.querySelector({json.dumps(selector)}))"
         )
-        where = {"x": box[0], "y": box[1], "button": "left", "clickCount": 1}
+        middle = {"x": box["x"] + box["width"] / 2, "y": box["y"] + box["height"] / 2}
+        where = {**middle, "button": "left", "clickCount": 1}
         self.call("Input.dispatchMouseEvent", type="mousePressed", **where)
         self.call("Input.dispatchMouseEvent", type="mouseReleased", **where)
 
@@ -115,9 +116,40 @@ class Browser:
     def _loaded(self, begin: Callable[[], Any]) -> None:
         seen = len(self.events)
         begin()
+        if not any(said["method"] == "Page.loadEventFired" for said in self.events[seen:]):
+            self._event("Page.loadEventFired")
+
+    def _send(self, method: str, **params: Any) -> int:
+        self._number += 1
+        message = {"id": self._number, "method": method, "params": params}
+        if self._session and not method.startswith(("Target.", "Browser.")):
+            message["sessionId"] = self._session
+        os.write(self._write, json.dumps(message).encode() + b"\0")
+        return self._number
+
+    def _answer(self, number: int, method: str) -> Any:
         end = time.monotonic() + PATIENCE
-        while not any(said["method"] == "Page.loadEventFired" for said in self.events[seen:]):
-            self.events.append(self._next(end, "load"))
+        while number not in self._answers:
+            self._hear(end, method)
+        said = self._answers.pop(number)
+        assert "error" not in said, f"{method}: {said['error']}"
+        return said["result"]
+
+    def _event(self, name: str) -> Any:
+        """The next of this name."""
+        end = time.monotonic() + PATIENCE
+        while (said := self._hear(end, name)).get("method") != name:
+            pass
+        return said["params"]
+
+    def _hear(self, end: float, what: str) -> dict[str, Any]:
+        """The next message, put where it belongs."""
+        said = self._next(end, what)
+        if "id" in said:
+            self._answers[said["id"]] = said
+        else:
+            self.events.append(said)
+        return said
 
     def _next(self, end: float, what: str) -> dict[str, Any]:
         while b"\0" not in self._buffer:
