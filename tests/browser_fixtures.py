@@ -46,12 +46,12 @@ class Browser:
         """Ask for something and wait for the answer."""
         return self._answer(self._send(method, **params), method)
 
-    def leave(self) -> str:
-        """Go elsewhere against the page's will; the kind of the question it has asked first."""
-        number = self._send("Page.navigate", url="about:blank")
+    def asked(self, method: str, **params: Any) -> str:
+        """Ask for something that makes the page ask back; says yes, and tells the kind."""
+        number = self._send(method, **params)
         kind: str = self._event("Page.javascriptDialogOpening")["type"]
         self.call("Page.handleJavaScriptDialog", accept=True)
-        self._answer(number, "Page.navigate")
+        self._answer(number, method)
         return kind
 
     def open(self, path: Path) -> None:

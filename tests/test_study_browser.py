@@ -156,6 +156,14 @@ def test_a_reload_loses_no_answer_and_shows_no_pair_twice(browser: Browser, key:
     assert sides == ["right"] * 3 + [None] + ["left"] * 4
     assert [answer["pair"] for answer in kept["answers"]] == [pair.pair for pair in key.pairs]
 
+    again = "document.querySelector('#again').click()"
+    assert browser.asked("Runtime.evaluate", expression=again) == "confirm"
+    practise(browser)
+    wait_for(browser, key.pairs[0].pair)
+    assert answers_kept(browser) == []
+    session = browser.script("JSON.parse(Object.values(localStorage)[0]).session")
+    assert session != kept["session"]
+
 
 def test_keys_count_only_while_a_pair_is_open(browser: Browser, key: Key) -> None:
     """Not before the start, not in the gap, not when held down."""
@@ -192,7 +200,7 @@ def test_a_browser_that_keeps_nothing_is_warned_about(browser: Browser, key: Key
         wait_for(browser, key.pairs[1].pair)
     finally:
         browser.call("Page.removeScriptToEvaluateOnNewDocument", identifier=added["identifier"])
-        question = browser.leave()
+        question = browser.asked("Page.navigate", url="about:blank")
     assert question == "beforeunload" and not browser.errors()
 
 

@@ -102,16 +102,16 @@
     if (mine !== turn) return;
     const { naturalWidth, naturalHeight } = pictures.left;
     part("pictures").style.setProperty("--aspect", `${naturalWidth} / ${naturalHeight}`);
+    requestAnimationFrame((now) => mine === turn && reveal(pair, now));
+  }
+
+  function reveal(pair, now) {
+    began = now;
+    enter("shown");
     if (pair.counts) {
       run.underway = pair.pair;
       keep();
     }
-    requestAnimationFrame((now) => mine === turn && reveal(now));
-  }
-
-  function reveal(now) {
-    began = now;
-    enter("shown");
     timers = [
       setTimeout(() => enter("hidden"), 1000 * study.seconds),
       setTimeout(() => settle(null), limit),
