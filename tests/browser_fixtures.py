@@ -41,6 +41,7 @@ class Browser:
         self._session = attached["sessionId"]
         for domain in ("Page", "Runtime", "Network"):
             self.call(f"{domain}.enable")
+        self.call("Page.setLifecycleEventsEnabled", enabled=True)
 
     def call(self, method: str, **params: Any) -> Any:
         """Ask for something and wait for the answer."""
@@ -48,8 +49,8 @@ class Browser:
 
     def asked(self, method: str, **params: Any) -> str:
         """Ask for something that makes the page ask back; says yes, and tells the kind."""
-        number = self._send(method, **params)
-        kind: str = self._event("Page.javascriptDialogOpening")["type"]
+        seen, number = len(self.events), self._send(method, **params)
+        kind: str = self._event("Page.javascriptDialogOpening", seen)["type"]
         self.call("Page.handleJavaScriptDialog", accept=True)
         self._answer(number, method)
         return kind
@@ -114,10 +115,12 @@ class Browser:
         return [event for event in self.events if event["method"] == "Runtime.exceptionThrown"]
 
     def _loaded(self, begin: Callable[[], Any]) -> None:
+        """Until what this navigation brings is loaded; what loads late from before is not it."""
         seen = len(self.events)
         begin()
-        if not any(said["method"] == "Page.loadEventFired" for said in self.events[seen:]):
-            self._event("Page.loadEventFired")
+        arrived = self._event("Page.frameNavigated", seen)
+        loader = arrived["frame"]["loaderId"]
+        self._event("Page.lifecycleEvent", seen, name="load", loaderId=loader)
 
     def _send(self, method: str, **params: Any) -> int:
         self._number += 1
@@ -135,21 +138,24 @@ class Browser:
         assert "error" not in said, f"{method}: {said['error']}"
         return said["result"]
 
-    def _event(self, name: str) -> Any:
-        """The next of this name."""
+    def _event(self, method: str, seen: int, **like: str) -> Any:
+        """The first of this kind among the events from number `seen` on."""
         end = time.monotonic() + PATIENCE
-        while (said := self._hear(end, name)).get("method") != name:
-            pass
-        return said["params"]
+        while True:
+            while seen < len(self.events):
+                event, seen = self.events[seen], seen + 1
+                params = event.get("params", {})
+                if event["method"] == method and all(params.get(k) == v for k, v in like.items()):
+                    return params
+            self._hear(end, method)
 
-    def _hear(self, end: float, what: str) -> dict[str, Any]:
-        """The next message, put where it belongs."""
+    def _hear(self, end: float, what: str) -> None:
+        """Put the next message where it belongs."""
         said = self._next(end, what)
         if "id" in said:
             self._answers[said["id"]] = said
         else:
             self.events.append(said)
-        return said
 
     def _next(self, end: float, what: str) -> dict[str, Any]:
         while b"\0" not in self._buffer:

@@ -112,7 +112,7 @@ def deal(methods: Sequence[str], views: int, wanted: int, rng: np.random.Generat
         cards += [Card(drawn.pop(), method, _side(half)) for half in halves]
     order = rng.permutation(len(cards))
     practice = [
-        Card(drawn.pop(), methods[index % len(methods)], _side(rng.integers(2)))
+        Card(drawn.pop(), methods[index % len(methods)], _side(int(rng.integers(2))))
         for index in range(min(PRACTICE, len(drawn)))
     ]
     return Deal(tuple(practice), tuple(cards[place] for place in order))
