@@ -100,14 +100,15 @@ class Dataset:
 
     def ordered(self) -> Iterator[Example]:
         """Every row once, in file order."""
-        yield from self._read(
-            [
-                Row(shard, group, row)
-                for shard, sizes in enumerate(self.groups)
-                for group, count in enumerate(sizes)
-                for row in range(count)
-            ]
-        )
+        yield from self._read(self._places())
+
+    def at(self, numbers: Sequence[int]) -> Iterator[Example]:
+        """The rows of these numbers, counted in file order from 0, in the order asked for.
+
+        No more is read than the row groups they lie in, each once.
+        """
+        places = self._places()
+        yield from self._read([places[number] for number in numbers])
 
     def shuffled(self, seed: int, buffer: int = 64, start: int = 0) -> Iterator[Example]:
         """Endless passes, each over every row once in an order of its own, from row `start` on.
@@ -163,6 +164,15 @@ class Dataset:
     def fingerprint(self) -> str:
         """SHA-256 over the bytes of all shards."""
         return digest_bytes(*(digest_file(path).encode() for path in self.shards))
+
+    def _places(self) -> list[Row]:
+        """Where every row lies, in file order."""
+        return [
+            Row(shard, group, row)
+            for shard, sizes in enumerate(self.groups)
+            for group, count in enumerate(sizes)
+            for row in range(count)
+        ]
 
     def _read(self, order: Sequence[Row]) -> Iterator[Example]:
         """The rows of `order`; a row group is decoded when its first row is due."""

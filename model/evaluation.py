@@ -62,14 +62,7 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
     its plan, was trained on.
     """
     torch.set_num_threads(len(os.sched_getaffinity(0)))
-    networks = load_networks(folders.models, _baselines(params, folders.models))
-    dataset = Dataset(folders.data / "dataset", params.evaluate.split)
-    refuse_leaks(dataset, networks)
-    if networks.card.tone != plain(params.tone):
-        raise InputError(
-            f"{folders.models}: trained with the tone mapping {networks.card.tone}, now it is "
-            f"{plain(params.tone)}; train again"
-        )
+    networks, dataset = open_split(params, folders, _baselines(params, folders.models))
     lpips = find_lpips()
     scores: list[Score] = []
     with Progress(len(dataset), "evaluate") as progress:
@@ -113,6 +106,25 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
     _write_scores(folders.metrics / "evaluation.csv", scores)
     write_json(folders.metrics / "evaluation.json", result)
     return result
+
+
+def open_split(
+    params: Params, folders: Folders, baselines: Sequence[str]
+) -> tuple[Networks, Dataset]:
+    """The networks, these baselines and the split they are measured on.
+
+    Raises `LeakError` as `refuse_leaks` does, `InputError` if a network is missing or was trained
+    with another tone mapping than the parameters'.
+    """
+    networks = load_networks(folders.models, baselines)
+    dataset = Dataset(folders.data / "dataset", params.evaluate.split)
+    refuse_leaks(dataset, networks)
+    if networks.card.tone != plain(params.tone):
+        raise InputError(
+            f"{folders.models}: trained with the tone mapping {networks.card.tone}, now it is "
+            f"{plain(params.tone)}; train again"
+        )
+    return networks, dataset
 
 
 def _baselines(params: Params, models: Path) -> list[str]:
@@ -181,18 +193,28 @@ def renderer_seconds(data: Path, scores: Sequence[Score]) -> dict[str, float]:
     return {stage: mean(times) for stage, times in sorted(found.items())}
 
 
+def image_of(method: str, example: Example, shading: Array, networks: Networks) -> Array:
+    """A method's picture of a view, float32 (H, W, 3), display values.
+
+    `shading` is the predicted one; baselines and the ceiling do without.
+    """
+    if method == "pbrnet":
+        return networks.predict_color(example, shading)
+    if method == "ceiling":
+        true_shading = tonemap(example.shading, example.exposure_shading)
+        return _product("product", example, true_shading, networks)
+    if method in PRODUCTS:
+        return _product(method, example, shading, networks)
+    return networks.predict_directly(method, example)
+
+
 def _images(example: Example, networks: Networks) -> dict[str, Array]:
     """Every method's picture of a view, and `shading`, the predicted shading."""
     shading = networks.predict_shading(example)
-    true_shading = tonemap(example.shading, example.exposure_shading)
-    images = {
-        "shading": shading,
-        "pbrnet": networks.predict_color(example, shading),
-        "ceiling": _product("product", example, true_shading, networks),
+    methods = ("pbrnet", "ceiling", *PRODUCTS, *networks.baselines)
+    return {"shading": shading} | {
+        method: image_of(method, example, shading, networks) for method in methods
     }
-    images |= {name: _product(name, example, shading, networks) for name in PRODUCTS}
-    images |= {name: networks.predict_directly(name, example) for name in networks.baselines}
-    return images
 
 
 def _product(name: str, example: Example, shading: Array, networks: Networks) -> Array:

@@ -41,6 +41,7 @@ from pipeline.report_results import (
     result_table,
     score_strips,
 )
+from pipeline.report_studies import pairs_table
 from scenes.checked import plain
 from scenes.errors import InputError
 from scenes.files import write_text
@@ -90,6 +91,7 @@ class _Page:
             curves=learning_curves(self.records),
             results=result_table(self.records),
             strips=score_strips(self.records),
+            pairs=pairs_table(self.records),
             examples=best_and_worst(self.records, examples, rows),
             predictions=self._predictions(),
             costs=self._costs(),

@@ -60,7 +60,7 @@ def result_table(records: Records) -> dict[str, Any] | None:
         if means:
             best[name] = (max if higher else min)(means, key=lambda method: means[method])
     table = []
-    for method in _known_first(methods, METHODS):
+    for method in known_first(methods, METHODS):
         values = methods[method]
         cells = []
         for name, (_, _, digits) in METRICS.items():
@@ -107,7 +107,7 @@ def score_strips(records: Records) -> list[dict[str, Any]]:
         {
             "name": METRICS[name][0],
             "svg": strip_plot(
-                {method: values[method] for method in _known_first(values, METHODS)},
+                {method: values[method] for method in known_first(values, METHODS)},
                 f"{METRICS[name][0]} of every view",
             ),
         }
@@ -123,7 +123,7 @@ def learning_curves(records: Records) -> list[dict[str, Any]]:
         for path in sorted(records.places.plots.glob("train_*.csv"))
     }
     # Those of the chain first, in its order, then whatever else was trained.
-    for name in _known_first(paths, NETWORKS):
+    for name in known_first(paths, NETWORKS):
         path = paths[name]
         lines = records.csv(path, "step", *columns.values())
         series = {
@@ -201,7 +201,7 @@ def _example(
     }
 
 
-def _known_first(names: Iterable[str], known: Iterable[str]) -> list[str]:
+def known_first(names: Iterable[str], known: Iterable[str]) -> list[str]:
     """`names` in the order of `known`, then those it does not hold, sorted."""
     order = list(known)
     return sorted(names, key=lambda name: (order.index(name) if name in order else 99, name))

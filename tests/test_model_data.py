@@ -50,6 +50,25 @@ def test_ordered_reading_gives_back_what_was_packed(folder: Path) -> None:
     assert examples[0].valid.dtype == bool and examples[0].valid.all()
 
 
+def test_rows_come_by_number_in_the_order_asked_for(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset = Dataset(folder, "train")
+    everything = names(dataset.ordered(), 30)
+    loads: list[tuple[int, int]] = []
+    load = Dataset._load
+    monkeypatch.setattr(
+        Dataset,
+        "_load",
+        lambda self, shard, group, wanted: (
+            loads.append((shard, group)) or load(self, shard, group, wanted)
+        ),
+    )
+    chosen = [29, 3, 18, 0]
+    assert names(dataset.at(chosen), 30) == [everything[number] for number in chosen]
+    assert loads == [(1, 2), (0, 0), (1, 0)], "each row group once, no other"
+
+
 def test_every_pass_visits_every_row_once_in_an_order_of_its_own(folder: Path) -> None:
     stream = Dataset(folder, "train").shuffled(seed=5, buffer=6)
     first, second = names(stream, 30), names(stream, 30)
