@@ -15,7 +15,13 @@ from typing import Literal
 from torch import nn
 
 from model.baselines import can, cyclegan, pix2pix, unet
-from model.networks import Architecture, Kind, composition_network, shading_network
+from model.networks import (
+    Architecture,
+    Kind,
+    composition_network,
+    plus_network,
+    shading_network,
+)
 from model.objective import Objective, Paired, Setting, Target
 from pipeline.params import TrainParams
 
@@ -26,6 +32,7 @@ LAYOUTS: dict[Kind, Callable[[Architecture], nn.Module]] = {
     "can": can.CAN,
     "pix2pix": pix2pix.Generator,
     "cyclegan": cyclegan.Forwards,
+    "plus": plus_network,
 }
 
 
@@ -51,6 +58,7 @@ class Method:
     objective: Callable[[Setting], Objective] = Paired
     target: Target = "color"
     fed: bool = False  # by the fixed shading network
+    direct: bool = False  # given the direct light of the panorama too
     adam: Adam | None = None
     own: str = ""
 
@@ -65,6 +73,7 @@ class Method:
 METHODS: dict[str, Method] = {
     "shading": Method("shading", "Shading network", target="shading"),
     "composition": Method("composition", "Composition network", fed=True),
+    "plus": Method("plus", "PBR-Net plus", target="shading", direct=True),
     "unet": Method("unet", "Direct U-Net"),
     "can": Method("can", "CAN, our loss"),
     "can_own": Method(

@@ -209,7 +209,8 @@ class Run:
     def batch(self, examples: Sequence[Example]) -> Batch:
         """The views as tensors on the device."""
         truth = targets(examples, self.params.train.exposure)[self.method.target]
-        inputs = {name: self._put(value) for name, value in encode(examples).items()}
+        given = encode(examples, self.method.direct)
+        inputs = {name: self._put(value) for name, value in given.items()}
         return Batch(inputs, self._put(truth))
 
     def begin_step(self, step: int) -> None:
