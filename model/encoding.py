@@ -27,6 +27,7 @@ Tensors = dict[str, torch.Tensor]
 DIRECT = 2
 CHANNELS = {"depth": 2, "normal": 3, "intensity": 1, "distance": 1, "reflectance": 3}
 GREY = 0.5  # reflectance the networks are given where there is no surface
+WHITE = 20.0  # scaled luminance that maps to white, as usual indoors, where it is not known
 NEAR, MIDDLE, FAR = 0.05, 2.5, 100.0  # metres: depths and distances are clamped to the range
 
 
@@ -39,8 +40,8 @@ def encode(examples: Sequence[Example], direct: bool = False) -> Tensors:
     * `distance`: metres, at most `FAR`; both are made logarithmic by the network, which may have
       to average them first
     * `reflectance`: `see_through`, sRGB-encoded and `centred`, like the display values it meets
-    * `direct`, if asked for: `direct_shading`, tone-mapped by its own exposure and `centred`; and
-      ln of it, relative to its log average
+    * `direct`, if asked for: `direct_shading`, tone-mapped by its own log average and `WHITE` and
+      `centred`; and ln of it, relative to that average
     """
     given = {
         "depth": _stack([_depth(example) for example in examples]),
@@ -98,9 +99,10 @@ def _depth(example: Example) -> Array:
 
 def _direct(example: Example) -> Array:
     light = direct_shading(example, GREY)
-    exposure = exposure_of(np.repeat(light[..., None], 3, axis=-1), ToneParams())
-    display = tonemap(np.repeat(light[..., None], 3, axis=-1), exposure)[..., :1]
-    log = np.log(np.maximum(light * exposure.scale / ToneParams().key, 1e-3)) / 4
+    grey = np.repeat(light[..., None], 3, axis=-1)
+    scale = exposure_of(grey, ToneParams()).scale
+    display = tonemap(grey, Exposure(scale, WHITE))[..., :1]
+    log = np.log(np.maximum(light * scale / ToneParams().key, 1e-3)) / 4
     return np.concatenate([centred(display), log[..., None]], axis=-1)
 
 

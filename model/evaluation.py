@@ -20,7 +20,6 @@ from model.data import Array, Dataset, Example
 from model.encoding import color_exposure, see_through
 from model.inference import Networks, load_networks
 from model.methods import BASELINES, trained_baselines
-from model.methods import METHODS as REGISTRY
 from model.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
 from model.training import Folders
 from pipeline.ledger import read_ledger
@@ -168,7 +167,7 @@ def time_networks(dataset: Dataset, networks: Networks, views: int) -> dict[str,
         for name in PRODUCTS:
             timed(name, _product, name, example, shading, networks)
         for name in networks.baselines:
-            timed(name, _predicted, name, example, networks)
+            timed(name, networks.predict_directly, name, example)
     return {part: float(np.median(times[1:])) for part, times in parts.items()}
 
 
@@ -192,17 +191,8 @@ def _images(example: Example, networks: Networks) -> dict[str, Array]:
         "ceiling": _product("product", example, true_shading, networks),
     }
     images |= {name: _product(name, example, shading, networks) for name in PRODUCTS}
-    for name in networks.baselines:
-        images[name] = _predicted(name, example, networks)
+    images |= {name: networks.predict_directly(name, example) for name in networks.baselines}
     return images
-
-
-def _predicted(name: str, example: Example, networks: Networks) -> Array:
-    """The colour of another method; what predicts shading gets its colour as `product` does."""
-    image = networks.predict_directly(name, example)
-    if REGISTRY[name].target == "shading":
-        return _product("product", example, image, networks)
-    return image
 
 
 def _product(name: str, example: Example, shading: Array, networks: Networks) -> Array:

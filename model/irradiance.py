@@ -59,8 +59,8 @@ def sources(intensity: Array, distance: Array) -> tuple[Array, Array]:
     count = CELLS[0] * CELLS[1]
     total = np.bincount(cell, power, count)
     kept = total > 0
-    centre = np.stack([np.bincount(cell, power * places[:, k], count) for k in range(3)], axis=-1)
-    centre = centre[kept] / total[kept, None]
+    summed = np.stack([np.bincount(cell, power * places[:, k], count) for k in range(3)], axis=-1)
+    centre = summed[kept] / total[kept, None]
     return centre.astype(np.float32), total[kept].astype(np.float32)
 
 

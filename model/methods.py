@@ -15,14 +15,9 @@ from typing import Literal
 from torch import nn
 
 from model.baselines import can, cyclegan, pix2pix, unet
-from model.networks import (
-    Architecture,
-    Kind,
-    composition_network,
-    plus_network,
-    shading_network,
-)
+from model.networks import Architecture, Kind, composition_network, shading_network
 from model.objective import Objective, Paired, Setting, Target
+from model.plus import Decomposed, PlusNet
 from pipeline.params import TrainParams
 
 LAYOUTS: dict[Kind, Callable[[Architecture], nn.Module]] = {
@@ -32,7 +27,7 @@ LAYOUTS: dict[Kind, Callable[[Architecture], nn.Module]] = {
     "can": can.CAN,
     "pix2pix": pix2pix.Generator,
     "cyclegan": cyclegan.Forwards,
-    "plus": plus_network,
+    "plus": PlusNet,
 }
 
 
@@ -73,7 +68,7 @@ class Method:
 METHODS: dict[str, Method] = {
     "shading": Method("shading", "Shading network", target="shading"),
     "composition": Method("composition", "Composition network", fed=True),
-    "plus": Method("plus", "PBR-Net plus", target="shading", direct=True),
+    "plus": Method("plus", "PBR-Net plus", Decomposed, direct=True),
     "unet": Method("unet", "Direct U-Net"),
     "can": Method("can", "CAN, our loss"),
     "can_own": Method(

@@ -15,7 +15,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from model.encoding import CHANNELS, DIRECT, Tensors, centred
+from model.encoding import CHANNELS, Tensors, centred
 
 Kind = Literal["shading", "composition", "unet", "can", "pix2pix", "cyclegan", "plus"]
 Panorama = Literal["resize", "normal"]
@@ -40,11 +40,6 @@ def shading_network(architecture: Architecture) -> GuidedNet:
     return GuidedNet(images, architecture.width, architecture.levels, architecture.panorama)
 
 
-def plus_network(architecture: Architecture) -> DirectlyLitNet:
-    """Shading from what the shading network sees and the direct light of the panorama."""
-    return DirectlyLitNet(architecture.width, architecture.levels, architecture.panorama)
-
-
 def composition_network(architecture: Architecture) -> CompositionNet:
     """Colour from shading and reflectance: the second stage."""
     return CompositionNet(architecture.width, architecture.levels)
@@ -63,8 +58,7 @@ class GuidedNet(nn.Module):
         super().__init__()
         branch = max(1, width // 2)
         self.images = images
-        channels = {**CHANNELS, "direct": DIRECT}
-        self.branches = nn.ModuleDict({name: Branch(channels[name], branch) for name in images})
+        self.branches = nn.ModuleDict({name: Branch(CHANNELS[name], branch) for name in images})
         self.panorama: nn.Module = (
             ResizedPanorama(branch) if panorama == "resize" else NormalPanorama(branch)
         )
@@ -75,23 +69,6 @@ class GuidedNet(nn.Module):
         features = [self.branches[name](inputs[name]) for name in self.images]
         features.append(self.panorama(inputs))
         return self.unet(torch.cat(features, dim=1))
-
-
-class DirectlyLitNet(GuidedNet):
-    """The shading network given direct light too, to which it learns what is to be added.
-
-    Shadows, bounces and hidden lamps are what direct light lacks: the network starts as the
-    picture without them.
-    """
-
-    def __init__(self, width: int, levels: int, panorama: Panorama) -> None:
-        super().__init__(("depth", "normal", "direct"), width, levels, panorama)
-        nn.init.zeros_(self.unet.out.bias)  # type: ignore[arg-type]
-
-    def forward(self, inputs: Tensors) -> torch.Tensor:
-        """`encode`'s tensors, direct light among them, to display values (N, 3, H, W)."""
-        lit = (inputs["direct"][:, :1] + 1) / 2
-        return super().forward(inputs) + lit
 
 
 class CompositionNet(nn.Module):
