@@ -46,6 +46,7 @@ SCALARS = (
     "white_shading",
     "exposure_color",
     "white_color",
+    "K",
 )
 _SHARD = re.compile(r"(train|validation|test)-(\d{5})-of-(\d{5})\.parquet")
 
@@ -62,6 +63,7 @@ class Example:
     valid: Array  # bool (H, W), whether there is a surface
     intensity: Array  # float32 (h, w = 2h), luminance of visible light sources, 0 elsewhere
     distance: Array  # float32 (h, w), metres to them, 0 elsewhere
+    intrinsics: Array  # float64 (3, 3), pixel centres at +0.5
     shading: Array  # float32 (H, W, 3), linear HDR radiance without textures and colours
     color: Array  # float32 (H, W, 3), linear HDR radiance
     exposure_shading: Exposure  # by shading's own log-average luminance
@@ -215,7 +217,9 @@ def mirrored(example: Example) -> Example:
     """The view seen in a mirror: columns reversed, normals' x and the panorama with them."""
     flipped = {name: getattr(example, name)[:, ::-1].copy() for name in IMAGES}
     flipped["normal"] = flipped["normal"] * np.array([-1, 1, 1], np.float32)
-    return replace(example, **flipped)
+    turned = np.array([[-1, 0, example.depth.shape[1]], [0, 1, 0], [0, 0, 1]])
+    intrinsics = turned @ example.intrinsics @ np.diag([-1, 1, 1])
+    return replace(example, **flipped, intrinsics=intrinsics)
 
 
 def coin_flips(seed: int, start: int, rows_per_pass: int) -> Iterator[bool]:
@@ -287,6 +291,7 @@ def _example(record: dict[str, Any]) -> Example:
         scene_id=record["scene_id"],
         view_id=record["view_id"],
         valid=record["valid"] > 0,
+        intrinsics=np.array(record["K"], dtype=np.float64).reshape(3, 3),
         exposure_shading=Exposure(record["exposure_shading"], record["white_shading"]),
         exposure_color=Exposure(record["exposure_color"], record["white_color"]),
         **images,

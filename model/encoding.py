@@ -15,19 +15,23 @@ import numpy as np
 import torch
 
 from model.data import Array, Example
-from pipeline.tonemap import Exposure, encode_srgb, tonemap
+from model.irradiance import direct_shading
+from pipeline.params import ToneParams
+from pipeline.tonemap import Exposure, encode_srgb, exposure_of, tonemap
 
 Value = TypeVar("Value", Array, torch.Tensor)
 Policy = Literal["own", "shared"]
 Tensors = dict[str, torch.Tensor]
 
-# Channels of every encoded input.
+# Channels of every encoded input, and of what only some networks are given beside them.
+DIRECT = 2
 CHANNELS = {"depth": 2, "normal": 3, "intensity": 1, "distance": 1, "reflectance": 3}
 GREY = 0.5  # reflectance the networks are given where there is no surface
+WHITE = 20.0  # scaled luminance that maps to white, as usual indoors, where it is not known
 NEAR, MIDDLE, FAR = 0.05, 2.5, 100.0  # metres: depths and distances are clamped to the range
 
 
-def encode(examples: Sequence[Example]) -> Tensors:
+def encode(examples: Sequence[Example], direct: bool = False) -> Tensors:
     """Network inputs, float32 (N, C, H, W), `CHANNELS` each; all views must be of one size.
 
     * `depth`: ln(depth / `MIDDLE`), 0 where there is no surface; and the validity mask
@@ -36,14 +40,17 @@ def encode(examples: Sequence[Example]) -> Tensors:
     * `distance`: metres, at most `FAR`; both are made logarithmic by the network, which may have
       to average them first
     * `reflectance`: `see_through`, sRGB-encoded and `centred`, like the display values it meets
+    * `direct`, if asked for: `direct_shading`, tone-mapped by its own log average and `WHITE` and
+      `centred`; and ln of it, relative to that average
     """
-    return {
+    given = {
         "depth": _stack([_depth(example) for example in examples]),
         "normal": _stack([example.normal for example in examples]),
         "intensity": _stack([_intensity(example.intensity) for example in examples]),
         "distance": _stack([np.minimum(example.distance, FAR)[..., None] for example in examples]),
         "reflectance": _stack([centred(encode_srgb(see_through(e, GREY))) for e in examples]),
     }
+    return {**given, "direct": _stack([_direct(e) for e in examples])} if direct else given
 
 
 def targets(examples: Sequence[Example], policy: Policy) -> Tensors:
@@ -88,6 +95,15 @@ def _depth(example: Example) -> Array:
     log = np.log(np.clip(example.depth, NEAR, FAR) / MIDDLE)
     valid = example.valid.astype(np.float32)
     return np.stack([log * valid, valid], axis=-1)
+
+
+def _direct(example: Example) -> Array:
+    light = direct_shading(example, GREY)
+    grey = np.repeat(light[..., None], 3, axis=-1)
+    scale = exposure_of(grey, ToneParams()).scale
+    display = tonemap(grey, Exposure(scale, WHITE))[..., :1]
+    log = np.log(np.maximum(light * scale / ToneParams().key, 1e-3)) / 4
+    return np.concatenate([centred(display), log[..., None]], axis=-1)
 
 
 def _intensity(intensity: Array) -> Array:

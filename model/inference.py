@@ -11,6 +11,7 @@ from torch import nn
 
 from model.data import Array, Example
 from model.encoding import encode, to_image
+from model.methods import METHODS
 from model.store import ModelCard, load_model
 from pipeline.tonemap import Exposure
 from scenes.errors import InputError
@@ -43,8 +44,8 @@ class Networks:
 
     @torch.no_grad()
     def predict_directly(self, name: str, example: Example) -> Array:
-        """Display values float32 (H, W, 3) of a baseline."""
-        return to_image(self.baselines[name](encode([example])))
+        """Display values float32 (H, W, 3) of another method: of its target."""
+        return to_image(self.baselines[name](encode([example], METHODS[name].direct)))
 
 
 def load_networks(models: Path, baselines: Sequence[str] = ()) -> Networks:

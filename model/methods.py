@@ -17,6 +17,7 @@ from torch import nn
 from model.baselines import can, cyclegan, pix2pix, unet
 from model.networks import Architecture, Kind, composition_network, shading_network
 from model.objective import Objective, Paired, Setting, Target
+from model.plus import Decomposed, PlusNet
 from pipeline.params import TrainParams
 
 LAYOUTS: dict[Kind, Callable[[Architecture], nn.Module]] = {
@@ -26,6 +27,7 @@ LAYOUTS: dict[Kind, Callable[[Architecture], nn.Module]] = {
     "can": can.CAN,
     "pix2pix": pix2pix.Generator,
     "cyclegan": cyclegan.Forwards,
+    "plus": PlusNet,
 }
 
 
@@ -51,6 +53,7 @@ class Method:
     objective: Callable[[Setting], Objective] = Paired
     target: Target = "color"
     fed: bool = False  # by the fixed shading network
+    direct: bool = False  # given the direct light of the panorama too
     adam: Adam | None = None
     own: str = ""
 
@@ -65,6 +68,7 @@ class Method:
 METHODS: dict[str, Method] = {
     "shading": Method("shading", "Shading network", target="shading"),
     "composition": Method("composition", "Composition network", fed=True),
+    "plus": Method("plus", "PBR-Net plus", Decomposed, direct=True),
     "unet": Method("unet", "Direct U-Net"),
     "can": Method("can", "CAN, our loss"),
     "can_own": Method(

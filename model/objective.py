@@ -29,6 +29,7 @@ class Batch:
 
     inputs: Tensors  # as `encode` gives them
     truth: torch.Tensor  # display values (N, 3, H, W) of the network's target
+    shading: torch.Tensor | None = None  # the truth of shading, for those that learn both
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,12 @@ def from_frames(
         raise InputError(f"the two frames are of different views: {names[0]!r} and {names[1]!r}")
     view = inputs.meta["view"]
     return _example(
-        (view["scene_id"], view["view_id"]), inputs.channels, illumination.channels, networks, pair
+        (view["scene_id"], view["view_id"]),
+        np.asarray(view["K"], dtype=np.float64).reshape(3, 3),
+        inputs.channels,
+        illumination.channels,
+        networks,
+        pair,
     )
 
 
@@ -100,6 +105,7 @@ def from_scene(
         truth = (frames[0].channels, frames[1].channels) if frames else _traced(scene, view, params)
     return _example(
         (view.scene_id, view.view_id),
+        view.intrinsics,
         render_inputs(scene, view),
         render_illumination(scene, view, params.illumination),
         networks,
@@ -158,6 +164,7 @@ def _traced(scene: RenderScene, view: View, params: Params) -> tuple[Channels, C
 
 def _example(
     name: tuple[str, str],
+    intrinsics: Array,
     inputs: Channels,
     illumination: Channels,
     networks: Networks,
@@ -178,6 +185,7 @@ def _example(
         valid=inputs["valid"] > 0,
         intensity=illumination["intensity.Y"].astype(np.float32),
         distance=illumination["distance.Z"].astype(np.float32),
+        intrinsics=intrinsics,
         shading=shading,
         color=color,
         exposure_shading=exposure_of(shading, tone) if truth else unknown,

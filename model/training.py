@@ -208,9 +208,13 @@ class Run:
 
     def batch(self, examples: Sequence[Example]) -> Batch:
         """The views as tensors on the device."""
-        truth = targets(examples, self.params.train.exposure)[self.method.target]
-        inputs = {name: self._put(value) for name, value in encode(examples).items()}
-        return Batch(inputs, self._put(truth))
+        truth = {
+            name: self._put(value)
+            for name, value in targets(examples, self.params.train.exposure).items()
+        }
+        given = encode(examples, self.method.direct)
+        inputs = {name: self._put(value) for name, value in given.items()}
+        return Batch(inputs, truth[self.method.target], truth["shading"])
 
     def begin_step(self, step: int) -> None:
         """Learning rates and random draws (dropout, histories) are functions of the step."""

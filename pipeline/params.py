@@ -14,7 +14,9 @@ from scenes.params import AssetParams, SceneParams
 
 Variant = Literal["auto", "llvm_ad_rgb", "cuda_ad_rgb", "scalar_rgb"]
 # What the networks can be compared with; `_own`: trained with its paper's loss, not with ours.
-Baseline = Literal["unet", "can", "can_own", "pix2pix", "pix2pix_own", "cyclegan", "cyclegan_own"]
+Baseline = Literal[
+    "plus", "unet", "can", "can_own", "pix2pix", "pix2pix_own", "cyclegan", "cyclegan_own"
+]
 
 
 @dataclass(frozen=True)
@@ -203,6 +205,7 @@ class TrainParams:
     composition: StageTrainParams = StageTrainParams(levels=3)
     # those that `pbrnet train baselines` trains and `pbrnet evaluate` must find
     baselines: tuple[Baseline, ...] = ("unet",)
+    plus: StageTrainParams = StageTrainParams()  # shading with direct light given
     unet: StageTrainParams = StageTrainParams()  # the direct U-Net
     can: StageTrainParams = StageTrainParams(width=32, levels=10)
     can_own: StageTrainParams = StageTrainParams(width=32, levels=10)

@@ -17,6 +17,7 @@ METHODS = {
     "pbrnet": "Both networks (shading, then composition)",
     "product": "Reflectance × predicted shading",
     "product_linear": "Reflectance × predicted shading, projected linearly",
+    "plus": "PBR-Net plus: direct light given, reflectance × predicted shading",
     "unet": "One direct U-Net",
     "can": "CAN, trained with our loss",
     "can_own": "CAN, with its own loss: mean squares",
@@ -29,6 +30,7 @@ METHODS = {
 NETWORKS = {
     "shading": "Shading network",
     "composition": "Composition network",
+    "plus": "PBR-Net plus",
     "unet": "Direct U-Net",
     "can": "CAN, our loss",
     "can_own": "CAN, its own loss",

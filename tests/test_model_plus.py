@@ -1,0 +1,69 @@
+"""PBR-Net plus: what it computes is right before anything is learned, and it learns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from model_fixtures import box_dataset
+
+from model.baselines.product import linear_product
+from model.data import Dataset
+from model.encoding import WHITE, encode
+from model.networks import Architecture
+from model.plus import PlusNet, multiplied
+from pipeline.tonemap import Exposure, encode_srgb, tonemap
+
+
+class Card:
+    """What `linear_product` asks of a model card."""
+
+    albedo = 0.5
+
+
+def test_the_product_in_the_network_is_the_product() -> None:
+    rng = np.random.default_rng(0)
+    shading = rng.random((30, 40, 3), dtype=np.float32)
+    reflectance = rng.random((30, 40, 3), dtype=np.float32)
+    exposure = Exposure(1.0, WHITE)
+    expected = tonemap(linear_product(reflectance, shading, exposure, Card()), exposure)  # type: ignore[arg-type]
+    given = [torch.from_numpy(i.transpose(2, 0, 1).copy())[None]
+             for i in (shading, encode_srgb(reflectance))]  # fmt: skip
+    found = multiplied(*given)[0].permute(1, 2, 0).numpy()
+    assert found == pytest.approx(expected, abs=2e-4)
+
+
+@pytest.mark.parametrize("value", [0.0, 1e-4, 0.5, 1.0])
+def test_its_gradient_is_finite_everywhere(value: float) -> None:
+    shading = torch.full((1, 3, 4, 4), value, requires_grad=True)
+    multiplied(shading, torch.full((1, 3, 4, 4), value)).sum().backward()  # type: ignore[no-untyped-call]
+    assert shading.grad is not None and shading.grad.isfinite().all()
+
+
+def test_it_starts_as_the_room_without_shadows(tmp_path: Path) -> None:
+    """Untrained, with its last layers at zero, it is direct light and its product already."""
+    example = next(Dataset(box_dataset(tmp_path) / "dataset", "train").ordered())
+    network = PlusNet(Architecture("plus", 8, 3))
+    for unet in (network.shading.unet, network.correction):
+        torch.nn.init.zeros_(unet.out.weight)
+    given = encode([example], direct=True)
+    with torch.no_grad():
+        shading, color = network.parts(given)
+    lit = (given["direct"][:, :1] + 1) / 2
+    assert torch.equal(shading, lit.expand_as(shading))
+    assert torch.equal(color, multiplied(shading, (given["reflectance"] + 1) / 2))
+
+
+def test_any_size_and_no_light(tmp_path: Path) -> None:
+    example = next(
+        Dataset(box_dataset(tmp_path, width=37, height=23) / "dataset", "train").ordered()
+    )
+    dark = replace(example, intensity=0 * example.intensity)
+    network = PlusNet(Architecture("plus", 8, 4)).eval()
+    with torch.no_grad():
+        color = network(encode([dark], direct=True))
+    assert color.shape == (1, 3, 23, 37)
+    assert color.isfinite().all()
