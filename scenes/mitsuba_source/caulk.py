@@ -29,10 +29,10 @@ from scenes.mitsuba_source.shapes import Shape
 from scenes.seeds import generator
 
 CAULK_ID = "caulk"
-_WALKS = 32_768  # a scene and round
-_ROUNDS = 6
+_WALKS = 16_384  # a scene and round
+_ROUNDS = 4
 _TRIANGLES = 1_000_000  # in all rounds together: scenes of many triangles get fewer
-_AIMED = 16_000  # more in each further round, close to those that got out before
+_AIMED = 8_000  # more in each further round, close to those that got out before
 _FOLLOWED = 60  # of the walks that got out, the latest
 _CLOSED_A_ROUND = 60  # of them that get a slab
 _ASIDE = 0.04  # metres by which they miss them
