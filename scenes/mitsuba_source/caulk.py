@@ -39,7 +39,8 @@ _ASIDE = 0.04  # metres by which they miss them
 _BEHIND = 5e-5  # metres from the surface beside a crack to the slab behind it
 _THICK = 8e-3  # metres
 _SLIT = 2e-4  # half of the widest gap in what bounds the slab
-_OVERLAP = 5e-5  # metres that the slab reaches into what bounds it
+_SHORT = 2e-5  # metres that a slab stays short of what bounds it: else it would show through a
+# wall without thickness
 _REACHES = (0.4, 0.1, 0.03)  # metres to each side of an escape, tried in this order
 _ANGLES = (0.001, 0.002, 0.004, 0.008, 0.016, 0.03, 0.06, 0.12)  # radians around an escape
 _AROUND = 12
@@ -208,7 +209,7 @@ def _plan(
         shapely.Point(point))]  # fmt: skip
     if not parts:
         return None
-    grown = parts[0].buffer(_SLIT + _OVERLAP, quad_segs=2).simplify(0.5 * _OVERLAP)
+    grown = parts[0].buffer(_SLIT - _SHORT, quad_segs=2).simplify(0.5 * _SHORT)
     return grown if isinstance(grown, Polygon) and not grown.is_empty else None
 
 
