@@ -10,7 +10,7 @@ import torch
 from torch import nn
 
 from model.backbone import EfficientNetLite0, Vgg19
-from model.encoding import CHANNELS
+from model.encoding import CHANNELS, DIRECT
 from model.methods import build_network
 from model.networks import (
     Architecture,
@@ -29,7 +29,7 @@ def inputs(height: int, width: int, panorama: int = 32) -> dict[str, torch.Tenso
     """Random encoded inputs of one view."""
     random = torch.Generator().manual_seed(0)
     tensors = {}
-    for name, channels in CHANNELS.items():
+    for name, channels in {**CHANNELS, "direct": DIRECT}.items():
         size = (panorama // 2, panorama) if name in ("intensity", "distance") else (height, width)
         tensors[name] = torch.rand(1, channels, *size, generator=random)
     tensors["normal"] = nn.functional.normalize(tensors["normal"] - 0.5, dim=1)
