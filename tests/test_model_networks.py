@@ -25,11 +25,13 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 PANORAMAS: tuple[Panorama, ...] = get_args(Panorama)
 
 
-def inputs(height: int, width: int, panorama: int = 32) -> dict[str, torch.Tensor]:
-    """Random encoded inputs of one view."""
+def inputs(
+    height: int, width: int, panorama: int = 32, direct: bool = False
+) -> dict[str, torch.Tensor]:
+    """Random encoded inputs of one view, direct light among them if asked for."""
     random = torch.Generator().manual_seed(0)
     tensors = {}
-    for name, channels in {**CHANNELS, "direct": DIRECT}.items():
+    for name, channels in {**CHANNELS, **({"direct": DIRECT} if direct else {})}.items():
         size = (panorama // 2, panorama) if name in ("intensity", "distance") else (height, width)
         tensors[name] = torch.rand(1, channels, *size, generator=random)
     tensors["normal"] = nn.functional.normalize(tensors["normal"] - 0.5, dim=1)
@@ -103,7 +105,7 @@ def test_composition_is_the_shorter_network() -> None:
 @pytest.mark.parametrize("size", [(1, 1), (2, 3), (17, 31), (48, 64)])
 def test_any_size_in_is_the_same_size_out(kind: Kind, size: tuple[int, int]) -> None:
     network = build_network(Architecture(kind, 4, 5))
-    assert run(network, kind, inputs(*size)).shape == (1, 3, *size)
+    assert run(network, kind, inputs(*size, direct=kind == "plus")).shape == (1, 3, *size)
 
 
 @pytest.mark.parametrize("panorama", PANORAMAS)
@@ -114,10 +116,10 @@ def test_any_panorama_size_is_taken(panorama: Panorama, width: int) -> None:
 
 
 @pytest.mark.parametrize("panorama", PANORAMAS)
-@pytest.mark.parametrize("kind", ["unet", "can", "pix2pix", "cyclegan"])
+@pytest.mark.parametrize("kind", ["unet", "can", "pix2pix", "cyclegan", "plus"])
 def test_every_input_reaches_the_output(kind: Kind, panorama: Panorama) -> None:
     network = build_network(Architecture(kind, 16, 3, panorama))
-    given = inputs(16, 16)
+    given = inputs(16, 16, direct=kind == "plus")
     for value in given.values():
         value.requires_grad_(True)
     network(given).sum().backward()
