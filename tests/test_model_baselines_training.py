@@ -173,10 +173,10 @@ def by_heart(name: str, steps: int, width: int, levels: int) -> Params:
 @pytest.mark.parametrize(
     ("name", "steps", "width", "levels"),
     [
-        ("can", 600, 16, 6),
+        pytest.param("can", 600, 16, 6, marks=pytest.mark.check),
         pytest.param("can_own", 800, 16, 6, marks=pytest.mark.check),
         pytest.param("pix2pix", 900, 24, 3, marks=pytest.mark.check),
-        ("pix2pix_own", 600, 24, 3),
+        pytest.param("pix2pix_own", 600, 24, 3, marks=pytest.mark.check),
         ("cyclegan", 500, 16, 2),
     ],
 )

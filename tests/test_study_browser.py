@@ -29,6 +29,8 @@ new MutationObserver(() => {
 }).observe(document.body, { attributeFilter: ["data-phase"] });
 """
 
+pytestmark = pytest.mark.check  # a browser wants a quiet machine
+
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
