@@ -14,6 +14,7 @@ from pipeline.jobs import HomeJob, ImportJob, ImportVariant
 from pipeline.params import Params
 from pipeline.records import Failure
 from pipeline.scene_digest import STAGE_MARK
+from scenes import contract
 from scenes.catalogue.assets import INDEX, load_index
 from scenes.contract import load_scene, scene_folders
 from scenes.errors import InputError
@@ -25,10 +26,7 @@ from scenes.seeds import derive
 
 def home_jobs(root: Path, params: Params) -> Iterable[HomeJob]:
     wanted = params.scenes
-    # The generator's own source stands for its revision: a home is made in seconds, and frames
-    # ask for the scene's content, not for this.
-    sources = sorted(Path(home.__file__).parent.rglob("*.py"))
-    revision = digest_bytes(*(digest_file(source).encode() for source in sources))
+    revision = _revision(Path(home.__file__).parent)
     assets = root.parent / "assets"
     bought: dict[str, Any] = {}
     if wanted.catalogue_share > 0 and wanted.homes:
@@ -61,8 +59,19 @@ def home_jobs(root: Path, params: Params) -> Iterable[HomeJob]:
         yield HomeJob(root / scene_id, scene_id, wanted, seed, lighting, variant, mark, assets)
 
 
+def _revision(package: Path) -> str:
+    """A digest of the sources of a package: what they make is made anew when they change.
+
+    They stand for a revision: a scene is made in seconds, and frames ask for its content, not
+    for this.
+    """
+    sources = sorted(package.rglob("*.py"))
+    return digest_bytes(*(digest_file(source).encode() for source in sources))
+
+
 def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable[ImportJob]:
     wanted = params.scenes
+    revision = _revision(Path(contract.__file__).parent)
     for named in wanted.imports:
         entry = ImportEntry(named) if isinstance(named, str) else named
         path = Path(entry.file).expanduser().resolve()
@@ -75,7 +84,7 @@ def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable
             )
             failures.append(Failure("scenes", scene_id, "", words))
             continue
-        content: dict[str, Any] = {"content": digest_import(path, entry)}
+        content: dict[str, Any] = {"content": digest_import(path, entry), "revision": revision}
         if options:
             content["options"] = entry.given()
         mark = fingerprint(kind="import", scene_id=scene_id, **content)
