@@ -44,7 +44,7 @@ class Networks:
 
     @torch.no_grad()
     def predict_directly(self, name: str, example: Example) -> Array:
-        """Display values float32 (H, W, 3) of the colour that another method of the registry draws."""
+        """Display values float32 (H, W, 3) of colour, by another method of the registry."""
         return to_image(self.baselines[name](encode([example], METHODS[name].direct)))
 
 
