@@ -1,5 +1,5 @@
 # make repro   environment, then every stage of dvc.yaml that is out of date
-# make test    formatting, lint, types, tests
+# make test    formatting, lint, types, tests (PROCESSES=2 of them at once, 2 GiB each)
 # make check   what is too long for every test run: thousands of homes
 # make bench   measured figures and their goals, to docs/benchmarks.md: 15 quiet minutes, 2 cores
 #              (ONLY="shards farm" for some topics; the list: python -m benchmarks.run --help)
@@ -7,6 +7,7 @@
 # make clean   remove what the pipeline made (not the environment)
 
 PYTHON ?= python3
+PROCESSES ?= 2
 VENV := .venv
 BIN := $(VENV)/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
@@ -32,7 +33,7 @@ test: env
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest -q --durations=15
+	$(BIN)/python -m pytest -q --durations=15 --numprocesses $(PROCESSES) --dist loadfile
 
 check: env
 	$(BIN)/python -m pytest -q --durations=15 -m check

@@ -15,11 +15,11 @@ from typing import Any
 
 import pyarrow as pa
 import yaml
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from pipeline.checks import REASONS
 from pipeline.columns import PREVIEW, Column
 from pipeline.params import Params
+from pipeline.templating import templates
 from scenes.contract import Credit, Scene
 from scenes.files import digest_file, write_json
 
@@ -70,14 +70,7 @@ def dataset_card(
 ) -> str:
     """The README: front matter, how to load, columns, counts, sources, limits."""
     licences = sorted({credit.licence for scene in scenes for credit in scene.credits})
-    environment = Environment(
-        loader=PackageLoader("pipeline"),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,  # Markdown, not HTML
-    )
+    environment = templates("pipeline", markup=False)
     environment.filters["cell"] = _table_cell
     return environment.get_template("dataset_card.md").render(
         front_matter=_front_matter(summary, licences),

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import yaml
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from pipeline.charts import TALL, WIDE, Node, chain, panorama_guide
@@ -42,6 +41,7 @@ from pipeline.report_results import (
     score_strips,
 )
 from pipeline.report_studies import pairs_table
+from pipeline.templating import templates
 from scenes.checked import plain
 from scenes.errors import InputError
 from scenes.files import write_text
@@ -70,13 +70,7 @@ class _Page:
         examples = self.records.example_keys()
         rows = self.records.rows({*wanted, *(key for group in examples.values() for key in group)})
         sheet = [rows[key] for key in wanted if key in rows]
-        environment = Environment(
-            loader=PackageLoader("pipeline"),
-            undefined=StrictUndefined,
-            autoescape=True,
-            trim_blocks=True,
-            lstrip_blocks=True,
-        )
+        environment = templates("pipeline")
         environment.filters["thousands"] = lambda number: f"{number:,}".replace(",", " ")
         environment.filters["seconds"] = _duration
         return environment.get_template("report.html").render(

@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from model.data import Dataset
 from model.evaluation import image_of, open_split, true_color
@@ -29,6 +28,7 @@ from model.training import Folders
 from pipeline.params import Params
 from pipeline.pictures import Picture, png_bytes
 from pipeline.progress import Progress
+from pipeline.templating import templates
 from pipeline.tonemap import to_bytes
 from scenes.checked import plain
 from scenes.errors import InputError, ParameterError
@@ -247,14 +247,7 @@ def _shown(name: str, pictures: Sequence[bytes]) -> dict[str, Any]:
 
 
 def _render(content: dict[str, Any]) -> str:
-    environment = Environment(
-        loader=PackageLoader("model.studies"),
-        undefined=StrictUndefined,
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    template = environment.get_template("pairs.html")
+    template = templates("model.studies").get_template("pairs.html")
     return template.render(
         content=content,
         pairs=len(content["pairs"]),
