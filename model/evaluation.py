@@ -88,14 +88,8 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
         "scenes": len({score.scene_id for score in scores}),
         "backbone": networks.card.backbone["network"],
         "exposure": networks.card.exposure,
-        "methods": {
-            method: {
-                **_summary([score for score in scores if score.method == method], params.seed),
-                "seconds": _method_seconds(method, seconds),
-            }
-            for method in METHODS
-            if any(score.method == method for score in scores)
-        },
+        "methods": _methods(scores, seconds, params.seed),
+        "kept_back": _kept_back(dataset, scores, seconds, params),
         "timing": {**seconds, **renderer_seconds(folders.data, scores)},
         "examples": {
             "best": [[score.scene_id, score.view_id] for score in best],
@@ -106,6 +100,37 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
     _write_scores(folders.metrics / "evaluation.csv", scores)
     write_json(folders.metrics / "evaluation.json", result)
     return result
+
+
+def _methods(scores: Sequence[Score], seconds: dict[str, float], seed: int) -> dict[str, Any]:
+    """Every method's figures: metrics with their intervals, and seconds an image."""
+    return {
+        method: {
+            **_summary([score for score in scores if score.method == method], seed),
+            "seconds": _method_seconds(method, seconds),
+        }
+        for method in METHODS
+        if any(score.method == method for score in scores)
+    }
+
+
+def _kept_back(
+    dataset: Dataset, scores: Sequence[Score], seconds: dict[str, float], params: Params
+) -> dict[str, Any] | None:
+    """The same of the scenes that `dataset.splits.test_only` names alone: how well the networks
+    do on sources that training never saw. None where it names none of them."""
+    plans = dataset.plans()
+    splits = params.dataset.splits
+    theirs = [
+        score for score in scores if splits.keeps_back(plans.get(score.scene_id, score.scene_id))
+    ]
+    if not theirs:
+        return None
+    return {
+        "views": len({(score.scene_id, score.view_id) for score in theirs}),
+        "scenes": len({score.scene_id for score in theirs}),
+        "methods": _methods(theirs, seconds, params.seed),
+    }
 
 
 def open_split(

@@ -45,7 +45,8 @@ def cost(
     costs = fit_costs(read_ledger(data))
     each = params.cameras.views_per_scene
     if scenes is None:
-        made = params.scenes.homes * params.scenes.variants + len(params.scenes.imports)
+        wanted = params.scenes
+        made = (wanted.homes + wanted.furnished_homes) * wanted.variants + len(wanted.imports)
         scenes = made if views is None else math.ceil(views / each)
     if not scenes:
         raise ParameterError("the parameters ask for no scenes; say how many with --scenes")

@@ -186,11 +186,14 @@ def split_plans(sources: Sequence[Source], shares: SplitParams, seed: int) -> di
     first to test, then to validation, the rest to train. So each split sees the light settings in
     proportion, no split is empty by chance (from two plans on there is a test plan, from three
     on a validation plan, where their shares are above 0), and adding a scene moves at most the
-    plans at the borders.
+    plans at the borders. Plans that `shares.test_only` names are dealt to test beforehand.
     """
+    kept_back = {source.plan for source in sources if shares.keeps_back(source.plan)}
     strata: dict[str, dict[str, int]] = defaultdict(dict)
     settings: dict[str, str] = {}
     for source in sorted(sources, key=lambda source: source.scene.scene_id):
+        if source.plan in kept_back:
+            continue
         setting = settings.setdefault(source.plan, source.scene.lighting)
         strata[setting][source.plan] = derive(seed, "split", source.plan)
     places: dict[str, tuple[float, int]] = {}
@@ -206,7 +209,8 @@ def split_plans(sources: Sequence[Source], shares: SplitParams, seed: int) -> di
         else:
             test -= 1
     names = ["test"] * test + ["validation"] * validation
-    return dict(zip(order, names + ["train"] * (len(order) - len(names)), strict=True))
+    dealt = dict(zip(order, names + ["train"] * (len(order) - len(names)), strict=True))
+    return dealt | dict.fromkeys(sorted(kept_back), "test")
 
 
 def make_row(

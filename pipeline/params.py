@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Literal
 
@@ -138,6 +139,12 @@ class SplitParams:
 
     validation: float = field(default=0.1, metadata=within(0, 0.9))
     test: float = field(default=0.2, metadata=within(0, 0.9))
+    # Plans that are only tested on, besides those shares: names, or patterns such as "villa-*".
+    test_only: tuple[str, ...] = ()
+
+    def keeps_back(self, plan: str) -> bool:
+        """Whether `test_only` names the plan."""
+        return any(fnmatchcase(plan, pattern) for pattern in self.test_only)
 
 
 @dataclass(frozen=True)

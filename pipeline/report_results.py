@@ -49,9 +49,29 @@ EXAMPLE_PARTS = {
 
 
 def result_table(records: Records) -> dict[str, Any] | None:
-    if not records.evaluation:
+    evaluation = records.evaluation
+    if not evaluation:
         return None
-    methods: dict[str, Any] = records.evaluation.get("methods", {})
+    kept_back = evaluation.get("kept_back")
+    table = _rows(evaluation.get("methods", {}))
+    return {
+        "split": evaluation.get("split", ""),
+        "views": evaluation.get("views", 0),
+        "scenes": evaluation.get("scenes", 0),
+        "exposure": evaluation.get("exposure", ""),
+        "metrics": [
+            {"label": label, "better": "higher" if higher else "lower"}
+            for label, higher, _ in METRICS.values()
+        ],
+        "table": table,
+        "kept_back": kept_back and {**kept_back, "table": _rows(kept_back["methods"])},
+        "no_lpips": all(row["cells"][-1] is None for row in table),
+        "timing": sorted(evaluation.get("timing", {}).items()),
+    }
+
+
+def _rows(methods: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """A row a method, with its figures in words and the best of each column marked."""
     best = {}
     for name, (_, higher, _) in METRICS.items():
         means = {
@@ -61,42 +81,25 @@ def result_table(records: Records) -> dict[str, Any] | None:
         }
         if means:
             best[name] = (max if higher else min)(means, key=lambda method: means[method])
-    table = []
-    for method in known_first(methods, METHODS):
-        values = methods[method]
-        cells = []
-        for name, (_, _, digits) in METRICS.items():
-            figure = figure_of(values, name)
-            cells.append(
-                None
-                if figure is None
-                else {
-                    "mean": f"{figure['mean']:.{digits}f}",
-                    "interval": _interval(figure, digits),
-                    "best": best.get(name) == method,
-                }
-            )
-        table.append(
-            {
-                "name": method,
-                "words": METHODS.get(method, method),
-                "cells": cells,
-                "seconds": values.get("seconds"),
-            }
-        )
-    return {
-        "split": records.evaluation.get("split", ""),
-        "views": records.evaluation.get("views", 0),
-        "scenes": records.evaluation.get("scenes", 0),
-        "exposure": records.evaluation.get("exposure", ""),
-        "metrics": [
-            {"label": label, "better": "higher" if higher else "lower"}
-            for label, higher, _ in METRICS.values()
-        ],
-        "table": table,
-        "no_lpips": all(row["cells"][-1] is None for row in table),
-        "timing": sorted(records.evaluation.get("timing", {}).items()),
-    }
+    return [
+        {
+            "name": method,
+            "words": METHODS.get(method, method),
+            "cells": [
+                _cell(figure_of(methods[method], name), digits, best.get(name) == method)
+                for name, (_, _, digits) in METRICS.items()
+            ],
+            "seconds": methods[method].get("seconds"),
+        }
+        for method in known_first(methods, METHODS)
+    ]
+
+
+def _cell(figure: Mapping[str, Any] | None, digits: int, best: bool) -> dict[str, Any] | None:
+    if figure is None:
+        return None
+    interval = _interval(figure, digits)
+    return {"mean": f"{figure['mean']:.{digits}f}", "interval": interval, "best": best}
 
 
 def score_strips(records: Records) -> list[dict[str, Any]]:

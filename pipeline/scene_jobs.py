@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -26,25 +27,33 @@ from scenes.seeds import derive
 
 def home_jobs(root: Path, params: Params) -> Iterable[HomeJob]:
     wanted = params.scenes
-    revision = _revision(Path(home.__file__).parent)
+    yield from _homes(root, params, "home", wanted.homes, wanted.catalogue_share)
+    yield from _homes(root, params, "furnished", wanted.furnished_homes, wanted.furnished_share)
+
+
+def _homes(root: Path, params: Params, name: str, count: int, share: float) -> Iterable[HomeJob]:
+    """Homes `name`-0000 and so on, with a share of their furniture from the catalogues."""
+    wanted = replace(params.scenes, catalogue_share=share)
     assets = root.parent / "assets"
     bought: dict[str, Any] = {}
-    if wanted.catalogue_share > 0 and wanted.homes:
+    if share > 0 and count:
         if not load_index(assets).pieces:
+            option = "catalogue_share" if name == "home" else f"{name}_homes"
             raise InputError(
-                f"scenes.catalogue_share: {wanted.catalogue_share:g}, but {assets} holds no "
+                f"scenes.{option}: {getattr(params.scenes, option):g}, but {assets} holds no "
                 "furniture; set assets.enabled to true and run first: pbrnet assets"
             )
         bought = {
-            "share": wanted.catalogue_share,
+            "share": share,
             "triangles": wanted.catalogue_triangles,
             "catalogue": digest_file(assets / INDEX),
         }
-    for index, variant in product(range(wanted.homes), range(wanted.variants)):
-        scene_id = f"home-{index:04d}" + (f"-v{variant}" if variant else "")
+    revision = _revision(Path(home.__file__).parent)
+    for index, variant in product(range(count), range(wanted.variants)):
+        scene_id = f"{name}-{index:04d}" + (f"-v{variant}" if variant else "")
         turn = index + (variant if "light" in wanted.vary else 0)
         lighting = wanted.lighting[turn % len(wanted.lighting)]
-        seed = derive(params.seed, "home", index)
+        seed = derive(params.seed, name, index)
         mark = fingerprint(
             kind="home",
             revision=revision,

@@ -49,6 +49,11 @@ class SceneParams:
     # Share of the furniture that comes from the catalogues of the `assets` stage, where those
     # have something fitting; 0: all of it is the generator's own.
     catalogue_share: float = field(default=0.0, metadata=within(0, 1))
+    # More homes, furnished-0000 and so on, with another share of catalogue furniture. Where the
+    # homes above take none, these show networks what they were not trained on: see
+    # `dataset.splits.test_only`.
+    furnished_homes: int = field(default=0, metadata=within(0, 1_000_000))
+    furnished_share: float = field(default=0.7, metadata=within(0.01, 1))
     # Catalogue pieces with more triangles than this are not used in homes.
     catalogue_triangles: int = field(default=30_000, metadata=within(100, 2_000_000))
     # Scenes of one's own: files that `pbrnet import` reads, brought in by the same stage.
@@ -67,5 +72,5 @@ class SceneParams:
                 f"{where}.vary: {self.variants} variants that differ in nothing; name at least "
                 "one of finishes, furniture, light, outdoors"
             )
-        if not self.homes and not self.imports:
+        if not self.homes and not self.furnished_homes and not self.imports:
             raise ValueError(f"{where}.homes: 0 homes and no imports leave nothing to do")

@@ -28,7 +28,7 @@ from scenes.catalogue.convert import convert, temperature
 from scenes.catalogue.geometry import covering_boxes, diced, levels_of
 from scenes.catalogue.library import CataloguePiece, Unusable, read_library
 from scenes.catalogue.properties import parse_properties
-from scenes.contract import Room, Scene, SceneObject, load_scene
+from scenes.contract import Room, Scene, SceneObject, load_scene, scene_folders
 from scenes.errors import InputError, MachineError
 from scenes.files import digest_folder
 from scenes.mitsuba_source.meshes import Mesh, read_ply
@@ -525,6 +525,22 @@ def test_the_scenes_stage_asks_for_a_catalogue_it_needs(
     assert run_scenes(converted, params).kept == 1
     more = replace(params, scenes=replace(params.scenes, catalogue_share=0.6))
     assert run_scenes(converted, more).made == 1
+
+
+def test_furnished_homes_alone_take_from_the_catalogue(
+    converted: Path, library: Path, tmp_path: Path
+) -> None:
+    params = _params(library.parent, share=0.0)
+    params = replace(params, scenes=replace(params.scenes, furnished_homes=2, furnished_share=1.0))
+    with pytest.raises(InputError, match=r"furnished_homes: 2.*pbrnet assets"):
+        run_scenes(tmp_path, params)
+    shutil.copytree(converted / "assets", tmp_path / "assets")
+    assert run_scenes(tmp_path, params).made == 3
+    credited = {
+        folder.name: any("CC-BY" in credit.licence for credit in load_scene(folder).credits)
+        for folder in scene_folders(tmp_path / "scenes")
+    }
+    assert credited == {"furnished-0000": True, "furnished-0001": True, "home-0000": False}
 
 
 def test_the_command_says_what_is_usable(converted: Path, library: Path, tmp_path: Path) -> None:

@@ -210,6 +210,17 @@ def test_scenes_of_one_plan_stay_together() -> None:
     assert set(splits) == {f"plan-{index}" for index in range(6)}
 
 
+def test_plans_kept_back_are_tested_on_and_leave_the_others_where_they_are() -> None:
+    own = sources(20)
+    others = [Source(box_scene(f"villa-{index}", "day"), None) for index in range(5)]
+    splits = split_plans(own + others, SplitParams(test_only=("villa-[0-3]", "home-000")), 0)
+    assert {splits[f"villa-{index}"] for index in range(4)} == {"test"}
+    assert splits["home-000"] == "test"
+    del splits["home-000"], splits["villa-0"], splits["villa-1"], splits["villa-2"]
+    del splits["villa-3"]
+    assert splits == split_plans(own[1:] + others[4:], SplitParams(), 0)
+
+
 def test_adding_scenes_hardly_moves_the_others() -> None:
     before = split_plans(sources(40), SplitParams(), 0)
     after = split_plans(sources(44), SplitParams(), 0)

@@ -30,9 +30,11 @@ from pipeline.frames import write_frame
 from pipeline.ledger import Ledger
 from pipeline.params import (
     BackboneParams,
+    DatasetParams,
     EvaluateParams,
     ImageParams,
     Params,
+    SplitParams,
     StageTrainParams,
     ToneParams,
     TrainParams,
@@ -92,6 +94,7 @@ def test_evaluation_measures_every_method_and_view(trained: Folders, tmp_path: P
     result = evaluate(PARAMS, folders)
     assert json.loads((folders.metrics / "evaluation.json").read_text()) == result
     assert (result["split"], result["views"], result["scenes"]) == ("test", 6, 3)
+    assert result["kept_back"] is None
     assert set(result["methods"]) == {"pbrnet", "product", "product_linear", "unet", "ceiling"}
     for name, values in result["methods"].items():
         for metric in ("ssim", "psnr", "flip"):
@@ -99,6 +102,11 @@ def test_evaluation_measures_every_method_and_view(trained: Folders, tmp_path: P
             assert interval["low"] <= interval["mean"] <= interval["high"], (name, metric)
         assert values["lpips"] is None
         assert (values["seconds"] is None) == (name == "ceiling")
+    first = sorted({scene for group in result["examples"].values() for scene, _ in group})[0]
+    splits = DatasetParams(splits=SplitParams(test_only=(first,)))
+    apart = evaluate(replace(PARAMS, dataset=splits), folders)["kept_back"]
+    assert (apart["views"], apart["scenes"]) == (2, 1)
+    assert set(apart["methods"]) == set(result["methods"])
     with (folders.metrics / "evaluation.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert len(rows) == 6 * 5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from dataclasses import replace
@@ -323,6 +324,19 @@ def test_the_chain_has_every_stage_in_both_layouts() -> None:
         for index, (x, y, w, h) in enumerate(boxes):
             for u, v, s, t in boxes[index + 1 :]:
                 assert x + w <= u or u + s <= x or y + h <= v or v + t <= y, "boxes overlap"
+
+
+def test_sources_kept_back_have_a_table_of_their_own(root: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(root, copy)
+    path = copy / "metrics" / "evaluation.json"
+    found = json.loads(path.read_text())
+    figures = found["methods"]["pbrnet"] | {"ssim": {"mean": 0.123, "low": 0.1, "high": 0.2}}
+    found["kept_back"] = {"views": 3, "scenes": 1, "methods": {"pbrnet": figures}}
+    path.write_text(json.dumps(found))
+    write_report(places(copy), small_params(), copy / "page.html")
+    page = Page((copy / "page.html").read_text())
+    assert "Sources that training never saw" in page.text and "0.123" in page.text
 
 
 def test_own_exposure_shows_the_truth_by_its_own_exposure(root: Path, tmp_path: Path) -> None:
