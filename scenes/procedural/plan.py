@@ -222,7 +222,7 @@ def make_plan(rng: np.random.Generator, rooms_min: int, rooms_max: int) -> Plan:
     ground = float(rng.choice([-0.15, -0.3, -0.45, -3.2, -6.1], p=[0.3, 0.25, 0.15, 0.2, 0.1]))
     for _ in range(DRAWS):
         cells = _draw_cells(rng, programme, partition)
-        if cells is None:
+        if cells is None or not all(map(_roomy, cells, programme)):
             continue
         rooms, inner = _rooms_of(cells, programme, partition)
         if not all(_habitable(room) for room in rooms):
@@ -407,6 +407,13 @@ def _largest(shape: Polygon | MultiPolygon) -> Polygon:
     if shape.geom_type == "Polygon":
         return shape
     return max(shape.geoms, key=lambda part: part.area)
+
+
+def _roomy(cell: Polygon, kind: RoomType) -> bool:
+    """Whether a room within the cell may be habitable; the walls have yet to be taken off."""
+    low, _, narrow = SIZES[kind]
+    x0, y0, x1, y1 = cell.bounds
+    return bool(cell.area >= 0.75 * low and min(x1 - x0, y1 - y0) >= narrow)
 
 
 def _habitable(room: PlanRoom) -> bool:
