@@ -183,7 +183,7 @@ WARES: tuple[Ware, ...] = (
          (0.15, 0.37), without="spray|baby|medicine|bathroom|flacon"),
     Ware("candle", "candle", "candle", "on_top", (0.05, 0.2), (0.05, 0.2), (0.08, 0.46),
          lumens=(10, 40)),
-    Ware("wall_clock", "cuckoo clock|wall clock|dart game", "clock", "on_wall", (0.15, 0.6),
+    Ware("wall_clock", "cuckoo clock|wall clock", "clock", "on_wall", (0.15, 0.6),
          (0.02, 0.25), (0.15, 0.8), elevation=(0.8, 2.0)),
     Ware("radiator", "radiator", "radiator", "on_wall", (0.4, 1.5), (0.05, 0.25), (0.3, 0.66),
          elevation=(0.0, 0.3), without="towels?"),
