@@ -197,6 +197,7 @@ def _line(method: str, values: dict[str, Any]) -> str:
 Examples:
   pbrnet predict data/scenes/home-0000 --view VIEW
   pbrnet predict data/scenes/home-0000 --view VIEW --size 640x480 --compare
+  pbrnet predict data/scenes/home-0000 --view VIEW --method hybrid
   pbrnet predict --inputs in.exr --illumination panorama.exr --out picture.png
 
 VIEW is a view_id of the camera file, data/cameras/SCENE.json unless --camera names another.
@@ -208,6 +209,14 @@ prediction with the error. `pbrnet report` shows all that lies in predictions/."
 @click.option("--camera", type=_FILE, default=None, help="Camera file of the scene.")
 @click.option("--inputs", type=_FILE, default=None, help="Frame with depth, normal, reflectance.")
 @click.option("--illumination", type=_FILE, default=None, help="Frame with the panorama.")
+@click.option("--noisy", type=_FILE, default=None, help="Frame of few samples, for hybrid.")
+@click.option(
+    "--method",
+    type=click.Choice([prediction.PAIR, *BASELINES]),
+    default=prediction.PAIR,
+    show_default=True,
+    help="Both networks, or another method that is trained.",
+)
 @click.option("--size", default=None, metavar="WxH", help="Render the inputs at this size.")
 @click.option("--compare", "with_truth", is_flag=True, help="Put truth and error beside it.")
 @click.option(
@@ -224,18 +233,20 @@ def predict(
     camera: Path | None,
     inputs: Path | None,
     illumination: Path | None,
+    noisy: Path | None,
+    method: str,
     size: str | None,
     with_truth: bool,
     out: Path | None,
 ) -> None:
     """Make an image through the trained networks, from SCENE or from frames."""
-    networks = load_networks(models)
+    networks = load_networks(models, () if method == prediction.PAIR else (method,))
     if scene is not None:
-        if view_id is None or inputs or illumination:
-            raise click.UsageError("with SCENE, name a --view, and no --inputs or --illumination")
+        if view_id is None or inputs or illumination or noisy:
+            raise click.UsageError("with SCENE, name a --view, and no frames")
         camera = camera or data / "cameras" / f"{scene.name}.json"
         view = prediction.find_view(scene, camera, view_id, _parse_size(size))
-        example = prediction.from_scene(scene, view, params, networks, data, with_truth)
+        example = prediction.from_scene(scene, view, params, networks, data, with_truth, method)
     else:
         if inputs is None or illumination is None:
             raise click.UsageError("name a SCENE and a --view, or --inputs and --illumination")
@@ -251,8 +262,9 @@ def predict(
                     f"{data}: no shading and colour frames of {shown.scene_id}/{shown.view_id} to "
                     "compare with; render them, or predict from the scene"
                 )
-        example = prediction.from_frames(frame, read_frame(illumination), networks, truth)
-    result = prediction.predict(networks, example)
+        samples = read_frame(noisy) if noisy else None
+        example = prediction.from_frames(frame, read_frame(illumination), networks, truth, samples)
+    result = prediction.predict(networks, example, method)
     picture, words = to_bytes(result.color), ""
     if with_truth:
         picture, words = prediction.compare(networks, example, result)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -38,6 +38,8 @@ IMAGES: dict[str, int | None] = {
     "shading": 3,
     "color": 3,
 }
+# What only datasets made with `noisy.spp` have, for the methods that take it.
+NOISY_IMAGES: dict[str, int | None] = {"noisy_color": 3, "noisy_shading": 3}
 SCALARS = (
     "scene_id",
     "view_id",
@@ -68,6 +70,8 @@ class Example:
     color: Array  # float32 (H, W, 3), linear HDR radiance
     exposure_shading: Exposure  # by shading's own log-average luminance
     exposure_color: Exposure  # by color's own
+    noisy_color: Array | None = None  # as color, of few samples of their own; None: not read
+    noisy_shading: Array | None = None  # as shading, of the same paths
 
     @property
     def name(self) -> str:
@@ -88,13 +92,15 @@ class Dataset:
     """The shards of one split, opened for reading.
 
     Raises `InputError` if the folder holds no such split, if a shard is missing, truncated,
-    or not a table of this kind. Files are opened one at a time and only while read.
+    or not a table of this kind; with `noisy`, also if it has no noisy samples. Files are opened
+    one at a time and only while read.
     """
 
-    def __init__(self, folder: Path, split: Split) -> None:
+    def __init__(self, folder: Path, split: Split, noisy: bool = False) -> None:
         self.folder, self.split = Path(folder), split
+        self.images = {**IMAGES, **NOISY_IMAGES} if noisy else IMAGES
         self.shards = _shards(self.folder, split)
-        self.groups = [_group_sizes(path) for path in self.shards]
+        self.groups = [_group_sizes(path, self.images) for path in self.shards]
         self.held = 0  # rows in memory now, while a pass is being read
 
     def __len__(self) -> int:
@@ -190,16 +196,19 @@ class Dataset:
                     self.held += len(loaded[key])
                 record = loaded[key].pop(row.row)
                 self.held -= 1
-                yield _example(record)
+                yield _example(record, self.images)
         finally:
             self.held = 0
 
     def _load(self, shard: int, group: int, wanted: set[int]) -> dict[int, dict[str, Any]]:
         path = self.shards[shard]
         with _reading(path), pq.ParquetFile(path) as file:
-            table = file.read_row_group(group, columns=[*SCALARS, *IMAGES])
-            shapes = {name: _shape(path, table.schema.field(name)) for name in IMAGES}
-        images = {name: _pixels(path, table.column(name), shapes[name]) for name in IMAGES}
+            table = file.read_row_group(group, columns=[*SCALARS, *self.images])
+            shapes = {
+                name: _shape(path, table.schema.field(name), channels)
+                for name, channels in self.images.items()
+            }
+        images = {name: _pixels(path, table.column(name), shapes[name]) for name in self.images}
         scalars = {name: table.column(name).to_pylist() for name in SCALARS}
         strangers = sorted(set(scalars["split"]) - {self.split})
         if strangers:
@@ -215,7 +224,8 @@ class Dataset:
 
 def mirrored(example: Example) -> Example:
     """The view seen in a mirror: columns reversed, normals' x and the panorama with them."""
-    flipped = {name: getattr(example, name)[:, ::-1].copy() for name in IMAGES}
+    images = {name: getattr(example, name) for name in (*IMAGES, *NOISY_IMAGES)}
+    flipped = {name: image[:, ::-1].copy() for name, image in images.items() if image is not None}
     flipped["normal"] = flipped["normal"] * np.array([-1, 1, 1], np.float32)
     turned = np.array([[-1, 0, example.depth.shape[1]], [0, 1, 0], [0, 0, 1]])
     intrinsics = turned @ example.intrinsics @ np.diag([-1, 1, 1])
@@ -250,10 +260,15 @@ def _shards(folder: Path, split: Split) -> list[Path]:
     return [path for path, _ in own]
 
 
-def _group_sizes(path: Path) -> list[int]:
+def _group_sizes(path: Path, images: Iterable[str]) -> list[int]:
     with _reading(path), pq.ParquetFile(path) as file:
         names = file.schema_arrow.names
-        missing = [name for name in (*SCALARS, *IMAGES) if name not in names]
+        missing = [name for name in (*SCALARS, *images) if name not in names]
+        if missing and missing[0] in NOISY_IMAGES:
+            raise InputError(
+                f"{path}: no noisy samples in it (column {missing[0]!r}), which the method hybrid "
+                "takes; set noisy.spp to 1 to 4, then run: pbrnet groundtruth, pbrnet dataset"
+            )
         if missing:
             raise InputError(
                 f"{path}: not a dataset of this project: the column {missing[0]!r} is missing"
@@ -261,13 +276,12 @@ def _group_sizes(path: Path) -> list[int]:
         return [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
 
 
-def _shape(path: Path, field: pa.Field) -> tuple[int, ...]:
+def _shape(path: Path, field: pa.Field, channels: int | None) -> tuple[int, ...]:
     name = field.name
     try:
         shape = tuple(int(size) for size in json.loads(field.metadata[b"shape"]))
     except (KeyError, TypeError, ValueError):
         raise InputError(f"{path}: the column {name!r} has no readable shape metadata") from None
-    channels = IMAGES[name]
     plain = shape[:2] if channels is None and shape[2:] in ((), (1,)) else shape
     if len(plain) != (2 if channels is None else 3) or (channels and plain[2] != channels):
         raise InputError(f"{path}: the column {name!r} has the impossible shape {list(shape)}")
@@ -285,8 +299,8 @@ def _pixels(path: Path, column: pa.ChunkedArray, shape: tuple[int, ...]) -> Arra
     return values.flatten().to_numpy(zero_copy_only=False).reshape(len(values), *shape)
 
 
-def _example(record: dict[str, Any]) -> Example:
-    images = {name: record[name].astype(np.float32) for name in IMAGES if name != "valid"}
+def _example(record: dict[str, Any], names: Iterable[str]) -> Example:
+    images = {name: record[name].astype(np.float32) for name in names if name != "valid"}
     return Example(
         scene_id=record["scene_id"],
         view_id=record["view_id"],

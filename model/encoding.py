@@ -18,6 +18,7 @@ from model.data import Array, Example
 from model.irradiance import direct_shading
 from pipeline.params import ToneParams
 from pipeline.tonemap import Exposure, encode_srgb, exposure_of, tonemap
+from scenes.errors import InputError
 
 Value = TypeVar("Value", Array, torch.Tensor)
 Policy = Literal["own", "shared"]
@@ -25,13 +26,14 @@ Tensors = dict[str, torch.Tensor]
 
 # Channels of every encoded input, and of what only some networks are given beside them.
 DIRECT = 2
+NOISY = 6
 CHANNELS = {"depth": 2, "normal": 3, "intensity": 1, "distance": 1, "reflectance": 3}
 GREY = 0.5  # reflectance the networks are given where there is no surface
 WHITE = 20.0  # scaled luminance that maps to white, as usual indoors, where it is not known
 NEAR, MIDDLE, FAR = 0.05, 2.5, 100.0  # metres: depths and distances are clamped to the range
 
 
-def encode(examples: Sequence[Example], direct: bool = False) -> Tensors:
+def encode(examples: Sequence[Example], direct: bool = False, noisy: bool = False) -> Tensors:
     """Network inputs, float32 (N, C, H, W), `CHANNELS` each; all views must be of one size.
 
     * `depth`: ln(depth / `MIDDLE`), 0 where there is no surface; and the validity mask
@@ -42,6 +44,8 @@ def encode(examples: Sequence[Example], direct: bool = False) -> Tensors:
     * `reflectance`: `see_through`, sRGB-encoded and `centred`, like the display values it meets
     * `direct`, if asked for: `direct_shading`, tone-mapped by its own log average and `WHITE` and
       `centred`; and ln of it, relative to that average
+    * `noisy`, if asked for: noisy colour and shading, linear radiance as it is. `InputError` for
+      a view without
     """
     given = {
         "depth": _stack([_depth(example) for example in examples]),
@@ -50,7 +54,11 @@ def encode(examples: Sequence[Example], direct: bool = False) -> Tensors:
         "distance": _stack([np.minimum(example.distance, FAR)[..., None] for example in examples]),
         "reflectance": _stack([centred(encode_srgb(see_through(e, GREY))) for e in examples]),
     }
-    return {**given, "direct": _stack([_direct(e) for e in examples])} if direct else given
+    if direct:
+        given["direct"] = _stack([_direct(example) for example in examples])
+    if noisy:
+        given["noisy"] = _stack([_noisy(example) for example in examples])
+    return given
 
 
 def targets(examples: Sequence[Example], policy: Policy) -> Tensors:
@@ -58,6 +66,23 @@ def targets(examples: Sequence[Example], policy: Policy) -> Tensors:
     return {
         "shading": _stack([tonemap(e.shading, e.exposure_shading) for e in examples]),
         "color": _stack([tonemap(e.color, color_exposure(e, policy)) for e in examples]),
+    }
+
+
+def radiances(examples: Sequence[Example], policy: Policy) -> Tensors:
+    """Linear truth for networks that predict it: `color` and `shading`, float32 (N, 3, H, W), and
+    `exposure_color`, `exposure_shading`, float32 (N, 2, 1, 1): scale and white of their display."""
+    exposures = {
+        "exposure_color": [color_exposure(example, policy) for example in examples],
+        "exposure_shading": [example.exposure_shading for example in examples],
+    }
+    return {
+        "color": _stack([example.color for example in examples]),
+        "shading": _stack([example.shading for example in examples]),
+        **{
+            name: _stack([np.array([[[e.scale, e.white]]]) for e in each])
+            for name, each in exposures.items()
+        },
     }
 
 
@@ -104,6 +129,12 @@ def _direct(example: Example) -> Array:
     display = tonemap(grey, Exposure(scale, WHITE))[..., :1]
     log = np.log(np.maximum(light * scale / ToneParams().key, 1e-3)) / 4
     return np.concatenate([centred(display), log[..., None]], axis=-1)
+
+
+def _noisy(example: Example) -> Array:
+    if example.noisy_color is None or example.noisy_shading is None:
+        raise InputError(f"{example.name}: comes without the noisy samples that the network takes")
+    return np.concatenate([example.noisy_color, example.noisy_shading], axis=-1)
 
 
 def _intensity(intensity: Array) -> Array:

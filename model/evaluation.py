@@ -20,6 +20,7 @@ from model.data import Array, Dataset, Example
 from model.encoding import color_exposure, see_through
 from model.inference import Networks, load_networks
 from model.methods import BASELINES, trained_baselines
+from model.methods import METHODS as TRAINED
 from model.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
 from model.training import Folders
 from pipeline.ledger import read_ledger
@@ -35,7 +36,7 @@ from scenes.seeds import derive
 PRODUCTS = {"product": product, "product_linear": product_linear}
 METHODS = ("pbrnet", *PRODUCTS, *BASELINES, "ceiling")
 EXAMPLES = 4  # best and as many worst views are drawn
-RENDERER_STAGES = ("groundtruth", "color", "shading", "inputs", "illumination")
+RENDERER_STAGES = ("groundtruth", "color", "shading", "noisy", "inputs", "illumination")
 
 
 class LeakError(InputError):
@@ -82,6 +83,7 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
     )
     best, worst = ranked[:EXAMPLES], ranked[EXAMPLES:][-EXAMPLES:][::-1]
     seconds = time_networks(dataset, networks, params.evaluate.timing_views)
+    seconds |= sampling_seconds(folders.data, scores)
     result = {
         "split": params.evaluate.split,
         "views": len(dataset),
@@ -142,7 +144,8 @@ def open_split(
     with another tone mapping than the parameters'.
     """
     networks = load_networks(folders.models, baselines)
-    dataset = Dataset(folders.data / "dataset", params.evaluate.split)
+    noisy = any(TRAINED[name].noisy for name in baselines)
+    dataset = Dataset(folders.data / "dataset", params.evaluate.split, noisy)
     refuse_leaks(dataset, networks)
     if networks.card.tone != plain(params.tone):
         raise InputError(
@@ -208,6 +211,23 @@ def time_networks(dataset: Dataset, networks: Networks, views: int) -> dict[str,
     return {part: float(np.median(times[1:])) for part, times in parts.items()}
 
 
+def sampling_seconds(data: Path, scores: Sequence[Score]) -> dict[str, float]:
+    """Seconds to trace a view's noisy samples, `sampling`, from the ledger; nothing without rows.
+
+    Of each view the worker's seconds times its threads, less those that it took to open the scene,
+    over the processors that the networks are timed on; of these the median, so that the views
+    that a scene's kernels were compiled for do not count. Networks are timed so, too: once warm.
+    """
+    wanted = {(score.scene_id, score.view_id) for score in scores}
+    found = [
+        (row["seconds"] - (row["opening"] or 0)) * (row["threads"] or 1)
+        for row in read_ledger(data).to_pylist()
+        if row["stage"] == "noisy" and (row["scene_id"], row["view_id"]) in wanted
+    ]
+    processors = len(os.sched_getaffinity(0))
+    return {"sampling": float(np.median(found)) / processors} if found else {}
+
+
 def renderer_seconds(data: Path, scores: Sequence[Score]) -> dict[str, float]:
     """Mean seconds a view of each rendering stage, from the ledger where there is one."""
     wanted = {(score.scene_id, score.view_id) for score in scores}
@@ -262,11 +282,14 @@ def _summary(scores: Sequence[Score], seed: int) -> dict[str, Any]:
 
 
 def _method_seconds(method: str, parts: dict[str, float]) -> float | None:
+    """Seconds of all that a method needs beyond the guides; None if a part's are not known."""
     if method == "ceiling":
         return None
     needed = {"pbrnet": ("shading", "composition")}
     needed |= {name: ("shading", name) for name in PRODUCTS}
-    return sum(parts[part] for part in needed.get(method, (method,)))
+    needed |= {name: (name, "sampling") for name in BASELINES if TRAINED[name].noisy}
+    times = [parts.get(part) for part in needed.get(method, (method,))]
+    return None if None in times else sum(time for time in times if time is not None)
 
 
 def _draw_examples(

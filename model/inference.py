@@ -10,10 +10,10 @@ import torch
 from torch import nn
 
 from model.data import Array, Example
-from model.encoding import encode, to_image
+from model.encoding import color_exposure, encode, to_image
 from model.methods import METHODS
 from model.store import ModelCard, load_model
-from pipeline.tonemap import Exposure
+from pipeline.tonemap import Exposure, tonemap
 from scenes.errors import InputError
 
 
@@ -44,8 +44,21 @@ class Networks:
 
     @torch.no_grad()
     def predict_directly(self, name: str, example: Example) -> Array:
-        """Display values float32 (H, W, 3) of colour, by another method of the registry."""
+        """Display values float32 (H, W, 3) of colour, by another method of the registry.
+
+        Radiance is displayed as the example's true colour is.
+        """
+        if METHODS[name].noisy:
+            color = self.predict_radiance(name, example)[1]
+            return tonemap(color, color_exposure(example, self.card.exposure))
         return to_image(self.baselines[name](encode([example], METHODS[name].direct)))
+
+    @torch.no_grad()
+    def predict_radiance(self, name: str, example: Example) -> tuple[Array, Array]:
+        """Linear shading and colour, float32 (H, W, 3), by a method that takes noisy samples."""
+        parts = self.baselines[name].parts(encode([example], noisy=True))  # type: ignore[operator]
+        shading, color = (part[0].permute(1, 2, 0).cpu().numpy() for part in parts)
+        return shading, color
 
 
 def load_networks(models: Path, baselines: Sequence[str] = ()) -> Networks:

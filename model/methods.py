@@ -15,6 +15,7 @@ from typing import Literal
 from torch import nn
 
 from model.baselines import can, cyclegan, pix2pix, unet
+from model.hybrid import Exposed, HybridNet
 from model.networks import Architecture, Kind, composition_network, shading_network
 from model.objective import Objective, Paired, Setting, Target
 from model.plus import Decomposed, PlusNet
@@ -28,6 +29,7 @@ LAYOUTS: dict[Kind, Callable[[Architecture], nn.Module]] = {
     "pix2pix": pix2pix.Generator,
     "cyclegan": cyclegan.Forwards,
     "plus": PlusNet,
+    "hybrid": HybridNet,
 }
 
 
@@ -54,6 +56,9 @@ class Method:
     target: Target = "color"
     fed: bool = False  # by the fixed shading network
     direct: bool = False  # given the direct light of the panorama too
+    noisy: bool = (
+        False  # given noisy samples too, and then it predicts radiance, not display values
+    )
     adam: Adam | None = None
     own: str = ""
 
@@ -69,6 +74,7 @@ METHODS: dict[str, Method] = {
     "shading": Method("shading", "Shading network", target="shading"),
     "composition": Method("composition", "Composition network", fed=True),
     "plus": Method("plus", "PBR-Net plus", Decomposed, direct=True),
+    "hybrid": Method("hybrid", "PBR-Net hybrid", Exposed, noisy=True),
     "unet": Method("unet", "Direct U-Net"),
     "can": Method("can", "CAN, our loss"),
     "can_own": Method(

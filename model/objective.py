@@ -30,6 +30,7 @@ class Batch:
     inputs: Tensors  # as `encode` gives them
     truth: torch.Tensor  # display values (N, 3, H, W) of the network's target
     shading: torch.Tensor | None = None  # the truth of shading, for those that learn both
+    radiance: Tensors | None = None  # `radiances`, for those that predict radiance
 
 
 @dataclass(frozen=True)

@@ -65,15 +65,15 @@ def multiplied(shading: torch.Tensor, reflectance: torch.Tensor) -> torch.Tensor
 
     Both images have one exposure, as under the policy `shared`; differentiable everywhere.
     """
-    light = _decoded(shading)
-    seen = _luminance(light)
+    light = decoded(shading)
+    seen = luminance(light)
     half = 0.5 * (1 - seen)
     # Reinhard's operator, solved for the luminance that it was given
     scaled = seen / (half + torch.sqrt(half**2 + seen / WHITE**2 + 1e-12))
-    linear = light * (scaled / seen.clamp(min=1e-6)) * _decoded(reflectance) / GREY
-    bright = _luminance(linear)
+    linear = light * (scaled / seen.clamp(min=1e-6)) * decoded(reflectance) / GREY
+    bright = luminance(linear)
     mapped = linear * (1 + bright / WHITE**2) / (1 + bright)
-    return _encoded(mapped.clamp(0, 1))
+    return encoded(mapped.clamp(0, 1))
 
 
 class Decomposed(Objective):
@@ -98,15 +98,18 @@ class Decomposed(Objective):
             )
 
 
-def _luminance(image: torch.Tensor) -> torch.Tensor:
+def luminance(image: torch.Tensor) -> torch.Tensor:
+    """Rec. 709 luminance (N, 1, H, W) of linear RGB (N, 3, H, W)."""
     return sum(weight * image[:, k : k + 1] for k, weight in enumerate(_LUMINANCE))  # type: ignore[return-value]
 
 
-def _decoded(display: torch.Tensor) -> torch.Tensor:
+def decoded(display: torch.Tensor) -> torch.Tensor:
+    """sRGB to linear, with a gradient everywhere."""
     high = ((display.clamp(min=0.04045) + 0.055) / 1.055) ** 2.4
     return torch.where(display <= 0.04045, display / 12.92, high)
 
 
-def _encoded(linear: torch.Tensor) -> torch.Tensor:
+def encoded(linear: torch.Tensor) -> torch.Tensor:
+    """Linear to sRGB, with a gradient everywhere."""
     high = 1.055 * linear.clamp(min=0.0031308) ** (1 / 2.4) - 0.055
     return torch.where(linear <= 0.0031308, 12.92 * linear, high)

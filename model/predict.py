@@ -1,6 +1,7 @@
 """An image through the trained networks, from a scene and a camera or from frames.
 
-Nothing is path traced, unless the truth is asked for beside the prediction.
+Nothing is path traced, unless the truth is asked for beside the prediction, or the method takes
+a few noisy samples.
 """
 
 from __future__ import annotations
@@ -13,12 +14,13 @@ import numpy as np
 from model.data import Array, Example
 from model.encoding import color_exposure
 from model.inference import Networks, likely_exposure
+from model.methods import METHODS
 from model.metrics import flip_map, measure
-from pipeline.frames import Channels, Frame, frame_path, read_frame
+from pipeline.frames import NOISY_SHADING, RGB, Channels, Frame, frame_path, read_frame
 from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
-from pipeline.params import Params, ToneParams
-from pipeline.passes import render_truths
+from pipeline.params import NoisyParams, Params, ToneParams
+from pipeline.passes import render_noisy, render_truths
 from pipeline.pictures import Picture, contact_sheet, error_picture, reflectance_picture
 from pipeline.renderer import RenderScene, open_scene, set_variant
 from pipeline.tonemap import exposure_of, to_bytes, tonemap
@@ -27,7 +29,7 @@ from scenes.contract import load_scene
 from scenes.errors import InputError
 from scenes.seeds import derive
 
-RGB = ("R", "G", "B")
+PAIR = "pbrnet"  # the shading network, then the composition network
 
 
 @dataclass(frozen=True)
@@ -38,20 +40,42 @@ class Prediction:
     color: Array
 
 
-def predict(networks: Networks, example: Example) -> Prediction:
-    """Shading, then colour, of one view; its true images are not looked at."""
-    shading = networks.predict_shading(example)
-    return Prediction(shading, networks.predict_color(example, shading))
+def predict(networks: Networks, example: Example, method: str = PAIR) -> Prediction:
+    """Shading and colour of one view by both networks, or by another method of the registry.
+
+    Its true images are not looked at; only, where they are known, radiance is displayed with
+    their exposures, and else by its own log average.
+    """
+    if method == PAIR:
+        shading = networks.predict_shading(example)
+        return Prediction(shading, networks.predict_color(example, shading))
+    if not METHODS[method].noisy:
+        color = networks.predict_directly(method, example)
+        return Prediction(networks.predict_shading(example), color)
+    linear = networks.predict_radiance(method, example)
+    if not example.color.any():
+        tone = ToneParams(**networks.card.tone)
+        own = [exposure_of(image, tone) for image in linear]
+        example = replace(example, exposure_shading=own[0], exposure_color=own[1])
+    exposure = color_exposure(example, networks.card.exposure)
+    return Prediction(tonemap(linear[0], example.exposure_shading), tonemap(linear[1], exposure))
 
 
 def from_frames(
-    inputs: Frame, illumination: Frame, networks: Networks, truth: tuple[Frame, Frame] | None = None
+    inputs: Frame,
+    illumination: Frame,
+    networks: Networks,
+    truth: tuple[Frame, Frame] | None = None,
+    noisy: Frame | None = None,
 ) -> Example:
-    """A view from its frames; `truth` is shading and colour where they are known."""
+    """A view from its frames; `truth` is shading and colour where they are known, `noisy` the
+    frame of few samples for a method that takes it."""
     pair = (truth[0].channels, truth[1].channels) if truth else None
-    names = [frame.meta.get("view", {}).get("view_id") for frame in (inputs, illumination)]
-    if names[0] != names[1]:
-        raise InputError(f"the two frames are of different views: {names[0]!r} and {names[1]!r}")
+    frames = [frame for frame in (inputs, illumination, noisy) if frame is not None]
+    names = {frame.meta.get("view", {}).get("view_id"): None for frame in frames}
+    if len(names) > 1:
+        found = " and ".join(repr(name) for name in names)
+        raise InputError(f"the frames are of different views: {found}")
     view = inputs.meta["view"]
     return _example(
         (view["scene_id"], view["view_id"]),
@@ -60,6 +84,7 @@ def from_frames(
         illumination.channels,
         networks,
         pair,
+        noisy.channels if noisy else None,
     )
 
 
@@ -95,8 +120,12 @@ def from_scene(
     networks: Networks,
     data: Path,
     with_truth: bool = False,
+    method: str = PAIR,
 ) -> Example:
-    """Render the inputs and the panorama of a view; the truth is read if it is there, or traced."""
+    """Render the inputs and the panorama of a view; the truth is read if it is there, or traced.
+
+    For a method that takes noisy samples so many are traced as it was trained with.
+    """
     set_variant(params.farm.variant)
     scene = open_scene(load_scene(scene_folder))
     truth: tuple[Channels, Channels] | None = None
@@ -110,6 +139,7 @@ def from_scene(
         render_illumination(scene, view, params.illumination),
         networks,
         truth,
+        _sampled(scene, view, params, networks, method),
     )
 
 
@@ -156,6 +186,16 @@ def compare(networks: Networks, example: Example, prediction: Prediction) -> tup
     return picture, words
 
 
+def _sampled(
+    scene: RenderScene, view: View, params: Params, networks: Networks, method: str
+) -> Channels | None:
+    if method == PAIR or not METHODS[method].noisy:
+        return None
+    spp = networks.cards[method].training["noisy_spp"]
+    seed = derive(params.seed, "predict", view.scene_id, view.view_id, "noisy")
+    return render_noisy(scene, view, replace(params, noisy=NoisyParams(spp)), seed)[0]
+
+
 def _traced(scene: RenderScene, view: View, params: Params) -> tuple[Channels, Channels]:
     seed = derive(params.seed, "predict", view.scene_id, view.view_id)
     truths = render_truths(scene, view, params, seed)
@@ -169,6 +209,7 @@ def _example(
     illumination: Channels,
     networks: Networks,
     truth: tuple[Channels, Channels] | None,
+    noisy: Channels | None = None,
 ) -> Example:
     depth = inputs["Z"].astype(np.float32)
     card = networks.cards["shading"]
@@ -190,6 +231,8 @@ def _example(
         color=color,
         exposure_shading=exposure_of(shading, tone) if truth else unknown,
         exposure_color=exposure_of(color, tone) if truth else unknown,
+        noisy_color=_stack(noisy, RGB) if noisy else None,
+        noisy_shading=_stack(noisy, NOISY_SHADING) if noisy else None,
     )
 
 

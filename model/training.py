@@ -25,7 +25,7 @@ from torch import nn
 
 from model.backbone import Backbone, load_backbone
 from model.data import Dataset, Example, coin_flips, mirrored
-from model.encoding import encode, targets
+from model.encoding import encode, radiances, targets
 from model.loss import PerceptualLoss
 from model.methods import METHODS, Method, build_network
 from model.networks import Architecture, channels_last
@@ -96,7 +96,7 @@ def train_network(
     method = METHODS[name]
     stage: StageTrainParams = getattr(params.train, name)
     architecture = Architecture(method.layout, stage.width, stage.levels, params.train.panorama)
-    dataset = Dataset(folders.data / "dataset", "train")
+    dataset = Dataset(folders.data / "dataset", "train", method.noisy)
     backbone = load_backbone(folders.backbone)
     channels_last(backbone)
     shading, needs = _fixed_shading(method, params, folders)
@@ -129,7 +129,8 @@ def train_network(
     checkpoint = Checkpoint(folders.models / "checkpoints" / f"{name}.pt", identity)
     state = checkpoint.resume(run)
     began, first = time.monotonic(), state.step
-    _train(run, state, checkpoint, dataset, _validation_views(folders.data / "dataset"))
+    validation = _validation_views(folders.data / "dataset", method.noisy)
+    _train(run, state, checkpoint, dataset, validation)
     seconds = (time.monotonic() - began) / max(1, steps - first)
 
     last = state.curve[-1]
@@ -151,6 +152,7 @@ def train_network(
                 "seed": params.seed,
                 "steps": steps,
                 "precision": precision,
+                **({"noisy_spp": _noisy_spp(dataset)} if method.noisy else {}),
                 "started_from": digest_file(start) if start else None,
             },
             "data": data,
@@ -212,9 +214,13 @@ class Run:
             name: self._put(value)
             for name, value in targets(examples, self.params.train.exposure).items()
         }
-        given = encode(examples, self.method.direct)
+        given = encode(examples, self.method.direct, self.method.noisy)
         inputs = {name: self._put(value) for name, value in given.items()}
-        return Batch(inputs, truth[self.method.target], truth["shading"])
+        radiance = None
+        if self.method.noisy:
+            linear = radiances(examples, self.params.train.exposure)
+            radiance = {name: self._put(value) for name, value in linear.items()}
+        return Batch(inputs, truth[self.method.target], truth["shading"], radiance)
 
     def begin_step(self, step: int) -> None:
         """Learning rates and random draws (dropout, histories) are functions of the step."""
@@ -350,14 +356,19 @@ def _fixed_shading(
     return network, {"shading": card.sha256}
 
 
-def _validation_views(folder: Path) -> list[Example]:
+def _validation_views(folder: Path, noisy: bool) -> list[Example]:
     try:
-        dataset = Dataset(folder, "validation")
+        dataset = Dataset(folder, "validation", noisy)
     except InputError:
         if list(folder.glob("validation-*.parquet")):
             raise
         return []
     return [example for _, example in zip(range(VALIDATION_VIEWS), dataset.ordered(), strict=False)]
+
+
+def _noisy_spp(dataset: Dataset) -> int:
+    """Samples a pixel of the noisy images: as many as the network should be given in use."""
+    return int(median(dataset.column("noisy_spp")))
 
 
 def _seen(dataset: Dataset) -> TrainingData:

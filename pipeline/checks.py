@@ -1,6 +1,6 @@
 """What keeps a view out of the dataset, each with a named reason and the figure behind it.
 
-`load_frames` reads a view's four frames and says what is missing or damaged; `check_frames` is
+`load_frames` reads a view's frames and says what is missing or damaged; `check_frames` is
 a pure function of pixels and limits. Views are never dropped silently: whatever these return is
 listed in `rejected.csv`.
 
@@ -10,16 +10,24 @@ from, and the dataset card counts such views.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.frames import HALF_MAX, Channels, Frame, Kind, frame_path, read_frame
-from pipeline.params import CheckParams
+from pipeline.frames import (
+    HALF_MAX,
+    NOISY_SHADING,
+    Channels,
+    Frame,
+    Kind,
+    frame_path,
+    read_frame,
+)
+from pipeline.params import CheckParams, Params
 from pipeline.tonemap import luminance
 from pipeline.views import View
 from scenes.errors import InputError
@@ -80,15 +88,21 @@ def read_failures(data: Path) -> dict[tuple[str, str], str]:
     return failures
 
 
+def kinds_of(params: Params) -> tuple[Kind, ...]:
+    """The frames that a view of the dataset needs."""
+    kinds: tuple[Kind, ...] = ("inputs", "illumination", "shading", "color")
+    return (*kinds, "noisy") if params.noisy.spp else kinds
+
+
 def load_frames(
-    data: Path, view: View, failures: Mapping[tuple[str, str], str]
+    data: Path, view: View, failures: Mapping[tuple[str, str], str], kinds: Sequence[Kind]
 ) -> Frames | Rejection:
-    """Read and verify a view's four frames, or say why they are no use.
+    """Read and verify a view's frames of these kinds, or say why they are no use.
 
     A frame that is there and sound counts, even if an earlier run had listed the view as failed.
     """
     frames: Frames = {}
-    for kind in get_args(Kind):
+    for kind in kinds:
         path = frame_path(data, kind, view)
         if not path.exists():
             failure = failures.get((view.scene_id, view.view_id))
@@ -112,7 +126,8 @@ def check_frames(
 ) -> Rejection | None:
     """The first reason not to use these frames, None if there is none.
 
-    `size` and `panorama` are (width, height) of the dataset's images and panoramas.
+    `size` and `panorama` are (width, height) of the dataset's images and panoramas. Noisy frames
+    are not refused for their noise.
     """
     inputs, panorama_frame = frames["inputs"].channels, frames["illumination"].channels
     renders = {kind: frames[kind].rgb for kind in ("shading", "color")}
@@ -120,7 +135,7 @@ def check_frames(
         _stale(view, frames)
         or _wrong_size(frames, size, panorama)
         or _not_finite(frames)
-        or _negative(inputs, panorama_frame, renders)
+        or _negative(inputs, panorama_frame, {**renders, **_noisy_images(frames)})
         or _inconsistent(inputs)
         or _few_surfaces(inputs, limits.min_valid)
         or _over("black", "pixels are black", renders, black_share, limits.max_black)
@@ -208,6 +223,11 @@ def _not_finite(frames: Mapping[Kind, Frame]) -> Rejection | None:
         if lost:
             return Rejection("not_finite", f"{kind}: {lost} pixels without any finite sample")
     return None
+
+
+def _noisy_images(frames: Mapping[Kind, Frame]) -> dict[str, npt.NDArray[np.float32]]:
+    noisy = frames.get("noisy")
+    return {"noisy": noisy.rgb, "noisy shading": noisy.stack(*NOISY_SHADING)} if noisy else {}
 
 
 def _negative(

@@ -58,8 +58,13 @@ class Column:
 PREVIEW = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 
 
-def dataset_columns(size: tuple[int, int], panorama: tuple[int, int]) -> tuple[Column, ...]:
-    """All columns, in order, for images and panoramas of these (width, height)."""
+def dataset_columns(
+    size: tuple[int, int], panorama: tuple[int, int], noisy: bool = False
+) -> tuple[Column, ...]:
+    """All columns, in order, for images and panoramas of these (width, height).
+
+    `noisy`: with those of noisy frames, which stand last.
+    """
     plane, volume = (size[1], size[0]), (size[1], size[0], 3)
     sphere = (panorama[1], panorama[0])
     text, half, single, double = pa.string(), pa.float16(), pa.float32(), pa.float64()
@@ -136,6 +141,28 @@ def dataset_columns(size: tuple[int, int], panorama: tuple[int, int]) -> tuple[C
         Column("source", text, "Where the scene came from."),
         Column("licence", text, "Licence of the scene's parts, SPDX expression."),
         Column("attribution", text, "Title, author and licence of every part of the scene."),
+        *(_noisy_columns(volume) if noisy else ()),
+    )
+
+
+def _noisy_columns(volume: tuple[int, ...]) -> tuple[Column, ...]:
+    radiance, words = "W/(m^2 sr), relative", "path traced with few samples, independent of"
+    return (
+        Column(
+            "noisy_color",
+            pa.float16(),
+            f"Linear HDR RGB, {words} color's; unbiased, never denoised.",
+            radiance,
+            volume,
+        ),
+        Column(
+            "noisy_shading",
+            pa.float16(),
+            f"Linear HDR RGB, {words} shading's; of the same paths as noisy_color.",
+            radiance,
+            volume,
+        ),
+        Column("noisy_spp", pa.int32(), "Samples per pixel of noisy_color and noisy_shading."),
     )
 
 

@@ -1,6 +1,6 @@
 """The dataset stage: check every view's frames and pack them into Parquet shards.
 
-Reads `data/scenes`, `data/cameras` and the four kinds of frames; writes `data/dataset/`, which
+Reads `data/scenes`, `data/cameras` and the frames; writes `data/dataset/`, which
 is complete or absent: shards by split, a README card, `croissant.json`, `rejected.csv` (views
 sampled = rows + rejected) and `scenes.csv` (every scene, also those without any view).
 
@@ -36,12 +36,13 @@ from pipeline.checks import (
     Frames,
     Rejection,
     check_frames,
+    kinds_of,
     load_frames,
     noise_of,
     read_failures,
 )
 from pipeline.columns import Column, arrow_schema, dataset_columns
-from pipeline.frames import RGB
+from pipeline.frames import NOISY_SHADING, RGB, Frame
 from pipeline.params import Params, SplitParams, ToneParams
 from pipeline.pictures import fit, png_bytes, tone_picture
 from pipeline.progress import Progress
@@ -255,6 +256,15 @@ def make_row(
         "source": str(scene.source.get("kind", "unknown")),
         "licence": licence_of(scene),
         "attribution": attribution_of(scene),
+        **(_noisy_cells(frames["noisy"]) if "noisy" in frames else {}),
+    }
+
+
+def _noisy_cells(frame: Frame) -> dict[str, Any]:
+    return {
+        "noisy_color": _interleave(frame.channels, *RGB),
+        "noisy_shading": _interleave(frame.channels, *NOISY_SHADING),
+        "noisy_spp": frame.meta.get("spp"),
     }
 
 
@@ -420,7 +430,7 @@ def _prepare(
     params: Params,
 ) -> dict[str, Any] | Rejection:
     """A view's row, or why it has none."""
-    frames = load_frames(data, view, failures)
+    frames = load_frames(data, view, failures, kinds_of(params))
     if isinstance(frames, Rejection):
         return frames
     size, panorama = _sizes(params)
@@ -467,7 +477,7 @@ def _sizes(params: Params) -> tuple[tuple[int, int], tuple[int, int]]:
 
 
 def _columns(params: Params) -> tuple[Column, ...]:
-    return dataset_columns(*_sizes(params))
+    return dataset_columns(*_sizes(params), noisy=params.noisy.spp > 0)
 
 
 def _is_float(column: Column) -> bool:

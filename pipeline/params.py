@@ -16,7 +16,7 @@ from scenes.params import AssetParams, SceneParams
 Variant = Literal["auto", "llvm_ad_rgb", "cuda_ad_rgb", "scalar_rgb"]
 # What the networks can be compared with; `_own`: trained with its paper's loss, not with ours.
 Baseline = Literal[
-    "plus", "unet", "can", "can_own", "pix2pix", "pix2pix_own", "cyclegan", "cyclegan_own"
+    "plus", "hybrid", "unet", "can", "can_own", "pix2pix", "pix2pix_own", "cyclegan", "cyclegan_own"
 ]
 
 
@@ -110,6 +110,13 @@ class GroundTruthParams:
             raise ValueError(f"{where}.min_spp: {self.min_spp} is more than spp ({self.spp})")
         if self.spp % self.block_spp and self.spp > self.block_spp:
             raise ValueError(f"{where}.spp: {self.spp} is not a multiple of block_spp")
+
+
+@dataclass(frozen=True)
+class NoisyParams:
+    """A few samples a pixel beside the truth and independent of it, for networks that take them."""
+
+    spp: int = field(default=0, metadata=within(0, 16))  # 0: none
 
 
 @dataclass(frozen=True)
@@ -213,6 +220,7 @@ class TrainParams:
     # those that `pbrnet train baselines` trains and `pbrnet evaluate` must find
     baselines: tuple[Baseline, ...] = ("unet",)
     plus: StageTrainParams = StageTrainParams()  # shading with direct light given
+    hybrid: StageTrainParams = StageTrainParams(width=16)  # a few noisy samples given
     unet: StageTrainParams = StageTrainParams()  # the direct U-Net
     can: StageTrainParams = StageTrainParams(width=32, levels=10)
     can_own: StageTrainParams = StageTrainParams(width=32, levels=10)
@@ -260,6 +268,7 @@ class Params:
     cameras: CameraParams = CameraParams()
     illumination: IlluminationParams = IlluminationParams()
     groundtruth: GroundTruthParams = GroundTruthParams()
+    noisy: NoisyParams = NoisyParams()
     shading: ShadingParams = ShadingParams()
     tone: ToneParams = ToneParams()
     dataset: DatasetParams = DatasetParams()

@@ -1,4 +1,4 @@
-"""The four kinds of frames in one table: how each is rendered, and all that determines its pixels.
+"""The kinds of frames in one table: how each is rendered, and all that determines its pixels.
 
 A frame's fingerprint is a digest over exactly that: the pass and its revision, the parameters it
 reads, the view's camera and size, the scene's content, the renderer, the seed. What does not
@@ -13,11 +13,11 @@ from typing import Any
 
 from pipeline import groundtruth, illumination, inputs, joint
 from pipeline.denoise import denoise, denoiser_version, grey_guide, guides
-from pipeline.frames import Channels, Kind, fingerprint
+from pipeline.frames import NOISY_SHADING, RGB, Channels, Kind, fingerprint
 from pipeline.groundtruth import render_both, render_truth
 from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
-from pipeline.params import Params
+from pipeline.params import GroundTruthParams, Params
 from pipeline.renderer import RenderScene
 from pipeline.views import View
 from scenes.checked import plain
@@ -73,6 +73,31 @@ def render_truths(scene: RenderScene, view: View, params: Params, seed: int) -> 
     return {kind: _finished(kind, getattr(truths, kind), scene, view, params) for kind in TRUTHS}
 
 
+def render_noisy(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
+    """Colour and shading of `noisy.spp` samples a pixel, as they come: unbiased, not denoised.
+
+    Channels as `frames.KINDS` has them, statistics those of colour. Raises `InputError` for a
+    material without neutral twin.
+    """
+    settings, albedo = _noisy_trace(params), params.shading.albedo
+    if traced_together(params):
+        truths = render_both(scene, view, settings, albedo, seed)
+        color, shading = truths.color, truths.shading
+    else:
+        color, shading = (
+            render_truth(scene.neutral(grey), view, settings, seed) for grey in (None, albedo)
+        )
+    grey = {name: shading[0][band] for name, band in zip(NOISY_SHADING, RGB, strict=True)}
+    lost = max(color[1]["lost_pixels"], shading[1]["lost_pixels"])
+    return {**color[0], **grey}, {**color[1], "lost_pixels": lost}
+
+
+def _noisy_trace(params: Params) -> GroundTruthParams:
+    """The truth's way of tracing, of few samples."""
+    spp = params.noisy.spp
+    return replace(params.groundtruth, spp=spp, block_spp=spp, noise=0.0, denoise="none")
+
+
 def traced_together(params: Params) -> bool:
     """Whether colour and shading come from one trace: as asked for, where the variant can."""
     return params.groundtruth.joint and joint.available()
@@ -111,6 +136,12 @@ def _color_determined_by(params: Params) -> dict[str, Any]:
     return {**_truth_determined_by(params), **company}
 
 
+def _noisy_determined_by(params: Params) -> dict[str, Any]:
+    trace, shading = _noisy_trace(params), plain(params.shading)
+    used = ("spp", "max_depth", "rr_depth", "joint", "lights")
+    return {"trace": {name: getattr(trace, name) for name in used}, "shading": shading}
+
+
 PASSES: dict[Kind, Pass] = {
     "inputs": Pass(inputs.REVISION, lambda params: {}, _inputs),
     "illumination": Pass(
@@ -128,13 +159,15 @@ PASSES: dict[Kind, Pass] = {
         _truth("color"),
         seeded=True,
     ),
+    "noisy": Pass(groundtruth.REVISION, _noisy_determined_by, render_noisy, seeded=True),
 }
 
 
 def pass_seed(kind: Kind, view: View, root: int) -> int:
     """The seed of one pass over one view, descended from the root seed.
 
-    Shading and colour have one in common, since they may come from one trace.
+    Shading and colour have one in common, since they may come from one trace. Noisy frames have
+    their own: a network that is shown the truth's own samples learns the truth's noise.
     """
     name = "truth" if kind in TRUTHS else kind
     return derive(root, "scene", view.scene_id, "view", view.view_id, name)

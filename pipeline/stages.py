@@ -132,9 +132,16 @@ def run_groundtruth(
     scheduler: str | None = None,
     parts: Sequence[Part] = ("shading", "color"),
 ) -> Summary:
-    """Render `data/shading` and `data/color`, or one of them."""
-    stage = "groundtruth" if len(parts) > 1 else parts[0]
-    return _run_frames(stage, tuple(parts), data, params, scheduler)
+    """Render `data/shading` and `data/color`, or one of them.
+
+    With both comes `data/noisy`, where `noisy.spp` asks for it; else it is left empty.
+    """
+    if len(parts) == 1:
+        return _run_frames(parts[0], tuple(parts), data, params, scheduler)
+    # A folder even without frames in it: DVC wants to find what a stage may write.
+    (Path(data) / "noisy").mkdir(parents=True, exist_ok=True)
+    kinds: tuple[Kind, ...] = (*parts, "noisy")
+    return _run_frames("groundtruth", kinds, data, params, scheduler)
 
 
 def _run_frames(
@@ -150,7 +157,7 @@ def _run_frames(
         views = _views(data, params, scenes, digests, renderer, work)
         wanted: dict[Path, _WantedFrame] = {}
         for kind in kinds:
-            for view in views:
+            for view in views if kind != "noisy" or params.noisy.spp else ():
                 mark = frame_fingerprint(kind, view, params, digests[view.scene_id], renderer)
                 wanted[frame_path(data, kind, view)] = _WantedFrame(kind, view, mark)
             # A scene that cannot be read now may be whole again tomorrow: its frames stay.

@@ -77,18 +77,34 @@ def box_view(seed: int, width: int = 40, height: int = 30, panorama: int = 32) -
     }
 
 
-def box_rows(scenes: Sequence[str], views: int, split: str, **size: int) -> list[dict[str, Any]]:
-    """Complete rows: `views` views of each of these scenes."""
+def grained(images: dict[str, Any], seed: int) -> dict[str, Any]:
+    """What a few paths a pixel might make of colour and shading: the same luck in both."""
+    rng = np.random.default_rng(seed)
+    luck = rng.exponential(1, (*images["depth"].shape, 1))
+    return {
+        "noisy_color": (luck * images["color"]).astype(np.float16),
+        "noisy_shading": (luck * images["shading"]).astype(np.float16),
+        "noisy_spp": 2,
+    }
+
+
+def box_rows(
+    scenes: Sequence[str], views: int, split: str, noisy: bool = False, **size: int
+) -> list[dict[str, Any]]:
+    """Complete rows: `views` views of each of these scenes, with `noisy` also samples."""
     rows = []
     for scene in scenes:
         for index in range(views):
-            images = box_view(sum(scene.encode()) * 100 + index, **size)
+            seed = sum(scene.encode()) * 100 + index
+            images = box_view(seed, **size)
+            samples = grained(images, seed) if noisy else {}
             tone = ToneParams()
             shading = exposure_of(images["shading"].astype(np.float32), tone)
             color = exposure_of(images["color"].astype(np.float32), tone)
             rows.append(
                 {
                     **images,
+                    **samples,
                     "scene_id": scene,
                     "view_id": f"v{index:03d}",
                     "split": split,
@@ -107,7 +123,8 @@ def write_shard(path: Path, rows: Sequence[dict[str, Any]], row_group: int = 4) 
     """Pack rows by the dataset's own schema; columns that no row has are null."""
     height, width = rows[0]["depth"].shape
     panorama = rows[0]["intensity"].shape
-    schema = arrow_schema(dataset_columns((width, height), (panorama[1], panorama[0])))
+    sizes = (width, height), (panorama[1], panorama[0])
+    schema = arrow_schema(dataset_columns(*sizes, noisy="noisy_color" in rows[0]))
     columns = []
     for field in schema:
         if field.name not in rows[0]:
@@ -124,12 +141,17 @@ def write_shard(path: Path, rows: Sequence[dict[str, Any]], row_group: int = 4) 
 
 
 def box_dataset(
-    folder: Path, train: int = 8, validation: int = 2, test: int = 4, **size: int
+    folder: Path,
+    train: int = 8,
+    validation: int = 2,
+    test: int = 4,
+    noisy: bool = False,
+    **size: int,
 ) -> Path:
     """A data folder with `dataset/` of box rooms, two views a scene; returns the data folder."""
     for split, count in (("train", train), ("validation", validation), ("test", test)):
         if count:
             scenes = [f"{split}-room-{index}" for index in range(count // 2)]
-            rows = box_rows(scenes, 2, split, **size)
+            rows = box_rows(scenes, 2, split, noisy, **size)
             write_shard(folder / "dataset" / f"{split}-00000-of-00001.parquet", rows)
     return folder

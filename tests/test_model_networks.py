@@ -10,7 +10,7 @@ import torch
 from torch import nn
 
 from model.backbone import EfficientNetLite0, Vgg19
-from model.encoding import CHANNELS, DIRECT
+from model.encoding import CHANNELS, DIRECT, NOISY
 from model.methods import build_network
 from model.networks import (
     Architecture,
@@ -26,12 +26,13 @@ PANORAMAS: tuple[Panorama, ...] = get_args(Panorama)
 
 
 def inputs(
-    height: int, width: int, panorama: int = 32, direct: bool = False
+    height: int, width: int, panorama: int = 32, kind: Kind | None = None
 ) -> dict[str, torch.Tensor]:
-    """Random encoded inputs of one view, direct light among them if asked for."""
+    """Random encoded inputs of one view, with what only networks of this kind are given."""
     random = torch.Generator().manual_seed(0)
     tensors = {}
-    for name, channels in {**CHANNELS, **({"direct": DIRECT} if direct else {})}.items():
+    more: dict[Kind, dict[str, int]] = {"plus": {"direct": DIRECT}, "hybrid": {"noisy": NOISY}}
+    for name, channels in {**CHANNELS, **(more.get(kind, {}) if kind else {})}.items():
         size = (panorama // 2, panorama) if name in ("intensity", "distance") else (height, width)
         tensors[name] = torch.rand(1, channels, *size, generator=random)
     tensors["normal"] = nn.functional.normalize(tensors["normal"] - 0.5, dim=1)
@@ -105,7 +106,7 @@ def test_composition_is_the_shorter_network() -> None:
 @pytest.mark.parametrize("size", [(1, 1), (2, 3), (17, 31), (48, 64)])
 def test_any_size_in_is_the_same_size_out(kind: Kind, size: tuple[int, int]) -> None:
     network = build_network(Architecture(kind, 4, 5))
-    assert run(network, kind, inputs(*size, direct=kind == "plus")).shape == (1, 3, *size)
+    assert run(network, kind, inputs(*size, kind=kind)).shape == (1, 3, *size)
 
 
 @pytest.mark.parametrize("panorama", PANORAMAS)
@@ -119,7 +120,7 @@ def test_any_panorama_size_is_taken(panorama: Panorama, width: int) -> None:
 @pytest.mark.parametrize("kind", ["unet", "can", "pix2pix", "cyclegan", "plus"])
 def test_every_input_reaches_the_output(kind: Kind, panorama: Panorama) -> None:
     network = build_network(Architecture(kind, 16, 3, panorama))
-    given = inputs(16, 16, direct=kind == "plus")
+    given = inputs(16, 16, kind=kind)
     for value in given.values():
         value.requires_grad_(True)
     network(given).sum().backward()

@@ -1,0 +1,261 @@
+"""The hybrid: it averages what was traced, keeps its unit and its textures, and learns."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from model_fixtures import box_dataset, box_rows, write_shard
+from PIL import Image
+from stages_fixtures import write_room
+
+from model import training
+from model.backbone import make_backbone
+from model.data import Dataset, Example, mirrored
+from model.encoding import encode, radiances, targets
+from model.evaluation import evaluate
+from model.hybrid import Exposed, HybridNet, displayed
+from model.inference import load_networks
+from model.networks import Architecture
+from model.objective import Batch, Setting
+from model.training import Folders, train_network
+from pipeline.cli import main
+from pipeline.ledger import Ledger
+from pipeline.params import BackboneParams, Params, StageTrainParams, TrainParams
+from pipeline.tonemap import Exposure, tonemap
+from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, save_cameras
+from scenes.errors import InputError
+
+SIZE = {"width": 24, "height": 18, "panorama": 16}
+SMALL = StageTrainParams(epochs=1, width=4, levels=2)
+PARAMS = Params(train=TrainParams(shading=SMALL, composition=SMALL, hybrid=SMALL))
+
+
+@pytest.fixture(scope="module")
+def view(tmp_path_factory: pytest.TempPathFactory) -> Example:
+    """A box room with noisy samples."""
+    folder = box_dataset(tmp_path_factory.mktemp("view"), 2, 0, 0, noisy=True)
+    return next(Dataset(folder / "dataset", "train", noisy=True).ordered())
+
+
+def untrained(width: int = 8, levels: int = 3, spread: float = 0.0) -> HybridNet:
+    """A network whose heads say as much as `spread`."""
+    torch.manual_seed(0)
+    network = HybridNet(Architecture("hybrid", width, levels))
+    for head in network.heads:
+        torch.nn.init.normal_(head.weight, std=spread)  # type: ignore[arg-type]
+    return network
+
+
+def parts(network: HybridNet, example: Example) -> tuple[np.ndarray, np.ndarray]:
+    with torch.no_grad():
+        shading, color = network.parts(encode([example], noisy=True))
+    return shading[0].permute(1, 2, 0).numpy(), color[0].permute(1, 2, 0).numpy()
+
+
+@pytest.mark.parametrize("levels", [1, 2, 4])
+@pytest.mark.parametrize("size", [(40, 30), (37, 23), (5, 3)])
+def test_even_light_stays_even_and_textures_stay_sharp(levels: int, size: tuple[int, int]) -> None:
+    """Whatever the weights are: they are positive and sum to one, also at padded edges."""
+    rng = np.random.default_rng(0)
+    base = example_of(rng, *size)
+    light = np.array([3.0, 2.0, 0.5], np.float32)
+    lit = replace(
+        base, noisy_shading=0 * base.color + light, noisy_color=light * (base.reflectance + 0.03)
+    )
+    shading, color = parts(untrained(levels=levels, spread=2.0), lit)
+    np.testing.assert_allclose(shading, lit.noisy_shading, rtol=1e-4)
+    np.testing.assert_allclose(color, lit.noisy_color, rtol=1e-3)
+
+
+def example_of(rng: np.random.Generator, width: int, height: int) -> Example:
+    """A view of nothing in particular."""
+    color = rng.random((height, width, 3), dtype=np.float32)
+    normal = rng.normal(size=color.shape).astype(np.float32)
+    panorama = np.zeros((8, 16), np.float32)
+    return Example(
+        "s", "v", 1 + color[..., 0], normal / np.linalg.norm(normal, axis=-1, keepdims=True),
+        rng.random(color.shape, dtype=np.float32), np.ones(color.shape[:2], bool),
+        panorama, panorama, np.eye(3), color, color, Exposure(1, 2), Exposure(1, 2),
+        rng.exponential(1, color.shape).astype(np.float32),
+        rng.exponential(1, color.shape).astype(np.float32),
+    )  # fmt: skip
+
+
+def test_light_lies_between_the_least_and_the_most_traced(view: Example) -> None:
+    assert view.noisy_shading is not None
+    shading, _ = parts(untrained(spread=5.0), view)
+    assert shading.min() >= view.noisy_shading.min() and shading.max() <= view.noisy_shading.max()
+    assert shading.std() < 0.9 * view.noisy_shading.std()
+
+
+def test_brighter_lamps_make_the_same_picture_brighter(view: Example) -> None:
+    assert view.noisy_shading is not None and view.noisy_color is not None
+    network = untrained(spread=1.0)
+    brighter = replace(
+        view, noisy_color=500 * view.noisy_color, noisy_shading=500 * view.noisy_shading
+    )
+    for dim, bright in zip(parts(network, view), parts(network, brighter), strict=True):
+        np.testing.assert_allclose(bright, 500 * dim, rtol=1e-3)
+
+
+@pytest.mark.parametrize("spoil", ["dark", "firefly"])
+def test_no_light_and_far_too_much_of_it(view: Example, spoil: str) -> None:
+    assert view.noisy_shading is not None
+    samples = 0 * view.noisy_shading
+    if spoil == "firefly":
+        samples[3, 4] = 65504
+    network = untrained(spread=1.0)
+    images = parts(network, replace(view, noisy_color=samples, noisy_shading=samples))
+    assert all(np.isfinite(image).all() and image.min() >= 0 for image in images)
+    given = encode([replace(view, noisy_color=samples, noisy_shading=samples)], noisy=True)
+    exposed_loss(
+        network, replace(view, noisy_color=samples, noisy_shading=samples), given
+    ).backward()  # type: ignore[no-untyped-call]
+    assert all(p.grad is not None and p.grad.isfinite().all() for p in network.heads.parameters())
+
+
+def test_what_the_loss_sees_is_what_is_displayed() -> None:
+    rng = np.random.default_rng(0)
+    image = rng.exponential(1, (20, 30, 3)).astype(np.float32)
+    exposure = Exposure(1.7, 6.0)
+    scaled = torch.from_numpy(exposure.scale * image.transpose(2, 0, 1).copy())[None]
+    found = displayed(scaled, torch.full((1, 1, 1, 1), exposure.white))
+    np.testing.assert_allclose(
+        found[0].permute(1, 2, 0).numpy(), tonemap(image, exposure), atol=1e-4
+    )
+
+
+def exposed_loss(network: HybridNet, example: Example, inputs: dict[str, Any]) -> torch.Tensor:
+    def l1(found: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+        return 255 * (found - truth).abs().mean()
+
+    objective = Exposed(Setting(network, l1, None, 8, lambda: torch.autocast("cpu", enabled=False)))
+    truth = targets([example], "shared")
+    return objective.loss(
+        Batch(inputs, truth["color"], truth["shading"], radiances([example], "shared"))
+    )
+
+
+def test_it_learns_a_view_by_heart(view: Example) -> None:
+    """Averaging as it starts is no worse than the noise; what it has learned is far better."""
+    network = untrained(width=12, levels=3, spread=0.01)
+    inputs = encode([view], noisy=True)
+    optimiser = torch.optim.Adam(network.parameters(), 3e-3)
+    truth = tonemap(view.color, view.exposure_shading)
+
+    def error() -> float:
+        found = tonemap(parts(network, view)[1], view.exposure_shading)
+        return float(np.abs(found - truth).mean())
+
+    assert view.noisy_color is not None
+    noise = float(np.abs(tonemap(view.noisy_color, view.exposure_shading) - truth).mean())
+    before = error()
+    for _ in range(120):
+        optimiser.zero_grad()
+        exposed_loss(network, view, inputs).backward()  # type: ignore[no-untyped-call]
+        optimiser.step()
+    assert before < 0.6 * noise
+    assert error() < 0.5 * before and error() < 0.2 * noise
+
+
+def test_samples_are_read_where_asked_for_and_turn_with_the_view(tmp_path: Path) -> None:
+    rows = box_rows(["a"], 1, "train", noisy=True, **SIZE)
+    write_shard(tmp_path / "train-00000-of-00001.parquet", rows)
+    (plain,) = Dataset(tmp_path, "train").ordered()
+    assert plain.noisy_color is None and mirrored(plain).noisy_shading is None
+    with pytest.raises(InputError, match=r"a/v000: comes without the noisy samples"):
+        encode([plain], noisy=True)
+    (example,) = Dataset(tmp_path, "train", noisy=True).ordered()
+    for name in ("noisy_color", "noisy_shading"):
+        assert np.array_equal(getattr(example, name), rows[0][name].astype(np.float32))
+        turned = getattr(mirrored(example), name)
+        assert np.array_equal(turned, getattr(example, name)[:, ::-1])
+
+
+def test_without_the_samples_it_says_what_to_do(tmp_path: Path) -> None:
+    box_dataset(tmp_path, 2, 0, 0, **SIZE)
+    with pytest.raises(InputError, match=r"no noisy samples.*hybrid.*set noisy\.spp.*groundtruth"):
+        train_network("hybrid", PARAMS, Folders(tmp_path, tmp_path))
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Folders]:
+    """The pair and the hybrid, barely trained, beside their dataset."""
+    root = tmp_path_factory.mktemp("trained")
+    folders = Folders(*(root / part for part in ("data", "models", "metrics", "plots", "models")))
+    box_dataset(folders.data, 4, 2, 4, noisy=True, **SIZE)
+    make_backbone(BackboneParams(network="efficientnet_lite0"), folders.models)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training.os, "sched_getaffinity", lambda _process: {0})
+        for name in ("shading", "composition", "hybrid"):
+            train_network(name, PARAMS, folders)
+        yield folders
+
+
+def test_it_is_measured_and_its_time_is_that_of_the_samples_too(
+    trained: Folders, tmp_path: Path
+) -> None:
+    folders = replace(trained, metrics=tmp_path)
+    result = evaluate(PARAMS, folders)
+    assert result["methods"]["hybrid"]["seconds"] is None, "nobody knows what the samples took"
+    ledger = Ledger(trained.data)
+    times = {("test-room-0", "v000"): 9.0, ("test-room-0", "v001"): 2.5, ("other", "v000"): 70.0}
+    for (scene, name), seconds in times.items():
+        ledger.add(("noisy", scene, name), seconds=seconds, opening=0.5, threads=3)
+    ledger.save()
+    result = evaluate(PARAMS, folders)
+    # On one processor: (9 - 0.5) * 3 and (2.5 - 0.5) * 3.
+    assert result["timing"]["sampling"] == pytest.approx((25.5 + 6) / 2)
+    seconds = result["methods"]["hybrid"]["seconds"]
+    assert seconds == pytest.approx(result["timing"]["hybrid"] + result["timing"]["sampling"])
+    assert json.loads((trained.models / "hybrid.json").read_text())["training"]["noisy_spp"] == 2
+    (trained.data / "ledger.parquet").unlink()
+
+
+def test_evaluation_without_samples_says_what_is_missing(trained: Folders, tmp_path: Path) -> None:
+    rows = box_rows(["fresh"], 2, "test", **SIZE)
+    write_shard(tmp_path / "data" / "dataset" / "test-00000-of-00001.parquet", rows)
+    with pytest.raises(InputError, match="no noisy samples"):
+        evaluate(PARAMS, replace(trained, data=tmp_path / "data", metrics=tmp_path))
+
+
+@pytest.fixture
+def predict(
+    trained: Folders, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., int]:
+    """`pbrnet predict --method hybrid` in `tmp_path`; its exit code."""
+    monkeypatch.chdir(tmp_path)
+    Path("params.yaml").write_text("groundtruth: {spp: 4, block_spp: 4, max_depth: 3}\n")
+
+    def run(*arguments: object) -> int:
+        command = ["predict", *map(str, arguments), "--models", str(trained.models)]
+        with pytest.raises(SystemExit) as ended:
+            main([*command, "--method", "hybrid"])
+        return int(str(ended.value.code))
+
+    return run
+
+
+def test_it_predicts_from_a_scene_whose_samples_it_traces(
+    predict: Callable[..., int], tmp_path: Path, trained: Folders
+) -> None:
+    scene = tmp_path / "data" / "scenes" / "room"
+    write_room(scene)
+    pose = look((0.6, 0.6, 1.5), (1, 0.8, -0.2))
+    size = replace(PARAMS.image, width=32, height=24)
+    camera = View("room", "v0", 32, 24, as_matrix(intrinsics_of(size)), as_matrix(pose))
+    save_cameras(tmp_path / "data" / "cameras" / "room.json", CameraFile("room", (camera,)))
+    for arguments in ((), ("--compare",)):
+        assert predict(scene, "--view", "v0", "--out", "p.png", *arguments) == 0
+        with Image.open("p.png") as image:
+            lit = np.asarray(image.convert("L"))
+            assert image.size == (32, 24) or arguments
+        assert lit.mean() > 20
+    assert "hybrid" not in load_networks(trained.models).baselines
