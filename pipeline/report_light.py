@@ -20,6 +20,11 @@ CHANGES = {
     "all": "All changes",
     "exchanged": "Another view's panorama",
 }
+SHOWN = {
+    "direct": "The panorama's direct light, no network",
+    "shading": "Predicted shading",
+    **METHODS,
+}
 _SHEET = 1200  # pixels that the picture is wide in the report
 
 
@@ -103,7 +108,7 @@ def light_study(records: Records) -> dict[str, Any] | None:
                 "skipped": sorted(change.skipped.items()),
                 "rows": [
                     _row(method, change.methods[method])
-                    for method in known_first(change.methods, ("shading", *METHODS))
+                    for method in known_first(change.methods, SHOWN)
                 ],
             }
             for name in known_first(result.changes, CHANGES)
@@ -114,11 +119,10 @@ def light_study(records: Records) -> dict[str, Any] | None:
 
 
 def _row(method: str, found: Agreement) -> dict[str, Any]:
-    words = {"shading": "Predicted shading", **METHODS}
-    cells = [found.correlation, found.pattern, found.sign, found.gain]
+    cells = [found.pattern, found.correlation, found.sign, found.gain]
     return {
         "name": method,
-        "words": words.get(method, method),
+        "words": SHOWN.get(method, method),
         "cells": [in_words(figure) for figure in cells],
         "true": "–" if found.true is None else f"{found.true.value:+.2f}",
         "predicted": "–" if found.predicted is None else f"{found.predicted.value:+.2f}",

@@ -128,7 +128,7 @@ def time_study(records: Records) -> dict[str, Any] | None:
 
 def part_rows(result: TimeResult) -> list[dict[str, Any]]:
     """A row a part, the paper's figure beside it; both networks together too."""
-    rows = [
+    rows: list[dict[str, Any]] = [
         {
             "name": name,
             "words": PARTS.get(name, METHODS.get(name, name)),

@@ -53,7 +53,7 @@ class Wish:
     views: int = 12  # at most
     spp: int = 64
     factor: float = 4.0  # lamps times it, outdoors divided by it
-    strength: float = 4.0  # of the added lamp, see `lamp_radiance`
+    strength: float = 1.0  # of the added lamp, see `lamp_radiance`
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from model.studies.illumination import Wish, study_illumination
 from model.training import Folders
 from pipeline.options import common_options
 from pipeline.params import Params
-from pipeline.report_light import CHANGES, Agreement, LightResult, in_words
+from pipeline.report_light import CHANGES, SHOWN, Agreement, LightResult, in_words
 from pipeline.report_results import known_first
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
@@ -52,7 +52,7 @@ and may be deleted.""",
 @click.option(
     "--strength",
     type=click.FloatRange(0.01, 1000),
-    default=4.0,
+    default=1.0,
     show_default=True,
     help="Light of the added lamp 2 m away, as times the view's average.",
 )
@@ -95,7 +95,7 @@ def _lines(result: LightResult, target: Path) -> list[str]:
         lines.append(f"{CHANGES[name]} ({change.views} views):")
         lines += [
             f"{method:>14}: {_words(change.methods[method], change.reference)}"
-            for method in known_first(change.methods, ("shading", "pbrnet", "product"))
+            for method in known_first(change.methods, SHOWN)
         ]
         lines += [f"  not in {count}: {why}" for why, count in sorted(change.skipped.items())]
     return [*lines, f"{target}: all figures; the picture lies beside it"]

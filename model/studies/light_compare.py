@@ -79,7 +79,7 @@ class Tally:
                 self._references[name] = found.reference
                 self._views[name] += 1
                 for method, change in found.predicted.items():
-                    true = found.true["shading" if method == "shading" else "color"]
+                    true = found.true["shading" if method in ("shading", "direct") else "color"]
                     self._sums[name][method][scene].append(sums(true, change))
             shown = self._shown[found.name]
             if len(shown) < ROWS and all(scene != other.original.scene_id for other in shown):
@@ -116,10 +116,14 @@ def compare(networks: Networks, before: Lit, lit: Mapping[str, Lit]) -> Iterator
     bright = level(before.example)
     unit = 1 / (before.original.exposure_shading.scale * bright) if bright else 0.0
     first = predictions(networks, before.example, bright * unit)
+    first["direct"] = direct_image(before.example)
     for name, after in lit.items():
         then = predictions(networks, after.example, level(after.example) * unit)
+        then["direct"] = direct_image(after.example)
         if before.shading is None or after.shading is None:
-            reference, pairs = "direct light", _direct(before, after)
+            reference = "direct light"
+            direct = (luminance(first["direct"]), luminance(then.pop("direct")))
+            pairs = {"shading": direct, "color": direct}
         else:
             assert before.color is not None and after.color is not None
             reference = "rendered"
@@ -164,22 +168,19 @@ def predictions(networks: Networks, example: Example, scale: float) -> Images:
     return {name: image * np.float32(scale) for name, image in images.items()}
 
 
+def direct_image(example: Example) -> Array:
+    """The panorama's direct light on the view, grey (H, W, 3): what no network is needed for."""
+    return np.repeat(direct_shading(example, GREY)[..., None], 3, axis=-1)
+
+
 def level(example: Example) -> float:
     """How bright a view is as a whole, by its panorama: the log average of the direct light.
 
     `direct_shading` sends the light of the sources in the panorama to every pixel, without
     shadows; it is linear in the light, as the renderer is. 0 where the panorama shows no source.
     """
-    light = direct_shading(example, GREY)
-    if not light.any():
-        return 0.0
-    grey = np.repeat(light[..., None], 3, axis=-1)
-    return 1 / exposure_of(grey, ToneParams(key=1.0)).scale
-
-
-def _direct(before: Lit, after: Lit) -> dict[str, tuple[Array, Array]]:
-    pair = (direct_shading(before.example, GREY), direct_shading(after.example, GREY))
-    return {"shading": pair, "color": pair}
+    light = direct_image(example)
+    return 1 / exposure_of(light, ToneParams(key=1.0)).scale if light.any() else 0.0
 
 
 def _change(before: Array, after: Array) -> Array:

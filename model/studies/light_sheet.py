@@ -18,30 +18,34 @@ from pipeline.pictures import (
     intensity_picture,
     tone_picture,
 )
-from pipeline.report_light import CHANGES
 
 _WIDTH = 240  # pixels of a picture, at most
-_SPAN = np.log(4.0)  # change at the ends of the colours
+_SPAN = np.log(2.0)  # change at the ends of the colours
+SHORT = {
+    "added": "lamp added",
+    "lamps": "lamps brighter",
+    "outdoors": "outdoors darker",
+    "without": "lamp put out",
+    "exchanged": "other panorama",
+}
 METHOD = "pbrnet"
 
 
 def light_sheet(rows: Sequence[Compared]) -> Picture:
     """A row for each: rendered before and after, predicted before and after, both changes.
 
-    Everything under the exposure of the view as it was. Where nothing was rendered, the panoramas
-    stand in its place, and the change of their direct light in that of the rendered one.
+    Everything under the exposure of the view as it was. Changes have their mean taken off, which
+    stands below them. Where nothing was rendered, the panoramas stand in its place, and the change
+    of their direct light in that of the rendered one.
     """
     pictures: list[Picture] = []
     labels: list[str] = []
     for found in rows:
+        true, predicted = found.true["color"], found.predicted[METHOD]
         pictures += [fit(picture, _WIDTH) for picture in _row(found)]
-        title = f"{CHANGES[found.name]}: {found.original.name}"
-        if found.reference == "rendered":
-            labels += [title, "rendered, changed"]
-        else:
-            labels += [f"{title}; its panorama", "the other panorama"]
-        labels += ["predicted", "predicted, changed"]
-        labels += [f"change {found.reference}: red brighter, blue darker", "change predicted"]
+        labels += [SHORT[found.name], found.original.name, "predicted", "predicted, changed"]
+        what = "rendered" if found.reference == "rendered" else "direct light"
+        labels += [f"{what} {_mean(true)}", f"predicted {_mean(predicted)}"]
     return contact_sheet(pictures, 6, labels)
 
 
@@ -62,7 +66,15 @@ def _row(found: Compared) -> list[Picture]:
 
 
 def change_picture(change: Array) -> Picture:
-    """Logarithmic changes (rows, columns): red is brighter, blue darker, to 4 times either way."""
-    picture = color_map(np.nan_to_num(change), -_SPAN, _SPAN, "RdBu_r")
-    picture[~np.isfinite(change)] = NOTHING
+    """Logarithmic changes (rows, columns) beside their mean: red brighter, blue darker, 2 times
+    either way at the ends."""
+    known = np.isfinite(change)
+    centred = np.where(known, change, 0) - (change[known].mean() if known.any() else 0)
+    picture = color_map(centred, -_SPAN, _SPAN, "RdBu_r")
+    picture[~known] = NOTHING
     return picture.repeat(BLOCK, axis=0).repeat(BLOCK, axis=1)
+
+
+def _mean(change: Array) -> str:
+    known = change[np.isfinite(change)]
+    return f"{known.mean():+.2f}" if known.size else "unknown"

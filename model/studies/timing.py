@@ -14,6 +14,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from statistics import mean, median
@@ -178,7 +179,7 @@ class Bench:
         self._note("pbrnet", None, color)
         self._note("product", None, self._timed("product", lambda: self._product(shading)))
         for name in networks.baselines:
-            image = self._timed(name, lambda name=name: networks.predict_directly(name, example))
+            image = self._timed(name, partial(networks.predict_directly, name, example))
             self._note(name, None, image)
 
     def _renderer_turn(self, samples: list[int]) -> None:
@@ -192,8 +193,8 @@ class Bench:
         for spp in samples:
             given = with_samples(params, spp, denoise=False)
             for name, way in ways.items():
-                image = self._timed(f"{name}_{spp}", lambda way=way, given=given: way(given))
-                clean = self._timed("denoiser", lambda image=image: denoise(image, albedo, normal))
+                image = self._timed(f"{name}_{spp}", partial(way, given))
+                clean = self._timed("denoiser", partial(denoise, image, albedo, normal))
                 self._note(name, spp, self._shown(image))
                 self._note(f"{name}_denoised", spp, self._shown(clean))
 
