@@ -113,13 +113,13 @@ def compare(networks: Networks, before: Lit, lit: Mapping[str, Lit]) -> Iterator
     Where nothing was rendered, the change of the panorama's direct light stands for the truth: it
     knows no shadows and no bounces, but which surfaces face the light.
     """
-    bright = level(before.example)
+    light = direct_image(before.example)
+    bright = level(light)
     unit = 1 / (before.original.exposure_shading.scale * bright) if bright else 0.0
-    first = predictions(networks, before.example, bright * unit)
-    first["direct"] = direct_image(before.example)
+    first = {**predictions(networks, before.example, bright * unit), "direct": light}
     for name, after in lit.items():
-        then = predictions(networks, after.example, level(after.example) * unit)
-        then["direct"] = direct_image(after.example)
+        light = direct_image(after.example)
+        then = {**predictions(networks, after.example, level(light) * unit), "direct": light}
         if before.shading is None or after.shading is None:
             reference = "direct light"
             direct = (luminance(first["direct"]), luminance(then.pop("direct")))
@@ -136,10 +136,7 @@ def compare(networks: Networks, before: Lit, lit: Mapping[str, Lit]) -> Iterator
             before.original,
             reference,
             {kind: _change(*pair) for kind, pair in pairs.items()},
-            {
-                method: _change(luminance(first[method]), luminance(then[method]))
-                for method in first
-            },
+            {method: _change(luminance(first[method]), luminance(then[method])) for method in then},
             before,
             after,
             (first, then),
@@ -173,14 +170,13 @@ def direct_image(example: Example) -> Array:
     return np.repeat(direct_shading(example, GREY)[..., None], 3, axis=-1)
 
 
-def level(example: Example) -> float:
-    """How bright a view is as a whole, by its panorama: the log average of the direct light.
+def level(direct: Array) -> float:
+    """How bright a view is as a whole, by its panorama: the log average of its direct light.
 
     `direct_shading` sends the light of the sources in the panorama to every pixel, without
     shadows; it is linear in the light, as the renderer is. 0 where the panorama shows no source.
     """
-    light = direct_image(example)
-    return 1 / exposure_of(light, ToneParams(key=1.0)).scale if light.any() else 0.0
+    return 1 / exposure_of(direct, ToneParams(key=1.0)).scale if direct.any() else 0.0
 
 
 def _change(before: Array, after: Array) -> Array:
