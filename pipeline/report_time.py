@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from pipeline.pictures import fit, read_picture
 from pipeline.report_pictures import uri
@@ -12,6 +12,11 @@ from pipeline.report_results import METHODS, known_first
 from scenes.checked import build, within
 from scenes.errors import InputError
 
+Clock = Literal["wall", "cpu"]
+CLOCKS: dict[Clock, str] = {
+    "wall": "seconds",
+    "cpu": "seconds of the processor, all threads together",
+}
 PARTS = {
     "inputs": "Depth, normal, reflectance",
     "illumination": "Panorama",
@@ -64,9 +69,12 @@ class TimeResult:
     size: tuple[int, int]  # width, height
     panorama: int = field(metadata=within(1))  # its width
     repeats: int = field(metadata=within(1))
+    clock: Clock
     dataset_spp: int = field(metadata=within(1))
     reference_spp: int = field(metadata=within(1))
-    reference_noise: float = field(metadata=within(0))  # relative standard error, mean over views
+    reference_denoised: bool
+    # relative standard error before denoising, mean over views
+    reference_noise: float = field(metadata=within(0))
     exposure: str
     machine: dict[str, str]
     versions: dict[str, str]
@@ -116,6 +124,7 @@ def time_study(records: Records) -> dict[str, Any] | None:
         return None
     return {
         "result": result,
+        "unit": CLOCKS[result.clock],
         "rows": part_rows(result),
         "points": [
             {"words": {**METHODS, **RENDERERS}.get(point.method, point.method), "point": point}

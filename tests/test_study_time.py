@@ -84,7 +84,7 @@ def test_the_study_from_end_to_end_and_again(
 
     metrics = tmp_path / "metrics"
     shutil.copytree(place.models / "metrics", metrics)
-    places = Places(place.data, place.models, metrics, tmp_path / "plots", tmp_path / "predictions")
+    places = Places(tmp_path / "data", place.models, metrics, tmp_path, tmp_path)
     write_report(places, PARAMS, tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
     assert "Equal time" in page and "10.2 s" in page and "its own relative standard error" in page
@@ -142,7 +142,9 @@ def test_samples_of_a_rung_fit_into_blocks() -> None:
 
 
 def test_both_networks_stand_beside_the_papers_figure(place: Folders) -> None:
+    assert run(place, "--views", "1", "--repeats", "1", "--max-spp", "1", "--clock", "cpu") == 0
     result = result_of(place)
+    assert result.clock == "cpu"
     rows = {row["name"]: row for row in part_rows(result)}
     assert rows["networks"]["paper"] == PAPER["networks"] == 0.145
     parts = result.parts

@@ -104,14 +104,13 @@ def _lines(result: LightResult, target: Path) -> list[str]:
 def _words(found: Agreement, reference: str) -> str:
     if reference != "rendered":
         return f"pattern {_figure(found, 'pattern')} against the panorama's direct light alone"
-    mean = " of ".join(
+    predicted, rendered = (
         "–" if figure is None else f"{figure.value:+.2f}"
         for figure in (found.predicted, found.true)
     )
-    names = {"correlation": "correlation", "pattern": "pattern", "sign": "sign", "gain": "gain"}
-    return ", ".join(f"{words} {_figure(found, name)}" for name, words in names.items()) + (
-        f", mean change {mean}"
-    )
+    names = ("pattern", "correlation", "sign", "gain")
+    figures = ", ".join(f"{name} {_figure(found, name)}" for name in names)
+    return f"{figures}; mean change {predicted}, rendered {rendered}"
 
 
 def _figure(found: Agreement, name: str) -> str:

@@ -12,7 +12,7 @@ from model.studies.timing import Wish, study_time
 from model.training import Folders
 from pipeline.options import common_options
 from pipeline.params import Params
-from pipeline.report_time import TimeResult, part_rows, verdicts
+from pipeline.report_time import CLOCKS, TimeResult, part_rows, verdicts
 
 _FOLDER = click.Path(path_type=Path, file_okay=False)
 
@@ -25,8 +25,11 @@ Examples:
   pbrnet study time --size 480x360 --max-spp 256
   pbrnet study time --views 8 --repeats 7      surer
 
-Run it on a quiet machine. Needs trained networks, and the scenes and cameras that the dataset was
-made of. References lie in DATA/studies/time, are not made again, and may be deleted.""",
+  pbrnet study time --clock cpu                where other programs run
+
+Run it on a quiet machine, or by the processor's clock. Needs trained networks, and the scenes and
+cameras that the dataset was made of. References lie in DATA/studies/time, are not made again, and
+may be deleted.""",
 )
 @click.option("--size", default=None, metavar="WxH", help="Of the pictures.  [default: dataset's]")
 @click.option(
@@ -55,6 +58,18 @@ made of. References lie in DATA/studies/time, are not made again, and may be del
     type=click.IntRange(0, 1 << 20),
     default=0,
     help="Samples a pixel of the reference.  [default: 16 x --max-spp]",
+)
+@click.option(
+    "--clock",
+    type=click.Choice(list(CLOCKS)),
+    default="wall",
+    show_default=True,
+    help="wall: as one waits; cpu: all threads together, for a busy machine.",
+)
+@click.option(
+    "--raw-reference",
+    is_flag=True,
+    help="Do not denoise the reference: it favours no denoiser, but SSIM sees its noise.",
 )
 @click.option(
     "--renders",
@@ -90,7 +105,8 @@ def _lines(result: TimeResult, target: Path) -> list[str]:
     width, height = result.size
     lines = [
         f"{result.views} views of {result.scenes} {result.split} scenes at {width}x{height}, "
-        f"{result.repeats} turns; {result.machine['processor']}, {result.machine['threads']}"
+        f"{result.repeats} turns; {result.machine['processor']}, {result.machine['threads']}, load "
+        f"{result.machine['load']}; {CLOCKS[result.clock]}"
     ]
     for row in part_rows(result):
         spent, paper = row["spent"], row["paper"]

@@ -7,9 +7,10 @@ import io
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
 from pipeline.report_results import METHODS
-from pipeline.report_time import RENDERERS, TimeResult
+from pipeline.report_time import CLOCKS, RENDERERS, TimeResult
 
 _LINES = {
     "mitsuba": ("#7f7f7f", "-"),
@@ -65,6 +66,9 @@ def _panel(axes: Axes, result: TimeResult, measure: str, words: str) -> None:
             label=METHODS.get(point.method, point.method),
         )
     axes.set_xscale("log")
-    axes.set_xlabel("seconds a view, with all that it needs")
+    for axis in (axes.xaxis.set_major_formatter, axes.xaxis.set_minor_formatter):
+        axis(FuncFormatter(lambda seconds, _: f"{seconds:g}"))
+    axes.tick_params(axis="x", which="both", labelsize=8)
+    axes.set_xlabel(f"a view, with all that it needs: {CLOCKS[result.clock]}")
     axes.set_ylabel(words)
     axes.grid(True, which="both", alpha=0.25)

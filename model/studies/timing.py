@@ -2,8 +2,10 @@
 
 Everything is timed by turns, one after the other and again from the start, so that whatever else
 the machine does falls on all alike; the first turn of a view, which compiles kernels, does not
-count. Rivals of the networks are the path tracer at a few samples a pixel, and the same denoised.
-All are compared with a reference of many more samples that shares no random number with them.
+count. Seconds are a waiting person's, or (`clock`) those of all the process's threads together,
+which other processes hardly change. Rivals of the networks are the path tracer at a few samples a
+pixel, and the same denoised. All are compared with a reference of many more samples that shares no
+random number with them.
 """
 
 from __future__ import annotations
@@ -44,7 +46,7 @@ from pipeline.passes import render_truths, traced_together
 from pipeline.progress import Progress
 from pipeline.relight import LightChange, open_changed
 from pipeline.renderer import RenderScene, renderer_version, set_variant
-from pipeline.report_time import Point, Spent, TimeResult
+from pipeline.report_time import Clock, Point, Spent, TimeResult
 from pipeline.scene_digest import scene_digest
 from pipeline.tonemap import tonemap
 from pipeline.views import View
@@ -67,7 +69,9 @@ class Wish:
     repeats: int = 3
     max_spp: int = 64
     reference_spp: int = 0  # 0: `_MORE` times `max_spp`
+    raw_reference: bool = False  # not denoised
     size: tuple[int, int] | None = None  # width, height; None: the dataset's
+    clock: Clock = "wall"
 
     @property
     def reference(self) -> int:
@@ -98,7 +102,7 @@ def study_time(
     References are kept below `renders` and not made again. Raises as `open_split`, `InputError` if
     the scenes or cameras are not there, `ParameterError` for a reference of too few samples.
     """
-    reference = with_samples(params, wish.reference, denoise=False)
+    reference = with_samples(params, wish.reference, denoise=not wish.raw_reference)
     reference = replace(reference, seed=derive(params.seed, "study", "time", "reference"))
     torch.set_num_threads(len(os.sched_getaffinity(0)))
     networks, dataset = open_split(params, folders, trained_baselines(folders.models))
@@ -108,13 +112,14 @@ def study_time(
     views = [resized(view, wish.size) for view in views] if wish.size else views
     set_variant(params.farm.variant)
     machine = _machine()
-    store = Renders(renders / f"{views[0].width}x{views[0].height}", reference)
+    size = f"{views[0].width}x{views[0].height}"
+    store = Renders(renders / (f"{size}-raw" if wish.raw_reference else size), reference)
     _references(scenes, views, store)
     outcomes = []
     with Progress(len(views) * (wish.repeats + 1), "study time: by turns", "turns") as progress:
         for view in views:
             with open_changed(scenes[view.scene_id], LightChange()) as opened:
-                bench = Bench(opened, view, params, networks, store)
+                bench = Bench(opened, view, params, networks, store, wish.clock)
                 outcomes.append(bench.run(_samples(wish.max_spp), wish.repeats, progress))
     result = TimeResult(
         seed=params.seed,
@@ -124,8 +129,10 @@ def study_time(
         size=(views[0].width, views[0].height),
         panorama=params.illumination.width,
         repeats=wish.repeats,
+        clock=wish.clock,
         dataset_spp=params.groundtruth.spp,
         reference_spp=wish.reference,
+        reference_denoised=not wish.raw_reference,
         reference_noise=mean(outcome.noise for outcome in outcomes),
         exposure=networks.card.exposure,
         machine=machine,
@@ -145,8 +152,15 @@ class Bench:
     """One view with all ways to a picture of it."""
 
     def __init__(
-        self, scene: RenderScene, view: View, params: Params, networks: Networks, store: Renders
+        self,
+        scene: RenderScene,
+        view: View,
+        params: Params,
+        networks: Networks,
+        store: Renders,
+        clock: Clock = "wall",
     ) -> None:
+        self.now = time.process_time if clock == "cpu" else time.perf_counter
         self.scene, self.view, self.params, self.networks = scene, view, params, networks
         self.seed = derive(params.seed, "study", "time", view.scene_id, view.view_id)
         inputs, panorama = self._inputs(), self._illumination()
@@ -227,9 +241,9 @@ class Bench:
         return tonemap(np.stack([image[band] for band in "RGB"], axis=-1), exposure)
 
     def _timed(self, part: str, work: Callable[[], Any]) -> Any:
-        began = time.perf_counter()
+        began = self.now()
         made = work()
-        self.seconds[part].append(time.perf_counter() - began)
+        self.seconds[part].append(self.now() - began)
         return made
 
     def _note(self, method: str, spp: int | None, image: Array) -> None:
