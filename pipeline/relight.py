@@ -64,17 +64,13 @@ def open_changed(scene: Scene, change: LightChange) -> Iterator[RenderScene]:
     Raises `InputError` if the scene cannot be read, or if its light cannot be changed so: no light
     of that id, or an emitter whose strength is an image.
     """
+    root, changed = _changed(scene, change)
     with tempfile.TemporaryDirectory(prefix="pbrnet-relit-") as place:
         folder = Path(place) / scene.scene_id
         folder.mkdir()
         for entry in scene.folder.iterdir():
             if entry.name not in ("scene.xml", "scene.json"):
                 (folder / entry.name).symlink_to(entry.resolve())
-        try:
-            root: Element = defusedxml.ElementTree.parse(scene.xml).getroot()
-        except (ParseError, DefusedXmlException) as error:
-            raise InputError(f"{scene.xml}: not a scene ({error})") from None
-        changed = change_light(root, scene, change)
         ElementTree(root).write(folder / "scene.xml", encoding="utf-8", xml_declaration=True)
         save_scene(folder, changed)
         try:
@@ -82,6 +78,24 @@ def open_changed(scene: Scene, change: LightChange) -> Iterator[RenderScene]:
         finally:
             gc.collect()
             dr.flush_malloc_cache()
+
+
+def why_not(scene: Scene, change: LightChange) -> str:
+    """Why a scene's light cannot be changed so; nothing if it can."""
+    try:
+        _changed(scene, change)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def _changed(scene: Scene, change: LightChange) -> tuple[Element, Scene]:
+    """The changed `scene.xml`, and the scene that describes it."""
+    try:
+        root: Element = defusedxml.ElementTree.parse(scene.xml).getroot()
+    except (ParseError, DefusedXmlException) as error:
+        raise InputError(f"{scene.xml}: not a scene ({error})") from None
+    return root, change_light(root, scene, change)
 
 
 def change_light(root: Element, scene: Scene, change: LightChange) -> Scene:

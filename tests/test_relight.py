@@ -210,3 +210,15 @@ def test_the_added_lamp_is_as_strong_as_was_asked_for(tmp_path: Path) -> None:
     params = replace(PARAMS.groundtruth, spp=64, block_spp=16)
     channels, _ = render_truth(open_scene(scene), view, params, 0)
     assert float(channels["G"].mean()) == pytest.approx(3.0 * 0.25, rel=0.02)
+
+
+def test_a_lamp_that_cannot_be_scaled_is_left_out_with_the_reason(tmp_path: Path) -> None:
+    scene, view = room(tmp_path / "s"), views("s")[0]
+    opened = open_scene(scene)
+    text = scene.xml.read_text()
+    image = '<texture type="checkerboard" name="radiance"/>'
+    scene.xml.write_text(text.replace('<rgb name="radiance" value="3.0"/>', image))
+    assert scene.xml.read_text() != text
+    found = cases_of(opened, view, PARAMS.illumination, 4.0, 1.0)
+    assert set(found.changes) == {"added", "outdoors", "without"}
+    assert "radiance of an emitter of type 'area'" in found.skipped["lamps"]

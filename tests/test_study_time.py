@@ -108,6 +108,8 @@ def test_what_cannot_be_is_refused(
     assert "--reference-spp: 100 is not allowed" in capsys.readouterr().err
     assert run(place, "--size", "large") == 2
     assert "--size" in capsys.readouterr().err
+    assert run(place, "--size", "640x8") == 2
+    assert "at least 16 pixels" in capsys.readouterr().err
     nowhere = Folders(place.data, tmp_path)
     assert run(nowhere) == 3
     assert "pbrnet train shading" in capsys.readouterr().err

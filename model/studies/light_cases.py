@@ -12,7 +12,7 @@ from pipeline.illumination import render_illumination
 from pipeline.lamp_place import RADIUS, left_rear
 from pipeline.lights import Lights
 from pipeline.params import IlluminationParams
-from pipeline.relight import AddedLamp, LightChange
+from pipeline.relight import AddedLamp, LightChange, why_not
 from pipeline.renderer import RenderScene
 from pipeline.views import View
 
@@ -76,6 +76,11 @@ def cases_of(
         skipped["without"] = "the lamp is the only light in the panorama"
     else:
         changes["without"] = LightChange(without=out)
+    for name, change in list(changes.items()):
+        reason = why_not(scene.scene, change)
+        if reason:
+            skipped[name] = reason
+            del changes[name]
     return Cases(changes, skipped)
 
 

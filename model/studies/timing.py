@@ -58,6 +58,7 @@ from scenes.seeds import derive
 
 _MORE = 16  # times the samples of the longest rival that the reference has, unless asked for others
 _LEAST = 4  # at least so many times
+_SMALLEST = 16  # pixels a side, as of the dataset's images
 _PACKAGES = ("mitsuba", "drjit", "torch", "numpy", "pyoidn")
 
 
@@ -102,6 +103,10 @@ def study_time(
     References are kept below `renders` and not made again. Raises as `open_split`, `InputError` if
     the scenes or cameras are not there, `ParameterError` for a reference of too few samples.
     """
+    if wish.size and min(wish.size) < _SMALLEST:
+        raise ParameterError(
+            f"--size: {wish.size} is not allowed; at least {_SMALLEST} pixels a side"
+        )
     reference = with_samples(params, wish.reference, denoise=not wish.raw_reference)
     reference = replace(reference, seed=derive(params.seed, "study", "time", "reference"))
     torch.set_num_threads(len(os.sched_getaffinity(0)))
