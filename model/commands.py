@@ -245,7 +245,7 @@ def predict(
         if view_id is None or inputs or illumination or noisy:
             raise click.UsageError("with SCENE, name a --view, and no frames")
         camera = camera or data / "cameras" / f"{scene.name}.json"
-        view = prediction.find_view(scene, camera, view_id, _parse_size(size))
+        view = prediction.find_view(scene, camera, view_id, parse_size(size))
         example = prediction.from_scene(scene, view, params, networks, data, with_truth, method)
     else:
         if inputs is None or illumination is None:
@@ -306,7 +306,8 @@ def _credits(scene: Path) -> list[str]:
     return list(dict.fromkeys(f"{c.title} by {c.author}, {c.licence}" for c in credits))
 
 
-def _parse_size(text: str | None) -> tuple[int, int] | None:
+def parse_size(text: str | None) -> tuple[int, int] | None:
+    """(width, height) from the words of a `--size` option; None where there are none."""
     if text is None:
         return None
     match = re.fullmatch(r"(\d{1,5})[xX](\d{1,5})", text)

@@ -31,6 +31,7 @@ from pipeline.pictures import (
     png_facts,
     read_picture,
 )
+from pipeline.report_light import light_study
 from pipeline.report_pictures import MODALITIES, THUMBNAIL, draw, mosaic, row_label, shrink, uri
 from pipeline.report_records import METRICS, Places, Records
 from pipeline.report_results import (
@@ -41,6 +42,7 @@ from pipeline.report_results import (
     score_strips,
 )
 from pipeline.report_studies import pairs_table
+from pipeline.report_time import time_study
 from pipeline.templating import templates
 from scenes.checked import plain
 from scenes.errors import InputError
@@ -86,6 +88,8 @@ class _Page:
             results=result_table(self.records),
             strips=score_strips(self.records),
             pairs=pairs_table(self.records),
+            light=light_study(self.records),
+            clock=time_study(self.records),
             examples=best_and_worst(self.records, examples, rows),
             predictions=self._predictions(),
             costs=self._costs(),

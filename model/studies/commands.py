@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from model.evaluation import METHODS
+from model.studies import light_commands, time_command
 from model.studies.answers import MAX_PAIRS, read_all, read_key, score
 from model.studies.pairs import Made, Wish, key_beside, make_pairs
 from model.training import Folders
@@ -31,6 +32,10 @@ Results go to metrics/studies/; `pbrnet report` shows them."""
 )
 def study() -> None:
     """Repeat one of the paper's studies on your own networks."""
+
+
+study.add_command(light_commands.illumination)
+study.add_command(time_command.study_time_command)
 
 
 @study.command(

@@ -1,0 +1,260 @@
+"""The illumination study (the paper's Fig. 10): does a prediction follow a change of light?
+
+The light of a test view is changed, its panorama made anew as the illumination stage makes it, and
+both given to the networks; the renderer gets the same change. Compared is how much brighter every
+block of pixels got (`model.studies.light_compare`).
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from model.data import Example
+from model.evaluation import open_split
+from model.inference import Networks
+from model.methods import trained_baselines
+from model.studies.agreement import BLOCK, LEAST
+from model.studies.light_cases import cases_of, lamp_radiance
+from model.studies.light_compare import Lit, Tally, compare
+from model.studies.light_sheet import light_sheet
+from model.studies.renders import Renders, scene_of, spread_over, views_of, with_samples
+from model.training import Folders
+from pipeline.denoise import denoiser_version
+from pipeline.frames import fingerprint
+from pipeline.illumination import render_illumination
+from pipeline.params import Params
+from pipeline.pictures import png_bytes
+from pipeline.progress import Progress
+from pipeline.relight import LightChange, open_changed
+from pipeline.renderer import RenderScene, renderer_version, set_variant
+from pipeline.report_light import LightResult
+from pipeline.scene_digest import scene_digest
+from pipeline.views import View
+from scenes.checked import plain
+from scenes.contract import Scene
+from scenes.errors import InputError
+from scenes.files import atomic_file, write_json
+
+_SAME = 0.02  # relative difference of two panoramas of one scene, at most
+_NOTHING = LightChange()
+AS_IT_IS = ""  # the name of the case without a change
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What to do."""
+
+    views: int = 12  # at most
+    spp: int = 64
+    factor: float = 4.0  # lamps times it, outdoors divided by it
+    strength: float = 1.0  # of the added lamp, see `lamp_radiance`
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A view of the study."""
+
+    example: Example
+    view: View
+    scene: Scene
+    digest: str  # of the scene in its own light
+
+
+@dataclass(frozen=True)
+class Case:
+    """A subject in a changed light."""
+
+    subject: Subject
+    name: str  # of `pipeline.report_light.CHANGES`
+    change: LightChange
+
+
+@dataclass
+class Plan:
+    """All cases, and per kind of change how many views cannot have it and why."""
+
+    cases: list[Case] = field(default_factory=list)
+    skipped: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+
+
+def study_illumination(
+    params: Params, folders: Folders, wish: Wish, renders: Path
+) -> tuple[LightResult, Path]:
+    """Run the study; writes `metrics/studies/illumination.json` and the picture beside it.
+
+    Frames are kept below `renders`; those that hold are not made again. Raises as `open_split`,
+    and `InputError` if the scenes or cameras are not those that the dataset was made of.
+    """
+    torch.set_num_threads(len(os.sched_getaffinity(0)))
+    baselines = [name for name in trained_baselines(folders.models) if name == "plus"]
+    networks, dataset = open_split(params, folders, baselines)
+    examples = spread_over(dataset, wish.views)
+    scenes = {name: scene_of(folders.data, name) for name in {e.scene_id for e in examples}}
+    views = views_of(folders.data, examples)
+    set_variant(params.farm.variant)
+    digests = {name: scene_digest(scene.folder) for name, scene in scenes.items()}
+    subjects = [
+        Subject(example, view, scenes[view.scene_id], digests[view.scene_id])
+        for example, view in zip(examples, views, strict=True)
+    ]
+    plan = _planned(subjects, params, wish, networks)
+    given = with_samples(params, wish.spp, denoise=True)
+    _render_all(plan.cases, given, renders)
+    tally = _compared(plan, subjects, networks, given, renders)
+    result = LightResult(
+        seed=params.seed,
+        split=dataset.split,
+        views=len(subjects),
+        scenes=len(scenes),
+        size=(views[0].width, views[0].height),
+        spp=wish.spp,
+        denoiser=denoiser_version(),
+        renderer=renderer_version(),
+        factor=wish.factor,
+        strength=wish.strength,
+        block=BLOCK,
+        least=LEAST,
+        models={name: card.sha256 for name, card in sorted(networks.cards.items())},
+        changes=tally.changes(plan.skipped, params.seed),
+    )
+    folder = folders.metrics / "studies"
+    with atomic_file(folder / "illumination.png") as partial:
+        facts = {"study": "illumination", "credits": _credits(scenes)}
+        partial.write_bytes(png_bytes(light_sheet(tally.rows()), facts))
+    write_json(folder / "illumination.json", plain(result))
+    return result, folder / "illumination.json"
+
+
+def _planned(subjects: list[Subject], params: Params, wish: Wish, networks: Networks) -> Plan:
+    """What every view can have; looks at the scenes, and that they are the dataset's."""
+    plan = Plan()
+    key, albedo = networks.card.tone["key"], networks.card.albedo
+    with Progress(len(subjects), "study illumination: looking", "views") as progress:
+        for scene in {subject.scene.scene_id: subject.scene for subject in subjects}.values():
+            with open_changed(scene, _NOTHING) as opened:
+                for subject in subjects:
+                    if subject.scene is not scene:
+                        continue
+                    _refuse_other_scene(opened, subject, params)
+                    average = key / subject.example.exposure_shading.scale
+                    radiance = lamp_radiance(average, albedo, wish.strength)
+                    found = cases_of(
+                        opened, subject.view, params.illumination, wish.factor, radiance
+                    )
+                    plan.cases.append(Case(subject, AS_IT_IS, _NOTHING))
+                    plan.cases += [Case(subject, *item) for item in found.changes.items()]
+                    for name, reason in found.skipped.items():
+                        plan.skipped[name][reason] += 1
+                    progress.advance()
+    return plan
+
+
+def _refuse_other_scene(opened: RenderScene, subject: Subject, params: Params) -> None:
+    """Raise `InputError` unless the scene's panorama is the dataset's."""
+    packed = subject.example.intensity
+    made = render_illumination(opened, subject.view, params.illumination)["intensity.Y"]
+    if made.shape != packed.shape:
+        raise InputError(
+            f"illumination.width: {params.illumination.width}, but the dataset's panoramas are "
+            f"{packed.shape[1]} pixels wide; take the parameters that it was made with"
+        )
+    if np.abs(made - packed).sum() > _SAME * max(packed.sum(), 1e-12):
+        raise InputError(
+            f"{subject.scene.folder}: not the scene that the dataset was made of (the panorama of "
+            f"{subject.example.name} is another); pack it again with: pbrnet dataset"
+        )
+
+
+def _render_all(cases: list[Case], params: Params, renders: Path) -> None:
+    """Make every frame that is not there; a scene is opened once for each light it has."""
+    groups: dict[tuple[str, LightChange], list[Case]] = defaultdict(list)
+    for case in cases:
+        groups[case.subject.scene.scene_id, case.change].append(case)
+    kept = 0
+    with Progress(len(cases), "study illumination: rendering", "views") as progress:
+        for (_, change), group in groups.items():
+            due = [case for case in group if _store(case, params, renders).missing(*_frame(case))]
+            kept += len(group) - len(due)
+            progress.advance(len(group) - len(due))
+            if not due:
+                continue
+            with open_changed(due[0].subject.scene, change) as opened:
+                for case in due:
+                    _render(opened, case, _store(case, params, renders))
+                    progress.advance()
+        if kept:
+            progress.write(f"study illumination: {kept} of {len(cases)} were there already")
+
+
+def _render(opened: RenderScene, case: Case, store: Renders) -> None:
+    """The panorama and both truths of a case."""
+    view, digest = _frame(case)
+    panorama = render_illumination(opened, view, store.params.illumination)
+    store.write("illumination", panorama, view, digest)
+    store.render(opened, view, digest)
+
+
+def _store(case: Case, params: Params, renders: Path) -> Renders:
+    return Renders(renders / (case.name or "as-it-is"), params)
+
+
+def _frame(case: Case) -> tuple[View, str]:
+    """The view, and the digest of its scene in the case's light."""
+    subject = case.subject
+    return subject.view, fingerprint(scene=subject.digest, change=case.change)
+
+
+def _compared(
+    plan: Plan, subjects: list[Subject], networks: Networks, params: Params, renders: Path
+) -> Tally:
+    """Predict every case and compare it with what was rendered, or with the next view's light."""
+    tally = Tally()
+    with Progress(len(subjects), "study illumination: comparing", "views") as progress:
+        for subject in subjects:
+            lit = {
+                case.name: _lit(case, params, renders)
+                for case in plan.cases
+                if case.subject is subject
+            }
+            before = lit.pop(AS_IT_IS)
+            other = _stranger(subject, subjects)
+            if other is not None:
+                panorama = other.example.intensity, other.example.distance
+                lit["exchanged"] = Lit(before.example, *panorama)
+            else:
+                plan.skipped["exchanged"]["no other view"] += 1
+            tally.add(compare(networks, before, lit))
+            progress.advance()
+    return tally
+
+
+def _lit(case: Case, params: Params, renders: Path) -> Lit:
+    store, view = _store(case, params, renders), case.subject.view
+    panorama = store.read("illumination", view).channels
+    return Lit(
+        case.subject.example,
+        panorama["intensity.Y"],
+        panorama["distance.Z"],
+        store.read("shading", view).rgb,
+        store.read("color", view).rgb,
+    )
+
+
+def _stranger(subject: Subject, subjects: list[Subject]) -> Subject | None:
+    """The next view of another scene, or if there is none of the same; None if it is alone."""
+    start = subjects.index(subject)
+    others = subjects[start + 1 :] + subjects[:start]
+    strange = [other for other in others if other.scene is not subject.scene]
+    return next(iter(strange or others), None)
+
+
+def _credits(scenes: dict[str, Scene]) -> list[str]:
+    """Whose work the scenes in the picture are."""
+    named = (credit for scene in scenes.values() for credit in scene.credits)
+    return list(dict.fromkeys(f"{c.title} by {c.author}, {c.licence}" for c in named))
