@@ -41,6 +41,7 @@ from pipeline.report_results import (
     score_strips,
 )
 from pipeline.report_studies import pairs_table
+from pipeline.report_trials import trials_tables
 from pipeline.templating import templates
 from scenes.checked import plain
 from scenes.errors import InputError
@@ -86,6 +87,7 @@ class _Page:
             results=result_table(self.records),
             strips=score_strips(self.records),
             pairs=pairs_table(self.records),
+            trials=trials_tables(self.records),
             examples=best_and_worst(self.records, examples, rows),
             predictions=self._predictions(),
             costs=self._costs(),

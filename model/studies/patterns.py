@@ -50,9 +50,7 @@ def grid(image: Array) -> float | None:
         return None
     power = spectrum(image)
     half = _SPACING // 2
-    around = [
-        (np.roll(power, half, axis) + np.roll(power, -half, axis)) / 2 for axis in (0, 1)
-    ]
+    around = [(np.roll(power, half, axis) + np.roll(power, -half, axis)) / 2 for axis in (0, 1)]
     # The stronger direction: a straight edge fills a line of the spectrum, and is no grid.
     standing_out = np.maximum(power - np.maximum(*around), 0)
     multiples = standing_out[::_SPACING, ::_SPACING].copy()
