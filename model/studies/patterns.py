@@ -5,7 +5,7 @@ Both are read off one power spectrum, averaged over tiles of 32x32 pixels that o
 8 pixels, which is what doubling layers and strided features leave behind, has all its power at
 the frequencies that are multiples of 1/8 cycle a pixel: every fourth bin of 32. Under this window
 such a peak reaches one bin to either side and no farther, so the bins halfway between the multiples
-hold the picture alone.
+hold the picture alone. What tiles this small cannot tell from 8 pixels are 7 and 9.
 """
 
 from __future__ import annotations
