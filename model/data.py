@@ -157,7 +157,7 @@ class Dataset:
                     continue
                 for group, rows in enumerate(groups):
                     column = file.read_row_group(group, columns=[name]).column(0)
-                    values += column.take(list(rows)).to_pylist()
+                    values += column.take(pa.array(rows, pa.int64())).to_pylist()
         return values
 
     def plans(self) -> dict[str, str]:
