@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import json
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -89,22 +89,34 @@ class Row:
 
 
 class Dataset:
-    """The shards of one split, opened for reading.
+    """The shards of one split, opened for reading; with `only`, nothing but these scenes of it.
 
     Raises `InputError` if the folder holds no such split, if a shard is missing, truncated,
     or not a table of this kind; with `noisy`, also if it has no noisy samples. Files are opened
     one at a time and only while read.
     """
 
-    def __init__(self, folder: Path, split: Split, noisy: bool = False) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        split: Split,
+        noisy: bool = False,
+        only: Collection[str] | None = None,
+    ) -> None:
         self.folder, self.split = Path(folder), split
         self.images = {**IMAGES, **NOISY_IMAGES} if noisy else IMAGES
+        self.only = None if only is None else frozenset(only)
         self.shards = _shards(self.folder, split)
-        self.groups = [_group_sizes(path, self.images) for path in self.shards]
+        # Of every row group, the numbers of the rows that count.
+        self.groups: list[list[Sequence[int]]] = [
+            [range(size) for size in _group_sizes(path, self.images)] for path in self.shards
+        ]
+        if self.only is not None:
+            self._keep(self.only)
         self.held = 0  # rows in memory now, while a pass is being read
 
     def __len__(self) -> int:
-        return sum(map(sum, self.groups))
+        return sum(len(rows) for groups in self.groups for rows in groups)
 
     def ordered(self) -> Iterator[Example]:
         """Every row once, in file order."""
@@ -141,7 +153,7 @@ class Dataset:
         held: list[Row] = []
         for index in rng.permutation(len(groups)):
             shard, group = groups[index]
-            held += [Row(shard, group, row) for row in range(self.groups[shard][group])]
+            held += [Row(shard, group, row) for row in self.groups[shard][group]]
             while len(held) > buffer:
                 order.append(held.pop(int(rng.integers(len(held)))))
         while held:
@@ -151,10 +163,13 @@ class Dataset:
     def column(self, name: str) -> list[Any]:
         """A column of the split that is no image, as Python values; empty if there is none."""
         values: list[Any] = []
-        for path in self.shards:
+        for path, groups in zip(self.shards, self.groups, strict=True):
             with _reading(path), pq.ParquetFile(path) as file:
-                if name in file.schema_arrow.names:
-                    values += file.read(columns=[name]).column(0).to_pylist()
+                if name not in file.schema_arrow.names:
+                    continue
+                for group, rows in enumerate(groups):
+                    column = file.read_row_group(group, columns=[name]).column(0)
+                    values += column.take(pa.array(rows, pa.int64())).to_pylist()
         return values
 
     def plans(self) -> dict[str, str]:
@@ -170,16 +185,25 @@ class Dataset:
             }
 
     def fingerprint(self) -> str:
-        """SHA-256 over the bytes of all shards."""
-        return digest_bytes(*(digest_file(path).encode() for path in self.shards))
+        """SHA-256 over the bytes of all shards, and over the names in `only` if there is one."""
+        shards = digest_bytes(*(digest_file(path).encode() for path in self.shards))
+        return shards if self.only is None else subset_fingerprint(shards, self.only)
+
+    def _keep(self, only: frozenset[str]) -> None:
+        """Leave nothing but the rows of these scenes."""
+        for path, groups in zip(self.shards, self.groups, strict=True):
+            with _reading(path), pq.ParquetFile(path) as file:
+                for group, rows in enumerate(groups):
+                    names = file.read_row_group(group, columns=["scene_id"]).column(0).to_pylist()
+                    groups[group] = [row for row in rows if names[row] in only]
 
     def _places(self) -> list[Row]:
         """Where every row lies, in file order."""
         return [
             Row(shard, group, row)
             for shard, sizes in enumerate(self.groups)
-            for group, count in enumerate(sizes)
-            for row in range(count)
+            for group, rows in enumerate(sizes)
+            for row in rows
         ]
 
     def _read(self, order: Sequence[Row]) -> Iterator[Example]:
@@ -220,6 +244,11 @@ class Dataset:
             }
             for row in sorted(wanted)
         }
+
+
+def subset_fingerprint(whole: str, only: Collection[str]) -> str:
+    """The fingerprint of these scenes of a split whose own is `whole`."""
+    return digest_bytes(whole.encode(), *(scene.encode() for scene in sorted(only)))
 
 
 def mirrored(example: Example) -> Example:

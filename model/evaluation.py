@@ -6,7 +6,7 @@ import csv
 import io
 import os
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean
@@ -22,6 +22,7 @@ from model.inference import Networks, load_networks
 from model.methods import BASELINES, trained_baselines
 from model.methods import METHODS as TRAINED
 from model.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
+from model.store import ModelCard
 from model.training import Folders
 from pipeline.ledger import read_ledger
 from pipeline.params import Params
@@ -146,7 +147,7 @@ def open_split(
     networks = load_networks(folders.models, baselines)
     noisy = any(TRAINED[name].noisy for name in baselines)
     dataset = Dataset(folders.data / "dataset", params.evaluate.split, noisy)
-    refuse_leaks(dataset, networks)
+    refuse_leaks(dataset, networks.cards)
     if networks.card.tone != plain(params.tone):
         raise InputError(
             f"{folders.models}: trained with the tone mapping {networks.card.tone}, now it is "
@@ -161,7 +162,7 @@ def _baselines(params: Params, models: Path) -> list[str]:
     return [name for name in BASELINES if name in present or name in params.train.baselines]
 
 
-def refuse_leaks(dataset: Dataset, networks: Networks) -> None:
+def refuse_leaks(dataset: Dataset, cards: Mapping[str, ModelCard]) -> None:
     """Raise `LeakError` if any network was trained on a scene or plan of this dataset.
 
     The training split itself may be measured: whoever asks for it knows.
@@ -170,7 +171,7 @@ def refuse_leaks(dataset: Dataset, networks: Networks) -> None:
         return
     plans = dataset.plans()
     scenes = sorted(set(dataset.column("scene_id")))
-    for name, card in networks.cards.items():
+    for name, card in cards.items():
         for scene in scenes:
             if scene in card.data.scenes:
                 raise LeakError(

@@ -14,7 +14,7 @@ from typing import Literal
 
 from torch import nn
 
-from model.baselines import can, cyclegan, pix2pix, unet
+from model.baselines import can, cyclegan, end_to_end, pix2pix, unet
 from model.hybrid import Exposed, HybridNet
 from model.networks import Architecture, Kind, composition_network, shading_network
 from model.objective import Objective, Paired, Setting, Target
@@ -25,6 +25,7 @@ LAYOUTS: dict[Kind, Callable[[Architecture], nn.Module]] = {
     "shading": shading_network,
     "composition": composition_network,
     "unet": unet.build,
+    "end_to_end": end_to_end.EndToEnd,
     "can": can.CAN,
     "pix2pix": pix2pix.Generator,
     "cyclegan": cyclegan.Forwards,
@@ -76,6 +77,7 @@ METHODS: dict[str, Method] = {
     "plus": Method("plus", "PBR-Net plus", Decomposed, direct=True),
     "hybrid": Method("hybrid", "PBR-Net hybrid", Exposed, noisy=True),
     "unet": Method("unet", "Direct U-Net"),
+    "end_to_end": Method("end_to_end", "Both networks, shading not supervised"),
     "can": Method("can", "CAN, our loss"),
     "can_own": Method(
         "can", "CAN, its own loss", can.MeanSquares, adam=Adam(1e-4), own="mean squares"

@@ -17,7 +17,17 @@ from torch.nn import functional
 
 from model.encoding import CHANNELS, Tensors, centred
 
-Kind = Literal["shading", "composition", "unet", "can", "pix2pix", "cyclegan", "plus", "hybrid"]
+Kind = Literal[
+    "shading",
+    "composition",
+    "unet",
+    "end_to_end",
+    "can",
+    "pix2pix",
+    "cyclegan",
+    "plus",
+    "hybrid",
+]
 Panorama = Literal["resize", "normal"]
 
 GRID = (32, 64)  # cells that a panorama of any size is averaged to before the `normal` join

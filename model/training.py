@@ -13,7 +13,7 @@ import io
 import math
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -84,11 +84,16 @@ class State:
 
 
 def train_network(
-    name: str, params: Params, folders: Folders, start: Path | None = None
+    name: str,
+    params: Params,
+    folders: Folders,
+    start: Path | None = None,
+    only: Collection[str] | None = None,
 ) -> ModelCard:
     """Train the method `name` of the registry; write its model, card, metrics and learning curve.
 
-    `start`: a model file of the same architecture to go on from (fine-tuning).
+    `start`: a model file of the same architecture to go on from (fine-tuning). `only`: the scenes
+    of the training split to learn from, all of them if None.
     Raises `TrainingError` that names view and step if the loss stops being a number,
     `InputError` for a dataset, backbone or model that cannot be used.
     """
@@ -96,7 +101,7 @@ def train_network(
     method = METHODS[name]
     stage: StageTrainParams = getattr(params.train, name)
     architecture = Architecture(method.layout, stage.width, stage.levels, params.train.panorama)
-    dataset = Dataset(folders.data / "dataset", "train", method.noisy)
+    dataset = Dataset(folders.data / "dataset", "train", method.noisy, only)
     backbone = load_backbone(folders.backbone)
     channels_last(backbone)
     shading, needs = _fixed_shading(method, params, folders)

@@ -39,7 +39,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Tools": {
         "import": ("pipeline.import_command:import_command", "Bring in one scene of your own."),
         "inspect": ("pipeline.data_commands:inspect", "Say what a file holds, and draw it."),
-        "study": ("model.studies.commands:study", "Ask people: the paper's studies."),
+        "study": ("model.studies.commands:study", "Repeat the paper's studies."),
         "predict": ("model.commands:predict", "Make an image through the trained networks."),
         "export": ("model.commands:export", "Write the networks for other programs (ONNX)."),
         "cost": ("pipeline.cost_command:cost", "Say how many core-hours a run will take."),

@@ -16,7 +16,16 @@ from scenes.params import AssetParams, SceneParams
 Variant = Literal["auto", "llvm_ad_rgb", "cuda_ad_rgb", "scalar_rgb"]
 # What the networks can be compared with; `_own`: trained with its paper's loss, not with ours.
 Baseline = Literal[
-    "plus", "hybrid", "unet", "can", "can_own", "pix2pix", "pix2pix_own", "cyclegan", "cyclegan_own"
+    "plus",
+    "hybrid",
+    "unet",
+    "end_to_end",
+    "can",
+    "can_own",
+    "pix2pix",
+    "pix2pix_own",
+    "cyclegan",
+    "cyclegan_own",
 ]
 
 
@@ -222,6 +231,7 @@ class TrainParams:
     plus: StageTrainParams = StageTrainParams()  # shading with direct light given
     hybrid: StageTrainParams = StageTrainParams(width=16)  # a few noisy samples given
     unet: StageTrainParams = StageTrainParams()  # the direct U-Net
+    end_to_end: StageTrainParams = StageTrainParams()  # both networks at once, on colour alone
     can: StageTrainParams = StageTrainParams(width=32, levels=10)
     can_own: StageTrainParams = StageTrainParams(width=32, levels=10)
     pix2pix: StageTrainParams = StageTrainParams(width=64, levels=8)

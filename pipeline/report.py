@@ -43,6 +43,7 @@ from pipeline.report_results import (
 )
 from pipeline.report_studies import pairs_table
 from pipeline.report_time import time_study
+from pipeline.report_trials import trials_tables
 from pipeline.templating import templates
 from scenes.checked import plain
 from scenes.errors import InputError
@@ -90,6 +91,7 @@ class _Page:
             pairs=pairs_table(self.records),
             light=light_study(self.records),
             clock=time_study(self.records),
+            trials=trials_tables(self.records),
             examples=best_and_worst(self.records, examples, rows),
             predictions=self._predictions(),
             costs=self._costs(),

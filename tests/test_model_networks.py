@@ -117,7 +117,7 @@ def test_any_panorama_size_is_taken(panorama: Panorama, width: int) -> None:
 
 
 @pytest.mark.parametrize("panorama", PANORAMAS)
-@pytest.mark.parametrize("kind", ["unet", "can", "pix2pix", "cyclegan", "plus"])
+@pytest.mark.parametrize("kind", ["unet", "end_to_end", "can", "pix2pix", "cyclegan", "plus"])
 def test_every_input_reaches_the_output(kind: Kind, panorama: Panorama) -> None:
     network = build_network(Architecture(kind, 16, 3, panorama))
     given = inputs(16, 16, kind=kind)

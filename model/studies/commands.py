@@ -11,6 +11,7 @@ from model.evaluation import METHODS
 from model.studies import light_commands, time_command
 from model.studies.answers import MAX_PAIRS, read_all, read_key, score
 from model.studies.pairs import Made, Wish, key_beside, make_pairs
+from model.studies.trial_commands import register
 from model.training import Folders
 from pipeline.options import common_options
 from pipeline.params import Params
@@ -27,6 +28,7 @@ _FILE = click.Path(path_type=Path, dir_okay=False)
 Examples:
   pbrnet study pairs                       a page of blind pairs to give to people
   pbrnet study pairs --score answers/*.json    what they answered
+  pbrnet study loss --dry-run              trainings that differ in the loss
 
 Results go to metrics/studies/; `pbrnet report` shows them."""
 )
@@ -36,6 +38,7 @@ def study() -> None:
 
 study.add_command(light_commands.illumination)
 study.add_command(time_command.study_time_command)
+register(study)
 
 
 @study.command(

@@ -1,0 +1,203 @@
+"""The paper's three comparisons of trainings: the loss (Fig. 7), the decomposition into two stages
+(Fig. 8), and composition by a network or by multiplication (Fig. 9).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import mean
+from typing import Any
+
+from model.baselines.end_to_end import composition_of
+from model.data import Dataset
+from model.networks import Architecture
+from model.studies.trial_scores import Scored, figures, picture_views, sheet
+from model.studies.trials import (
+    PICTURED,
+    Record,
+    Say,
+    Study,
+    Trial,
+    Variant,
+    Wish,
+    folder_of,
+    plan,
+    run,
+)
+from model.training import Folders
+from pipeline.params import Params
+from pipeline.report_trials import TrialsResult, TrialsRow
+from scenes.checked import plain
+from scenes.files import atomic_file, read_json, write_json
+
+STAGES = ("shading", "composition")
+
+
+def loss_study(_params: Params) -> Study:
+    """Both networks, trained with each variant of the loss."""
+    return Study(
+        name="loss",
+        variants=tuple(
+            Variant(kind, STAGES, {"pbrnet": kind}, {"train.loss.kind": kind})
+            for kind in ("l1", "fifth", "full", "part")
+        ),
+        reference="part",
+        crop=0.5,
+    )
+
+
+def decomposition_study(params: Params) -> Study:
+    """The same layers with and without supervised shading, and one U-Net; by training-set size.
+
+    All have the width and depth of the parameters' shading network.
+    """
+    first = params.train.shading
+    second = composition_of(Architecture("shading", first.width, first.levels))
+    changes: dict[str, Any] = {
+        "train.composition.width": second.width,
+        "train.composition.levels": second.levels,
+    }
+    for name in ("end_to_end", "unet"):
+        changes[f"train.{name}.width"] = first.width
+        changes[f"train.{name}.levels"] = first.levels
+    return Study(
+        name="decomposition",
+        variants=(
+            Variant("two_stage", STAGES, {"pbrnet": "two_stage"}, changes),
+            *(Variant(name, (name,), {name: name}, changes) for name in ("end_to_end", "unet")),
+        ),
+        reference="two_stage",
+        sized=True,
+    )
+
+
+def composition_study(_params: Params) -> Study:
+    """The composition network beside multiplication, under both exposure policies."""
+    methods = {
+        "pbrnet": "network",
+        "product": "product",
+        "product_linear": "product_linear",
+        "ceiling": "ceiling",
+    }
+    return Study(
+        name="composition",
+        variants=tuple(
+            Variant(policy, STAGES, methods, {"train.exposure": policy}, f"{policy} exposure")
+            for policy in ("shared", "own")
+        ),
+        reference="network",
+    )
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """A label's trials within a group, one a repeat, and its method's scores in each."""
+
+    label: str
+    group: str
+    trials: list[Trial]
+    scores: list[list[Scored]]
+
+
+def compare(
+    study: Study, params: Params, folders: Folders, wish: Wish, say: Say
+) -> tuple[TrialsResult, Path]:
+    """Run the study; write `metrics/studies/NAME.json` and `.png`, and return the result.
+
+    Raises as `plan` and `run` do; finished trials are kept then, and no result is written.
+    """
+    trials = plan(study, params, folders, wish)
+    records = run(study, trials, folders, say)
+    result = summarise(study, params, folders, trials, records)
+    target = folders.metrics / "studies" / f"{study.name}.json"
+    picture = _sheet(study, params, folders, trials)
+    with atomic_file(target.with_suffix(".png")) as partial:
+        partial.write_bytes(picture)
+    write_json(target, plain(result))
+    return result, target
+
+
+def summarise(
+    study: Study,
+    params: Params,
+    folders: Folders,
+    trials: Sequence[Trial],
+    records: Sequence[Record],
+) -> TrialsResult:
+    """Means and intervals of every label of every group."""
+    measured = _gather(trials, records)
+    references = {one.group: one.scores for one in measured if one.label == study.reference}
+    rows = []
+    for one in measured:
+        other = None if one.label in (study.reference, "truth") else references[one.group]
+        trained = one.label not in ("truth", "ceiling")
+        rows.append(
+            TrialsRow(
+                label=one.label,
+                group=one.group,
+                views=mean(trial.views for trial in one.trials) if trained else None,
+                steps=_steps(one.trials[0], one.label) if trained else None,
+                metrics=figures(one.scores, other, params.seed, study.name),
+            )
+        )
+    views = {(row.scene_id, row.view_id) for row in measured[0].scores[0]}
+    return TrialsResult(
+        study=study.name,
+        seed=params.seed,
+        repeats=len({trial.repeat for trial in trials}),
+        split=params.evaluate.split,
+        views=len(views),
+        scenes=len({scene for scene, _ in views}),
+        backbone=read_json(folders.backbone / "backbone.json")["network"],
+        reference=study.reference,
+        rows=tuple(rows),
+    )
+
+
+def _gather(trials: Sequence[Trial], records: Sequence[Record]) -> list[_Measured]:
+    """Scores by group and label, in the order of the trials; the truth once a group, last."""
+    found: dict[tuple[str, str], _Measured] = {}
+    truths: dict[str, _Measured] = {}
+    for trial, record in zip(trials, records, strict=True):
+        group = _group(trial)
+        for method, label in trial.variant.methods.items():
+            one = found.setdefault((group, label), _Measured(label, group, [], []))
+            one.trials.append(trial)
+            one.scores.append([row for row in record.scores if row.method == method])
+        own = [row for row in record.scores if row.method == "truth"]
+        truths.setdefault(group, _Measured("truth", group, [trial], [own]))
+    groups = dict.fromkeys(group for group, _ in found)
+    return [
+        one
+        for group in groups
+        for one in (*(m for (of, _), m in found.items() if of == group), truths[group])
+    ]
+
+
+def _group(trial: Trial) -> str:
+    return trial.variant.group or ("" if trial.wanted is None else f"{trial.wanted} views")
+
+
+def _steps(trial: Trial, label: str) -> int:
+    """Of the networks that a picture of this label goes through."""
+    if label.startswith("product"):
+        return trial.steps["shading"]
+    return sum(trial.steps.values())
+
+
+def _sheet(study: Study, params: Params, folders: Folders, trials: Sequence[Trial]) -> bytes:
+    """The pictures of the first repeat, trained on most views: the truth, then every label."""
+    wanted = picture_views(Dataset(folders.data / "dataset", params.evaluate.split), PICTURED)
+    most = max(trial.wanted or 0 for trial in trials)
+    columns: dict[str, tuple[Path, str]] = {}
+    for trial in trials:
+        if trial.repeat or (trial.wanted or 0) != most:
+            continue
+        folder = folder_of(study, trial, folders) / "views"
+        policy = f" ({trial.variant.name})" if trial.variant.group else ""
+        named: Mapping[str, str] = {"truth": "truth", **trial.variant.methods}
+        for method, label in named.items():
+            columns.setdefault(label + policy, (folder, method))
+    return sheet(columns, wanted, study.crop)
