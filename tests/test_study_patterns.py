@@ -101,7 +101,8 @@ def test_other_patterns_edges_and_noise_are_no_grid(period: int) -> None:
     assert grid(noise(spread=2 / 255)) < 0.2 * known
     row = np.mgrid[:96, :128][0]
     wave = 6 / 255 * np.sin(2 * np.pi * row / period)
-    assert grid(flat + wave[..., None]) < 0.05 * known
+    # tiles of 32 pixels part 11 from 8 not altogether: 3 % of its power
+    assert grid(flat + wave[..., None]) < 0.2 * 6 / np.sqrt(2)
     assert grid(gaussian_filter(room(), (2, 2, 0))) < 0.25 * known
 
 

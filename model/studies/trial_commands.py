@@ -36,7 +36,7 @@ def _options(command: Callable[..., Any]) -> Callable[..., Any]:
             type=_FOLDER,
             default=Path("models"),
             show_default=True,
-            help="Folder with the perceptual loss's backbone.",
+            help="Folder with the backbone; metrics go along if it is another.",
         ),
         click.option("--dry-run", is_flag=True, help="Only list the trials and what they cost."),
         click.option(
@@ -68,7 +68,10 @@ Stopped, the same command goes on where it was. Writes metrics/studies/loss.json
 )
 @_options
 def loss(params: Params, data: Path, models: Path, **wishes: Any) -> None:
-    """Compare losses: L1, the fifth layer, all layers, part-perceptual (the paper's Fig. 7)."""
+    """Compare four losses (Fig. 7).
+
+    L1, the fifth layer, all layers, and the part-perceptual loss, for both networks.
+    """
     _study(loss_study(params), params, data, models, **wishes)
 
 
@@ -90,7 +93,10 @@ the same command goes on where it was. Writes metrics/studies/decomposition.json
 )
 @_options
 def decomposition(params: Params, data: Path, models: Path, **wishes: Any) -> None:
-    """Compare training with and without supervised shading, and one U-Net (Fig. 8)."""
+    """Compare two stages with one (Fig. 8).
+
+    Shading supervised, the same layers on colour alone, and one U-Net, by the number of views.
+    """
     _study(decomposition_study(params), params, data, models, **wishes)
 
 
@@ -104,7 +110,10 @@ Stopped, the same command goes on where it was. Writes metrics/studies/compositi
 )
 @_options
 def composition(params: Params, data: Path, models: Path, **wishes: Any) -> None:
-    """Compare the composition network with multiplication, by exposure policy (Fig. 9)."""
+    """Compare composition by network and by product (Fig. 9).
+
+    Under both exposure policies: as shading was exposed, and each image by itself.
+    """
     _study(composition_study(params), params, data, models, **wishes)
 
 
