@@ -8,7 +8,8 @@ irradiance is, and gets it back afterwards; so textures stay sharp under the wid
 weights are positive and sum to one: the result has the unit of the samples, and a pixel's light
 lies between the least and the most that was traced around it.
 
-Left out: the panorama, which takes longer to make than the samples; samples of neighbouring views.
+Left out: the panorama, and with it the direct light that `plus` is given; how sure each sample is
+(its variance); samples of neighbouring views.
 """
 
 from __future__ import annotations

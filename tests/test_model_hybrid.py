@@ -34,7 +34,20 @@ from scenes.errors import InputError
 
 SIZE = {"width": 24, "height": 18, "panorama": 16}
 SMALL = StageTrainParams(epochs=1, width=4, levels=2)
-PARAMS = Params(train=TrainParams(shading=SMALL, composition=SMALL, hybrid=SMALL))
+PARAMS = Params(
+    train=TrainParams(baselines=("hybrid",), shading=SMALL, composition=SMALL, hybrid=SMALL)
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread() -> Iterator[None]:
+    """Networks this small only wait for one another on two."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training.os, "sched_getaffinity", lambda _process: {0})
+        yield
+    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="module")
@@ -186,17 +199,15 @@ def test_without_the_samples_it_says_what_to_do(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Folders]:
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Folders:
     """The pair and the hybrid, barely trained, beside their dataset."""
     root = tmp_path_factory.mktemp("trained")
     folders = Folders(*(root / part for part in ("data", "models", "metrics", "plots", "models")))
     box_dataset(folders.data, 4, 2, 4, noisy=True, **SIZE)
     make_backbone(BackboneParams(network="efficientnet_lite0"), folders.models)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training.os, "sched_getaffinity", lambda _process: {0})
-        for name in ("shading", "composition", "hybrid"):
-            train_network(name, PARAMS, folders)
-        yield folders
+    for name in ("shading", "composition", "hybrid"):
+        train_network(name, PARAMS, folders)
+    return folders
 
 
 def test_it_is_measured_and_its_time_is_that_of_the_samples_too(
