@@ -1,8 +1,7 @@
-"""`pbrnet backbone`, `train`, `evaluate`, `predict` and `export`."""
+"""`pbrnet backbone`, `train`, `evaluate`, `pretrained` and `export`."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,23 +9,16 @@ from typing import Any
 import click
 
 from model import evaluation
-from model import predict as prediction
 from model.backbone import make_backbone
 from model.export import INPUTS, export_onnx
 from model.inference import load_networks
 from model.methods import BASELINES, METHODS
 from model.metrics import NAMES
+from model.predictor import PREDICTABLE, needed
+from model.pretrained import pack
 from model.training import Folders, train_network
-from pipeline.frames import read_frame
 from pipeline.options import common_options
 from pipeline.params import Params
-from pipeline.pictures import png_bytes
-from pipeline.tonemap import to_bytes
-from pipeline.views import View
-from scenes.checked import build
-from scenes.contract import load_scene
-from scenes.errors import InputError
-from scenes.files import atomic_file
 
 _FOLDER = click.Path(path_type=Path, file_okay=False)
 _FILE = click.Path(path_type=Path, dir_okay=False)
@@ -195,77 +187,54 @@ def _line(method: str, values: dict[str, Any]) -> str:
 @click.command(
     epilog="""\b
 Examples:
-  pbrnet predict data/scenes/home-0000 --view VIEW
-  pbrnet predict data/scenes/home-0000 --view VIEW --size 640x480 --compare
-  pbrnet predict --inputs in.exr --illumination panorama.exr --out picture.png
+  pbrnet pretrained                        the two networks of models/, to weights/
+  pbrnet pretrained --method plus          another method's network
+  pbrnet pretrained --from models/room --out /tmp/room --metrics models/room
 
-VIEW is a view_id of the camera file, data/cameras/SCENE.json unless --camera names another.
---compare reads the truth from the data folder, or renders it, and puts it beside the
-prediction with the error. `pbrnet report` shows all that lies in predictions/.""",
+Each network is stored in half precision with its card, and a README.md says what it was trained
+on, under which licences, and how good it is. Refused if pictures would change visibly or the
+folder would exceed 16 MB. `pbrnet predict` uses weights/ where models/ has no networks."""
 )
-@click.argument("scene", type=_FOLDER, required=False)
-@click.option("--view", "view_id", default=None, help="View of the camera file.")
-@click.option("--camera", type=_FILE, default=None, help="Camera file of the scene.")
-@click.option("--inputs", type=_FILE, default=None, help="Frame with depth, normal, reflectance.")
-@click.option("--illumination", type=_FILE, default=None, help="Frame with the panorama.")
-@click.option("--size", default=None, metavar="WxH", help="Render the inputs at this size.")
-@click.option("--compare", "with_truth", is_flag=True, help="Put truth and error beside it.")
 @click.option(
-    "--out", type=_FILE, default=None, help="PNG to write.  [default: predictions/SCENE--VIEW.png]"
+    "--from",
+    "source",
+    type=_FOLDER,
+    default=Path("models"),
+    show_default=True,
+    help="Trained networks.",
 )
-@_models_option("Trained networks.")
+@click.option(
+    "--out",
+    type=_FOLDER,
+    default=Path("weights"),
+    show_default=True,
+    help="Folder to write; packed networks in it are replaced.",
+)
+@click.option(
+    "--method",
+    type=click.Choice(PREDICTABLE),
+    default="pbrnet",
+    show_default=True,
+    help="Whose networks.",
+)
+@click.option(
+    "--metrics",
+    type=_FOLDER,
+    default=Path("metrics"),
+    show_default=True,
+    help="Folder with evaluation.json, for the card.",
+)
 @common_options
-def predict(
-    params: Params,
-    data: Path,
-    models: Path,
-    scene: Path | None,
-    view_id: str | None,
-    camera: Path | None,
-    inputs: Path | None,
-    illumination: Path | None,
-    size: str | None,
-    with_truth: bool,
-    out: Path | None,
+def pretrained(
+    params: Params, data: Path, source: Path, out: Path, method: str, metrics: Path
 ) -> None:
-    """Make an image through the trained networks, from SCENE or from frames."""
-    networks = load_networks(models)
-    if scene is not None:
-        if view_id is None or inputs or illumination:
-            raise click.UsageError("with SCENE, name a --view, and no --inputs or --illumination")
-        camera = camera or data / "cameras" / f"{scene.name}.json"
-        view = prediction.find_view(scene, camera, view_id, _parse_size(size))
-        example = prediction.from_scene(scene, view, params, networks, data, with_truth)
-    else:
-        if inputs is None or illumination is None:
-            raise click.UsageError("name a SCENE and a --view, or --inputs and --illumination")
-        if size or view_id or camera:
-            raise click.UsageError("--size, --view and --camera need a SCENE")
-        frame = read_frame(inputs)
-        truth = None
-        if with_truth:
-            shown = build(View, frame.meta["view"], str(inputs), InputError)
-            truth = prediction.known_truth(data, shown)
-            if truth is None:
-                raise InputError(
-                    f"{data}: no shading and colour frames of {shown.scene_id}/{shown.view_id} to "
-                    "compare with; render them, or predict from the scene"
-                )
-        example = prediction.from_frames(frame, read_frame(illumination), networks, truth)
-    result = prediction.predict(networks, example)
-    picture, words = to_bytes(result.color), ""
-    if with_truth:
-        picture, words = prediction.compare(networks, example, result)
-    facts = {
-        "prediction": example.name,
-        "models": str(models),
-        "words": words,
-        "credits": _credits(scene or data / "scenes" / example.scene_id),
-    }
-    out = out or Path("predictions") / f"{example.scene_id}--{example.view_id}.png"
-    with atomic_file(out) as partial:
-        partial.write_bytes(png_bytes(picture, facts))
-    click.echo(f"{out}: {example.name}, {result.color.shape[1]}x{result.color.shape[0]} {words}")
+    """Pack trained networks to be passed on: small, checked, with a model card."""
+    difference = pack(source, out, method, data, metrics)
+    size = sum(file.stat().st_size for file in out.iterdir()) / 1e6
+    click.echo(
+        f"{out}: {', '.join(needed(method))}, {size:.1f} MB; on {difference.views} views pictures "
+        f"differ by at most {difference.worst:.5f}, on average by {difference.mean:.6f}"
+    )
 
 
 @click.command(
@@ -284,20 +253,3 @@ def export(params: Params, data: Path, models: Path, out: Path) -> None:
     """Write both trained networks as one file for other programs."""
     export_onnx(load_networks(models), out)
     click.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {', '.join(INPUTS)} to shading, color")
-
-
-def _credits(scene: Path) -> list[str]:
-    """Whose work a scene is and on what terms, as far as its folder is there."""
-    if not (scene / "scene.json").is_file():
-        return []
-    credits = load_scene(scene).credits
-    return list(dict.fromkeys(f"{c.title} by {c.author}, {c.licence}" for c in credits))
-
-
-def _parse_size(text: str | None) -> tuple[int, int] | None:
-    if text is None:
-        return None
-    match = re.fullmatch(r"(\d{1,5})[xX](\d{1,5})", text)
-    if match is None or min(int(match[1]), int(match[2])) < 1:
-        raise click.BadParameter(f"{text!r} is no size; write it like 640x480", param_hint="--size")
-    return int(match[1]), int(match[2])
