@@ -9,6 +9,7 @@ import click
 
 from model.evaluation import METHODS
 from model.studies.answers import MAX_PAIRS, read_all, read_key, score
+from model.studies.flicker_command import flicker
 from model.studies.pairs import Made, Wish, key_beside, make_pairs
 from model.training import Folders
 from pipeline.options import common_options
@@ -26,11 +27,15 @@ _FILE = click.Path(path_type=Path, dir_okay=False)
 Examples:
   pbrnet study pairs                       a page of blind pairs to give to people
   pbrnet study pairs --score answers/*.json    what they answered
+  pbrnet study flicker SCENE --view VIEW   how steady pictures are while the camera moves
 
 Results go to metrics/studies/; `pbrnet report` shows them."""
 )
 def study() -> None:
     """Repeat one of the paper's studies on your own networks."""
+
+
+study.add_command(flicker)
 
 
 @study.command(
