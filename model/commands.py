@@ -11,11 +11,10 @@ import click
 from model import evaluation
 from model.backbone import make_backbone
 from model.export import INPUTS, export_onnx
-from model.inference import load_networks
 from model.methods import BASELINES, METHODS
 from model.metrics import NAMES
-from model.predictor import PREDICTABLE, needed
-from model.pretrained import pack
+from model.predictor import PREDICTABLE, load_predictor, needed
+from model.pretrained import find_models, pack
 from model.training import Folders, train_network
 from pipeline.options import common_options
 from pipeline.params import Params
@@ -241,15 +240,27 @@ def pretrained(
     epilog="""\b
 Examples:
   pbrnet export --onnx model.onnx
+  pbrnet export --method plus --onnx plus.onnx
   python examples/consume/with_onnx.py model.onnx data/dataset
+  python examples/onnx_predict.py model.onnx data/inputs/S/V.exr data/illumination/S/V.exr
 
 The file takes the dataset's columns as they are, at any size, and gives shading and colour as
 display values. Needs the extra packages: pip install 'pbrnet[onnx]'"""
 )
 @click.option("--onnx", "out", type=_FILE, required=True, metavar="FILE", help="ONNX to write.")
-@_models_option("Trained networks.")
+@click.option(
+    "--method",
+    type=click.Choice(("pbrnet", "plus")),
+    default="pbrnet",
+    show_default=True,
+    help="Whose networks.",
+)
+@click.option("--models", type=_FOLDER, default=None, help="Trained networks, as for predict.")
 @common_options
-def export(params: Params, data: Path, models: Path, out: Path) -> None:
-    """Write both trained networks as one file for other programs."""
-    export_onnx(load_networks(models), out)
-    click.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {', '.join(INPUTS)} to shading, color")
+def export(params: Params, data: Path, models: Path | None, method: str, out: Path) -> None:
+    """Write a method's trained networks as one file for other programs."""
+    found = find_models(models, method)
+    export_onnx(load_predictor(found.folder, method), out)
+    names = ", ".join((*INPUTS, "K") if method == "plus" else INPUTS)
+    click.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {names} to shading, color")
+    click.echo(f"{method}, networks from {found.words}")

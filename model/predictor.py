@@ -22,6 +22,7 @@ from pipeline.tonemap import Exposure, untonemap
 
 PRODUCTS = {"product": product, "product_linear": product_linear}
 PREDICTABLE = ("pbrnet", *PRODUCTS, *BASELINES)
+_WHITE = 1 - 1e-6  # sRGB of 1 is a little less in float32
 _PREFERRED = ("pbrnet", "plus", *BASELINES, "product")  # where no method is named
 
 
@@ -96,7 +97,7 @@ class Predictor:
             color_by = example.exposure_shading
         else:
             color = untonemap(display, color_by)
-        clipped = np.any(display >= 1, axis=-1)
+        clipped = np.any(display >= _WHITE, axis=-1)
         return Radiance(color.astype(np.float32), shading, clipped, color_by, known)
 
     def _directly(self, inputs: Tensors) -> Prediction:
