@@ -1,8 +1,7 @@
-"""`pbrnet backbone`, `train`, `evaluate`, `predict` and `export`."""
+"""`pbrnet backbone`, `train`, `evaluate`, `pretrained` and `export`."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,23 +9,15 @@ from typing import Any
 import click
 
 from model import evaluation
-from model import predict as prediction
 from model.backbone import make_backbone
 from model.export import INPUTS, export_onnx
-from model.inference import load_networks
 from model.methods import BASELINES, METHODS
 from model.metrics import NAMES
+from model.predictor import PREDICTABLE, load_predictor, needed
+from model.pretrained import find_models, pack
 from model.training import Folders, train_network
-from pipeline.frames import read_frame
 from pipeline.options import common_options
 from pipeline.params import Params
-from pipeline.pictures import png_bytes
-from pipeline.tonemap import to_bytes
-from pipeline.views import View
-from scenes.checked import build
-from scenes.contract import load_scene
-from scenes.errors import InputError
-from scenes.files import atomic_file
 
 _FOLDER = click.Path(path_type=Path, file_okay=False)
 _FILE = click.Path(path_type=Path, dir_okay=False)
@@ -195,122 +186,81 @@ def _line(method: str, values: dict[str, Any]) -> str:
 @click.command(
     epilog="""\b
 Examples:
-  pbrnet predict data/scenes/home-0000 --view VIEW
-  pbrnet predict data/scenes/home-0000 --view VIEW --size 640x480 --compare
-  pbrnet predict data/scenes/home-0000 --view VIEW --method hybrid
-  pbrnet predict --inputs in.exr --illumination panorama.exr --out picture.png
+  pbrnet pretrained                        the two networks of models/, to weights/
+  pbrnet pretrained --method plus          another method's network
+  pbrnet pretrained --from models/room --out /tmp/room --metrics models/room
 
-VIEW is a view_id of the camera file, data/cameras/SCENE.json unless --camera names another.
---compare reads the truth from the data folder, or renders it, and puts it beside the
-prediction with the error. `pbrnet report` shows all that lies in predictions/.""",
+Each network is stored in half precision with its card, and a README.md says what it was trained
+on, under which licences, and how good it is. Refused if pictures would change visibly or the
+folder would exceed 16 MB. `pbrnet predict` uses weights/ where models/ has no networks."""
 )
-@click.argument("scene", type=_FOLDER, required=False)
-@click.option("--view", "view_id", default=None, help="View of the camera file.")
-@click.option("--camera", type=_FILE, default=None, help="Camera file of the scene.")
-@click.option("--inputs", type=_FILE, default=None, help="Frame with depth, normal, reflectance.")
-@click.option("--illumination", type=_FILE, default=None, help="Frame with the panorama.")
-@click.option("--noisy", type=_FILE, default=None, help="Frame of few samples, for hybrid.")
+@click.option(
+    "--from",
+    "source",
+    type=_FOLDER,
+    default=Path("models"),
+    show_default=True,
+    help="Trained networks.",
+)
+@click.option(
+    "--out",
+    type=_FOLDER,
+    default=Path("weights"),
+    show_default=True,
+    help="Folder to write; packed networks in it are replaced.",
+)
 @click.option(
     "--method",
-    type=click.Choice([prediction.PAIR, *BASELINES]),
-    default=prediction.PAIR,
+    type=click.Choice(PREDICTABLE),
+    default="pbrnet",
     show_default=True,
-    help="Both networks, or another method that is trained.",
+    help="Whose networks.",
 )
-@click.option("--size", default=None, metavar="WxH", help="Render the inputs at this size.")
-@click.option("--compare", "with_truth", is_flag=True, help="Put truth and error beside it.")
 @click.option(
-    "--out", type=_FILE, default=None, help="PNG to write.  [default: predictions/SCENE--VIEW.png]"
+    "--metrics",
+    type=_FOLDER,
+    default=Path("metrics"),
+    show_default=True,
+    help="Folder with evaluation.json, for the card.",
 )
-@_models_option("Trained networks.")
 @common_options
-def predict(
-    params: Params,
-    data: Path,
-    models: Path,
-    scene: Path | None,
-    view_id: str | None,
-    camera: Path | None,
-    inputs: Path | None,
-    illumination: Path | None,
-    noisy: Path | None,
-    method: str,
-    size: str | None,
-    with_truth: bool,
-    out: Path | None,
+def pretrained(
+    params: Params, data: Path, source: Path, out: Path, method: str, metrics: Path
 ) -> None:
-    """Make an image through the trained networks, from SCENE or from frames."""
-    networks = load_networks(models, () if method == prediction.PAIR else (method,))
-    if scene is not None:
-        if view_id is None or inputs or illumination or noisy:
-            raise click.UsageError("with SCENE, name a --view, and no frames")
-        camera = camera or data / "cameras" / f"{scene.name}.json"
-        view = prediction.find_view(scene, camera, view_id, parse_size(size))
-        example = prediction.from_scene(scene, view, params, networks, data, with_truth, method)
-    else:
-        if inputs is None or illumination is None:
-            raise click.UsageError("name a SCENE and a --view, or --inputs and --illumination")
-        if size or view_id or camera:
-            raise click.UsageError("--size, --view and --camera need a SCENE")
-        frame = read_frame(inputs)
-        truth = None
-        if with_truth:
-            shown = build(View, frame.meta["view"], str(inputs), InputError)
-            truth = prediction.known_truth(data, shown)
-            if truth is None:
-                raise InputError(
-                    f"{data}: no shading and colour frames of {shown.scene_id}/{shown.view_id} to "
-                    "compare with; render them, or predict from the scene"
-                )
-        samples = read_frame(noisy) if noisy else None
-        example = prediction.from_frames(frame, read_frame(illumination), networks, truth, samples)
-    result = prediction.predict(networks, example, method)
-    picture, words = to_bytes(result.color), ""
-    if with_truth:
-        picture, words = prediction.compare(networks, example, result)
-    facts = {
-        "prediction": example.name,
-        "models": str(models),
-        "words": words,
-        "credits": _credits(scene or data / "scenes" / example.scene_id),
-    }
-    out = out or Path("predictions") / f"{example.scene_id}--{example.view_id}.png"
-    with atomic_file(out) as partial:
-        partial.write_bytes(png_bytes(picture, facts))
-    click.echo(f"{out}: {example.name}, {result.color.shape[1]}x{result.color.shape[0]} {words}")
+    """Pack trained networks to be passed on: small, checked, with a model card."""
+    difference = pack(source, out, method, data, metrics)
+    size = sum(file.stat().st_size for file in out.iterdir()) / 1e6
+    click.echo(
+        f"{out}: {', '.join(needed(method))}, {size:.1f} MB; on {difference.views} views pictures "
+        f"differ by at most {difference.worst:.5f}, on average by {difference.mean:.6f}"
+    )
 
 
 @click.command(
     epilog="""\b
 Examples:
   pbrnet export --onnx model.onnx
+  pbrnet export --method plus --onnx plus.onnx
   python examples/consume/with_onnx.py model.onnx data/dataset
+  python examples/onnx_predict.py model.onnx data/inputs/S/V.exr data/illumination/S/V.exr
 
 The file takes the dataset's columns as they are, at any size, and gives shading and colour as
 display values. Needs the extra packages: pip install 'pbrnet[onnx]'"""
 )
 @click.option("--onnx", "out", type=_FILE, required=True, metavar="FILE", help="ONNX to write.")
-@_models_option("Trained networks.")
+@click.option(
+    "--method",
+    type=click.Choice(("pbrnet", "plus")),
+    default="pbrnet",
+    show_default=True,
+    help="Whose networks.",
+)
+@click.option("--models", type=_FOLDER, default=None, help="Trained networks, as for predict.")
 @common_options
-def export(params: Params, data: Path, models: Path, out: Path) -> None:
-    """Write both trained networks as one file for other programs."""
-    export_onnx(load_networks(models), out)
-    click.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {', '.join(INPUTS)} to shading, color")
-
-
-def _credits(scene: Path) -> list[str]:
-    """Whose work a scene is and on what terms, as far as its folder is there."""
-    if not (scene / "scene.json").is_file():
-        return []
-    credits = load_scene(scene).credits
-    return list(dict.fromkeys(f"{c.title} by {c.author}, {c.licence}" for c in credits))
-
-
-def parse_size(text: str | None) -> tuple[int, int] | None:
-    """(width, height) from the words of a `--size` option; None where there are none."""
-    if text is None:
-        return None
-    match = re.fullmatch(r"(\d{1,5})[xX](\d{1,5})", text)
-    if match is None or min(int(match[1]), int(match[2])) < 1:
-        raise click.BadParameter(f"{text!r} is no size; write it like 640x480", param_hint="--size")
-    return int(match[1]), int(match[2])
+def export(params: Params, data: Path, models: Path | None, method: str, out: Path) -> None:
+    """Write a method's trained networks as one file for other programs."""
+    found = find_models(models, method)
+    export_onnx(load_predictor(found.folder, method), out)
+    names = ", ".join((*INPUTS, "K") if method == "plus" else INPUTS)
+    click.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {names} to shading, color")
+    click.echo(f"{method}, networks from {found.words}")

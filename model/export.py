@@ -16,9 +16,12 @@ from typing import Any
 import torch
 from torch import nn
 
-from model.encoding import FAR, MIDDLE, NEAR, centred
+from model.encoding import FAR, GREY, MIDDLE, NEAR, Tensors, centred
+from model.export_light import direct_light, encoded_light
 from model.inference import Networks
 from model.networks import GRID
+from model.plus import PlusNet
+from model.predictor import Predictor, needed
 from scenes.checked import plain
 from scenes.errors import MachineError
 from scenes.files import atomic_file
@@ -31,9 +34,12 @@ OUTPUTS = ("shading", "color")
 class Chain(nn.Module):
     """Both networks behind one another, from the dataset's columns to display values."""
 
-    def __init__(self, networks: Networks) -> None:
+    def __init__(self, networks: Networks | Predictor) -> None:
         super().__init__()
-        self.shading, self.composition = networks.shading, networks.composition
+        if isinstance(networks, Networks):
+            self.shading, self.composition = networks.shading, networks.composition
+        else:
+            self.shading, self.composition = (networks.networks[n] for n in needed("pbrnet"))
         self.averaged = networks.cards["shading"].architecture.panorama == "normal"
 
     def forward(
@@ -49,21 +55,62 @@ class Chain(nn.Module):
 
         Returns shading and colour, display values (H, W, 3) in [0, 1].
         """
-        log = torch.log(depth.clamp(NEAR, FAR) / MIDDLE)
-        relative, metres = relative_intensity(intensity), distance.clamp(max=FAR)
-        if self.averaged:
-            mean = on_grid(relative)
-            relative, metres = mean, on_grid(relative * metres) / mean.clamp(min=1e-12)
-        inputs = {
-            "depth": torch.stack([log * valid, valid])[None],
-            "normal": normal.permute(2, 0, 1)[None],
-            "reflectance": centred(encode_srgb(reflectance)).permute(2, 0, 1)[None],
-            "intensity": relative[None, None],
-            "distance": metres[None, None],
-        }
+        inputs = encoded(depth, valid, normal, reflectance, intensity, distance, self.averaged)
         shading = self.shading(inputs).clamp(0, 1)
         color = self.composition(shading, inputs["reflectance"]).clamp(0, 1)
         return shading[0].permute(1, 2, 0), color[0].permute(1, 2, 0)
+
+
+class PlusChain(nn.Module):
+    """PBR-Net plus with its direct light; as `Chain`, and the camera's `K` (3, 3) too."""
+
+    def __init__(self, predictor: Predictor) -> None:
+        super().__init__()
+        self.network = predictor.networks["plus"]
+        self.averaged = predictor.card.architecture.panorama == "normal"
+
+    def forward(
+        self,
+        depth: torch.Tensor,
+        valid: torch.Tensor,
+        normal: torch.Tensor,
+        reflectance: torch.Tensor,
+        intensity: torch.Tensor,
+        distance: torch.Tensor,
+        K: torch.Tensor,
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Shading and colour, display values (H, W, 3) in [0, 1]."""
+        inputs = encoded(depth, valid, normal, reflectance, intensity, distance, self.averaged)
+        light = direct_light(depth, valid, normal, intensity, distance, K)
+        assert isinstance(self.network, PlusNet)
+        shading, color = self.network.parts({**inputs, "direct": encoded_light(light)})
+        return shading[0].clamp(0, 1).permute(1, 2, 0), color[0].clamp(0, 1).permute(1, 2, 0)
+
+
+def encoded(
+    depth: torch.Tensor,
+    valid: torch.Tensor,
+    normal: torch.Tensor,
+    reflectance: torch.Tensor,
+    intensity: torch.Tensor,
+    distance: torch.Tensor,
+    averaged: bool,
+) -> Tensors:
+    """What `model.encoding.encode` makes of a view; the panorama on `GRID` if `averaged`."""
+    log = torch.log(depth.clamp(NEAR, FAR) / MIDDLE)
+    relative, metres = relative_intensity(intensity), distance.clamp(max=FAR)
+    if averaged:
+        mean = on_grid(relative)
+        relative, metres = mean, on_grid(relative * metres) / mean.clamp(min=1e-12)
+    # Nothing is seen where nothing is: the grey that `see_through` puts there.
+    shown = torch.where(valid[..., None] > 0, reflectance, torch.full_like(reflectance, GREY))
+    return {
+        "depth": torch.stack([log * valid, valid])[None],
+        "normal": normal.permute(2, 0, 1)[None],
+        "reflectance": centred(encode_srgb(shown)).permute(2, 0, 1)[None],
+        "intensity": relative[None, None],
+        "distance": metres[None, None],
+    }
 
 
 def relative_intensity(intensity: torch.Tensor) -> torch.Tensor:
@@ -96,36 +143,39 @@ def encode_srgb(linear: torch.Tensor) -> torch.Tensor:
     return torch.where(linear <= 0.0031308, 12.92 * linear, high)
 
 
-def export_onnx(networks: Networks, path: Path) -> None:
-    """Write both networks as one ONNX file, any image and panorama size, by rename.
+def export_onnx(networks: Networks | Predictor, path: Path) -> None:
+    """Write a method's networks as one ONNX file, any image and panorama size, by rename.
 
-    Its metadata holds the cards, as JSON under `shading` and `composition`. Raises
-    `MachineError` without the packages of the extra `onnx`.
+    The methods are `pbrnet` and `plus`. Metadata holds the cards as JSON, under the networks'
+    names. Raises `MachineError` without the packages of the extra `onnx`.
     """
     missing = [name for name in ("onnx", "onnxscript") if importlib.util.find_spec(name) is None]
     if missing:
         raise MachineError(
             f"the Python package {missing[0]} is missing; install with: pip install 'pbrnet[onnx]'"
         )
-    image = {0: torch.export.Dim.DYNAMIC, 1: torch.export.Dim.DYNAMIC}
-    example = tuple(
-        torch.rand(*size)
-        for size in ((45, 61), (45, 61), (45, 61, 3), (45, 61, 3), (40, 80), (40, 80))
-    )
+    plus = isinstance(networks, Predictor) and networks.method == "plus"
+    image: dict[int, Any] = {0: torch.export.Dim.DYNAMIC, 1: torch.export.Dim.DYNAMIC}
+    shapes = [image] * len(INPUTS)
+    sizes = [(45, 61), (45, 61), (45, 61, 3), (45, 61, 3), (40, 80), (40, 80)]
+    names = list(INPUTS)
+    if plus:
+        names, sizes, shapes = [*names, "K"], [*sizes, (3, 3)], [*shapes, {}]
+    chain = PlusChain(networks) if plus else Chain(networks)  # type: ignore[arg-type]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         logging.getLogger("torch.onnx").setLevel(logging.ERROR)
         program: Any = torch.onnx.export(
-            Chain(networks).eval(),
-            example,
-            input_names=list(INPUTS),
+            chain.eval(),
+            tuple(torch.rand(*size) for size in sizes),
+            input_names=names,
             output_names=list(OUTPUTS),
-            dynamic_shapes=[image] * len(INPUTS),
+            dynamic_shapes=shapes,
             opset_version=OPSET,
             dynamo=True,
             verbose=False,
         )
-    for name in ("shading", "composition"):
+    for name in needed("plus" if plus else "pbrnet"):
         program.model.metadata_props[name] = json.dumps(plain(networks.cards[name]))
     with atomic_file(path) as partial:
         program.save(str(partial))

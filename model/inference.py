@@ -69,11 +69,7 @@ def load_networks(models: Path, baselines: Sequence[str] = ()) -> Networks:
     """
     shading, shading_card = load_model(models / "shading.safetensors")
     composition, card = load_model(models / "composition.safetensors")
-    if card.needs.get("shading") != shading_card.sha256:
-        raise InputError(
-            f"{models}/composition.safetensors was trained on another shading network than the "
-            "one beside it; train it again with: pbrnet train composition"
-        )
+    refuse_strangers(models, shading_card, card)
     cards = {"shading": shading_card, "composition": card}
     others = {}
     for name in baselines:
@@ -86,6 +82,15 @@ def load_networks(models: Path, baselines: Sequence[str] = ()) -> Networks:
                 f"{card.tone}); train both with the same parameters"
             )
     return Networks(shading, composition, others, cards)
+
+
+def refuse_strangers(models: Path, shading: ModelCard, composition: ModelCard) -> None:
+    """Raise `InputError` unless the composition network was trained on this shading network."""
+    if composition.needs.get("shading") != shading.sha256:
+        raise InputError(
+            f"{models}/composition.safetensors was trained on another shading network than the "
+            "one beside it; train it again with: pbrnet train composition"
+        )
 
 
 def likely_exposure(card: ModelCard) -> Exposure:

@@ -113,9 +113,18 @@ class ResizedPanorama(nn.Module):
         self.distance = Branch(CHANNELS["distance"], branch)
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
-        """Features (N, 2 branch, H, W)."""
+        """Features (N, 2 branch, H, W).
+
+        `place`, if it is among the inputs, says where in the whole image each pixel of a piece
+        lies: (N, H, W, 2), x and y, [-1, 1] from edge to edge.
+        """
         intensity, distance = log_panorama(inputs["intensity"], inputs["distance"])
         features = torch.cat([self.intensity(intensity), self.distance(distance)], dim=1)
+        if "place" in inputs:  # a piece of the image: stretch over the whole, and keep the piece
+            places = inputs["place"].to(features.dtype)
+            return functional.grid_sample(
+                features, places, padding_mode="border", align_corners=False
+            )
         size = inputs["normal"].shape[-2:]
         return functional.interpolate(features, size, mode="bilinear", align_corners=False)
 

@@ -1,4 +1,4 @@
-"""An image through the trained networks, from a scene and a camera or from frames.
+"""Views to predict: from a scene and its cameras, or from frames; and what comes of them.
 
 Nothing is path traced, unless the truth is asked for beside the prediction, or the method takes
 a few noisy samples.
@@ -6,17 +6,30 @@ a few noisy samples.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from model.data import Array, Example
 from model.encoding import color_exposure
-from model.inference import Networks, likely_exposure
-from model.methods import METHODS
+from model.inference import likely_exposure
 from model.metrics import flip_map, measure
-from pipeline.frames import NOISY_SHADING, RGB, Channels, Frame, frame_path, read_frame
+from model.predictor import Prediction, Predictor
+from model.store import ModelCard
+from pipeline.frames import (
+    NOISY_SHADING,
+    RGB,
+    Channels,
+    Frame,
+    frame_path,
+    read_frame,
+    read_meta,
+    write_pixels,
+)
 from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
 from pipeline.params import NoisyParams, Params, ToneParams
@@ -24,80 +37,146 @@ from pipeline.passes import render_noisy, render_truths
 from pipeline.pictures import Picture, contact_sheet, error_picture, reflectance_picture
 from pipeline.renderer import RenderScene, open_scene, set_variant
 from pipeline.tonemap import exposure_of, to_bytes, tonemap
-from pipeline.views import View, as_matrix, load_cameras
+from pipeline.views import View, as_matrix, load_cameras, look
+from scenes.checked import build, plain
 from scenes.contract import load_scene
 from scenes.errors import InputError
 from scenes.seeds import derive
 
-PAIR = "pbrnet"  # the shading network, then the composition network
+Make = Callable[[ModelCard], Example]  # of the network whose tone mapping the example is for
 
 
 @dataclass(frozen=True)
-class Prediction:
-    """Display values, float32 (H, W, 3)."""
+class Wanted:
+    """A view to predict; `make` renders or reads what the networks are given."""
 
-    shading: Array
-    color: Array
+    view: View
+    make: Make
+
+    @property
+    def name(self) -> str:
+        """Scene and view, for messages."""
+        return f"{self.view.scene_id}/{self.view.view_id}"
 
 
-def predict(networks: Networks, example: Example, method: str = PAIR) -> Prediction:
-    """Shading and colour of one view by both networks, or by another method of the registry.
+def from_scene(
+    scene_folder: Path, views: Sequence[View], params: Params, data: Path, with_truth: bool
+) -> list[Wanted]:
+    """Views of a scene, which is opened once, when the first of them is made.
 
-    Its true images are not looked at; only, where they are known, radiance is displayed with
-    their exposures, and else by its own log average.
+    Inputs and panorama are rendered; the truth is read from `data` if it is there, or traced. For
+    a network that takes noisy samples, so many are traced as it was trained with.
     """
-    if method == PAIR:
-        shading = networks.predict_shading(example)
-        return Prediction(shading, networks.predict_color(example, shading))
-    if not METHODS[method].noisy:
-        color = networks.predict_directly(method, example)
-        return Prediction(networks.predict_shading(example), color)
-    linear = networks.predict_radiance(method, example)
-    if not example.color.any():
-        tone = ToneParams(**networks.card.tone)
-        own = [exposure_of(image, tone) for image in linear]
-        example = replace(example, exposure_shading=own[0], exposure_color=own[1])
-    exposure = color_exposure(example, networks.card.exposure)
-    return Prediction(tonemap(linear[0], example.exposure_shading), tonemap(linear[1], exposure))
+    opened: list[RenderScene] = []
+
+    def make(view: View, card: ModelCard) -> Example:
+        if not opened:
+            set_variant(params.farm.variant)
+            opened.append(open_scene(load_scene(scene_folder)))
+        truth: tuple[Channels, Channels] | None = None
+        if with_truth:
+            frames = known_truth(data, view)
+            truth = _channels(frames) if frames else trace(opened[0], view, params)
+        inputs = render_inputs(opened[0], view)
+        panorama = render_illumination(opened[0], view, params.illumination)
+        noisy = _sampled(opened[0], view, params, card)
+        return example_of(view, inputs, panorama, card, truth, noisy)
+
+    return [Wanted(view, partial(make, view)) for view in views]
 
 
 def from_frames(
-    inputs: Frame,
-    illumination: Frame,
-    networks: Networks,
-    truth: tuple[Frame, Frame] | None = None,
-    noisy: Frame | None = None,
-) -> Example:
-    """A view from its frames; `truth` is shading and colour where they are known, `noisy` the
-    frame of few samples for a method that takes it."""
-    pair = (truth[0].channels, truth[1].channels) if truth else None
-    frames = [frame for frame in (inputs, illumination, noisy) if frame is not None]
-    names = {frame.meta.get("view", {}).get("view_id"): None for frame in frames}
-    if len(names) > 1:
-        found = " and ".join(repr(name) for name in names)
-        raise InputError(f"the frames are of different views: {found}")
-    view = inputs.meta["view"]
-    return _example(
-        (view["scene_id"], view["view_id"]),
-        np.asarray(view["K"], dtype=np.float64).reshape(3, 3),
-        inputs.channels,
-        illumination.channels,
-        networks,
-        pair,
-        noisy.channels if noisy else None,
-    )
+    inputs: Path, illumination: Path, noisy: Path | None = None, truth: Path | None = None
+) -> Wanted:
+    """A view from its frames; its truth, if asked for, is read from the data folder `truth`.
+
+    `noisy` is the frame of few samples, for a network that takes it. Raises `InputError` for
+    frames that are missing, damaged, or not of one view.
+    """
+    view = build(View, read_meta(inputs).get("view"), f"{inputs}: view", InputError)
+    paths = [inputs, illumination, *([noisy] if noisy else [])]
+    for path in paths[1:]:
+        other = read_meta(path).get("view", {})
+        if (view.scene_id, view.view_id) != (other.get("scene_id"), other.get("view_id")):
+            raise InputError(
+                f"the frames are of different views: {inputs} of {view.view_id!r} and "
+                f"{path} of {other.get('view_id')!r}"
+            )
+
+    def make(card: ModelCard) -> Example:
+        frames = [read_frame(path) for path in paths]
+        needed = ("Z", "intensity.Y", NOISY_SHADING[0])
+        for path, frame, name in zip(paths, frames, needed, strict=False):
+            if name not in frame.channels:
+                raise InputError(f"{path}: a frame of {frame.meta.get('kind')!r}, without {name}")
+        known = known_truth(truth, view) if truth else None
+        if truth and known is None:
+            raise InputError(
+                f"{truth}: no shading and colour frames of {view.scene_id}/{view.view_id} to "
+                "compare with; render them, or predict from the scene"
+            )
+        pair = _channels(known) if known else None
+        samples = frames[2].channels if noisy else None
+        return example_of(view, frames[0].channels, frames[1].channels, card, pair, samples)
+
+    return Wanted(view, make)
 
 
-def find_view(scene: Path, cameras: Path, view_id: str, size: tuple[int, int] | None) -> View:
-    """The named view of a camera file, at another (width, height) if asked for."""
+def frame_sets(inputs: Path, *others: Path) -> list[tuple[Path, ...]]:
+    """Frames of the same relative name in these folders, or the files themselves.
+
+    Raises `InputError` if there are none, or one is without its partner.
+    """
+    if not any(path.is_dir() for path in (inputs, *others)):
+        return [(inputs, *others)]
+    for folder in (inputs, *others):
+        if not folder.is_dir():
+            raise InputError(f"{folder}: not a folder; give folders or files, not both")
+    names = sorted(path.relative_to(inputs) for path in inputs.rglob("*.exr"))
+    if not names:
+        raise InputError(f"{inputs}: no .exr frames in this folder")
+    for folder in others:
+        lonely = [name for name in names if not (folder / name).is_file()]
+        if lonely:
+            raise InputError(
+                f"{folder / lonely[0]}: missing beside {inputs / lonely[0]}"
+                + (f", and {len(lonely) - 1} more" if len(lonely) > 1 else "")
+                + "; render them with: pbrnet illumination"
+                + (", pbrnet groundtruth" if folder != others[0] else "")
+            )
+    return [(inputs / name, *(folder / name for folder in others)) for name in names]
+
+
+def find_views(
+    scene: Path, cameras: Path, names: Sequence[str], size: tuple[int, int] | None
+) -> list[View]:
+    """The named views of a camera file, or all, at another (width, height) if asked for."""
     views = load_cameras(cameras).views
-    found = next((view for view in views if view.view_id == view_id), None)
-    if found is None:
-        known = ", ".join(view.view_id for view in views[:8]) or "none"
-        raise InputError(f"{cameras}: no view {view_id!r} (there are: {known})")
-    if found.scene_id != load_scene(scene).scene_id:
-        raise InputError(f"{cameras}: cameras of {found.scene_id!r}, not of the scene {scene}")
-    return resized(found, size) if size else found
+    known = ", ".join(view.view_id for view in views[:8]) or "none"
+    found = []
+    for name in names or [view.view_id for view in views]:
+        view = next((view for view in views if view.view_id == name), None)
+        if view is None:
+            raise InputError(f"{cameras}: no view {name!r} (there are: {known})")
+        found.append(resized(view, size) if size else view)
+    if not found:
+        raise InputError(f"{cameras}: holds no views")
+    if found[0].scene_id != load_scene(scene).scene_id:
+        raise InputError(f"{cameras}: cameras of {found[0].scene_id!r}, not of the scene {scene}")
+    return found
+
+
+def placed_view(scene: Path, eye: Array, towards: Array, intrinsics: Array) -> View:
+    """A camera of the user's own, named `camera`: `eye` and `towards` (3,), world, metres.
+
+    The image's centre is the principal point. Raises `InputError` if it looks straight up or down.
+    """
+    if np.linalg.norm(np.cross(towards, (0, 0, 1))) < 1e-6 * np.linalg.norm(towards) + 1e-12:
+        raise InputError("a camera that looks straight up or down has no upright; tilt it a little")
+    width, height = (round(float(2 * side)) for side in intrinsics[:2, 2])
+    pose = look(eye, towards)
+    name = load_scene(scene).scene_id
+    return View(name, "camera", width, height, as_matrix(intrinsics), as_matrix(pose))
 
 
 def resized(view: View, size: tuple[int, int]) -> View:
@@ -111,36 +190,6 @@ def resized(view: View, size: tuple[int, int]) -> View:
     camera[:2] *= scale
     camera[1, 2] += 0.5 * (height - scale * view.height)
     return replace(view, width=width, height=height, K=as_matrix(camera))
-
-
-def from_scene(
-    scene_folder: Path,
-    view: View,
-    params: Params,
-    networks: Networks,
-    data: Path,
-    with_truth: bool = False,
-    method: str = PAIR,
-) -> Example:
-    """Render the inputs and the panorama of a view; the truth is read if it is there, or traced.
-
-    For a method that takes noisy samples so many are traced as it was trained with.
-    """
-    set_variant(params.farm.variant)
-    scene = open_scene(load_scene(scene_folder))
-    truth: tuple[Channels, Channels] | None = None
-    if with_truth:
-        frames = known_truth(data, view)
-        truth = (frames[0].channels, frames[1].channels) if frames else _traced(scene, view, params)
-    return _example(
-        (view.scene_id, view.view_id),
-        view.intrinsics,
-        render_inputs(scene, view),
-        render_illumination(scene, view, params.illumination),
-        networks,
-        truth,
-        _sampled(scene, view, params, networks, method),
-    )
 
 
 def known_truth(data: Path, view: View) -> tuple[Frame, Frame] | None:
@@ -162,71 +211,99 @@ def known_truth(data: Path, view: View) -> tuple[Frame, Frame] | None:
     return frames
 
 
-def compare(networks: Networks, example: Example, prediction: Prediction) -> tuple[Picture, str]:
+def compare(predictor: Predictor, example: Example, made: Prediction) -> tuple[Picture, str]:
     """Prediction, truth and FLIP error in one picture, and the metrics as a sentence."""
-    exposure = color_exposure(example, networks.card.exposure)
+    exposure = color_exposure(example, predictor.card.exposure)
     truth = tonemap(example.color, exposure)
-    values = measure(truth, prediction.color)
-    picture = contact_sheet(
-        [
-            to_bytes(prediction.color),
-            to_bytes(truth),
-            error_picture(flip_map(truth, prediction.color)),
-            to_bytes(prediction.shading),
-            to_bytes(tonemap(example.shading, example.exposure_shading)),
-            reflectance_picture(example.reflectance),
-        ],
-        columns=3,
-        labels=(
-            *("prediction", "truth", f"FLIP error, mean {values['flip']:.3f}"),
-            *("predicted shading", "true shading", "reflectance"),
-        ),
-    )
+    values = measure(truth, made.color)
+    shown = {
+        "prediction": to_bytes(made.color),
+        "truth": to_bytes(truth),
+        f"FLIP error, mean {values['flip']:.3f}": error_picture(flip_map(truth, made.color)),
+    }
+    if made.shading is not None:
+        shown["predicted shading"] = to_bytes(made.shading)
+    shown["true shading"] = to_bytes(tonemap(example.shading, example.exposure_shading))
+    shown["reflectance"] = reflectance_picture(example.reflectance)
+    picture = contact_sheet(list(shown.values()), columns=3, labels=tuple(shown))
     words = f"SSIM {values['ssim']:.3f}, PSNR {values['psnr']:.1f} dB, FLIP {values['flip']:.3f}"
     return picture, words
 
 
-def _sampled(
-    scene: RenderScene, view: View, params: Params, networks: Networks, method: str
-) -> Channels | None:
-    if method == PAIR or not METHODS[method].noisy:
-        return None
-    spp = networks.cards[method].training["noisy_spp"]
-    seed = derive(params.seed, "predict", view.scene_id, view.view_id, "noisy")
-    return render_noisy(scene, view, replace(params, noisy=NoisyParams(spp)), seed)[0]
+def write_radiance(
+    path: Path,
+    predictor: Predictor,
+    wanted: Wanted,
+    example: Example,
+    made: Prediction,
+    facts: dict[str, Any],
+) -> str:
+    """Write linear radiance as OpenEXR by rename; returns a sentence about unit and clipping.
+
+    Channels: `R`, `G`, `B`, float32; `shading.R/G/B` where the method has shading; `clipped`, 1
+    where the prediction is at white, so that the value is a lower bound.
+    """
+    linear = predictor.radiance(example, made)
+    pixels: Channels = {band: linear.color[..., i].copy() for i, band in enumerate(RGB)}
+    if linear.shading is not None:
+        pixels |= {f"shading.{band}": linear.shading[..., i].copy() for i, band in enumerate(RGB)}
+    pixels["clipped"] = linear.clipped.astype(np.float16)
+    key = predictor.card.tone["key"]
+    whose = "shading's" if predictor.card.exposure == "shared" else "the picture's"
+    unit = "the scene's" if linear.known else f"{whose} log-average luminance is {key:g}"
+    share = float(linear.clipped.mean())
+    meta = {
+        "kind": "prediction",
+        "method": predictor.method,
+        "unit": unit,
+        "exposure": plain(linear.exposure),
+        "weights": {name: card.sha256 for name, card in predictor.cards.items()},
+        "clipped_share": share,
+        **facts,
+    }
+    write_pixels(path, pixels, wanted.view, meta)
+    return f"unit: {unit}; {share:.2%} of the pixels are at white, lower bounds"
 
 
-def _traced(scene: RenderScene, view: View, params: Params) -> tuple[Channels, Channels]:
+def trace(scene: RenderScene, view: View, params: Params) -> tuple[Channels, Channels]:
+    """Shading and colour of a view, path traced."""
     seed = derive(params.seed, "predict", view.scene_id, view.view_id)
     truths = render_truths(scene, view, params, seed)
     return truths["shading"][0], truths["color"][0]
 
 
-def _example(
-    name: tuple[str, str],
-    intrinsics: Array,
+def _sampled(scene: RenderScene, view: View, params: Params, card: ModelCard) -> Channels | None:
+    spp = card.training.get("noisy_spp", 0)
+    if not spp:
+        return None
+    seed = derive(params.seed, "predict", view.scene_id, view.view_id, "noisy")
+    return render_noisy(scene, view, replace(params, noisy=NoisyParams(spp)), seed)[0]
+
+
+def example_of(
+    view: View,
     inputs: Channels,
     illumination: Channels,
-    networks: Networks,
+    card: ModelCard,
     truth: tuple[Channels, Channels] | None,
     noisy: Channels | None = None,
 ) -> Example:
+    """A view as the networks take it; without `truth`, black images of a likely exposure."""
     depth = inputs["Z"].astype(np.float32)
-    card = networks.cards["shading"]
     nothing = np.zeros((*depth.shape, 3), np.float32)
     shading, color = (_stack(images, RGB) for images in truth) if truth else (nothing, nothing)
     tone = ToneParams(**card.tone)
     unknown = likely_exposure(card)
     return Example(
-        scene_id=name[0],
-        view_id=name[1],
+        scene_id=view.scene_id,
+        view_id=view.view_id,
         depth=depth,
         normal=_stack(inputs, ("N.X", "N.Y", "N.Z")),
         reflectance=_stack(inputs, ("albedo.R", "albedo.G", "albedo.B")),
         valid=inputs["valid"] > 0,
         intensity=illumination["intensity.Y"].astype(np.float32),
         distance=illumination["distance.Z"].astype(np.float32),
-        intrinsics=intrinsics,
+        intrinsics=view.intrinsics,
         shading=shading,
         color=color,
         exposure_shading=exposure_of(shading, tone) if truth else unknown,
@@ -234,6 +311,10 @@ def _example(
         noisy_color=_stack(noisy, RGB) if noisy else None,
         noisy_shading=_stack(noisy, NOISY_SHADING) if noisy else None,
     )
+
+
+def _channels(frames: tuple[Frame, Frame]) -> tuple[Channels, Channels]:
+    return frames[0].channels, frames[1].channels
 
 
 def _stack(channels: Channels, names: tuple[str, ...]) -> Array:

@@ -49,6 +49,8 @@ class ModelCard:
     needs: dict[str, str]  # other networks whose output it takes: name -> sha256
     versions: dict[str, str]
     licence: str
+    precision: str = "float32"  # of the numbers in the file
+    packed_from: str = ""  # sha256 of the float32 weights that half precision was made of
 
 
 def save_model(models: Path, network: nn.Module, card: dict[str, Any]) -> ModelCard:

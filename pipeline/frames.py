@@ -105,8 +105,15 @@ def write_frame(path: Path, kind: Kind, channels: Channels, view: View, **meta: 
             clamped += int((np.abs(values) > HALF_MAX).sum())
             values = np.clip(values, -HALF_MAX, HALF_MAX)
         pixels[name] = np.ascontiguousarray(values, dtype=dtype)
-    meta = {"kind": kind, "view": plain(view), "clamped": clamped, **meta}
-    meta["digest"] = pixels_digest(pixels)
+    write_pixels(path, pixels, view, {"kind": kind, "clamped": clamped, **meta})
+
+
+def write_pixels(path: Path, pixels: Channels, view: View, meta: dict[str, Any]) -> None:
+    """Write an OpenEXR of these channels, as they are, by rename; `read_frame` reads it.
+
+    The view and a digest of the pixels are added to `meta`. Raises `MachineError` for a full disk.
+    """
+    meta = {"view": plain(view), **meta, "digest": pixels_digest(pixels)}
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,

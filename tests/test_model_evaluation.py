@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from model_fixtures import ROOM, box_dataset, box_rows, box_view, write_shard
+from model_fixtures import ROOM, box_dataset, box_rows, write_shard
 from PIL import Image
+from predict_fixtures import box_frames
 from render_fixtures import write_scene
 
 from model import evaluation, training
@@ -26,7 +27,6 @@ from model.inference import load_networks
 from model.predict import resized
 from model.training import Folders, train_network
 from pipeline.cli import main
-from pipeline.frames import write_frame
 from pipeline.ledger import Ledger
 from pipeline.params import (
     BackboneParams,
@@ -277,38 +277,6 @@ def test_the_worst_view_is_the_one_with_the_largest_error(
     rows.sort(key=lambda row: float(row["flip"]))
     assert result["examples"]["best"] == [[rows[0]["scene_id"], rows[0]["view_id"]]]
     assert result["examples"]["worst"] == [[rows[-1]["scene_id"], rows[-1]["view_id"]]]
-
-
-def box_frames(data: Path, name: str = "v0", **size: int) -> View:
-    """Frames of a box room, as the rendering stages would leave them."""
-    images = box_view(3, **size)
-    view = View(
-        "box",
-        name,
-        size["width"],
-        size["height"],
-        as_matrix(intrinsics_of(ImageParams(size["width"], size["height"]))),
-        as_matrix(np.eye(4)),
-    )
-    rgb = {
-        kind: {band: images[kind][..., i] for i, band in enumerate("RGB")}
-        for kind in ("shading", "color")
-    }
-    channels = {
-        "inputs": {
-            "Z": images["depth"],
-            **{f"N.{axis}": images["normal"][..., i] for i, axis in enumerate("XYZ")},
-            **{f"albedo.{band}": images["reflectance"][..., i] for i, band in enumerate("RGB")},
-            "valid": images["valid"].astype(np.float16),
-            "object": np.ones_like(images["depth"], np.uint32),
-        },
-        "illumination": {"intensity.Y": images["intensity"], "distance.Z": images["distance"]},
-        **rgb,
-    }
-    for kind, pixels in channels.items():
-        path = data / kind / "box" / f"{name}.exr"
-        write_frame(path, kind, pixels, view, fingerprint="test")  # type: ignore[arg-type]
-    return view
 
 
 FRAMES = ("--inputs", "data/inputs/box/v0.exr", "--illumination", "data/illumination/box/v0.exr")

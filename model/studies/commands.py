@@ -10,6 +10,7 @@ import click
 from model.evaluation import METHODS
 from model.studies import light_commands, time_command
 from model.studies.answers import MAX_PAIRS, read_all, read_key, score
+from model.studies.flicker_command import flicker
 from model.studies.pairs import Made, Wish, key_beside, make_pairs
 from model.studies.trial_commands import register
 from model.training import Folders
@@ -29,6 +30,7 @@ Examples:
   pbrnet study pairs                       a page of blind pairs to give to people
   pbrnet study pairs --score answers/*.json    what they answered
   pbrnet study loss --dry-run              trainings that differ in the loss
+  pbrnet study flicker SCENE --view VIEW   how steady pictures are while the camera moves
 
 Results go to metrics/studies/; `pbrnet report` shows them."""
 )
@@ -39,6 +41,7 @@ def study() -> None:
 study.add_command(light_commands.illumination)
 study.add_command(time_command.study_time_command)
 register(study)
+study.add_command(flicker)
 
 
 @study.command(

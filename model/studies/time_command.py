@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from model.commands import parse_size
+from model.predict_command import parse_size
 from model.studies.timing import Wish, study_time
 from model.training import Folders
 from pipeline.options import common_options

@@ -32,7 +32,7 @@ from model.evaluation import open_split, true_color
 from model.inference import Networks
 from model.methods import trained_baselines
 from model.metrics import flip_map, ssim
-from model.predict import from_frames, resized
+from model.predict import example_of, resized
 from model.studies.renders import Renders, scene_of, spread_over, views_of, with_samples
 from model.studies.time_plot import time_plot
 from model.training import Folders
@@ -172,9 +172,8 @@ class Bench:
         meta = {"view": plain(view)}
         truths = store.read("shading", view), store.read("color", view)
         self.noise = float(truths[1].meta["noise"])
-        self.example: Example = from_frames(
-            Frame(inputs, meta), Frame(panorama, meta), networks, truths
-        )
+        pair = (truths[0].channels, truths[1].channels)
+        self.example: Example = example_of(view, inputs, panorama, networks.card, pair)
         self.truth = true_color(self.example, networks)
         self.seconds: dict[str, list[float]] = defaultdict(list)
         self.errors: dict[tuple[str, int | None], tuple[float, float]] = {}

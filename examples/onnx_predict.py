@@ -1,0 +1,26 @@
+"""Draw a view by an exported network, from its frames: without torch, without pbrnet.
+
+python onnx_predict.py model.onnx data/inputs/S/V.exr data/illumination/S/V.exr picture.png
+"""
+
+import json
+import sys
+
+import numpy as np
+import onnxruntime
+import OpenEXR
+from PIL import Image
+
+model, inputs, illumination, picture = sys.argv[1:]
+frames = [OpenEXR.File(path, separate_channels=True) for path in (inputs, illumination)]
+bands = {name: band.pixels for frame in frames for name, band in frame.channels().items()}
+view = json.loads(frames[0].header()["pbrnet"])["view"]
+given = {"depth": bands["Z"], "valid": bands["valid"], "K": np.reshape(view["K"], (3, 3))}
+given["normal"] = np.stack([bands[f"N.{axis}"] for axis in "XYZ"], axis=-1)
+given["reflectance"] = np.stack([bands[f"albedo.{band}"] for band in "RGB"], axis=-1)
+given |= {"intensity": bands["intensity.Y"], "distance": bands["distance.Z"]}
+session = onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
+wanted = [one.name for one in session.get_inputs()]
+shading, color = session.run(None, {name: given[name].astype(np.float32) for name in wanted})
+Image.fromarray((color * 255).round().astype(np.uint8)).save(picture)
+print(f"{picture}: {view['scene_id']}/{view['view_id']}, {color.shape[1]}x{color.shape[0]}")

@@ -1,0 +1,143 @@
+"""What leaves this package as ONNX draws what the package draws: both methods, any size, sky."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from model_fixtures import box_dataset
+from PIL import Image
+from predict_fixtures import box_frames
+from predictor_fixtures import untrained_models
+
+from model.data import Dataset, Example
+from model.encoding import GREY, encode
+from model.export import INPUTS, Chain, PlusChain, export_onnx
+from model.export_light import direct_light, encoded_light, log_average
+from model.irradiance import direct_shading
+from model.predict import from_frames
+from model.predictor import Predictor, load_predictor
+from pipeline.params import ToneParams
+from pipeline.pictures import read_picture
+from pipeline.tonemap import exposure_of
+
+EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "onnx_predict.py"
+SIZES = ((37, 23, 40), (64, 48, 64), (9, 7, 128))  # width, height, panorama
+
+
+def views(folder: Path) -> list[Example]:
+    """Views of several sizes, each with a piece of sky and, in a corner, a lamp seen directly."""
+    found = []
+    for width, height, panorama in SIZES:
+        data = box_dataset(folder / str(width), 0, 0, 2, width=width, height=height,
+                           panorama=panorama)  # fmt: skip
+        example = next(Dataset(data / "dataset", "test").ordered())
+        sky = np.zeros_like(example.valid)
+        sky[:3, : width // 2] = True
+        found.append(
+            replace(
+                example,
+                valid=~sky,
+                depth=np.where(sky, 0, example.depth).astype(np.float32),
+                normal=np.where(sky[..., None], 0, example.normal).astype(np.float32),
+                reflectance=np.where(sky[..., None], 0, example.reflectance).astype(np.float32),
+            )
+        )
+    return found
+
+
+def tensors(example: Example) -> dict[str, torch.Tensor]:
+    given = {name: getattr(example, name) for name in INPUTS} | {"K": example.intrinsics}
+    return {name: torch.from_numpy(value.astype(np.float32)) for name, value in given.items()}
+
+
+def test_the_direct_light_of_the_graph_is_the_direct_light(tmp_path: Path) -> None:
+    for example in views(tmp_path):
+        given = tensors(example)
+        light = direct_light(*(given[name] for name in INPUTS if name != "reflectance"),
+                             given["K"])  # fmt: skip
+        expected = direct_shading(example, GREY)
+        assert light.numpy() == pytest.approx(expected, rel=1e-3, abs=1e-4 * float(expected.max()))
+        direct = encode([example], direct=True)["direct"]
+        assert torch.allclose(encoded_light(light), direct, atol=2e-3)
+        scale = exposure_of(np.repeat(expected[..., None], 3, axis=-1), ToneParams()).scale
+        assert float(log_average(light)) * scale == pytest.approx(ToneParams().key, rel=1e-3)
+
+
+@pytest.mark.parametrize("method", ["pbrnet", "plus"])
+def test_the_chain_draws_what_the_method_draws(method: str, tmp_path: Path) -> None:
+    """Sky included: there the networks are shown a grey, not the dataset's black."""
+    predictor = loaded(tmp_path / "models", method)
+    chain = (PlusChain if method == "plus" else Chain)(predictor).eval()  # type: ignore[arg-type]
+    for example in views(tmp_path):
+        given = tensors(example)
+        if method == "pbrnet":
+            del given["K"]
+        made = predictor.predict(example)
+        with torch.no_grad():
+            shading, color = chain(**given)
+        assert made.shading is not None and made.color.std() > 0.02
+        assert np.abs(shading.numpy() - made.shading).max() < 1e-3
+        assert np.abs(color.numpy() - made.color).max() < 1e-3
+
+
+def test_darkness_stays_dark(tmp_path: Path) -> None:
+    example = views(tmp_path)[0]
+    dark = replace(example, intensity=0 * example.intensity, distance=0 * example.distance)
+    given = tensors(dark)
+    light = direct_light(*(given[name] for name in INPUTS if name != "reflectance"), given["K"])
+    assert not light.any()
+    direct = encode([dark], direct=True)["direct"]
+    assert torch.allclose(encoded_light(light), direct, atol=1e-5)
+
+
+@pytest.mark.parametrize("method", ["pbrnet", "plus"])
+def test_the_file_and_the_example_draw_the_same_picture(method: str, tmp_path: Path) -> None:
+    runtime = pytest.importorskip("onnxruntime", reason="the extra pbrnet[onnx] is not installed")
+    pytest.importorskip("onnxscript", reason="the extra pbrnet[onnx] is not installed")
+    predictor = loaded(tmp_path / "models", method)
+    path = tmp_path / "model.onnx"
+    export_onnx(predictor, path)
+    session = runtime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    facts = session.get_modelmeta().custom_metadata_map
+    for name, card in predictor.cards.items():
+        assert json.loads(facts[name])["sha256"] == card.sha256
+    names = [given.name for given in session.get_inputs()]
+    for example in views(tmp_path):
+        given = {name: value.numpy() for name, value in tensors(example).items() if name in names}
+        made = predictor.predict(example)
+        shading, color = session.run(None, given)
+        assert color.shape == example.color.shape
+        assert np.abs(color - made.color).max() < 1e-3
+        assert np.abs(shading - made.shading).max() < 1e-3
+
+    box_frames(tmp_path / "data", width=37, height=23, panorama=20)
+    frames = [tmp_path / "data" / kind / "box" / "v0.exr" for kind in ("inputs", "illumination")]
+    guard = "import sys; sys.modules.update(dict.fromkeys(('torch', 'model', 'pipeline'))); "
+    guard += "sys.argv = sys.argv[1:]; import runpy; runpy.run_path(sys.argv[0])"
+    done = subprocess.run(
+        [sys.executable, "-c", guard, *map(str, (EXAMPLE, path, *frames, "p.png"))],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    wanted = from_frames(frames[0], frames[1])
+    ours = predictor.predict(wanted.make(predictor.card)).color
+    drawn = read_picture((tmp_path / "p.png").read_bytes()) / 255
+    assert np.abs(drawn - ours).max() < 1 / 255 + 1e-3
+    with Image.open(tmp_path / "p.png") as image:
+        assert image.size == (37, 23)
+
+
+def loaded(models: Path, method: str) -> Predictor:
+    """The method's networks, untrained."""
+    names = ("plus",) if method == "plus" else ("shading", "composition")
+    return load_predictor(untrained_models(models, names, levels=3), method)
