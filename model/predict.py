@@ -79,14 +79,14 @@ def from_scene(
             truth = _channels(frames) if frames else trace(opened[0], view, params)
         inputs = render_inputs(opened[0], view)
         panorama = render_illumination(opened[0], view, params.illumination)
-        noisy = _sampled(opened[0], view, params, card)
+        noisy = sampled(opened[0], view, params, card)
         return example_of(view, inputs, panorama, card, truth, noisy)
 
     return [Wanted(view, partial(make, view)) for view in views]
 
 
 def from_frames(
-    inputs: Path, illumination: Path, noisy: Path | None = None, truth: Path | None = None
+    inputs: Path, illumination: Path, noisy: Path | None = None, *, truth: Path | None = None
 ) -> Wanted:
     """A view from its frames; its truth, if asked for, is read from the data folder `truth`.
 
@@ -272,12 +272,20 @@ def trace(scene: RenderScene, view: View, params: Params) -> tuple[Channels, Cha
     return truths["shading"][0], truths["color"][0]
 
 
-def _sampled(scene: RenderScene, view: View, params: Params, card: ModelCard) -> Channels | None:
+def sampled(scene: RenderScene, view: View, params: Params, card: ModelCard) -> Channels | None:
+    """The noisy samples that a network takes, as many as it was trained with, if it takes any."""
     spp = card.training.get("noisy_spp", 0)
     if not spp:
         return None
     seed = derive(params.seed, "predict", view.scene_id, view.view_id, "noisy")
     return render_noisy(scene, view, replace(params, noisy=NoisyParams(spp)), seed)[0]
+
+
+def with_samples_of(example: Example, noisy: Channels) -> Example:
+    """The view with noisy samples for a network that takes them."""
+    return replace(
+        example, noisy_color=_stack(noisy, RGB), noisy_shading=_stack(noisy, NOISY_SHADING)
+    )
 
 
 def example_of(
@@ -294,7 +302,7 @@ def example_of(
     shading, color = (_stack(images, RGB) for images in truth) if truth else (nothing, nothing)
     tone = ToneParams(**card.tone)
     unknown = likely_exposure(card)
-    return Example(
+    made = Example(
         scene_id=view.scene_id,
         view_id=view.view_id,
         depth=depth,
@@ -308,9 +316,8 @@ def example_of(
         color=color,
         exposure_shading=exposure_of(shading, tone) if truth else unknown,
         exposure_color=exposure_of(color, tone) if truth else unknown,
-        noisy_color=_stack(noisy, RGB) if noisy else None,
-        noisy_shading=_stack(noisy, NOISY_SHADING) if noisy else None,
     )
+    return with_samples_of(made, noisy) if noisy else made
 
 
 def _channels(frames: tuple[Frame, Frame]) -> tuple[Channels, Channels]:

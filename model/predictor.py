@@ -13,8 +13,8 @@ from torch import nn
 from model.baselines.product import linear_product, product, product_linear
 from model.data import Array, Example
 from model.encoding import Tensors, color_exposure, encode, see_through, to_image
-from model.inference import refuse_strangers
 from model.hybrid import HybridNet
+from model.inference import refuse_strangers
 from model.methods import BASELINES, METHODS
 from model.plus import PlusNet
 from model.store import ModelCard, load_model
@@ -93,10 +93,11 @@ class Predictor:
         color_by = color_exposure(example, self.card.exposure)
         known = bool(example.color.any())
         if prediction.linear is not None:
-            shading, color = prediction.linear
+            light, color = prediction.linear
             nowhere = np.zeros(color.shape[:2], bool)
-            return Radiance(color, shading, nowhere, color_by, known=True)
-        display, shading = prediction.color, None
+            return Radiance(color, light, nowhere, color_by, known=True)
+        display = prediction.color
+        shading: Array | None = None
         if prediction.shading is not None:
             shading = untonemap(prediction.shading, example.exposure_shading)
         if self.method in PRODUCTS and prediction.shading is not None:

@@ -30,14 +30,14 @@ from model.data import Array, Example
 from model.encoding import see_through
 from model.evaluation import open_split, true_color
 from model.inference import Networks
-from model.methods import trained_baselines
+from model.methods import METHODS, trained_baselines
 from model.metrics import flip_map, ssim
-from model.predict import example_of, resized
+from model.predict import example_of, resized, sampled, with_samples_of
 from model.studies.renders import Renders, scene_of, spread_over, views_of, with_samples
 from model.studies.time_plot import time_plot
 from model.training import Folders
 from pipeline.denoise import denoise, denoiser_version, guides
-from pipeline.frames import Channels, Frame
+from pipeline.frames import Channels
 from pipeline.groundtruth import render_both, render_truth
 from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
@@ -169,7 +169,6 @@ class Bench:
         self.scene, self.view, self.params, self.networks = scene, view, params, networks
         self.seed = derive(params.seed, "study", "time", view.scene_id, view.view_id)
         inputs, panorama = self._inputs(), self._illumination()
-        meta = {"view": plain(view)}
         truths = store.read("shading", view), store.read("color", view)
         self.noise = float(truths[1].meta["noise"])
         pair = (truths[0].channels, truths[1].channels)
@@ -197,7 +196,11 @@ class Bench:
         self._note("pbrnet", None, color)
         self._note("product", None, self._timed("product", lambda: self._product(shading)))
         for name in networks.baselines:
-            image = self._timed(name, partial(networks.predict_directly, name, example))
+            given = example
+            if METHODS[name].noisy:
+                noisy = self._timed("samples", partial(self._sampled, name))
+                given = with_samples_of(example, noisy)
+            image = self._timed(name, partial(networks.predict_directly, name, given))
             self._note(name, None, image)
 
     def _renderer_turn(self, samples: list[int]) -> None:
@@ -221,6 +224,12 @@ class Bench:
 
     def _illumination(self) -> Channels:
         return render_illumination(self.scene, self.view, self.params.illumination)
+
+    def _sampled(self, name: str) -> Channels:
+        """The noisy samples that a network takes."""
+        made = sampled(self.scene, self.view, self.params, self.networks.cards[name])
+        assert made is not None
+        return made
 
     def _product(self, shading: Array) -> Array:
         card, exposure = self.networks.card, self.example.exposure_shading
@@ -304,6 +313,8 @@ def _needs(method: str, spp: int | None) -> tuple[str, ...]:
         more = ("guides", "denoiser") if method.endswith("_denoised") else ()
         return (f"{renderer}_{spp}", *more)
     networks = {"pbrnet": ("shading", "composition"), "product": ("shading", "product")}
+    if method in METHODS and METHODS[method].noisy:
+        return ("inputs", "samples", method)  # it looks at no panorama
     return ("inputs", "illumination", *networks.get(method, (method,)))
 
 
