@@ -24,7 +24,6 @@ Examples:
   pbrnet study time                            4 views at the dataset's size
   pbrnet study time --size 480x360 --max-spp 256
   pbrnet study time --views 8 --repeats 7      surer
-
   pbrnet study time --clock cpu                where other programs run
 
 Run it on a quiet machine, or by the processor's clock. Needs trained networks, and the scenes and
