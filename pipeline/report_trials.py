@@ -12,11 +12,14 @@ from pipeline.report_records import METRICS, Records
 from scenes.checked import build, within
 from scenes.errors import InputError
 
-# Every metric of the studies: label, whether more is better (None: neither), digits.
-MEASURES: dict[str, tuple[str, bool | None, int]] = {
-    **METRICS,
-    "detail": ("Fine detail (dB)", None, 2),
-    "grid": ("Grid (grey levels)", False, 3),
+# Every metric of the studies: label, what is good, digits.
+MEASURES: dict[str, tuple[str, str, int]] = {
+    **{
+        name: (label, "higher is better" if higher else "lower is better", digits)
+        for name, (label, higher, digits) in METRICS.items()
+    },
+    "detail": ("Fine detail (dB)", "0 is the truth's", 2),
+    "grid": ("Grid (grey levels)", "best as the truth's", 3),
 }
 TITLES = {
     "loss": "Loss functions",
@@ -118,9 +121,7 @@ def _table(result: TrialsResult) -> dict[str, Any]:
         "scenes": result.scenes,
         "backbone": result.backbone,
         "reference": WORDS.get(result.reference, result.reference),
-        "metrics": [
-            {"label": MEASURES[name][0], "better": _better(MEASURES[name][1])} for name in measured
-        ],
+        "metrics": [{"label": MEASURES[name][0], "better": MEASURES[name][1]} for name in measured],
         "groups": [
             {"name": group, "rows": [_row(row, measured) for row in rows]}
             for group, rows in groups.items()
@@ -165,15 +166,11 @@ def _curves(result: TrialsResult) -> list[dict[str, Any]]:
             ]
             for label in labels
         }
-        series = {label: sorted(points) for label, points in series.items()}
+        series = {label: sorted(points) for label, points in series.items() if points}
         if any(len({views for views, _ in points}) > 1 for points in series.values()):
             svg = line_chart(series, "training views", MEASURES[name][0])
             curves.append({"svg": svg, "series": list(series), "metric": MEASURES[name][0]})
     return curves
-
-
-def _better(more: bool | None) -> str:
-    return "0 is the truth's" if more is None else "higher is better" if more else "lower is better"
 
 
 def _picture(records: Records, study: str) -> str:

@@ -426,7 +426,7 @@ def test_decomposition_draws_its_curve(run: Run, folders: Folders) -> None:
     result = read_json(folders.metrics / "studies" / "decomposition.json")
     assert [(row["group"], row["label"]) for row in result["rows"]] == [
         (group, label)
-        for group in ("2 views", "12 views")
+        for group in ("at least 2 views", "at least 12 views")
         for label in ("two_stage", "end_to_end", "unet", "truth")
     ]
     assert result["repeats"] == 2

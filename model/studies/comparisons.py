@@ -177,7 +177,7 @@ def _gather(trials: Sequence[Trial], records: Sequence[Record]) -> list[_Measure
 
 
 def _group(trial: Trial) -> str:
-    return trial.variant.group or ("" if trial.wanted is None else f"{trial.wanted} views")
+    return trial.variant.group or ("" if trial.wanted is None else f"at least {trial.wanted} views")
 
 
 def _steps(trial: Trial, label: str) -> int:

@@ -68,7 +68,7 @@ Stopped, the same command goes on where it was. Writes metrics/studies/loss.json
 )
 @_options
 def loss(params: Params, data: Path, models: Path, **wishes: Any) -> None:
-    """Compare four losses (Fig. 7).
+    """Compare four losses (Figure 7).
 
     L1, the fifth layer, all layers, and the part-perceptual loss, for both networks.
     """
@@ -93,7 +93,7 @@ the same command goes on where it was. Writes metrics/studies/decomposition.json
 )
 @_options
 def decomposition(params: Params, data: Path, models: Path, **wishes: Any) -> None:
-    """Compare two stages with one (Fig. 8).
+    """Compare two stages with one (Figure 8).
 
     Shading supervised, the same layers on colour alone, and one U-Net, by the number of views.
     """
@@ -110,7 +110,7 @@ Stopped, the same command goes on where it was. Writes metrics/studies/compositi
 )
 @_options
 def composition(params: Params, data: Path, models: Path, **wishes: Any) -> None:
-    """Compare composition by network and by product (Fig. 9).
+    """Compare composition by network and by product (Figure 9).
 
     Under both exposure policies: as shading was exposed, and each image by itself.
     """
