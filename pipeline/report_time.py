@@ -105,7 +105,7 @@ def verdicts(result: TimeResult) -> list[str]:
             lines.append(f"{ours}: the renderer has nothing better in that time")
         else:
             lines.append(
-                f"{ours}: beaten by {RENDERERS[better.method]} at {better.spp} samples "
+                f"{ours}: beaten by {RENDERERS[better.method]} at {better.spp} spp "
                 f"(ꟻLIP {better.flip:.3f} in {better.seconds:.2f} s)"
             )
     return lines
