@@ -97,6 +97,7 @@ def test_darkness_stays_dark(tmp_path: Path) -> None:
     assert torch.allclose(encoded_light(light), direct, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["pbrnet", "plus"])
 def test_the_file_and_the_example_draw_the_same_picture(method: str, tmp_path: Path) -> None:
     runtime = pytest.importorskip("onnxruntime", reason="the extra pbrnet[onnx] is not installed")

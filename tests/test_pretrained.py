@@ -30,7 +30,8 @@ INTERVAL = {"mean": 0.5, "low": 0.4, "high": 0.6}
 FIGURES = dict.fromkeys(("ssim", "psnr", "flip"), INTERVAL)
 CEILING = {**FIGURES, "psnr": {"mean": 33.25, "low": None, "high": None}}
 EVALUATION = {
-    "split": "test", "views": 2, "scenes": 1, "kept_back": None,
+    "split": "test", "views": 2, "scenes": 1,
+    "kept_back": {"views": 7, "scenes": 3, "methods": {"pbrnet": FIGURES}},
     "methods": {"pbrnet": FIGURES, "ceiling": CEILING},
 }  # fmt: skip
 
@@ -64,6 +65,7 @@ def test_packed_networks_are_half_as_large_and_give_the_same_pictures(project: P
     for name in ("shading", "composition"):
         stored = load_file(f"weights/{name}.safetensors")
         assert {value.dtype for value in stored.values()} == {torch.float16}
+        assert Path(f"weights/{name}.safetensors").stat().st_mode & 0o777 == 0o644
         before = Path(f"models/{name}.safetensors").stat().st_size
         assert Path(f"weights/{name}.safetensors").stat().st_size < 0.6 * before
     original, small = (load_predictor(Path(at), "pbrnet") for at in ("models", "weights"))
@@ -78,7 +80,8 @@ def test_the_card_says_on_what_under_which_licences_and_how_good(project: Path) 
     packed()
     card = Path("weights/README.md").read_text()
     for words in ("3 views of 1 scenes of 1 floor", "CC-BY-4.0, ", "CC0-1.0", "- a room by a test",
-                  "float16", "0.500 (0.400 to 0.600)", "33.250 |", "MIT"):  # fmt: skip
+                  "float16", "0.500 (0.400 to 0.600)", "33.250 |", "MIT",
+                  "the 7 views of 3 scenes"):  # fmt: skip
         assert words.strip(", ") in card, words
     assert "{{" not in card and "{%" not in card
 
@@ -113,6 +116,12 @@ def test_too_large_or_too_different_is_refused_and_leaves_nothing(
             packed()
     with pytest.raises(InputError, match=r"evaluation\.json: no such file.*pbrnet evaluate"):
         packed(metrics=Path("nowhere"))
+    Path("broken").mkdir()
+    Path("broken/evaluation.json").write_text("{}")
+    with pytest.raises(InputError, match=r"broken/evaluation\.json: without 'views'"):
+        packed(metrics=Path("broken"))
+    Path("broken/evaluation.json").unlink()
+    Path("broken").rmdir()
     with pytest.raises(InputError, match="compared on a dataset's views"):
         packed(data=Path("nowhere"))
     assert sorted(path.name for path in project.iterdir()) == [
