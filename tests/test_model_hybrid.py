@@ -26,10 +26,14 @@ from model.networks import Architecture
 from model.objective import Batch, Setting
 from model.training import Folders, train_network
 from pipeline.cli import main
+from pipeline.frames import KINDS, read_frame, write_frame
 from pipeline.ledger import Ledger
-from pipeline.params import BackboneParams, Params, StageTrainParams, TrainParams
+from pipeline.params import BackboneParams, NoisyParams, Params, StageTrainParams, TrainParams
+from pipeline.passes import PASSES
+from pipeline.renderer import open_scene, set_variant
 from pipeline.tonemap import Exposure, tonemap
 from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, save_cameras
+from scenes.contract import load_scene
 from scenes.errors import InputError
 
 SIZE = {"width": 24, "height": 18, "panorama": 16}
@@ -263,10 +267,27 @@ def test_it_predicts_from_a_scene_whose_samples_it_traces(
     size = replace(PARAMS.image, width=32, height=24)
     camera = View("room", "v0", 32, 24, as_matrix(intrinsics_of(size)), as_matrix(pose))
     save_cameras(tmp_path / "data" / "cameras" / "room.json", CameraFile("room", (camera,)))
-    for arguments in ((), ("--compare",)):
-        assert predict(scene, "--view", "v0", "--out", "p.png", *arguments) == 0
+    params = replace(PARAMS, noisy=NoisyParams(2))
+    set_variant("auto")
+    opened = open_scene(load_scene(scene))
+    frames = {kind: tmp_path / f"{kind}.exr" for kind in KINDS if kind not in ("shading", "color")}
+    for kind, path in frames.items():
+        channels, stats = PASSES[kind].render(opened, camera, params, 1)
+        write_frame(path, kind, channels, camera, **stats, fingerprint="")
+    given = [word for kind, path in frames.items() for word in (f"--{kind}", path)]
+    for arguments in (
+        (scene, "--view", "v0"),
+        (scene, "--view", "v0", "--compare"),
+        (scene, "--view", "v0", "--exr"),
+        given,
+    ):
+        assert predict(*arguments, "--out", "p.png") == 0
         with Image.open("p.png") as image:
             lit = np.asarray(image.convert("L"))
-            assert image.size == (32, 24) or arguments
+            assert image.size == (32, 24) or "--compare" in arguments
         assert lit.mean() > 20
+    linear = read_frame(tmp_path / "p.exr", verify=False)
+    assert linear.rgb.max() > 0 and linear.meta["unit"] == "the scene's"
+    assert linear.meta["clipped_share"] == 0
+    assert predict(*given[:4], "--out", "p.png") == 3, "without the samples that it takes"
     assert "hybrid" not in load_networks(trained.models).baselines
