@@ -108,7 +108,7 @@ def test_seeds_draw_other_subsets() -> None:
 
 def test_a_dataset_of_some_scenes_holds_those_alone(folders: Folders) -> None:
     whole = Dataset(folders.data / "dataset", "train")
-    some = Dataset(folders.data / "dataset", "train", ["a-1", "d-0"])
+    some = Dataset(folders.data / "dataset", "train", only=["a-1", "d-0"])
     assert len(some) == 4 and some.column("scene_id") == ["a-1", "a-1", "d-0", "d-0"]
     assert some.column("view_id") == ["v000", "v001"] * 2
     names = [example.name for example in some.ordered()]
@@ -122,9 +122,9 @@ def test_a_dataset_of_some_scenes_holds_those_alone(folders: Folders) -> None:
     for example in some.ordered():
         assert np.array_equal(example.depth, theirs[example.name].depth)
     others = {some.fingerprint(), whole.fingerprint()}
-    others.add(Dataset(folders.data / "dataset", "train", ["a-1", "c-0"]).fingerprint())
+    others.add(Dataset(folders.data / "dataset", "train", only=["a-1", "c-0"]).fingerprint())
     assert len(others) == 3
-    assert len(Dataset(folders.data / "dataset", "train", [])) == 0
+    assert len(Dataset(folders.data / "dataset", "train", only=[])) == 0
 
 
 # What is planned
