@@ -14,15 +14,13 @@ Left out: the panorama, and with it the direct light that `plus` is given; how s
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import torch
 from torch import nn
 from torch.nn import functional
 
 from model.encoding import NOISY, Tensors
 from model.networks import Architecture, UNet
-from model.objective import Batch, Objective, Setting
+from model.objective import Alone, Batch
 from model.plus import decoded, encoded, luminance
 
 GUIDES = ("depth", "normal", "reflectance")
@@ -137,21 +135,12 @@ def _logarithms(light: torch.Tensor) -> torch.Tensor:
     return (light / average + FAINT).log() / 3
 
 
-class Exposed(Objective):
+class Exposed(Alone):
     """The criterion on the exposed colour, and logarithms of colour and shading.
 
     The criterion sees what a viewer sees; where that is white or nearly black, its gradient is
     nothing, and the logarithm still tells how wrong the light is.
     """
-
-    def __init__(self, setting: Setting) -> None:
-        self.network = setting.network
-        self.half, self.criterion = setting.half, setting.criterion
-        self.players = {"network": self.network}
-
-    def losses(self, batch: Batch) -> Iterator[tuple[str, torch.Tensor]]:
-        """One player, one loss."""
-        yield "network", self.loss(batch)
 
     def loss(self, batch: Batch) -> torch.Tensor:
         """The sum of all, a scalar with gradient."""

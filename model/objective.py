@@ -65,18 +65,25 @@ class Objective(ABC):
         """Take up what `memory` gave."""
 
 
-class Paired(Objective):
-    """A loss between the prediction and the truth of the same view."""
+class Alone(Objective):
+    """No player but the network: one loss to lower."""
 
     def __init__(self, setting: Setting) -> None:
-        self.network, self.shading = setting.network, setting.shading
-        self.half = setting.half
-        self.criterion = setting.criterion
+        self.network = setting.network
+        self.half, self.criterion = setting.half, setting.criterion
         self.players = {"network": self.network}
 
     def losses(self, batch: Batch) -> Iterator[tuple[str, torch.Tensor]]:
         """One player, one loss."""
         yield "network", self.loss(batch)
+
+
+class Paired(Alone):
+    """A loss between the prediction and the truth of the same view."""
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        self.shading = setting.shading
 
     def loss(self, batch: Batch) -> torch.Tensor:
         """The criterion of the network's prediction, a scalar with gradient."""

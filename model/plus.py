@@ -8,14 +8,12 @@ trained at once, on the shading and on the colour.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import torch
 from torch import nn
 
 from model.encoding import DIRECT, GREY, WHITE, Tensors, centred
 from model.networks import Architecture, Branch, GuidedNet, Panorama, UNet
-from model.objective import Batch, Objective, Setting
+from model.objective import Alone, Batch
 
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 
@@ -76,17 +74,8 @@ def multiplied(shading: torch.Tensor, reflectance: torch.Tensor) -> torch.Tensor
     return encoded(mapped.clamp(0, 1))
 
 
-class Decomposed(Objective):
+class Decomposed(Alone):
     """The criterion on the shading and on the colour, both from one network."""
-
-    def __init__(self, setting: Setting) -> None:
-        self.network = setting.network
-        self.half, self.criterion = setting.half, setting.criterion
-        self.players = {"network": self.network}
-
-    def losses(self, batch: Batch) -> Iterator[tuple[str, torch.Tensor]]:
-        """One player, one loss."""
-        yield "network", self.loss(batch)
 
     def loss(self, batch: Batch) -> torch.Tensor:
         """The sum of both, a scalar with gradient."""
