@@ -39,7 +39,12 @@ IMAGES: dict[str, int | None] = {
     "color": 3,
 }
 # What only datasets made with `noisy.spp` have, for the methods that take it.
-NOISY_IMAGES: dict[str, int | None] = {"noisy_color": 3, "noisy_shading": 3}
+NOISY_IMAGES: dict[str, int | None] = {
+    "noisy_color": 3,
+    "noisy_shading": 3,
+    "denoised_color": 3,
+    "denoised_shading": 3,
+}
 SCALARS = (
     "scene_id",
     "view_id",
@@ -72,6 +77,8 @@ class Example:
     exposure_color: Exposure  # by color's own
     noisy_color: Array | None = None  # as color, of few samples of their own; None: not read
     noisy_shading: Array | None = None  # as shading, of the same paths
+    denoised_color: Array | None = None  # what the denoiser makes of noisy_color
+    denoised_shading: Array | None = None  # and of noisy_shading
 
     @property
     def name(self) -> str:

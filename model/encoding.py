@@ -26,7 +26,7 @@ Tensors = dict[str, torch.Tensor]
 
 # Channels of every encoded input, and of what only some networks are given beside them.
 DIRECT = 2
-NOISY = 6
+SAMPLES = 6
 CHANNELS = {"depth": 2, "normal": 3, "intensity": 1, "distance": 1, "reflectance": 3}
 GREY = 0.5  # reflectance the networks are given where there is no surface
 WHITE = 20.0  # scaled luminance that maps to white, as usual indoors, where it is not known
@@ -44,8 +44,8 @@ def encode(examples: Sequence[Example], direct: bool = False, noisy: bool = Fals
     * `reflectance`: `see_through`, sRGB-encoded and `centred`, like the display values it meets
     * `direct`, if asked for: `direct_shading`, tone-mapped by its own log average and `WHITE` and
       `centred`; and ln of it, relative to that average
-    * `noisy`, if asked for: noisy colour and shading, linear radiance as it is. `InputError` for
-      a view without
+    * `noisy` and `denoised`, if asked for: colour and shading of few samples, linear radiance, as
+      they were traced and denoised. `InputError` for a view without
     """
     given = {
         "depth": _stack([_depth(example) for example in examples]),
@@ -57,7 +57,10 @@ def encode(examples: Sequence[Example], direct: bool = False, noisy: bool = Fals
     if direct:
         given["direct"] = _stack([_direct(example) for example in examples])
     if noisy:
-        given["noisy"] = _stack([_noisy(example) for example in examples])
+        given["noisy"] = _stack([_both(e, e.noisy_color, e.noisy_shading) for e in examples])
+        given["denoised"] = _stack(
+            [_both(e, e.denoised_color, e.denoised_shading) for e in examples]
+        )
     return given
 
 
@@ -131,10 +134,10 @@ def _direct(example: Example) -> Array:
     return np.concatenate([centred(display), log[..., None]], axis=-1)
 
 
-def _noisy(example: Example) -> Array:
-    if example.noisy_color is None or example.noisy_shading is None:
+def _both(example: Example, color: Array | None, shading: Array | None) -> Array:
+    if color is None or shading is None:
         raise InputError(f"{example.name}: comes without the noisy samples that the network takes")
-    return np.concatenate([example.noisy_color, example.noisy_shading], axis=-1)
+    return np.concatenate([color, shading], axis=-1)
 
 
 def _intensity(intensity: Array) -> Array:

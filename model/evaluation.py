@@ -35,7 +35,7 @@ from scenes.files import atomic_directory, write_json, write_text
 from scenes.seeds import derive
 
 PRODUCTS = {"product": product, "product_linear": product_linear}
-METHODS = ("pbrnet", *PRODUCTS, *BASELINES, "ceiling")
+METHODS = ("pbrnet", *PRODUCTS, *BASELINES, "denoised", "ceiling")
 EXAMPLES = 4  # best and as many worst views are drawn
 RENDERER_STAGES = ("groundtruth", "color", "shading", "noisy", "inputs", "illumination")
 
@@ -61,7 +61,8 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
     operator and `product_linear`, every baseline of the registry that has been trained, and
     `ceiling` (reflectance x true shading), the best that `product` can do. Raises `InputError` if
     a baseline that `train.baselines` names is missing, `LeakError` if a scene, or another scene of
-    its plan, was trained on.
+    its plan, was trained on. Beside a method that takes noisy samples stands `denoised`, what the
+    denoiser alone makes of the same samples.
     """
     torch.set_num_threads(len(os.sched_getaffinity(0)))
     networks, dataset = open_split(params, folders, _baselines(params, folders.models))
@@ -251,13 +252,20 @@ def image_of(method: str, example: Example, shading: Array, networks: Networks) 
         return _product("product", example, true_shading, networks)
     if method in PRODUCTS:
         return _product(method, example, shading, networks)
+    if method == "denoised":
+        if example.denoised_color is None:
+            raise InputError(f"{example.name}: comes without denoised samples; see noisy.spp")
+        exposure = color_exposure(example, networks.card.exposure)
+        return tonemap(example.denoised_color, exposure)
     return networks.predict_directly(method, example)
 
 
 def _images(example: Example, networks: Networks) -> dict[str, Array]:
     """Every method's picture of a view, and `shading`, the predicted shading."""
     shading = networks.predict_shading(example)
-    methods = ("pbrnet", "ceiling", *PRODUCTS, *networks.baselines)
+    methods = ["pbrnet", "ceiling", *PRODUCTS, *networks.baselines]
+    if example.denoised_color is not None:
+        methods.append("denoised")
     return {"shading": shading} | {
         method: image_of(method, example, shading, networks) for method in methods
     }
@@ -286,9 +294,10 @@ def _method_seconds(method: str, parts: dict[str, float]) -> float | None:
     """Seconds of all that a method needs beyond the guides; None if a part's are not known."""
     if method == "ceiling":
         return None
-    needed = {"pbrnet": ("shading", "composition")}
+    needed: dict[str, tuple[str, ...]] = {"pbrnet": ("shading", "composition")}
     needed |= {name: ("shading", name) for name in PRODUCTS}
     needed |= {name: (name, "sampling") for name in BASELINES if TRAINED[name].noisy}
+    needed["denoised"] = ("sampling",)  # guides and denoiser among it
     times = [parts.get(part) for part in needed.get(method, (method,))]
     return None if None in times else sum(time for time in times if time is not None)
 

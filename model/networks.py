@@ -204,15 +204,15 @@ class UNet(nn.Module):
     """U-Net (Ronneberger et al. 2015) with skips, for images of any size.
 
     Per level two 3x3 convolutions with ReLU down, two up; halving by 2x2 maximum, doubling by
-    bilinear upsampling and a 1x1 convolution; a last 1x1 convolution to three channels (none
-    with `outputs` 0). No normalisation: with batch 1 it would erase each picture's own
-    brightness. The last layer starts at mid-grey.
+    bilinear upsampling and a 1x1 convolution; a last 1x1 convolution to the outputs. No
+    normalisation: with batch 1 it would erase each picture's own brightness. The last layer starts
+    at mid-grey.
     """
 
     def __init__(self, inputs: int, width: int, levels: int, outputs: int = 3) -> None:
         super().__init__()
         widths = [width * min(2**level, WIDEST) for level in range(levels)]
-        self.levels, self.widths = levels, widths
+        self.levels = levels
         self.down = nn.ModuleList(
             DoubleConv(before, after)
             for before, after in zip([inputs, *widths], widths, strict=False)
@@ -221,37 +221,24 @@ class UNet(nn.Module):
             convolution(deep, shallow, 1) for shallow, deep in pairwise(widths)
         )
         self.up = nn.ModuleList(DoubleConv(2 * wide, wide) for wide in widths[:-1])
-        if not outputs:
-            return
         self.out = nn.Conv2d(width, outputs, 1)
         nn.init.normal_(self.out.weight, std=0.01)
         nn.init.constant_(self.out.bias, 0.5)  # type: ignore[arg-type]
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """(N, inputs, H, W) to (N, 3, H, W); padded inside by repeating the edge, cropped back."""
-        height, width = x.shape[-2:]
-        return self.out(self.features(x)[0])[..., :height, :width]
-
-    def padded(self, x: torch.Tensor) -> torch.Tensor:
-        """To a size that can be halved on every level, by repeating the edge."""
+        """(N, inputs, H, W) to (N, outputs, H, W); padded inside by repeating the edge."""
         height, width = x.shape[-2:]
         step = 2 ** (self.levels - 1)
-        return functional.pad(x, (0, -width % step, 0, -height % step), mode="replicate")
-
-    def features(self, x: torch.Tensor) -> list[torch.Tensor]:
-        """Of every level on the way up, finest first, of the `padded` size and its halves."""
-        x = self.padded(x)
+        x = functional.pad(x, (0, -width % step, 0, -height % step), mode="replicate")
         skips = []
         for level, convolve in enumerate(self.down):
             x = convolve(x if level == 0 else functional.max_pool2d(x, 2))
             skips.append(x)
-        found = [x]
         for level in reversed(range(self.levels - 1)):
             x = self.shrink[level](x)
             x = functional.interpolate(x, scale_factor=2, mode="bilinear", align_corners=False)
             x = self.up[level](torch.cat([skips[level], x], dim=1))
-            found.append(x)
-        return found[::-1]
+        return self.out(x)[..., :height, :width]
 
 
 class DoubleConv(nn.Sequential):

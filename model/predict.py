@@ -21,6 +21,8 @@ from model.metrics import flip_map, measure
 from model.predictor import Prediction, Predictor
 from model.store import ModelCard
 from pipeline.frames import (
+    DENOISED,
+    DENOISED_SHADING,
     NOISY_SHADING,
     RGB,
     Channels,
@@ -105,7 +107,7 @@ def from_frames(
 
     def make(card: ModelCard) -> Example:
         frames = [read_frame(path) for path in paths]
-        needed = ("Z", "intensity.Y", NOISY_SHADING[0])
+        needed = ("Z", "intensity.Y", DENOISED[0])
         for path, frame, name in zip(paths, frames, needed, strict=False):
             if name not in frame.channels:
                 raise InputError(f"{path}: a frame of {frame.meta.get('kind')!r}, without {name}")
@@ -284,7 +286,11 @@ def sampled(scene: RenderScene, view: View, params: Params, card: ModelCard) -> 
 def with_samples_of(example: Example, noisy: Channels) -> Example:
     """The view with noisy samples for a network that takes them."""
     return replace(
-        example, noisy_color=_stack(noisy, RGB), noisy_shading=_stack(noisy, NOISY_SHADING)
+        example,
+        noisy_color=_stack(noisy, RGB),
+        noisy_shading=_stack(noisy, NOISY_SHADING),
+        denoised_color=_stack(noisy, DENOISED),
+        denoised_shading=_stack(noisy, DENOISED_SHADING),
     )
 
 

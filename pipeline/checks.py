@@ -19,8 +19,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.frames import (
+    DENOISED,
+    DENOISED_SHADING,
     HALF_MAX,
     NOISY_SHADING,
+    RGB,
     Channels,
     Frame,
     Kind,
@@ -227,7 +230,9 @@ def _not_finite(frames: Mapping[Kind, Frame]) -> Rejection | None:
 
 def _noisy_images(frames: Mapping[Kind, Frame]) -> dict[str, npt.NDArray[np.float32]]:
     noisy = frames.get("noisy")
-    return {"noisy": noisy.rgb, "noisy shading": noisy.stack(*NOISY_SHADING)} if noisy else {}
+    images = {"noisy": RGB, "noisy shading": NOISY_SHADING}
+    images |= {"denoised": DENOISED, "denoised shading": DENOISED_SHADING}
+    return {name: noisy.stack(*bands) for name, bands in images.items()} if noisy else {}
 
 
 def _negative(

@@ -151,7 +151,7 @@ def _noisy_columns(volume: tuple[int, ...]) -> tuple[Column, ...]:
         Column(
             "noisy_color",
             pa.float16(),
-            f"Linear HDR RGB, {words} color's; unbiased, never denoised.",
+            f"Linear HDR RGB, {words} color's; unbiased.",
             radiance,
             volume,
         ),
@@ -161,6 +161,16 @@ def _noisy_columns(volume: tuple[int, ...]) -> tuple[Column, ...]:
             f"Linear HDR RGB, {words} shading's; of the same paths as noisy_color.",
             radiance,
             volume,
+        ),
+        *(
+            Column(
+                f"denoised_{image}",
+                pa.float16(),
+                f"Linear HDR RGB: noisy_{image} through Intel's Open Image Denoise.",
+                radiance,
+                volume,
+            )
+            for image in ("color", "shading")
         ),
         Column("noisy_spp", pa.int32(), "Samples per pixel of noisy_color and noisy_shading."),
     )

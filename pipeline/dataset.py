@@ -42,7 +42,7 @@ from pipeline.checks import (
     read_failures,
 )
 from pipeline.columns import Column, arrow_schema, dataset_columns
-from pipeline.frames import NOISY_SHADING, RGB, Frame
+from pipeline.frames import DENOISED, DENOISED_SHADING, NOISY_SHADING, RGB, Frame
 from pipeline.params import Params, SplitParams, ToneParams
 from pipeline.pictures import fit, png_bytes, tone_picture
 from pipeline.progress import Progress
@@ -264,6 +264,8 @@ def _noisy_cells(frame: Frame) -> dict[str, Any]:
     return {
         "noisy_color": _interleave(frame.channels, *RGB),
         "noisy_shading": _interleave(frame.channels, *NOISY_SHADING),
+        "denoised_color": _interleave(frame.channels, *DENOISED),
+        "denoised_shading": _interleave(frame.channels, *DENOISED_SHADING),
         "noisy_spp": frame.meta.get("spp"),
     }
 

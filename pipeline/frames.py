@@ -9,7 +9,8 @@ Channels (linear, scene-referred; see `KINDS`):
 * shading       `R`, `G`, `B` HDR radiance with every reflectance replaced by one grey
 * color         `R`, `G`, `B` HDR radiance of the full scene
 * noisy         colour again, and as `shading.R/G/B` shading, of a few samples a pixel that no
-                other frame has, never denoised; only where `noisy.spp` asks for it
+                other frame has; as `denoised.R/G/B` and `denoised.shading.R/G/B` what the denoiser
+                makes of them; only where `noisy.spp` asks for it
 
 Attributes: `worldToCamera` (4x4, OpenCV axes) and `pbrnet`, a JSON object with the view, the seed,
 spp, noise, renderer, `fingerprint` of all that determined the pixels, and `digest` of the pixels.
@@ -41,6 +42,8 @@ Channels = dict[str, npt.NDArray[Any]]
 
 RGB = ("R", "G", "B")
 NOISY_SHADING = ("shading.R", "shading.G", "shading.B")
+DENOISED = ("denoised.R", "denoised.G", "denoised.B")
+DENOISED_SHADING = ("denoised.shading.R", "denoised.shading.G", "denoised.shading.B")
 KINDS: dict[Kind, dict[str, type]] = {
     "inputs": {
         "Z": np.float32,
@@ -52,7 +55,7 @@ KINDS: dict[Kind, dict[str, type]] = {
     "illumination": {"intensity.Y": np.float32, "distance.Z": np.float32},
     "shading": dict.fromkeys(RGB, np.float16),
     "color": dict.fromkeys(RGB, np.float16),
-    "noisy": dict.fromkeys((*RGB, *NOISY_SHADING), np.float16),
+    "noisy": dict.fromkeys((*RGB, *NOISY_SHADING, *DENOISED, *DENOISED_SHADING), np.float16),
 }
 HALF_MAX = float(np.finfo(np.float16).max)
 

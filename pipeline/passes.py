@@ -7,13 +7,21 @@ change a pixel (scores, the farm, training) is not in it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from pipeline import groundtruth, illumination, inputs, joint
 from pipeline.denoise import denoise, denoiser_version, grey_guide, guides
-from pipeline.frames import NOISY_SHADING, RGB, Channels, Kind, fingerprint
+from pipeline.frames import (
+    DENOISED,
+    DENOISED_SHADING,
+    NOISY_SHADING,
+    RGB,
+    Channels,
+    Kind,
+    fingerprint,
+)
 from pipeline.groundtruth import render_both, render_truth
 from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
@@ -74,7 +82,7 @@ def render_truths(scene: RenderScene, view: View, params: Params, seed: int) -> 
 
 
 def render_noisy(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
-    """Colour and shading of `noisy.spp` samples a pixel, as they come: unbiased, not denoised.
+    """Colour and shading of `noisy.spp` samples a pixel: as they come, unbiased; and denoised.
 
     Channels as `frames.KINDS` has them, statistics those of colour. Raises `InputError` for a
     material without neutral twin.
@@ -87,9 +95,21 @@ def render_noisy(scene: RenderScene, view: View, params: Params, seed: int) -> R
         color, shading = (
             render_truth(scene.neutral(grey), view, settings, seed) for grey in (None, albedo)
         )
-    grey = {name: shading[0][band] for name, band in zip(NOISY_SHADING, RGB, strict=True)}
+    reflectance, normal = guides(scene, view)
+    neutral = grey_guide(normal, albedo)
+    channels = {
+        **color[0],
+        **_named(NOISY_SHADING, shading[0]),
+        **_named(DENOISED, denoise(color[0], reflectance, normal)),
+        **_named(DENOISED_SHADING, denoise(shading[0], neutral, normal)),
+    }
     lost = max(color[1]["lost_pixels"], shading[1]["lost_pixels"])
-    return {**color[0], **grey}, {**color[1], "lost_pixels": lost}
+    return channels, {**color[1], "lost_pixels": lost, "denoiser": denoiser_version()}
+
+
+def _named(names: Sequence[str], image: Channels) -> Channels:
+    """The bands of an image under other names."""
+    return {name: image[band] for name, band in zip(names, RGB, strict=True)}
 
 
 def _noisy_trace(params: Params) -> GroundTruthParams:
@@ -139,7 +159,11 @@ def _color_determined_by(params: Params) -> dict[str, Any]:
 def _noisy_determined_by(params: Params) -> dict[str, Any]:
     trace, shading = _noisy_trace(params), plain(params.shading)
     used = ("spp", "max_depth", "rr_depth", "joint", "lights")
-    return {"trace": {name: getattr(trace, name) for name in used}, "shading": shading}
+    return {
+        "trace": {name: getattr(trace, name) for name in used},
+        "shading": shading,
+        "denoiser": [denoiser_version(), inputs.REVISION],
+    }
 
 
 PASSES: dict[Kind, Pass] = {

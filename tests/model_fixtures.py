@@ -78,12 +78,15 @@ def box_view(seed: int, width: int = 40, height: int = 30, panorama: int = 32) -
 
 
 def grained(images: dict[str, Any], seed: int) -> dict[str, Any]:
-    """What a few paths a pixel might make of colour and shading: the same luck in both."""
+    """What a few paths a pixel might make of colour and shading, with the same luck in both; and
+    a denoiser that is good at its trade but dims all it touches."""
     rng = np.random.default_rng(seed)
     luck = rng.exponential(1, (*images["depth"].shape, 1))
     return {
         "noisy_color": (luck * images["color"]).astype(np.float16),
         "noisy_shading": (luck * images["shading"]).astype(np.float16),
+        "denoised_color": (0.8 * luck**0.1 * images["color"]).astype(np.float16),
+        "denoised_shading": (0.8 * luck**0.1 * images["shading"]).astype(np.float16),
         "noisy_spp": 2,
     }
 

@@ -10,7 +10,7 @@ import torch
 from torch import nn
 
 from model.backbone import EfficientNetLite0, Vgg19
-from model.encoding import CHANNELS, DIRECT, NOISY
+from model.encoding import CHANNELS, DIRECT, SAMPLES
 from model.methods import build_network
 from model.networks import (
     Architecture,
@@ -31,7 +31,10 @@ def inputs(
     """Random encoded inputs of one view, with what only networks of this kind are given."""
     random = torch.Generator().manual_seed(0)
     tensors = {}
-    more: dict[Kind, dict[str, int]] = {"plus": {"direct": DIRECT}, "hybrid": {"noisy": NOISY}}
+    more: dict[Kind, dict[str, int]] = {
+        "plus": {"direct": DIRECT},
+        "hybrid": {"noisy": SAMPLES, "denoised": SAMPLES},
+    }
     for name, channels in {**CHANNELS, **(more.get(kind, {}) if kind else {})}.items():
         size = (panorama // 2, panorama) if name in ("intensity", "distance") else (height, width)
         tensors[name] = torch.rand(1, channels, *size, generator=random)

@@ -16,6 +16,7 @@ from dataset_fixtures import box_frames, make_data, make_view, small_params, wri
 from stages_fixtures import write_room
 
 from pipeline.dataset import pack_dataset
+from pipeline.denoise import denoiser_version
 from pipeline.frames import Frame, frame_path, read_frame
 from pipeline.ledger import read_ledger
 from pipeline.params import (
@@ -43,6 +44,12 @@ PARAMS = Params(
 )
 WITHOUT = replace(PARAMS, noisy=NoisyParams())
 SHADING = ("shading.R", "shading.G", "shading.B")
+IMAGES = {
+    "noisy_color": ("R", "G", "B"),
+    "noisy_shading": SHADING,
+    "denoised_color": ("denoised.R", "denoised.G", "denoised.B"),
+    "denoised_shading": ("denoised.shading.R", "denoised.shading.G", "denoised.shading.B"),
+}
 
 
 @pytest.fixture(scope="module")
@@ -132,9 +139,19 @@ def test_colour_and_shading_lie_in_one_frame_that_describes_itself(finished: Pat
     for view in views_of(finished):
         frame = read_frame(frame_path(finished, "noisy", view))
         assert (frame.meta["spp"], frame.meta["seed"]) == (2, pass_seed("noisy", view, 0))
-        assert "denoiser" not in frame.meta
-        assert frame.rgb.mean() > 0 and frame.stack(*SHADING).mean() > 0
+        assert frame.meta["denoiser"] == denoiser_version()
+        for bands in IMAGES.values():
+            assert frame.stack(*bands).mean() > 0
         assert ("noisy", view.scene_id, view.view_id) in rows
+
+
+def test_the_denoised_are_nearer_to_the_truth(room: tuple[RenderScene, View]) -> None:
+    settled = truth_of(room, 1024, derive(0, "settled"))
+    channels, _ = render_noisy(*room, PARAMS, 3)
+    images = {name: np.stack([channels[b] for b in bands], -1) for name, bands in IMAGES.items()}
+    for name, truth in (("color", settled[..., :3]), ("shading", settled[..., 3:])):
+        errors = [abs(images[f"{state}_{name}"] - truth).mean() for state in ("noisy", "denoised")]
+        assert errors[1] < 0.5 * errors[0]
 
 
 def test_one_worker_and_a_resumed_run_give_the_same_bytes(data: Path, tmp_path: Path) -> None:
@@ -196,6 +213,8 @@ def add_noisy(data: Path, view: View, **meta: object) -> Path:
     grain = rng.exponential(1, (view.height, view.width))
     channels = {band: frames["color"][band] * grain for band in "RGB"}
     channels |= {name: frames["shading"][name[-1]] * grain for name in SHADING}
+    channels |= {name: frames["color"][name[-1]] for name in IMAGES["denoised_color"]}
+    channels |= {name: frames["shading"][name[-1]] for name in IMAGES["denoised_shading"]}
     return write_view(data, "noisy", channels, view, **{"spp": 2, "noise": 0.99, **meta})
 
 
@@ -212,13 +231,13 @@ def test_the_dataset_has_them_only_where_asked_and_is_else_the_same(tmp_path: Pa
     pack_dataset(noisy, replace(params, noisy=NoisyParams(spp=2)))
     for shard in sorted((plain / "dataset").glob("*.parquet")):
         old, new = pq.read_table(shard), pq.read_table(noisy / "dataset" / shard.name)
-        extra = ["noisy_color", "noisy_shading", "noisy_spp"]
+        extra = [*IMAGES, "noisy_spp"]
         assert new.column_names == [*old.column_names, *extra]
         assert new.drop_columns(extra).equals(old)
         for row in new.to_pylist():
             view = make_view(params, row["scene_id"], int(row["view_id"]))
             frame = read_frame(frame_path(noisy, "noisy", view))
-            for name, bands in (("noisy_color", tuple("RGB")), ("noisy_shading", SHADING)):
+            for name, bands in IMAGES.items():
                 expected = np.stack([frame.channels[band] for band in bands], -1)
                 assert np.array(row[name], np.float16).tobytes() == expected.tobytes()
             assert row["noisy_spp"] == 2
