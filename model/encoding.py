@@ -43,7 +43,8 @@ def encode(examples: Sequence[Example], direct: bool = False, noisy: bool = Fals
       to average them first
     * `reflectance`: `see_through`, sRGB-encoded and `centred`, like the display values it meets
     * `direct`, if asked for: `direct_shading`, tone-mapped by its own log average and `WHITE` and
-      `centred`; and ln of it, relative to that average
+      `centred`; and ln of it, relative to that average. With it `brightness`, (N, 1, 1, 1): the
+      log average of the reflectance, as much as colour is brighter than shading of `GREY`
     * `noisy` and `denoised`, if asked for: colour and shading of few samples, linear radiance, as
       they were traced and denoised. `InputError` for a view without
     """
@@ -56,6 +57,7 @@ def encode(examples: Sequence[Example], direct: bool = False, noisy: bool = Fals
     }
     if direct:
         given["direct"] = _stack([_direct(example) for example in examples])
+        given["brightness"] = _stack([_brightness(example) for example in examples])
     if noisy:
         given["noisy"] = _stack([_both(e, e.noisy_color, e.noisy_shading) for e in examples])
         given["denoised"] = _stack(
@@ -132,6 +134,11 @@ def _direct(example: Example) -> Array:
     display = tonemap(grey, Exposure(scale, WHITE))[..., :1]
     log = np.log(np.maximum(light * scale / ToneParams().key, 1e-3)) / 4
     return np.concatenate([centred(display), log[..., None]], axis=-1)
+
+
+def _brightness(example: Example) -> Array:
+    exposure = exposure_of(see_through(example, GREY), ToneParams())
+    return np.array([[[ToneParams().key / exposure.scale / GREY]]])
 
 
 def _both(example: Example, color: Array | None, shading: Array | None) -> Array:

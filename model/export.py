@@ -17,10 +17,10 @@ import torch
 from torch import nn
 
 from model.encoding import FAR, GREY, MIDDLE, NEAR, Tensors, centred
-from model.export_light import direct_light, encoded_light
+from model.export_light import direct_light, encoded_light, log_average
 from model.inference import Networks
 from model.networks import GRID
-from model.plus import PlusNet
+from model.plus import PlusNet, decoded, luminance
 from model.predictor import Predictor, needed
 from scenes.checked import plain
 from scenes.errors import MachineError
@@ -83,7 +83,10 @@ class PlusChain(nn.Module):
         inputs = encoded(depth, valid, normal, reflectance, intensity, distance, self.averaged)
         light = direct_light(depth, valid, normal, intensity, distance, K)
         assert isinstance(self.network, PlusNet)
-        shading, color = self.network.parts({**inputs, "direct": encoded_light(light)})
+        shown = luminance(decoded((inputs["reflectance"] + 1) / 2))
+        brightness = (log_average(shown[0, 0]) / GREY).reshape(1, 1, 1, 1)
+        known = {"direct": encoded_light(light), "brightness": brightness}
+        shading, color = self.network.parts({**inputs, **known})
         return shading[0].clamp(0, 1).permute(1, 2, 0), color[0].clamp(0, 1).permute(1, 2, 0)
 
 

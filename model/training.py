@@ -100,7 +100,9 @@ def train_network(
     torch.set_num_threads(len(os.sched_getaffinity(0)))
     method = METHODS[name]
     stage: StageTrainParams = getattr(params.train, name)
-    architecture = Architecture(method.layout, stage.width, stage.levels, params.train.panorama)
+    architecture = Architecture(
+        method.layout, stage.width, stage.levels, params.train.panorama, params.train.exposure
+    )
     dataset = Dataset(folders.data / "dataset", "train", method.noisy, only)
     backbone = load_backbone(folders.backbone)
     channels_last(backbone)

@@ -17,7 +17,7 @@ from predict_fixtures import box_frames
 from predictor_fixtures import untrained_models
 
 from model.data import Dataset, Example
-from model.encoding import GREY, encode
+from model.encoding import GREY, Policy, encode
 from model.export import INPUTS, Chain, PlusChain, export_onnx
 from model.export_light import direct_light, encoded_light, log_average
 from model.irradiance import direct_shading
@@ -70,10 +70,14 @@ def test_the_direct_light_of_the_graph_is_the_direct_light(tmp_path: Path) -> No
         assert float(log_average(light)) * scale == pytest.approx(ToneParams().key, rel=1e-3)
 
 
-@pytest.mark.parametrize("method", ["pbrnet", "plus"])
-def test_the_chain_draws_what_the_method_draws(method: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("method", "exposure"), [("pbrnet", "shared"), ("plus", "shared"), ("plus", "own")]
+)
+def test_the_chain_draws_what_the_method_draws(
+    method: str, exposure: Policy, tmp_path: Path
+) -> None:
     """Sky included: there the networks are shown a grey, not the dataset's black."""
-    predictor = loaded(tmp_path / "models", method)
+    predictor = loaded(tmp_path / "models", method, exposure)
     chain = (PlusChain if method == "plus" else Chain)(predictor).eval()  # type: ignore[arg-type]
     for example in views(tmp_path):
         given = tensors(example)
@@ -138,7 +142,7 @@ def test_the_file_and_the_example_draw_the_same_picture(method: str, tmp_path: P
         assert image.size == (37, 23)
 
 
-def loaded(models: Path, method: str) -> Predictor:
+def loaded(models: Path, method: str, exposure: Policy = "shared") -> Predictor:
     """The method's networks, untrained."""
     names = ("plus",) if method == "plus" else ("shading", "composition")
-    return load_predictor(untrained_models(models, names, levels=3), method)
+    return load_predictor(untrained_models(models, names, levels=3, exposure=exposure), method)
