@@ -187,7 +187,7 @@ def _line(method: str, values: dict[str, Any]) -> str:
     epilog="""\b
 Examples:
   pbrnet pretrained                        the two networks of models/, to weights/
-  pbrnet pretrained --method plus          another method's network
+  pbrnet pretrained --method plus --method hybrid     other methods' networks
   pbrnet pretrained --from models/room --out /tmp/room --metrics models/room
 
 Each network is stored in half precision with its card, and a README.md says what it was trained
@@ -211,10 +211,12 @@ folder would exceed 16 MB. `pbrnet predict` uses weights/ where models/ has no n
 )
 @click.option(
     "--method",
+    "methods",
     type=click.Choice(PREDICTABLE),
-    default="pbrnet",
+    multiple=True,
+    default=["pbrnet"],
     show_default=True,
-    help="Whose networks.",
+    help="Whose networks, again for each.",
 )
 @click.option(
     "--metrics",
@@ -225,15 +227,16 @@ folder would exceed 16 MB. `pbrnet predict` uses weights/ where models/ has no n
 )
 @common_options
 def pretrained(
-    params: Params, data: Path, source: Path, out: Path, method: str, metrics: Path
+    params: Params, data: Path, source: Path, out: Path, methods: tuple[str, ...], metrics: Path
 ) -> None:
     """Pack trained networks to be passed on: small, checked, with a model card."""
-    difference = pack(source, out, method, data, metrics)
+    for difference in pack(source, out, methods, data, metrics):
+        click.echo(
+            f"{', '.join(needed(difference.method))}: on {difference.views} views pictures "
+            f"differ by at most {difference.worst:.5f}, on average by {difference.mean:.6f}"
+        )
     size = sum(file.stat().st_size for file in out.iterdir()) / 1e6
-    click.echo(
-        f"{out}: {', '.join(needed(method))}, {size:.1f} MB; on {difference.views} views pictures "
-        f"differ by at most {difference.worst:.5f}, on average by {difference.mean:.6f}"
-    )
+    click.echo(f"{out}: {size:.1f} MB")
 
 
 @click.command(

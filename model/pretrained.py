@@ -77,33 +77,41 @@ def find_models(models: Path | None, method: str | None) -> Models:
     )
 
 
-def pack(source: Path, target: Path, method: str, data: Path, metrics: Path) -> Difference:
-    """Write the networks of a method as `target`, by rename, and return how its pictures differ.
+def pack(
+    source: Path, target: Path, methods: Sequence[str], data: Path, metrics: Path
+) -> list[Difference]:
+    """Write the networks of these methods as `target`, by rename; returns how pictures differ.
 
     Raises `InputError` if networks or views to compare with are missing, if `target` holds
     anything else than packed networks, if pictures differ by more than `WORST` or `MEAN`, or if
     the folder would exceed `LIMIT`: then `target` stays as it was.
     """
     _refuse_strange_files(source, target)
-    original = load_predictor(source, method)
-    examples = _views(data)
+    methods = tuple(dict.fromkeys(methods))
+    originals = [load_predictor(source, method) for method in methods]
+    noisy = any(method in METHODS and METHODS[method].noisy for method in methods)
+    examples = _views(data, noisy)
     figures = _figures(metrics)
+    names = tuple(dict.fromkeys(name for method in methods for name in needed(method)))
     with atomic_directory(target) as partial:
         digests: dict[str, str] = {}
-        for name in needed(method):
+        for name in names:
             digests[name] = _pack_network(source, partial, name, digests)
-        packed = load_predictor(partial, method)
-        difference = _compare(original, packed, method, examples)
-        card = _card(packed, difference, figures)
+        packed = [load_predictor(partial, method) for method in methods]
+        differences = [
+            _compare(original, small, examples)
+            for original, small in zip(originals, packed, strict=True)
+        ]
+        card = _card(packed, differences, figures)
         (partial / "README.md").write_text(card, encoding="utf-8")
         size = sum(file.stat().st_size for file in partial.iterdir())
         if size > LIMIT:
             raise InputError(
                 f"{target}: {size / 1e6:.1f} MB of weights, at most {LIMIT / 1e6:.0f} MB are to be "
-                f"passed on; train {' and '.join(needed(method))} with a smaller width, or pack a "
-                "method of one network: --method plus"
+                f"passed on; train {' and '.join(names)} with a smaller width, or pack fewer "
+                "methods, of one network each: --method plus"
             )
-    return difference
+    return differences
 
 
 def _refuse_strange_files(source: Path, target: Path) -> None:
@@ -149,11 +157,11 @@ def half_type(state: dict[str, torch.Tensor]) -> torch.dtype:
     return torch.float16 if largest < HALF_MAX else torch.bfloat16
 
 
-def _views(data: Path) -> list[Example]:
+def _views(data: Path, noisy: bool) -> list[Example]:
     """Views spread evenly over the test split, or over the training split where there is none."""
     for split in ("test", "validation", "train"):
         try:
-            dataset = Dataset(data / "dataset", split)  # type: ignore[arg-type]
+            dataset = Dataset(data / "dataset", split, noisy)  # type: ignore[arg-type]
         except InputError as error:
             missing = error
             continue
@@ -162,9 +170,8 @@ def _views(data: Path) -> list[Example]:
     raise InputError(f"packed networks are compared on a dataset's views: {missing}")
 
 
-def _compare(
-    original: Predictor, packed: Predictor, method: str, examples: Sequence[Example]
-) -> Difference:
+def _compare(original: Predictor, packed: Predictor, examples: Sequence[Example]) -> Difference:
+    method = original.method
     errors = [
         np.abs(original.predict(example).color - packed.predict(example).color)
         for example in examples
@@ -192,26 +199,34 @@ def _figures(metrics: Path) -> dict[str, Any]:
     return found
 
 
-def _card(packed: Predictor, difference: Difference, figures: dict[str, Any]) -> str:
-    cards: list[ModelCard] = list(packed.cards.values())
+def _card(
+    packed: Sequence[Predictor], differences: Sequence[Difference], figures: dict[str, Any]
+) -> str:
+    by_name: dict[str, ModelCard] = {}
+    for predictor in packed:
+        by_name |= predictor.cards
+    cards = list(by_name.values())
     licences = sorted({licence for card in cards for licence in card.data.licences})
     credits = sorted({line for card in cards for line in card.data.attributions})
-    methods, apart = figures["methods"], figures.get("kept_back")
-    theirs = apart["methods"].get(packed.method) if apart else None
+    methods = [predictor.method for predictor in packed]
+    shown, apart = [*methods, "denoised", "ceiling"], figures.get("kept_back")
     environment = templates("model", markup=False)
     environment.filters["json"] = lambda value: json.dumps(value, sort_keys=True)
     return environment.get_template("model_card.md").render(
-        method=packed.method,
-        titles={name: METHODS[name].title for name in packed.cards},
-        cards=packed.cards,
-        card=packed.card,
-        difference=difference,
+        methods=methods,
+        titles={name: METHODS[name].title for name in by_name},
+        cards=by_name,
+        card=packed[0].card,
+        differences=differences,
         worst=WORST,
         mean=MEAN,
         figures=figures,
-        own=methods.get(packed.method),
-        ceiling=methods.get("ceiling"),
-        kept_back={**apart, "own": theirs} if apart and theirs else None,
+        tables=[
+            {**block, "rows": [(name, block["methods"].get(name)) for name in shown]}
+            for block in (figures, apart)
+            if block
+        ],
+        noisy_spp=[card.training["noisy_spp"] for card in cards if "noisy_spp" in card.training],
         licences=licences,
         credits=credits,
     )

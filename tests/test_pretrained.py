@@ -50,14 +50,14 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def packed(**changes: object) -> pretrained.Difference:
-    given = {"source": Path("models"), "target": Path("weights"), "method": "pbrnet",
+def packed(**changes: object) -> list[pretrained.Difference]:
+    given = {"source": Path("models"), "target": Path("weights"), "methods": ["pbrnet"],
              "data": Path("data"), "metrics": Path("metrics"), **changes}  # fmt: skip
     return pack(**given)  # type: ignore[arg-type]
 
 
 def test_packed_networks_are_half_as_large_and_give_the_same_pictures(project: Path) -> None:
-    said = packed()
+    (said,) = packed()
     assert sorted(file.name for file in Path("weights").iterdir()) == [
         "README.md", "composition.json", "composition.safetensors",
         "shading.json", "shading.safetensors",
@@ -81,7 +81,7 @@ def test_the_card_says_on_what_under_which_licences_and_how_good(project: Path) 
     card = Path("weights/README.md").read_text()
     for words in ("3 views of 1 scenes of 1 floor", "CC-BY-4.0, ", "CC0-1.0", "- a room by a test",
                   "float16", "0.500 (0.400 to 0.600)", "33.250 |", "MIT",
-                  "the 7 views of 3 scenes"):  # fmt: skip
+                  "All: 2 views of 1 scenes", "never saw: 7 views of 3 scenes"):  # fmt: skip
         assert words.strip(", ") in card, words
     assert "{{" not in card and "{%" not in card
 
@@ -152,15 +152,30 @@ def test_own_networks_come_first_and_what_is_used_is_said(project: Path) -> None
 
 def test_one_network_is_enough_for_plus(project: Path) -> None:
     untrained_models(Path("single"), ("plus",), levels=3)
-    packed(source=Path("single"), method="plus")
+    packed(source=Path("single"), methods=["plus"])
     assert find_models(Path("weights"), None).method == "plus"
     assert "no figures of `plus`" in Path("weights/README.md").read_text()
+
+
+def test_several_methods_share_a_folder_and_a_card(project: Path) -> None:
+    box_dataset(Path("data"), 0, 0, 4, noisy=True, width=40, height=30)
+    untrained_models(Path("models"), ("plus", "hybrid"), levels=3)
+    said = packed(methods=["plus", "hybrid"])
+    assert [difference.method for difference in said] == ["plus", "hybrid"]
+    assert all(0 < difference.worst <= WORST for difference in said)
+    assert sorted(file.name for file in Path("weights").glob("*.safetensors")) == [
+        "hybrid.safetensors", "plus.safetensors",
+    ]  # fmt: skip
+    card = Path("weights/README.md").read_text()
+    assert "--method plus --method hybrid" in card and "no figures of `hybrid`" in card
+    Path("models/hybrid.safetensors").unlink()
+    assert find_models(None, "hybrid").folder == pretrained.PACKED
 
 
 def test_the_command_packs_and_says_how_much(project: Path) -> None:
     done = CliRunner().invoke(cli, ["pretrained", "--out", "small"])
     assert done.exit_code == 0, done.output
-    assert "small: shading, composition, 0.1 MB; on 4 views" in done.output
+    assert "shading, composition: on 4 views" in done.output and "small: 0.1 MB" in done.output
 
 
 def test_an_installation_finds_them(tmp_path: Path) -> None:
