@@ -1,4 +1,4 @@
-"""`pbrnet backbone`, `train`, `evaluate`, `pretrained` and `export`."""
+"""`pbrnet backbone`, `train`, `evaluate`, `pretrained`, `reference` and `export`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from model import evaluation
+from model import reference as kept
 from model.backbone import make_backbone
 from model.export import INPUTS, export_onnx
 from model.methods import BASELINES, METHODS
@@ -18,6 +19,7 @@ from model.pretrained import find_models, pack
 from model.training import Folders, train_network
 from pipeline.options import common_options
 from pipeline.params import Params
+from scenes.files import atomic_file, write_json
 
 _FOLDER = click.Path(path_type=Path, file_okay=False)
 _FILE = click.Path(path_type=Path, dir_okay=False)
@@ -237,6 +239,58 @@ def pretrained(
         )
     size = sum(file.stat().st_size for file in out.iterdir()) / 1e6
     click.echo(f"{out}: {size:.1f} MB")
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet reference                                      metrics/reference.json
+  pbrnet reference --sheet best-to-worst.png --method plus --method hybrid
+  python -c "import json; print(json.load(open('metrics/reference.json'))['methods']['plus'])"
+
+Takes what `pbrnet evaluate` wrote beside the models, and the dataset's pictures for the sheet:
+a row a view from the first method's best to its worst, the truth on the left."""
+)
+@_models_option("Trained networks.")
+@click.option(
+    "--out",
+    type=_FILE,
+    default=None,
+    help="JSON to write.  [default: reference.json beside evaluation.json]",
+)
+@click.option("--sheet", type=_FILE, default=None, metavar="FILE", help="PNG to draw too.")
+@click.option(
+    "--method",
+    "methods",
+    type=click.Choice(evaluation.METHODS),
+    multiple=True,
+    default=["pbrnet"],
+    show_default=True,
+    help="A column of the sheet, again for each.",
+)
+@click.option(
+    "--views", type=click.IntRange(1, 100), default=8, show_default=True, help="Rows of the sheet."
+)
+@common_options
+def reference(
+    params: Params,
+    data: Path,
+    models: Path,
+    out: Path | None,
+    sheet: Path | None,
+    methods: tuple[str, ...],
+    views: int,
+) -> None:
+    """Keep what a run found: every method's figures in one flat file, and a sheet of pictures."""
+    folders = Folders.beside(data, models, models)
+    target = out or folders.metrics / "reference.json"
+    write_json(target, kept.summary(folders))
+    click.echo(f"{target}: written")
+    if sheet is not None:
+        picture = kept.sheet(params, folders, methods, views)
+        with atomic_file(sheet) as partial:
+            partial.write_bytes(picture)
+        click.echo(f"{sheet}: written")
 
 
 @click.command(
