@@ -123,11 +123,10 @@ def _kept_back(
 ) -> dict[str, Any] | None:
     """The same of the scenes that `dataset.splits.test_only` names alone: how well the networks
     do on sources that training never saw. None where it names none of them."""
-    plans = dataset.plans()
-    splits = params.dataset.splits
-    theirs = [
-        score for score in scores if splits.keeps_back(plans.get(score.scene_id, score.scene_id))
-    ]
+    known = dataset.plans()
+    plans = {score.scene_id: known.get(score.scene_id, score.scene_id) for score in scores}
+    kept_back = params.dataset.splits.kept_back(plans)
+    theirs = [score for score in scores if plans[score.scene_id] in kept_back]
     if not theirs:
         return None
     return {

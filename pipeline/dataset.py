@@ -189,7 +189,7 @@ def split_plans(sources: Sequence[Source], shares: SplitParams, seed: int) -> di
     on a validation plan, where their shares are above 0), and adding a scene moves at most the
     plans at the borders. Plans that `shares.test_only` names are dealt to test beforehand.
     """
-    kept_back = {source.plan for source in sources if shares.keeps_back(source.plan)}
+    kept_back = shares.kept_back({source.scene.scene_id: source.plan for source in sources})
     strata: dict[str, dict[str, int]] = defaultdict(dict)
     settings: dict[str, str] = {}
     for source in sorted(sources, key=lambda source: source.scene.scene_id):

@@ -221,6 +221,18 @@ def test_plans_kept_back_are_tested_on_and_leave_the_others_where_they_are() -> 
     assert splits == split_plans(own[1:] + others[4:], SplitParams(), 0)
 
 
+def test_a_scene_is_kept_back_with_its_whole_plan() -> None:
+    scenes = [
+        Source(box_scene(f"{kind}-{index}", "day", plan=f"{kind}-plan-{index // 2}"), None)
+        for kind in ("home", "furnished")
+        for index in range(10)
+    ]
+    splits = split_plans(scenes, SplitParams(test_only=("furnished-*", "home-5")), 0)
+    assert {splits[f"furnished-plan-{index}"] for index in range(5)} == {"test"}
+    assert splits["home-plan-2"] == "test"
+    assert SplitParams(test_only=("b*",)).kept_back({"a0": "p", "b0": "p", "c": "q"}) == {"p"}
+
+
 def test_adding_scenes_hardly_moves_the_others() -> None:
     before = split_plans(sources(40), SplitParams(), 0)
     after = split_plans(sources(44), SplitParams(), 0)
