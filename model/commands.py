@@ -11,9 +11,9 @@ import click
 from model import evaluation
 from model.backbone import make_backbone
 from model.export import INPUTS, export_onnx
+from model.inference import PREDICTABLE, load_networks, needed
 from model.methods import BASELINES, METHODS
 from model.metrics import NAMES
-from model.predictor import PREDICTABLE, load_predictor, needed
 from model.pretrained import find_models, pack
 from model.training import Folders, train_network
 from pipeline.options import common_options
@@ -260,7 +260,7 @@ display values. Needs the extra packages: pip install 'pbrnet[onnx]'"""
 def export(params: Params, data: Path, models: Path | None, method: str, out: Path) -> None:
     """Write a method's trained networks as one file for other programs."""
     found = find_models(models, method)
-    export_onnx(load_predictor(found.folder, method), out)
+    export_onnx(load_networks(found.folder, [method]), out)
     names = ", ".join((*INPUTS, "K") if method == "plus" else INPUTS)
     click.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {names} to shading, color")
     click.echo(f"{method}, networks from {found.words}")

@@ -11,8 +11,8 @@ import click
 import numpy as np
 
 from model import predict as prediction
+from model.inference import PREDICTABLE, Networks, load_networks
 from model.predict import Wanted
-from model.predictor import PREDICTABLE, Predictor, load_predictor
 from model.pretrained import find_models
 from model.tiles import SMALLEST
 from pipeline.options import common_options
@@ -99,7 +99,7 @@ def predict(
     if len(wanted) > 1 and out is not None and out.suffix.lower() in (".png", ".exr"):
         raise click.BadParameter(f"{out}: {len(wanted)} views need a folder", param_hint="--out")
     found = find_models(models, method)
-    predictor = load_predictor(found.folder, found.method, tile or 0)
+    networks = load_networks(found.folder, [found.method], tile or 0)
     click.echo(f"{found.method}, networks from {found.words}")
     scene = source["scene"]
     failed = 0
@@ -107,7 +107,7 @@ def predict(
         for one in wanted:
             folder = scene or data / "scenes" / one.view.scene_id
             try:
-                said = _predict_one(predictor, one, _target(out, one, len(wanted)), folder, exr,
+                said = _predict_one(networks, one, _target(out, one, len(wanted)), folder, exr,
                                     with_truth, str(found.folder))  # fmt: skip
             except InputError as error:
                 if len(wanted) == 1:
@@ -121,7 +121,7 @@ def predict(
 
 
 def _predict_one(
-    predictor: Predictor,
+    networks: Networks,
     wanted: Wanted,
     out: Path,
     scene: Path,
@@ -130,14 +130,14 @@ def _predict_one(
     models: str,
 ) -> str:
     """Write the picture of a view, and its radiance; returns what to tell."""
-    example = wanted.make(predictor.card)
-    made = predictor.predict(example)
+    example = wanted.make(networks.card)
+    made = networks.predict(networks.methods[0], example)
     picture, words = to_bytes(made.color), ""
     if with_truth:
-        picture, words = prediction.compare(predictor, example, made)
+        picture, words = prediction.compare(networks, example, made)
     facts = {
         "prediction": example.name,
-        "models": f"{predictor.method} of {models}",
+        "models": f"{made.method} of {models}",
         "words": words,
         "credits": _credits(scene),
     }
@@ -146,7 +146,7 @@ def _predict_one(
     said = f"{out}: {example.name}, {made.color.shape[1]}x{made.color.shape[0]} {words}".rstrip()
     if exr:
         target = out.with_suffix(".exr")
-        about = prediction.write_radiance(target, predictor, wanted, example, made, facts)
+        about = prediction.write_radiance(target, networks, wanted, example, made, facts)
         said += f"\n{target}: {about}"
     return said
 

@@ -18,8 +18,8 @@ import torch
 from safetensors.torch import save_file
 
 from model.data import Dataset, Example
+from model.inference import Networks, available, load_networks, needed
 from model.methods import METHODS
-from model.predictor import Predictor, available, load_predictor, needed
 from model.store import ModelCard, load_model
 from pipeline.templating import templates
 from scenes.checked import plain
@@ -85,14 +85,14 @@ def pack(source: Path, target: Path, method: str, data: Path, metrics: Path) -> 
     the folder would exceed `LIMIT`: then `target` stays as it was.
     """
     _refuse_strange_files(source, target)
-    original = load_predictor(source, method)
+    original = load_networks(source, [method])
     examples = _views(data)
     figures = _figures(metrics)
     with atomic_directory(target) as partial:
         digests: dict[str, str] = {}
         for name in needed(method):
             digests[name] = _pack_network(source, partial, name, digests)
-        packed = load_predictor(partial, method)
+        packed = load_networks(partial, [method])
         difference = _compare(original, packed, method, examples)
         card = _card(packed, difference, figures)
         (partial / "README.md").write_text(card, encoding="utf-8")
@@ -163,10 +163,10 @@ def _views(data: Path) -> list[Example]:
 
 
 def _compare(
-    original: Predictor, packed: Predictor, method: str, examples: Sequence[Example]
+    original: Networks, packed: Networks, method: str, examples: Sequence[Example]
 ) -> Difference:
     errors = [
-        np.abs(original.predict(example).color - packed.predict(example).color)
+        np.abs(original.predict(method, example).color - packed.predict(method, example).color)
         for example in examples
     ]
     worst = max(float(error.max()) for error in errors)
@@ -192,16 +192,16 @@ def _figures(metrics: Path) -> dict[str, Any]:
     return found
 
 
-def _card(packed: Predictor, difference: Difference, figures: dict[str, Any]) -> str:
+def _card(packed: Networks, difference: Difference, figures: dict[str, Any]) -> str:
     cards: list[ModelCard] = list(packed.cards.values())
     licences = sorted({licence for card in cards for licence in card.data.licences})
     credits = sorted({line for card in cards for line in card.data.attributions})
     methods, apart = figures["methods"], figures.get("kept_back")
-    theirs = apart["methods"].get(packed.method) if apart else None
+    theirs = apart["methods"].get(difference.method) if apart else None
     environment = templates("model", markup=False)
     environment.filters["json"] = lambda value: json.dumps(value, sort_keys=True)
     return environment.get_template("model_card.md").render(
-        method=packed.method,
+        method=difference.method,
         titles={name: METHODS[name].title for name in packed.cards},
         cards=packed.cards,
         card=packed.card,
@@ -209,7 +209,7 @@ def _card(packed: Predictor, difference: Difference, figures: dict[str, Any]) ->
         worst=WORST,
         mean=MEAN,
         figures=figures,
-        own=methods.get(packed.method),
+        own=methods.get(difference.method),
         ceiling=methods.get("ceiling"),
         kept_back={**apart, "own": theirs} if apart and theirs else None,
         licences=licences,

@@ -195,7 +195,7 @@ def test_networks_of_different_exposure_policies_are_not_compared(
     card = tmp_path / "unet.json"
     card.write_text(card.read_text().replace('"exposure": "shared"', '"exposure": "own"'))
     with pytest.raises(InputError, match="colours differently"):
-        load_networks(tmp_path, ["unet"])
+        load_networks(tmp_path, ["pbrnet", "unet"])
 
 
 def test_the_product_of_true_shading_is_the_truth_where_light_bounces_not(

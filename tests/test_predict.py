@@ -15,8 +15,8 @@ from predictor_fixtures import untrained_models
 from render_fixtures import write_scene
 
 from model import pretrained
+from model.inference import Prediction, load_networks
 from model.predict import from_frames
-from model.predictor import Prediction, load_predictor
 from pipeline.cli import cli
 from pipeline.frames import read_frame
 from pipeline.params import ImageParams
@@ -164,21 +164,22 @@ def test_linear_radiance_shows_as_the_prediction(method: str) -> None:
 
 
 def test_with_the_truth_the_unit_is_the_scenes() -> None:
-    predictor = load_predictor(Path("models"), "pbrnet")
+    networks = load_networks(Path("models"))
     wanted = from_frames(Path(FRAMES[1]), Path(FRAMES[3]), truth=Path("data"))
-    example = wanted.make(predictor.card)
+    example = wanted.make(networks.card)
     perfect = Prediction(
+        "pbrnet",
         tonemap(example.shading, example.exposure_shading),
         tonemap(example.color, example.exposure_shading),
     )
-    linear = predictor.radiance(example, perfect)
+    linear = networks.radiance(example, perfect)
     inside = ~linear.clipped
     assert linear.known
     assert linear.color[inside] == pytest.approx(example.color[inside], rel=2e-2, abs=1e-4)
     # What is at white is less than the truth, or equal: a lower bound in that band.
     bright = replace(example, exposure_shading=Exposure(example.exposure_shading.scale, 0.9))
     display = tonemap(example.color, bright.exposure_shading)
-    bound = predictor.radiance(bright, Prediction(None, display))
+    bound = networks.radiance(bright, Prediction("pbrnet", None, display))
     at_white = display >= 1 - 1e-6
     assert at_white.any() and (bound.clipped == at_white.any(axis=-1)).all()
 

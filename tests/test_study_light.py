@@ -127,7 +127,7 @@ def test_a_killed_study_goes_on(
 def test_twice_the_light_is_predicted_as_twice_the_light(
     place: Folders, examples: list[Example]
 ) -> None:
-    networks = load_networks(place.models, ["unet"])
+    networks = load_networks(place.models, ["pbrnet", "unet"])
     example = examples[0]
     before = Lit(example, example.intensity, example.distance, example.shading, example.color)
     after = Lit(

@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
+from model.inference import PREDICTABLE, load_networks
 from model.predict import find_views
 from model.predict_command import parse_size
-from model.predictor import PREDICTABLE, load_predictor
 from model.pretrained import find_models
 from model.studies.flicker import Study, Wish, measure_move
 from pipeline.options import common_options
@@ -87,8 +87,8 @@ def flicker(
     found = [find_models(models, name) for name in dict.fromkeys(methods)] or [
         find_models(models, None)
     ]
-    predictors = [load_predictor(one.folder, one.method) for one in found]
-    if len({(p.card.exposure, tuple(sorted(p.card.tone.items()))) for p in predictors}) > 1:
+    networks = [load_networks(one.folder, [one.method]) for one in found]
+    if len({(n.card.exposure, tuple(sorted(n.card.tone.items()))) for n in networks}) > 1:
         raise InputError(
             "these methods show their colours differently (exposure or tone); measure one by one"
         )
@@ -96,7 +96,7 @@ def flicker(
     (view,) = find_views(scene, camera, (view_id,), parse_size(size))
     usual = 0.5 if wishes["move"] == "pan" else 0.02
     wish = Wish(step=usual if step is None else step, **wishes)
-    study = measure_move(predictors, scene, view, wish, params)
+    study = measure_move(networks, scene, view, wish, params)
     write_json(
         out,
         {
@@ -111,7 +111,8 @@ def flicker(
             "visible": study.visible,
             "methods": plain(study.methods),
             "weights": {
-                p.method: {name: card.sha256 for name, card in p.cards.items()} for p in predictors
+                one.method: {name: card.sha256 for name, card in each.cards.items()}
+                for one, each in zip(found, networks, strict=True)
             },
         },
     )
