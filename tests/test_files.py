@@ -49,16 +49,26 @@ def test_a_failed_folder_leaves_the_old_folder(tmp_path: Path) -> None:
     assert names(tmp_path) == ["scene"]
 
 
-def test_what_a_killed_writer_left_is_swept(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["atomic_file", "atomic_directory"])
+def test_what_a_killed_writer_left_is_swept_and_what_a_living_one_writes_is_not(
+    tmp_path: Path, kind: str
+) -> None:
     script = (
-        "import os, signal; from pathlib import Path; from scenes.files import atomic_file\n"
-        f"with atomic_file(Path({str(tmp_path / 'a.txt')!r})) as partial:\n"
-        "    partial.write_text('half'); os.kill(os.getpid(), signal.SIGKILL)\n"
+        f"from pathlib import Path; from scenes.files import {kind}\n"
+        f"with {kind}(Path({str(tmp_path / 'deep' / 'a')!r})):\n"
+        "    print('half', flush=True); input()\n"
     )
-    subprocess.run([sys.executable, "-c", script], check=False)
-    assert not (tmp_path / "a.txt").exists()
-    assert remove_partials(tmp_path) == 1
-    assert names(tmp_path) == []
+    with subprocess.Popen(
+        [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as writer:
+        assert writer.stdout is not None and writer.stdout.readline() == "half\n"
+        assert remove_partials(tmp_path, below=True) == 0
+        assert len(names(tmp_path / "deep")) == 1
+        writer.kill()
+    assert remove_partials(tmp_path) == 0, "not below the folder unless asked for"
+    assert remove_partials(tmp_path, below=True) == 1
+    assert names(tmp_path / "deep") == []
+    assert remove_partials(tmp_path / "nowhere") == 0
 
 
 def test_a_full_disk_is_a_clear_error_and_keeps_the_old_file(small_disk: Path) -> None:

@@ -51,7 +51,7 @@ from pipeline.views import View
 from scenes.checked import plain
 from scenes.contract import Scene
 from scenes.errors import ParameterError
-from scenes.files import atomic_file, write_json
+from scenes.files import atomic_file, remove_partials, write_json
 from scenes.seeds import derive
 
 _MORE = 16  # times the samples of the longest rival that the reference has, unless asked for others
@@ -109,6 +109,9 @@ def study_time(
     reference = replace(reference, seed=derive(params.seed, "study", "time", "reference"))
     # Threads that wait for one another spin, which by the processor's clock would count as work.
     torch.set_num_threads(1 if wish.clock == "cpu" else len(os.sched_getaffinity(0)))
+    folder = folders.metrics / "studies"
+    for place in (folder, renders):
+        remove_partials(place, below=True)
     networks, dataset = open_split(params, folders, trained_baselines(folders.models))
     examples = spread_over(dataset, wish.views)
     scenes = {name: scene_of(folders.data, name) for name in {e.scene_id for e in examples}}
@@ -145,7 +148,6 @@ def study_time(
         parts=_parts(outcomes),
         points=_points(outcomes),
     )
-    folder = folders.metrics / "studies"
     with atomic_file(folder / "time.png") as partial:
         partial.write_bytes(time_plot(result))
     write_json(folder / "time.json", plain(result))
