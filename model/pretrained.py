@@ -22,11 +22,11 @@ from model.inference import Networks, available, load_networks, needed
 from model.methods import METHODS
 from model.store import ModelCard, load_model
 from pipeline.templating import templates
+from pipeline.versions import PACKED
 from scenes.checked import plain
 from scenes.errors import InputError
 from scenes.files import atomic_directory, atomic_file, digest_file, read_json, write_json
 
-PACKED = Path(__file__).resolve().parents[1] / "weights"  # a checkout's, or an installation's
 LIMIT = 16_000_000  # bytes of all files in the folder
 # How far a packed network's pictures may be from the original's, in display values [0, 1]:
 # anywhere, and on average. An 8-bit step is 0.0039.
