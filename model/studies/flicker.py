@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -28,12 +28,12 @@ from pipeline.params import Params
 from pipeline.pictures import Picture, contact_sheet
 from pipeline.progress import Progress
 from pipeline.renderer import RenderScene, open_scene, set_variant
+from pipeline.report_flicker import Flicker, Move
 from pipeline.tonemap import to_bytes, tonemap
 from pipeline.views import View, as_matrix
 from scenes.contract import load_scene
 from scenes.errors import InputError
 
-Move = Literal["dolly", "truck", "pan", "still"]
 SAME_DEPTH = 0.02  # relative: nearer than this, two depths are of the same surface
 AIR = 0.1  # metres that the camera keeps from what is in its way
 
@@ -45,14 +45,6 @@ class Wish:
     move: Move
     frames: int
     step: float
-
-
-@dataclass(frozen=True)
-class Flicker:
-    """One method's: mean absolute difference of display values, of each pair of frames and all."""
-
-    mean: float
-    pairs: tuple[float, ...]
 
 
 @dataclass(frozen=True)
