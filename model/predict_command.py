@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 
 from model import predict as prediction
 from model.inference import PREDICTABLE, Networks, load_networks
+from model.options import FILE, FOLDER, found_models_option, size_option
 from model.predict import Wanted
 from model.pretrained import find_models
 from model.tiles import SMALLEST
@@ -25,8 +25,6 @@ from scenes.contract import load_scene
 from scenes.errors import InputError
 from scenes.files import atomic_file
 
-_FOLDER = click.Path(path_type=Path, file_okay=False)
-_FILE = click.Path(path_type=Path, dir_okay=False)
 _EITHER = click.Path(path_type=Path)
 
 
@@ -48,16 +46,16 @@ pbrnet. --compare reads the truth from the data folder, or renders it, and puts 
 prediction with the error. --exr: docs/use.md says what its numbers mean. `pbrnet report` shows
 all that lies in predictions/."""
 )
-@click.argument("scene", type=_FOLDER, required=False)
+@click.argument("scene", type=FOLDER, required=False)
 @click.option("--view", "views", multiple=True, help="View of the camera file; again for more.")
 @click.option("--all-views", is_flag=True, help="All views of the camera file.")
-@click.option("--camera", type=_FILE, default=None, help="Camera file of the scene.")
+@click.option("--camera", type=FILE, default=None, help="Camera file of the scene.")
 @click.option("--eye", metavar="X,Y,Z", help="A camera of your own: where, metres, Z up.")
 @click.option("--towards", metavar="X,Y,Z", help="And in which direction it looks.")
 @click.option("--inputs", type=_EITHER, help="Frame with depth, normal, reflectance, or a folder.")
 @click.option("--illumination", type=_EITHER, help="Frame with the panorama, or a folder.")
 @click.option("--noisy", type=_EITHER, help="Frame of few samples, or a folder, for hybrid.")
-@click.option("--size", default=None, metavar="WxH", help="Render the inputs at this size.")
+@size_option("Render the inputs at this size.")
 @click.option(
     "--method",
     type=click.Choice(PREDICTABLE),
@@ -79,9 +77,7 @@ all that lies in predictions/."""
     default=None,
     help="PNG to write; of several views, a folder.  [default: predictions/SCENE--VIEW.png]",
 )
-@click.option(
-    "--models", type=_FOLDER, default=None, help="Trained networks.  [default: see below]"
-)
+@found_models_option()
 @common_options
 def predict(
     params: Params,
@@ -164,7 +160,7 @@ def _wanted(
     inputs: Path | None,
     illumination: Path | None,
     noisy: Path | None,
-    size: str | None,
+    size: tuple[int, int] | None,
 ) -> list[Wanted]:
     """The views that the options name."""
     if scene is None:
@@ -183,15 +179,14 @@ def _wanted(
         raise click.UsageError(
             "with SCENE, name a --view (again for more), or --all-views, or --eye and --towards"
         )
-    wide = parse_size(size)
     if eye is not None and towards is not None:
-        image = replace(params.image, width=wide[0], height=wide[1]) if wide else params.image
+        image = replace(params.image, width=size[0], height=size[1]) if size else params.image
         placed = prediction.placed_view(
             scene, _triple(eye, "--eye"), _triple(towards, "--towards"), intrinsics_of(image)
         )
         return prediction.from_scene(scene, [placed], params, data, with_truth)
     camera = camera or data / "cameras" / f"{scene.name}.json"
-    found = prediction.find_views(scene, camera, views, wide)
+    found = prediction.find_views(scene, camera, views, size)
     return prediction.from_scene(scene, found, params, data, with_truth)
 
 
@@ -212,16 +207,6 @@ def _credits(scene: Path) -> list[str]:
         return []
     credits = load_scene(scene).credits
     return list(dict.fromkeys(f"{c.title} by {c.author}, {c.licence}" for c in credits))
-
-
-def parse_size(text: str | None) -> tuple[int, int] | None:
-    """`640x480` as (width, height); raises click's BadParameter."""
-    if text is None:
-        return None
-    match = re.fullmatch(r"(\d{1,5})[xX](\d{1,5})", text)
-    if match is None or min(int(match[1]), int(match[2])) < 1:
-        raise click.BadParameter(f"{text!r} is no size; write it like 640x480", param_hint="--size")
-    return int(match[1]), int(match[2])
 
 
 def _triple(text: str, option: str) -> Any:

@@ -10,19 +10,16 @@ import numpy as np
 import pytest
 import torch
 from click.testing import CliRunner, Result
-from predict_fixtures import box_frames
+from predict_fixtures import box_camera, box_frames, box_room
 from predictor_fixtures import untrained_models
-from render_fixtures import write_scene
 
 from model import pretrained
 from model.inference import Prediction, load_networks
 from model.predict import from_frames
 from pipeline.cli import cli
 from pipeline.frames import read_frame
-from pipeline.params import ImageParams
 from pipeline.pictures import png_facts, read_picture
 from pipeline.tonemap import Exposure, tonemap
-from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, save_cameras
 from scenes.errors import InputError
 
 FRAMES = ("--inputs", "data/inputs/box/v0.exr", "--illumination", "data/illumination/box/v0.exr")
@@ -46,24 +43,9 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture()
 def room() -> Path:
     """A scene folder with a camera file of two views."""
-    body = """
-    <shape type="cube" id="room"><boolean name="flip_normals" value="true"/>
-      <transform name="to_world"><scale x="2" y="2.5" z="1.3"/>
-      <translate x="2" y="2.5" z="1.3"/></transform>
-      <bsdf type="twosided"><bsdf type="diffuse">
-      <rgb name="reflectance" value="0.6 0.4 0.2"/></bsdf></bsdf></shape>
-    <shape type="sphere" id="bulb"><point name="center" x="2" y="2.5" z="2.2"/>
-      <float name="radius" value="0.15"/>
-      <emitter type="area"><rgb name="radiance" value="5"/></emitter></shape>"""
-    folder = Path("data/scenes/box")
-    write_scene(folder, body, {"room": ("room",), "bulb": ("bulb",)})
-    camera = as_matrix(intrinsics_of(ImageParams(24, 18)))
-    views = tuple(
-        View("box", name, 24, 18, camera, as_matrix(look((0.5, 0.5, 1.5), towards)))
-        for name, towards in (("east", (1, 0.2, -0.2)), ("north", (0.2, 1, -0.2)))
-    )
-    save_cameras(Path("data/cameras/box.json"), CameraFile("box", views))
-    return folder
+    views = {"east": (1, 0.2, -0.2), "north": (0.2, 1, -0.2)}
+    cameras = [box_camera(name, (24, 18), (0.5, 0.5, 1.5), to) for name, to in views.items()]
+    return box_room(Path("data"), *cameras)
 
 
 def predict(*words: object) -> Result:
