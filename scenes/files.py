@@ -68,7 +68,7 @@ def atomic_directory(path: Path) -> Iterator[Path]:
 def _new_partial(path: Path, folder: bool) -> tuple[Path, int]:
     """A new file or folder beside `path`, and a handle that holds its lock until it is closed.
 
-    The lock is the kernel's: it tells `remove_partials` whether the writer is still there.
+    The lock is the kernel's: it tells `sweep` whether the writer is still there.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     while True:
@@ -85,35 +85,50 @@ def _new_partial(path: Path, folder: bool) -> tuple[Path, int]:
             os.close(lock)
 
 
-def remove_partials(folder: Path, below: bool = False) -> int:
-    """Delete what killed runs left half written in `folder`; returns how many there were.
+def remove_partials(folder: Path) -> int:
+    """Delete all that is half written in `folder` (not below it); returns how many there were.
 
-    What is still being written is left alone. `below`: in all folders below it too.
+    For folders that nobody else writes in, as their lock is held. Else see `sweep`.
+    """
+    leftovers = sorted(Path(folder).glob(_PARTIAL + "*")) if Path(folder).is_dir() else []
+    for leftover in leftovers:
+        _remove(leftover)
+    return len(leftovers)
+
+
+def sweep(folder: Path) -> int:
+    """Delete what killed writers left half written in `folder` and below; returns how many.
+
+    What a living one is writing is left alone.
     """
     removed = 0
     for place, folders, files in os.walk(folder):
         partials = sorted(name for name in (*folders, *files) if name.startswith(_PARTIAL))
-        removed += sum(_swept(Path(place) / name) for name in partials)
-        folders[:] = [name for name in folders if below and name not in partials]
+        removed += sum(_abandoned(Path(place) / name) for name in partials)
+        folders[:] = [name for name in folders if name not in partials]
     return removed
 
 
-def _swept(leftover: Path) -> bool:
-    """Delete a file or folder unless its writer holds it; whether that was done."""
+def _abandoned(partial: Path) -> bool:
+    """Delete it unless its writer holds it; whether that was done."""
     try:
-        lock = os.open(leftover, os.O_RDONLY)
+        lock = os.open(partial, os.O_RDONLY)
     except OSError:  # gone meanwhile, or not ours
         return False
     try:
-        if not _lock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB):
-            return False
-        if leftover.is_dir():
-            shutil.rmtree(leftover, ignore_errors=True)
-        else:
-            leftover.unlink(missing_ok=True)
-        return True
+        free = _lock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        if free:
+            _remove(partial)
+        return free
     finally:
         os.close(lock)
+
+
+def _remove(partial: Path) -> None:
+    if partial.is_dir():
+        shutil.rmtree(partial, ignore_errors=True)
+    else:
+        partial.unlink(missing_ok=True)
 
 
 def _lock(handle: int, how: int) -> bool:

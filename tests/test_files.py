@@ -16,6 +16,7 @@ from scenes.files import (
     digest_folder,
     read_json,
     remove_partials,
+    sweep,
     write_json,
     write_text,
 )
@@ -58,17 +59,20 @@ def test_what_a_killed_writer_left_is_swept_and_what_a_living_one_writes_is_not(
         f"with {kind}(Path({str(tmp_path / 'deep' / 'a')!r})):\n"
         "    print('half', flush=True); input()\n"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as writer:
-        assert writer.stdout is not None and writer.stdout.readline() == "half\n"
-        assert remove_partials(tmp_path, below=True) == 0
-        assert len(names(tmp_path / "deep")) == 1
-        writer.kill()
-    assert remove_partials(tmp_path) == 0, "not below the folder unless asked for"
-    assert remove_partials(tmp_path, below=True) == 1
-    assert names(tmp_path / "deep") == []
-    assert remove_partials(tmp_path / "nowhere") == 0
+    left = 0
+    for clean in (sweep, lambda folder: remove_partials(folder / "deep")):
+        with subprocess.Popen(
+            [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) as writer:
+            assert writer.stdout is not None and writer.stdout.readline() == "half\n"
+            assert sweep(tmp_path) == 0
+            (partial,) = (tmp_path / "deep").iterdir()
+            writer.kill()
+        assert partial.exists()
+        left += clean(tmp_path)
+        assert names(tmp_path / "deep") == []
+    assert left == 2
+    assert sweep(tmp_path / "nowhere") == remove_partials(tmp_path / "nowhere") == 0
 
 
 def test_a_full_disk_is_a_clear_error_and_keeps_the_old_file(small_disk: Path) -> None:

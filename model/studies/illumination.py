@@ -39,7 +39,7 @@ from pipeline.views import View
 from scenes.checked import plain
 from scenes.contract import Scene
 from scenes.errors import InputError
-from scenes.files import atomic_file, remove_partials, write_json
+from scenes.files import atomic_file, sweep, write_json
 
 _SAME = 0.02  # relative difference of two panoramas of one scene, at most
 _NOTHING = LightChange()
@@ -94,7 +94,7 @@ def study_illumination(
     torch.set_num_threads(len(os.sched_getaffinity(0)))
     folder = folders.metrics / "studies"
     for place in (folder, renders):
-        remove_partials(place, below=True)
+        sweep(place)
     baselines = [name for name in trained_baselines(folders.models) if name == "plus"]
     networks, dataset = open_split(params, folders, baselines)
     examples = spread_over(dataset, wish.views)

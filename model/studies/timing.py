@@ -51,7 +51,7 @@ from pipeline.views import View
 from scenes.checked import plain
 from scenes.contract import Scene
 from scenes.errors import ParameterError
-from scenes.files import atomic_file, remove_partials, write_json
+from scenes.files import atomic_file, sweep, write_json
 from scenes.seeds import derive
 
 _MORE = 16  # times the samples of the longest rival that the reference has, unless asked for others
@@ -111,7 +111,7 @@ def study_time(
     torch.set_num_threads(1 if wish.clock == "cpu" else len(os.sched_getaffinity(0)))
     folder = folders.metrics / "studies"
     for place in (folder, renders):
-        remove_partials(place, below=True)
+        sweep(place)
     networks, dataset = open_split(params, folders, trained_baselines(folders.models))
     examples = spread_over(dataset, wish.views)
     scenes = {name: scene_of(folders.data, name) for name in {e.scene_id for e in examples}}
