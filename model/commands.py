@@ -12,27 +12,15 @@ from model import evaluation
 from model import reference as kept
 from model.backbone import make_backbone
 from model.export import INPUTS, export_onnx
+from model.inference import PREDICTABLE, load_networks, needed
 from model.methods import BASELINES, METHODS
 from model.metrics import NAMES
-from model.predictor import PREDICTABLE, load_predictor, needed
+from model.options import FILE, FOLDER, found_models_option, models_option
 from model.pretrained import find_models, pack
 from model.training import Folders, train_network
 from pipeline.options import common_options
 from pipeline.params import Params
 from scenes.files import atomic_file, write_json
-
-_FOLDER = click.Path(path_type=Path, file_okay=False)
-_FILE = click.Path(path_type=Path, dir_okay=False)
-
-
-def _models_option(help_text: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    return click.option(
-        "--models",
-        type=_FOLDER,
-        default=Path("models"),
-        show_default=True,
-        help=help_text,
-    )
 
 
 @click.command(
@@ -44,7 +32,7 @@ Examples:
 params.yaml, section backbone: `network`, `weights` (a VGG-19 file with torchvision's names),
 `download` (whether VGG-19 may be fetched)."""
 )
-@_models_option("Where backbone.safetensors and backbone.json go.")
+@models_option("Where backbone.safetensors and backbone.json go.")
 @common_options
 def backbone(params: Params, data: Path, models: Path) -> None:
     """Get the pretrained features that the perceptual loss compares."""
@@ -74,7 +62,7 @@ def _train_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--from",
             "start",
-            type=_FILE,
+            type=FILE,
             default=None,
             metavar="MODEL",
             help="Start from this model's weights (fine-tuning) instead of random ones.",
@@ -82,12 +70,12 @@ def _train_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--backbone",
             "backbone_folder",
-            type=_FOLDER,
+            type=FOLDER,
             default=Path("models"),
             show_default=True,
             help="Folder with the perceptual loss's backbone.",
         ),
-        _models_option("Where models are read and written; metrics and plots go along."),
+        models_option("Where models are read and written; metrics and plots go along."),
     ):
         command = option(command)
     return common_options(command)
@@ -164,7 +152,7 @@ Examples:
 
 Refused if a test scene, or another scene of its floor plan, was trained on.""",
 )
-@_models_option("Trained networks.")
+@models_option()
 @common_options
 def evaluate(params: Params, data: Path, models: Path) -> None:
     """Measure the networks beside reflectance x shading and every baseline that is trained."""
@@ -199,14 +187,14 @@ folder would exceed 16 MB. `pbrnet predict` uses weights/ where models/ has no n
 @click.option(
     "--from",
     "source",
-    type=_FOLDER,
+    type=FOLDER,
     default=Path("models"),
     show_default=True,
     help="Trained networks.",
 )
 @click.option(
     "--out",
-    type=_FOLDER,
+    type=FOLDER,
     default=Path("weights"),
     show_default=True,
     help="Folder to write; packed networks in it are replaced.",
@@ -222,7 +210,7 @@ folder would exceed 16 MB. `pbrnet predict` uses weights/ where models/ has no n
 )
 @click.option(
     "--metrics",
-    type=_FOLDER,
+    type=FOLDER,
     default=Path("metrics"),
     show_default=True,
     help="Folder with evaluation.json, for the card.",
@@ -251,14 +239,14 @@ Examples:
 Takes what `pbrnet evaluate` wrote beside the models, and the dataset's pictures for the sheet:
 a row a view from the first method's best to its worst, the truth on the left."""
 )
-@_models_option("Trained networks.")
+@models_option("Trained networks.")
 @click.option(
     "--out",
-    type=_FILE,
+    type=FILE,
     default=None,
     help="JSON to write.  [default: reference.json beside evaluation.json]",
 )
-@click.option("--sheet", type=_FILE, default=None, metavar="FILE", help="PNG to draw too.")
+@click.option("--sheet", type=FILE, default=None, metavar="FILE", help="PNG to draw too.")
 @click.option(
     "--method",
     "methods",
@@ -304,7 +292,7 @@ Examples:
 The file takes the dataset's columns as they are, at any size, and gives shading and colour as
 display values. Needs the extra packages: pip install 'pbrnet[onnx]'"""
 )
-@click.option("--onnx", "out", type=_FILE, required=True, metavar="FILE", help="ONNX to write.")
+@click.option("--onnx", "out", type=FILE, required=True, metavar="FILE", help="ONNX to write.")
 @click.option(
     "--method",
     type=click.Choice(("pbrnet", "plus")),
@@ -312,12 +300,12 @@ display values. Needs the extra packages: pip install 'pbrnet[onnx]'"""
     show_default=True,
     help="Whose networks.",
 )
-@click.option("--models", type=_FOLDER, default=None, help="Trained networks, as for predict.")
+@found_models_option()
 @common_options
 def export(params: Params, data: Path, models: Path | None, method: str, out: Path) -> None:
     """Write a method's trained networks as one file for other programs."""
     found = find_models(models, method)
-    export_onnx(load_predictor(found.folder, method), out)
+    export_onnx(load_networks(found.folder, [method]), out)
     names = ", ".join((*INPUTS, "K") if method == "plus" else INPUTS)
     click.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {names} to shading, color")
     click.echo(f"{method}, networks from {found.words}")

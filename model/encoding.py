@@ -53,7 +53,7 @@ def encode(examples: Sequence[Example], direct: bool = False, noisy: bool = Fals
         "normal": _stack([example.normal for example in examples]),
         "intensity": _stack([_intensity(example.intensity) for example in examples]),
         "distance": _stack([np.minimum(example.distance, FAR)[..., None] for example in examples]),
-        "reflectance": _stack([centred(encode_srgb(see_through(e, GREY))) for e in examples]),
+        "reflectance": reflectances(examples),
     }
     if direct:
         given["direct"] = _stack([_direct(example) for example in examples])
@@ -64,6 +64,11 @@ def encode(examples: Sequence[Example], direct: bool = False, noisy: bool = Fals
             [_both(e, e.denoised_color, e.denoised_shading) for e in examples]
         )
     return given
+
+
+def reflectances(examples: Sequence[Example]) -> torch.Tensor:
+    """`encode`'s `reflectance` alone, which is all that the composition network sees of a view."""
+    return _stack([centred(encode_srgb(see_through(e, GREY))) for e in examples])
 
 
 def targets(examples: Sequence[Example], policy: Policy) -> Tensors:
@@ -113,6 +118,11 @@ def centred(display: Value) -> Value:
 def to_image(batch: torch.Tensor) -> Array:
     """The first of (N, 3, H, W) network outputs as display values float32 (H, W, 3), [0, 1]."""
     return batch[0].detach().float().clamp(0, 1).permute(1, 2, 0).cpu().numpy()
+
+
+def to_batch(image: Array) -> torch.Tensor:
+    """An image (H, W, 3) as (1, 3, H, W): `to_image` backwards."""
+    return _stack([image])
 
 
 def solid_angles(height: int, width: int) -> Array:

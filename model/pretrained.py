@@ -18,15 +18,15 @@ import torch
 from safetensors.torch import save_file
 
 from model.data import Dataset, Example
+from model.inference import Networks, available, load_networks, needed
 from model.methods import METHODS
-from model.predictor import Predictor, available, load_predictor, needed
 from model.store import ModelCard, load_model
 from pipeline.templating import templates
+from pipeline.versions import PACKED
 from scenes.checked import plain
 from scenes.errors import InputError
 from scenes.files import atomic_directory, atomic_file, digest_file, read_json, write_json
 
-PACKED = Path(__file__).resolve().parents[1] / "weights"  # a checkout's, or an installation's
 LIMIT = 16_000_000  # bytes of all files in the folder
 # How far a packed network's pictures may be from the original's, in display values [0, 1]:
 # anywhere, and on average. An 8-bit step is 0.0039.
@@ -88,7 +88,7 @@ def pack(
     """
     _refuse_strange_files(source, target)
     methods = tuple(dict.fromkeys(methods))
-    originals = [load_predictor(source, method) for method in methods]
+    originals = load_networks(source, methods)
     noisy = any(method in METHODS and METHODS[method].noisy for method in methods)
     examples = _views(data, noisy)
     figures = _figures(metrics)
@@ -97,11 +97,8 @@ def pack(
         digests: dict[str, str] = {}
         for name in names:
             digests[name] = _pack_network(source, partial, name, digests)
-        packed = [load_predictor(partial, method) for method in methods]
-        differences = [
-            _compare(original, small, examples)
-            for original, small in zip(originals, packed, strict=True)
-        ]
+        packed = load_networks(partial, methods)
+        differences = [_compare(originals, packed, method, examples) for method in methods]
         card = _card(packed, differences, figures)
         (partial / "README.md").write_text(card, encoding="utf-8")
         size = sum(file.stat().st_size for file in partial.iterdir())
@@ -170,10 +167,11 @@ def _views(data: Path, noisy: bool) -> list[Example]:
     raise InputError(f"packed networks are compared on a dataset's views: {missing}")
 
 
-def _compare(original: Predictor, packed: Predictor, examples: Sequence[Example]) -> Difference:
-    method = original.method
+def _compare(
+    original: Networks, packed: Networks, method: str, examples: Sequence[Example]
+) -> Difference:
     errors = [
-        np.abs(original.predict(example).color - packed.predict(example).color)
+        np.abs(original.predict(method, example).color - packed.predict(method, example).color)
         for example in examples
     ]
     worst = max(float(error.max()) for error in errors)
@@ -199,24 +197,18 @@ def _figures(metrics: Path) -> dict[str, Any]:
     return found
 
 
-def _card(
-    packed: Sequence[Predictor], differences: Sequence[Difference], figures: dict[str, Any]
-) -> str:
-    by_name: dict[str, ModelCard] = {}
-    for predictor in packed:
-        by_name |= predictor.cards
-    cards = list(by_name.values())
+def _card(packed: Networks, differences: Sequence[Difference], figures: dict[str, Any]) -> str:
+    cards: list[ModelCard] = list(packed.cards.values())
     licences = sorted({licence for card in cards for licence in card.data.licences})
     credits = sorted({line for card in cards for line in card.data.attributions})
-    methods = [predictor.method for predictor in packed]
-    shown, apart = [*methods, "denoised", "ceiling"], figures.get("kept_back")
+    shown, apart = [*packed.methods, "denoised", "ceiling"], figures.get("kept_back")
     environment = templates("model", markup=False)
     environment.filters["json"] = lambda value: json.dumps(value, sort_keys=True)
     return environment.get_template("model_card.md").render(
-        methods=methods,
-        titles={name: METHODS[name].title for name in by_name},
-        cards=by_name,
-        card=packed[0].card,
+        methods=packed.methods,
+        titles={name: METHODS[name].title for name in packed.cards},
+        cards=packed.cards,
+        card=packed.card,
         differences=differences,
         worst=WORST,
         mean=MEAN,

@@ -35,7 +35,7 @@ def summary(folders: Folders) -> dict[str, Any]:
     if not path.is_file():
         raise InputError(f"{path}: no such file; make it with: pbrnet evaluate")
     found: dict[str, Any] = read_json(path)
-    cards = load_networks(folders.models, trained_baselines(folders.models)).cards
+    cards = load_networks(folders.models, ("pbrnet", *trained_baselines(folders.models))).cards
     trained = cards["shading"].data
     return {
         "methods": _flat(found["methods"]),
@@ -81,7 +81,7 @@ def sheet(params: Params, folders: Folders, methods: Sequence[str], count: int) 
     pictures, labels = [], []
     for scene, view, flip in chosen:
         example = rows[scene, view]
-        shading = networks.predict_shading(example)
+        shading = networks.shading(example)
         images = [true_color(example, networks)]
         images += [image_of(method, example, shading, networks) for method in methods]
         pictures += [enlarge(to_bytes(image), SHOWN) for image in images]

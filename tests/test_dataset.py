@@ -33,10 +33,11 @@ from dataset_fixtures import (
 from pipeline.checks import REASONS, black_share, blown_share, check_frames, firefly_share
 from pipeline.cli import cli
 from pipeline.columns import dataset_columns
-from pipeline.dataset import Source, pack_dataset, split_plans
+from pipeline.dataset import pack_dataset
 from pipeline.frames import HALF_MAX, Frame, frame_path, read_frame
 from pipeline.params import CheckParams, SplitParams
 from pipeline.pictures import read_picture
+from pipeline.splits import Source, split_plans
 from pipeline.sums import verify_sums
 from pipeline.tonemap import exposure_of
 from scenes.contract import Credit

@@ -20,7 +20,7 @@ from safetensors.torch import load_file
 
 from model import pretrained
 from model.data import Dataset
-from model.predictor import load_predictor
+from model.inference import load_networks
 from model.pretrained import MEAN, WORST, find_models, half_type, pack
 from pipeline.cli import cli
 from scenes.errors import InputError
@@ -68,10 +68,12 @@ def test_packed_networks_are_half_as_large_and_give_the_same_pictures(project: P
         assert Path(f"weights/{name}.safetensors").stat().st_mode & 0o777 == 0o644
         before = Path(f"models/{name}.safetensors").stat().st_size
         assert Path(f"weights/{name}.safetensors").stat().st_size < 0.6 * before
-    original, small = (load_predictor(Path(at), "pbrnet") for at in ("models", "weights"))
+    original, small = (load_networks(Path(at)) for at in ("models", "weights"))
     assert small.cards["shading"].packed_from == original.cards["shading"].sha256
     for example in Dataset(Path("data/dataset"), "test").ordered():
-        error = np.abs(original.predict(example).color - small.predict(example).color)
+        error = np.abs(
+            original.predict("pbrnet", example).color - small.predict("pbrnet", example).color
+        )
         assert 0 < error.max() <= said.worst <= WORST and error.mean() <= MEAN
     assert said.views == 4
 

@@ -9,15 +9,13 @@ from statistics import mean, stdev
 from typing import Any
 
 import numpy as np
-import torch
 
 from model.data import Array, Dataset, Example
-from model.encoding import Policy, color_exposure, encode, to_image
+from model.encoding import Policy, color_exposure
 from model.evaluation import image_of
-from model.inference import Networks, load_networks
-from model.methods import METHODS
+from model.inference import PREDICTABLE, Networks, load_networks
 from model.metrics import NAMES, bootstrap, find_lpips, measure
-from model.store import ModelCard, load_model
+from model.store import ModelCard
 from model.studies.patterns import detail, grid
 from pipeline.pictures import Picture, contact_sheet, enlarge, png_bytes, read_picture
 from pipeline.progress import Progress
@@ -50,18 +48,9 @@ def load_painters(
 
     Raises `InputError` for a missing or damaged model.
     """
-    painters: dict[str, Painter] = {}
-    cards: dict[str, ModelCard] = {}
-    networks: Networks | None = None
-    for method in methods:
-        if method in METHODS:
-            network, cards[method] = load_model(folder / f"{method}.safetensors")
-            painters[method] = _direct(network, METHODS[method].direct)
-            continue
-        networks = networks or load_networks(folder)
-        cards |= networks.cards
-        painters[method] = _staged(method, networks)
-    return painters, cards
+    networks = load_networks(folder, [name for name in methods if name in PREDICTABLE])
+    painters = {method: _painter(method, networks) for method in methods}
+    return painters, networks.cards
 
 
 def score_views(
@@ -174,16 +163,8 @@ def busiest(picture: Picture, share: float) -> tuple[slice, slice]:
     return slice(int(top), int(top) + tall), slice(int(left), int(left) + wide)
 
 
-def _direct(network: torch.nn.Module, direct: bool) -> Painter:
-    @torch.no_grad()
-    def paint(example: Example) -> Array:
-        return to_image(network(encode([example], direct)))
-
-    return paint
-
-
-def _staged(method: str, networks: Networks) -> Painter:
-    return lambda example: image_of(method, example, networks.predict_shading(example), networks)
+def _painter(method: str, networks: Networks) -> Painter:
+    return lambda example: image_of(method, example, None, networks)
 
 
 def _by_view(repeats: Sequence[Sequence[Scored]], name: str) -> dict[Key, float]:

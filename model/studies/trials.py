@@ -24,7 +24,7 @@ from model.training import Folders, train_network
 from pipeline.params import Params, StageTrainParams
 from scenes.checked import build, plain
 from scenes.errors import InputError, ParameterError
-from scenes.files import digest_bytes, read_json, write_json
+from scenes.files import digest_bytes, read_json, sweep, write_json
 from scenes.seeds import derive32, generator
 
 Say = Callable[[str], None]
@@ -152,6 +152,7 @@ def run(study: Study, trials: Sequence[Trial], folders: Folders, say: Say) -> li
 
     Raises as `train_network` does; what was finished until then is kept.
     """
+    sweep(folders.metrics / "studies")
     fingerprints = _Fingerprints(folders, trials[0].params.evaluate.split)
     records = []
     for number, trial in enumerate(trials, start=1):
