@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict
 from pathlib import Path
 
 import click
 
-from pipeline.cost import fit_costs, overall_error, samples_of
+from pipeline.cost import TOGETHER, HeldOut, fit_costs, samples_of
 from pipeline.ledger import read_ledger
 from pipeline.options import common_options
 from pipeline.params import Params
@@ -20,11 +21,13 @@ from scenes.errors import ParameterError
 Examples:
   pbrnet cost                                 what params.yaml asks for
   pbrnet cost --views 500000 --cores 1000     the paper's scale
-  pbrnet cost --params params/paper.yaml --data small/data"""
+  pbrnet cost --params params/paper.yaml --data small/data
+  pbrnet cost --check                         how far it was off where that is known"""
 )
 @click.option("--views", type=click.IntRange(1), default=None, help="Views, instead of params'.")
 @click.option("--scenes", type=click.IntRange(1), default=None, help="Scenes, instead of params'.")
 @click.option("--cores", type=click.IntRange(1), default=None, help="Cores that will work.")
+@click.option("--check", is_flag=True, help="Predict measured scenes from others instead.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @common_options
 def cost(
@@ -33,16 +36,21 @@ def cost(
     views: int | None,
     scenes: int | None,
     cores: int | None,
+    check: bool,
     as_json: bool,
 ) -> None:
     """Say how many core-hours the rendering stages will take.
 
     The estimate comes from what earlier views cost, in DATA/ledger.parquet: render a few first,
     on the machines that will do the work. How far it may be off is measured by predicting one
-    half of those scenes from the other. Views are expected to be as many in each scene as
-    cameras.views_per_scene allows.
+    half of those scenes from the other, again and again; --check shows that alone. Views
+    are expected to be as many in each scene as cameras.views_per_scene allows.
     """
-    costs = fit_costs(read_ledger(data))
+    costs, errors = fit_costs(read_ledger(data))
+    if check:
+        _show_check(errors, as_json)
+        return
+    costs = [cost for cost in costs if cost.stage != "noisy" or params.noisy.spp]
     each = params.cameras.views_per_scene
     if scenes is None:
         wanted = params.scenes
@@ -55,7 +63,7 @@ def cost(
         cost.stage: cost.total(scenes, views, samples_of(cost.stage, params)) for cost in costs
     }
     hours = sum(seconds.values()) / 3600
-    error = overall_error(costs, scenes, views, params)
+    error = errors[TOGETHER].worst
     if as_json:
         facts = {
             "scenes": scenes,
@@ -69,15 +77,38 @@ def cost(
     click.echo(f"{views:,} views of {scenes:,} scenes, {params.image.width}x{params.image.height}")
     click.echo(f"{'stage':14}{'core-hours':>12}{'a view, s':>12}   measured")
     for cost in costs:
-        told = "" if math.isnan(cost.error) else f", unseen scenes within {cost.error:.0%}"
+        worst = errors[cost.stage].worst
+        told = "" if math.isnan(worst) else f", unseen scenes within {worst:.0%}"
         spent = seconds[cost.stage]
         click.echo(
             f"{cost.stage:14}{spent / 3600:>12,.2f}{spent / views:>12.3f}   {cost.measured}{told}"
         )
+    if params.noisy.spp and all(cost.stage != "noisy" for cost in costs):
+        click.echo("noisy: asked for, but the ledger has none yet: not in the sum")
     off = "too few scenes to say how sure" if math.isnan(error) else f"within {error:.0%}"
     click.echo(f"{'together':14}{hours:>12,.2f}{hours * 3600 / views:>12.3f}   {off}")
     if cores:
         click.echo(f"on {cores:,} cores: {_span(hours / cores)}, if all are busy all the time")
+
+
+def _show_check(found: dict[str, HeldOut], as_json: bool) -> None:
+    """How well measured scenes are predicted from others."""
+    if as_json:
+        facts = {
+            name: {
+                key: None if math.isnan(value) else value for key, value in asdict(error).items()
+            }
+            for name, error in found.items()
+        }
+        click.echo(json.dumps(facts, indent=2))
+        return
+    click.echo("Half of the measured scenes predict the other half, drawn a hundred times:")
+    click.echo(f"{'stage':14}{'total: usual':>14}{'95 % within':>14}{'a scene: usual':>17}")
+    for name, error in found.items():
+        if math.isnan(error.usual):
+            click.echo(f"{name:14}   too few scenes to say")
+            continue
+        click.echo(f"{name:14}{error.usual:>14.1%}{error.worst:>14.1%}{error.scene:>17.1%}")
 
 
 def _span(hours: float) -> str:
