@@ -110,9 +110,9 @@ def matte_view() -> Example:
     images = {
         name: row[name].astype(np.float32) for name in ("depth", "normal", "reflectance", "shading")
     }
-    fields: dict[str, Any] = dict.fromkeys(
-        ("intensity", "distance", "intrinsics", "exposure_shading", "exposure_color")
-    )
+    dark = np.zeros((16, 32), np.float32)
+    fields: dict[str, Any] = dict.fromkeys(("distance", "exposure_shading", "exposure_color"))
+    fields |= {"intensity": dark, "intrinsics": row["K"].reshape(3, 3)}
     color = 2 * images["reflectance"] * images["shading"]
     valid = np.ones(row["depth"].shape, bool)
     return Example("a", "v", valid=valid, color=color, **images, **fields)
@@ -143,14 +143,18 @@ def test_what_is_no_gloss_is_left_out() -> None:
     edges = view.color.copy()
     edges[:, 40], edges[30, :] = 5 * edges[:, 40], edges[30, :] / 5
     assert not specular_mask(replace(view, color=edges), 0.5).any()
-    # a lamp, and the world outside a window, look alike in both truths
+    # a lamp straight ahead, which the panorama has; without that it would be taken for a mirror
     lamp = np.zeros((height, width), bool)
-    lamp[5:15, 5:15] = True
-    bright = np.where(lamp[..., None], np.float32(30.0), view.shading)
-    lit = np.where(lamp[..., None], np.float32(30.0), view.color)
-    assert not specular_mask(replace(view, shading=bright, color=lit), 0.5).any()
-    outside = np.where(lamp[..., None], np.float32(30.0), view.color)
-    assert not specular_mask(replace(view, color=outside, valid=~lamp), 0.5).any()
+    lamp[25:35, 34:46] = True
+    lit = replace(view, color=np.where(lamp[..., None], np.float32(30.0), view.color))
+    assert np.array_equal(specular_mask(lit, 0.5), lamp)
+    light = np.zeros((80, 160), np.float32)
+    light[35:45, 75:85] = 30.0
+    assert not specular_mask(replace(lit, intensity=light), 0.5).any()
+    elsewhere = replace(lit, intensity=np.roll(light, 80, axis=1))
+    assert np.array_equal(specular_mask(elsewhere, 0.5), lamp)
+    # the sky outside a window, where there is no surface
+    assert not specular_mask(replace(lit, valid=~lamp), 0.5).any()
 
 
 def test_regions_are_measured_by_themselves() -> None:

@@ -176,17 +176,19 @@ def prepare(
             Trial(tuned, repeat, second, *given, source=tuning, start=start),
             Trial(alone, repeat, third, *given, source=tuning),
         ]
-    notes = (
-        f"source: {other.pattern if same else other.data}, {len(plans_of(views, plans))} plans; "
-        f"tuned on {division.tuning_views} views of {len(division.tuning)} scenes, tested on "
-        f"{division.testing_views} views of {len(division.testing)} others",
-    )
+    notes = _notes(other, division, tuning_views, len({plans.get(name, name) for name in views}))
     return Prepared(trials, replace(folders, data=testing.data), notes)
 
 
-def plans_of(scenes: Mapping[str, int], plans: Mapping[str, str]) -> set[str]:
-    """The floor plans of these scenes."""
-    return {plans.get(scene, scene) for scene in scenes}
+def _notes(other: Other, division: Division, wanted: int, plans: int) -> tuple[str, ...]:
+    source = (
+        f"source: {other.pattern} in {other.data}, {plans} floor plans; tuned on "
+        f"{division.tuning_views} views of {len(division.tuning)} scenes, tested on "
+        f"{division.testing_views} views of {len(division.testing)} others"
+    )
+    if division.tuning_views >= wanted:
+        return (source,)
+    return source, f"{wanted} views to tune on were asked for, but half of the plans are tested on"
 
 
 def _methods(name: str) -> dict[str, str]:
