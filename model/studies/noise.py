@@ -97,7 +97,8 @@ class NoisyTruths:
         """The trial, learning from its variant's truth."""
         name = trial.variant.name
         truth = self.truths.get(name)
-        views = [view for view in self.views.values() if view.scene_id in trial.scenes]
+        scenes = set(trial.scenes)
+        views = [view for view in self.views.values() if view.scene_id in scenes]
         parts: list[object] = [name, self.fingerprint, trial.scenes]
         if truth is not None:
             store = self._store(truth)
@@ -112,10 +113,11 @@ class NoisyTruths:
     def due(self, spp: int, scenes: Sequence[str]) -> list[View]:
         """Views of these scenes that have to be rendered."""
         stores = [self._store(NoisyTruth(spp, denoised)) for denoised in (False, True)]
+        wanted = set(scenes)
         return [
             view
             for view in self.views.values()
-            if view.scene_id in scenes
+            if view.scene_id in wanted
             and any(store.missing(view, self.digests[view.scene_id]) for store in stores)
         ]
 
