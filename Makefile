@@ -50,7 +50,8 @@ lock:
 	rm -rf build/lock
 
 clean:
-	rm -rf data models metrics plots predictions report
+	rm -rf data models plots predictions report
+	find metrics -mindepth 1 -maxdepth 1 ! -name reference.json -exec rm -rf {} + 2>/dev/null || true
 
 distclean: clean
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache

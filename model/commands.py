@@ -1,4 +1,4 @@
-"""`pbrnet backbone`, `train`, `evaluate`, `pretrained` and `export`."""
+"""`pbrnet backbone`, `train`, `evaluate`, `pretrained`, `reference` and `export`."""
 
 from __future__ import annotations
 
@@ -9,28 +9,18 @@ from typing import Any
 import click
 
 from model import evaluation
+from model import reference as kept
 from model.backbone import make_backbone
 from model.export import INPUTS, export_onnx
+from model.inference import PREDICTABLE, load_networks, needed
 from model.methods import BASELINES, METHODS
 from model.metrics import NAMES
-from model.predictor import PREDICTABLE, load_predictor, needed
+from model.options import FILE, FOLDER, found_models_option, models_option
 from model.pretrained import find_models, pack
 from model.training import Folders, train_network
 from pipeline.options import common_options
 from pipeline.params import Params
-
-_FOLDER = click.Path(path_type=Path, file_okay=False)
-_FILE = click.Path(path_type=Path, dir_okay=False)
-
-
-def _models_option(help_text: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    return click.option(
-        "--models",
-        type=_FOLDER,
-        default=Path("models"),
-        show_default=True,
-        help=help_text,
-    )
+from scenes.files import atomic_file, write_json
 
 
 @click.command(
@@ -42,7 +32,7 @@ Examples:
 params.yaml, section backbone: `network`, `weights` (a VGG-19 file with torchvision's names),
 `download` (whether VGG-19 may be fetched)."""
 )
-@_models_option("Where backbone.safetensors and backbone.json go.")
+@models_option("Where backbone.safetensors and backbone.json go.")
 @common_options
 def backbone(params: Params, data: Path, models: Path) -> None:
     """Get the pretrained features that the perceptual loss compares."""
@@ -72,7 +62,7 @@ def _train_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--from",
             "start",
-            type=_FILE,
+            type=FILE,
             default=None,
             metavar="MODEL",
             help="Start from this model's weights (fine-tuning) instead of random ones.",
@@ -80,12 +70,12 @@ def _train_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--backbone",
             "backbone_folder",
-            type=_FOLDER,
+            type=FOLDER,
             default=Path("models"),
             show_default=True,
             help="Folder with the perceptual loss's backbone.",
         ),
-        _models_option("Where models are read and written; metrics and plots go along."),
+        models_option("Where models are read and written; metrics and plots go along."),
     ):
         command = option(command)
     return common_options(command)
@@ -162,7 +152,7 @@ Examples:
 
 Refused if a test scene, or another scene of its floor plan, was trained on.""",
 )
-@_models_option("Trained networks.")
+@models_option()
 @common_options
 def evaluate(params: Params, data: Path, models: Path) -> None:
     """Measure the networks beside reflectance x shading and every baseline that is trained."""
@@ -187,7 +177,7 @@ def _line(method: str, values: dict[str, Any]) -> str:
     epilog="""\b
 Examples:
   pbrnet pretrained                        the two networks of models/, to weights/
-  pbrnet pretrained --method plus          another method's network
+  pbrnet pretrained --method plus --method hybrid     other methods' networks
   pbrnet pretrained --from models/room --out /tmp/room --metrics models/room
 
 Each network is stored in half precision with its card, and a README.md says what it was trained
@@ -197,43 +187,98 @@ folder would exceed 16 MB. `pbrnet predict` uses weights/ where models/ has no n
 @click.option(
     "--from",
     "source",
-    type=_FOLDER,
+    type=FOLDER,
     default=Path("models"),
     show_default=True,
     help="Trained networks.",
 )
 @click.option(
     "--out",
-    type=_FOLDER,
+    type=FOLDER,
     default=Path("weights"),
     show_default=True,
     help="Folder to write; packed networks in it are replaced.",
 )
 @click.option(
     "--method",
+    "methods",
     type=click.Choice(PREDICTABLE),
-    default="pbrnet",
+    multiple=True,
+    default=["pbrnet"],
     show_default=True,
-    help="Whose networks.",
+    help="Whose networks, again for each.",
 )
 @click.option(
     "--metrics",
-    type=_FOLDER,
+    type=FOLDER,
     default=Path("metrics"),
     show_default=True,
     help="Folder with evaluation.json, for the card.",
 )
 @common_options
 def pretrained(
-    params: Params, data: Path, source: Path, out: Path, method: str, metrics: Path
+    params: Params, data: Path, source: Path, out: Path, methods: tuple[str, ...], metrics: Path
 ) -> None:
     """Pack trained networks to be passed on: small, checked, with a model card."""
-    difference = pack(source, out, method, data, metrics)
+    for difference in pack(source, out, methods, data, metrics):
+        click.echo(
+            f"{', '.join(needed(difference.method))}: on {difference.views} views pictures "
+            f"differ by at most {difference.worst:.5f}, on average by {difference.mean:.6f}"
+        )
     size = sum(file.stat().st_size for file in out.iterdir()) / 1e6
-    click.echo(
-        f"{out}: {', '.join(needed(method))}, {size:.1f} MB; on {difference.views} views pictures "
-        f"differ by at most {difference.worst:.5f}, on average by {difference.mean:.6f}"
-    )
+    click.echo(f"{out}: {size:.1f} MB")
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet reference                                      metrics/reference.json
+  pbrnet reference --sheet best-to-worst.png --method plus --method hybrid
+  python -c "import json; print(json.load(open('metrics/reference.json'))['methods']['plus'])"
+
+Takes what `pbrnet evaluate` wrote beside the models, and the dataset's pictures for the sheet:
+a row a view from the first method's best to its worst, the truth on the left."""
+)
+@models_option("Trained networks.")
+@click.option(
+    "--out",
+    type=FILE,
+    default=None,
+    help="JSON to write.  [default: reference.json beside evaluation.json]",
+)
+@click.option("--sheet", type=FILE, default=None, metavar="FILE", help="PNG to draw too.")
+@click.option(
+    "--method",
+    "methods",
+    type=click.Choice(evaluation.METHODS),
+    multiple=True,
+    default=["pbrnet"],
+    show_default=True,
+    help="A column of the sheet, again for each.",
+)
+@click.option(
+    "--views", type=click.IntRange(1, 100), default=8, show_default=True, help="Rows of the sheet."
+)
+@common_options
+def reference(
+    params: Params,
+    data: Path,
+    models: Path,
+    out: Path | None,
+    sheet: Path | None,
+    methods: tuple[str, ...],
+    views: int,
+) -> None:
+    """Keep what a run found: every method's figures in one flat file, and a sheet of pictures."""
+    folders = Folders.beside(data, models, models)
+    target = out or folders.metrics / "reference.json"
+    write_json(target, kept.summary(folders))
+    click.echo(f"{target}: written")
+    if sheet is not None:
+        picture = kept.sheet(params, folders, methods, views)
+        with atomic_file(sheet) as partial:
+            partial.write_bytes(picture)
+        click.echo(f"{sheet}: written")
 
 
 @click.command(
@@ -247,7 +292,7 @@ Examples:
 The file takes the dataset's columns as they are, at any size, and gives shading and colour as
 display values. Needs the extra packages: pip install 'pbrnet[onnx]'"""
 )
-@click.option("--onnx", "out", type=_FILE, required=True, metavar="FILE", help="ONNX to write.")
+@click.option("--onnx", "out", type=FILE, required=True, metavar="FILE", help="ONNX to write.")
 @click.option(
     "--method",
     type=click.Choice(("pbrnet", "plus")),
@@ -255,12 +300,12 @@ display values. Needs the extra packages: pip install 'pbrnet[onnx]'"""
     show_default=True,
     help="Whose networks.",
 )
-@click.option("--models", type=_FOLDER, default=None, help="Trained networks, as for predict.")
+@found_models_option()
 @common_options
 def export(params: Params, data: Path, models: Path | None, method: str, out: Path) -> None:
     """Write a method's trained networks as one file for other programs."""
     found = find_models(models, method)
-    export_onnx(load_predictor(found.folder, method), out)
+    export_onnx(load_networks(found.folder, [method]), out)
     names = ", ".join((*INPUTS, "K") if method == "plus" else INPUTS)
     click.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {names} to shading, color")
     click.echo(f"{method}, networks from {found.words}")

@@ -43,7 +43,8 @@ def encode(examples: Sequence[Example], direct: bool = False, noisy: bool = Fals
       to average them first
     * `reflectance`: `see_through`, sRGB-encoded and `centred`, like the display values it meets
     * `direct`, if asked for: `direct_shading`, tone-mapped by its own log average and `WHITE` and
-      `centred`; and ln of it, relative to that average
+      `centred`; and ln of it, relative to that average. With it `brightness`, (N, 1, 1, 1): the
+      log average of the reflectance, as much as colour is brighter than shading of `GREY`
     * `noisy` and `denoised`, if asked for: colour and shading of few samples, linear radiance, as
       they were traced and denoised. `InputError` for a view without
     """
@@ -52,16 +53,22 @@ def encode(examples: Sequence[Example], direct: bool = False, noisy: bool = Fals
         "normal": _stack([example.normal for example in examples]),
         "intensity": _stack([_intensity(example.intensity) for example in examples]),
         "distance": _stack([np.minimum(example.distance, FAR)[..., None] for example in examples]),
-        "reflectance": _stack([centred(encode_srgb(see_through(e, GREY))) for e in examples]),
+        "reflectance": reflectances(examples),
     }
     if direct:
         given["direct"] = _stack([_direct(example) for example in examples])
+        given["brightness"] = _stack([_brightness(example) for example in examples])
     if noisy:
         given["noisy"] = _stack([_both(e, e.noisy_color, e.noisy_shading) for e in examples])
         given["denoised"] = _stack(
             [_both(e, e.denoised_color, e.denoised_shading) for e in examples]
         )
     return given
+
+
+def reflectances(examples: Sequence[Example]) -> torch.Tensor:
+    """`encode`'s `reflectance` alone, which is all that the composition network sees of a view."""
+    return _stack([centred(encode_srgb(see_through(e, GREY))) for e in examples])
 
 
 def targets(examples: Sequence[Example], policy: Policy) -> Tensors:
@@ -113,6 +120,11 @@ def to_image(batch: torch.Tensor) -> Array:
     return batch[0].detach().float().clamp(0, 1).permute(1, 2, 0).cpu().numpy()
 
 
+def to_batch(image: Array) -> torch.Tensor:
+    """An image (H, W, 3) as (1, 3, H, W): `to_image` backwards."""
+    return _stack([image])
+
+
 def solid_angles(height: int, width: int) -> Array:
     """Steradians of each pixel of an equirectangular image, float32 (height, 1)."""
     edges = np.cos(np.linspace(0, np.pi, height + 1))
@@ -132,6 +144,11 @@ def _direct(example: Example) -> Array:
     display = tonemap(grey, Exposure(scale, WHITE))[..., :1]
     log = np.log(np.maximum(light * scale / ToneParams().key, 1e-3)) / 4
     return np.concatenate([centred(display), log[..., None]], axis=-1)
+
+
+def _brightness(example: Example) -> Array:
+    exposure = exposure_of(see_through(example, GREY), ToneParams())
+    return np.array([[[ToneParams().key / exposure.scale / GREY]]])
 
 
 def _both(example: Example, color: Array | None, shading: Array | None) -> Array:

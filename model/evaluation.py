@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from model.baselines.product import product, product_linear
 from model.data import Array, Dataset, Example
-from model.encoding import color_exposure, see_through
-from model.inference import Networks, load_networks
+from model.encoding import color_exposure
+from model.inference import PREDICTABLE, PRODUCTS, Networks, load_networks
 from model.methods import BASELINES, trained_baselines
 from model.methods import METHODS as TRAINED
 from model.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
@@ -34,8 +33,7 @@ from scenes.errors import InputError
 from scenes.files import atomic_directory, write_json, write_text
 from scenes.seeds import derive
 
-PRODUCTS = {"product": product, "product_linear": product_linear}
-METHODS = ("pbrnet", *PRODUCTS, *BASELINES, "denoised", "ceiling")
+METHODS = (*PREDICTABLE, "denoised", "ceiling")
 EXAMPLES = 4  # best and as many worst views are drawn
 RENDERER_STAGES = ("groundtruth", "color", "shading", "noisy", "inputs", "illumination")
 
@@ -123,11 +121,10 @@ def _kept_back(
 ) -> dict[str, Any] | None:
     """The same of the scenes that `dataset.splits.test_only` names alone: how well the networks
     do on sources that training never saw. None where it names none of them."""
-    plans = dataset.plans()
-    splits = params.dataset.splits
-    theirs = [
-        score for score in scores if splits.keeps_back(plans.get(score.scene_id, score.scene_id))
-    ]
+    known = dataset.plans()
+    plans = {score.scene_id: known.get(score.scene_id, score.scene_id) for score in scores}
+    kept_back = params.dataset.splits.kept_back(plans)
+    theirs = [score for score in scores if plans[score.scene_id] in kept_back]
     if not theirs:
         return None
     return {
@@ -145,7 +142,7 @@ def open_split(
     Raises `LeakError` as `refuse_leaks` does, `InputError` if a network is missing or was trained
     with another tone mapping than the parameters'.
     """
-    networks = load_networks(folders.models, baselines)
+    networks = load_networks(folders.models, ("pbrnet", *PRODUCTS, *baselines))
     noisy = any(TRAINED[name].noisy for name in baselines)
     dataset = Dataset(folders.data / "dataset", params.evaluate.split, noisy)
     refuse_leaks(dataset, networks.cards)
@@ -197,19 +194,17 @@ def time_networks(dataset: Dataset, networks: Networks, views: int) -> dict[str,
     examples = [examples[0], *examples] if len(examples) == 1 else examples
     parts: dict[str, list[float]] = {}
 
-    def timed(part: str, call: Callable[..., Array], *arguments: Any) -> Array:
+    def timed(part: str, call: Callable[..., Any], *arguments: Any) -> Any:
         began = time.perf_counter()
-        image = call(*arguments)
+        made = call(*arguments)
         parts.setdefault(part, []).append(time.perf_counter() - began)
-        return image
+        return made
 
     for example in examples:
-        shading = timed("shading", networks.predict_shading, example)
-        timed("composition", networks.predict_color, example, shading)
-        for name in PRODUCTS:
-            timed(name, _product, name, example, shading, networks)
-        for name in networks.baselines:
-            timed(name, networks.predict_directly, name, example)
+        shading = timed("shading", networks.shading, example)
+        for method in networks.methods:
+            part = "composition" if method == "pbrnet" else method
+            timed(part, networks.predict, method, example, shading)
     return {part: float(np.median(times[1:])) for part, times in parts.items()}
 
 
@@ -240,41 +235,30 @@ def renderer_seconds(data: Path, scores: Sequence[Score]) -> dict[str, float]:
     return {stage: mean(times) for stage, times in sorted(found.items())}
 
 
-def image_of(method: str, example: Example, shading: Array, networks: Networks) -> Array:
+def image_of(method: str, example: Example, shading: Array | None, networks: Networks) -> Array:
     """A method's picture of a view, float32 (H, W, 3), display values.
 
-    `shading` is the predicted one; baselines and the ceiling do without.
+    `shading` is the predicted one, if it is there already; baselines and the ceiling do without.
     """
-    if method == "pbrnet":
-        return networks.predict_color(example, shading)
     if method == "ceiling":
-        true_shading = tonemap(example.shading, example.exposure_shading)
-        return _product("product", example, true_shading, networks)
-    if method in PRODUCTS:
-        return _product(method, example, shading, networks)
+        method, shading = "product", tonemap(example.shading, example.exposure_shading)
     if method == "denoised":
         if example.denoised_color is None:
             raise InputError(f"{example.name}: comes without denoised samples; see noisy.spp")
         exposure = color_exposure(example, networks.card.exposure)
         return tonemap(example.denoised_color, exposure)
-    return networks.predict_directly(method, example)
+    return networks.predict(method, example, shading).color
 
 
 def _images(example: Example, networks: Networks) -> dict[str, Array]:
     """Every method's picture of a view, and `shading`, the predicted shading."""
-    shading = networks.predict_shading(example)
+    shading = networks.shading(example)
     methods = ["pbrnet", "ceiling", *PRODUCTS, *networks.baselines]
     if example.denoised_color is not None:
         methods.append("denoised")
     return {"shading": shading} | {
         method: image_of(method, example, shading, networks) for method in methods
     }
-
-
-def _product(name: str, example: Example, shading: Array, networks: Networks) -> Array:
-    project = PRODUCTS[name]
-    reflectance = see_through(example, networks.card.albedo)
-    return project(reflectance, shading, example.exposure_shading, networks.card)
 
 
 def _summary(scores: Sequence[Score], seed: int) -> dict[str, Any]:

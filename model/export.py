@@ -17,11 +17,10 @@ import torch
 from torch import nn
 
 from model.encoding import FAR, GREY, MIDDLE, NEAR, Tensors, centred
-from model.export_light import direct_light, encoded_light
-from model.inference import Networks
+from model.export_light import direct_light, encoded_light, log_average
+from model.inference import Networks, needed
 from model.networks import GRID
-from model.plus import PlusNet
-from model.predictor import Predictor, needed
+from model.plus import PlusNet, decoded, luminance
 from scenes.checked import plain
 from scenes.errors import MachineError
 from scenes.files import atomic_file
@@ -34,12 +33,9 @@ OUTPUTS = ("shading", "color")
 class Chain(nn.Module):
     """Both networks behind one another, from the dataset's columns to display values."""
 
-    def __init__(self, networks: Networks | Predictor) -> None:
+    def __init__(self, networks: Networks) -> None:
         super().__init__()
-        if isinstance(networks, Networks):
-            self.shading, self.composition = networks.shading, networks.composition
-        else:
-            self.shading, self.composition = (networks.networks[n] for n in needed("pbrnet"))
+        self.shading, self.composition = (networks.modules[n] for n in needed("pbrnet"))
         self.averaged = networks.cards["shading"].architecture.panorama == "normal"
 
     def forward(
@@ -64,10 +60,10 @@ class Chain(nn.Module):
 class PlusChain(nn.Module):
     """PBR-Net plus with its direct light; as `Chain`, and the camera's `K` (3, 3) too."""
 
-    def __init__(self, predictor: Predictor) -> None:
+    def __init__(self, networks: Networks) -> None:
         super().__init__()
-        self.network = predictor.networks["plus"]
-        self.averaged = predictor.card.architecture.panorama == "normal"
+        self.network = networks.modules["plus"]
+        self.averaged = networks.cards["plus"].architecture.panorama == "normal"
 
     def forward(
         self,
@@ -83,7 +79,10 @@ class PlusChain(nn.Module):
         inputs = encoded(depth, valid, normal, reflectance, intensity, distance, self.averaged)
         light = direct_light(depth, valid, normal, intensity, distance, K)
         assert isinstance(self.network, PlusNet)
-        shading, color = self.network.parts({**inputs, "direct": encoded_light(light)})
+        shown = luminance(decoded((inputs["reflectance"] + 1) / 2))
+        brightness = (log_average(shown[0, 0]) / GREY).reshape(1, 1, 1, 1)
+        known = {"direct": encoded_light(light), "brightness": brightness}
+        shading, color = self.network.parts({**inputs, **known})
         return shading[0].clamp(0, 1).permute(1, 2, 0), color[0].clamp(0, 1).permute(1, 2, 0)
 
 
@@ -143,8 +142,8 @@ def encode_srgb(linear: torch.Tensor) -> torch.Tensor:
     return torch.where(linear <= 0.0031308, 12.92 * linear, high)
 
 
-def export_onnx(networks: Networks | Predictor, path: Path) -> None:
-    """Write a method's networks as one ONNX file, any image and panorama size, by rename.
+def export_onnx(networks: Networks, path: Path) -> None:
+    """Write the first method's networks as one ONNX file, any image and panorama size, by rename.
 
     The methods are `pbrnet` and `plus`. Metadata holds the cards as JSON, under the networks'
     names. Raises `MachineError` without the packages of the extra `onnx`.
@@ -154,14 +153,14 @@ def export_onnx(networks: Networks | Predictor, path: Path) -> None:
         raise MachineError(
             f"the Python package {missing[0]} is missing; install with: pip install 'pbrnet[onnx]'"
         )
-    plus = isinstance(networks, Predictor) and networks.method == "plus"
+    plus = networks.methods[0] == "plus"
     image: dict[int, Any] = {0: torch.export.Dim.DYNAMIC, 1: torch.export.Dim.DYNAMIC}
     shapes = [image] * len(INPUTS)
     sizes = [(45, 61), (45, 61), (45, 61, 3), (45, 61, 3), (40, 80), (40, 80)]
     names = list(INPUTS)
     if plus:
         names, sizes, shapes = [*names, "K"], [*sizes, (3, 3)], [*shapes, {}]
-    chain = PlusChain(networks) if plus else Chain(networks)  # type: ignore[arg-type]
+    chain = PlusChain(networks) if plus else Chain(networks)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         logging.getLogger("torch.onnx").setLevel(logging.ERROR)
@@ -175,7 +174,7 @@ def export_onnx(networks: Networks | Predictor, path: Path) -> None:
             dynamo=True,
             verbose=False,
         )
-    for name in needed("plus" if plus else "pbrnet"):
+    for name in needed(networks.methods[0]):
         program.model.metadata_props[name] = json.dumps(plain(networks.cards[name]))
     with atomic_file(path) as partial:
         program.save(str(partial))

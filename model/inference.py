@@ -1,98 +1,209 @@
-"""From a view to a picture through trained networks."""
+"""From a view to a picture: trained networks, and the methods that they make pictures by.
+
+The only way in which trained networks are used: by commands, evaluation and studies alike, at any
+image size.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import torch
 from torch import nn
 
+from model.baselines.product import linear_product, product, product_linear
 from model.data import Array, Example
-from model.encoding import color_exposure, encode, to_image
-from model.methods import METHODS
+from model.encoding import (
+    Tensors,
+    color_exposure,
+    encode,
+    reflectances,
+    see_through,
+    to_batch,
+    to_image,
+)
+from model.methods import BASELINES, METHODS
 from model.store import ModelCard, load_model
-from pipeline.tonemap import Exposure, tonemap
+from model.tiles import margin, tiled
+from pipeline.params import ToneParams
+from pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
 from scenes.errors import InputError
+
+PRODUCTS = {"product": product, "product_linear": product_linear}
+PREDICTABLE = ("pbrnet", *PRODUCTS, *BASELINES)
+_WHITE = 1 - 1e-6  # sRGB of 1 is a little less in float32
+_PREFERRED = ("pbrnet", "plus", *BASELINES, "product")  # where no method is named
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A method's picture: display values, float32 (H, W, 3), [0, 1]."""
+
+    method: str
+    shading: Array | None  # None of methods that go straight to colour
+    color: Array
+    linear: tuple[Array, Array] | None = None  # shading and colour of methods that predict radiance
+
+
+@dataclass(frozen=True)
+class Radiance:
+    """Linear HDR of a prediction, float32 (H, W, 3); see docs/use.md."""
+
+    color: Array
+    shading: Array | None
+    clipped: Array  # bool (H, W): where a band of what was inverted is at white; a lower bound
+    exposure: Exposure  # that colour was taken to have
+    known: bool  # whether it is the true one, so that the unit is the scene's
 
 
 @dataclass(frozen=True)
 class Networks:
-    """The two-stage network, and the baselines that were asked for."""
+    """What some methods need; `tile` > 0 computes large images in pieces of that size."""
 
-    shading: nn.Module
-    composition: nn.Module
-    baselines: dict[str, nn.Module]  # by their names in the registry
-    cards: dict[str, ModelCard]
+    methods: tuple[str, ...]  # of `PREDICTABLE`; all show their colours as the first does
+    modules: dict[str, nn.Module]  # by their names in the registry
+    cards: dict[str, ModelCard]  # of the same names
+    tile: int = 0
 
     @property
     def card(self) -> ModelCard:
-        """The composition network's card, which speaks for the pair."""
-        return self.cards["composition"]
+        """Of the network that makes the first method's colour, or a product's shading."""
+        return self.cards[needed(self.methods[0])[-1]]
 
-    @torch.no_grad()
-    def predict_shading(self, example: Example) -> Array:
-        """Display values float32 (H, W, 3)."""
-        return to_image(self.shading(encode([example])))
+    @property
+    def baselines(self) -> list[str]:
+        """The methods that are one network of their own."""
+        return [method for method in self.methods if method in BASELINES]
 
-    @torch.no_grad()
-    def predict_color(self, example: Example, shading: Array) -> Array:
-        """Display values float32 (H, W, 3), from `predict_shading`'s result."""
-        batch = torch.from_numpy(shading.transpose(2, 0, 1).copy())[None]
-        return to_image(self.composition(batch, encode([example])["reflectance"]))
+    def shading(self, example: Example) -> Array:
+        """What the shading network makes of a view: display values float32 (H, W, 3)."""
+        return to_image(self._run("shading", self.modules["shading"], encode([example])))
 
-    @torch.no_grad()
-    def predict_directly(self, name: str, example: Example) -> Array:
-        """Display values float32 (H, W, 3) of colour, by another method of the registry.
+    def predict(self, method: str, example: Example, shading: Array | None = None) -> Prediction:
+        """A view by a method; its truth is not looked at, but for its exposure.
 
-        Radiance is displayed as the example's true colour is.
+        `shading`: what a method of two steps goes on from, if not from the shading network.
         """
-        if METHODS[name].noisy:
-            color = self.predict_radiance(name, example)[1]
-            return tonemap(color, color_exposure(example, self.card.exposure))
-        return to_image(self.baselines[name](encode([example], METHODS[name].direct)))
+        if method in BASELINES:
+            return self._directly(method, example)
+        if shading is None:
+            shading = self.shading(example)
+        if method in PRODUCTS:
+            given = see_through(example, self.card.albedo)
+            color = PRODUCTS[method](given, shading, example.exposure_shading, self.card)
+            return Prediction(method, shading, color)
+        network = self.modules["composition"]
+        composed = self._run(
+            "composition",
+            lambda given: network(given["shading"], given["reflectance"]),
+            {"shading": to_batch(shading), "reflectance": reflectances([example])},
+        )
+        return Prediction(method, shading, to_image(composed))
+
+    def radiance(self, example: Example, made: Prediction) -> Radiance:
+        """Undo the tone mapping of a prediction of the example.
+
+        A product is linear before it is displayed, so only its shading is inverted. The exposure
+        is the example's: the true one if its truth is known; else scale 1 and training's median
+        white.
+        """
+        color_by = color_exposure(example, self.card.exposure)
+        known = bool(example.color.any())
+        if made.linear is not None:
+            light, color = made.linear
+            nowhere = np.zeros(color.shape[:2], bool)
+            return Radiance(color, light, nowhere, color_by, known=True)
+        display = made.color
+        shading: Array | None = None
+        if made.shading is not None:
+            shading = untonemap(made.shading, example.exposure_shading)
+        if made.method in PRODUCTS and made.shading is not None:
+            given = see_through(example, self.card.albedo)
+            display = made.shading
+            color = linear_product(given, display, example.exposure_shading, self.card)
+            color_by = example.exposure_shading
+        else:
+            color = untonemap(display, color_by)
+        clipped = np.any(display >= _WHITE, axis=-1)
+        return Radiance(color.astype(np.float32), shading, clipped, color_by, known)
+
+    def _directly(self, name: str, example: Example) -> Prediction:
+        """By one network: colour, or shading and colour, as display values or as radiance."""
+        how, network = METHODS[name], self.modules[name]
+        inputs = encode([example], how.direct, how.noisy)
+        if not how.shaded:
+            return Prediction(name, None, to_image(self._run(name, network, inputs)))
+        parts: Callable[..., tuple[torch.Tensor, ...]] = network.parts  # type: ignore[assignment]
+        both = self._run(name, lambda given: torch.cat(parts(given), dim=1), inputs)
+        if how.noisy:
+            pixels = both[0].permute(1, 2, 0).cpu().numpy()
+            return self._displayed(name, example, pixels[..., :3].copy(), pixels[..., 3:].copy())
+        return Prediction(name, to_image(both[:, :3]), to_image(both[:, 3:]))
+
+    def _displayed(self, name: str, example: Example, shading: Array, color: Array) -> Prediction:
+        """Radiance, displayed as the truth is, or by its own log average if that is not known."""
+        if not example.color.any():
+            tone = ToneParams(**self.card.tone)
+            own = [exposure_of(image, tone) for image in (shading, color)]
+            example = replace(example, exposure_shading=own[0], exposure_color=own[1])
+        display = tonemap(color, color_exposure(example, self.card.exposure))
+        light = tonemap(shading, example.exposure_shading)
+        return Prediction(name, light, display, (shading, color))
 
     @torch.no_grad()
-    def predict_radiance(self, name: str, example: Example) -> tuple[Array, Array]:
-        """Linear shading and colour, float32 (H, W, 3), by a method that takes noisy samples."""
-        parts = self.baselines[name].parts(encode([example], noisy=True))  # type: ignore[operator]
-        shading, color = (part[0].permute(1, 2, 0).cpu().numpy() for part in parts)
-        return shading, color
+    def _run(
+        self, name: str, call: Callable[[Tensors], torch.Tensor], inputs: Tensors
+    ) -> torch.Tensor:
+        return tiled(call, self.cards[name].architecture, inputs, self.tile)
 
 
-def load_networks(models: Path, baselines: Sequence[str] = ()) -> Networks:
-    """Read the trained networks, and these baselines.
+def needed(method: str) -> tuple[str, ...]:
+    """The networks that a method is made of; the last makes its picture."""
+    if method in PRODUCTS:
+        return ("shading",)
+    return ("shading", "composition") if method == "pbrnet" else (method,)
 
-    Raises `InputError` if one is missing, if the composition network was trained on another
-    shading network, or if their colours are of different exposure policies.
+
+def available(models: Path) -> list[str]:
+    """Methods whose networks all lie in the folder, the one to prefer first."""
+    return [
+        method
+        for method in dict.fromkeys((*_PREFERRED, *PREDICTABLE))
+        if all((models / f"{name}.safetensors").is_file() for name in needed(method))
+    ]
+
+
+def load_networks(models: Path, methods: Sequence[str] = ("pbrnet",), tile: int = 0) -> Networks:
+    """Read what these methods need, and no other networks.
+
+    Raises `InputError` if a network is missing or damaged, if the composition network was trained
+    on another shading network, if the methods' colours are of different exposure policies, or if
+    `tile` is asked of a network that cannot be cut.
     """
-    shading, shading_card = load_model(models / "shading.safetensors")
-    composition, card = load_model(models / "composition.safetensors")
-    refuse_strangers(models, shading_card, card)
-    cards = {"shading": shading_card, "composition": card}
-    others = {}
-    for name in baselines:
-        others[name], cards[name] = load_model(models / f"{name}.safetensors")
-    for name, other in cards.items():
-        if (other.exposure, other.tone) != (card.exposure, card.tone):
-            raise InputError(
-                f"{models}/{name}.safetensors and composition.safetensors show their colours "
-                f"differently ({other.exposure} exposure, {other.tone}; {card.exposure} exposure, "
-                f"{card.tone}); train both with the same parameters"
-            )
-    return Networks(shading, composition, others, cards)
-
-
-def refuse_strangers(models: Path, shading: ModelCard, composition: ModelCard) -> None:
-    """Raise `InputError` unless the composition network was trained on this shading network."""
-    if composition.needs.get("shading") != shading.sha256:
+    modules, cards = {}, {}
+    for name in dict.fromkeys(name for method in methods for name in needed(method)):
+        modules[name], cards[name] = load_model(models / f"{name}.safetensors")
+        if tile:
+            margin(cards[name].architecture)
+    if (
+        "composition" in cards
+        and cards["composition"].needs.get("shading") != cards["shading"].sha256
+    ):
         raise InputError(
             f"{models}/composition.safetensors was trained on another shading network than the "
             "one beside it; train it again with: pbrnet train composition"
         )
-
-
-def likely_exposure(card: ModelCard) -> Exposure:
-    """For a shading without known exposure: its scale cancels, its white is training's median."""
-    return Exposure(1.0, card.white)
+    first, *others = dict.fromkeys(needed(method)[-1] for method in methods)
+    card = cards[first]
+    for name in others:
+        other = cards[name]
+        if (other.exposure, other.tone) != (card.exposure, card.tone):
+            raise InputError(
+                f"{models}/{name}.safetensors and {first}.safetensors show their colours "
+                f"differently ({other.exposure} exposure, {other.tone}; {card.exposure} exposure, "
+                f"{card.tone}); train both with the same parameters"
+            )
+    return Networks(tuple(methods), modules, cards, tile)

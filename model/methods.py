@@ -57,9 +57,8 @@ class Method:
     target: Target = "color"
     fed: bool = False  # by the fixed shading network
     direct: bool = False  # given the direct light of the panorama too
-    noisy: bool = (
-        False  # given noisy samples too, and then it predicts radiance, not display values
-    )
+    noisy: bool = False  # given noisy samples too, and predicts radiance, not display values
+    shaded: bool = False  # has the method `parts`: shading beside the colour
     adam: Adam | None = None
     own: str = ""
 
@@ -74,8 +73,8 @@ class Method:
 METHODS: dict[str, Method] = {
     "shading": Method("shading", "Shading network", target="shading"),
     "composition": Method("composition", "Composition network", fed=True),
-    "plus": Method("plus", "PBR-Net plus", Decomposed, direct=True),
-    "hybrid": Method("hybrid", "PBR-Net hybrid", Exposed, noisy=True),
+    "plus": Method("plus", "PBR-Net plus", Decomposed, direct=True, shaded=True),
+    "hybrid": Method("hybrid", "PBR-Net hybrid", Exposed, noisy=True, shaded=True),
     "unet": Method("unet", "Direct U-Net"),
     "end_to_end": Method("end_to_end", "Both networks, shading not supervised"),
     "can": Method("can", "CAN, our loss"),

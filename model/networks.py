@@ -15,7 +15,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from model.encoding import CHANNELS, Tensors, centred
+from model.encoding import CHANNELS, Policy, Tensors, centred
 
 Kind = Literal[
     "shading",
@@ -42,6 +42,7 @@ class Architecture:
     width: int  # channels of the first level
     levels: int  # of a U-Net, resolutions; of the others how deep, as their files say
     panorama: Panorama = "normal"
+    exposure: Policy = "shared"  # of the colour that it predicts
 
 
 def shading_network(architecture: Architecture) -> GuidedNet:

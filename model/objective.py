@@ -1,6 +1,6 @@
 """What a network is trained by: a loss of its own, or a game against other networks.
 
-The loop in model/training.py knows only this: an objective has players, each a module with an
+The loop in model/loop.py knows only this: an objective has players, each a module with an
 optimiser of its own, and `losses` hands out, one after the other, a player and the loss that it
 is to lower. The loop lowers it before it asks for the next, so a later loss already sees the
 earlier update. A plain loss hands out one; a GAN hands out two.

@@ -24,6 +24,7 @@ class PlusNet(nn.Module):
     def __init__(self, architecture: Architecture) -> None:
         super().__init__()
         width, levels = architecture.width, architecture.levels
+        self.own_exposure = architecture.exposure == "own"
         self.shading = LitNet(width, levels, architecture.panorama)
         self.correction = UNet(9, width, max(1, levels - 2))
         nn.init.zeros_(self.correction.out.bias)  # type: ignore[arg-type]
@@ -36,7 +37,8 @@ class PlusNet(nn.Module):
         """Shading and colour, display values (N, 3, H, W), not clamped."""
         shading = self.shading(inputs)
         given = inputs["reflectance"]
-        base = multiplied(shading.float().clamp(0, 1), (given.float() + 1) / 2)
+        brightness = inputs["brightness"] if self.own_exposure else 1.0
+        base = multiplied(shading.float().clamp(0, 1), (given.float() + 1) / 2, brightness)
         seen = torch.cat([centred(shading), given, centred(base).to(given.dtype)], dim=1)
         return shading, base + self.correction(seen)
 
@@ -58,17 +60,21 @@ class LitNet(GuidedNet):
         return self.unet(torch.cat(features, dim=1)) + (inputs["direct"][:, :1] + 1) / 2
 
 
-def multiplied(shading: torch.Tensor, reflectance: torch.Tensor) -> torch.Tensor:
+def multiplied(
+    shading: torch.Tensor, reflectance: torch.Tensor, brightness: torch.Tensor | float = 1.0
+) -> torch.Tensor:
     """Reflectance x shading, all in display values (N, 3, H, W): `product` with white at `WHITE`.
 
-    Both images have one exposure, as under the policy `shared`; differentiable everywhere.
+    `brightness` is divided by: with 1 both images have one exposure, as under the policy `shared`;
+    with `encode`'s, the product has nearly its own. Differentiable everywhere.
     """
     light = decoded(shading)
     seen = luminance(light)
     half = 0.5 * (1 - seen)
     # Reinhard's operator, solved for the luminance that it was given
     scaled = seen / (half + torch.sqrt(half**2 + seen / WHITE**2 + 1e-12))
-    linear = light * (scaled / seen.clamp(min=1e-6)) * decoded(reflectance) / GREY
+    linear = light * (scaled / seen.clamp(min=1e-6)) * decoded(reflectance)
+    linear = linear / (GREY * brightness)
     bright = luminance(linear)
     mapped = linear * (1 + bright / WHITE**2) / (1 + bright)
     return encoded(mapped.clamp(0, 1))

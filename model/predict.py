@@ -16,9 +16,8 @@ import numpy as np
 
 from model.data import Array, Example
 from model.encoding import color_exposure
-from model.inference import likely_exposure
+from model.inference import Networks, Prediction
 from model.metrics import flip_map, measure
-from model.predictor import Prediction, Predictor
 from model.store import ModelCard
 from pipeline.frames import (
     DENOISED,
@@ -38,7 +37,7 @@ from pipeline.params import NoisyParams, Params, ToneParams
 from pipeline.passes import render_noisy, render_truths
 from pipeline.pictures import Picture, contact_sheet, error_picture, reflectance_picture
 from pipeline.renderer import RenderScene, open_scene, set_variant
-from pipeline.tonemap import exposure_of, to_bytes, tonemap
+from pipeline.tonemap import Exposure, exposure_of, to_bytes, tonemap
 from pipeline.views import View, as_matrix, load_cameras, look
 from scenes.checked import build, plain
 from scenes.contract import load_scene
@@ -213,9 +212,9 @@ def known_truth(data: Path, view: View) -> tuple[Frame, Frame] | None:
     return frames
 
 
-def compare(predictor: Predictor, example: Example, made: Prediction) -> tuple[Picture, str]:
+def compare(networks: Networks, example: Example, made: Prediction) -> tuple[Picture, str]:
     """Prediction, truth and FLIP error in one picture, and the metrics as a sentence."""
-    exposure = color_exposure(example, predictor.card.exposure)
+    exposure = color_exposure(example, networks.card.exposure)
     truth = tonemap(example.color, exposure)
     values = measure(truth, made.color)
     shown = {
@@ -234,7 +233,7 @@ def compare(predictor: Predictor, example: Example, made: Prediction) -> tuple[P
 
 def write_radiance(
     path: Path,
-    predictor: Predictor,
+    networks: Networks,
     wanted: Wanted,
     example: Example,
     made: Prediction,
@@ -245,21 +244,21 @@ def write_radiance(
     Channels: `R`, `G`, `B`, float32; `shading.R/G/B` where the method has shading; `clipped`, 1
     where the prediction is at white, so that the value is a lower bound.
     """
-    linear = predictor.radiance(example, made)
+    linear = networks.radiance(example, made)
     pixels: Channels = {band: linear.color[..., i].copy() for i, band in enumerate(RGB)}
     if linear.shading is not None:
         pixels |= {f"shading.{band}": linear.shading[..., i].copy() for i, band in enumerate(RGB)}
     pixels["clipped"] = linear.clipped.astype(np.float16)
-    key = predictor.card.tone["key"]
-    whose = "shading's" if predictor.card.exposure == "shared" else "the picture's"
+    key = networks.card.tone["key"]
+    whose = "shading's" if networks.card.exposure == "shared" else "the picture's"
     unit = "the scene's" if linear.known else f"{whose} log-average luminance is {key:g}"
     share = float(linear.clipped.mean())
     meta = {
         "kind": "prediction",
-        "method": predictor.method,
+        "method": made.method,
         "unit": unit,
         "exposure": plain(linear.exposure),
-        "weights": {name: card.sha256 for name, card in predictor.cards.items()},
+        "weights": {name: card.sha256 for name, card in networks.cards.items()},
         "clipped_share": share,
         **facts,
     }
@@ -307,7 +306,7 @@ def example_of(
     nothing = np.zeros((*depth.shape, 3), np.float32)
     shading, color = (_stack(images, RGB) for images in truth) if truth else (nothing, nothing)
     tone = ToneParams(**card.tone)
-    unknown = likely_exposure(card)
+    unknown = Exposure(1.0, card.white)  # the scale cancels, the white is training's median
     made = Example(
         scene_id=view.scene_id,
         view_id=view.view_id,

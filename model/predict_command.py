@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,9 @@ import click
 import numpy as np
 
 from model import predict as prediction
+from model.inference import PREDICTABLE, Networks, load_networks
+from model.options import FILE, FOLDER, found_models_option, size_option
 from model.predict import Wanted
-from model.predictor import PREDICTABLE, Predictor, load_predictor
 from model.pretrained import find_models
 from model.tiles import SMALLEST
 from pipeline.options import common_options
@@ -25,8 +25,6 @@ from scenes.contract import load_scene
 from scenes.errors import InputError
 from scenes.files import atomic_file
 
-_FOLDER = click.Path(path_type=Path, file_okay=False)
-_FILE = click.Path(path_type=Path, dir_okay=False)
 _EITHER = click.Path(path_type=Path)
 
 
@@ -48,16 +46,16 @@ pbrnet. --compare reads the truth from the data folder, or renders it, and puts 
 prediction with the error. --exr: docs/use.md says what its numbers mean. `pbrnet report` shows
 all that lies in predictions/."""
 )
-@click.argument("scene", type=_FOLDER, required=False)
+@click.argument("scene", type=FOLDER, required=False)
 @click.option("--view", "views", multiple=True, help="View of the camera file; again for more.")
 @click.option("--all-views", is_flag=True, help="All views of the camera file.")
-@click.option("--camera", type=_FILE, default=None, help="Camera file of the scene.")
+@click.option("--camera", type=FILE, default=None, help="Camera file of the scene.")
 @click.option("--eye", metavar="X,Y,Z", help="A camera of your own: where, metres, Z up.")
 @click.option("--towards", metavar="X,Y,Z", help="And in which direction it looks.")
 @click.option("--inputs", type=_EITHER, help="Frame with depth, normal, reflectance, or a folder.")
 @click.option("--illumination", type=_EITHER, help="Frame with the panorama, or a folder.")
 @click.option("--noisy", type=_EITHER, help="Frame of few samples, or a folder, for hybrid.")
-@click.option("--size", default=None, metavar="WxH", help="Render the inputs at this size.")
+@size_option("Render the inputs at this size.")
 @click.option(
     "--method",
     type=click.Choice(PREDICTABLE),
@@ -79,9 +77,7 @@ all that lies in predictions/."""
     default=None,
     help="PNG to write; of several views, a folder.  [default: predictions/SCENE--VIEW.png]",
 )
-@click.option(
-    "--models", type=_FOLDER, default=None, help="Trained networks.  [default: see below]"
-)
+@found_models_option()
 @common_options
 def predict(
     params: Params,
@@ -99,7 +95,7 @@ def predict(
     if len(wanted) > 1 and out is not None and out.suffix.lower() in (".png", ".exr"):
         raise click.BadParameter(f"{out}: {len(wanted)} views need a folder", param_hint="--out")
     found = find_models(models, method)
-    predictor = load_predictor(found.folder, found.method, tile or 0)
+    networks = load_networks(found.folder, [found.method], tile or 0)
     click.echo(f"{found.method}, networks from {found.words}")
     scene = source["scene"]
     failed = 0
@@ -107,7 +103,7 @@ def predict(
         for one in wanted:
             folder = scene or data / "scenes" / one.view.scene_id
             try:
-                said = _predict_one(predictor, one, _target(out, one, len(wanted)), folder, exr,
+                said = _predict_one(networks, one, _target(out, one, len(wanted)), folder, exr,
                                     with_truth, str(found.folder))  # fmt: skip
             except InputError as error:
                 if len(wanted) == 1:
@@ -121,7 +117,7 @@ def predict(
 
 
 def _predict_one(
-    predictor: Predictor,
+    networks: Networks,
     wanted: Wanted,
     out: Path,
     scene: Path,
@@ -130,14 +126,14 @@ def _predict_one(
     models: str,
 ) -> str:
     """Write the picture of a view, and its radiance; returns what to tell."""
-    example = wanted.make(predictor.card)
-    made = predictor.predict(example)
+    example = wanted.make(networks.card)
+    made = networks.predict(networks.methods[0], example)
     picture, words = to_bytes(made.color), ""
     if with_truth:
-        picture, words = prediction.compare(predictor, example, made)
+        picture, words = prediction.compare(networks, example, made)
     facts = {
         "prediction": example.name,
-        "models": f"{predictor.method} of {models}",
+        "models": f"{made.method} of {models}",
         "words": words,
         "credits": _credits(scene),
     }
@@ -146,7 +142,7 @@ def _predict_one(
     said = f"{out}: {example.name}, {made.color.shape[1]}x{made.color.shape[0]} {words}".rstrip()
     if exr:
         target = out.with_suffix(".exr")
-        about = prediction.write_radiance(target, predictor, wanted, example, made, facts)
+        about = prediction.write_radiance(target, networks, wanted, example, made, facts)
         said += f"\n{target}: {about}"
     return said
 
@@ -164,7 +160,7 @@ def _wanted(
     inputs: Path | None,
     illumination: Path | None,
     noisy: Path | None,
-    size: str | None,
+    size: tuple[int, int] | None,
 ) -> list[Wanted]:
     """The views that the options name."""
     if scene is None:
@@ -183,15 +179,14 @@ def _wanted(
         raise click.UsageError(
             "with SCENE, name a --view (again for more), or --all-views, or --eye and --towards"
         )
-    wide = parse_size(size)
     if eye is not None and towards is not None:
-        image = replace(params.image, width=wide[0], height=wide[1]) if wide else params.image
+        image = replace(params.image, width=size[0], height=size[1]) if size else params.image
         placed = prediction.placed_view(
             scene, _triple(eye, "--eye"), _triple(towards, "--towards"), intrinsics_of(image)
         )
         return prediction.from_scene(scene, [placed], params, data, with_truth)
     camera = camera or data / "cameras" / f"{scene.name}.json"
-    found = prediction.find_views(scene, camera, views, wide)
+    found = prediction.find_views(scene, camera, views, size)
     return prediction.from_scene(scene, found, params, data, with_truth)
 
 
@@ -212,16 +207,6 @@ def _credits(scene: Path) -> list[str]:
         return []
     credits = load_scene(scene).credits
     return list(dict.fromkeys(f"{c.title} by {c.author}, {c.licence}" for c in credits))
-
-
-def parse_size(text: str | None) -> tuple[int, int] | None:
-    """`640x480` as (width, height); raises click's BadParameter."""
-    if text is None:
-        return None
-    match = re.fullmatch(r"(\d{1,5})[xX](\d{1,5})", text)
-    if match is None or min(int(match[1]), int(match[2])) < 1:
-        raise click.BadParameter(f"{text!r} is no size; write it like 640x480", param_hint="--size")
-    return int(match[1]), int(match[2])
 
 
 def _triple(text: str, option: str) -> Any:

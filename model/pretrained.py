@@ -18,15 +18,15 @@ import torch
 from safetensors.torch import save_file
 
 from model.data import Dataset, Example
+from model.inference import Networks, available, load_networks, needed
 from model.methods import METHODS
-from model.predictor import Predictor, available, load_predictor, needed
 from model.store import ModelCard, load_model
 from pipeline.templating import templates
+from pipeline.versions import PACKED
 from scenes.checked import plain
 from scenes.errors import InputError
 from scenes.files import atomic_directory, atomic_file, digest_file, read_json, write_json
 
-PACKED = Path(__file__).resolve().parents[1] / "weights"  # a checkout's, or an installation's
 LIMIT = 16_000_000  # bytes of all files in the folder
 # How far a packed network's pictures may be from the original's, in display values [0, 1]:
 # anywhere, and on average. An 8-bit step is 0.0039.
@@ -77,33 +77,38 @@ def find_models(models: Path | None, method: str | None) -> Models:
     )
 
 
-def pack(source: Path, target: Path, method: str, data: Path, metrics: Path) -> Difference:
-    """Write the networks of a method as `target`, by rename, and return how its pictures differ.
+def pack(
+    source: Path, target: Path, methods: Sequence[str], data: Path, metrics: Path
+) -> list[Difference]:
+    """Write the networks of these methods as `target`, by rename; returns how pictures differ.
 
     Raises `InputError` if networks or views to compare with are missing, if `target` holds
     anything else than packed networks, if pictures differ by more than `WORST` or `MEAN`, or if
     the folder would exceed `LIMIT`: then `target` stays as it was.
     """
     _refuse_strange_files(source, target)
-    original = load_predictor(source, method)
-    examples = _views(data)
+    methods = tuple(dict.fromkeys(methods))
+    originals = load_networks(source, methods)
+    noisy = any(method in METHODS and METHODS[method].noisy for method in methods)
+    examples = _views(data, noisy)
     figures = _figures(metrics)
+    names = tuple(dict.fromkeys(name for method in methods for name in needed(method)))
     with atomic_directory(target) as partial:
         digests: dict[str, str] = {}
-        for name in needed(method):
+        for name in names:
             digests[name] = _pack_network(source, partial, name, digests)
-        packed = load_predictor(partial, method)
-        difference = _compare(original, packed, method, examples)
-        card = _card(packed, difference, figures)
+        packed = load_networks(partial, methods)
+        differences = [_compare(originals, packed, method, examples) for method in methods]
+        card = _card(packed, differences, figures)
         (partial / "README.md").write_text(card, encoding="utf-8")
         size = sum(file.stat().st_size for file in partial.iterdir())
         if size > LIMIT:
             raise InputError(
                 f"{target}: {size / 1e6:.1f} MB of weights, at most {LIMIT / 1e6:.0f} MB are to be "
-                f"passed on; train {' and '.join(needed(method))} with a smaller width, or pack a "
-                "method of one network: --method plus"
+                f"passed on; train {' and '.join(names)} with a smaller width, or pack fewer "
+                "methods, of one network each: --method plus"
             )
-    return difference
+    return differences
 
 
 def _refuse_strange_files(source: Path, target: Path) -> None:
@@ -149,11 +154,11 @@ def half_type(state: dict[str, torch.Tensor]) -> torch.dtype:
     return torch.float16 if largest < HALF_MAX else torch.bfloat16
 
 
-def _views(data: Path) -> list[Example]:
+def _views(data: Path, noisy: bool) -> list[Example]:
     """Views spread evenly over the test split, or over the training split where there is none."""
     for split in ("test", "validation", "train"):
         try:
-            dataset = Dataset(data / "dataset", split)  # type: ignore[arg-type]
+            dataset = Dataset(data / "dataset", split, noisy)  # type: ignore[arg-type]
         except InputError as error:
             missing = error
             continue
@@ -163,10 +168,10 @@ def _views(data: Path) -> list[Example]:
 
 
 def _compare(
-    original: Predictor, packed: Predictor, method: str, examples: Sequence[Example]
+    original: Networks, packed: Networks, method: str, examples: Sequence[Example]
 ) -> Difference:
     errors = [
-        np.abs(original.predict(example).color - packed.predict(example).color)
+        np.abs(original.predict(method, example).color - packed.predict(method, example).color)
         for example in examples
     ]
     worst = max(float(error.max()) for error in errors)
@@ -192,26 +197,28 @@ def _figures(metrics: Path) -> dict[str, Any]:
     return found
 
 
-def _card(packed: Predictor, difference: Difference, figures: dict[str, Any]) -> str:
+def _card(packed: Networks, differences: Sequence[Difference], figures: dict[str, Any]) -> str:
     cards: list[ModelCard] = list(packed.cards.values())
     licences = sorted({licence for card in cards for licence in card.data.licences})
     credits = sorted({line for card in cards for line in card.data.attributions})
-    methods, apart = figures["methods"], figures.get("kept_back")
-    theirs = apart["methods"].get(packed.method) if apart else None
+    shown, apart = [*packed.methods, "denoised", "ceiling"], figures.get("kept_back")
     environment = templates("model", markup=False)
     environment.filters["json"] = lambda value: json.dumps(value, sort_keys=True)
     return environment.get_template("model_card.md").render(
-        method=packed.method,
+        methods=packed.methods,
         titles={name: METHODS[name].title for name in packed.cards},
         cards=packed.cards,
         card=packed.card,
-        difference=difference,
+        differences=differences,
         worst=WORST,
         mean=MEAN,
         figures=figures,
-        own=methods.get(packed.method),
-        ceiling=methods.get("ceiling"),
-        kept_back={**apart, "own": theirs} if apart and theirs else None,
+        tables=[
+            {**block, "rows": [(name, block["methods"].get(name)) for name in shown]}
+            for block in (figures, apart)
+            if block
+        ],
+        noisy_spp=[card.training["noisy_spp"] for card in cards if "noisy_spp" in card.training],
         licences=licences,
         credits=credits,
     )

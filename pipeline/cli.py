@@ -42,6 +42,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         "study": ("model.studies.commands:study", "Repeat the paper's studies."),
         "predict": ("model.predict_command:predict", "Make images through the trained networks."),
         "pretrained": ("model.commands:pretrained", "Pack trained networks to be passed on."),
+        "reference": ("model.commands:reference", "Keep a run's figures and a sheet of pictures."),
         "export": ("model.commands:export", "Write the networks for other programs (ONNX)."),
         "cost": ("pipeline.cost_command:cost", "Say how many core-hours a run will take."),
         "preset": ("pipeline.setup_commands:preset", "Put a parameter preset in place."),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -155,12 +156,17 @@ class SplitParams:
 
     validation: float = field(default=0.1, metadata=within(0, 0.9))
     test: float = field(default=0.2, metadata=within(0, 0.9))
-    # Plans that are only tested on, besides those shares: names, or patterns such as "villa-*".
+    # What is only tested on, besides those shares: names of plans or of scenes, whose whole plan
+    # is meant then; or patterns of them such as "villa-*".
     test_only: tuple[str, ...] = ()
 
-    def keeps_back(self, plan: str) -> bool:
-        """Whether `test_only` names the plan."""
-        return any(fnmatchcase(plan, pattern) for pattern in self.test_only)
+    def kept_back(self, plans: Mapping[str, str]) -> set[str]:
+        """The plans that `test_only` means, of `plans`: scene -> plan."""
+        return {
+            plan
+            for scene, plan in plans.items()
+            if any(fnmatchcase(name, each) for name in (scene, plan) for each in self.test_only)
+        }
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ from pipeline.pictures import (
     png_facts,
     read_picture,
 )
+from pipeline.report_flicker import flicker_study
 from pipeline.report_light import light_study
 from pipeline.report_pictures import MODALITIES, THUMBNAIL, draw, mosaic, row_label, shrink, uri
 from pipeline.report_records import METRICS, Places, Records
@@ -92,6 +93,7 @@ class _Page:
             light=light_study(self.records),
             clock=time_study(self.records),
             trials=trials_tables(self.records),
+            steady=flicker_study(self.records),
             examples=best_and_worst(self.records, examples, rows),
             predictions=self._predictions(),
             costs=self._costs(),

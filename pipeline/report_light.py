@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from pipeline.pictures import fit, read_picture
-from pipeline.report_pictures import uri
 from pipeline.report_records import Records
 from pipeline.report_results import METHODS, known_first
-from scenes.checked import build, within
-from scenes.errors import InputError
+from scenes.checked import within
 
 CHANGES = {
     "added": "A lamp added at the left rear",
@@ -25,7 +22,6 @@ SHOWN = {
     "shading": "Predicted shading",
     **METHODS,
 }
-_SHEET = 1200  # pixels that the picture is wide in the report
 
 
 @dataclass(frozen=True)
@@ -89,14 +85,8 @@ class LightResult:
 
 def light_study(records: Records) -> dict[str, Any] | None:
     """What the report shows of the study; None, and a note if damaged, without a result."""
-    path = records.places.metrics / "studies" / "illumination.json"
-    content = records.json(path, "")
-    if not content:
-        return None
-    try:
-        result = build(LightResult, content, str(path), InputError)
-    except InputError as error:
-        records.missing.append(f"{error}; make it again with: pbrnet study illumination")
+    result = records.study("illumination", LightResult)
+    if result is None:
         return None
     return {
         "result": result,
@@ -114,7 +104,7 @@ def light_study(records: Records) -> dict[str, Any] | None:
             for name in known_first(result.changes, CHANGES)
             for change in (result.changes[name],)
         ],
-        "picture": _picture(records),
+        "picture": records.study_picture("illumination"),
     }
 
 
@@ -136,14 +126,3 @@ def in_words(figure: Figure | None) -> tuple[str, str]:
     if figure.low is None or figure.high is None:
         return f"{figure.value:.2f}", ""
     return f"{figure.value:.2f}", f"{figure.low:.2f} to {figure.high:.2f}"
-
-
-def _picture(records: Records) -> str:
-    path = records.places.metrics / "studies" / "illumination.png"
-    if not path.is_file():
-        return ""
-    try:
-        return uri(fit(read_picture(path.read_bytes()), _SHEET))
-    except (OSError, ValueError):
-        records.missing.append(f"{path} is damaged; make it again with: pbrnet study illumination")
-        return ""

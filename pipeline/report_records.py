@@ -7,21 +7,21 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pipeline.pictures import (
-    Picture,
-    read_picture,
-)
+from pipeline.pictures import Picture, fit, read_picture
+from pipeline.report_pictures import uri
 from pipeline.views import load_cameras
+from scenes.checked import build
 from scenes.contract import Scene, load_scene, scene_folders
 from scenes.errors import InputError
 from scenes.files import read_json
 
+Result = TypeVar("Result")
 METRICS = {
     "ssim": ("SSIM", True, 3),
     "psnr": ("PSNR (dB)", True, 2),
@@ -73,6 +73,35 @@ class Records:
             self.missing.append(f"{path} is damaged (no JSON object); make it again")
             return {}
         return content
+
+    def study(self, name: str, kind: type[Result], command: str = "") -> Result | None:
+        """`metrics/studies/NAME.json`, checked; None without one, and noted if it is damaged.
+
+        `command`: what makes it, if not `pbrnet study NAME`.
+        """
+        path = self.places.metrics / "studies" / f"{name}.json"
+        content = self.json(path, "")
+        if not content:
+            return None
+        try:
+            return build(kind, content, str(path), InputError)
+        except InputError as error:
+            self.missing.append(f"{error}; make it again with: {command or f'pbrnet study {name}'}")
+            return None
+
+    def study_picture(self, name: str, wide: int = 1200, png: bool = False) -> str:
+        """`metrics/studies/NAME.png` as a data URI, at most `wide` pixels; "" without one.
+
+        `png`: without loss.
+        """
+        path = self.places.metrics / "studies" / f"{name}.png"
+        if not path.is_file():
+            return ""
+        try:
+            return uri(fit(read_picture(path.read_bytes()), wide), png=png)
+        except (OSError, ValueError):
+            self.missing.append(f"{path} is damaged; make it again with: pbrnet study {name}")
+            return ""
 
     def csv(self, path: Path, *numbers: str) -> list[dict[str, Any]]:
         """Lines of a CSV file; the columns `numbers` as floats, None where they are empty.

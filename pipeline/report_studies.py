@@ -8,8 +8,7 @@ from typing import Any
 
 from pipeline.report_records import Records
 from pipeline.report_results import METHODS, known_first
-from scenes.checked import build, within
-from scenes.errors import InputError
+from scenes.checked import within
 
 
 @dataclass(frozen=True)
@@ -49,14 +48,8 @@ class PairsResult:
 
 def pairs_table(records: Records) -> dict[str, Any] | None:
     """What the report shows of the pairs study; None, and a note if damaged, without a result."""
-    path = records.places.metrics / "studies" / "pairs.json"
-    content = records.json(path, "")
-    if not content:
-        return None
-    try:
-        result = build(PairsResult, content, str(path), InputError)
-    except InputError as error:
-        records.missing.append(f"{error}; make it again with: pbrnet study pairs --score")
+    result = records.study("pairs", PairsResult, "pbrnet study pairs --score")
+    if result is None:
         return None
     return {
         "people": result.people,

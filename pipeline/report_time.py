@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from pipeline.pictures import fit, read_picture
-from pipeline.report_pictures import uri
 from pipeline.report_records import Records
 from pipeline.report_results import METHODS, known_first
-from scenes.checked import build, within
-from scenes.errors import InputError
+from scenes.checked import within
 
 Clock = Literal["wall", "cpu"]
 CLOCKS: dict[Clock, str] = {
@@ -35,7 +32,6 @@ RENDERERS = {
     "planned": "Mitsuba with planned lights, shading and colour",
     "planned_denoised": "Mitsuba with planned lights, denoised",
 }
-_WIDE = 1000  # pixels of the plot in the report
 
 
 @dataclass(frozen=True)
@@ -113,14 +109,8 @@ def verdicts(result: TimeResult) -> list[str]:
 
 def time_study(records: Records) -> dict[str, Any] | None:
     """What the report shows of the study; None, and a note if damaged, without a result."""
-    path = records.places.metrics / "studies" / "time.json"
-    content = records.json(path, "")
-    if not content:
-        return None
-    try:
-        result = build(TimeResult, content, str(path), InputError)
-    except InputError as error:
-        records.missing.append(f"{error}; make it again with: pbrnet study time")
+    result = records.study("time", TimeResult)
+    if result is None:
         return None
     return {
         "result": result,
@@ -131,7 +121,7 @@ def time_study(records: Records) -> dict[str, Any] | None:
             for point in result.points
         ],
         "verdicts": verdicts(result),
-        "picture": _picture(records),
+        "picture": records.study_picture("time", wide=1000, png=True),
     }
 
 
@@ -155,14 +145,3 @@ def part_rows(result: TimeResult) -> list[dict[str, Any]]:
         place = next(i for i, row in enumerate(rows) if row["name"] == "composition") + 1
         rows.insert(place, row)
     return rows
-
-
-def _picture(records: Records) -> str:
-    path = records.places.metrics / "studies" / "time.png"
-    if not path.is_file():
-        return ""
-    try:
-        return uri(fit(read_picture(path.read_bytes()), _WIDE), png=True)
-    except (OSError, ValueError):
-        records.missing.append(f"{path} is damaged; make it again with: pbrnet study time")
-        return ""

@@ -18,6 +18,7 @@ import psutil
 import torch
 
 from pipeline.params import Baseline, load_params
+from pipeline.versions import PACKED
 from scenes.errors import ParameterError
 from scenes.files import write_text
 
@@ -144,6 +145,7 @@ def examine() -> list[Finding]:
         _cuda(),
         _vgg(),
         _trained(),
+        _pretrained(),
         _catalogues(),
     ]
 
@@ -195,10 +197,26 @@ def _vgg() -> Finding:
 
 
 def _trained() -> Finding:
-    present = [name for name in NETWORKS if (Path("models") / f"{name}.safetensors").is_file()]
+    present = _networks_in(Path("models"))
     if present:
         return Finding("models", f"trained: {', '.join(present)}", True)
     return Finding("models", "none trained here yet", True, "they come with: dvc repro")
+
+
+def _pretrained() -> Finding:
+    present = _networks_in(PACKED)
+    if present:
+        return Finding("pretrained", f"{', '.join(present)}, in {PACKED}", True)
+    return Finding(
+        "pretrained",
+        f"no networks in {PACKED}",
+        True,
+        "not needed; trained ones are packed with: pbrnet pretrained",
+    )
+
+
+def _networks_in(folder: Path) -> list[str]:
+    return [name for name in NETWORKS if (folder / f"{name}.safetensors").is_file()]
 
 
 def _catalogues() -> Finding:

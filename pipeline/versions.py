@@ -1,4 +1,7 @@
-"""Which code this is: workers that run other code than the command must not do its work."""
+"""Which code this is, and what comes with it.
+
+Workers that run other code than the command must not do its work.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from scenes.files import digest_bytes, digest_file
 
 _ROOT = Path(__file__).resolve().parent.parent
 _PACKAGES = ("pipeline", "scenes")
+PACKED = _ROOT / "weights"  # pretrained networks: a checkout's, or an installation's
 
 
 @lru_cache(maxsize=1)

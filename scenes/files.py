@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import hashlib
 import json
 import os
@@ -10,7 +11,7 @@ import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +30,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
     """
     path = Path(path)
     with machine_errors(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=_PARTIAL, suffix=path.suffix, dir=path.parent)
-        os.close(handle)
-    partial = Path(name)
+        partial, lock = _new_partial(path, folder=False)
     try:
         with machine_errors(path):
             yield partial
@@ -41,6 +39,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
             partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+        os.close(lock)
 
 
 @contextmanager
@@ -48,8 +47,7 @@ def atomic_directory(path: Path) -> Iterator[Path]:
     """Yield a temporary folder beside `path`; on success it replaces `path`, else it is gone."""
     path = Path(path)
     with machine_errors(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(tempfile.mkdtemp(prefix=_PARTIAL, dir=path.parent))
+        partial, lock = _new_partial(path, folder=True)
     try:
         with machine_errors(path):
             yield partial
@@ -64,17 +62,84 @@ def atomic_directory(path: Path) -> Iterator[Path]:
                 partial.replace(path)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+        os.close(lock)
+
+
+def _new_partial(path: Path, folder: bool) -> tuple[Path, int]:
+    """A new file or folder beside `path`, and a handle that holds its lock until it is closed.
+
+    The lock is the kernel's: it tells `sweep` whether the writer is still there.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    while True:
+        if folder:
+            name = tempfile.mkdtemp(prefix=_PARTIAL, dir=path.parent)
+        else:
+            made, name = tempfile.mkstemp(prefix=_PARTIAL, suffix=path.suffix, dir=path.parent)
+            os.close(made)
+        with suppress(FileNotFoundError):  # swept before it was locked: once more
+            lock = os.open(name, os.O_RDONLY)
+            _lock(lock, fcntl.LOCK_EX)
+            if Path(name).exists():
+                return Path(name), lock
+            os.close(lock)
 
 
 def remove_partials(folder: Path) -> int:
-    """Delete what a killed run left half written in `folder` (not below it); returns how many."""
+    """Delete all that is half written in `folder` (not below it); returns how many there were.
+
+    For folders that nobody else writes in, as their lock is held. Else see `sweep`.
+    """
     leftovers = sorted(Path(folder).glob(_PARTIAL + "*")) if Path(folder).is_dir() else []
     for leftover in leftovers:
-        if leftover.is_dir():
-            shutil.rmtree(leftover, ignore_errors=True)
-        else:
-            leftover.unlink(missing_ok=True)
+        _remove(leftover)
     return len(leftovers)
+
+
+def sweep(folder: Path) -> int:
+    """Delete what killed writers left half written in `folder` and below; returns how many.
+
+    What a living one is writing is left alone.
+    """
+    removed = 0
+    for place, folders, files in os.walk(folder):
+        partials = sorted(name for name in (*folders, *files) if name.startswith(_PARTIAL))
+        removed += sum(_abandoned(Path(place) / name) for name in partials)
+        folders[:] = [name for name in folders if name not in partials]
+    return removed
+
+
+def _abandoned(partial: Path) -> bool:
+    """Delete it unless its writer holds it; whether that was done."""
+    try:
+        lock = os.open(partial, os.O_RDONLY)
+    except OSError:  # gone meanwhile, or not ours
+        return False
+    try:
+        free = _lock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        if free:
+            _remove(partial)
+        return free
+    finally:
+        os.close(lock)
+
+
+def _remove(partial: Path) -> None:
+    if partial.is_dir():
+        shutil.rmtree(partial, ignore_errors=True)
+    else:
+        partial.unlink(missing_ok=True)
+
+
+def _lock(handle: int, how: int) -> bool:
+    """Whether the lock is had; a file system that knows no locks gives it to everybody."""
+    try:
+        fcntl.flock(handle, how)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True
 
 
 def copy_files(source: Path, target: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import torch
 from torch import nn
 
+from model.encoding import Policy
 from model.methods import METHODS, build_network
 from model.networks import Architecture, Panorama
 from model.store import TrainingData, save_model
@@ -21,7 +22,7 @@ def untrained_models(
     panorama: Panorama = "normal",
     levels: int = 4,
     width: int = 8,
-    exposure: str = "shared",
+    exposure: Policy = "shared",
     seed: int = 0,
 ) -> Path:
     """Models of these names; the composition network fits the shading network. Returns `models`."""
@@ -31,7 +32,7 @@ def untrained_models(
         "ab" * 32, 3, ("train-a",), ("plan-a",), ("CC0-1.0", "CC-BY-4.0"), ("a room by a test",)
     )
     for name in names:
-        architecture = Architecture(METHODS[name].layout, width, levels, panorama)
+        architecture = Architecture(METHODS[name].layout, width, levels, panorama, exposure)
         network = build_network(architecture)
         for layer in network.modules():
             if isinstance(layer, nn.Conv2d) and layer.out_channels == 3:

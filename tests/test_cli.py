@@ -12,8 +12,10 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
+from pipeline import setup_commands
 from pipeline.cli import COMMANDS, cli, main
 from pipeline.params import Baseline
+from pipeline.setup_commands import examine
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -102,3 +104,19 @@ def test_doctor_reports(tmp_path: Path) -> None:
     assert done.returncode == 0
     topics = [finding["topic"] for finding in yaml.safe_load(done.stdout)]
     assert {"LLVM", "GPU", "threads", "memory", "VGG-19", "catalogues"} <= set(topics)
+
+
+def test_doctor_names_the_pretrained_networks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(setup_commands, "PACKED", tmp_path / "weights")
+
+    def said() -> str:
+        return next(one.state for one in examine() if one.topic == "pretrained")
+
+    assert said() == f"no networks in {tmp_path}/weights"
+    (tmp_path / "weights").mkdir()
+    for name in ("composition", "shading"):
+        (tmp_path / "weights" / f"{name}.safetensors").touch()
+    assert said() == f"shading, composition, in {tmp_path}/weights"

@@ -33,10 +33,11 @@ from dataset_fixtures import (
 from pipeline.checks import REASONS, black_share, blown_share, check_frames, firefly_share
 from pipeline.cli import cli
 from pipeline.columns import dataset_columns
-from pipeline.dataset import Source, pack_dataset, split_plans
+from pipeline.dataset import pack_dataset
 from pipeline.frames import HALF_MAX, Frame, frame_path, read_frame
 from pipeline.params import CheckParams, SplitParams
 from pipeline.pictures import read_picture
+from pipeline.splits import Source, split_plans
 from pipeline.sums import verify_sums
 from pipeline.tonemap import exposure_of
 from scenes.contract import Credit
@@ -219,6 +220,18 @@ def test_plans_kept_back_are_tested_on_and_leave_the_others_where_they_are() -> 
     del splits["home-000"], splits["villa-0"], splits["villa-1"], splits["villa-2"]
     del splits["villa-3"]
     assert splits == split_plans(own[1:] + others[4:], SplitParams(), 0)
+
+
+def test_a_scene_is_kept_back_with_its_whole_plan() -> None:
+    scenes = [
+        Source(box_scene(f"{kind}-{index}", "day", plan=f"{kind}-plan-{index // 2}"), None)
+        for kind in ("home", "furnished")
+        for index in range(10)
+    ]
+    splits = split_plans(scenes, SplitParams(test_only=("furnished-*", "home-5")), 0)
+    assert {splits[f"furnished-plan-{index}"] for index in range(5)} == {"test"}
+    assert splits["home-plan-2"] == "test"
+    assert SplitParams(test_only=("b*",)).kept_back({"a0": "p", "b0": "p", "c": "q"}) == {"p"}
 
 
 def test_adding_scenes_hardly_moves_the_others() -> None:

@@ -16,6 +16,7 @@ from scenes.files import (
     digest_folder,
     read_json,
     remove_partials,
+    sweep,
     write_json,
     write_text,
 )
@@ -49,16 +50,29 @@ def test_a_failed_folder_leaves_the_old_folder(tmp_path: Path) -> None:
     assert names(tmp_path) == ["scene"]
 
 
-def test_what_a_killed_writer_left_is_swept(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["atomic_file", "atomic_directory"])
+def test_what_a_killed_writer_left_is_swept_and_what_a_living_one_writes_is_not(
+    tmp_path: Path, kind: str
+) -> None:
     script = (
-        "import os, signal; from pathlib import Path; from scenes.files import atomic_file\n"
-        f"with atomic_file(Path({str(tmp_path / 'a.txt')!r})) as partial:\n"
-        "    partial.write_text('half'); os.kill(os.getpid(), signal.SIGKILL)\n"
+        f"from pathlib import Path; from scenes.files import {kind}\n"
+        f"with {kind}(Path({str(tmp_path / 'deep' / 'a')!r})):\n"
+        "    print('half', flush=True); input()\n"
     )
-    subprocess.run([sys.executable, "-c", script], check=False)
-    assert not (tmp_path / "a.txt").exists()
-    assert remove_partials(tmp_path) == 1
-    assert names(tmp_path) == []
+    left = 0
+    for clean in (sweep, lambda folder: remove_partials(folder / "deep")):
+        with subprocess.Popen(
+            [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) as writer:
+            assert writer.stdout is not None and writer.stdout.readline() == "half\n"
+            assert sweep(tmp_path) == 0
+            (partial,) = (tmp_path / "deep").iterdir()
+            writer.kill()
+        assert partial.exists()
+        left += clean(tmp_path)
+        assert names(tmp_path / "deep") == []
+    assert left == 2
+    assert sweep(tmp_path / "nowhere") == remove_partials(tmp_path / "nowhere") == 0
 
 
 def test_a_full_disk_is_a_clear_error_and_keeps_the_old_file(small_disk: Path) -> None:

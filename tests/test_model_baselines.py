@@ -17,7 +17,7 @@ from model.baselines.cyclegan import HISTORY, REFLECTANCE, Cycles, Forwards, His
 from model.baselines.layers import STACKED, BatchNorm, InstanceNorm, stacked
 from model.baselines.pix2pix import Game, Generator, PatchDiscriminator
 from model.encoding import CHANNELS
-from model.methods import BASELINES, METHODS
+from model.methods import BASELINES, METHODS, build_network
 from model.networks import Architecture
 from model.objective import Batch, Objective, Setting
 from pipeline import report_results
@@ -62,6 +62,13 @@ def test_the_registry_and_the_parameters_name_the_same_baselines() -> None:
 
 def test_the_report_has_words_for_every_baseline() -> None:
     assert set(BASELINES) <= report_results.METHODS.keys() & report_results.NETWORKS.keys()
+
+
+def test_the_registry_knows_which_networks_give_shading_too() -> None:
+    for name, method in METHODS.items():
+        network = build_network(Architecture(method.layout, 4, 3))
+        assert hasattr(network, "parts") == method.shaded, name
+    assert [name for name, method in METHODS.items() if method.shaded] == ["plus", "hybrid"]
 
 
 def test_only_an_own_loss_has_an_optimiser_of_its_own() -> None:

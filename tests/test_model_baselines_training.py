@@ -20,11 +20,12 @@ from model.baselines import cyclegan
 from model.data import Dataset
 from model.encoding import encode, to_image
 from model.evaluation import evaluate
+from model.loop import TrainingError
 from model.methods import BASELINES, METHODS, Adam
 from model.metrics import ssim
 from model.objective import Batch, Objective
 from model.store import load_model
-from model.training import Folders, TrainingError, train_network
+from model.training import Folders, train_network
 from pipeline.params import BackboneParams, Params, StageTrainParams, TrainParams
 from pipeline.tonemap import tonemap
 

@@ -12,10 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from model_fixtures import ROOM, box_dataset, box_rows, write_shard
+from model_fixtures import box_dataset, box_rows, write_shard
 from PIL import Image
-from predict_fixtures import box_frames
-from render_fixtures import write_scene
+from predict_fixtures import box_camera, box_frames, box_room
 
 from model import evaluation, training
 from model.backbone import make_backbone
@@ -41,7 +40,7 @@ from pipeline.params import (
 )
 from pipeline.pictures import png_facts, read_picture
 from pipeline.tonemap import Exposure, decode_srgb, tonemap
-from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, save_cameras
+from pipeline.views import View, as_matrix, intrinsics_of
 from scenes.contract import load_scene
 from scenes.errors import InputError
 
@@ -195,7 +194,7 @@ def test_networks_of_different_exposure_policies_are_not_compared(
     card = tmp_path / "unet.json"
     card.write_text(card.read_text().replace('"exposure": "shared"', '"exposure": "own"'))
     with pytest.raises(InputError, match="colours differently"):
-        load_networks(tmp_path, ["unet"])
+        load_networks(tmp_path, ["pbrnet", "unet"])
 
 
 def test_the_product_of_true_shading_is_the_truth_where_light_bounces_not(
@@ -336,28 +335,7 @@ def test_frames_of_two_views_are_refused(predict: Predict, tmp_path: Path) -> No
 @pytest.fixture()
 def room(tmp_path: Path) -> Path:
     """A scene folder: a grey box with a lamp below its ceiling, and a camera file."""
-    x, y, z = ROOM / 2
-    body = f"""
-    <shape type="cube" id="room"><boolean name="flip_normals" value="true"/>
-      <transform name="to_world"><scale x="{x}" y="{y}" z="{z}"/>
-      <translate x="{x}" y="{y}" z="{z}"/></transform>
-      <bsdf type="twosided"><bsdf type="diffuse">
-      <rgb name="reflectance" value="0.6 0.4 0.2"/></bsdf></bsdf></shape>
-    <shape type="sphere" id="bulb"><point name="center" x="2" y="2.5" z="2.2"/>
-      <float name="radius" value="0.15"/>
-      <emitter type="area"><rgb name="radiance" value="5"/></emitter></shape>"""
-    folder = tmp_path / "data" / "scenes" / "box"
-    write_scene(folder, body, {"room": ("room",), "bulb": ("bulb",)})
-    view = View(
-        "box",
-        "v0",
-        24,
-        18,
-        as_matrix(intrinsics_of(ImageParams(24, 18))),
-        as_matrix(look((0.5, 0.5, 1.5), (1, 1, -0.2))),
-    )
-    save_cameras(tmp_path / "data" / "cameras" / "box.json", CameraFile("box", (view,)))
-    return folder
+    return box_room(tmp_path / "data", box_camera("v0", (24, 18), (0.5, 0.5, 1.5), (1, 1, -0.2)))
 
 
 def test_predicting_from_a_scene_at_any_size_beside_the_truth(

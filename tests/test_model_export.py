@@ -49,8 +49,8 @@ def columns(example: Example) -> dict[str, Any]:
 
 
 def predicted(networks: Networks, example: Example) -> tuple[Any, Any]:
-    shading = networks.predict_shading(example)
-    return shading, networks.predict_color(example, shading)
+    made = networks.predict("pbrnet", example)
+    return made.shading, made.color
 
 
 def test_the_chain_is_the_two_networks_with_their_encoding(trained: Folders) -> None:
@@ -78,7 +78,7 @@ def test_a_dark_panorama_stays_dark(trained: Folders) -> None:
     given = {name: torch.from_numpy(value) for name, value in columns(dark).items()}
     with torch.no_grad():
         shading, _ = Chain(networks)(**given)
-    assert np.abs(shading.numpy() - networks.predict_shading(dark)).max() < 1e-4
+    assert np.abs(shading.numpy() - networks.shading(dark)).max() < 1e-4
 
 
 def test_without_the_packages_it_says_how_to_get_them(

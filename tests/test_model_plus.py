@@ -15,7 +15,8 @@ from model.data import Dataset
 from model.encoding import WHITE, encode
 from model.networks import Architecture
 from model.plus import PlusNet, multiplied
-from pipeline.tonemap import Exposure, encode_srgb, tonemap
+from pipeline.params import ToneParams
+from pipeline.tonemap import Exposure, encode_srgb, exposure_of, tonemap, untonemap
 
 
 class Card:
@@ -55,6 +56,24 @@ def test_it_starts_as_the_room_without_shadows(tmp_path: Path) -> None:
     lit = (given["direct"][:, :1] + 1) / 2
     assert torch.equal(shading, lit.expand_as(shading))
     assert torch.equal(color, multiplied(shading, (given["reflectance"] + 1) / 2))
+
+
+def test_under_the_policy_own_its_product_has_an_exposure_of_its_own(tmp_path: Path) -> None:
+    """As near as the inputs tell: the log average of a product is about that of its factors."""
+    example = next(Dataset(box_dataset(tmp_path) / "dataset", "train").ordered())
+    dark = replace(example, reflectance=0.1 * example.reflectance)
+    network = PlusNet(Architecture("plus", 8, 3, exposure="own"))
+    for unet in (network.shading.unet, network.correction):
+        torch.nn.init.zeros_(unet.out.weight)
+    for view in (example, dark):
+        given = encode([view], direct=True)
+        with torch.no_grad():
+            shading, color = network.parts(given)
+        light = untonemap(shading[0].permute(1, 2, 0).numpy(), Exposure(1.0, WHITE))
+        own = exposure_of(light * view.reflectance / 0.5, ToneParams())
+        expected = tonemap(light * view.reflectance / 0.5, Exposure(own.scale, WHITE))
+        assert color[0].permute(1, 2, 0).numpy() == pytest.approx(expected, abs=0.03)
+        assert 0.3 < float(color.mean()) < 0.7, "neither too dark nor too bright"
 
 
 def test_any_size_and_no_light(tmp_path: Path) -> None:

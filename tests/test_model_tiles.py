@@ -11,8 +11,8 @@ from model_fixtures import box_dataset
 from predictor_fixtures import untrained_models
 
 from model.data import Dataset, Example
+from model.inference import load_networks
 from model.networks import Architecture, Panorama, UNet
-from model.predictor import load_predictor
 from model.tiles import margin, pieces, stride, tiled, unet_reach
 from scenes.errors import InputError
 
@@ -57,8 +57,8 @@ def test_tiles_give_the_whole_picture(
 ) -> None:
     names = ("shading", "composition", "unet", "plus")
     models = untrained_models(tmp_path / "models", names, panorama=panorama, levels=3)
-    whole = load_predictor(models, method).predict(example)
-    cut = load_predictor(models, method, tile=32).predict(example)
+    whole = load_networks(models, [method]).predict(method, example)
+    cut = load_networks(models, [method], tile=32).predict(method, example)
     assert whole.color.std() > 0.02  # there is something to see
     assert np.abs(whole.color - cut.color).max() < 1e-4
     if whole.shading is not None and cut.shading is not None:
@@ -69,9 +69,9 @@ def test_too_little_overlap_would_show(example: Example, tmp_path: Path,
                                        monkeypatch: pytest.MonkeyPatch) -> None:  # fmt: skip
     """The test above can fail: with a tenth of the margin, pieces differ from the whole."""
     models = untrained_models(tmp_path / "models", ("unet",), levels=3)
-    whole = load_predictor(models, "unet").predict(example)
+    whole = load_networks(models, ["unet"]).predict("unet", example)
     monkeypatch.setattr("model.tiles.margin", lambda architecture: stride(architecture))
-    cut = load_predictor(models, "unet", tile=32).predict(example)
+    cut = load_networks(models, ["unet"], tile=32).predict("unet", example)
     assert np.abs(whole.color - cut.color).max() > 1e-4
 
 
@@ -104,6 +104,6 @@ def test_pieces_cover_every_pixel_once_from_aligned_windows(size: tuple[int, int
 @pytest.mark.parametrize("name", ["can", "pix2pix", "cyclegan"])
 def test_networks_that_normalise_refuse_to_be_cut(name: str, tmp_path: Path) -> None:
     models = untrained_models(tmp_path / "models", (name,))
-    load_predictor(models, name)
+    load_networks(models, [name])
     with pytest.raises(InputError, match="statistics of the whole picture; leave out --tile"):
-        load_predictor(models, name, tile=64)
+        load_networks(models, [name], tile=64)

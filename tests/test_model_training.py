@@ -21,10 +21,11 @@ from model import training
 from model.backbone import make_backbone
 from model.data import Dataset
 from model.encoding import encode, to_image
+from model.loop import TrainingError, batches_from
 from model.methods import learning_rate
 from model.metrics import ssim
 from model.store import load_model
-from model.training import Folders, TrainingError, choose_precision, train_network
+from model.training import Folders, choose_precision, train_network
 from pipeline.params import BackboneParams, LossParams, Params, StageTrainParams, TrainParams
 from pipeline.tonemap import tonemap
 from scenes.errors import InputError
@@ -231,7 +232,7 @@ def test_mirrored_views_are_seen_only_where_flips_are_on(workplace: Workplace) -
     seen = {True: 0, False: 0}
     for flips in (True, False):
         params = replace(PARAMS, train=replace(PARAMS.train, flips=flips))
-        batches = training._batches(dataset, params, 0)
+        batches = batches_from(dataset, params, 0)
         for _ in range(40):
             example = next(batches)[0]
             seen[flips] += not np.array_equal(example.depth, originals[example.name].depth)

@@ -17,12 +17,12 @@ from predict_fixtures import box_frames
 from predictor_fixtures import untrained_models
 
 from model.data import Dataset, Example
-from model.encoding import GREY, encode
+from model.encoding import GREY, Policy, encode
 from model.export import INPUTS, Chain, PlusChain, export_onnx
 from model.export_light import direct_light, encoded_light, log_average
+from model.inference import Networks, load_networks
 from model.irradiance import direct_shading
 from model.predict import from_frames
-from model.predictor import Predictor, load_predictor
 from pipeline.params import ToneParams
 from pipeline.pictures import read_picture
 from pipeline.tonemap import exposure_of
@@ -70,16 +70,20 @@ def test_the_direct_light_of_the_graph_is_the_direct_light(tmp_path: Path) -> No
         assert float(log_average(light)) * scale == pytest.approx(ToneParams().key, rel=1e-3)
 
 
-@pytest.mark.parametrize("method", ["pbrnet", "plus"])
-def test_the_chain_draws_what_the_method_draws(method: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("method", "exposure"), [("pbrnet", "shared"), ("plus", "shared"), ("plus", "own")]
+)
+def test_the_chain_draws_what_the_method_draws(
+    method: str, exposure: Policy, tmp_path: Path
+) -> None:
     """Sky included: there the networks are shown a grey, not the dataset's black."""
-    predictor = loaded(tmp_path / "models", method)
-    chain = (PlusChain if method == "plus" else Chain)(predictor).eval()  # type: ignore[arg-type]
+    networks = loaded(tmp_path / "models", method, exposure)
+    chain = (PlusChain if method == "plus" else Chain)(networks).eval()
     for example in views(tmp_path):
         given = tensors(example)
         if method == "pbrnet":
             del given["K"]
-        made = predictor.predict(example)
+        made = networks.predict(method, example)
         with torch.no_grad():
             shading, color = chain(**given)
         assert made.shading is not None and made.color.std() > 0.02
@@ -102,17 +106,17 @@ def test_darkness_stays_dark(tmp_path: Path) -> None:
 def test_the_file_and_the_example_draw_the_same_picture(method: str, tmp_path: Path) -> None:
     runtime = pytest.importorskip("onnxruntime", reason="the extra pbrnet[onnx] is not installed")
     pytest.importorskip("onnxscript", reason="the extra pbrnet[onnx] is not installed")
-    predictor = loaded(tmp_path / "models", method)
+    networks = loaded(tmp_path / "models", method)
     path = tmp_path / "model.onnx"
-    export_onnx(predictor, path)
+    export_onnx(networks, path)
     session = runtime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
     facts = session.get_modelmeta().custom_metadata_map
-    for name, card in predictor.cards.items():
+    for name, card in networks.cards.items():
         assert json.loads(facts[name])["sha256"] == card.sha256
     names = [given.name for given in session.get_inputs()]
     for example in views(tmp_path):
         given = {name: value.numpy() for name, value in tensors(example).items() if name in names}
-        made = predictor.predict(example)
+        made = networks.predict(method, example)
         shading, color = session.run(None, given)
         assert color.shape == example.color.shape
         assert np.abs(color - made.color).max() < 1e-3
@@ -131,14 +135,14 @@ def test_the_file_and_the_example_draw_the_same_picture(method: str, tmp_path: P
     )
     assert done.returncode == 0, done.stderr
     wanted = from_frames(frames[0], frames[1])
-    ours = predictor.predict(wanted.make(predictor.card)).color
+    ours = networks.predict(method, wanted.make(networks.card)).color
     drawn = read_picture((tmp_path / "p.png").read_bytes()) / 255
     assert np.abs(drawn - ours).max() < 1 / 255 + 1e-3
     with Image.open(tmp_path / "p.png") as image:
         assert image.size == (37, 23)
 
 
-def loaded(models: Path, method: str) -> Predictor:
+def loaded(models: Path, method: str, exposure: Policy = "shared") -> Networks:
     """The method's networks, untrained."""
     names = ("plus",) if method == "plus" else ("shading", "composition")
-    return load_predictor(untrained_models(models, names, levels=3), method)
+    return load_networks(untrained_models(models, names, levels=3, exposure=exposure), [method])

@@ -10,19 +10,16 @@ import numpy as np
 import pytest
 import torch
 from click.testing import CliRunner, Result
-from predict_fixtures import box_frames
+from predict_fixtures import box_camera, box_frames, box_room
 from predictor_fixtures import untrained_models
-from render_fixtures import write_scene
 
 from model import pretrained
+from model.inference import Prediction, load_networks
 from model.predict import from_frames
-from model.predictor import Prediction, load_predictor
 from pipeline.cli import cli
 from pipeline.frames import read_frame
-from pipeline.params import ImageParams
 from pipeline.pictures import png_facts, read_picture
 from pipeline.tonemap import Exposure, tonemap
-from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, save_cameras
 from scenes.errors import InputError
 
 FRAMES = ("--inputs", "data/inputs/box/v0.exr", "--illumination", "data/illumination/box/v0.exr")
@@ -46,24 +43,9 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture()
 def room() -> Path:
     """A scene folder with a camera file of two views."""
-    body = """
-    <shape type="cube" id="room"><boolean name="flip_normals" value="true"/>
-      <transform name="to_world"><scale x="2" y="2.5" z="1.3"/>
-      <translate x="2" y="2.5" z="1.3"/></transform>
-      <bsdf type="twosided"><bsdf type="diffuse">
-      <rgb name="reflectance" value="0.6 0.4 0.2"/></bsdf></bsdf></shape>
-    <shape type="sphere" id="bulb"><point name="center" x="2" y="2.5" z="2.2"/>
-      <float name="radius" value="0.15"/>
-      <emitter type="area"><rgb name="radiance" value="5"/></emitter></shape>"""
-    folder = Path("data/scenes/box")
-    write_scene(folder, body, {"room": ("room",), "bulb": ("bulb",)})
-    camera = as_matrix(intrinsics_of(ImageParams(24, 18)))
-    views = tuple(
-        View("box", name, 24, 18, camera, as_matrix(look((0.5, 0.5, 1.5), towards)))
-        for name, towards in (("east", (1, 0.2, -0.2)), ("north", (0.2, 1, -0.2)))
-    )
-    save_cameras(Path("data/cameras/box.json"), CameraFile("box", views))
-    return folder
+    views = {"east": (1, 0.2, -0.2), "north": (0.2, 1, -0.2)}
+    cameras = [box_camera(name, (24, 18), (0.5, 0.5, 1.5), to) for name, to in views.items()]
+    return box_room(Path("data"), *cameras)
 
 
 def predict(*words: object) -> Result:
@@ -164,21 +146,22 @@ def test_linear_radiance_shows_as_the_prediction(method: str) -> None:
 
 
 def test_with_the_truth_the_unit_is_the_scenes() -> None:
-    predictor = load_predictor(Path("models"), "pbrnet")
+    networks = load_networks(Path("models"))
     wanted = from_frames(Path(FRAMES[1]), Path(FRAMES[3]), truth=Path("data"))
-    example = wanted.make(predictor.card)
+    example = wanted.make(networks.card)
     perfect = Prediction(
+        "pbrnet",
         tonemap(example.shading, example.exposure_shading),
         tonemap(example.color, example.exposure_shading),
     )
-    linear = predictor.radiance(example, perfect)
+    linear = networks.radiance(example, perfect)
     inside = ~linear.clipped
     assert linear.known
     assert linear.color[inside] == pytest.approx(example.color[inside], rel=2e-2, abs=1e-4)
     # What is at white is less than the truth, or equal: a lower bound in that band.
     bright = replace(example, exposure_shading=Exposure(example.exposure_shading.scale, 0.9))
     display = tonemap(example.color, bright.exposure_shading)
-    bound = predictor.radiance(bright, Prediction(None, display))
+    bound = networks.radiance(bright, Prediction("pbrnet", None, display))
     at_white = display >= 1 - 1e-6
     assert at_white.any() and (bound.clipped == at_white.any(axis=-1)).all()
 

@@ -20,7 +20,7 @@ from safetensors.torch import load_file
 
 from model import pretrained
 from model.data import Dataset
-from model.predictor import load_predictor
+from model.inference import load_networks
 from model.pretrained import MEAN, WORST, find_models, half_type, pack
 from pipeline.cli import cli
 from scenes.errors import InputError
@@ -50,14 +50,14 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def packed(**changes: object) -> pretrained.Difference:
-    given = {"source": Path("models"), "target": Path("weights"), "method": "pbrnet",
+def packed(**changes: object) -> list[pretrained.Difference]:
+    given = {"source": Path("models"), "target": Path("weights"), "methods": ["pbrnet"],
              "data": Path("data"), "metrics": Path("metrics"), **changes}  # fmt: skip
     return pack(**given)  # type: ignore[arg-type]
 
 
 def test_packed_networks_are_half_as_large_and_give_the_same_pictures(project: Path) -> None:
-    said = packed()
+    (said,) = packed()
     assert sorted(file.name for file in Path("weights").iterdir()) == [
         "README.md", "composition.json", "composition.safetensors",
         "shading.json", "shading.safetensors",
@@ -68,10 +68,12 @@ def test_packed_networks_are_half_as_large_and_give_the_same_pictures(project: P
         assert Path(f"weights/{name}.safetensors").stat().st_mode & 0o777 == 0o644
         before = Path(f"models/{name}.safetensors").stat().st_size
         assert Path(f"weights/{name}.safetensors").stat().st_size < 0.6 * before
-    original, small = (load_predictor(Path(at), "pbrnet") for at in ("models", "weights"))
+    original, small = (load_networks(Path(at)) for at in ("models", "weights"))
     assert small.cards["shading"].packed_from == original.cards["shading"].sha256
     for example in Dataset(Path("data/dataset"), "test").ordered():
-        error = np.abs(original.predict(example).color - small.predict(example).color)
+        error = np.abs(
+            original.predict("pbrnet", example).color - small.predict("pbrnet", example).color
+        )
         assert 0 < error.max() <= said.worst <= WORST and error.mean() <= MEAN
     assert said.views == 4
 
@@ -81,7 +83,7 @@ def test_the_card_says_on_what_under_which_licences_and_how_good(project: Path) 
     card = Path("weights/README.md").read_text()
     for words in ("3 views of 1 scenes of 1 floor", "CC-BY-4.0, ", "CC0-1.0", "- a room by a test",
                   "float16", "0.500 (0.400 to 0.600)", "33.250 |", "MIT",
-                  "the 7 views of 3 scenes"):  # fmt: skip
+                  "All: 2 views of 1 scenes", "never saw: 7 views of 3 scenes"):  # fmt: skip
         assert words.strip(", ") in card, words
     assert "{{" not in card and "{%" not in card
 
@@ -152,15 +154,30 @@ def test_own_networks_come_first_and_what_is_used_is_said(project: Path) -> None
 
 def test_one_network_is_enough_for_plus(project: Path) -> None:
     untrained_models(Path("single"), ("plus",), levels=3)
-    packed(source=Path("single"), method="plus")
+    packed(source=Path("single"), methods=["plus"])
     assert find_models(Path("weights"), None).method == "plus"
     assert "no figures of `plus`" in Path("weights/README.md").read_text()
+
+
+def test_several_methods_share_a_folder_and_a_card(project: Path) -> None:
+    box_dataset(Path("data"), 0, 0, 4, noisy=True, width=40, height=30)
+    untrained_models(Path("models"), ("plus", "hybrid"), levels=3)
+    said = packed(methods=["plus", "hybrid"])
+    assert [difference.method for difference in said] == ["plus", "hybrid"]
+    assert all(0 < difference.worst <= WORST for difference in said)
+    assert sorted(file.name for file in Path("weights").glob("*.safetensors")) == [
+        "hybrid.safetensors", "plus.safetensors",
+    ]  # fmt: skip
+    card = Path("weights/README.md").read_text()
+    assert "--method plus --method hybrid" in card and "no figures of `hybrid`" in card
+    Path("models/hybrid.safetensors").unlink()
+    assert find_models(None, "hybrid").folder == pretrained.PACKED
 
 
 def test_the_command_packs_and_says_how_much(project: Path) -> None:
     done = CliRunner().invoke(cli, ["pretrained", "--out", "small"])
     assert done.exit_code == 0, done.output
-    assert "small: shading, composition, 0.1 MB; on 4 views" in done.output
+    assert "shading, composition: on 4 views" in done.output and "small: 0.1 MB" in done.output
 
 
 def test_an_installation_finds_them(tmp_path: Path) -> None:

@@ -9,23 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from predict_fixtures import box_camera, box_room
 from predictor_fixtures import untrained_models
-from render_fixtures import write_scene
 
 from model.data import Example
 from model.studies.flicker import Wish, flicker, match, moved
 from pipeline.cli import cli
-from pipeline.params import ImageParams
+from pipeline.params import Params
+from pipeline.report import Places, write_report
 from pipeline.tonemap import Exposure
-from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, save_cameras
 from scenes.errors import InputError
 
 WIDTH, HEIGHT = 64, 48
-VIEW = View(
-    "box", "v0", WIDTH, HEIGHT,
-    as_matrix(intrinsics_of(ImageParams(WIDTH, HEIGHT))),
-    as_matrix(look((2.0, 1.0, 1.5), (0, 1, 0))),
-)  # fmt: skip
+VIEW = box_camera("v0", (WIDTH, HEIGHT), (2.0, 1.0, 1.5), (0, 1, 0))
 
 
 def plane(depth: float) -> Example:
@@ -110,18 +106,7 @@ def room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     Path("params.yaml").write_text(
         "groundtruth: {spp: 16, block_spp: 16}\nillumination: {width: 32}\n"
     )
-    body = """
-    <shape type="cube" id="room"><boolean name="flip_normals" value="true"/>
-      <transform name="to_world"><scale x="2" y="2.5" z="1.3"/>
-      <translate x="2" y="2.5" z="1.3"/></transform>
-      <bsdf type="twosided"><bsdf type="diffuse">
-      <rgb name="reflectance" value="0.6 0.4 0.2"/></bsdf></bsdf></shape>
-    <shape type="sphere" id="bulb"><point name="center" x="2" y="4" z="2.2"/>
-      <float name="radius" value="0.2"/>
-      <emitter type="area"><rgb name="radiance" value="5"/></emitter></shape>"""
-    folder = Path("data/scenes/box")
-    write_scene(folder, body, {"room": ("room",), "bulb": ("bulb",)})
-    save_cameras(Path("data/cameras/box.json"), CameraFile("box", (VIEW,)))
+    folder = box_room(Path("data"), VIEW, lamp=(2, 4, 2.2))
     untrained_models(Path("models"), ("shading", "composition", "unet"), levels=2)
     return folder
 
@@ -141,6 +126,28 @@ def test_the_command_measures_networks_beside_the_renderer(room: Path) -> None:
     result = json.loads(Path("metrics/studies/flicker.json").read_text())
     assert result["methods"]["pbrnet"]["mean"] == 0 and result["visible"] == 1
     assert result["methods"]["renderer"]["mean"] > 0  # its noise
+
+
+def test_the_report_shows_it_and_notes_a_damaged_one(room: Path, tmp_path: Path) -> None:
+    words = ["study", "flicker", str(room), "--view", "v0", "--frames", "2", "--size", "40x30"]
+    done = CliRunner().invoke(cli, [*words, "--move", "pan", "--method", "product"])
+    assert done.exit_code == 0, done.output
+    path = Path("metrics/studies/flicker.json")
+    result = json.loads(path.read_text())
+    times = result["methods"]["product"]["mean"] / result["methods"]["renderer"]["mean"]
+    write_report(Places(), Params(), Path("report.html"))
+    page = Path("report.html").read_text()
+    assert "Steadiness along a camera move" in page and "a turn of 0.5° to the right" in page
+    assert (
+        f'<td class="n">{times:.2f}</td>' in page
+        and f"{result['methods']['product']['mean']:.4f}<small>" in page
+    )
+    assert page.count('alt="The first, a middle and the last frame') == 1
+    path.write_text(json.dumps(result | {"move": "loop"}))
+    path.with_suffix(".png").write_bytes(b"no picture")
+    notes = write_report(Places(), Params(), Path("report.html"))
+    assert any("flicker.json.move: 'loop' is not one of" in note for note in notes)
+    assert "Steadiness" not in Path("report.html").read_text()
 
 
 def test_a_wall_in_the_way_is_said(room: Path) -> None:

@@ -247,8 +247,8 @@ def test_another_folder_from_the_command_to_the_report(
 
 
 def test_a_source_within_the_dataset_is_not_trained_on(run: Run, folders: Folders) -> None:
-    """`a` and `b` are training plans, `t` a test plan."""
-    asked = ("--source", "[abt]", "--views", 1, "--steps", 1, "--tuning-steps", 1)
+    """`a` and `b` are training plans, `t` a test plan; a scene stands for its whole plan."""
+    asked = ("--source", "[abt]*0", "--views", 1, "--steps", 1, "--tuning-steps", 1)
     code, _, errors = run(*asked)
     assert code == 0, errors
     studies = folders.metrics / "studies" / "generalisation"
@@ -271,7 +271,7 @@ def test_a_source_within_the_dataset_is_not_trained_on(run: Run, folders: Folder
     ("arguments", "code", "words"),
     [
         ((), 2, "--other FOLDER, --source PATTERN"),
-        (("--source", "nothing-*"), 3, "no floor plan is called 'nothing-*'"),
+        (("--source", "nothing-*"), 3, "no floor plan or scene is called 'nothing-*'"),
         (("--source", "a"), 3, "one floor plan only, 'a'"),
         (("--source", "[abcd]"), 3, "every training scene is of the source"),
         (("--other", "data"), 2, "--other data is DATA itself"),

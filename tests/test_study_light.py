@@ -118,16 +118,24 @@ def test_a_killed_study_goes_on(
     assert run(place, "--views", "1", "--renders", renders) == 130
     first = list(traced)
     traced.clear()
+    left = [
+        folder / ".partial-x.exr"
+        for folder in (place.models / "metrics" / "studies", Path(renders) / "added")
+    ]
+    for half in left:
+        half.parent.mkdir(parents=True, exist_ok=True)
+        half.write_bytes(b"half")
     monkeypatch.setattr(illumination, "_render", counted)
     assert run(place, "--views", "1", "--renders", renders) == 0
     assert len(first) == 3 and len(traced) == 2 and not set(first) & set(traced)
+    assert not any(half.exists() for half in left)
     assert result_of(place).changes["exchanged"].skipped == {"no other view": 1}
 
 
 def test_twice_the_light_is_predicted_as_twice_the_light(
     place: Folders, examples: list[Example]
 ) -> None:
-    networks = load_networks(place.models, ["unet"])
+    networks = load_networks(place.models, ["pbrnet", "unet"])
     example = examples[0]
     before = Lit(example, example.intensity, example.distance, example.shading, example.color)
     after = Lit(

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from model import training
+from model import loop
 
 
 class Killed(BaseException):
@@ -19,7 +19,7 @@ def stop_at(
 ) -> Callable[[], int]:
     """Raise the error when a loss is looked at for the `call`-th time; tells the calls so far."""
     calls = 0
-    check = training._stop_if_diverged
+    check = loop._stop_if_diverged
 
     def stop(*arguments: Any) -> None:
         nonlocal calls
@@ -28,5 +28,5 @@ def stop_at(
             raise error
         check(*arguments)
 
-    monkeypatch.setattr(training, "_stop_if_diverged", stop)
+    monkeypatch.setattr(loop, "_stop_if_diverged", stop)
     return lambda: calls

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from model.evaluation import METHODS
+from model.options import FILE, models_option
 from model.studies import light_commands, time_command
 from model.studies.answers import MAX_PAIRS, read_all, read_key, score
 from model.studies.flicker_command import flicker
@@ -19,9 +20,6 @@ from pipeline.params import Params
 from pipeline.report_studies import PairsResult, interval, percent
 from scenes.checked import plain
 from scenes.files import write_json
-
-_FOLDER = click.Path(path_type=Path, file_okay=False)
-_FILE = click.Path(path_type=Path, dir_okay=False)
 
 
 @click.group(
@@ -54,7 +52,7 @@ Examples:
 Give people the page alone: the key beside it, NAME-key.json, says which pictures are the
 renderer's. Keep it, for nobody can score the answers without it.""",
 )
-@click.argument("files", nargs=-1, type=_FILE, metavar="[FILE]...")
+@click.argument("files", nargs=-1, type=FILE, metavar="[FILE]...")
 @click.option("--score", "scoring", is_flag=True, help="Score the answer files FILE.")
 @click.option(
     "--pairs",
@@ -86,18 +84,12 @@ renderer's. Keep it, for nobody can score the answers without it.""",
 )
 @click.option(
     "--out",
-    type=_FILE,
+    type=FILE,
     default=None,
     help="The page; its key lies beside it.  [default: metrics/studies/pairs.html]",
 )
 @click.option("--replace", is_flag=True, help="Overwrite a page of other pairs and its key.")
-@click.option(
-    "--models",
-    type=_FOLDER,
-    default=Path("models"),
-    show_default=True,
-    help="Trained networks.",
-)
+@models_option()
 @common_options
 def pairs(
     params: Params,

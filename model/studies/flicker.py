@@ -12,15 +12,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import map_coordinates
 
 from model.data import Array, Example
 from model.encoding import color_exposure
+from model.inference import Networks
 from model.predict import example_of, trace
-from model.predictor import Predictor
 from pipeline import rays
 from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
@@ -28,12 +28,12 @@ from pipeline.params import Params
 from pipeline.pictures import Picture, contact_sheet
 from pipeline.progress import Progress
 from pipeline.renderer import RenderScene, open_scene, set_variant
+from pipeline.report_flicker import Flicker, Move
 from pipeline.tonemap import to_bytes, tonemap
 from pipeline.views import View, as_matrix
 from scenes.contract import load_scene
 from scenes.errors import InputError
 
-Move = Literal["dolly", "truck", "pan", "still"]
 SAME_DEPTH = 0.02  # relative: nearer than this, two depths are of the same surface
 AIR = 0.1  # metres that the camera keeps from what is in its way
 
@@ -48,14 +48,6 @@ class Wish:
 
 
 @dataclass(frozen=True)
-class Flicker:
-    """One method's: mean absolute difference of display values, of each pair of frames and all."""
-
-    mean: float
-    pairs: tuple[float, ...]
-
-
-@dataclass(frozen=True)
 class Study:
     """What `measure_move` found, and a sheet of the frames."""
 
@@ -65,7 +57,7 @@ class Study:
 
 
 def measure_move(
-    predictors: Sequence[Predictor], scene_folder: Path, view: View, wish: Wish, params: Params
+    networks: Sequence[Networks], scene_folder: Path, view: View, wish: Wish, params: Params
 ) -> Study:
     """Predict and render the frames of a move from `view`, and compare neighbours.
 
@@ -77,22 +69,22 @@ def measure_move(
     scene = open_scene(load_scene(scene_folder))
     views = moved(view, wish)
     _refuse_collisions(scene, views)
-    cards = predictors[0].card
+    card = networks[0].card
     examples: list[Example] = []
-    names = [predictor.method for predictor in predictors]
+    methods = {method: each for each in networks for method in each.methods}
     images: dict[str, list[Array]] = {
-        name: [] for name in (*names, "renderer", "renderer_one_exposure")
+        name: [] for name in (*methods, "renderer", "renderer_one_exposure")
     }
     with Progress(len(views), "flicker", "frames") as progress:
         for shown in views:
             inputs = render_inputs(scene, shown)
             light = render_illumination(scene, shown, params.illumination)
             truth = trace(scene, shown, params)
-            example = example_of(shown, inputs, light, cards, truth)
+            example = example_of(shown, inputs, light, card, truth)
             examples.append(example)
-            for predictor in predictors:
-                images[predictor.method].append(predictor.predict(example).color)
-            exposures = [color_exposure(e, cards.exposure) for e in (example, examples[0])]
+            for method, each in methods.items():
+                images[method].append(each.predict(method, example).color)
+            exposures = [color_exposure(e, card.exposure) for e in (example, examples[0])]
             for name, exposure in zip(
                 ("renderer", "renderer_one_exposure"), exposures, strict=True
             ):
@@ -106,9 +98,9 @@ def measure_move(
         raise InputError(
             "two neighbouring frames of the move have no pixel in common; use a smaller --step"
         )
-    methods = {name: flicker(shots, matches) for name, shots in images.items()}
+    measured = {name: flicker(shots, matches) for name, shots in images.items()}
     visible = float(np.mean([seen.mean() for _, seen in matches]))
-    return Study(visible, methods, _sheet(images))
+    return Study(visible, measured, _sheet(images))
 
 
 def moved(view: View, wish: Wish) -> list[View]:

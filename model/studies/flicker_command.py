@@ -7,20 +7,18 @@ from typing import Any
 
 import click
 
+from model.inference import PREDICTABLE, load_networks
+from model.options import FILE, FOLDER, found_models_option, size_option
 from model.predict import find_views
-from model.predict_command import parse_size
-from model.predictor import PREDICTABLE, load_predictor
 from model.pretrained import find_models
 from model.studies.flicker import Study, Wish, measure_move
 from pipeline.options import common_options
 from pipeline.params import Params
 from pipeline.pictures import png_bytes
+from pipeline.report_flicker import FlickerResult
 from scenes.checked import plain
 from scenes.errors import InputError
 from scenes.files import atomic_file, write_json
-
-_FOLDER = click.Path(path_type=Path, file_okay=False)
-_FILE = click.Path(path_type=Path, dir_okay=False)
 
 
 @click.command(
@@ -34,9 +32,9 @@ Renders inputs and truth of every frame. Gives the mean absolute difference, as 
 two neighbouring frames both see: less is steadier, and the renderer's own is what to compare with.
 A sheet of the frames is written beside the JSON."""
 )
-@click.argument("scene", type=_FOLDER)
+@click.argument("scene", type=FOLDER)
 @click.option("--view", "view_id", required=True, help="Where the move starts.")
-@click.option("--camera", type=_FILE, default=None, help="Camera file of the scene.")
+@click.option("--camera", type=FILE, default=None, help="Camera file of the scene.")
 @click.option(
     "--move",
     type=click.Choice(["dolly", "truck", "pan", "still"]),
@@ -51,7 +49,7 @@ A sheet of the frames is written beside the JSON."""
     default=None,
     help="Metres a frame, or degrees of a pan.  [default: 0.02 m, 0.5 degrees]",
 )
-@click.option("--size", default=None, metavar="WxH", help="Another size than the view's.")
+@size_option("Another size than the view's.")
 @click.option(
     "--method",
     "methods",
@@ -61,12 +59,12 @@ A sheet of the frames is written beside the JSON."""
 )
 @click.option(
     "--out",
-    type=_FILE,
+    type=FILE,
     default=Path("metrics/studies/flicker.json"),
     show_default=True,
     help="JSON to write.",
 )
-@click.option("--models", type=_FOLDER, default=None, help="Trained networks, as for predict.")
+@found_models_option()
 @common_options
 def flicker(
     params: Params,
@@ -74,7 +72,7 @@ def flicker(
     scene: Path,
     view_id: str,
     camera: Path | None,
-    size: str | None,
+    size: tuple[int, int] | None,
     methods: tuple[str, ...],
     out: Path,
     models: Path | None,
@@ -87,34 +85,35 @@ def flicker(
     found = [find_models(models, name) for name in dict.fromkeys(methods)] or [
         find_models(models, None)
     ]
-    predictors = [load_predictor(one.folder, one.method) for one in found]
-    if len({(p.card.exposure, tuple(sorted(p.card.tone.items()))) for p in predictors}) > 1:
+    networks = [load_networks(one.folder, [one.method]) for one in found]
+    if len({(n.card.exposure, tuple(sorted(n.card.tone.items()))) for n in networks}) > 1:
         raise InputError(
             "these methods show their colours differently (exposure or tone); measure one by one"
         )
     camera = camera or data / "cameras" / f"{scene.name}.json"
-    (view,) = find_views(scene, camera, (view_id,), parse_size(size))
+    (view,) = find_views(scene, camera, (view_id,), size)
     usual = 0.5 if wishes["move"] == "pan" else 0.02
     wish = Wish(step=usual if step is None else step, **wishes)
-    study = measure_move(predictors, scene, view, wish, params)
-    write_json(
-        out,
-        {
-            "scene_id": view.scene_id,
-            "view_id": view.view_id,
-            "width": view.width,
-            "height": view.height,
-            "seed": params.seed,
-            **plain(wish),
-            "spp": params.groundtruth.spp,
-            "denoise": params.groundtruth.denoise,
-            "visible": study.visible,
-            "methods": plain(study.methods),
-            "weights": {
-                p.method: {name: card.sha256 for name, card in p.cards.items()} for p in predictors
-            },
+    study = measure_move(networks, scene, view, wish, params)
+    result = FlickerResult(
+        scene_id=view.scene_id,
+        view_id=view.view_id,
+        width=view.width,
+        height=view.height,
+        seed=params.seed,
+        move=wish.move,
+        frames=wish.frames,
+        step=wish.step,
+        spp=params.groundtruth.spp,
+        denoise=params.groundtruth.denoise,
+        visible=study.visible,
+        methods=study.methods,
+        weights={
+            one.method: {name: card.sha256 for name, card in each.cards.items()}
+            for one, each in zip(found, networks, strict=True)
         },
     )
+    write_json(out, plain(result))
     with atomic_file(out.with_suffix(".png")) as partial:
         partial.write_bytes(png_bytes(study.sheet))
     for line in _lines(study):

@@ -12,9 +12,8 @@ division is the same in every repeat.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import get_args
 
@@ -23,7 +22,7 @@ from model.studies.comparisons import STAGES
 from model.studies.packs import pack
 from model.studies.trials import Source, Study, Trial, Variant, Wish, scheduled, seed_of
 from model.training import Folders
-from pipeline.params import Params
+from pipeline.params import Params, SplitParams
 from scenes.errors import InputError
 from scenes.files import digest_bytes
 from scenes.seeds import generator
@@ -37,35 +36,35 @@ class Other:
     """Another source: a data folder, and which of its plans count."""
 
     data: Path
-    pattern: str  # of floor plans, as in `dataset.splits.test_only`
+    pattern: str  # of floor plans or scenes, as in `dataset.splits.test_only`
 
     def parts(self) -> list[Dataset]:
-        """The source's rows, split by split.
+        """The source's rows, split by split: whole plans.
 
         Raises `InputError` if there are none.
         """
         folder = self.data / "dataset"
-        found = []
         if not list(folder.glob("*.parquet")):
             raise InputError(f"{folder}: no dataset shards here; make them with: pbrnet dataset")
+        found = []
         for split in get_args(Split):
             if not list(folder.glob(f"{split}-*.parquet")):
                 continue
             whole = Dataset(folder, split)
-            plans = whole.plans()
-            scenes = set(whole.column("scene_id"))
-            chosen = {scene for scene in scenes if self.takes(scene, plans)}
+            chosen = self.scenes(set(whole.column("scene_id")), whole.plans())
             if chosen:
                 found.append(Dataset(folder, split, only=chosen))
         if not found:
             raise InputError(
-                f"{folder}: no floor plan is called {self.pattern!r}; see its scenes.csv"
+                f"{folder}: no floor plan or scene is called {self.pattern!r}; see its scenes.csv"
             )
         return found
 
-    def takes(self, scene: str, plans: Mapping[str, str]) -> bool:
-        """Whether a scene is of this source."""
-        return fnmatchcase(plans.get(scene, scene), self.pattern)
+    def scenes(self, scenes: Collection[str], plans: Mapping[str, str]) -> set[str]:
+        """Those of these scenes that are of this source, with all others of their plans."""
+        known = {scene: plans.get(scene, scene) for scene in scenes}
+        meant = SplitParams(test_only=(self.pattern,)).kept_back(known)
+        return {scene for scene, plan in known.items() if plan in meant}
 
 
 @dataclass(frozen=True)
@@ -143,7 +142,8 @@ def prepare(
     home_plans = home.plans()
     same = other.data.resolve() == folders.data.resolve()
     own_views = _views([home])
-    scenes = [scene for scene in own_views if not (same and other.takes(scene, home_plans))]
+    left_out = other.scenes(own_views, home_plans) if same else set()
+    scenes = [scene for scene in own_views if scene not in left_out]
     parts = other.parts()
     plans = parts[0].plans()
     views = _views(parts)

@@ -35,7 +35,7 @@ DATA/studies/generalisation, also in a dry run. Writes metrics/studies/generalis
     "--source",
     "pattern",
     default=None,
-    help="Its floor plans, such as 'villa-*'; those of DATA are not trained on.",
+    help="Its floor plans, or scenes of them, as 'villa-*'; those of DATA are not trained on.",
 )
 @click.option(
     "--views",

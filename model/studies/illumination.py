@@ -44,7 +44,7 @@ from pipeline.scene_digest import scene_digest
 from pipeline.views import View
 from scenes.checked import plain
 from scenes.contract import Scene
-from scenes.files import atomic_file, write_json
+from scenes.files import atomic_file, sweep, write_json
 
 _NOTHING = LightChange()
 AS_IT_IS = ""  # the name of the case without a change
@@ -96,6 +96,9 @@ def study_illumination(
     and `InputError` if the scenes or cameras are not those that the dataset was made of.
     """
     torch.set_num_threads(len(os.sched_getaffinity(0)))
+    folder = folders.metrics / "studies"
+    for place in (folder, renders):
+        sweep(place)
     baselines = [name for name in trained_baselines(folders.models) if name == "plus"]
     networks, dataset = open_split(params, folders, baselines)
     examples = spread_over(dataset, wish.views)
@@ -127,7 +130,6 @@ def study_illumination(
         models={name: card.sha256 for name, card in sorted(networks.cards.items())},
         changes=tally.changes(plan.skipped, params.seed),
     )
-    folder = folders.metrics / "studies"
     with atomic_file(folder / "illumination.png") as partial:
         facts = {"study": "illumination", "credits": _credits(scenes)}
         partial.write_bytes(png_bytes(light_sheet(tally.rows()), facts))

@@ -7,14 +7,13 @@ from typing import Any
 
 import click
 
+from model.options import FOLDER, models_option
 from model.studies.illumination import Wish, study_illumination
 from model.training import Folders
 from pipeline.options import common_options
 from pipeline.params import Params
 from pipeline.report_light import CHANGES, SHOWN, Agreement, LightResult, in_words
 from pipeline.report_results import known_first
-
-FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
 @click.command(
@@ -62,13 +61,7 @@ and may be deleted.""",
     default=None,
     help="Where rendered frames are kept.  [default: DATA/studies/illumination]",
 )
-@click.option(
-    "--models",
-    type=FOLDER,
-    default=Path("models"),
-    show_default=True,
-    help="Trained networks.",
-)
+@models_option()
 @common_options
 def illumination(
     params: Params, data: Path, models: Path, renders: Path | None, **wishes: Any

@@ -154,14 +154,14 @@ def predictions(networks: Networks, example: Example, scale: float) -> Images:
     of_color = exposure
     if card.exposure == "own":
         of_color = Exposure(1.0, example.exposure_color.white)
-    shading = networks.predict_shading(example)
+    shading = networks.shading(example)
     images = {
         "shading": untonemap(shading, exposure),
-        "pbrnet": untonemap(networks.predict_color(example, shading), of_color),
+        "pbrnet": untonemap(networks.predict("pbrnet", example, shading).color, of_color),
         "product": linear_product(see_through(example, card.albedo), shading, exposure, card),
     }
     for name in networks.baselines:
-        images[name] = untonemap(networks.predict_directly(name, example), of_color)
+        images[name] = untonemap(networks.predict(name, example).color, of_color)
     return {name: image * np.float32(scale) for name, image in images.items()}
 
 

@@ -32,7 +32,7 @@ from pipeline.renderer import set_variant
 from pipeline.scene_digest import scene_digest
 from pipeline.views import View
 from scenes.checked import plain
-from scenes.files import digest_bytes
+from scenes.files import digest_bytes, sweep
 
 SAMPLES = (4, 16, 64)  # a pixel, as in the paper
 CLEAN = "clean"
@@ -83,6 +83,7 @@ class NoisyTruths:
 
         Raises `InputError` if their folders or cameras are not those that the dataset was made of.
         """
+        sweep(renders)
         set_variant(params.farm.variant)
         self.params, self.data, self.renders = params, data, renders
         self.truths: Mapping[str, NoisyTruth] = {t.name: t for t in truths_of(samples)}

@@ -19,7 +19,7 @@ from model.data import IMAGES, SCALARS, Array, Dataset, Split
 from pipeline.frames import Kind
 from pipeline.params import ToneParams
 from pipeline.tonemap import exposure_of
-from scenes.files import atomic_directory, remove_partials, write_text
+from scenes.files import atomic_directory, sweep, write_text
 
 TRUTHS: tuple[Kind, ...] = ("shading", "color")
 Truth = dict[str, Array]  # `shading` and `color`, linear, (H, W, 3)
@@ -45,7 +45,7 @@ def pack(
     known_by = folder / "mark"
     if known_by.is_file() and known_by.read_text(encoding="utf-8") == mark:
         return
-    remove_partials(data)
+    sweep(data)
     plans: dict[str, str] = {}
     with atomic_directory(folder) as partial:
         write_text(partial / known_by.name, mark)

@@ -208,8 +208,7 @@ def _pictures(
         views = dataset.at([card.number for card in cards])
         for card, example in zip(cards, views, strict=True):
             names[card.number] = (example.scene_id, example.view_id)
-            shading = networks.predict_shading(example)
-            method = to_bytes(image_of(card.method, example, shading, networks))
+            method = to_bytes(image_of(card.method, example, None, networks))
             truth = to_bytes(true_color(example, networks))
             left, right = (truth, method) if card.truth == "left" else (method, truth)
             pictures[card] = {"left": left, "right": right}

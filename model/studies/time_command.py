@@ -7,14 +7,12 @@ from typing import Any
 
 import click
 
-from model.predict_command import parse_size
+from model.options import FOLDER, models_option, size_option
 from model.studies.timing import Wish, study_time
 from model.training import Folders
 from pipeline.options import common_options
 from pipeline.params import Params
 from pipeline.report_time import CLOCKS, TimeResult, part_rows, verdicts
-
-_FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
 @click.command(
@@ -30,7 +28,7 @@ Run it on a quiet machine, or by the processor's clock. Needs trained networks, 
 cameras that the dataset was made of. References lie in DATA/studies/time, are not made again, and
 may be deleted.""",
 )
-@click.option("--size", default=None, metavar="WxH", help="Of the pictures.  [default: dataset's]")
+@size_option("Of the pictures.  [default: dataset's]")
 @click.option(
     "--views",
     type=click.IntRange(1),
@@ -72,20 +70,17 @@ may be deleted.""",
 )
 @click.option(
     "--renders",
-    type=_FOLDER,
+    type=FOLDER,
     default=None,
     help="Where references are kept.  [default: DATA/studies/time]",
 )
-@click.option(
-    "--models", type=_FOLDER, default=Path("models"), show_default=True, help="Trained networks."
-)
+@models_option()
 @common_options
 def study_time_command(
     params: Params,
     data: Path,
     models: Path,
     renders: Path | None,
-    size: str | None,
     **wishes: Any,
 ) -> None:
     """Time every part, and compare networks and renderer at equal time.
@@ -94,7 +89,7 @@ def study_time_command(
     better picture in the time a network needs with its inputs and its panorama.
     """
     folders = Folders.beside(data, models, models)
-    wish = Wish(size=parse_size(size), **wishes)
+    wish = Wish(**wishes)
     result, target = study_time(params, folders, wish, renders or data / "studies" / "time")
     for line in _lines(result, target):
         click.echo(line)

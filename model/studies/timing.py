@@ -25,9 +25,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from model.baselines.product import product
 from model.data import Array, Example
-from model.encoding import see_through
 from model.evaluation import open_split, true_color
 from model.inference import Networks
 from model.methods import METHODS, trained_baselines
@@ -53,7 +51,7 @@ from pipeline.views import View
 from scenes.checked import plain
 from scenes.contract import Scene
 from scenes.errors import ParameterError
-from scenes.files import atomic_file, write_json
+from scenes.files import atomic_file, sweep, write_json
 from scenes.seeds import derive
 
 _MORE = 16  # times the samples of the longest rival that the reference has, unless asked for others
@@ -111,6 +109,9 @@ def study_time(
     reference = replace(reference, seed=derive(params.seed, "study", "time", "reference"))
     # Threads that wait for one another spin, which by the processor's clock would count as work.
     torch.set_num_threads(1 if wish.clock == "cpu" else len(os.sched_getaffinity(0)))
+    folder = folders.metrics / "studies"
+    for place in (folder, renders):
+        sweep(place)
     networks, dataset = open_split(params, folders, trained_baselines(folders.models))
     examples = spread_over(dataset, wish.views)
     scenes = {name: scene_of(folders.data, name) for name in {e.scene_id for e in examples}}
@@ -147,7 +148,6 @@ def study_time(
         parts=_parts(outcomes),
         points=_points(outcomes),
     )
-    folder = folders.metrics / "studies"
     with atomic_file(folder / "time.png") as partial:
         partial.write_bytes(time_plot(result))
     write_json(folder / "time.json", plain(result))
@@ -192,17 +192,15 @@ class Bench:
         networks, example = self.networks, self.example
         self._timed("inputs", self._inputs)
         self._timed("illumination", self._illumination)
-        shading = self._timed("shading", lambda: networks.predict_shading(example))
-        color = self._timed("composition", lambda: networks.predict_color(example, shading))
-        self._note("pbrnet", None, color)
-        self._note("product", None, self._timed("product", lambda: self._product(shading)))
-        for name in networks.baselines:
+        shading = self._timed("shading", lambda: networks.shading(example))
+        for method in ("pbrnet", "product", *networks.baselines):
             given = example
-            if METHODS[name].noisy:
-                noisy = self._timed("samples", partial(self._sampled, name))
+            if method in METHODS and METHODS[method].noisy:
+                noisy = self._timed("samples", partial(self._sampled, method))
                 given = with_samples_of(example, noisy)
-            image = self._timed(name, partial(networks.predict_directly, name, given))
-            self._note(name, None, image)
+            part = "composition" if method == "pbrnet" else method
+            made = self._timed(part, partial(networks.predict, method, given, shading))
+            self._note(method, None, made.color)
 
     def _renderer_turn(self, samples: list[int]) -> None:
         scene, view, params = self.scene, self.view, self.params
@@ -231,10 +229,6 @@ class Bench:
         made = sampled(self.scene, self.view, self.params, self.networks.cards[name])
         assert made is not None
         return made
-
-    def _product(self, shading: Array) -> Array:
-        card, exposure = self.networks.card, self.example.exposure_shading
-        return product(see_through(self.example, card.albedo), shading, exposure, card)
 
     def _plain(self, given: Params) -> Channels:
         """Colour by Mitsuba's own path integrator."""

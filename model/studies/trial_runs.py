@@ -26,7 +26,7 @@ from model.training import Folders, train_network
 from pipeline.params import Params, StageTrainParams
 from scenes.checked import build, plain
 from scenes.errors import InputError
-from scenes.files import digest_bytes, read_json, write_json
+from scenes.files import digest_bytes, read_json, sweep, write_json
 
 Say = Callable[[str], None]
 PICTURED = 4  # views on the sheet
@@ -47,6 +47,7 @@ def run(study: Study, trials: Sequence[Trial], folders: Folders, say: Say) -> li
 
     Raises as `train_network` does; what was finished until then is kept.
     """
+    sweep(folders.metrics / "studies")
     fingerprints = _Fingerprints(folders, trials[0].params.evaluate.split)
     records = []
     for number, trial in enumerate(trials, start=1):
@@ -188,7 +189,7 @@ def _measure(study: Study, trial: Trial, record: Record, place: Path, folders: F
     noisy = any(METHODS[name].noisy for name in trial.variant.networks)
     dataset = Dataset(folders.data / "dataset", trial.params.evaluate.split, noisy)
     exposure = trial.params.train.exposure
-    painters, cards = load_painters(trial.variant.methods, place, exposure)
+    painters, cards = load_painters(trial.variant.methods, place)
     refuse_leaks(dataset, cards)
     earlier = trial.start
     while earlier is not None:

@@ -9,15 +9,13 @@ from statistics import mean, stdev
 from typing import Any
 
 import numpy as np
-import torch
 
 from model.data import Array, Dataset, Example
-from model.encoding import Policy, color_exposure, encode, to_image
+from model.encoding import Policy, color_exposure
 from model.evaluation import image_of
-from model.inference import Networks, load_networks
-from model.methods import METHODS, Method
+from model.inference import PREDICTABLE, Networks, load_networks
 from model.metrics import NAMES, bootstrap, find_lpips, measure
-from model.store import ModelCard, load_model
+from model.store import ModelCard
 from model.studies.patterns import detail, grid
 from model.studies.specular import measure_apart, specular_mask
 from pipeline.pictures import Picture, contact_sheet, enlarge, png_bytes, read_picture
@@ -45,28 +43,15 @@ class Scored:
 
 
 def load_painters(
-    methods: Iterable[str], folder: Path, exposure: Policy
+    methods: Iterable[str], folder: Path
 ) -> tuple[dict[str, Painter], dict[str, ModelCard]]:
     """How each method draws a view, from the models in `folder`, and the cards of those.
 
-    Radiance is displayed as `exposure` displays the truth.
     Raises `InputError` for a missing or damaged model.
     """
-    painters: dict[str, Painter] = {}
-    cards: dict[str, ModelCard] = {}
-    networks: Networks | None = None
-    for method in methods:
-        if method in METHODS:
-            network, cards[method] = load_model(folder / f"{method}.safetensors")
-            painters[method] = _direct(network, METHODS[method], exposure)
-            continue
-        if method == "denoised":
-            painters[method] = _denoised(exposure)
-            continue
-        networks = networks or load_networks(folder)
-        cards |= networks.cards
-        painters[method] = _staged(method, networks)
-    return painters, cards
+    networks = load_networks(folder, [name for name in methods if name in PREDICTABLE])
+    painters = {method: _painter(method, networks) for method in methods}
+    return painters, networks.cards
 
 
 def score_views(
@@ -185,28 +170,8 @@ def busiest(picture: Picture, share: float) -> tuple[slice, slice]:
     return slice(int(top), int(top) + tall), slice(int(left), int(left) + wide)
 
 
-def _direct(network: torch.nn.Module, method: Method, exposure: Policy) -> Painter:
-    @torch.no_grad()
-    def paint(example: Example) -> Array:
-        made = network(encode([example], method.direct, method.noisy))
-        if not method.noisy:
-            return to_image(made)
-        radiance = made[0].permute(1, 2, 0).cpu().numpy()
-        return tonemap(radiance, color_exposure(example, exposure))
-
-    return paint
-
-
-def _denoised(exposure: Policy) -> Painter:
-    def paint(example: Example) -> Array:
-        assert example.denoised_color is not None  # the dataset was opened with its samples
-        return tonemap(example.denoised_color, color_exposure(example, exposure))
-
-    return paint
-
-
-def _staged(method: str, networks: Networks) -> Painter:
-    return lambda example: image_of(method, example, networks.predict_shading(example), networks)
+def _painter(method: str, networks: Networks) -> Painter:
+    return lambda example: image_of(method, example, None, networks)
 
 
 def _by_view(repeats: Sequence[Sequence[Scored]], name: str) -> dict[Key, float]:

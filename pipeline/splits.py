@@ -1,0 +1,100 @@
+"""Which scenes the dataset is made of, and which split each of them falls into."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.params import SplitParams
+from pipeline.views import CameraFile, View, load_cameras
+from scenes.contract import Scene, load_scene, scene_folders
+from scenes.errors import InputError
+from scenes.seeds import derive
+
+SPLITS = ("train", "validation", "test")
+
+
+@dataclass(frozen=True)
+class Source:
+    """A scene with its camera file, None where the cameras stage left none."""
+
+    scene: Scene
+    cameras: CameraFile | None
+
+    @property
+    def plan(self) -> str:
+        """Scenes of one plan stay in one split."""
+        return self.scene.plan or self.scene.scene_id
+
+    @property
+    def views(self) -> list[View]:
+        """Views sampled in it, sorted by id."""
+        views = self.cameras.views if self.cameras else ()
+        return sorted(views, key=lambda view: view.view_id)
+
+
+def read_sources(data: Path) -> list[Source]:
+    """All scenes below `data`, sorted by id, with their camera files.
+
+    Raises `InputError` if there are none, or cameras of a scene that is not there.
+    """
+    cameras = {}
+    for path in sorted((data / "cameras").glob("*.json")):
+        file = load_cameras(path)
+        if file.scene_id != path.stem:
+            raise InputError(f"{path}: holds the cameras of {file.scene_id!r}; rename or remove it")
+        cameras[file.scene_id] = file
+    sources = []
+    for folder in scene_folders(data / "scenes"):
+        scene = load_scene(folder)
+        sources.append(Source(scene, cameras.pop(scene.scene_id, None)))
+    if cameras:
+        name = min(cameras)
+        raise InputError(
+            f"{data}/cameras/{name}.json: there is no scene {name!r} in {data}/scenes; "
+            "run: pbrnet cameras"
+        )
+    if not any(source.views for source in sources):
+        raise InputError(f"{data}: no scene has any view yet; run: pbrnet scenes, pbrnet cameras")
+    return sources
+
+
+def split_plans(sources: Sequence[Source], shares: SplitParams, seed: int) -> dict[str, str]:
+    """Plan -> split, so that whole plans fall into one split; deterministic in `seed`.
+
+    Every plan draws a number from the seed and its own name. Within a light setting, plans stand
+    in the order of their numbers, spread evenly over [0, 1); all plans in that order are dealt
+    first to test, then to validation, the rest to train. So each split sees the light settings in
+    proportion, no split is empty by chance (from two plans on there is a test plan, from three
+    on a validation plan, where their shares are above 0), and adding a scene moves at most the
+    plans at the borders. Plans that `shares.test_only` names are dealt to test beforehand.
+    """
+    kept_back = shares.kept_back({source.scene.scene_id: source.plan for source in sources})
+    strata: dict[str, dict[str, int]] = defaultdict(dict)
+    settings: dict[str, str] = {}
+    for source in sorted(sources, key=lambda source: source.scene.scene_id):
+        if source.plan in kept_back:
+            continue
+        setting = settings.setdefault(source.plan, source.scene.lighting)
+        strata[setting][source.plan] = derive(seed, "split", source.plan)
+    places: dict[str, tuple[float, int]] = {}
+    for draws in strata.values():
+        for rank, plan in enumerate(sorted(draws, key=lambda plan: (draws[plan], plan))):
+            places[plan] = ((rank + 0.5) / len(draws), draws[plan])
+    order = sorted(places, key=lambda plan: (places[plan], plan))
+    test = _quota(shares.test, len(order), least=2)
+    validation = _quota(shares.validation, len(order), least=3)
+    while order and test + validation >= len(order):
+        if validation >= test and validation:
+            validation -= 1
+        else:
+            test -= 1
+    names = ["test"] * test + ["validation"] * validation
+    dealt = dict(zip(order, names + ["train"] * (len(order) - len(names)), strict=True))
+    return dealt | dict.fromkeys(sorted(kept_back), "test")
+
+
+def _quota(share: float, plans: int, least: int) -> int:
+    return max(1, round(share * plans)) if share > 0 and plans >= least else 0
