@@ -141,6 +141,8 @@ class NoisyTruths:
         """Trace what is missing, and denoise the same samples."""
         raw, denoised = (self._store(NoisyTruth(spp, which)) for which in (False, True))
         due = self.due(spp, scenes)
+        if not due:
+            return
         names = list(dict.fromkeys(view.scene_id for view in due))
         with Progress(len(due), f"study noise: {spp} samples a pixel", "views") as progress:
             for name in names:
