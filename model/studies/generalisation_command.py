@@ -63,7 +63,7 @@ def generalisation(
     seeds: int,
     steps: int | None,
 ) -> None:
-    """Meet scenes of another source, then tune on a few (Figures 14, 15).
+    """Meet another source, then tune on it (Figures 14, 15).
 
     What is glossy is measured apart from the rest.
     """
