@@ -62,10 +62,10 @@ def _truth(kind: Kind) -> Render:
         albedo = params.shading.albedo
         if traced_together(params) and (kind == "shading" or _has_twin(scene, params)):
             truths = render_both(scene, view, params.groundtruth, albedo, seed)
-            return _finished(kind, getattr(truths, kind), scene, view, params)
+            return finished(kind, getattr(truths, kind), scene, view, params)
         form = scene.neutral(albedo if kind == "shading" else None)
         truth = render_truth(form, view, params.groundtruth, seed)
-        return _finished(kind, truth, scene, view, params)
+        return finished(kind, truth, scene, view, params)
 
     return render
 
@@ -78,7 +78,7 @@ def render_truths(scene: RenderScene, view: View, params: Params, seed: int) -> 
     if not traced_together(params):
         return {kind: PASSES[kind].render(scene, view, params, seed) for kind in TRUTHS}
     truths = render_both(scene, view, params.groundtruth, params.shading.albedo, seed)
-    return {kind: _finished(kind, getattr(truths, kind), scene, view, params) for kind in TRUTHS}
+    return {kind: finished(kind, getattr(truths, kind), scene, view, params) for kind in TRUTHS}
 
 
 def render_noisy(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
@@ -131,8 +131,8 @@ def _has_twin(scene: RenderScene, params: Params) -> bool:
     return True
 
 
-def _finished(kind: Kind, truth: Result, scene: RenderScene, view: View, params: Params) -> Result:
-    """Denoised, if the parameters say so."""
+def finished(kind: Kind, truth: Result, scene: RenderScene, view: View, params: Params) -> Result:
+    """A truth as its pass gives it: denoised, if the parameters say so."""
     channels, stats = truth
     if params.groundtruth.denoise == "none":
         return truth

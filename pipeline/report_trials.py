@@ -9,24 +9,34 @@ from pipeline.charts import line_chart
 from pipeline.pictures import read_picture
 from pipeline.report_pictures import uri
 from pipeline.report_records import METRICS, Records
+from pipeline.report_results import METHODS
 from scenes.checked import build, within
 from scenes.errors import InputError
 
 # Every metric of the studies: label, what is good, digits.
 MEASURES: dict[str, tuple[str, str, int]] = {
-    **{
-        name: (label, "higher is better" if higher else "lower is better", digits)
-        for name, (label, higher, digits) in METRICS.items()
-    },
+    name: (label, "higher is better" if higher else "lower is better", digits)
+    for name, (label, higher, digits) in METRICS.items()
+}
+MEASURES |= {
     "detail": ("Fine detail (dB)", "0 is the truth's", 2),
     "grid": ("Grid (grey levels)", "best as the truth's", 3),
+}
+MEASURES |= {
+    f"{region}_{name}": (f"{MEASURES[name][0]}, {words}", *MEASURES[name][1:])
+    for region, words in (("specular", "gloss"), ("matte", "the rest"))
+    for name in ("psnr", "flip")
 }
 TITLES = {
     "loss": "Loss functions",
     "decomposition": "Two stages or one",
     "composition": "Composition network or multiplication",
+    "table": "All methods",
+    "noise": "Noisy truth",
+    "generalisation": "Another source",
 }
 WORDS = {
+    **METHODS,
     "truth": "The renderer's own picture",
     "l1": "L1: the image alone",
     "fifth": "The deepest of the five layers alone",
@@ -34,11 +44,16 @@ WORDS = {
     "part": "Part-perceptual: image and three layers",
     "two_stage": "Shading supervised: two stages",
     "end_to_end": "The same networks on colour alone",
-    "unet": "One direct U-Net",
     "network": "Composition network",
-    "product": "Reflectance × predicted shading",
     "product_linear": "The same, projected linearly",
     "ceiling": "Reflectance × true shading",
+    "clean": "The dataset's own truth",
+    "before": "Trained without the source",
+    "before, product": "The same, reflectance × predicted shading",
+    "tuned": "Then fine-tuned on it",
+    "tuned, product": "The same, reflectance × predicted shading",
+    "alone": "Trained on the tuning views alone",
+    "alone, product": "The same, reflectance × predicted shading",
 }
 
 
@@ -79,6 +94,7 @@ class TrialsResult:
     backbone: str
     reference: str  # label that the others of a group are compared with
     rows: tuple[TrialsRow, ...]
+    notes: tuple[str, ...] = ()  # sentences about what was compared
 
     def verify(self, where: str) -> None:
         """Every group has a reference; raises ValueError."""
@@ -126,6 +142,7 @@ def _table(result: TrialsResult) -> dict[str, Any]:
             {"name": group, "rows": [_row(row, measured) for row in rows]}
             for group, rows in groups.items()
         ],
+        "notes": result.notes,
         "curves": _curves(result),
     }
 
@@ -143,7 +160,9 @@ def _row(row: TrialsRow, measured: list[str]) -> dict[str, Any]:
 def _cell(figure: TrialsFigure | None, digits: int) -> dict[str, str] | None:
     if figure is None:
         return None
-    lines = {"mean": f"{figure.mean:.{digits}f}", "interval": "", "gain": ""}
+    lines = {"mean": f"{figure.mean:.{digits}f}", "interval": "", "spread": "", "gain": ""}
+    if figure.spread is not None:
+        lines["spread"] = f"± {figure.spread:.{digits}f}"
     if figure.low is not None and figure.high is not None:
         lines["interval"] = f"{figure.low:.{digits}f} to {figure.high:.{digits}f}"
     if figure.gain is not None:

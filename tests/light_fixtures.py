@@ -72,20 +72,24 @@ def views(scene_id: str) -> list[View]:
     ]
 
 
-def lit_workplace(root: Path, scenes: int = 2) -> Folders:
-    """Scenes, cameras, a test split and untrained networks, as `pbrnet` expects them in `root`."""
+def lit_workplace(root: Path, scenes: int = 2, train: int = 0) -> Folders:
+    """Scenes, cameras, splits and untrained networks, as `pbrnet` expects them in `root`.
+
+    `scenes` rooms are tested on, so many more trained on.
+    """
     set_variant()
     folders = Folders(*(root / part for part in ("data", "models", "metrics", "plots", "models")))
-    rows = []
-    for number in range(scenes):
-        name = f"room-{number}"
+    rows: dict[str, list[dict[str, Any]]] = {"test": [], "train": []}
+    for number in range(scenes + train):
+        name, split = f"room-{number}", "test" if number < scenes else "train"
         scene = room(folders.data / "scenes" / name, lamp=3.0 + number)
         save_cameras(
             folders.data / "cameras" / f"{name}.json", CameraFile(name, tuple(views(name)))
         )
         opened = open_scene(scene)
-        rows += [_row(opened, view) for view in views(name)]
-    write_shard(folders.data / "dataset" / "test-00000-of-00001.parquet", rows)
+        rows[split] += [_row(opened, view) | {"split": split} for view in views(name)]
+    for split in ("test", "train") if train else ("test",):
+        write_shard(folders.data / "dataset" / f"{split}-00000-of-00001.parquet", rows[split])
     untrained(folders.models)
     (root / "params.yaml").write_text(YAML)
     return folders
@@ -103,7 +107,6 @@ def _row(opened: Any, view: View) -> dict[str, Any]:
     return {
         "scene_id": view.scene_id,
         "view_id": view.view_id,
-        "split": "test",
         "depth": inputs["Z"],
         "normal": np.stack([inputs[f"N.{axis}"] for axis in "XYZ"], -1).astype(np.float16),
         "reflectance": np.stack([inputs[f"albedo.{b}"] for b in "RGB"], -1).astype(np.float16),

@@ -31,11 +31,11 @@ TRAIN = {"a-0": "a", "a-1": "a", "b-0": "b", "b-1": "b", "c-0": "c", "d-0": "d"}
 TEST = {"t-0": "t", "u-0": "u"}
 
 
-def trial_workplace(root: Path, params: Params = PARAMS) -> Folders:
+def trial_workplace(root: Path, params: Params = PARAMS, noisy: bool = False) -> Folders:
     """Two views of each scene of `TRAIN` and `TEST`, as `pbrnet` expects them in `root`."""
     folders = folders_in(root)
-    shards(folders.data, "train", list(TRAIN))
-    shards(folders.data, "test", list(TEST))
+    shards(folders.data, "train", list(TRAIN), noisy)
+    shards(folders.data, "test", list(TEST), noisy)
     lines = [f"{scene},{plan}" for scene, plan in (TRAIN | TEST).items()]
     (folders.data / "dataset" / "scenes.csv").write_text("\n".join(["scene_id,plan", *lines]))
     make_backbone(BackboneParams(network="efficientnet_lite0"), folders.models)
@@ -48,9 +48,9 @@ def folders_in(root: Path) -> Folders:
     return Folders(*(root / part for part in ("data", "models", "metrics", "plots", "models")))
 
 
-def shards(data: Path, split: str, scenes: Sequence[str]) -> None:
+def shards(data: Path, split: str, scenes: Sequence[str], noisy: bool = False) -> None:
     """The split's rows over two shards."""
     half = (len(scenes) + 1) // 2
     for index, part in enumerate((scenes[:half], scenes[half:])):
         path = data / "dataset" / f"{split}-{index:05d}-of-00002.parquet"
-        write_shard(path, box_rows(part, 2, split, **SIZE), row_group=3)
+        write_shard(path, box_rows(part, 2, split, noisy, **SIZE), row_group=3)

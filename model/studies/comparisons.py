@@ -1,5 +1,5 @@
-"""The paper's three comparisons of trainings: the loss (Fig. 7), the decomposition into two stages
-(Fig. 8), and composition by a network or by multiplication (Fig. 9).
+"""The paper's comparisons of trainings: the loss (Fig. 7), the decomposition into two stages
+(Fig. 8), composition by a network or by multiplication (Fig. 9), all methods (Table I).
 """
 
 from __future__ import annotations
@@ -12,20 +12,11 @@ from typing import Any
 
 from model.baselines.end_to_end import composition_of
 from model.data import Dataset
+from model.methods import METHODS
 from model.networks import Architecture
+from model.studies.trial_runs import PICTURED, Record, Say, folder_of, run
 from model.studies.trial_scores import Scored, figures, picture_views, sheet
-from model.studies.trials import (
-    PICTURED,
-    Record,
-    Say,
-    Study,
-    Trial,
-    Variant,
-    Wish,
-    folder_of,
-    plan,
-    run,
-)
+from model.studies.trials import Study, Trial, Variant, Wish, plan
 from model.training import Folders
 from pipeline.params import Params
 from pipeline.report_trials import TrialsResult, TrialsRow
@@ -33,6 +24,7 @@ from scenes.checked import plain
 from scenes.files import atomic_file, read_json, write_json
 
 STAGES = ("shading", "composition")
+UNTRAINED = ("truth", "ceiling", "denoised")  # methods that no network has a part in
 
 
 def loss_study(_params: Params) -> Study:
@@ -91,11 +83,26 @@ def composition_study(_params: Params) -> Study:
     )
 
 
+def table_study(methods: Sequence[str]) -> Study:
+    """Our two networks beside these methods of the registry, each with its own loss if it has one.
+
+    Every method gets as many steps as our two networks have together. Beside a method that takes
+    noisy samples stands what the denoiser alone makes of them.
+    """
+    ours = {"pbrnet": "pbrnet", "product": "product"}
+    others = []
+    for name in dict.fromkeys(methods):
+        beside = {"denoised": "denoised"} if METHODS[name].noisy else {}
+        others.append(Variant(name, (name,), {name: name, **beside}))
+    return Study("table", (Variant("pbrnet", STAGES, ours), *others), reference="pbrnet")
+
+
 @dataclass(frozen=True)
 class _Measured:
     """A label's trials within a group, one a repeat, and its method's scores in each."""
 
     label: str
+    method: str
     group: str
     trials: list[Trial]
     scores: list[list[Scored]]
@@ -104,15 +111,26 @@ class _Measured:
 def compare(
     study: Study, params: Params, folders: Folders, wish: Wish, say: Say
 ) -> tuple[TrialsResult, Path]:
+    """`plan`, then `compare_trials`."""
+    return compare_trials(study, params, folders, plan(study, params, folders, wish), say)
+
+
+def compare_trials(
+    study: Study,
+    params: Params,
+    folders: Folders,
+    trials: Sequence[Trial],
+    say: Say,
+    notes: Sequence[str] = (),
+) -> tuple[TrialsResult, Path]:
     """Run the study; write `metrics/studies/NAME.json` and `.png`, and return the result.
 
     Raises as `plan` and `run` do; finished trials are kept then, and no result is written.
     """
-    trials = plan(study, params, folders, wish)
     records = run(study, trials, folders, say)
-    result = summarise(study, params, folders, trials, records)
+    result = summarise(study, params, folders, trials, records, notes)
     target = folders.metrics / "studies" / f"{study.name}.json"
-    picture = _sheet(study, params, folders, trials)
+    picture = _sheet(study, folders, trials)
     with atomic_file(target.with_suffix(".png")) as partial:
         partial.write_bytes(picture)
     write_json(target, plain(result))
@@ -125,20 +143,21 @@ def summarise(
     folders: Folders,
     trials: Sequence[Trial],
     records: Sequence[Record],
+    notes: Sequence[str] = (),
 ) -> TrialsResult:
-    """Means and intervals of every label of every group."""
+    """Means and intervals of every label of every group; `notes` are sentences to be shown."""
     measured = _gather(trials, records)
     references = {one.group: one.scores for one in measured if one.label == study.reference}
     rows = []
     for one in measured:
         other = None if one.label in (study.reference, "truth") else references[one.group]
-        trained = one.label not in ("truth", "ceiling")
+        trained = one.method not in UNTRAINED
         rows.append(
             TrialsRow(
                 label=one.label,
                 group=one.group,
                 views=mean(trial.views for trial in one.trials) if trained else None,
-                steps=_steps(one.trials[0], one.label) if trained else None,
+                steps=_steps(one.trials[0], one.method) if trained else None,
                 metrics=figures(one.scores, other, params.seed, study.name),
             )
         )
@@ -147,12 +166,13 @@ def summarise(
         study=study.name,
         seed=params.seed,
         repeats=len({trial.repeat for trial in trials}),
-        split=params.evaluate.split,
+        split=trials[0].params.evaluate.split,
         views=len(views),
         scenes=len({scene for scene, _ in views}),
         backbone=read_json(folders.backbone / "backbone.json")["network"],
         reference=study.reference,
         rows=tuple(rows),
+        notes=tuple(notes),
     )
 
 
@@ -163,11 +183,11 @@ def _gather(trials: Sequence[Trial], records: Sequence[Record]) -> list[_Measure
     for trial, record in zip(trials, records, strict=True):
         group = _group(trial)
         for method, label in trial.variant.methods.items():
-            one = found.setdefault((group, label), _Measured(label, group, [], []))
+            one = found.setdefault((group, label), _Measured(label, method, group, [], []))
             one.trials.append(trial)
             one.scores.append([row for row in record.scores if row.method == method])
         own = [row for row in record.scores if row.method == "truth"]
-        truths.setdefault(group, _Measured("truth", group, [trial], [own]))
+        truths.setdefault(group, _Measured("truth", "truth", group, [trial], [own]))
     groups = dict.fromkeys(group for group, _ in found)
     return [
         one
@@ -180,16 +200,17 @@ def _group(trial: Trial) -> str:
     return trial.variant.group or ("" if trial.wanted is None else f"at least {trial.wanted} views")
 
 
-def _steps(trial: Trial, label: str) -> int:
-    """Of the networks that a picture of this label goes through."""
-    if label.startswith("product"):
+def _steps(trial: Trial, method: str) -> int:
+    """Of the networks that a picture by this method goes through."""
+    if method.startswith("product"):
         return trial.steps["shading"]
     return sum(trial.steps.values())
 
 
-def _sheet(study: Study, params: Params, folders: Folders, trials: Sequence[Trial]) -> bytes:
+def _sheet(study: Study, folders: Folders, trials: Sequence[Trial]) -> bytes:
     """The pictures of the first repeat, trained on most views: the truth, then every label."""
-    wanted = picture_views(Dataset(folders.data / "dataset", params.evaluate.split), PICTURED)
+    split = trials[0].params.evaluate.split
+    wanted = picture_views(Dataset(folders.data / "dataset", split), PICTURED)
     most = max(trial.wanted or 0 for trial in trials)
     columns: dict[str, tuple[Path, str]] = {}
     for trial in trials:

@@ -12,7 +12,6 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
 import torch
 
 from model.data import Example
@@ -23,7 +22,14 @@ from model.studies.agreement import BLOCK, LEAST
 from model.studies.light_cases import cases_of, lamp_radiance
 from model.studies.light_compare import Lit, Tally, compare
 from model.studies.light_sheet import light_sheet
-from model.studies.renders import Renders, scene_of, spread_over, views_of, with_samples
+from model.studies.renders import (
+    Renders,
+    refuse_other_scene,
+    scene_of,
+    spread_over,
+    views_of,
+    with_samples,
+)
 from model.training import Folders
 from pipeline.denoise import denoiser_version
 from pipeline.frames import fingerprint
@@ -38,10 +44,8 @@ from pipeline.scene_digest import scene_digest
 from pipeline.views import View
 from scenes.checked import plain
 from scenes.contract import Scene
-from scenes.errors import InputError
 from scenes.files import atomic_file, sweep, write_json
 
-_SAME = 0.02  # relative difference of two panoramas of one scene, at most
 _NOTHING = LightChange()
 AS_IT_IS = ""  # the name of the case without a change
 
@@ -143,7 +147,8 @@ def _planned(subjects: list[Subject], params: Params, wish: Wish, networks: Netw
                 for subject in subjects:
                     if subject.scene is not scene:
                         continue
-                    _refuse_other_scene(opened, subject, params)
+                    packed = subject.example.intensity
+                    refuse_other_scene(opened, scene.folder, subject.view, packed, params)
                     average = key / subject.example.exposure_shading.scale
                     radiance = lamp_radiance(average, albedo, wish.strength)
                     found = cases_of(
@@ -155,22 +160,6 @@ def _planned(subjects: list[Subject], params: Params, wish: Wish, networks: Netw
                         plan.skipped[name][reason] += 1
                     progress.advance()
     return plan
-
-
-def _refuse_other_scene(opened: RenderScene, subject: Subject, params: Params) -> None:
-    """Raise `InputError` unless the scene's panorama is the dataset's."""
-    packed = subject.example.intensity
-    made = render_illumination(opened, subject.view, params.illumination)["intensity.Y"]
-    if made.shape != packed.shape:
-        raise InputError(
-            f"illumination.width: {params.illumination.width}, but the dataset's panoramas are "
-            f"{packed.shape[1]} pixels wide; take the parameters that it was made with"
-        )
-    if np.abs(made - packed).sum() > _SAME * max(packed.sum(), 1e-12):
-        raise InputError(
-            f"{subject.scene.folder}: not the scene that the dataset was made of (the panorama of "
-            f"{subject.example.name} is another); pack it again with: pbrnet dataset"
-        )
 
 
 def _render_all(cases: list[Case], params: Params, renders: Path) -> None:

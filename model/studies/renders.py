@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from model.data import Dataset, Example
+from model.data import Array, Dataset, Example
 from pipeline.frames import Channels, Frame, Kind, frame_path, holds, read_frame, write_frame
+from pipeline.illumination import render_illumination
 from pipeline.params import Params
 from pipeline.passes import TRUTHS, camera_of, frame_fingerprint, pass_seed, render_truths
 from pipeline.renderer import RenderScene, renderer_version
 from pipeline.views import View, load_cameras
 from scenes.contract import Scene, load_scene
 from scenes.errors import InputError
+
+_SAME = 0.02  # relative difference of two panoramas of one scene, at most
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,7 @@ class Renders:
         return [
             kind
             for kind in TRUTHS
-            if not holds(frame_path(self.root, kind, view), self._mark(kind, view, digest))
+            if not holds(frame_path(self.root, kind, view), self.mark(kind, view, digest))
         ]
 
     def render(self, scene: RenderScene, view: View, digest: str) -> None:
@@ -52,14 +55,15 @@ class Renders:
             **stats,
             seed=pass_seed(kind, view, self.params.seed),
             renderer=renderer_version(),
-            fingerprint=self._mark(kind, view, digest),
+            fingerprint=self.mark(kind, view, digest),
         )
 
     def read(self, kind: Kind, view: View) -> Frame:
         """A frame that is there."""
         return read_frame(frame_path(self.root, kind, view))
 
-    def _mark(self, kind: Kind, view: View, digest: str) -> str:
+    def mark(self, kind: Kind, view: View, digest: str) -> str:
+        """The fingerprint of all that determines a frame's pixels."""
         return frame_fingerprint(kind, view, self.params, digest, renderer_version())
 
 
@@ -90,7 +94,27 @@ def scene_of(data: Path, scene_id: str) -> Scene:
     return load_scene(folder)
 
 
-def views_of(data: Path, examples: Sequence[Example]) -> list[View]:
+def refuse_other_scene(
+    opened: RenderScene, folder: Path, view: View, packed: Array, params: Params
+) -> None:
+    """Raise `InputError` unless the opened scene, that in `folder`, is the dataset's.
+
+    `packed`: what the dataset has as the view's panorama, its intensity, float32 (h, w).
+    """
+    made = render_illumination(opened, view, params.illumination)["intensity.Y"]
+    if made.shape != packed.shape:
+        raise InputError(
+            f"illumination.width: {params.illumination.width}, but the dataset's panoramas are "
+            f"{packed.shape[1]} pixels wide; take the parameters that it was made with"
+        )
+    if np.abs(made - packed).sum() > _SAME * max(packed.sum(), 1e-12):
+        raise InputError(
+            f"{folder}: not the scene that the dataset was made of (the panorama of "
+            f"{view.scene_id}/{view.view_id} is another); pack it again with: pbrnet dataset"
+        )
+
+
+def views_of(data: Path, examples: Iterable[Example]) -> list[View]:
     """The camera of every example, from the camera files.
 
     Raises `InputError` if a camera file is missing, or has another camera than the dataset.

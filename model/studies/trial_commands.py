@@ -1,60 +1,31 @@
-"""`pbrnet study loss`, `decomposition` and `composition`: trainings side by side."""
+"""`pbrnet study loss`, `decomposition`, `composition` and `table`: trainings side by side."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
+from model.methods import BASELINES
 from model.studies.comparisons import (
-    compare,
     composition_study,
     decomposition_study,
     loss_study,
+    table_study,
 )
-from model.studies.trials import Study, Trial, Wish, expected_seconds, plan, states
+from model.studies.generalisation_command import generalisation
+from model.studies.noise_command import noise
+from model.studies.trial_options import carry_out, one_size, trial_options
+from model.studies.trials import Study, Wish, plan
 from model.training import Folders
-from pipeline.options import common_options
 from pipeline.params import Params
-from pipeline.report_trials import MEASURES, WORDS, TrialsResult, TrialsRow
-
-_FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
 def register(group: click.Group) -> None:
     """Add the commands to `pbrnet study`."""
-    for command in (loss, decomposition, composition):
+    for command in (loss, decomposition, composition, table, noise, generalisation):
         group.add_command(command)
-
-
-def _options(command: Callable[..., Any]) -> Callable[..., Any]:
-    for option in (
-        click.option(
-            "--models",
-            type=_FOLDER,
-            default=Path("models"),
-            show_default=True,
-            help="Folder with the backbone; metrics go along if it is another.",
-        ),
-        click.option("--dry-run", is_flag=True, help="Only list the trials and what they cost."),
-        click.option(
-            "--steps",
-            type=click.IntRange(1),
-            default=None,
-            help="Steps of each of the two networks.  [default: those of the parameters]",
-        ),
-        click.option(
-            "--seeds",
-            type=click.IntRange(1, 100),
-            default=1,
-            show_default=True,
-            help="Repeat every training with so many seeds.",
-        ),
-    ):
-        command = option(command)
-    return common_options(command)
 
 
 @click.command(
@@ -66,7 +37,7 @@ Examples:
 
 Stopped, the same command goes on where it was. Writes metrics/studies/loss.json and .png."""
 )
-@_options
+@trial_options()
 def loss(params: Params, data: Path, models: Path, **wishes: Any) -> None:
     """Compare four losses (Figure 7).
 
@@ -91,7 +62,7 @@ the same command goes on where it was. Writes metrics/studies/decomposition.json
     multiple=True,
     help="Training views, again for each size.  [default: a quarter, half, all]",
 )
-@_options
+@trial_options()
 def decomposition(params: Params, data: Path, models: Path, **wishes: Any) -> None:
     """Compare two stages with one (Figure 8).
 
@@ -108,7 +79,7 @@ Examples:
 
 Stopped, the same command goes on where it was. Writes metrics/studies/composition.json and .png."""
 )
-@_options
+@trial_options()
 def composition(params: Params, data: Path, models: Path, **wishes: Any) -> None:
     """Compare composition by network and by product (Figure 9).
 
@@ -117,67 +88,44 @@ def composition(params: Params, data: Path, models: Path, **wishes: Any) -> None
     _study(composition_study(params), params, data, models, **wishes)
 
 
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet study table --dry-run
+  pbrnet study table --steps 2000 --views 200       train.baselines, three trainings of each
+  pbrnet study table --method unet --method can_own --method plus
+
+Stopped, the same command goes on where it was. Writes metrics/studies/table.json and .png."""
+)
+@click.option(
+    "--method",
+    "methods",
+    type=click.Choice(BASELINES),
+    multiple=True,
+    help="A method to train beside ours, again for each.  [default: train.baselines]",
+)
+@one_size
+@trial_options(seeds=3)
+def table(
+    params: Params,
+    data: Path,
+    models: Path,
+    methods: tuple[str, ...],
+    views: int | None,
+    **wishes: Any,
+) -> None:
+    """Train every method alike and compare them (Table I).
+
+    Each with the same views and steps, several times. Intervals say what other scenes would change,
+    the spread what another training would.
+    """
+    study = table_study(methods or params.train.baselines)
+    _study(study, params, data, models, views=() if views is None else (views,), **wishes)
+
+
 def _study(
     study: Study, params: Params, data: Path, models: Path, dry_run: bool, **wishes: Any
 ) -> None:
     folders = Folders.beside(data, models, models)
-    wish = Wish(**wishes)
-    if dry_run:
-        for line in _plan_lines(study, plan(study, params, folders, wish), folders):
-            click.echo(line)
-        return
-    result, target = compare(study, params, folders, wish, lambda line: click.echo(line, err=True))
-    for line in _result_lines(result):
-        click.echo(line)
-    click.echo(f"{target}, {target.with_suffix('.png')}: show them with pbrnet report")
-
-
-def _plan_lines(study: Study, trials: list[Trial], folders: Folders) -> list[str]:
-    lines, total, unknown = [], 0.0, False
-    width = max(len(trial.name) for trial in trials)
-    for trial, state in zip(trials, states(study, trials, folders), strict=True):
-        seconds = expected_seconds(trial, study, folders)
-        if state in ("train", "go on"):
-            unknown |= seconds is None
-            total += seconds or 0.0
-        steps = ", ".join(f"{name} {count}" for name, count in trial.steps.items())
-        time = "time unknown" if seconds is None else f"about {_time(seconds)}"
-        lines.append(f"{trial.name:<{width}}  {state:<7}  {trial.views} views, {steps}, {time}")
-    least = "at least " if unknown else "about "
-    lines.append(f"{len(trials)} trials, {least}{_time(total)} of training left")
-    if unknown:
-        lines.append("the pace of a network is known once one of its kind has been trained")
-    return lines
-
-
-def _result_lines(result: TrialsResult) -> list[str]:
-    lines = [f"{result.views} views of {result.scenes} {result.split} scenes"]
-    width = max(len(row.label) for row in result.rows)
-    group = ""
-    for row in result.rows:
-        if row.group != group:
-            group = row.group
-            lines.append(f"{group}:")
-        lines.append(f"  {row.label:<{width}}  {_figures(row)}")
-    lines.append(f"{result.reference}: {WORDS.get(result.reference, result.reference)}")
-    return lines
-
-
-def _figures(row: TrialsRow) -> str:
-    parts = []
-    for name, (label, _, digits) in MEASURES.items():
-        figure = row.metrics.get(name)
-        if figure is not None:
-            around = (
-                ""
-                if figure.low is None
-                else f" ({figure.low:.{digits}f} to {figure.high:.{digits}f})"
-            )
-            parts.append(f"{label} {figure.mean:.{digits}f}{around}")
-    return ", ".join(parts)
-
-
-def _time(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+    trials = plan(study, params, folders, Wish(**wishes))
+    carry_out(study, params, folders, trials, dry_run)

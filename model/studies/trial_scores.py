@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean, stdev
@@ -17,6 +17,7 @@ from model.inference import PREDICTABLE, Networks, load_networks
 from model.metrics import NAMES, bootstrap, find_lpips, measure
 from model.store import ModelCard
 from model.studies.patterns import detail, grid
+from model.studies.specular import measure_apart, specular_mask
 from pipeline.pictures import Picture, contact_sheet, enlarge, png_bytes, read_picture
 from pipeline.progress import Progress
 from pipeline.report_trials import TrialsFigure
@@ -42,7 +43,7 @@ class Scored:
 
 
 def load_painters(
-    methods: Mapping[str, str], folder: Path
+    methods: Iterable[str], folder: Path
 ) -> tuple[dict[str, Painter], dict[str, ModelCard]]:
     """How each method draws a view, from the models in `folder`, and the cards of those.
 
@@ -60,22 +61,27 @@ def score_views(
     pictures: Path,
     wanted: Sequence[Key],
     label: str,
+    albedo: float | None = None,
 ) -> list[Scored]:
     """Every metric of every view by every method, and `truth`, the renderer's own picture.
 
-    The `wanted` views are drawn into the folder `pictures`: `SCENE--VIEW--METHOD.png`.
+    The `wanted` views are drawn into the folder `pictures`: `SCENE--VIEW--METHOD.png`. With
+    `albedo`, the grey of the shading, what is specular is measured apart.
     """
     lpips = find_lpips()
     rows: list[Scored] = []
     with Progress(len(dataset), label) as progress, atomic_directory(pictures) as partial:
         for example in dataset.ordered():
             truth = tonemap(example.color, color_exposure(example, exposure))
+            mask = None if albedo is None else specular_mask(example, albedo)
             drawn = {name: paint(example) for name, paint in painters.items()}
             for name, image in ({"truth": truth} | drawn).items():
                 values: dict[str, float | None] = dict.fromkeys(NAMES)
                 if name != "truth":
                     values = measure(truth, image, lpips)
                 values |= {"detail": detail(truth, image), "grid": grid(image)}
+                if mask is not None and name != "truth":
+                    values |= measure_apart(truth, image, mask)
                 rows.append(Scored(example.scene_id, example.view_id, name, values))
                 if (example.scene_id, example.view_id) in wanted:
                     file = f"{example.scene_id}--{example.view_id}--{name}.png"
@@ -96,7 +102,8 @@ def figures(
     the same of the method that this one is compared with, view by view; None for that itself.
     """
     result: dict[str, Any] = {}
-    for name in MEASURED:
+    others = {name for rows in repeats for row in rows for name in row.values} - set(MEASURED)
+    for name in (*MEASURED, *sorted(others)):
         values = _by_view(repeats, name)
         if not values:
             result[name] = None
@@ -172,7 +179,7 @@ def _by_view(repeats: Sequence[Sequence[Scored]], name: str) -> dict[Key, float]
     values: dict[Key, list[float]] = {}
     for rows in repeats:
         for row in rows:
-            value = row.values[name]
+            value = row.values.get(name)
             if value is not None:
                 values.setdefault((row.scene_id, row.view_id), []).append(value)
     return {key: mean(found) for key, found in values.items()}
