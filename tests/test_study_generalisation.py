@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -36,10 +36,12 @@ PLANS = {"v-0": "v", "v-1": "v", "w-0": "w", "x-0": "x", "y-0": "y"}
 GLOSS = slice(8, 20), slice(10, 26)  # rows and columns that mirror a lamp in the other source
 
 
-@pytest.fixture(autouse=True)
-def _one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread() -> Iterator[None]:
     """Networks this small only wait for one another on two."""
-    monkeypatch.setattr(training.os, "sched_getaffinity", lambda _process: {0})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training.os, "sched_getaffinity", lambda _process: {0})
+        yield
 
 
 @pytest.fixture()

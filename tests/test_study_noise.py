@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -47,10 +47,12 @@ PARAMS = replace(
 )
 
 
-@pytest.fixture(autouse=True)
-def _one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread() -> Iterator[None]:
     """Networks this small only wait for one another on two."""
-    monkeypatch.setattr(training.os, "sched_getaffinity", lambda _process: {0})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training.os, "sched_getaffinity", lambda _process: {0})
+        yield
 
 
 @pytest.fixture(scope="module")
