@@ -56,11 +56,11 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
     """Measure every method on the split; write `evaluation.json`, `.csv` and example pictures.
 
     Methods: `pbrnet` (both networks), `product` (reflectance x predicted shading) by Reinhard's
-    operator and `product_linear`, every baseline of the registry that has been trained, and
+    operator and `product_linear`, every baseline of the registry that has been trained, beside
+    one that takes noisy samples `denoised`, what the denoiser alone makes of them, and
     `ceiling` (reflectance x true shading), the best that `product` can do. Raises `InputError` if
     a baseline that `train.baselines` names is missing, `LeakError` if a scene, or another scene of
-    its plan, was trained on. Beside a method that takes noisy samples stands `denoised`, what the
-    denoiser alone makes of the same samples.
+    its plan, was trained on.
     """
     torch.set_num_threads(len(os.sched_getaffinity(0)))
     networks, dataset = open_split(params, folders, _baselines(params, folders.models))
