@@ -272,7 +272,7 @@ def reference(
     """Keep what a run found: every method's figures in one flat file, and a sheet of pictures."""
     folders = Folders.beside(data, models, models)
     target = out or folders.metrics / "reference.json"
-    write_json(target, kept.summary(folders))
+    write_json(target, kept.summary(params, folders))
     click.echo(f"{target}: written")
     if sheet is not None:
         picture = kept.sheet(params, folders, methods, views)

@@ -15,21 +15,26 @@ from model.data import Dataset, Example
 from model.evaluation import METHODS, image_of, open_split, true_color
 from model.inference import load_networks
 from model.methods import trained_baselines
-from model.metrics import NAMES
+from model.metrics import NAMES, bootstrap
 from model.training import Folders
 from pipeline.params import Params
 from pipeline.pictures import contact_sheet, enlarge, png_bytes
 from pipeline.tonemap import to_bytes
+from scenes.checked import plain
 from scenes.errors import InputError
 from scenes.files import read_json
+from scenes.seeds import derive
 
+PAIRS = (("hybrid", "denoised"), ("plus", "pbrnet"), ("pbrnet", "unet"), ("pbrnet", "product"))
 SHOWN = 320  # pixels, width of a picture on the sheet, by whole multiples
 
 
-def summary(folders: Folders) -> dict[str, Any]:
+def summary(params: Params, folders: Folders) -> dict[str, Any]:
     """Every method's means and seconds an image; intervals, data and networks beside them.
 
-    Raises `InputError` without `evaluation.json`, or if a network is missing or damaged.
+    `differences` are those of `PAIRS`, view by view: what two methods have in common, the scenes,
+    is out of them. Raises `InputError` without `evaluation.json` and `.csv`, or if a network is
+    missing or damaged.
     """
     path = folders.metrics / "evaluation.json"
     if not path.is_file():
@@ -40,6 +45,7 @@ def summary(folders: Folders) -> dict[str, Any]:
     return {
         "methods": _flat(found["methods"]),
         "intervals": _intervals(found["methods"]),
+        "differences": _differences(folders.metrics / "evaluation.csv", params.seed),
         **{name: found[name] for name in ("split", "views", "scenes", "exposure", "backbone")},
         "kept_back": (apart := found.get("kept_back"))
         and {
@@ -97,14 +103,42 @@ def _examples(dataset: Dataset, chosen: Sequence[tuple[str, str, float]]) -> Ite
 
 def _ranked(path: Path, method: str) -> list[tuple[str, str, float]]:
     """Scene, view and FLIP of all views, the best first."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; make it with: pbrnet evaluate")
-    with path.open(newline="", encoding="utf-8") as stream:
-        rows = [row for row in csv.DictReader(stream) if row["method"] == method]
+    rows = _scores(path, "flip").get(method)
     if not rows:
         raise InputError(f"{path}: no figures of {method!r}")
-    found = [(row["scene_id"], row["view_id"], float(row["flip"])) for row in rows]
+    found = [(scene, view, value) for (scene, view), value in rows.items()]
     return sorted(found, key=lambda row: (row[2], row[0], row[1]))
+
+
+def _differences(path: Path, seed: int) -> dict[str, dict[str, Any]]:
+    """By "one - other": the mean difference of each metric and its 95 % interval over scenes, and
+    on how many of the views one is better by FLIP."""
+    result: dict[str, dict[str, Any]] = {}
+    for name in ("ssim", "psnr", "flip"):
+        scores = _scores(path, name)
+        for one, other in PAIRS:
+            if one not in scores or other not in scores:
+                continue
+            by_scene: dict[str, list[float]] = {}
+            for (scene, view), value in scores[one].items():
+                by_scene.setdefault(scene, []).append(value - scores[other][scene, view])
+            pair = result.setdefault(f"{one} - {other}", {})
+            pair[name] = plain(bootstrap(by_scene, derive(seed, "reference", name)))
+            if name == "flip":
+                pair["better"] = sum(gain < 0 for gains in by_scene.values() for gain in gains)
+    return result
+
+
+def _scores(path: Path, name: str) -> dict[str, dict[tuple[str, str], float]]:
+    """A metric of every method and view: method -> scene and view -> value."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; make it with: pbrnet evaluate")
+    scores: dict[str, dict[tuple[str, str], float]] = {}
+    with path.open(newline="", encoding="utf-8") as stream:
+        for row in csv.DictReader(stream):
+            view = row["scene_id"], row["view_id"]
+            scores.setdefault(row["method"], {})[view] = float(row[name])
+    return scores
 
 
 def _flat(methods: dict[str, Any]) -> dict[str, dict[str, float | None]]:

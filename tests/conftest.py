@@ -20,6 +20,14 @@ def shared_scenes() -> Path:
     return SHARED_SCENES
 
 
+@pytest.fixture(scope="module")
+def one_thread() -> Iterator[None]:
+    """Training takes one processor: networks as small as these only wait for one another."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "sched_getaffinity", lambda _process: {0})
+        yield
+
+
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
     """A file system of its own with 1 MiB, to be filled up."""

@@ -29,6 +29,8 @@ from model.training import Folders, train_network
 from pipeline.params import BackboneParams, Params, StageTrainParams, TrainParams
 from pipeline.tonemap import tonemap
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 SIZE = {"width": 24, "height": 18, "panorama": 16}
 SMALL = StageTrainParams(epochs=2, width=4, levels=3)
 PARAMS = Params(
@@ -41,12 +43,6 @@ PARAMS = Params(
     )
 )
 GAMES = ("pix2pix_own", "cyclegan_own")
-
-
-@pytest.fixture(autouse=True)
-def _one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Networks this small only wait for one another on two."""
-    monkeypatch.setattr(training.os, "sched_getaffinity", lambda _process: {0})
 
 
 def workplace(root: Path, train: int = 8, noisy: bool = False, **size: int) -> Folders:

@@ -6,7 +6,7 @@ import csv
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from model_fixtures import box_dataset, box_rows, write_shard
 from PIL import Image
 from predict_fixtures import box_camera, box_frames, box_room
 
-from model import evaluation, training
+from model import evaluation
 from model.backbone import make_backbone
 from model.baselines.product import product, product_linear
 from model.data import Dataset
@@ -44,6 +44,8 @@ from pipeline.views import View, as_matrix, intrinsics_of
 from scenes.contract import load_scene
 from scenes.errors import InputError
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 Predict = Callable[..., tuple[int, str, str]]
 SIZE = {"width": 24, "height": 18, "panorama": 16}
 SMALL = StageTrainParams(epochs=1, width=4, levels=2)
@@ -52,14 +54,6 @@ PARAMS = Params(train=TrainParams(shading=SMALL, composition=SMALL, unet=SMALL))
 
 def folders_in(root: Path) -> Folders:
     return Folders(*(root / part for part in ("data", "models", "metrics", "plots", "models")))
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _one_thread() -> Iterator[None]:
-    """Networks this small only wait for one another on two."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training.os, "sched_getaffinity", lambda _process: {0})
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,6 @@ import torch
 from model_fixtures import box_dataset, box_rows, write_shard
 from training_fixtures import Killed, stop_at
 
-from model import training
 from model.backbone import make_backbone
 from model.data import Dataset
 from model.encoding import encode, to_image
@@ -30,6 +29,8 @@ from pipeline.params import BackboneParams, LossParams, Params, StageTrainParams
 from pipeline.tonemap import tonemap
 from scenes.errors import InputError
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 SIZE = {"width": 24, "height": 18, "panorama": 16}
 SMALL = StageTrainParams(epochs=2, width=4, levels=2)
 PARAMS = Params(
@@ -38,12 +39,6 @@ PARAMS = Params(
     )
 )
 Workplace = Callable[..., Folders]
-
-
-@pytest.fixture(autouse=True)
-def _one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Networks this small only wait for one another on two."""
-    monkeypatch.setattr(training.os, "sched_getaffinity", lambda _process: {0})
 
 
 @pytest.fixture()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,6 @@ from model_fixtures import box_rows, write_shard
 from training_fixtures import stop_at
 from trial_fixtures import PARAMS, SIZE, SMALL, folders_in, trial_workplace
 
-from model import training
 from model.data import Dataset, Example
 from model.studies.generalisation import divide
 from model.studies.specular import measure_apart, specular_mask
@@ -25,6 +24,8 @@ from scenes.checked import build
 from scenes.errors import InputError
 from scenes.files import digest_file, read_json
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 TINY = replace(SMALL, levels=2)
 QUICK = replace(
     PARAMS,
@@ -34,14 +35,6 @@ QUICK = replace(
 )
 PLANS = {"v-0": "v", "v-1": "v", "w-0": "w", "x-0": "x", "y-0": "y"}
 GLOSS = slice(8, 20), slice(10, 26)  # rows and columns that mirror a lamp in the other source
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _one_thread() -> Iterator[None]:
-    """Networks this small only wait for one another on two."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training.os, "sched_getaffinity", lambda _process: {0})
-        yield
 
 
 @pytest.fixture()

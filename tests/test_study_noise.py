@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,6 @@ from training_fixtures import stop_at
 from trial_fixtures import PARAMS as TRIALS
 from trial_fixtures import SIZE, SMALL, folders_in
 
-from model import training
 from model.backbone import make_backbone
 from model.data import IMAGES, Dataset
 from model.studies import noise
@@ -38,6 +37,8 @@ from scenes.contract import load_scene
 from scenes.errors import InputError
 from scenes.files import read_json
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 TINY = replace(SMALL, levels=2)
 PARAMS = replace(
     LIT,
@@ -45,14 +46,6 @@ PARAMS = replace(
         TRIALS.train, loss=replace(TRIALS.train.loss, kind="l1"), shading=TINY, composition=TINY
     ),
 )
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _one_thread() -> Iterator[None]:
-    """Networks this small only wait for one another on two."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training.os, "sched_getaffinity", lambda _process: {0})
-        yield
 
 
 @pytest.fixture(scope="module")

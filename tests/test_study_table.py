@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +11,6 @@ import pytest
 from training_fixtures import stop_at
 from trial_fixtures import PARAMS, SMALL, folders_in, trial_workplace
 
-from model import training
 from model.data import Dataset
 from model.encoding import color_exposure
 from model.metrics import psnr
@@ -25,6 +24,8 @@ from pipeline.tonemap import tonemap
 from scenes.checked import build
 from scenes.errors import InputError
 from scenes.files import read_json
+
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 TINY = replace(SMALL, levels=2)
 METHODS = ("unet", "plus", "hybrid")
@@ -40,14 +41,6 @@ TABLE = replace(
         unet=TINY,
     ),
 )
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _one_thread() -> Iterator[None]:
-    """Networks this small only wait for one another on two."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training.os, "sched_getaffinity", lambda _process: {0})
-        yield
 
 
 @pytest.fixture()
