@@ -9,6 +9,7 @@ lens blur, motion blur, wavelengths, and pixels that are not square.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -23,14 +24,14 @@ from pipeline.light_plan import plan_lights
 from pipeline.noise import Tally
 from pipeline.params import GroundTruthParams
 from pipeline.renderer import RenderScene
+from pipeline.sensors import make_sensor
 from pipeline.views import View
-from scenes.errors import InputError
 from scenes.seeds import derive32
 
-REVISION = 6
+REVISION = 7
 _LAUNCH = 1 << 21  # samples; changing it changes pixels
-_NEAR, _FAR = 1e-3, 1e5  # metres
 
+Launch = Callable[[int, int, int], Any]  # of copies side by side, samples, seed: mi.TensorXf
 Truth = tuple[Channels, dict[str, Any]]  # an image and its statistics
 
 
@@ -66,7 +67,13 @@ def render_truth(
     pixels are not square.
     """
     integrator = _integrator(params.max_depth, params.rr_depth)
-    (truth,) = _render(render_scene.mitsuba, integrator, view, params, seed, 1)
+    scene = render_scene.mitsuba
+
+    def launch(copies: int, spp: int, seed: int) -> Any:
+        sensor = make_sensor(view, copies)
+        return mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=seed)
+
+    (truth,) = _render(launch, view, params, seed, 1)
     return truth
 
 
@@ -86,32 +93,30 @@ def render_both(
         portals = render_scene.scene.portals
         lights = PlannedLights(scene, plan_lights(scene, view, portals, seed))
     path = joint.JointPath(table, params.max_depth, params.rr_depth, lights)
-    color, shading = _render(scene, path.integrator(), view, params, seed, 2)
+    suit = render_scene.wardrobe.suit
+
+    def launch(copies: int, spp: int, seed: int) -> Any:
+        return render_scene.tracer.launch(scene, suit, view, copies, path, spp, seed)
+
+    color, shading = _render(launch, view, params, seed, 2)
     return Truths(color, shading)
 
 
 def _render(
-    scene: Any, integrator: Any, view: View, params: GroundTruthParams, seed: int, images: int
+    launch: Launch, view: View, params: GroundTruthParams, seed: int, images: int
 ) -> list[Truth]:
-    """Render all blocks of an integrator that gives so many `images`, three bands each."""
+    """Render all blocks by launches that give so many `images`, three bands each."""
     spp, blocks = block_sizes(params)
     least = blocks
     if params.noise:
         least = min(blocks, max(2, -(-params.min_spp // spp)))
     at_once = blocks_at_once(least, spp * view.width * view.height)
-    sensor = _sensor(view, at_once)
     tallies = [Tally(view.height, view.width) for _ in range(images)]
     for first in range(0, blocks - at_once + 1, at_once):
         if first >= least and all(tally.noise() <= params.noise for tally in tallies):
             break
-        launch = mi.render(
-            scene,
-            sensor=sensor,
-            integrator=integrator,
-            spp=spp,
-            seed=derive32(seed, "block", first),
-        )
-        bands = np.asarray(launch, dtype=np.float64)
+        pixels = launch(at_once, spp, derive32(seed, "block", first))
+        bands = np.asarray(pixels, dtype=np.float64)
         bands = bands.reshape(view.height, at_once, view.width, images, 3)
         for block in range(at_once):
             for image, tally in enumerate(tallies):
@@ -135,8 +140,8 @@ def block_sizes(params: GroundTruthParams) -> tuple[int, int]:
 def blocks_at_once(blocks: int, samples: int) -> int:
     """How many blocks of so many samples are traced in one launch: a divisor of `blocks`.
 
-    Each launch costs about a quarter of a second of one core in a furnished scene, whatever
-    its size, so small images take several blocks at once, as many as `_LAUNCH` allows.
+    Each launch has a fixed cost (see `pipeline.frozen`), so small images take several blocks at
+    once, as many as `_LAUNCH` allows.
     """
     fitting = (n for n in range(1, blocks + 1) if blocks % n == 0 and n * samples <= _LAUNCH)
     return max(fitting, default=1)
@@ -146,48 +151,6 @@ def stratified(spp: int) -> int:
     """`spp` as the `multijitter` sampler takes it: rounded up to a grid of nearly equal sides."""
     side = int(np.sqrt(spp))
     return side * -(-spp // side)
-
-
-def _sensor(view: View, copies: int = 1) -> Any:
-    """A Mitsuba sensor for exactly this camera; with `copies`, so many images side by side.
-
-    Samples are stratified within a pixel and independent between pixels, so each copy is an
-    independent estimate.
-    """
-    intrinsics, pose = view.intrinsics, view.pose
-    focal = intrinsics[0, 0]
-    if abs(intrinsics[1, 1] - focal) > 1e-6 * focal or abs(intrinsics[0, 1]) > 1e-9:
-        raise InputError(
-            f"view {view.view_id} of {view.scene_id}: K has pixels that are not square "
-            f"(fx {focal:g}, fy {intrinsics[1, 1]:g}, skew {intrinsics[0, 1]:g}), "
-            "which the path tracer's camera cannot do"
-        )
-    # Mitsuba's camera has x to the left and y up.
-    to_world = pose @ np.diag([-1.0, -1.0, 1.0, 1.0])
-    film = {
-        "type": "hdrfilm",
-        "height": view.height,
-        "rfilter": {"type": "box"},  # bit-exact for any number of threads
-        "pixel_format": "rgb",
-        "component_format": "float32",
-    }
-    camera = {
-        "type": "perspective",
-        "to_world": mi.ScalarTransform4f(to_world),
-        "fov": float(np.degrees(2 * np.arctan(0.5 * view.width / focal))),
-        "fov_axis": "x",
-        "principal_point_offset_x": float(0.5 - intrinsics[0, 2] / view.width),
-        "principal_point_offset_y": float(0.5 - intrinsics[1, 2] / view.height),
-        "near_clip": _NEAR,
-        "far_clip": _FAR,
-        "film": {**film, "width": view.width},
-    }
-    sampler = {"type": "multijitter"}
-    if copies == 1:
-        return mi.load_dict({**camera, "sampler": sampler})
-    cameras = {f"copy{index}": camera for index in range(copies)}
-    wide = {**film, "width": copies * view.width}
-    return mi.load_dict({"type": "batch", **cameras, "film": wide, "sampler": sampler})
 
 
 @lru_cache(maxsize=8)

@@ -22,7 +22,7 @@ hidden emitters, alpha, and variants without Dr.Jit's loops (`available`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
@@ -74,23 +74,17 @@ def _indices(bsdfs: list[Any]) -> Any:
     return np.array(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdfs)))
 
 
+@dataclass(eq=False)
 class JointPath:
     """The joint path tracer; `max_depth` and `rr_depth` mean what they mean in `path`.
 
     `lights` chooses the emitter samples; see `pipeline.light_choice`.
     """
 
-    def __init__(
-        self,
-        twins: Any,
-        max_depth: int,
-        rr_depth: int,
-        lights: UniformLights | PlannedLights | None = None,
-    ) -> None:
-        self.twins = twins
-        self.max_depth = max_depth
-        self.rr_depth = rr_depth
-        self.lights = lights or UniformLights()
+    twins: Any  # see `twin_table`
+    max_depth: int
+    rr_depth: int
+    lights: UniformLights | PlannedLights = field(default_factory=UniformLights)
 
     def integrator(self) -> Any:
         """A Mitsuba integrator: colour in `R`, `G`, `B`, the neutral image in three AOVs."""
@@ -106,7 +100,7 @@ class JointPath:
         before = dr.zeros(mi.Interaction3f)  # the vertex before
         colour, grey = _at_camera(), _at_camera()
 
-        while active:
+        while dr.hint(active, exclude=[self]):  # whose arrays do not change
             si = scene.ray_intersect(
                 ray, ray_flags=mi.RayFlags.All, coherent=(depth == 0), active=active
             )

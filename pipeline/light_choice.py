@@ -3,10 +3,13 @@
 Planned, windows get directions uniform over their area and the sun directions over its disc.
 The estimate is unbiased whatever the plan says: a direction that no light sampling can give is
 found by the materials' own sampling, whose weight then is 1.
+
+The classes are dataclasses for Dr.Jit's sake, which finds the arrays of a frozen kernel in fields.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -17,6 +20,7 @@ from pipeline.light_plan import WINDOWS, LightPlan
 from pipeline.rays import column
 
 
+@dataclass(init=False, eq=False)
 class UniformLights:
     """Mitsuba's own choice: every emitter alike."""
 
@@ -29,6 +33,7 @@ class UniformLights:
         return scene.pdf_emitter_direction(before, ds, active)
 
 
+@dataclass(init=False, eq=False)
 class PlannedLights:
     """The choice of a `LightPlan`.
 
@@ -37,15 +42,23 @@ class PlannedLights:
     that all views of a scene share one kernel.
     """
 
+    pmf: Any  # mi.Float, by an emitter's number in the registry
+    asks: bool  # whether emitters are asked at all
+    asking: Any  # mi.Float, probability of that
+    emitters: Any  # mi.EmitterPtr, those that are asked
+    choice: Any  # mi.DiscreteDistribution over them
+    outdoors: _Outdoors | None
+
     def __init__(self, scene: Any, plan: LightPlan) -> None:
         emitters = scene.emitters()
         numbers = np.array(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(list(emitters))))
         pmf = np.zeros(numbers.max() + 1)
         pmf[numbers] = plan.emitters
-        self.pmf = column(mi.Float, pmf)  # by an emitter's number in the registry
+        self.pmf = column(mi.Float, pmf)
         asked = np.flatnonzero(plan.emitters)
         self.asks = len(asked) > 0
         self.asking = dr.opaque(mi.Float, float(plan.emitters.sum()))
+        self.emitters = self.choice = None
         if self.asks:
             self.emitters = mi.EmitterPtr([emitters[row] for row in asked])
             self.choice = mi.DiscreteDistribution(column(mi.Float, plan.emitters[asked]))
@@ -110,12 +123,24 @@ def _below_one(number: Any) -> Any:
     return dr.clip(number, 0, dr.one_minus_epsilon(mi.Float))
 
 
+@dataclass(init=False, eq=False)
 class _Outdoors:
     """Directions to the environment through panes and to the sun's disc.
 
     Densities count the probabilities of both, not that of the environment's own sampling, which
     `asked` says may give the same directions.
     """
+
+    environment: Any  # mi.Emitter
+    asked: bool
+    own_pmf: Any  # mi.Float, as the figures below: probability of the environment's own sampling
+    through: Any  # probability of a direction through a pane
+    share: Any  # of that among those through panes and to the sun
+    panes: _PaneSampler | None
+    sunny: bool
+    frame: Any  # mi.Frame3f around the sun
+    cosine: Any  # of the sun's angular radius
+    sun_density: Any
 
     def __init__(self, scene: Any, plan: LightPlan) -> None:
         self.environment = scene.environment()
@@ -127,12 +152,14 @@ class _Outdoors:
         self.through = dr.opaque(mi.Float, through)
         self.share = dr.opaque(mi.Float, through / (through + plan.sunlight))
         self.panes = _PaneSampler(plan) if through > 0 else None
-        self.sun = plan.sun if plan.sunlight > 0 else None
-        if self.sun is not None:
-            towards = [dr.opaque(mi.Float, part) for part in self.sun.towards.tolist()]
+        sun = plan.sun if plan.sunlight > 0 else None
+        self.sunny = sun is not None
+        self.frame = self.cosine = self.sun_density = None
+        if sun is not None:
+            towards = [dr.opaque(mi.Float, part) for part in sun.towards.tolist()]
             self.frame = mi.Frame3f(mi.Vector3f(*towards))
-            self.cosine = dr.opaque(mi.Float, self.sun.cosine)
-            self.sun_density = dr.opaque(mi.Float, plan.sunlight * self.sun.density)
+            self.cosine = dr.opaque(mi.Float, sun.cosine)
+            self.sun_density = dr.opaque(mi.Float, plan.sunlight * sun.density)
 
     def sample(self, scene: Any, si: Any, random: Any, active: Any) -> tuple[Any, Any]:
         """A direction, its density and its radiance over that, whether or not it is hidden."""
@@ -142,7 +169,7 @@ class _Outdoors:
         if self.panes is not None:
             spot = mi.Point2f(_below_one(random.x / share), random.y)
             towards = dr.normalize(self.panes.point(spot) - si.p)
-        if self.sun is not None:
+        if self.sunny:
             spot = mi.Point2f(_below_one((random.x - share) / (1 - share)), random.y)
             local = mi.warp.square_to_uniform_cone(spot, self.cosine)
             towards = dr.select(through, towards, self.frame.to_world(local))
@@ -170,14 +197,20 @@ class _Outdoors:
         density = mi.Float(0)
         if self.panes is not None:
             density += self.through * self.panes.density(origin, direction)
-        if self.sun is not None:
+        if self.sunny:
             inside = (dr.dot(direction, self.frame.n) > self.cosine) | sunwards
             density += dr.select(inside, self.sun_density, 0)
         return density
 
 
+@dataclass(init=False, eq=False)
 class _PaneSampler:
     """Points on panes, and densities of directions through them; `WINDOWS` panes, some empty."""
+
+    numbers: Any  # mi.Float, 12 a pane: corner, two edges, normal
+    pmf: Any  # mi.Float, as the next, one a pane
+    area: Any
+    choice: Any  # mi.DiscreteDistribution
 
     def __init__(self, plan: LightPlan) -> None:
         count = len(plan.windows)

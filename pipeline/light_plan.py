@@ -95,11 +95,11 @@ class LightPlan:
 
 def plan_lights(scene: Any, view: View, portals: tuple[Portal, ...], seed: int) -> LightPlan:
     """The plan of a view, from its pilot; `scene` is the Mitsuba scene."""
-    points, normals, seen = _pilot_points(scene, view, seed)
+    points, normals, hit = _pilot_points(scene, view, seed)
     sky = _sky_of(scene)
     panes = panes_of(portals if sky is not None else ())
-    shares = _shares(_asked(scene, points, normals, panes, sky, seed), seen)
-    return _plan(shares, panes, sky)
+    brought = _asked(scene, points, normals, panes, sky, seed)[hit]
+    return _plan(_shares(brought, int(hit[: len(hit) // 2].sum())), panes, sky)
 
 
 @dataclass(frozen=True)
@@ -197,9 +197,14 @@ def panes_of(portals: tuple[Portal, ...]) -> Panes:
     return Panes(stacked[0], (stacked[1], stacked[2]), stacked[3])
 
 
-def _pilot_points(scene: Any, view: View, seed: int) -> tuple[Floats, Floats, int]:
-    """Points that the camera sees and, from each, one bounce further; normals towards where
-    they were seen from; how many the camera sees."""
+def _pilot_points(
+    scene: Any, view: View, seed: int
+) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
+    """Points that the camera sees, then from each one bounce further, (P, 3); normals towards
+    where they were seen from, (P, 3); which of them there are, (P,): the rest saw nothing.
+
+    P is that of every view: kernels are compiled for the number of rays.
+    """
     random = generator(seed, "pilot")
     width, height = _GRID
     columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
@@ -208,24 +213,31 @@ def _pilot_points(scene: Any, view: View, seed: int) -> tuple[Floats, Floats, in
     directions = local @ np.linalg.inv(view.intrinsics).T @ view.pose[:3, :3].T
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     origins = np.tile(view.eye, (len(directions), 1))
-    found = [_first_hits(scene, origins, directions)]
-    points, normals = found[0]
+    points, normals, hit = _first_hits(scene, origins, directions)
     bounced = random.normal(size=points.shape)
     bounced = bounced / np.linalg.norm(bounced, axis=1, keepdims=True) + normals
     lengths = np.linalg.norm(bounced, axis=1, keepdims=True)
     bounced = np.where(lengths > 1e-3, bounced / np.maximum(lengths, 1e-3), normals)
-    found.append(_first_hits(scene, points + _LIFT * normals, bounced))
-    both = [np.concatenate(parts) for parts in zip(*found, strict=True)]
-    return both[0], both[1], len(points)
+    further, beside, again = _first_hits(scene, points + _LIFT * normals, bounced)
+    return (
+        np.concatenate([points, further]),
+        np.concatenate([normals, beside]),
+        np.concatenate([hit, hit & again]),
+    )
 
 
-def _first_hits(scene: Any, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+def _first_hits(
+    scene: Any, origins: Floats, directions: Floats
+) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
+    """Points, normals, and which rays hit; for those that did not, their own origin and the way
+    back."""
     ray = mi.Ray3f(vector(mi.Point3f, origins), vector(mi.Vector3f, directions))
     si = scene.ray_intersect(ray)
+    hit = si.is_valid()
     normal = dr.select(dr.dot(si.n, ray.d) > 0, -si.n, si.n)
-    hit = np.array(si.is_valid())
-    points, normals = (np.array(value).T.astype(np.float64)[hit] for value in (si.p, normal))
-    return points, normals
+    values = dr.select(hit, si.p, ray.o), dr.select(hit, normal, -ray.d)
+    points, normals = (np.array(value).T.astype(np.float64) for value in values)
+    return points, normals, np.array(hit)
 
 
 def _asked(
@@ -237,8 +249,6 @@ def _asked(
     the rest for the environment's own sampling. Of another it is split by the balance heuristic.
     """
     random = generator(seed, "asked")
-    if not len(points):
-        return np.zeros((0, len(scene.emitters()) + len(panes.area) + 1))
     places = np.repeat(points + _LIFT * normals, _ASKED, axis=0)
     facing = np.repeat(normals, _ASKED, axis=0)
     brought = [

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import drjit as dr
@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline import rays
+from pipeline.frozen import FrozenTracer
 from pipeline.lights import Lights, collect_lights
 from pipeline.neutral import has_mask, passes_light, reflectance_twin
 from pipeline.params import Variant
@@ -76,6 +77,7 @@ class RenderScene:
     bbox: npt.NDArray[np.float64]  # (2, 3) world metres
     wardrobe: Wardrobe
     albedo: float | None = None
+    tracer: FrozenTracer = field(default_factory=FrozenTracer)
 
     @property
     def mitsuba(self) -> Any:

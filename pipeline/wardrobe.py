@@ -30,6 +30,7 @@ class Wardrobe:
         self._grey: Suit = []
         self._shade: float | None = None
         self._worn: float | None = None
+        self.suit = 0  # number of the present grey suit; those before are gone
         with suppress(InputError):  # raised again when the grey is asked for
             self._tailor(_ANY_GREY)
 
@@ -49,20 +50,21 @@ class Wardrobe:
         self._worn = albedo
 
     def twins(self, albedo: float) -> list[tuple[Any, Any]]:
-        """Every shape's own material with its twin in the grey `albedo`; changes no clothes.
+        """Every shape's own material with its twin in the grey `albedo`.
 
-        They hold until another grey is asked for. Raises `InputError` as `wear` does.
+        They hold until another grey is asked for; shapes that wear another one take it off. Raises
+        `InputError` as `wear` does.
         """
         if albedo != self._shade:
-            worn = self._worn
             self.wear(albedo)
-            self.wear(worn)
+            self.wear(None)
         pairs = zip(self._own, self._grey, strict=True)
         return [(own, grey) for (_, own), (_, grey) in pairs]
 
     def _tailor(self, albedo: float) -> None:
         self._shade = None
         self._grey = _suit(self._graph, albedo)
+        self.suit += 1
         self._shade = albedo
 
 

@@ -11,9 +11,10 @@ import numpy as np
 from PIL import Image
 
 from pipeline import joint
-from pipeline.groundtruth import _integrator, _sensor
+from pipeline.groundtruth import _integrator
 from pipeline.light_choice import PlannedLights, UniformLights
 from pipeline.renderer import RenderScene, open_scene
+from pipeline.sensors import make_sensor
 from pipeline.views import View
 from tests.render_fixtures import ball, diffuse, make_view, quad, room_walls, write_scene
 
@@ -191,7 +192,7 @@ def joined(
     lights: UniformLights | PlannedLights | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Independent pairs of images by the joint trace: colour and neutral, as `plain` gives them."""
-    path = kind(joint.twin_table(scene.twins(ALBEDO)), MAX_DEPTH, rr, lights)
+    path = kind(joint.twin_table(scene.twins(ALBEDO)), MAX_DEPTH, rr, lights or UniformLights())
     images = _images(scene.mitsuba, path.integrator(), view, spp, copies, seed)
     return images[..., :3], images[..., 3:]
 
@@ -200,7 +201,7 @@ def _images(
     scene: Any, integrator: Any, view: View, spp: int, copies: int, seed: int
 ) -> np.ndarray:
     launch = mi.render(
-        scene, sensor=_sensor(view, copies), integrator=integrator, spp=spp, seed=seed
+        scene, sensor=make_sensor(view, copies), integrator=integrator, spp=spp, seed=seed
     )
     pixels = np.asarray(launch, dtype=np.float64)
     return np.moveaxis(pixels.reshape(view.height, copies, view.width, -1), 1, 0)
