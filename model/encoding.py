@@ -28,6 +28,7 @@ Tensors = dict[str, torch.Tensor]
 DIRECT = 2
 SAMPLES = 6
 CHANNELS = {"depth": 2, "normal": 3, "intensity": 1, "distance": 1, "reflectance": 3}
+RETURNED = 0.9  # of the light that surfaces pass on, what meets another: windows take the rest
 GREY = 0.5  # reflectance the networks are given where there is no surface
 WHITE = 20.0  # scaled luminance that maps to white, as usual indoors, where it is not known
 NEAR, MIDDLE, FAR = 0.05, 2.5, 100.0  # metres: depths and distances are clamped to the range
@@ -43,8 +44,9 @@ def encode(examples: Sequence[Example], direct: bool = False, noisy: bool = Fals
       to average them first
     * `reflectance`: `see_through`, sRGB-encoded and `centred`, like the display values it meets
     * `direct`, if asked for: `direct_shading`, tone-mapped by its own log average and `WHITE` and
-      `centred`; and ln of it, relative to that average. With it `brightness`, (N, 1, 1, 1): the
-      log average of the reflectance, as much as colour is brighter than shading of `GREY`
+      `centred`; and ln of it, relative to that average. With it `gain`, (N, 3, 1, 1), see
+      `interreflection`; and `brightness`, (N, 1, 1, 1): the log average of reflectance times gain,
+      as much as colour is brighter than shading of `GREY`
     * `noisy` and `denoised`, if asked for: colour and shading of few samples, linear radiance, as
       they were traced and denoised. `InputError` for a view without
     """
@@ -57,6 +59,7 @@ def encode(examples: Sequence[Example], direct: bool = False, noisy: bool = Fals
     }
     if direct:
         given["direct"] = _stack([_direct(example) for example in examples])
+        given["gain"] = _stack([interreflection(example) for example in examples])
         given["brightness"] = _stack([_brightness(example) for example in examples])
     if noisy:
         given["noisy"] = _stack([_both(e, e.noisy_color, e.noisy_shading) for e in examples])
@@ -110,6 +113,20 @@ def see_through(example: Example, grey: float) -> Array:
     return np.where(example.valid[..., None], example.reflectance, np.float32(grey))
 
 
+def interreflection(example: Example) -> Array:
+    """How much more light than a room of `GREY` this one holds by its bounces, (1, 1, 3).
+
+    Light that a surface passes on meets the next: of reflectance m each time, with `RETURNED` of
+    it, that makes 1 + r m + (r m)^2 + ... = 1 / (1 - r m), as in an integrating sphere. m is the
+    mean of what the view shows, band by band: it is this that makes a beige room orange.
+    """
+    if not example.valid.any():
+        return np.ones((1, 1, 3), dtype=np.float32)
+    mean = example.reflectance[example.valid].mean(axis=0, dtype=np.float64)
+    gain = (1 - RETURNED * GREY) / (1 - RETURNED * mean)
+    return gain.astype(np.float32).reshape(1, 1, 3)
+
+
 def centred(display: Value) -> Value:
     """Display values in [0, 1] to [-1, 1], as the networks take them."""
     return 2 * display - 1
@@ -147,7 +164,8 @@ def _direct(example: Example) -> Array:
 
 
 def _brightness(example: Example) -> Array:
-    exposure = exposure_of(see_through(example, GREY), ToneParams())
+    gain = np.where(example.valid[..., None], interreflection(example), np.float32(1))
+    exposure = exposure_of(see_through(example, GREY) * gain, ToneParams())
     return np.array([[[ToneParams().key / exposure.scale / GREY]]])
 
 

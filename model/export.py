@@ -16,7 +16,7 @@ from typing import Any
 import torch
 from torch import nn
 
-from model.encoding import FAR, GREY, MIDDLE, NEAR, Tensors, centred
+from model.encoding import FAR, GREY, MIDDLE, NEAR, RETURNED, Tensors, centred
 from model.export_light import direct_light, encoded_light, log_average
 from model.inference import Networks, needed
 from model.networks import GRID
@@ -79,11 +79,20 @@ class PlusChain(nn.Module):
         inputs = encoded(depth, valid, normal, reflectance, intensity, distance, self.averaged)
         light = direct_light(depth, valid, normal, intensity, distance, K)
         assert isinstance(self.network, PlusNet)
-        shown = luminance(decoded((inputs["reflectance"] + 1) / 2))
-        brightness = (log_average(shown[0, 0]) / GREY).reshape(1, 1, 1, 1)
-        known = {"direct": encoded_light(light), "brightness": brightness}
+        gain = interreflection(valid, reflectance)
+        shown = decoded((inputs["reflectance"] + 1) / 2) * (1 + valid * (gain - 1))
+        brightness = (log_average(luminance(shown)[0, 0]) / GREY).reshape(1, 1, 1, 1)
+        known = {"direct": encoded_light(light), "gain": gain, "brightness": brightness}
         shading, color = self.network.parts({**inputs, **known})
         return shading[0].clamp(0, 1).permute(1, 2, 0), color[0].clamp(0, 1).permute(1, 2, 0)
+
+
+def interreflection(valid: torch.Tensor, reflectance: torch.Tensor) -> torch.Tensor:
+    """`model.encoding.interreflection` of (H, W) and (H, W, 3), as (1, 3, 1, 1)."""
+    seen = valid.sum()
+    mean = (reflectance * valid[..., None]).sum(dim=(0, 1)) / seen.clamp(min=1)
+    gain = (1 - RETURNED * GREY) / (1 - RETURNED * mean)
+    return torch.where(seen > 0, gain, torch.ones_like(gain)).reshape(1, 3, 1, 1)
 
 
 def encoded(

@@ -2,8 +2,9 @@
 
 The shading network is given the direct light of the panorama (model/irradiance.py) and learns what
 that lacks: shadows, bounces, hidden lamps. The product of shading and reflectance is computed, not
-learned; a second network adds what a product lacks: interreflection, gloss and glass. Both are
-trained at once, on the shading and on the colour.
+learned, and so is how much more light of each band bounces hold in a room of these colours; a
+second network adds what is lacking: colour that spills from one surface onto the next, gloss,
+glass. Both are trained at once, on the shading and on the colour.
 """
 
 from __future__ import annotations
@@ -37,8 +38,11 @@ class PlusNet(nn.Module):
         """Shading and colour, display values (N, 3, H, W), not clamped."""
         shading = self.shading(inputs)
         given = inputs["reflectance"]
-        brightness = inputs["brightness"] if self.own_exposure else 1.0
-        base = multiplied(shading.float().clamp(0, 1), (given.float() + 1) / 2, brightness)
+        valid = inputs["depth"][:, 1:]
+        gain = 1 + valid * (inputs["gain"] - 1)  # light from outdoors does not bounce indoors
+        if self.own_exposure:
+            gain = gain / inputs["brightness"]
+        base = multiplied(shading.float().clamp(0, 1), (given.float() + 1) / 2, gain.float())
         seen = torch.cat([centred(shading), given, centred(base).to(given.dtype)], dim=1)
         return shading, base + self.correction(seen)
 
@@ -61,20 +65,19 @@ class LitNet(GuidedNet):
 
 
 def multiplied(
-    shading: torch.Tensor, reflectance: torch.Tensor, brightness: torch.Tensor | float = 1.0
+    shading: torch.Tensor, reflectance: torch.Tensor, gain: torch.Tensor | float = 1.0
 ) -> torch.Tensor:
     """Reflectance x shading, all in display values (N, 3, H, W): `product` with white at `WHITE`.
 
-    `brightness` is divided by: with 1 both images have one exposure, as under the policy `shared`;
-    with `encode`'s, the product has nearly its own. Differentiable everywhere.
+    The linear product is multiplied by `gain`; with 1 both images have one exposure, as under the
+    policy `shared`. Differentiable everywhere.
     """
     light = decoded(shading)
     seen = luminance(light)
     half = 0.5 * (1 - seen)
     # Reinhard's operator, solved for the luminance that it was given
     scaled = seen / (half + torch.sqrt(half**2 + seen / WHITE**2 + 1e-12))
-    linear = light * (scaled / seen.clamp(min=1e-6)) * decoded(reflectance)
-    linear = linear / (GREY * brightness)
+    linear = light * (scaled / seen.clamp(min=1e-6)) * decoded(reflectance) * (gain / GREY)
     bright = luminance(linear)
     mapped = linear * (1 + bright / WHITE**2) / (1 + bright)
     return encoded(mapped.clamp(0, 1))
