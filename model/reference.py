@@ -25,7 +25,13 @@ from scenes.errors import InputError
 from scenes.files import read_json
 from scenes.seeds import derive
 
-PAIRS = (("hybrid", "denoised"), ("plus", "pbrnet"), ("pbrnet", "unet"), ("pbrnet", "product"))
+BASELINES = ("unet", "can", "pix2pix", "cyclegan")  # the paper's, with its loss
+PAIRS = (
+    ("hybrid", "denoised"),
+    ("plus", "pbrnet"),
+    ("pbrnet", "product"),
+    *((ours, other) for ours in ("pbrnet", "plus") for other in BASELINES),
+)
 SHOWN = 320  # pixels, width of a picture on the sheet, by whole multiples
 
 
