@@ -32,11 +32,15 @@ def inputs(
     random = torch.Generator().manual_seed(0)
     tensors = {}
     more: dict[Kind, dict[str, int]] = {
-        "plus": {"direct": DIRECT},
+        "plus": {"direct": DIRECT, "gain": 3},
         "hybrid": {"noisy": SAMPLES, "denoised": SAMPLES},
     }
     for name, channels in {**CHANNELS, **(more.get(kind, {}) if kind else {})}.items():
-        size = (panorama // 2, panorama) if name in ("intensity", "distance") else (height, width)
+        sizes = {
+            "gain": (1, 1),
+            **dict.fromkeys(("intensity", "distance"), (panorama // 2, panorama)),
+        }
+        size = sizes.get(name, (height, width))
         tensors[name] = torch.rand(1, channels, *size, generator=random)
     tensors["normal"] = nn.functional.normalize(tensors["normal"] - 0.5, dim=1)
     return tensors
