@@ -44,6 +44,7 @@ import dask
 import psutil
 from dask.system import cpu_count
 from distributed import Client, Future, KilledWorker, LocalCluster, Nanny
+from distributed.comm import CommClosedError
 
 from pipeline.courier import Courier, Supply
 from pipeline.params import FarmParams
@@ -348,7 +349,7 @@ class _Run:
             else:
                 self.suspects.extend(batch)
             return
-        except CancelledError:
+        except (CancelledError, CommClosedError):
             raise MachineError(f"the dask scheduler has gone; {_GO_ON}") from None
         except Exception as error:
             reason = " ".join(str(error).split())
