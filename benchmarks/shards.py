@@ -23,7 +23,7 @@ from benchmarks.rows import Row, at_least
 from benchmarks.timing import Clock, Spent, by_turns, ratio, spread
 from model.data import IMAGES, Dataset
 from pipeline.dataset import pack_dataset
-from pipeline.frames import RGB, Kind, frame_path, read_frame
+from pipeline.frames import RGB, TINT, Kind, frame_path, read_frame
 from pipeline.params import ImageParams, Params
 from pipeline.stages import run_cameras, run_groundtruth, run_illumination, run_inputs
 from pipeline.views import View, load_cameras
@@ -131,6 +131,7 @@ def read_view(data: Path, view: View) -> dict[str, np.ndarray]:
         "valid": inputs.channels["valid"] > 0,
         "intensity": panorama["intensity.Y"],
         "distance": panorama["distance.Z"],
+        "tint": frames["illumination"].stack(*TINT),
         "shading": frames["shading"].rgb,
         "color": frames["color"].rgb,
     }
@@ -142,8 +143,8 @@ def read_columns(folder: Path) -> int:
     for path in sorted(folder.glob("*.parquet")):
         with pq.ParquetFile(path) as file:
             for group in range(file.num_row_groups):
-                table = file.read_row_group(group, columns=list(IMAGES))
-                for name in IMAGES:
+                table = file.read_row_group(group, columns=[*IMAGES, "tint"])
+                for name in (*IMAGES, "tint"):
                     values = pa.concat_arrays(table.column(name).chunks).flatten().to_numpy()
                     count += len(values.astype(np.float32, copy=False))
     return count

@@ -19,6 +19,7 @@ given = {"depth": bands["Z"], "valid": bands["valid"], "K": np.reshape(view["K"]
 given["normal"] = np.stack([bands[f"N.{axis}"] for axis in "XYZ"], axis=-1)
 given["reflectance"] = np.stack([bands[f"albedo.{band}"] for band in "RGB"], axis=-1)
 given |= {"intensity": bands["intensity.Y"], "distance": bands["distance.Z"]}
+given["tint"] = np.stack([bands[f"tint.{band}"] for band in "RGB"], axis=-1)
 session = onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
 wanted = [one.name for one in session.get_inputs()]
 shading, color = session.run(None, {name: given[name].astype(np.float32) for name in wanted})

@@ -45,6 +45,8 @@ NOISY_IMAGES: dict[str, int | None] = {
     "denoised_color": 3,
     "denoised_shading": 3,
 }
+# What datasets from before it have not.
+TINT: dict[str, int | None] = {"tint": 3}
 SCALARS = (
     "scene_id",
     "view_id",
@@ -79,6 +81,7 @@ class Example:
     noisy_shading: Array | None = None  # as shading, of the same paths
     denoised_color: Array | None = None  # what the denoiser makes of noisy_color
     denoised_shading: Array | None = None  # and of noisy_shading
+    tint: Array | None = None  # float32 (h, w, 3), the lights' colour, luminance 1; None: white
 
     @property
     def name(self) -> str:
@@ -111,9 +114,9 @@ class Dataset:
         only: Collection[str] | None = None,
     ) -> None:
         self.folder, self.split = Path(folder), split
-        self.images = {**IMAGES, **NOISY_IMAGES} if noisy else IMAGES
         self.only = None if only is None else frozenset(only)
         self.shards = _shards(self.folder, split)
+        self.images = {**IMAGES, **(NOISY_IMAGES if noisy else {}), **_optional(self.shards)}
         # Of every row group, the numbers of the rows that count.
         self.groups: list[list[Sequence[int]]] = [
             [range(size) for size in _group_sizes(path, self.images)] for path in self.shards
@@ -260,7 +263,7 @@ def subset_fingerprint(whole: str, only: Collection[str]) -> str:
 
 def mirrored(example: Example) -> Example:
     """The view seen in a mirror: columns reversed, normals' x and the panorama with them."""
-    images = {name: getattr(example, name) for name in (*IMAGES, *NOISY_IMAGES)}
+    images = {name: getattr(example, name) for name in (*IMAGES, *NOISY_IMAGES, *TINT)}
     flipped = {name: image[:, ::-1].copy() for name, image in images.items() if image is not None}
     flipped["normal"] = flipped["normal"] * np.array([-1, 1, 1], np.float32)
     turned = np.array([[-1, 0, example.depth.shape[1]], [0, 1, 0], [0, 0, 1]])
@@ -294,6 +297,16 @@ def _shards(folder: Path, split: Split) -> list[Path]:
             f"{folder}: {len(own)} of {count} {split} shards; pack it again with: pbrnet dataset"
         )
     return [path for path, _ in own]
+
+
+def _optional(shards: Sequence[Path]) -> dict[str, int | None]:
+    """Those columns of `TINT` that all shards have."""
+    kept = dict(TINT)
+    for path in shards:
+        with _reading(path), pq.ParquetFile(path) as file:
+            names = set(file.schema_arrow.names)
+            kept = {name: channels for name, channels in kept.items() if name in names}
+    return kept
 
 
 def _group_sizes(path: Path, images: Iterable[str]) -> list[int]:

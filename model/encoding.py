@@ -15,9 +15,9 @@ import numpy as np
 import torch
 
 from model.data import Array, Example
-from model.irradiance import direct_shading
+from model.irradiance import panorama_radiance, pixel_directions, seen_sources, surface_light
 from pipeline.params import ToneParams
-from pipeline.tonemap import Exposure, encode_srgb, exposure_of, tonemap
+from pipeline.tonemap import Exposure, encode_srgb, exposure_of, luminance, tonemap
 from scenes.errors import InputError
 
 Value = TypeVar("Value", Array, torch.Tensor)
@@ -25,10 +25,11 @@ Policy = Literal["own", "shared"]
 Tensors = dict[str, torch.Tensor]
 
 # Channels of every encoded input, and of what only some networks are given beside them.
-DIRECT = 2
+DIRECT = 7
 SAMPLES = 6
 CHANNELS = {"depth": 2, "normal": 3, "intensity": 1, "distance": 1, "reflectance": 3}
 RETURNED = 0.9  # of the light that surfaces pass on, what meets another: windows take the rest
+FAINTEST = 0.02  # band of a light's colour, beside a luminance of 1
 GREY = 0.5  # reflectance the networks are given where there is no surface
 WHITE = 20.0  # scaled luminance that maps to white, as usual indoors, where it is not known
 NEAR, MIDDLE, FAR = 0.05, 2.5, 100.0  # metres: depths and distances are clamped to the range
@@ -43,10 +44,12 @@ def encode(examples: Sequence[Example], direct: bool = False, noisy: bool = Fals
     * `distance`: metres, at most `FAR`; both are made logarithmic by the network, which may have
       to average them first
     * `reflectance`: `see_through`, sRGB-encoded and `centred`, like the display values it meets
-    * `direct`, if asked for: `direct_shading`, tone-mapped by its own log average and `WHITE` and
-      `centred`; and ln of it, relative to that average. With it `gain`, (N, 3, 1, 1), see
-      `interreflection`; and `brightness`, (N, 1, 1, 1): the log average of reflectance times gain,
-      as much as colour is brighter than shading of `GREY`
+    * `direct`, if asked for: `direct_shading` divided by the light's colour, tone-mapped by its own
+      log average and `WHITE` and `centred`; ln of its luminance, relative to that average; and ln
+      of that colour, the same everywhere. With it `tint`, (N, 3, 1, 1): the colour, see
+      `light_color`; `gain`, (N, 3, 1, 1), see `interreflection`; and `brightness`, (N, 1, 1, 1):
+      the log average of reflectance times tint and gain, as much as colour is brighter than
+      shading of `GREY`
     * `noisy` and `denoised`, if asked for: colour and shading of few samples, linear radiance, as
       they were traced and denoised. `InputError` for a view without
     """
@@ -58,9 +61,8 @@ def encode(examples: Sequence[Example], direct: bool = False, noisy: bool = Fals
         "reflectance": reflectances(examples),
     }
     if direct:
-        given["direct"] = _stack([_direct(example) for example in examples])
-        given["gain"] = _stack([interreflection(example) for example in examples])
-        given["brightness"] = _stack([_brightness(example) for example in examples])
+        known = [_direct(example) for example in examples]
+        given |= {name: _stack([each[name] for each in known]) for name in known[0]}
     if noisy:
         given["noisy"] = _stack([_both(e, e.noisy_color, e.noisy_shading) for e in examples])
         given["denoised"] = _stack(
@@ -127,6 +129,17 @@ def interreflection(example: Example) -> Array:
     return gain.astype(np.float32).reshape(1, 1, 3)
 
 
+def light_color(lit: Array) -> Array:
+    """The mean colour of direct light (H, W, 3) on surfaces: linear RGB of luminance 1, (1, 1, 3).
+
+    White in the dark. No band is below `FAINTEST`, so that light can be divided by it.
+    """
+    total = lit.sum(axis=(0, 1), dtype=np.float64)
+    seen = float(luminance(total))
+    color = np.maximum(total / seen, FAINTEST) if seen > 0 else np.ones(3)
+    return (color / luminance(color)).astype(np.float32).reshape(1, 1, 3)
+
+
 def centred(display: Value) -> Value:
     """Display values in [0, 1] to [-1, 1], as the networks take them."""
     return 2 * display - 1
@@ -154,19 +167,27 @@ def _depth(example: Example) -> Array:
     return np.stack([log * valid, valid], axis=-1)
 
 
-def _direct(example: Example) -> Array:
-    light = direct_shading(example, GREY)
-    grey = np.repeat(light[..., None], 3, axis=-1)
-    scale = exposure_of(grey, ToneParams()).scale
-    display = tonemap(grey, Exposure(scale, WHITE))[..., :1]
-    log = np.log(np.maximum(light * scale / ToneParams().key, 1e-3)) / 4
-    return np.concatenate([centred(display), log[..., None]], axis=-1)
+def _direct(example: Example) -> dict[str, Array]:
+    """`encode`'s inputs of networks that are given the direct light, images (H, W, C)."""
+    lit = surface_light(example, GREY)
+    tint, gain = light_color(lit), interreflection(example)
+    directions = pixel_directions(example.intrinsics, example.depth.shape)
+    light = (lit + seen_sources(panorama_radiance(example), directions)) / tint
+    scale = exposure_of(light, ToneParams()).scale
+    display = tonemap(light, Exposure(scale, WHITE))
+    log = np.log(np.maximum(luminance(light)[..., None] * scale / ToneParams().key, 1e-3)) / 4
+    everywhere = np.broadcast_to(np.log(tint), display.shape)
+    return {
+        "direct": np.concatenate([centred(display), log, everywhere], axis=-1),
+        "tint": tint,
+        "gain": gain,
+        "brightness": _brightness(example, tint * gain),
+    }
 
 
-def _brightness(example: Example) -> Array:
-    gain = np.where(example.valid[..., None], interreflection(example), np.float32(1))
-    exposure = exposure_of(see_through(example, GREY) * gain, ToneParams())
-    return np.array([[[ToneParams().key / exposure.scale / GREY]]])
+def _brightness(example: Example, gain: Array) -> Array:
+    held = see_through(example, GREY) * np.where(example.valid[..., None], gain, np.float32(1))
+    return np.array([[[ToneParams().key / exposure_of(held, ToneParams()).scale / GREY]]])
 
 
 def _both(example: Example, color: Array | None, shading: Array | None) -> Array:

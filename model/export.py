@@ -16,11 +16,12 @@ from typing import Any
 import torch
 from torch import nn
 
+from model.display import decoded, log_average, luminance
 from model.encoding import FAR, GREY, MIDDLE, NEAR, RETURNED, Tensors, centred
-from model.export_light import direct_light, encoded_light, log_average
+from model.export_light import direct_light, encoded_light, light_color
 from model.inference import Networks, needed
 from model.networks import GRID
-from model.plus import PlusNet, decoded, luminance
+from model.plus import PlusNet
 from scenes.checked import plain
 from scenes.errors import MachineError
 from scenes.files import atomic_file
@@ -58,7 +59,10 @@ class Chain(nn.Module):
 
 
 class PlusChain(nn.Module):
-    """PBR-Net plus with its direct light; as `Chain`, and the camera's `K` (3, 3) too."""
+    """PBR-Net plus with its direct light; as `Chain`, and `tint` (h, w, 3) and `K` (3, 3).
+
+    Where the lights' colours are not known, a tint of ones is white light.
+    """
 
     def __init__(self, networks: Networks) -> None:
         super().__init__()
@@ -73,16 +77,21 @@ class PlusChain(nn.Module):
         reflectance: torch.Tensor,
         intensity: torch.Tensor,
         distance: torch.Tensor,
+        tint: torch.Tensor,
         K: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Shading and colour, display values (H, W, 3) in [0, 1]."""
         inputs = encoded(depth, valid, normal, reflectance, intensity, distance, self.averaged)
-        light = direct_light(depth, valid, normal, intensity, distance, K)
+        lit, seen = direct_light(depth, valid, normal, intensity[..., None] * tint, distance, K)
         assert isinstance(self.network, PlusNet)
-        gain = interreflection(valid, reflectance)
-        shown = decoded((inputs["reflectance"] + 1) / 2) * (1 + valid * (gain - 1))
-        brightness = (log_average(luminance(shown)[0, 0]) / GREY).reshape(1, 1, 1, 1)
-        known = {"direct": encoded_light(light), "gain": gain, "brightness": brightness}
+        color, gain = light_color(lit), interreflection(valid, reflectance)
+        shown = decoded((inputs["reflectance"] + 1) / 2) * (1 + valid * (color * gain - 1))
+        known = {
+            "direct": encoded_light(lit + seen, color),
+            "tint": color,
+            "gain": gain,
+            "brightness": log_average(luminance(shown)) / GREY,
+        }
         shading, color = self.network.parts({**inputs, **known})
         return shading[0].clamp(0, 1).permute(1, 2, 0), color[0].clamp(0, 1).permute(1, 2, 0)
 
@@ -168,7 +177,8 @@ def export_onnx(networks: Networks, path: Path) -> None:
     sizes = [(45, 61), (45, 61), (45, 61, 3), (45, 61, 3), (40, 80), (40, 80)]
     names = list(INPUTS)
     if plus:
-        names, sizes, shapes = [*names, "K"], [*sizes, (3, 3)], [*shapes, {}]
+        names += ["tint", "K"]
+        sizes, shapes = [*sizes, (40, 80, 3), (3, 3)], [*shapes, image, {}]
     chain = PlusChain(networks) if plus else Chain(networks)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -14,12 +14,11 @@ from __future__ import annotations
 
 import torch
 from torch import nn
-from torch.nn import functional
 
+from model.display import decoded, displayed, log_average, luminance
 from model.encoding import CHANNELS, SAMPLES, Tensors
 from model.networks import Architecture, UNet
 from model.objective import Alone, Batch
-from model.plus import decoded, encoded, luminance
 
 GUIDES = ("depth", "normal", "reflectance")
 LEAST = 0.03  # reflectance that every surface is taken to have beside its own
@@ -46,7 +45,7 @@ class HybridNet(nn.Module):
         reflectance = decoded((inputs["reflectance"].float() + 1) / 2) + LEAST
         noisy, denoised = inputs["noisy"].float(), inputs["denoised"].float()
         known = [inputs[name] for name in GUIDES]
-        average = log_average(denoised[:, 3:])
+        average = log_average(luminance(denoised[:, 3:]))
         for images in (noisy, denoised):
             light = torch.cat([images[:, :3] / reflectance, images[:, 3:]], dim=1)
             known.append((light / average + FAINT).log() / 3)
@@ -54,17 +53,6 @@ class HybridNet(nn.Module):
         factor = (REACH * torch.tanh(logarithm / REACH)).exp()
         color, shading = (factor * denoised).split(3, dim=1)
         return shading, color
-
-
-def log_average(shading: torch.Tensor) -> torch.Tensor:
-    """Log-average luminance (N, 1, 1, 1) of (N, 3, H, W), of its 8x8 means as `exposure_of` has it.
-
-    1 where there is no light at all.
-    """
-    means = functional.avg_pool2d(luminance(shading), 8, ceil_mode=True, count_include_pad=False)
-    lit = (means > 0).float()
-    logs = (means.clamp(min=1e-20).log() * lit).sum(dim=(1, 2, 3), keepdim=True)
-    return (logs / lit.sum(dim=(1, 2, 3), keepdim=True).clamp(min=1)).exp()
 
 
 class Exposed(Alone):
@@ -87,9 +75,3 @@ class Exposed(Alone):
             logs = [(scale * each + LOG_FLOOR).log() for each in (image, truth[name])]
             loss = loss + LOG_WEIGHT * (logs[0] - logs[1]).abs().mean()
         return loss
-
-
-def displayed(scaled: torch.Tensor, white: torch.Tensor) -> torch.Tensor:
-    """`pipeline.tonemap.tonemap` of exposed radiance (N, 3, H, W), `white` (N, 1, 1, 1)."""
-    lum = luminance(scaled)
-    return encoded((scaled * (1 + lum / white**2) / (1 + lum)).clamp(0, 1))

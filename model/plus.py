@@ -1,22 +1,23 @@
 """PBR-Net plus: the paper's two steps with the physics that needs no ray left in.
 
-The shading network is given the direct light of the panorama (model/irradiance.py) and learns what
-that lacks: shadows, bounces, hidden lamps. The product of shading and reflectance is computed, not
-learned, and so is how much more light of each band bounces hold in a room of these colours; a
-second network adds what is lacking: colour that spills from one surface onto the next, gloss,
-glass. Both are trained at once, on the shading and on the colour.
+The shading network is given the direct light of the panorama (model/irradiance.py), its colour
+taken out, and learns what that lacks: shadows, bounces, hidden lamps. Then the colour is put back,
+or what it tells of that of the whole room; the paper's panorama has none. The product of shading
+and reflectance is computed, not learned, and so is how much more light of each band bounces hold
+in a room of these colours; a second network adds what is lacking: colour that spills from one
+surface onto the next, gloss, glass. All are trained at once, on the shading and on the colour.
 """
 
 from __future__ import annotations
 
 import torch
 from torch import nn
+from torch.nn import functional
 
+from model.display import decoded, displayed, luminance, recoloured
 from model.encoding import DIRECT, GREY, WHITE, Tensors, centred
 from model.networks import Architecture, Branch, GuidedNet, Panorama, UNet
 from model.objective import Alone, Batch
-
-_LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 class PlusNet(nn.Module):
@@ -27,6 +28,7 @@ class PlusNet(nn.Module):
         width, levels = architecture.width, architecture.levels
         self.own_exposure = architecture.exposure == "own"
         self.shading = LitNet(width, levels, architecture.panorama)
+        self.color = LightColor()
         self.correction = UNet(9, width, max(1, levels - 2))
         nn.init.zeros_(self.correction.out.bias)  # type: ignore[arg-type]
 
@@ -36,14 +38,14 @@ class PlusNet(nn.Module):
 
     def parts(self, inputs: Tensors) -> tuple[torch.Tensor, torch.Tensor]:
         """Shading and colour, display values (N, 3, H, W), not clamped."""
-        shading = self.shading(inputs)
+        shading = recoloured(self.shading(inputs).float(), self.color(inputs["tint"]))
         given = inputs["reflectance"]
         valid = inputs["depth"][:, 1:]
         gain = 1 + valid * (inputs["gain"] - 1)  # light from outdoors does not bounce indoors
         if self.own_exposure:
             gain = gain / inputs["brightness"]
-        base = multiplied(shading.float().clamp(0, 1), (given.float() + 1) / 2, gain.float())
-        seen = torch.cat([centred(shading), given, centred(base).to(given.dtype)], dim=1)
+        base = multiplied(shading.clamp(0, 1), (given.float() + 1) / 2, gain.float())
+        seen = torch.cat([centred(shading), given, centred(base)], dim=1)
         return shading, base + self.correction(seen)
 
 
@@ -58,10 +60,30 @@ class LitNet(GuidedNet):
         nn.init.zeros_(self.unet.out.bias)  # type: ignore[arg-type]
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
-        """Shading in display values (N, 3, H, W)."""
+        """Shading in display values (N, 3, H, W), as white light would make it."""
         features = [self.branches[name](inputs[name]) for name in self.images]
         features += [self.panorama(inputs), self.direct(inputs["direct"])]
-        return self.unet(torch.cat(features, dim=1)) + (inputs["direct"][:, :1] + 1) / 2
+        return self.unet(torch.cat(features, dim=1)) + (inputs["direct"][:, :3] + 1) / 2
+
+
+class LightColor(nn.Module):
+    """The colour of all light in a room, from that of the sources that its panorama shows.
+
+    They differ by day: a window shows blue sky, and lets in the sun and what sunlit ground
+    returns. At first it is the sources' own colour.
+    """
+
+    def __init__(self, hidden: int = 16) -> None:
+        super().__init__()
+        self.hidden, self.out = nn.Linear(3, hidden), nn.Linear(hidden, 3)
+        nn.init.zeros_(self.out.weight)
+        nn.init.zeros_(self.out.bias)  # type: ignore[arg-type]
+
+    def forward(self, tint: torch.Tensor) -> torch.Tensor:
+        """Linear RGB of luminance 1 (N, 3, 1, 1) to the same."""
+        logs = tint.flatten(1).log()
+        color = (logs + self.out(functional.relu(self.hidden(logs)))).exp()[..., None, None]
+        return color / luminance(color)
 
 
 def multiplied(
@@ -78,9 +100,7 @@ def multiplied(
     # Reinhard's operator, solved for the luminance that it was given
     scaled = seen / (half + torch.sqrt(half**2 + seen / WHITE**2 + 1e-12))
     linear = light * (scaled / seen.clamp(min=1e-6)) * decoded(reflectance) * (gain / GREY)
-    bright = luminance(linear)
-    mapped = linear * (1 + bright / WHITE**2) / (1 + bright)
-    return encoded(mapped.clamp(0, 1))
+    return displayed(linear, WHITE)
 
 
 class Decomposed(Alone):
@@ -94,20 +114,3 @@ class Decomposed(Alone):
             return self.criterion(color.float(), batch.truth) + self.criterion(
                 shading.float(), batch.shading
             )
-
-
-def luminance(image: torch.Tensor) -> torch.Tensor:
-    """Rec. 709 luminance (N, 1, H, W) of linear RGB (N, 3, H, W)."""
-    return sum(weight * image[:, k : k + 1] for k, weight in enumerate(_LUMINANCE))  # type: ignore[return-value]
-
-
-def decoded(display: torch.Tensor) -> torch.Tensor:
-    """sRGB to linear, with a gradient everywhere."""
-    high = ((display.clamp(min=0.04045) + 0.055) / 1.055) ** 2.4
-    return torch.where(display <= 0.04045, display / 12.92, high)
-
-
-def encoded(linear: torch.Tensor) -> torch.Tensor:
-    """Linear to sRGB, with a gradient everywhere."""
-    high = 1.055 * linear.clamp(min=0.0031308) ** (1 / 2.4) - 0.055
-    return torch.where(linear <= 0.0031308, 12.92 * linear, high)

@@ -19,12 +19,8 @@ from model.encoding import Tensors
 from model.networks import Architecture, Kind
 from scenes.errors import InputError
 
-WHOLE = (
-    "intensity",
-    "distance",
-    "gain",
-    "brightness",
-)  # of the inputs, what is no image of the view
+# Of the inputs, what is no image of the view.
+WHOLE = ("intensity", "distance", "tint", "gain", "brightness")
 SMALLEST = 16  # pixels a side of a piece
 
 # How far each network looks beyond an aligned block: U-Nets in series add, and a `Branch` is one.

@@ -110,6 +110,14 @@ def dataset_columns(
             sphere,
         ),
         Column(
+            "tint",
+            half,
+            "The same panorama: the light's colour, linear RGB of luminance 1; 0: none. The paper "
+            "has no such input.",
+            "",
+            (*sphere, 3),
+        ),
+        Column(
             "shading",
             half,
             "Linear HDR RGB, path traced with every colour and texture replaced by one grey.",

@@ -5,7 +5,8 @@ Channels (linear, scene-referred; see `KINDS`):
 * inputs        `Z` z-depth in metres (0: no surface), `N.X/Y/Z` unit normal in the camera's
                 OpenCV axes, `albedo.R/G/B` reflectance in [0, 1], `valid` 0 or 1,
                 `object` index + 1 into `scene.json`'s objects (0: none)
-* illumination  `intensity.Y` luminance of the visible light source, `distance.Z` metres to it
+* illumination  `intensity.Y` luminance of the visible light source, `distance.Z` metres to it,
+                `tint.R/G/B` its colour, linear RGB of luminance 1
 * shading       `R`, `G`, `B` HDR radiance with every reflectance replaced by one grey
 * color         `R`, `G`, `B` HDR radiance of the full scene
 * noisy         colour again, and as `shading.R/G/B` shading, of a few samples a pixel that no
@@ -41,6 +42,7 @@ Kind = Literal["inputs", "illumination", "shading", "color", "noisy"]
 Channels = dict[str, npt.NDArray[Any]]
 
 RGB = ("R", "G", "B")
+TINT = ("tint.R", "tint.G", "tint.B")
 NOISY_SHADING = ("shading.R", "shading.G", "shading.B")
 DENOISED = ("denoised.R", "denoised.G", "denoised.B")
 DENOISED_SHADING = ("denoised.shading.R", "denoised.shading.G", "denoised.shading.B")
@@ -52,7 +54,11 @@ KINDS: dict[Kind, dict[str, type]] = {
         "valid": np.float16,
         "object": np.uint32,
     },
-    "illumination": {"intensity.Y": np.float32, "distance.Z": np.float32},
+    "illumination": {
+        "intensity.Y": np.float32,
+        "distance.Z": np.float32,
+        **dict.fromkeys(TINT, np.float16),
+    },
     "shading": dict.fromkeys(RGB, np.float16),
     "color": dict.fromkeys(RGB, np.float16),
     "noisy": dict.fromkeys((*RGB, *NOISY_SHADING, *DENOISED, *DENOISED_SHADING), np.float16),

@@ -2,7 +2,8 @@
 
 The rule is one of energy: a pixel's `intensity` is the mean, over the pixel's solid angle, of
 the luminance emitted by what is visible there, so that the sum of intensity x solid angle over
-the panorama is the illuminance that the visible sources give. Two estimators serve it:
+the panorama is the illuminance that the visible sources give. `tint` is the colour of that light,
+which the paper's panorama has not. Two estimators serve them:
 
 * sources at least a pixel or so wide, and the sky: rays on a fixed stratified grid of each pixel;
 * narrower ones (bulbs, tubes, the sun's disc, point and spot lights), which a grid would miss or
@@ -23,14 +24,15 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline import rays
-from pipeline.frames import Channels
+from pipeline.frames import TINT, Channels
 from pipeline.lights import Lights
 from pipeline.params import IlluminationParams
 from pipeline.renderer import RenderScene
+from pipeline.tonemap import luminance
 from pipeline.views import View
 from scenes.contract import Portal
 
-REVISION = 1
+REVISION = 2
 _NARROW = 1.5  # pixels: sources of less mean width are sampled from the light's side
 _MOST_SHARES = 64  # times `light_samples` points at most for one long, thin source
 _PROBE_WIDTH = 128  # columns of the coarse look for openings
@@ -45,25 +47,47 @@ def render_illumination(
     """Channels of an `illumination` frame, float32 (width / 2, width).
 
     `intensity.Y`: Rec. 709 luminance, `distance.Z`: its intensity-weighted mean distance in
-    metres; both 0 where no light is visible. Equirectangular in the camera's own tilted frame:
-    the centre column is straight ahead, right of it the camera's right, the top row its up.
+    metres; `tint.R/G/B`: linear RGB of luminance 1, so that intensity x tint is the mean radiance.
+    All 0 where no light is visible. Equirectangular in the camera's own tilted frame: the centre
+    column is straight ahead, right of it the camera's right, the top row its up.
     The sky's distance is that of the outermost portal the ray leaves through, or where it
     leaves through none, of the scene's bounding box.
     """
     panorama = Panorama(params.width, view.pose[:3, :3])
     lights = render_scene.lights
     narrow, shares = _narrow_lamps(lights, view.eye, panorama)
-    energy, weighted = np.zeros(panorama.size), np.zeros(panorama.size)
-    _add_narrow(render_scene, lights, view.eye, panorama, params, narrow, shares, energy, weighted)
-    _add_wide(render_scene, lights, view.eye, panorama, params, narrow, energy, weighted)
+    gathered = Gathered(panorama.size)
+    _add_narrow(render_scene, lights, view.eye, panorama, params, narrow, shares, gathered)
+    _add_wide(render_scene, lights, view.eye, panorama, params, narrow, gathered)
     solid = np.repeat(panorama.solid_angles, panorama.width)
-    lit = energy > 0
-    distance = np.where(lit, weighted / np.where(lit, energy, 1), 0)
-    shape = (panorama.height, panorama.width)
-    return {
-        "intensity.Y": (energy / solid).astype(np.float32).reshape(shape),
-        "distance.Z": distance.astype(np.float32).reshape(shape),
+    energy = luminance(gathered.energy)
+    some = np.where(energy > 0, energy, 1)
+    bands = {
+        "intensity.Y": energy / solid,
+        "distance.Z": gathered.weighted / some,
+        **{name: gathered.energy[:, i] / some for i, name in enumerate(TINT)},
     }
+    shape = (panorama.height, panorama.width)
+    return {name: band.astype(np.float32).reshape(shape) for name, band in bands.items()}
+
+
+class Gathered:
+    """What has been found so far in each of `size` pixels.
+
+    `energy` (size, 3) is linear RGB radiance times steradians, `weighted` (size,) its luminance
+    times metres.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.energy = np.zeros((size, 3))
+        self.weighted = np.zeros(size)
+
+    def add(self, pixels: npt.NDArray[np.int64], light: Float64, metres: Float64) -> None:
+        """Light (N, 3), as `energy`, from `metres` (N,) away into pixels (N,)."""
+        size = len(self.weighted)
+        for band in range(3):
+            self.energy[:, band] += np.bincount(pixels, light[:, band], size)
+        self.weighted += np.bincount(pixels, luminance(light) * metres, size)
 
 
 @dataclass(frozen=True)
@@ -192,7 +216,7 @@ def _narrow_lamps(
     _, _, light, density = rays.towards_lights(
         lights.lamps, which, eye, np.tile(_sequence(tries), (count, 1))
     )
-    shown = (light > 0) & (density > 0)
+    shown = (luminance(light) > 0) & (density > 0)
     parts = np.where(shown, 1 / np.where(shown, density, 1), 0)
     solid = parts.reshape(count, tries).mean(axis=1)
     away = np.linalg.norm(lights.centre - eye, axis=1)
@@ -212,8 +236,7 @@ def _add_narrow(
     params: IlluminationParams,
     narrow: npt.NDArray[np.bool_],
     shares: npt.NDArray[np.int64],
-    energy: Float64,
-    weighted: Float64,
+    gathered: Gathered,
 ) -> None:
     counts = np.where(narrow, shares * params.light_samples, 0)
     which = np.repeat(np.arange(len(counts)), counts)
@@ -221,8 +244,8 @@ def _add_narrow(
         return
     samples = np.concatenate([_sequence(count) for count in counts])
     directions, distance, light, _ = rays.towards_lights(lights.lamps, which, eye, samples)
-    part = light / counts[which]
-    seen = part > 0
+    part = light / counts[which, None]
+    seen = luminance(part) > 0
     which, directions, distance, part = which[seen], directions[seen], distance[seen], part[seen]
     distant = lights.distant[which]
     reach = np.where(distant, 1e9, distance)
@@ -231,7 +254,7 @@ def _add_narrow(
     metres[distant] = outside_distance(
         eye, directions[distant], render_scene.scene.portals, render_scene.bbox
     )
-    _accumulate(panorama, directions[free], part[free], metres[free], energy, weighted)
+    gathered.add(panorama.pixels(directions[free]), part[free], metres[free])
 
 
 def _add_wide(
@@ -241,8 +264,7 @@ def _add_wide(
     panorama: Panorama,
     params: IlluminationParams,
     narrow: npt.NDArray[np.bool_],
-    energy: Float64,
-    weighted: Float64,
+    gathered: Gathered,
 ) -> None:
     target = render_scene.target
     glowing = np.zeros(len(target.shapes), dtype=bool)
@@ -270,11 +292,9 @@ def _add_wide(
         )
         light[escaped] = _sky_light(lights, panorama, params, pixels, np.flatnonzero(escaped))
     solid = np.repeat(panorama.solid_angles[pixels // panorama.width] / parts, parts)
-    lit = light > 0
-    where = np.repeat(pixels, parts)[lit]
-    part = (light * solid)[lit]
-    energy += np.bincount(where, part, panorama.size)
-    weighted += np.bincount(where, part * metres[lit], panorama.size)
+    lit = luminance(light) > 0
+    part = (light * solid[:, None])[lit]
+    gathered.add(np.repeat(pixels, parts)[lit], part, metres[lit])
 
 
 def _sky_light(
@@ -284,20 +304,20 @@ def _sky_light(
     pixels: npt.NDArray[np.int64],
     escaped: npt.NDArray[np.int64],
 ) -> Float64:
-    """Mean luminance of the environment over the part of a pixel that each escaped ray stands for.
+    """Mean light (N, 3) of the environment over the part of a pixel that each ray stands for.
 
     `escaped` numbers the rays, `supersampling`^2 to a pixel. A part is looked up as often as it
     takes to miss no texel of an environment map, which needs no further rays.
     """
     per_axis = params.supersampling
     steps = max(1, math.ceil(panorama.pitch / per_axis / lights.texel))
-    light = np.empty(len(escaped))
+    light = np.empty((len(escaped), 3))
     batch = max(1, rays.CHUNK // steps**2)
     for start in range(0, len(escaped), batch):
         pixel, part = np.divmod(escaped[start : start + batch], per_axis**2)
         directions = panorama.finer(pixels[pixel], part, per_axis, steps)
         seen = rays.sky(lights.environment, directions.reshape(-1, 3))
-        light[start : start + batch] = seen.reshape(-1, steps**2).mean(axis=1)
+        light[start : start + batch] = seen.reshape(-1, steps**2, 3).mean(axis=1)
     return light
 
 
@@ -321,16 +341,3 @@ def _open_pixels(
     near[[0, -1]] = near[[0, -1]].any(axis=1, keepdims=True)
     middles = panorama.directions(np.arange(panorama.size), 1)[:, 0]
     return wanted | near.ravel()[coarse.pixels(middles)]
-
-
-def _accumulate(
-    panorama: Panorama,
-    directions: Float64,
-    part: Float64,
-    metres: Float64,
-    energy: Float64,
-    weighted: Float64,
-) -> None:
-    pixels = panorama.pixels(directions)
-    energy += np.bincount(pixels, part, panorama.size)
-    weighted += np.bincount(pixels, part * metres, panorama.size)

@@ -17,7 +17,6 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-REC709 = np.array([0.2126, 0.7152, 0.0722])
 LAYERS = 16  # clear surfaces that one ray may pass: a glass cabinet before a glass door and so on
 CHUNK = 1 << 21  # rays in flight, which bounds memory
 
@@ -140,28 +139,28 @@ def ids(
 def emitted(
     target: Target, origin: npt.ArrayLike, directions: Array, glowing: Array
 ) -> tuple[Ints, Floats, npt.NDArray[np.float64]]:
-    """First shape each ray sees, the distance to it and the luminance it emits towards `origin`.
+    """First shape each ray sees, the distance to it and the light (N, 3) it emits to `origin`.
 
     Only shapes marked in `glowing`, bool by shape index, are asked for light; others give 0.
     """
     trace = _scalar_emitted if is_scalar() else _wave_emitted
     shape, distance, light = _in_chunks(partial(trace, target, glowing), origin, directions)
-    return shape, distance, _luminance(light)
+    return shape, distance, _light(light)
 
 
 def sky(emitter: Any, directions: Array) -> npt.NDArray[np.float64]:
-    """Luminance of an environment emitter seen along `directions` (N, 3), float64 (N,)."""
+    """Linear RGB of an environment emitter seen along `directions` (N, 3), float64 (N, 3)."""
     if is_scalar():
         light = np.zeros((len(directions), 3))
         si = mi.SurfaceInteraction3f()
         for i, direction in enumerate(directions):
             si.wi = mi.ScalarVector3f(-direction)
             light[i] = emitter.eval(si)
-        return _luminance(light)
+        return _light(light)
     si = dr.zeros(mi.SurfaceInteraction3f, len(directions))
     si.wi = vector(mi.Vector3f, -directions)
     (light,) = _arrays(mi.Color3f(emitter.eval(si)))
-    return _luminance(light)
+    return _light(light)
 
 
 def towards_lights(
@@ -173,8 +172,8 @@ def towards_lights(
     """Points on lights as seen from `eye` (3,), ignoring what is in between.
 
     Sample i lies on `emitters[which[i]]`, chosen there by `samples[i]` in [0, 1)^2. Returns
-    direction (N, 3), distance (N,), luminance per probability (N,), whose mean over a light's
-    samples is its illuminance on a surface that faces it, and probability density per
+    direction (N, 3), distance (N,), light per probability (N, 3), whose mean over a light's
+    samples is its irradiance on a surface that faces it, and probability density per
     steradian (N,), 0 for lights without size and for points that face away.
     """
     if is_scalar():
@@ -190,7 +189,7 @@ def towards_lights(
     direction, distance, light, density = _arrays(
         ds.d, ds.dist, mi.Color3f(weight), dr.select(ds.delta, 0, ds.pdf)
     )
-    return direction.astype(np.float64), distance, _luminance(light), density.astype(np.float64)
+    return direction.astype(np.float64), distance, _light(light), density.astype(np.float64)
 
 
 def registry_table(pairs: list[tuple[Any, Any]], pointer: Any, fill: int, dtype: Any) -> Any:
@@ -207,9 +206,9 @@ def registry_id(thing: Any, pointer: Any) -> int:
     return int(dr.reinterpret_array(mi.UInt32, pointer(thing))[0])
 
 
-def _luminance(rgb: Array) -> npt.NDArray[np.float64]:
-    light: npt.NDArray[np.float64] = np.maximum(rgb.astype(np.float64) @ REC709, 0)
-    return light
+def _light(rgb: Array) -> npt.NDArray[np.float64]:
+    """Spectra of a renderer as linear RGB, float64, none of it negative."""
+    return np.maximum(rgb.astype(np.float64), 0)
 
 
 def _in_chunks(
@@ -499,4 +498,4 @@ def _scalar_towards_lights(
         ds, weight = emitters[which[i]].sample_direction(si, mi.ScalarPoint2f(samples[i]))
         directions[i], distances[i], light[i] = ds.d, ds.dist, weight
         density[i] = 0 if ds.delta else ds.pdf
-    return directions, distances, _luminance(light), density
+    return directions, distances, _light(light), density

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from pipeline.card import attribution_of, licence_of
 from pipeline.checks import Frames, noise_of
-from pipeline.frames import DENOISED, DENOISED_SHADING, NOISY_SHADING, RGB, Frame
+from pipeline.frames import DENOISED, DENOISED_SHADING, NOISY_SHADING, RGB, TINT, Frame
 from pipeline.params import ToneParams
 from pipeline.pictures import fit, png_bytes, tone_picture
 from pipeline.tonemap import exposure_of
@@ -41,6 +41,7 @@ def make_row(
         "valid": (inputs["valid"] > 0).astype(np.uint8),
         "intensity": panorama["intensity.Y"],
         "distance": panorama["distance.Z"],
+        "tint": _interleave(panorama, *TINT),
         "shading": _interleave(shading.channels, *RGB),
         "color": _interleave(color.channels, *RGB),
         "K": view.intrinsics,

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.params import ToneParams
+from scenes.photometry import REC709
 
 Image = npt.NDArray[np.floating]
-REC709 = np.array([0.2126, 0.7152, 0.0722])
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+REC709 = np.array([0.2126, 0.7152, 0.0722])  # luminance of linear RGB
 LUMEN = 1.6e-5  # radiometric power, in `sunsky`'s units x m^2, of one lumen of white light
 
 
@@ -48,5 +49,5 @@ def blackbody(kelvin: float) -> tuple[float, float, float]:
         ]
     )
     rgb = np.maximum(to_rgb @ xyz, 0)
-    rgb /= rgb @ np.array([0.2126, 0.7152, 0.0722])
+    rgb /= rgb @ REC709
     return (float(rgb[0]), float(rgb[1]), float(rgb[2]))

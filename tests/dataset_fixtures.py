@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.frames import Channels, Kind, fingerprint, frame_path, write_frame
+from pipeline.frames import TINT, Channels, Kind, fingerprint, frame_path, write_frame
 from pipeline.params import IlluminationParams, ImageParams, Params
 from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, save_cameras
 from scenes.contract import (
@@ -24,6 +24,7 @@ from scenes.contract import (
 )
 
 ROOM = (4.0, 5.0, 2.6)  # metres: x, y, height
+WARM = (1.6, 0.89, 0.32)  # the lamps' colour, of luminance 1
 LIGHTING = ("day", "evening", "night", "mixed")
 
 
@@ -155,6 +156,7 @@ def box_frames(view: View, params: Params) -> dict[Kind, Channels]:
     intensity[5:7, 10:13] = random.uniform(20, 30, (2, 3))
     intensity[3:7, 22:27] = 120000.0  # brighter than a half float can say
     distance = np.where(intensity > 0, np.float32(2.25), np.float32(0))
+    tint = {name: np.where(intensity > 0, value, 0) for name, value in zip(TINT, WARM, strict=True)}
     planes = {
         "Z": depth.astype(np.float32),
         **{f"N.{name}": normal[..., index] for index, name in enumerate("XYZ")},
@@ -166,7 +168,7 @@ def box_frames(view: View, params: Params) -> dict[Kind, Channels]:
     color = albedo * light
     return {
         "inputs": planes,
-        "illumination": {"intensity.Y": intensity, "distance.Z": distance},
+        "illumination": {"intensity.Y": intensity, "distance.Z": distance, **tint},
         "shading": {name: shading[..., index] for index, name in enumerate("RGB")},
         "color": {name: color[..., index] for index, name in enumerate("RGB")},
     }

@@ -21,6 +21,7 @@ from render_fixtures import (
 from study_fixtures import untrained
 
 from model.training import Folders
+from pipeline.frames import TINT
 from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
 from pipeline.params import (
@@ -113,6 +114,7 @@ def _row(opened: Any, view: View) -> dict[str, Any]:
         "valid": inputs["valid"].astype(np.uint8),
         "intensity": panorama["intensity.Y"],
         "distance": panorama["distance.Z"],
+        "tint": np.stack([panorama[name] for name in TINT], -1).astype(np.float16),
         "K": view.intrinsics.ravel(),
         **{kind: image.astype(np.float16) for kind, image in images.items()},
         **{f"exposure_{kind}": exposure.scale for kind, exposure in exposures.items()},

@@ -71,6 +71,7 @@ def box_view(seed: int, width: int = 40, height: int = 30, panorama: int = 32) -
         "valid": np.ones((height, width), np.uint8),
         "intensity": np.where(lit, 50.0, 0.0).astype(np.float32),
         "distance": np.where(lit, np.linalg.norm(bulb), 0.0).astype(np.float32),
+        "tint": np.repeat(lit[..., None], 3, axis=-1).astype(np.float16),
         "K": np.array([focal, 0, width / 2, 0, focal, height / 2, 0, 0, 1]),
         "shading": shading.astype(np.float16),
         "color": (2 * reflectance * shading).astype(np.float16),

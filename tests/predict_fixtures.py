@@ -8,7 +8,7 @@ import numpy as np
 from model_fixtures import ROOM, box_view
 from render_fixtures import ball, diffuse, glow, write_scene
 
-from pipeline.frames import write_frame
+from pipeline.frames import TINT, write_frame
 from pipeline.params import ImageParams
 from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, save_cameras
 
@@ -36,7 +36,11 @@ def box_frames(data: Path, name: str = "v0", **size: int) -> View:
             "valid": images["valid"].astype(np.float16),
             "object": np.ones_like(images["depth"], np.uint32),
         },
-        "illumination": {"intensity.Y": images["intensity"], "distance.Z": images["distance"]},
+        "illumination": {
+            "intensity.Y": images["intensity"],
+            "distance.Z": images["distance"],
+            **{name: images["tint"][..., k] for k, name in enumerate(TINT)},
+        },
         **rgb,
     }
     for kind, pixels in channels.items():

@@ -34,7 +34,7 @@ from pipeline.checks import REASONS, black_share, blown_share, check_frames, fir
 from pipeline.cli import cli
 from pipeline.columns import dataset_columns
 from pipeline.dataset import pack_dataset
-from pipeline.frames import HALF_MAX, Frame, frame_path, read_frame
+from pipeline.frames import HALF_MAX, TINT, Frame, frame_path, read_frame
 from pipeline.params import CheckParams, SplitParams
 from pipeline.pictures import read_picture
 from pipeline.splits import Source, split_plans
@@ -98,6 +98,7 @@ def test_every_column_equals_the_frames_bit_for_bit(packed: Path) -> None:
             "valid": inputs["valid"].astype(np.uint8),
             "intensity": frames["illumination"].channels["intensity.Y"],
             "distance": frames["illumination"].channels["distance.Z"],
+            "tint": np.stack([frames["illumination"].channels[name] for name in TINT], -1),
             **{
                 kind: np.stack([frames[kind].channels[band] for band in "RGB"], -1)
                 for kind in ("shading", "color")

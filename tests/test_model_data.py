@@ -14,6 +14,7 @@ from model_fixtures import box_dataset, box_rows, box_view, write_shard
 
 from model.data import Dataset, coin_flips, mirrored
 from model.encoding import encode
+from model.irradiance import panorama_radiance
 from pipeline.tonemap import encode_srgb
 from scenes.errors import InputError
 
@@ -43,7 +44,16 @@ def test_ordered_reading_gives_back_what_was_packed(folder: Path) -> None:
     ]
     assert len(examples) == 30
     images = box_view(sum(b"room-0") * 100, **SIZE)
-    for name in ("depth", "normal", "reflectance", "intensity", "distance", "shading", "color"):
+    for name in (
+        "depth",
+        "normal",
+        "reflectance",
+        "intensity",
+        "distance",
+        "tint",
+        "shading",
+        "color",
+    ):
         read = getattr(examples[0], name)
         assert read.dtype == np.float32
         assert np.array_equal(read, images[name].astype(np.float32)), name
@@ -187,6 +197,17 @@ def test_a_foreign_table(tmp_path: Path) -> None:
     pq.write_table(pa.table({"a": [1, 2]}), tmp_path / "train-00000-of-00001.parquet")
     with pytest.raises(InputError, match="not a dataset of this project: the column 'scene_id'"):
         Dataset(tmp_path, "train")
+
+
+def test_a_dataset_from_before_lights_had_colours_is_read_as_white(tmp_path: Path) -> None:
+    box_dataset(tmp_path, 2, 0, 0, **SIZE)
+    shard = tmp_path / "dataset" / "train-00000-of-00001.parquet"
+    (now,) = list(Dataset(tmp_path / "dataset", "train").ordered())[:1]
+    pq.write_table(pq.read_table(shard).drop_columns(["tint"]), shard)
+    (before,) = list(Dataset(tmp_path / "dataset", "train").ordered())[:1]
+    assert before.tint is None and now.tint is not None
+    assert np.array_equal(panorama_radiance(before), panorama_radiance(now))  # its lamp is white
+    assert mirrored(before).tint is None
 
 
 def test_images_without_shape(tmp_path: Path) -> None:

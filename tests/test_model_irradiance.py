@@ -11,8 +11,14 @@ from model_fixtures import box_dataset
 
 from model.data import Dataset, Example, mirrored
 from model.encoding import encode, solid_angles
-from model.irradiance import direct_shading, panorama_directions, pixel_directions, sources
-from pipeline.tonemap import Exposure
+from model.irradiance import (
+    direct_shading,
+    panorama_directions,
+    panorama_radiance,
+    pixel_directions,
+    sources,
+)
+from pipeline.tonemap import Exposure, luminance
 
 SIZE = (60, 80)  # rows, columns
 
@@ -58,9 +64,9 @@ def test_a_lamp_lights_a_wall_by_cosine_and_square_of_distance(
     place: tuple[float, float, float],
 ) -> None:
     view = with_lamp(wall(), place, power=3.0)
-    lit = direct_shading(view, albedo=0.5)
+    lit = direct_shading(view, albedo=0.5)[..., 1]
     # where the panorama's pixel has the lamp: its centre is half a pixel off at most
-    lamp = sources(view.intensity, view.distance)[0][0].astype(float)
+    lamp = sources(panorama_radiance(view), view.distance)[0][0].astype(float)
     assert np.linalg.norm(lamp - place) < np.linalg.norm(place) * np.pi / 128
     point = pixel_directions(view.intrinsics, SIZE).astype(float) * 2.0
     away = lamp - point
@@ -75,7 +81,7 @@ def test_a_lamp_lights_a_wall_by_cosine_and_square_of_distance(
 
 def test_a_lamp_behind_the_wall_leaves_it_dark() -> None:
     view = with_lamp(wall(2.0), (0, 0, 4.0), power=3.0)
-    lit = direct_shading(view, 0.5)
+    lit = direct_shading(view, 0.5)[..., 1]
     assert (lit > 0).sum() < 20  # but for the pixels that would show the lamp
 
 
@@ -85,7 +91,36 @@ def test_lamps_add_up_and_two_in_one_cell_keep_their_power() -> None:
     both = direct_shading(with_lamp(with_lamp(wall(), *first), *second), 0.5)
     assert both == pytest.approx(one + other, rel=1e-4)
     near = with_lamp(with_lamp(wall(), (0, 0, -3), 2.0), (0.08, 0, -3), 1.0)
-    assert sources(near.intensity, near.distance)[1].sum() == pytest.approx(3.0, rel=1e-5)
+    power = sources(panorama_radiance(near), near.distance)[1]
+    assert power.sum(axis=0) == pytest.approx([3.0] * 3, rel=1e-5)
+
+
+def test_lamps_light_in_their_own_colours() -> None:
+    """A red lamp and a green one: each wall's light is the sum of both, band by band."""
+    lamps = [((1.0, -1.0, -1.5), 2.0), ((-1.0, 1.2, -1.1), 1.0)]
+    views = [with_lamp(wall(), *lamp) for lamp in lamps]
+    colours = np.float32([[3.0, 0.5, 0.1], [0.2, 1.3, 0.4]])
+    colours /= luminance(colours)[:, None]
+    tint = sum((v.intensity > 0)[..., None] * c for v, c in zip(views, colours, strict=True))
+    both = with_lamp(views[0], *lamps[1])
+    lit = direct_shading(replace(both, tint=tint), 0.5)
+    plain = [direct_shading(view, 0.5)[..., :1] for view in views]
+    assert lit == pytest.approx(plain[0] * colours[0] + plain[1] * colours[1], rel=1e-4)
+    assert luminance(lit) == pytest.approx(direct_shading(both, 0.5)[..., 0], rel=1e-4)
+
+
+def test_the_colour_of_the_light_is_taken_out_and_told() -> None:
+    """In light of one colour the network sees the room as under white light, and that colour."""
+    view = with_lamp(wall(), (0.5, -1.0, -1.5), 3.0)
+    color = np.float32([1.8, 0.85, 0.1])
+    color /= luminance(color)
+    warm = replace(view, tint=(view.intensity > 0)[..., None] * color)
+    white, told = (encode([each], direct=True) for each in (view, warm))
+    assert told["tint"].flatten().tolist() == pytest.approx(color.tolist(), rel=1e-3)
+    assert white["tint"].flatten().tolist() == pytest.approx([1, 1, 1], rel=1e-5)
+    assert np.allclose(told["direct"][:, :4], white["direct"][:, :4], atol=2e-3)
+    logs = told["direct"][0, 4:].exp().numpy()
+    assert logs == pytest.approx(np.broadcast_to(color[:, None, None], logs.shape), rel=1e-3)
 
 
 def test_where_no_surface_is_the_source_behind_it_is_seen() -> None:
@@ -104,6 +139,8 @@ def test_no_light_is_black_and_finite() -> None:
 
 def test_direct_light_mirrors_with_its_view_and_ignores_brightness(tmp_path: Path) -> None:
     example = next(Dataset(box_dataset(tmp_path) / "dataset", "train").ordered())
+    colors = np.random.default_rng(0).uniform(0.2, 2, (*example.intensity.shape, 3))
+    example = replace(example, tint=colors.astype(np.float32))
     lit = direct_shading(example, 0.5)
     assert direct_shading(mirrored(example), 0.5) == pytest.approx(lit[:, ::-1], rel=1e-3)
     brighter = replace(example, intensity=100 * example.intensity)
@@ -118,7 +155,7 @@ def test_direct_light_mirrors_with_its_view_and_ignores_brightness(tmp_path: Pat
 def test_in_a_box_with_a_bulb_it_is_the_truth(tmp_path: Path) -> None:
     """The test world is lit by one bulb and a little even light: direct light is nearly all."""
     for example in Dataset(box_dataset(tmp_path) / "dataset", "train").ordered():
-        lit = direct_shading(example, 0.5)
+        lit = direct_shading(example, 0.5)[..., 0]
         truth = example.shading[..., 0] - 0.5 * 0.5 / np.pi
         outside = lit < 50  # not the bulb itself, which the truth does not show
         kept = outside & (truth > 0.02)

@@ -10,13 +10,14 @@ import pytest
 import torch
 from model_fixtures import box_dataset
 
+from model import display
 from model.baselines.product import linear_product
 from model.data import Dataset
 from model.encoding import WHITE, encode, interreflection
 from model.networks import Architecture
-from model.plus import PlusNet, multiplied
+from model.plus import LightColor, PlusNet, multiplied
 from pipeline.params import ToneParams
-from pipeline.tonemap import Exposure, encode_srgb, exposure_of, tonemap, untonemap
+from pipeline.tonemap import Exposure, encode_srgb, exposure_of, luminance, tonemap, untonemap
 
 
 class Card:
@@ -53,8 +54,7 @@ def test_it_starts_as_the_room_without_shadows(tmp_path: Path) -> None:
     given = encode([example], direct=True)
     with torch.no_grad():
         shading, color = network.parts(given)
-    lit = (given["direct"][:, :1] + 1) / 2
-    assert torch.equal(shading, lit.expand_as(shading))
+    assert torch.equal(shading, display.recoloured((given["direct"][:, :3] + 1) / 2, given["tint"]))
     gain = 1 + given["depth"][:, 1:] * (given["gain"] - 1)
     assert torch.equal(color, multiplied(shading, (given["reflectance"] + 1) / 2, gain))
 
@@ -102,6 +102,43 @@ def test_under_the_policy_own_its_product_has_an_exposure_of_its_own(tmp_path: P
         expected = tonemap(held, Exposure(own.scale, WHITE))
         assert color[0].permute(1, 2, 0).numpy() == pytest.approx(expected, abs=0.03)
         assert 0.3 < float(color.mean()) < 0.7, "neither too dark nor too bright"
+
+
+def test_its_room_has_the_colour_of_its_light(tmp_path: Path) -> None:
+    """Untrained: the shading under a warm lamp is that under a white one, times the colour."""
+    example = next(Dataset(box_dataset(tmp_path) / "dataset", "train").ordered())
+    color = np.float32([1.5, 0.9, 0.5])
+    color /= luminance(color)
+    network = PlusNet(Architecture("plus", 8, 3))
+    for unet in (network.shading.unet, network.correction):
+        torch.nn.init.zeros_(unet.out.weight)
+    seen = []
+    for tint in (np.ones(3, np.float32), color):
+        view = replace(example, tint=(example.intensity > 0)[..., None] * tint)
+        with torch.no_grad():
+            shading = network.parts(encode([view], direct=True))[0]
+        seen.append(untonemap(shading[0].permute(1, 2, 0).numpy(), Exposure(1.0, WHITE)))
+    unclipped = (seen[0] > 0.02).all(axis=-1) & (seen[0] < 0.3).all(axis=-1)
+    assert unclipped.sum() > 100
+    expected = np.broadcast_to(color, seen[0].shape)[unclipped]
+    assert (seen[1] / np.maximum(seen[0], 1e-9))[unclipped] == pytest.approx(expected, rel=0.02)
+
+
+def test_the_colour_of_a_room_can_be_learned_from_its_light() -> None:
+    """Blue sky at the window and a white room; a warm lamp and a warm room: both at once."""
+    seen = torch.tensor([[0.77, 1.03, 1.3], [1.3, 0.95, 0.6]])[..., None, None]
+    wanted = torch.tensor([[1.0, 1.0, 1.0], [1.3, 0.95, 0.6]])[..., None, None]
+    seen, wanted = seen / display.luminance(seen), wanted / display.luminance(wanted)
+    torch.manual_seed(0)
+    network = LightColor()
+    assert torch.allclose(network(seen), seen)
+    optimiser = torch.optim.Adam(network.parameters(), 3e-3)
+    for _ in range(1500):
+        optimiser.zero_grad()
+        (network(seen) - wanted).square().mean().backward()  # type: ignore[no-untyped-call]
+        optimiser.step()
+    assert torch.allclose(network(seen), wanted, atol=0.02)
+    assert torch.allclose(display.luminance(network(seen)), torch.ones(2, 1, 1, 1))
 
 
 def test_any_size_and_no_light(tmp_path: Path) -> None:

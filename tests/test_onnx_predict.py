@@ -17,11 +17,12 @@ from predict_fixtures import box_frames
 from predictor_fixtures import untrained_models
 
 from model.data import Dataset, Example
+from model.display import log_average, luminance
 from model.encoding import GREY, Policy, encode
 from model.export import INPUTS, Chain, PlusChain, export_onnx
-from model.export_light import direct_light, encoded_light, log_average
+from model.export_light import direct_light, encoded_light, light_color
 from model.inference import Networks, load_networks
-from model.irradiance import direct_shading
+from model.irradiance import direct_shading, panorama_radiance
 from model.predict import from_frames
 from pipeline.params import ToneParams
 from pipeline.pictures import read_picture
@@ -32,7 +33,10 @@ SIZES = ((37, 23, 40), (64, 48, 64), (9, 7, 128))  # width, height, panorama
 
 
 def views(folder: Path) -> list[Example]:
-    """Views of several sizes, each with a piece of sky and, in a corner, a lamp seen directly."""
+    """Views of several sizes, each with a piece of sky and, in a corner, a lamp seen directly.
+
+    Their lamps have many colours.
+    """
     found = []
     for width, height, panorama in SIZES:
         data = box_dataset(folder / str(width), 0, 0, 2, width=width, height=height,
@@ -40,6 +44,7 @@ def views(folder: Path) -> list[Example]:
         example = next(Dataset(data / "dataset", "test").ordered())
         sky = np.zeros_like(example.valid)
         sky[:3, : width // 2] = True
+        colors = np.random.default_rng(width).uniform(0.3, 2, (panorama // 2, panorama, 3))
         found.append(
             replace(
                 example,
@@ -47,27 +52,38 @@ def views(folder: Path) -> list[Example]:
                 depth=np.where(sky, 0, example.depth).astype(np.float32),
                 normal=np.where(sky[..., None], 0, example.normal).astype(np.float32),
                 reflectance=np.where(sky[..., None], 0, example.reflectance).astype(np.float32),
+                tint=colors.astype(np.float32),
             )
         )
     return found
 
 
 def tensors(example: Example) -> dict[str, torch.Tensor]:
-    given = {name: getattr(example, name) for name in INPUTS} | {"K": example.intrinsics}
+    given = {name: getattr(example, name) for name in (*INPUTS, "tint")}
+    given |= {"K": example.intrinsics}
     return {name: torch.from_numpy(value.astype(np.float32)) for name, value in given.items()}
+
+
+def lights(example: Example) -> tuple[torch.Tensor, torch.Tensor]:
+    """What surfaces return of the panorama's light, and what is seen of it, by the graph."""
+    given = tensors(example)
+    radiance = torch.from_numpy(panorama_radiance(example))
+    rest = given["distance"], given["K"]
+    return direct_light(given["depth"], given["valid"], given["normal"], radiance, *rest)
 
 
 def test_the_direct_light_of_the_graph_is_the_direct_light(tmp_path: Path) -> None:
     for example in views(tmp_path):
-        given = tensors(example)
-        light = direct_light(*(given[name] for name in INPUTS if name != "reflectance"),
-                             given["K"])  # fmt: skip
+        lit, seen = lights(example)
+        light, color = lit + seen, light_color(lit)
         expected = direct_shading(example, GREY)
         assert light.numpy() == pytest.approx(expected, rel=1e-3, abs=1e-4 * float(expected.max()))
-        direct = encode([example], direct=True)["direct"]
-        assert torch.allclose(encoded_light(light), direct, atol=2e-3)
-        scale = exposure_of(np.repeat(expected[..., None], 3, axis=-1), ToneParams()).scale
-        assert float(log_average(light)) * scale == pytest.approx(ToneParams().key, rel=1e-3)
+        encoded = encode([example], direct=True)
+        assert torch.allclose(color, encoded["tint"], rtol=1e-4)
+        assert torch.allclose(encoded_light(light, color), encoded["direct"], atol=2e-3)
+        scale = exposure_of(expected, ToneParams()).scale
+        average = log_average(luminance(light.permute(2, 0, 1)[None]))
+        assert float(average) * scale == pytest.approx(ToneParams().key, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -82,7 +98,7 @@ def test_the_chain_draws_what_the_method_draws(
     for example in views(tmp_path):
         given = tensors(example)
         if method == "pbrnet":
-            del given["K"]
+            del given["K"], given["tint"]
         made = networks.predict(method, example)
         with torch.no_grad():
             shading, color = chain(**given)
@@ -94,11 +110,10 @@ def test_the_chain_draws_what_the_method_draws(
 def test_darkness_stays_dark(tmp_path: Path) -> None:
     example = views(tmp_path)[0]
     dark = replace(example, intensity=0 * example.intensity, distance=0 * example.distance)
-    given = tensors(dark)
-    light = direct_light(*(given[name] for name in INPUTS if name != "reflectance"), given["K"])
-    assert not light.any()
+    lit, seen = lights(dark)
+    assert not lit.any() and not seen.any()
     direct = encode([dark], direct=True)["direct"]
-    assert torch.allclose(encoded_light(light), direct, atol=1e-5)
+    assert torch.allclose(encoded_light(lit, light_color(lit)), direct, atol=1e-5)
 
 
 @pytest.mark.slow

@@ -34,7 +34,9 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(pretrained, "PACKED", tmp_path / "weights")
     torch.set_num_threads(1)
     Path("params.yaml").write_text("illumination: {width: 32}\n")
-    untrained_models(Path("models"), ("shading", "composition", "unet", "plus", "can"), levels=3)
+    untrained_models(
+        Path("models"), ("shading", "composition", "unet", "plus", "can"), levels=3, seed=2
+    )
     for name in ("v0", "v1"):
         box_frames(Path("data"), name, **SIZE)
     return tmp_path

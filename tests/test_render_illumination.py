@@ -9,13 +9,14 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from pipeline.frames import Channels
+from pipeline.frames import TINT, Channels
 from pipeline.groundtruth import render_truth
 from pipeline.illumination import Panorama, render_illumination
 from pipeline.params import GroundTruthParams, IlluminationParams
 from pipeline.renderer import open_scene, set_variant
 from pipeline.views import View
 from scenes.contract import Portal
+from scenes.photometry import REC709
 from tests.render_fixtures import (
     WINDOW,
     ball,
@@ -311,11 +312,46 @@ def test_energy_of_a_detailed_environment_map_is_kept(tmp_path: Path) -> None:
         assert energy(got) == pytest.approx(1000 * solid, rel=0.05)
 
 
+@pytest.mark.parametrize("radius", [0.02, 0.5])  # sampled from the lamp's side, and by a grid
+def test_each_light_has_its_colour(tmp_path: Path, radius: float) -> None:
+    """A red lamp at the left, a blue one at the right: colours of luminance 1, apart."""
+    colours = {-60: np.array([9, 1, 0.5]), 60: np.array([0.5, 1, 9])}
+    view = make_view(tuple(EYE))
+    body = "".join(
+        ball(f"lamp{a}", placed(view, a, 5, 2.0), radius, glow(",".join(map(str, rgb))))
+        for a, rgb in colours.items()
+    )
+    got = panorama(tmp_path, body, view)
+    tint = np.stack([got[name] for name in TINT], axis=-1)
+    for half, rgb in zip(np.split(tint, 2, axis=1), colours.values(), strict=True):
+        lit = half.any(axis=-1)
+        assert lit.sum() > 0
+        expected = rgb / (rgb @ REC709)
+        np.testing.assert_allclose(half[lit], np.broadcast_to(expected, half[lit].shape), rtol=1e-5)
+    assert not tint[got["intensity.Y"] == 0].any()
+
+
+def test_lights_in_one_pixel_mix_their_colours(tmp_path: Path) -> None:
+    """Two specks in line of sight of one pixel: what their radiances add up to."""
+    view = make_view(tuple(EYE))
+    specks = [(np.array([40, 0, 0]), 0.0), (np.array([0, 0, 90]), 0.04)]
+    body = "".join(
+        ball(f"s{i}", placed(view, 40.3 + shift, 5.3, 2.0), 0.001, glow(",".join(map(str, rgb))))
+        for i, (rgb, shift) in enumerate(specks)
+    )
+    got = panorama(tmp_path, body, view)
+    lit = got["intensity.Y"] > 0
+    assert lit.sum() == 1
+    mixed = np.array([40, 0, 90]) / (np.array([40, 0, 90]) @ REC709)
+    found = [float(got[name][lit].item()) for name in TINT]
+    assert found == pytest.approx(mixed.tolist(), rel=0.02)
+
+
 def test_an_unlit_room_is_black(tmp_path: Path) -> None:
     walls, _ = room_walls(diffuse())
     got = panorama(tmp_path, walls, make_view())
     assert got["intensity.Y"].shape == (WIDTH // 2, WIDTH)
-    assert not got["intensity.Y"].any() and not got["distance.Z"].any()
+    assert not any(channel.any() for channel in got.values())
 
 
 def test_panoramas_repeat_bit_for_bit(tmp_path: Path) -> None:

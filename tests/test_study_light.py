@@ -132,14 +132,28 @@ def test_a_killed_study_goes_on(
     assert result_of(place).changes["exchanged"].skipped == {"no other view": 1}
 
 
+def as_it_is(example: Example) -> Lit:
+    return Lit(
+        example,
+        example.intensity,
+        example.distance,
+        example.tint,
+        example.shading,
+        example.color,
+    )
+
+
 def test_twice_the_light_is_predicted_as_twice_the_light(
     place: Folders, examples: list[Example]
 ) -> None:
     networks = load_networks(place.models, ["pbrnet", "unet"])
     example = examples[0]
-    before = Lit(example, example.intensity, example.distance, example.shading, example.color)
-    after = Lit(
-        example, 2 * example.intensity, example.distance, 2 * example.shading, 2 * example.color
+    before = as_it_is(example)
+    after = replace(
+        before,
+        intensity=2 * example.intensity,
+        shading=2 * example.shading,
+        color=2 * example.color,
     )
     levels = [level(direct_image(lit.example)) for lit in (before, after)]
     assert levels[1] == pytest.approx(2 * levels[0])
@@ -152,8 +166,8 @@ def test_twice_the_light_is_predicted_as_twice_the_light(
 
 def test_without_any_light_nothing_is_said(place: Folders, examples: list[Example]) -> None:
     example = examples[0]
-    before = Lit(example, example.intensity, example.distance, example.shading, example.color)
-    dark = Lit(example, 0 * example.intensity, 0 * example.distance, example.shading, example.color)
+    before = as_it_is(example)
+    dark = replace(before, intensity=0 * example.intensity, distance=0 * example.distance)
     (found,) = compare(load_networks(place.models), before, {"without": dark})
     assert all(np.isnan(change).all() for change in found.predicted.values())
 

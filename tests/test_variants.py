@@ -20,14 +20,13 @@ from scenes.contract import Scene, load_scene
 from scenes.files import digest_folder
 from scenes.mitsuba_source.meshes import Mesh, face_areas, read_ply
 from scenes.params import SceneParams
-from scenes.photometry import blackbody
+from scenes.photometry import REC709, blackbody
 from scenes.procedural.patterns import has_pattern
 from scenes.registry import import_scene
 from scenes.variants.refinish import with_metric_uvs
 from scenes.variants.vary import vary_scene
 
 REPOSITORY = Path(__file__).parents[1]
-REC709 = np.array([0.2126, 0.7152, 0.0722])
 PARAMS = SceneParams(texture_size=64)
 
 

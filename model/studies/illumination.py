@@ -32,7 +32,7 @@ from model.studies.renders import (
 )
 from model.training import Folders
 from pipeline.denoise import denoiser_version
-from pipeline.frames import fingerprint
+from pipeline.frames import TINT, fingerprint
 from pipeline.illumination import render_illumination
 from pipeline.params import Params
 from pipeline.pictures import png_bytes
@@ -216,8 +216,10 @@ def _compared(
             before = lit.pop(AS_IT_IS)
             other = _stranger(subject, subjects)
             if other is not None:
-                panorama = other.example.intensity, other.example.distance
-                lit["exchanged"] = Lit(before.example, *panorama)
+                theirs = other.example
+                lit["exchanged"] = Lit(
+                    before.example, theirs.intensity, theirs.distance, theirs.tint
+                )
             else:
                 plan.skipped["exchanged"]["no other view"] += 1
             tally.add(compare(networks, before, lit))
@@ -227,11 +229,12 @@ def _compared(
 
 def _lit(case: Case, params: Params, renders: Path) -> Lit:
     store, view = _store(case, params, renders), case.subject.view
-    panorama = store.read("illumination", view).channels
+    panorama = store.read("illumination", view)
     return Lit(
         case.subject.example,
-        panorama["intensity.Y"],
-        panorama["distance.Z"],
+        panorama.channels["intensity.Y"],
+        panorama.channels["distance.Z"],
+        panorama.stack(*TINT),
         store.read("shading", view).rgb,
         store.read("color", view).rgb,
     )

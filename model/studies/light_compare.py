@@ -35,13 +35,16 @@ class Lit:
     original: Example  # the dataset's row, whose exposure is kept
     intensity: Array
     distance: Array
+    tint: Array | None = None
     shading: Array | None = None  # linear float32 (H, W, 3)
     color: Array | None = None
 
     @property
     def example(self) -> Example:
         """What the networks are given."""
-        return replace(self.original, intensity=self.intensity, distance=self.distance)
+        return replace(
+            self.original, intensity=self.intensity, distance=self.distance, tint=self.tint
+        )
 
 
 @dataclass(frozen=True)
@@ -166,8 +169,8 @@ def predictions(networks: Networks, example: Example, scale: float) -> Images:
 
 
 def direct_image(example: Example) -> Array:
-    """The panorama's direct light on the view, grey (H, W, 3): what no network is needed for."""
-    return np.repeat(direct_shading(example, GREY)[..., None], 3, axis=-1)
+    """The panorama's direct light on the view, (H, W, 3): what no network is needed for."""
+    return direct_shading(example, GREY)
 
 
 def level(direct: Array) -> float:

@@ -20,11 +20,11 @@ from scenes.mitsuba_source.elements import plugin, prop
 from scenes.mitsuba_source.reader import Node, unresolved
 from scenes.mitsuba_source.textures import TextureStore, UnreadableImage
 from scenes.mitsuba_source.values import Color, Properties, Scope
+from scenes.photometry import REC709
 
 GREY: Color = (0.5, 0.5, 0.5)
 _MAX_NESTING = 16
 _CLEAR_ROUGHNESS = 0.05  # alpha up to which one sees through rough glass as through a window
-_REC709 = np.array([0.2126, 0.7152, 0.0722])
 
 # Names that Mitsuba 3's data folder holds; the ones with `_palik` are other measurements of them.
 _CONDUCTORS = frozenset(
@@ -516,8 +516,8 @@ class Materials:
         if not isinstance(diffuse, tuple) or not isinstance(specular, tuple):
             return Surface(plugin("bsdf", "roughplastic", diffuse_reflectance=diffuse, alpha=alpha))
         base, gloss = np.array(diffuse), np.array(specular)
-        total = float((base + gloss) @ _REC709)
-        weight = float(gloss @ _REC709) / total if total > 0 else 0.0
+        total = float((base + gloss) @ REC709)
+        weight = float(gloss @ REC709) / total if total > 0 else 0.0
         if weight < 1e-3:
             return Surface(plugin("bsdf", "diffuse", reflectance=diffuse))
         mirror = plugin(

@@ -36,7 +36,7 @@ from scenes.model_source.gltf_images import Images
 from scenes.model_source.model import Glow, Model, Punctual
 from scenes.model_source.obj import read_model
 from scenes.model_source.showroom import showroom
-from scenes.photometry import LUMEN
+from scenes.photometry import LUMEN, REC709
 
 LARGEST_OBJECT = 6.0  # metres; larger things without a room are scenes of their own
 _SMALLEST_OBJECT = 0.02
@@ -46,7 +46,6 @@ _UNITS = {1.0: "metres", 0.01: "centimetres", 0.0254: "inches", 0.001: "millimet
 _TOUCHING = 0.02  # metres
 _JOINED = ("table", "desk", "bed", "wardrobe", "shelf", "cabinet", "plant", "sofa")
 _Y = np.array([0.0, 1.0, 0.0])
-_REC709 = np.array([0.2126, 0.7152, 0.0722])
 # Emission is candela per square metre, but many files mean "as bright as white paper" by 1.
 _DISPLAY_LIKE = 50.0  # a file whose brightest surface stays below this is one of those
 _DISPLAY_NITS = 1000.0
@@ -217,7 +216,7 @@ def _area_lights(model: Model, textures: TextureStore, changes: Changes) -> dict
     """Emitters of glowing shapes. Luminance L in cd / m^2 is radiance L x LUMEN in our units."""
     if not model.glows:
         return {}
-    brightest = max(float(np.array(glow.color) @ _REC709) for glow in model.glows.values())
+    brightest = max(float(np.array(glow.color) @ REC709) for glow in model.glows.values())
     unit = LUMEN
     if brightest < _DISPLAY_LIKE:
         unit = LUMEN * _DISPLAY_NITS

@@ -19,6 +19,7 @@ from scenes.mitsuba_source.changes import Changes
 from scenes.mitsuba_source.elements import plugin, prop
 from scenes.mitsuba_source.meshes import Floats
 from scenes.mitsuba_source.textures import TextureStore, UnreadableImage
+from scenes.photometry import REC709
 from scenes.sweethome.archive import HomeArchive
 from scenes.sweethome.home import Surface, Texture
 from scenes.sweethome.things import Color, Finish
@@ -29,7 +30,6 @@ _EARTH = 0.15  # luminance: grass, soil and gravel outdoors reflect hardly more
 _VIVID = 0.35  # of an outdoor colour's strongest band: its weakest is no less
 WHITE: Color = (WHITEST, WHITEST, WHITEST)
 _MATT = 1 / 128  # shininess up to which a surface has no highlight worth a lobe
-_REC709 = np.array([0.2126, 0.7152, 0.0722])
 _MAX_IMAGE = 64 * 2**20  # bytes
 
 
@@ -56,12 +56,12 @@ def earthen(color: Color) -> Color:
     """
     values = np.maximum(np.array(color, dtype=np.float64), 1e-6)
     # Mixed with grey of its own luminance until no band is too far from the strongest.
-    grey = float(values @ _REC709)
+    grey = float(values @ REC709)
     low, high = values.min(), values.max()
     if low < _VIVID * high:
         share = (_VIVID * high - low) / ((grey - low) + _VIVID * (high - grey))
         values = values + share * (grey - values)
-    values *= min(1.0, _EARTH / float(values @ _REC709))
+    values *= min(1.0, _EARTH / float(values @ REC709))
     return (float(values[0]), float(values[1]), float(values[2]))
 
 

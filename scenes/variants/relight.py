@@ -11,7 +11,7 @@ import numpy as np
 
 from scenes.contract import Light, Scene
 from scenes.params import LightSetting
-from scenes.photometry import blackbody
+from scenes.photometry import REC709, blackbody
 from scenes.procedural.lighting import Lamp, choose_lit, draw_cooler, draw_sky
 from scenes.seeds import generator
 
@@ -19,7 +19,6 @@ _OUTSIDE = ("sunsky", "sky", "sun", "constant", "envmap")
 _OUTDOORS = ("sun", "sky", "environment")
 _BARE = ("point", "spot")  # lamps without a surface: emitters of their own
 _KELVIN = (2700.0, 2800.0, 3000.0, 3300.0)  # of lamps for homes
-_REC709 = np.array([0.2126, 0.7152, 0.0722])
 
 
 @dataclass(frozen=True)
@@ -116,7 +115,7 @@ def _tinted(emitter: Element, name: str, kelvin: float) -> float:
     for item in emitter.findall("rgb"):
         if item.get("name") == name:
             old = np.array([float(word) for word in item.get("value", "").split()])
-            luminance = float(old @ _REC709) if old.size == 3 else float(old.mean())
+            luminance = float(old @ REC709) if old.size == 3 else float(old.mean())
             tint = luminance * np.array(blackbody(kelvin))
             item.set("value", " ".join(f"{value:.9g}" for value in tint))
     weights = [item for item in emitter.findall("float") if item.get("name") == "sampling_weight"]
