@@ -21,14 +21,14 @@ import pyarrow.parquet as pq
 from benchmarks.bench import Bench
 from benchmarks.rows import Row, at_least
 from benchmarks.timing import Clock, Spent, by_turns, ratio, spread
-from model.data import IMAGES, Dataset
+from model.data import IMAGES, OPTIONAL_IMAGES, Dataset
 from pipeline.dataset import pack_dataset
 from pipeline.frames import RGB, TINT, Kind, frame_path, read_frame
 from pipeline.params import ImageParams, Params
 from pipeline.stages import run_cameras, run_groundtruth, run_illumination, run_inputs
 from pipeline.views import View, load_cameras
 
-KINDS: tuple[Kind, ...] = ("inputs", "illumination", "shading", "color")
+KINDS: tuple[Kind, ...] = ("inputs", "illumination", "visibility", "shading", "color")
 _TURNS = 5  # reading is quick and noisy
 
 
@@ -132,6 +132,7 @@ def read_view(data: Path, view: View) -> dict[str, np.ndarray]:
         "intensity": panorama["intensity.Y"],
         "distance": panorama["distance.Z"],
         "tint": frames["illumination"].stack(*TINT),
+        "visibility": frames["visibility"].channels["visibility.Y"].astype(np.float32),
         "shading": frames["shading"].rgb,
         "color": frames["color"].rgb,
     }
@@ -143,8 +144,8 @@ def read_columns(folder: Path) -> int:
     for path in sorted(folder.glob("*.parquet")):
         with pq.ParquetFile(path) as file:
             for group in range(file.num_row_groups):
-                table = file.read_row_group(group, columns=[*IMAGES, "tint"])
-                for name in (*IMAGES, "tint"):
+                table = file.read_row_group(group, columns=[*IMAGES, *OPTIONAL_IMAGES])
+                for name in (*IMAGES, *OPTIONAL_IMAGES):
                     values = pa.concat_arrays(table.column(name).chunks).flatten().to_numpy()
                     count += len(values.astype(np.float32, copy=False))
     return count

@@ -1,6 +1,6 @@
 """Draw a view by an exported network, from its frames: without torch, without pbrnet.
 
-python onnx_predict.py model.onnx data/inputs/S/V.exr data/illumination/S/V.exr picture.png
+python onnx_predict.py model.onnx picture.png data/{inputs,illumination,visibility}/S/V.exr
 """
 
 import json
@@ -11,14 +11,15 @@ import onnxruntime
 import OpenEXR
 from PIL import Image
 
-model, inputs, illumination, picture = sys.argv[1:]
-frames = [OpenEXR.File(path, separate_channels=True) for path in (inputs, illumination)]
+model, picture, *paths = sys.argv[1:]
+frames = [OpenEXR.File(path, separate_channels=True) for path in paths]
 bands = {name: band.pixels for frame in frames for name, band in frame.channels().items()}
 view = json.loads(frames[0].header()["pbrnet"])["view"]
 given = {"depth": bands["Z"], "valid": bands["valid"], "K": np.reshape(view["K"], (3, 3))}
 given["normal"] = np.stack([bands[f"N.{axis}"] for axis in "XYZ"], axis=-1)
 given["reflectance"] = np.stack([bands[f"albedo.{band}"] for band in "RGB"], axis=-1)
 given |= {"intensity": bands["intensity.Y"], "distance": bands["distance.Z"]}
+given |= {"visibility": bands["visibility.Y"]} if "visibility.Y" in bands else {}
 given["tint"] = np.stack([bands[f"tint.{band}"] for band in "RGB"], axis=-1)
 session = onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
 wanted = [one.name for one in session.get_inputs()]

@@ -45,8 +45,8 @@ NOISY_IMAGES: dict[str, int | None] = {
     "denoised_color": 3,
     "denoised_shading": 3,
 }
-# What datasets from before it have not.
-TINT: dict[str, int | None] = {"tint": 3}
+# What not every dataset has: older ones, and those made with `illumination.shadow_rays: 0`.
+OPTIONAL_IMAGES: dict[str, int | None] = {"tint": 3, "visibility": None}
 SCALARS = (
     "scene_id",
     "view_id",
@@ -82,6 +82,7 @@ class Example:
     denoised_color: Array | None = None  # what the denoiser makes of noisy_color
     denoised_shading: Array | None = None  # and of noisy_shading
     tint: Array | None = None  # float32 (h, w, 3), the lights' colour, luminance 1; None: white
+    visibility: Array | None = None  # float32 (H, W), share of that light that arrives; None: all
 
     @property
     def name(self) -> str:
@@ -263,7 +264,7 @@ def subset_fingerprint(whole: str, only: Collection[str]) -> str:
 
 def mirrored(example: Example) -> Example:
     """The view seen in a mirror: columns reversed, normals' x and the panorama with them."""
-    images = {name: getattr(example, name) for name in (*IMAGES, *NOISY_IMAGES, *TINT)}
+    images = {name: getattr(example, name) for name in (*IMAGES, *NOISY_IMAGES, *OPTIONAL_IMAGES)}
     flipped = {name: image[:, ::-1].copy() for name, image in images.items() if image is not None}
     flipped["normal"] = flipped["normal"] * np.array([-1, 1, 1], np.float32)
     turned = np.array([[-1, 0, example.depth.shape[1]], [0, 1, 0], [0, 0, 1]])
@@ -300,8 +301,8 @@ def _shards(folder: Path, split: Split) -> list[Path]:
 
 
 def _optional(shards: Sequence[Path]) -> dict[str, int | None]:
-    """Those columns of `TINT` that all shards have."""
-    kept = dict(TINT)
+    """Those of `OPTIONAL_IMAGES` that all shards have."""
+    kept = dict(OPTIONAL_IMAGES)
     for path in shards:
         with _reading(path), pq.ParquetFile(path) as file:
             names = set(file.schema_arrow.names)

@@ -25,7 +25,7 @@ Policy = Literal["own", "shared"]
 Tensors = dict[str, torch.Tensor]
 
 # Channels of every encoded input, and of what only some networks are given beside them.
-DIRECT = 7
+DIRECT = 8
 SAMPLES = 6
 CHANNELS = {"depth": 2, "normal": 3, "intensity": 1, "distance": 1, "reflectance": 3}
 RETURNED = 0.9  # of the light that surfaces pass on, what meets another: windows take the rest
@@ -45,11 +45,11 @@ def encode(examples: Sequence[Example], direct: bool = False, noisy: bool = Fals
       to average them first
     * `reflectance`: `see_through`, sRGB-encoded and `centred`, like the display values it meets
     * `direct`, if asked for: `direct_shading` divided by the light's colour, tone-mapped by its own
-      log average and `WHITE` and `centred`; ln of its luminance, relative to that average; and ln
-      of that colour, the same everywhere. With it `tint`, (N, 3, 1, 1): the colour, see
-      `light_color`; `gain`, (N, 3, 1, 1), see `interreflection`; and `brightness`, (N, 1, 1, 1):
-      the log average of reflectance times tint and gain, as much as colour is brighter than
-      shading of `GREY`
+      log average and `WHITE` and `centred`; ln of its luminance, relative to that average; ln of
+      that colour, the same everywhere; and the share of the light that arrives. With it `tint`,
+      (N, 3, 1, 1): the colour, see `light_color`; `gain`, (N, 3, 1, 1), see `interreflection`; and
+      `brightness`, (N, 1, 1, 1): the log average of reflectance times tint and gain, as much as
+      colour is brighter than shading of `GREY`
     * `noisy` and `denoised`, if asked for: colour and shading of few samples, linear radiance, as
       they were traced and denoised. `InputError` for a view without
     """
@@ -177,8 +177,9 @@ def _direct(example: Example) -> dict[str, Array]:
     display = tonemap(light, Exposure(scale, WHITE))
     log = np.log(np.maximum(luminance(light)[..., None] * scale / ToneParams().key, 1e-3)) / 4
     everywhere = np.broadcast_to(np.log(tint), display.shape)
+    arrives = np.ones_like(log) if example.visibility is None else example.visibility[..., None]
     return {
-        "direct": np.concatenate([centred(display), log, everywhere], axis=-1),
+        "direct": np.concatenate([centred(display), log, everywhere, arrives], axis=-1),
         "tint": tint,
         "gain": gain,
         "brightness": _brightness(example, tint * gain),

@@ -35,7 +35,15 @@ from scenes.seeds import derive
 
 METHODS = (*PREDICTABLE, "denoised", "ceiling")
 EXAMPLES = 4  # best and as many worst views are drawn
-RENDERER_STAGES = ("groundtruth", "color", "shading", "noisy", "inputs", "illumination")
+RENDERER_STAGES = (
+    "groundtruth",
+    "color",
+    "shading",
+    "noisy",
+    "inputs",
+    "illumination",
+    "visibility",
+)
 
 
 class LeakError(InputError):

@@ -61,7 +61,8 @@ class Chain(nn.Module):
 class PlusChain(nn.Module):
     """PBR-Net plus with its direct light; as `Chain`, and `tint` (h, w, 3) and `K` (3, 3).
 
-    Where the lights' colours are not known, a tint of ones is white light.
+    Where the lights' colours are not known, a tint of ones is white light. A network that was
+    trained with shadows takes `visibility` (H, W), too.
     """
 
     def __init__(self, networks: Networks) -> None:
@@ -79,15 +80,18 @@ class PlusChain(nn.Module):
         distance: torch.Tensor,
         tint: torch.Tensor,
         K: torch.Tensor,
+        visibility: torch.Tensor | None = None,
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Shading and colour, display values (H, W, 3) in [0, 1]."""
         inputs = encoded(depth, valid, normal, reflectance, intensity, distance, self.averaged)
         lit, seen = direct_light(depth, valid, normal, intensity[..., None] * tint, distance, K)
+        arrives = torch.ones_like(valid) if visibility is None else visibility
+        lit = lit * arrives[..., None]
         assert isinstance(self.network, PlusNet)
         color, gain = light_color(lit), interreflection(valid, reflectance)
         shown = decoded((inputs["reflectance"] + 1) / 2) * (1 + valid * (color * gain - 1))
         known = {
-            "direct": encoded_light(lit + seen, color),
+            "direct": encoded_light(lit + seen, color, arrives),
             "tint": color,
             "gain": gain,
             "brightness": log_average(luminance(shown)) / GREY,
@@ -179,6 +183,8 @@ def export_onnx(networks: Networks, path: Path) -> None:
     if plus:
         names += ["tint", "K"]
         sizes, shapes = [*sizes, (40, 80, 3), (3, 3)], [*shapes, image, {}]
+        if networks.card.training.get("shadows"):
+            names, sizes, shapes = [*names, "visibility"], [*sizes, (45, 61)], [*shapes, image]
     chain = PlusChain(networks) if plus else Chain(networks)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

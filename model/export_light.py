@@ -13,8 +13,8 @@ import torch
 
 from model.display import displayed, log_average, luminance
 from model.encoding import FAINTEST, GREY, WHITE, centred
-from model.irradiance import CELLS, NEAREST
 from pipeline.params import ToneParams
+from pipeline.sources import CELLS, NEAREST
 
 
 def direct_light(
@@ -55,14 +55,18 @@ def light_color(lit: torch.Tensor) -> torch.Tensor:
     return color / luminance(color)
 
 
-def encoded_light(light: torch.Tensor, tint: torch.Tensor) -> torch.Tensor:
-    """Radiance (H, W, 3) as the network's input `direct`, (1, 7, H, W); `tint` (1, 3, 1, 1)."""
+def encoded_light(light: torch.Tensor, tint: torch.Tensor, arrives: torch.Tensor) -> torch.Tensor:
+    """Radiance (H, W, 3) as the network's input `direct`, (1, 8, H, W).
+
+    `tint` (1, 3, 1, 1); `arrives` (H, W) is the view's visibility, ones where it is not known.
+    """
     key = ToneParams().key
     white = light.permute(2, 0, 1)[None] / tint
     scaled = white * (key / log_average(luminance(white)))
     log = torch.log((luminance(scaled) / key).clamp(min=1e-3)) / 4
     everywhere = torch.log(tint) + torch.zeros_like(scaled)
-    return torch.cat([centred(displayed(scaled, WHITE)), log, everywhere], dim=1)
+    shown = centred(displayed(scaled, WHITE))
+    return torch.cat([shown, log, everywhere, arrives[None, None]], dim=1)
 
 
 def cells(radiance: torch.Tensor, distance: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

@@ -133,6 +133,8 @@ class Networks:
     def _directly(self, name: str, example: Example) -> Prediction:
         """By one network: colour, or shading and colour, as display values or as radiance."""
         how, network = METHODS[name], self.modules[name]
+        if how.direct:
+            example = in_the_light_of_training(example, self.cards[name])
         inputs = encode([example], how.direct, how.noisy)
         if not how.shaded:
             return Prediction(name, None, to_image(self._run(name, network, inputs)))
@@ -158,6 +160,21 @@ class Networks:
         self, name: str, call: Callable[[Tensors], torch.Tensor], inputs: Tensors
     ) -> torch.Tensor:
         return tiled(call, self.cards[name].architecture, inputs, self.tile)
+
+
+def in_the_light_of_training(example: Example, card: ModelCard) -> Example:
+    """The view with shadows if the network was trained with them, without if not.
+
+    Raises `InputError` where they are wanting.
+    """
+    if not card.training.get("shadows"):
+        return replace(example, visibility=None)
+    if example.visibility is None:
+        raise InputError(
+            f"{example.name}: comes without the shadows of its lights, which the network takes; "
+            "set illumination.shadow_rays to 8, then run: pbrnet illumination"
+        )
+    return example
 
 
 def needed(method: str) -> tuple[str, ...]:

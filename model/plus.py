@@ -1,11 +1,12 @@
-"""PBR-Net plus: the paper's two steps with the physics that needs no ray left in.
+"""PBR-Net plus: the paper's two steps with the physics that needs no path tracing left in.
 
 The shading network is given the direct light of the panorama (model/irradiance.py), its colour
-taken out, and learns what that lacks: shadows, bounces, hidden lamps. Then the colour is put back,
-or what it tells of that of the whole room; the paper's panorama has none. The product of shading
-and reflectance is computed, not learned, and so is how much more light of each band bounces hold
-in a room of these colours; a second network adds what is lacking: colour that spills from one
-surface onto the next, gloss, glass. All are trained at once, on the shading and on the colour.
+taken out, and learns what that lacks: bounces, hidden lamps, and shadows where none came with
+it. Then the colour is put back, or what it tells of that of the whole room; the paper's panorama
+has none. The product of shading and reflectance is computed, not learned, and so is how much more
+light of each band bounces hold in a room of these colours; a second network adds what is lacking:
+colour that spills from one surface onto the next, gloss, glass. All are trained at once, on the
+shading and on the colour.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ a few noisy samples.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -34,10 +34,11 @@ from pipeline.frames import (
 )
 from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
-from pipeline.params import NoisyParams, Params, ToneParams
+from pipeline.params import IlluminationParams, NoisyParams, Params, ToneParams
 from pipeline.passes import render_noisy, render_truths
 from pipeline.pictures import Picture, contact_sheet, error_picture, reflectance_picture
 from pipeline.renderer import RenderScene, open_scene, set_variant
+from pipeline.shadows import render_light
 from pipeline.tonemap import Exposure, exposure_of, to_bytes, tonemap
 from pipeline.views import View, as_matrix, load_cameras, look
 from scenes.checked import build, plain
@@ -80,23 +81,31 @@ def from_scene(
             frames = known_truth(data, view)
             truth = _channels(frames) if frames else trace(opened[0], view, params)
         inputs = render_inputs(opened[0], view)
-        panorama = render_illumination(opened[0], view, params.illumination)
+        light = lit(opened[0], view, params, [card])
         noisy = sampled(opened[0], view, params, card)
-        return example_of(view, inputs, panorama, card, truth, noisy)
+        return example_of(view, inputs, light, card, truth, noisy)
 
     return [Wanted(view, partial(make, view)) for view in views]
 
 
 def from_frames(
-    inputs: Path, illumination: Path, noisy: Path | None = None, *, truth: Path | None = None
+    inputs: Path,
+    illumination: Path,
+    noisy: Path | None = None,
+    *,
+    visibility: Path | None = None,
+    truth: Path | None = None,
 ) -> Wanted:
     """A view from its frames; its truth, if asked for, is read from the data folder `truth`.
 
-    `noisy` is the frame of few samples, for a network that takes it. Raises `InputError` for
-    frames that are missing, damaged, or not of one view.
+    `noisy` is the frame of few samples, `visibility` that of shadows, for networks that take
+    them. Raises `InputError` for frames that are missing, damaged, or not of one view.
     """
     view = build(View, read_meta(inputs).get("view"), f"{inputs}: view", InputError)
-    paths = [inputs, illumination, *([noisy] if noisy else [])]
+    wanted = {"Z": inputs, "intensity.Y": illumination}
+    wanted |= {DENOISED[0]: noisy} if noisy else {}
+    wanted |= {"visibility.Y": visibility} if visibility else {}
+    paths = list(wanted.values())
     for path in paths[1:]:
         other = read_meta(path).get("view", {})
         if (view.scene_id, view.view_id) != (other.get("scene_id"), other.get("view_id")):
@@ -106,9 +115,9 @@ def from_frames(
             )
 
     def make(card: ModelCard) -> Example:
-        frames = [read_frame(path) for path in paths]
-        needed = ("Z", "intensity.Y", DENOISED[0])
-        for path, frame, name in zip(paths, frames, needed, strict=False):
+        frames = {name: read_frame(path) for name, path in wanted.items()}
+        for name, frame in frames.items():
+            path = wanted[name]
             if name not in frame.channels:
                 raise InputError(f"{path}: a frame of {frame.meta.get('kind')!r}, without {name}")
         known = known_truth(truth, view) if truth else None
@@ -118,8 +127,11 @@ def from_frames(
                 "compare with; render them, or predict from the scene"
             )
         pair = _channels(known) if known else None
-        samples = frames[2].channels if noisy else None
-        return example_of(view, frames[0].channels, frames[1].channels, card, pair, samples)
+        samples = frames[DENOISED[0]].channels if noisy else None
+        light = frames["intensity.Y"].channels
+        if visibility:
+            light = light | frames["visibility.Y"].channels
+        return example_of(view, frames["Z"].channels, light, card, pair, samples)
 
     return Wanted(view, make)
 
@@ -274,6 +286,15 @@ def trace(scene: RenderScene, view: View, params: Params) -> tuple[Channels, Cha
     return truths["shading"][0], truths["color"][0]
 
 
+def lit(scene: RenderScene, view: View, params: Params, cards: Iterable[ModelCard]) -> Channels:
+    """The panorama, and its shadows if one of the networks takes them."""
+    settings = params.illumination
+    if not any(card.training.get("shadows") for card in cards):
+        return render_illumination(scene, view, settings)
+    rays = settings.shadow_rays or IlluminationParams().shadow_rays
+    return render_light(scene, view, replace(settings, shadow_rays=rays))
+
+
 def sampled(scene: RenderScene, view: View, params: Params, card: ModelCard) -> Channels | None:
     """The noisy samples that a network takes, as many as it was trained with, if it takes any."""
     spp = card.training.get("noisy_spp", 0)
@@ -302,10 +323,14 @@ def example_of(
     truth: tuple[Channels, Channels] | None,
     noisy: Channels | None = None,
 ) -> Example:
-    """A view as the networks take it; without `truth`, black images of a likely exposure."""
+    """A view as the networks take it; without `truth`, black images of a likely exposure.
+
+    `illumination`: the channels of a panorama, and of its shadows for networks that take them.
+    """
     depth = inputs["Z"].astype(np.float32)
     nothing = np.zeros((*depth.shape, 3), np.float32)
     shading, color = (_stack(images, RGB) for images in truth) if truth else (nothing, nothing)
+    shadows = illumination.get("visibility.Y")
     tone = ToneParams(**card.tone)
     unknown = Exposure(1.0, card.white)  # the scale cancels, the white is training's median
     made = Example(
@@ -319,6 +344,7 @@ def example_of(
         distance=illumination["distance.Z"].astype(np.float32),
         intrinsics=view.intrinsics,
         tint=_stack(illumination, TINT) if TINT[0] in illumination else None,
+        visibility=None if shadows is None else shadows.astype(np.float32),
         shading=shading,
         color=color,
         exposure_shading=exposure_of(shading, tone) if truth else unknown,

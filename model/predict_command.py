@@ -54,6 +54,7 @@ all that lies in predictions/."""
 @click.option("--towards", metavar="X,Y,Z", help="And in which direction it looks.")
 @click.option("--inputs", type=_EITHER, help="Frame with depth, normal, reflectance, or a folder.")
 @click.option("--illumination", type=_EITHER, help="Frame with the panorama, or a folder.")
+@click.option("--visibility", type=_EITHER, help="Frame of shadows, or a folder, for plus.")
 @click.option("--noisy", type=_EITHER, help="Frame of few samples, or a folder, for hybrid.")
 @size_option("Render the inputs at this size.")
 @click.option(
@@ -127,6 +128,9 @@ def _predict_one(
 ) -> str:
     """Write the picture of a view, and its radiance; returns what to tell."""
     example = wanted.make(networks.card)
+    unshaded = bool(networks.card.training.get("shadows")) and example.visibility is None
+    if unshaded:
+        example = replace(example, visibility=np.ones_like(example.depth))
     made = networks.predict(networks.methods[0], example)
     picture, words = to_bytes(made.color), ""
     if with_truth:
@@ -140,6 +144,8 @@ def _predict_one(
     with atomic_file(out) as partial:
         partial.write_bytes(png_bytes(picture, facts))
     said = f"{out}: {example.name}, {made.color.shape[1]}x{made.color.shape[0]} {words}".rstrip()
+    if unshaded:
+        said += "\nwithout shadows, which the network was trained with: give --visibility too"
     if exr:
         target = out.with_suffix(".exr")
         about = prediction.write_radiance(target, networks, wanted, example, made, facts)
@@ -159,6 +165,7 @@ def _wanted(
     towards: str | None,
     inputs: Path | None,
     illumination: Path | None,
+    visibility: Path | None,
     noisy: Path | None,
     size: tuple[int, int] | None,
 ) -> list[Wanted]:
@@ -170,10 +177,17 @@ def _wanted(
             raise click.UsageError(
                 "--size, --view, --all-views, --camera, --eye and --towards need a SCENE"
             )
-        frames = prediction.frame_sets(inputs, illumination, *([noisy] if noisy else []))
+        asked = {"visibility": visibility or _shadows_beside(illumination), "noisy": noisy}
+        more = {name: path for name, path in asked.items() if path}
+        frames = prediction.frame_sets(inputs, illumination, *more.values())
         truth = data if with_truth else None
-        return [prediction.from_frames(*paths, truth=truth) for paths in frames]
-    if inputs or illumination or noisy:
+        return [
+            prediction.from_frames(
+                *paths[:2], truth=truth, **dict(zip(more, paths[2:], strict=True))
+            )
+            for paths in frames
+        ]
+    if inputs or illumination or visibility or noisy:
         raise click.UsageError("name a SCENE, or --inputs and --illumination, not both")
     if sum((bool(views), all_views, eye is not None)) != 1 or (eye is None) != (towards is None):
         raise click.UsageError(
@@ -188,6 +202,17 @@ def _wanted(
     camera = camera or data / "cameras" / f"{scene.name}.json"
     found = prediction.find_views(scene, camera, views, size)
     return prediction.from_scene(scene, found, params, data, with_truth)
+
+
+def _shadows_beside(illumination: Path) -> Path | None:
+    """Frames of shadows, where the stages put them: in `visibility` beside `illumination`."""
+    parts = illumination.parts
+    if "illumination" not in parts:
+        return None
+    place = len(parts) - 1 - parts[::-1].index("illumination")
+    found = Path(*parts[:place], "visibility", *parts[place + 1 :])
+    there = any(found.rglob("*.exr")) if found.is_dir() else found.is_file()
+    return found if there else None
 
 
 def _target(out: Path | None, wanted: Wanted, count: int) -> Path:

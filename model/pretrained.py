@@ -218,6 +218,7 @@ def _card(packed: Networks, differences: Sequence[Difference], figures: dict[str
             for block in (figures, apart)
             if block
         ],
+        shadows=any(card.training.get("shadows") for card in cards),
         noisy_spp=[card.training["noisy_spp"] for card in cards if "noisy_spp" in card.training],
         licences=licences,
         credits=credits,

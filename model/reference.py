@@ -14,6 +14,7 @@ from typing import Any
 from model.data import Dataset, Example
 from model.evaluation import METHODS, image_of, open_split, true_color
 from model.inference import load_networks
+from model.methods import METHODS as TRAINED
 from model.methods import trained_baselines
 from model.metrics import NAMES, bootstrap
 from model.training import Folders
@@ -88,7 +89,7 @@ def sheet(params: Params, folders: Folders, methods: Sequence[str], count: int) 
     wanted = _ranked(folders.metrics / "evaluation.csv", methods[0])
     steps = max(1, min(count, len(wanted)) - 1)
     chosen = [wanted[k * (len(wanted) - 1) // steps] for k in range(min(count, len(wanted)))]
-    networks, dataset = open_split(params, folders, trained_baselines(folders.models))
+    networks, dataset = open_split(params, folders, _shown(folders.models, methods))
     rows = {(row.scene_id, row.view_id): row for row in _examples(dataset, chosen)}
     pictures, labels = [], []
     for scene, view, flip in chosen:
@@ -99,6 +100,15 @@ def sheet(params: Params, folders: Folders, methods: Sequence[str], count: int) 
         pictures += [enlarge(to_bytes(image), SHOWN) for image in images]
         labels += [f"truth, {scene}", f"{methods[0]}, FLIP {flip:.2f}", *methods[1:]]
     return png_bytes(contact_sheet(pictures, 1 + len(methods), labels))
+
+
+def _shown(models: Path, methods: Sequence[str]) -> list[str]:
+    """The trained baselines among the methods; for `denoised`, whichever takes its samples."""
+    return [
+        name
+        for name in trained_baselines(models)
+        if name in methods or ("denoised" in methods and TRAINED[name].noisy)
+    ]
 
 
 def _examples(dataset: Dataset, chosen: Sequence[tuple[str, str, float]]) -> Iterator[Example]:

@@ -116,7 +116,6 @@ def train_network(
     train_steps(run, state, checkpoint, dataset, validation)
     seconds = (time.monotonic() - began) / max(1, steps - first)
 
-    last = state.curve[-1]
     card = save_model(
         folders.models,
         network,
@@ -126,13 +125,13 @@ def train_network(
             "training": {
                 **settings,
                 **plain(stage),
+                **_given(method, dataset),
                 "seed": params.seed,
                 "steps": steps,
                 "precision": precision,
-                **({"noisy_spp": _noisy_spp(dataset)} if method.noisy else {}),
                 "started_from": digest_file(start) if start else None,
             },
-            "metrics": {"train_loss": last.train_loss, "validation_loss": last.validation_loss},
+            "metrics": _losses(state.curve),
             "needs": needs,
         },
     )
@@ -142,6 +141,21 @@ def train_network(
     )
     checkpoint.path.unlink(missing_ok=True)
     return card
+
+
+def _given(method: Method, dataset: Dataset) -> dict[str, Any]:
+    """What the network was given beside the paper's inputs, and is to be given in use."""
+    given: dict[str, Any] = {}
+    if method.noisy:
+        given["noisy_spp"] = int(median(dataset.column("noisy_spp")))
+    if method.direct:
+        given["shadows"] = "visibility" in dataset.images
+    return given
+
+
+def _losses(curve: Sequence[CurvePoint]) -> dict[str, float | None]:
+    """Where the learning curve ended."""
+    return {"train_loss": curve[-1].train_loss, "validation_loss": curve[-1].validation_loss}
 
 
 def choose_device(params: TrainParams) -> torch.device:
@@ -221,11 +235,6 @@ def _validation_views(folder: Path, noisy: bool) -> list[Example]:
             raise
         return []
     return [example for _, example in zip(range(VALIDATION_VIEWS), dataset.ordered(), strict=False)]
-
-
-def _noisy_spp(dataset: Dataset) -> int:
-    """Samples a pixel of the noisy images: as many as the network should be given in use."""
-    return int(median(dataset.column("noisy_spp")))
 
 
 def _seen(dataset: Dataset) -> TrainingData:

@@ -30,7 +30,7 @@ from pipeline.frames import (
     frame_path,
     read_frame,
 )
-from pipeline.params import CheckParams, Params
+from pipeline.params import CheckParams
 from pipeline.tonemap import luminance
 from pipeline.views import View
 from scenes.errors import InputError
@@ -89,12 +89,6 @@ def read_failures(data: Path) -> dict[tuple[str, str], str]:
                 key = (str(entry.get("scene_id", "")), str(entry["view_id"]))
                 failures.setdefault(key, f"{path.stem}: {entry.get('error', 'no message')}")
     return failures
-
-
-def kinds_of(params: Params) -> tuple[Kind, ...]:
-    """The frames that a view of the dataset needs."""
-    kinds: tuple[Kind, ...] = ("inputs", "illumination", "shading", "color")
-    return (*kinds, "noisy") if params.noisy.spp else kinds
 
 
 def load_frames(

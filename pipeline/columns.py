@@ -59,11 +59,11 @@ PREVIEW = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 
 
 def dataset_columns(
-    size: tuple[int, int], panorama: tuple[int, int], noisy: bool = False
+    size: tuple[int, int], panorama: tuple[int, int], shadows: bool = False, noisy: bool = False
 ) -> tuple[Column, ...]:
     """All columns, in order, for images and panoramas of these (width, height).
 
-    `noisy`: with those of noisy frames, which stand last.
+    `shadows`: with that of visibility frames; `noisy`: with those of noisy frames. They stand last.
     """
     plane, volume = (size[1], size[0]), (size[1], size[0], 3)
     sphere = (panorama[1], panorama[0])
@@ -149,7 +149,19 @@ def dataset_columns(
         Column("source", text, "Where the scene came from."),
         Column("licence", text, "Licence of the scene's parts, SPDX expression."),
         Column("attribution", text, "Title, author and licence of every part of the scene."),
+        *((_visibility_column(plane),) if shadows else ()),
         *(_noisy_columns(volume) if noisy else ()),
+    )
+
+
+def _visibility_column(plane: tuple[int, ...]) -> Column:
+    return Column(
+        "visibility",
+        pa.float16(),
+        "Share of the direct light of the panorama's sources that reaches the surface, by shadow "
+        "rays; 1 where there is none. The paper has no such input.",
+        "",
+        plane,
     )
 
 

@@ -24,7 +24,7 @@ from scenes.seeds import generator
 
 SCENE_STAGES = ("scenes", "cameras")
 # truth: shading and colour of a view together
-VIEW_STAGES = ("inputs", "illumination", "truth", "noisy")
+VIEW_STAGES = ("inputs", "illumination", "visibility", "truth", "noisy")
 TOGETHER = "together"
 _TRUTHS = ("shading", "color")
 _SAME = 1.5  # views whose sizes differ by less say nothing of how cost grows with size

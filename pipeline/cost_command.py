@@ -50,7 +50,8 @@ def cost(
     if check:
         _show_check(errors, as_json)
         return
-    costs = [cost for cost in costs if cost.stage != "noisy" or params.noisy.spp]
+    asked = {"noisy": params.noisy.spp, "visibility": params.illumination.shadow_rays}
+    costs = [cost for cost in costs if asked.get(cost.stage, True)]
     each = params.cameras.views_per_scene
     if scenes is None:
         wanted = params.scenes

@@ -27,8 +27,9 @@ from pipeline.card import (
     licence_of,
     write_croissant,
 )
-from pipeline.checks import Rejection, check_frames, kinds_of, load_frames, read_failures
+from pipeline.checks import Rejection, check_frames, load_frames, read_failures
 from pipeline.columns import Column, dataset_columns
+from pipeline.frames import kinds_of
 from pipeline.params import Params
 from pipeline.progress import Progress
 from pipeline.records import data_lock
@@ -200,7 +201,11 @@ def _sizes(params: Params) -> tuple[tuple[int, int], tuple[int, int]]:
 
 
 def _columns(params: Params) -> tuple[Column, ...]:
-    return dataset_columns(*_sizes(params), noisy=params.noisy.spp > 0)
+    return dataset_columns(
+        *_sizes(params),
+        shadows=params.illumination.shadow_rays > 0,
+        noisy=params.noisy.spp > 0,
+    )
 
 
 def _write_rejected(path: Path, rejected: Iterable[Rejected]) -> None:

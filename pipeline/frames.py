@@ -7,6 +7,8 @@ Channels (linear, scene-referred; see `KINDS`):
                 `object` index + 1 into `scene.json`'s objects (0: none)
 * illumination  `intensity.Y` luminance of the visible light source, `distance.Z` metres to it,
                 `tint.R/G/B` its colour, linear RGB of luminance 1
+* visibility    `visibility.Y` share of the direct light of the panorama's sources that reaches the
+                surface; only where `illumination.shadow_rays` asks for it
 * shading       `R`, `G`, `B` HDR radiance with every reflectance replaced by one grey
 * color         `R`, `G`, `B` HDR radiance of the full scene
 * noisy         colour again, and as `shading.R/G/B` shading, of a few samples a pixel that no
@@ -33,12 +35,13 @@ import numpy as np
 import numpy.typing as npt
 import OpenEXR
 
+from pipeline.params import Params
 from pipeline.views import View
 from scenes.checked import plain
 from scenes.errors import InputError, MachineError
 from scenes.files import atomic_file, digest_bytes
 
-Kind = Literal["inputs", "illumination", "shading", "color", "noisy"]
+Kind = Literal["inputs", "illumination", "visibility", "shading", "color", "noisy"]
 Channels = dict[str, npt.NDArray[Any]]
 
 RGB = ("R", "G", "B")
@@ -59,6 +62,7 @@ KINDS: dict[Kind, dict[str, type]] = {
         "distance.Z": np.float32,
         **dict.fromkeys(TINT, np.float16),
     },
+    "visibility": {"visibility.Y": np.float16},
     "shading": dict.fromkeys(RGB, np.float16),
     "color": dict.fromkeys(RGB, np.float16),
     "noisy": dict.fromkeys((*RGB, *NOISY_SHADING, *DENOISED, *DENOISED_SHADING), np.float16),
@@ -81,6 +85,16 @@ class Frame:
     def rgb(self) -> npt.NDArray[np.float32]:
         """`R`, `G`, `B` as float32 (H, W, 3)."""
         return self.stack(*RGB)
+
+
+def kinds_of(params: Params) -> tuple[Kind, ...]:
+    """The frames that a view of the dataset needs, in the order in which they are made."""
+    kinds: list[Kind] = ["inputs", "illumination", "shading", "color"]
+    if params.illumination.shadow_rays:
+        kinds.append("visibility")
+    if params.noisy.spp:
+        kinds.append("noisy")
+    return tuple(kinds)
 
 
 def fingerprint(**determined_by: Any) -> str:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from pipeline.ledger import SCHEMA
 
-_ORDER = ("scenes", "cameras", "inputs", "illumination", "shading", "color")
+_ORDER = ("scenes", "cameras", "inputs", "illumination", "visibility", "shading", "color")
 _COLOR = "#3b76af"
 
 Floats = npt.NDArray[np.float64]

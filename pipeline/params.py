@@ -91,6 +91,7 @@ class IlluminationParams:
     width: int = field(default=160, metadata=within(16, 4096))
     supersampling: int = field(default=4, metadata=within(1, 16))  # per axis, per pixel
     light_samples: int = field(default=64, metadata=within(1, 4096))  # per small light
+    shadow_rays: int = field(default=8, metadata=within(0, 1024))  # a pixel; 0: no visibility
 
     def verify(self, where: str) -> None:
         """The height must be whole; raises ValueError."""

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pipeline import groundtruth, illumination, inputs, joint
+from pipeline import groundtruth, illumination, inputs, joint, shadows
 from pipeline.denoise import denoise, denoiser_version, grey_guide, guides
 from pipeline.frames import (
     DENOISED,
@@ -27,6 +27,7 @@ from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
 from pipeline.params import GroundTruthParams, Params
 from pipeline.renderer import RenderScene
+from pipeline.shadows import render_visibility
 from pipeline.views import View
 from scenes.checked import plain
 from scenes.errors import InputError
@@ -53,6 +54,10 @@ def _inputs(scene: RenderScene, view: View, params: Params, seed: int) -> Result
 
 def _illumination(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
     return render_illumination(scene, view, params.illumination), {}
+
+
+def _visibility(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
+    return render_visibility(scene, view, params.illumination), {}
 
 
 def _truth(kind: Kind) -> Render:
@@ -142,6 +147,10 @@ def finished(kind: Kind, truth: Result, scene: RenderScene, view: View, params: 
     return denoise(channels, albedo, normal), {**stats, "denoiser": denoiser_version()}
 
 
+def _panorama_determined_by(params: Params) -> dict[str, Any]:
+    return {name: v for name, v in plain(params.illumination).items() if name != "shadow_rays"}
+
+
 def _truth_determined_by(params: Params) -> dict[str, Any]:
     used = params.groundtruth.denoise != "none"
     return {
@@ -168,8 +177,14 @@ def _noisy_determined_by(params: Params) -> dict[str, Any]:
 
 PASSES: dict[Kind, Pass] = {
     "inputs": Pass(inputs.REVISION, lambda params: {}, _inputs),
-    "illumination": Pass(
-        illumination.REVISION, lambda params: plain(params.illumination), _illumination
+    "illumination": Pass(illumination.REVISION, _panorama_determined_by, _illumination),
+    "visibility": Pass(
+        shadows.REVISION,
+        lambda params: {
+            **plain(params.illumination),
+            "made_of": [inputs.REVISION, illumination.REVISION],
+        },
+        _visibility,
     ),
     "shading": Pass(
         groundtruth.REVISION,

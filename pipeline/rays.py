@@ -322,9 +322,9 @@ def _wave_passes(target: Target, tables: dict[str, Any], hit: Any, ray: Any, any
     passes = dr.gather(mi.UInt32, tables["clear"], number, valid) == 1
     if any_mask:
         masked = dr.gather(mi.UInt32, tables["masked"], number, valid) == 1
-        si = hit.compute_surface_interaction(ray, mi.RayFlags.All, masked)
-        share = si.bsdf().eval_null_transmission(si, masked)
-        passes |= masked & (dr.mean(mi.unpolarized_spectrum(share)) > 0.5)
+        # By a list of the masked alone: a virtual call would trace every shape there is.
+        which = dr.gather(mi.UInt32, tables["mask"], number, masked)
+        passes |= masked & (dr.switch(which, tables["masks"], ray, hit, masked) > 0.5)
     return passes & valid
 
 
@@ -362,11 +362,24 @@ def _wave_emitted(
     shape, distance, hit, ray = _wave_first(target, _wave_ray(origins, directions), True)
     if not glowing.any():
         return (*_arrays(shape, distance), np.zeros((len(directions), 3)))
-    table = column(mi.UInt32, glowing)
-    lit = dr.gather(mi.UInt32, table, mi.UInt32(dr.maximum(shape, 0)), shape >= 0) == 1
-    si = hit.compute_surface_interaction(ray, mi.RayFlags.All, lit)
-    light = mi.Color3f(dr.select(lit, mi.Color3f(si.shape.emitter().eval(si, lit)), 0))
+    lamps = np.flatnonzero(glowing)
+    numbers = np.full(len(glowing), len(lamps), dtype=np.int64)
+    numbers[lamps] = np.arange(len(lamps))
+    which = dr.gather(
+        mi.UInt32, column(mi.UInt32, numbers), mi.UInt32(dr.maximum(shape, 0)), shape >= 0
+    )
+    lit = (shape >= 0) & (which < len(lamps))
+    # By a list of the lamps alone, as in `_wave_passes`.
+    shining = [partial(_shining, target.shapes[lamp]) for lamp in lamps]
+    light = dr.select(lit, dr.switch(which, shining, ray, hit, lit), mi.Color3f(0))
     return _arrays(shape, distance, light)
+
+
+def _shining(shape: Any, ray: Any, hit: Any, active: Any) -> Any:
+    """The light that a shape that was hit sends back along the ray."""
+    si = shape.compute_surface_interaction(ray, hit, mi.RayFlags.All, active)
+    si.wi = mi.Vector3f(0, 0, -dr.dot(si.sh_frame.n, ray.d))  # of it only the side is asked for
+    return mi.Color3f(shape.emitter().eval(si, active))
 
 
 def _wave_tables(target: Target) -> dict[str, Any]:
@@ -382,6 +395,7 @@ def _wave_tables(target: Target) -> dict[str, Any]:
             "masked": registry_table(
                 [(s, int(target.masked[i])) for i, s in numbers], mi.ShapePtr, 0, mi.UInt32
             ),
+            **_mask_tables(target),
             "reflectance": registry_table(
                 [
                     (s, registry_id(twin, mi.BSDFPtr))
@@ -395,6 +409,24 @@ def _wave_tables(target: Target) -> dict[str, Any]:
         }
         object.__setattr__(target, "tables", tables)
     return tables
+
+
+def _mask_tables(target: Target) -> dict[str, Any]:
+    """`mask`, the number of each masked shape, and `masks`, what light passes each of them."""
+    shapes = [shape for shape, has in zip(target.shapes, target.masked, strict=True) if has]
+    numbers = [(shape, number) for number, shape in enumerate(shapes)]
+    return {
+        "mask": registry_table(numbers, mi.ShapePtr, 0, mi.UInt32),
+        "masks": [partial(_passing, shape) for shape in shapes],
+    }
+
+
+def _passing(shape: Any, ray: Any, hit: Any, active: Any) -> Any:
+    """The share of light that the material of a shape that was hit lets pass."""
+    si = shape.compute_surface_interaction(ray, hit, mi.RayFlags.All, active)
+    own = shape.bsdf()  # none of an instance's: its group has it
+    share = (si.bsdf() if own is None else own).eval_null_transmission(si, active)
+    return dr.mean(mi.unpolarized_spectrum(share))
 
 
 # The scalar variant

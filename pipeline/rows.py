@@ -60,8 +60,13 @@ def make_row(
         "source": str(scene.source.get("kind", "unknown")),
         "licence": licence_of(scene),
         "attribution": attribution_of(scene),
+        **(_shadows(frames["visibility"]) if "visibility" in frames else {}),
         **(_noisy_cells(frames["noisy"]) if "noisy" in frames else {}),
     }
+
+
+def _shadows(frame: Frame) -> dict[str, Any]:
+    return {"visibility": frame.channels["visibility.Y"]}
 
 
 def _noisy_cells(frame: Frame) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from pipeline import cameras
-from pipeline.frames import Kind, fingerprint, frame_path, holds
+from pipeline.frames import Kind, fingerprint, frame_path, holds, kinds_of
 from pipeline.jobs import (
     CameraJob,
     FrameJob,
@@ -122,8 +122,13 @@ def run_inputs(data: Path, params: Params, scheduler: str | None = None) -> Summ
 
 
 def run_illumination(data: Path, params: Params, scheduler: str | None = None) -> Summary:
-    """Render `data/illumination`: panoramas of the visible light sources."""
-    return _run_frames("illumination", ("illumination",), data, params, scheduler)
+    """Render `data/illumination`: panoramas of the visible light sources.
+
+    With them comes `data/visibility`, their shadows, where `illumination.shadow_rays` asks for it.
+    """
+    # A folder even without frames in it: DVC wants to find what a stage may write.
+    (Path(data) / "visibility").mkdir(parents=True, exist_ok=True)
+    return _run_frames("illumination", ("illumination", "visibility"), data, params, scheduler)
 
 
 def run_groundtruth(
@@ -157,7 +162,7 @@ def _run_frames(
         views = _views(data, params, scenes, digests, renderer, work)
         wanted: dict[Path, _WantedFrame] = {}
         for kind in kinds:
-            for view in views if kind != "noisy" or params.noisy.spp else ():
+            for view in views if kind in kinds_of(params) else ():
                 mark = frame_fingerprint(kind, view, params, digests[view.scene_id], renderer)
                 wanted[frame_path(data, kind, view)] = _WantedFrame(kind, view, mark)
             # A scene that cannot be read now may be whole again tomorrow: its frames stay.

@@ -169,6 +169,7 @@ def box_frames(view: View, params: Params) -> dict[Kind, Channels]:
     return {
         "inputs": planes,
         "illumination": {"intensity.Y": intensity, "distance.Z": distance, **tint},
+        "visibility": {"visibility.Y": random.integers(0, 9, (height, width)) / 8},
         "shading": {name: shading[..., index] for index, name in enumerate("RGB")},
         "color": {name: color[..., index] for index, name in enumerate("RGB")},
     }

@@ -28,6 +28,7 @@ def box_frames(data: Path, name: str = "v0", **size: int) -> View:
         kind: {band: images[kind][..., i] for i, band in enumerate("RGB")}
         for kind in ("shading", "color")
     }
+    shadows = np.random.default_rng(3).integers(0, 9, images["depth"].shape)
     channels = {
         "inputs": {
             "Z": images["depth"],
@@ -41,6 +42,7 @@ def box_frames(data: Path, name: str = "v0", **size: int) -> View:
             "distance.Z": images["distance"],
             **{name: images["tint"][..., k] for k, name in enumerate(TINT)},
         },
+        "visibility": {"visibility.Y": shadows / 8},
         **rgb,
     }
     for kind, pixels in channels.items():

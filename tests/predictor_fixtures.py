@@ -23,6 +23,7 @@ def untrained_models(
     levels: int = 4,
     width: int = 8,
     exposure: Policy = "shared",
+    shadows: bool = False,
     seed: int = 0,
 ) -> Path:
     """Models of these names; the composition network fits the shading network. Returns `models`."""
@@ -47,7 +48,7 @@ def untrained_models(
                 "white": 4.0,
                 "tone": plain(ToneParams()),
                 "albedo": 0.5,
-                "training": {"epochs": 0},
+                "training": {"epochs": 0, "shadows": shadows},
                 "data": data,
                 "backbone": {"network": "none", "source": "nowhere"},
                 "metrics": {"validation_loss": None},

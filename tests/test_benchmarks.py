@@ -23,7 +23,7 @@ from benchmarks.run import measure
 from benchmarks.shards import read_columns, read_view, views_of
 from benchmarks.strategies import Tried, _gain
 from benchmarks.timing import Spent, Spread, by_turns, ratio, spread
-from model.data import IMAGES, Dataset
+from model.data import IMAGES, OPTIONAL_IMAGES, Dataset
 from pipeline.dataset import pack_dataset
 from pipeline.params import SplitParams
 from pipeline.renderer import set_variant
@@ -260,7 +260,7 @@ def test_shards_and_frames_are_read_to_the_same_images(tmp_path: Path) -> None:
             assert np.array_equal(image, getattr(example, name)), name
             count += image.size
     assert examples and read_columns(data / "dataset") == count
-    assert set(read_view(data, view)) == set(IMAGES)
+    assert set(read_view(data, view)) == {*IMAGES, *OPTIONAL_IMAGES}
 
 
 def test_the_command_names_its_topics() -> None:

@@ -88,7 +88,7 @@ def test_every_column_equals_the_frames_bit_for_bit(packed: Path) -> None:
         view = make_view(params, row["scene_id"], int(row["view_id"]))
         frames = {
             kind: read_frame(frame_path(packed, kind, view))
-            for kind in ("inputs", "illumination", "shading", "color")
+            for kind in ("inputs", "illumination", "visibility", "shading", "color")
         }
         inputs = frames["inputs"].channels
         expected = {
@@ -103,6 +103,7 @@ def test_every_column_equals_the_frames_bit_for_bit(packed: Path) -> None:
                 kind: np.stack([frames[kind].channels[band] for band in "RGB"], -1)
                 for kind in ("shading", "color")
             },
+            "visibility": frames["visibility"].channels["visibility.Y"],
             "K": view.intrinsics,
             "camera_to_world": view.pose,
         }
@@ -121,7 +122,7 @@ def test_every_column_equals_the_frames_bit_for_bit(packed: Path) -> None:
 
 def test_columns_come_in_the_documented_order_with_units(packed: Path) -> None:
     schema = pq.read_schema(next((packed / "dataset").glob("train-*.parquet")))
-    columns = dataset_columns(SIZE, PANORAMA)
+    columns = dataset_columns(SIZE, PANORAMA, shadows=True)
     assert schema.names == [column.name for column in columns]
     for name in ("depth", "normal", "reflectance", "intensity", "distance", "shading", "color"):
         field = schema.field(name)
@@ -247,7 +248,7 @@ def test_adding_scenes_hardly_moves_the_others() -> None:
 def test_the_same_frames_give_the_same_bytes(packed: Path, tmp_path: Path) -> None:
     again = tmp_path / "again"
     params = small_params(row_group=2)
-    for name in ("scenes", "cameras", "inputs", "illumination", "shading", "color"):
+    for name in ("scenes", "cameras", "inputs", "illumination", "visibility", "shading", "color"):
         shutil.copytree(packed / name, again / name)
     pack_dataset(again, params)
     assert digest_folder(again / "dataset") == digest_folder(packed / "dataset")
@@ -527,7 +528,7 @@ def test_the_card_is_a_hugging_face_card(packed: Path) -> None:
     assert [entry["split"] for entry in files] == ["train", "validation", "test"]
     for entry in files:
         assert list((packed / "dataset").glob(entry["path"]))
-    for column in dataset_columns(SIZE, PANORAMA):
+    for column in dataset_columns(SIZE, PANORAMA, shadows=True):
         assert f"`{column.name}`" in text
     assert "A. Maker" in text
 
@@ -557,7 +558,7 @@ def test_croissant_names_every_shard_with_its_checksum_and_every_column(packed: 
         ).stdout.split()[0]
         assert item["sha256"] == checksum
     views = next(item for item in described["recordSet"] if item["name"] == "views")
-    names = [column.name for column in dataset_columns(SIZE, PANORAMA)]
+    names = [column.name for column in dataset_columns(SIZE, PANORAMA, shadows=True)]
     assert [field["name"] for field in views["field"]] == names
     ids = {item["@id"] for item in described["distribution"]}
     assert {field["source"]["fileSet"]["@id"] for field in views["field"]} <= ids

@@ -26,7 +26,7 @@ cameras: {views_per_room: 4}
 groundtruth: {spp: 64, block_spp: 16, max_depth: 5}
 """
 STAGES = ("inputs", "illumination", "groundtruth", "dataset")
-RESULTS = ("inputs", "illumination", "shading", "color", "dataset")
+RESULTS = ("inputs", "illumination", "visibility", "shading", "color", "dataset")
 
 
 def _start(data: Path, stage: str, *options: str) -> subprocess.Popen[bytes]:

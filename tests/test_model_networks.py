@@ -32,12 +32,12 @@ def inputs(
     random = torch.Generator().manual_seed(0)
     tensors = {}
     more: dict[Kind, dict[str, int]] = {
-        "plus": {"direct": DIRECT, "gain": 3},
+        "plus": {"direct": DIRECT, "tint": 3, "gain": 3},
         "hybrid": {"noisy": SAMPLES, "denoised": SAMPLES},
     }
     for name, channels in {**CHANNELS, **(more.get(kind, {}) if kind else {})}.items():
         sizes = {
-            "gain": (1, 1),
+            **dict.fromkeys(("tint", "gain"), (1, 1)),
             **dict.fromkeys(("intensity", "distance"), (panorama // 2, panorama)),
         }
         size = sizes.get(name, (height, width))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,12 +15,14 @@ from click.testing import CliRunner, Result
 from predict_fixtures import box_camera, box_frames, box_room
 from predictor_fixtures import untrained_models
 
+from model import predict as prediction
 from model import pretrained
 from model.inference import Prediction, load_networks
 from model.predict import from_frames
 from pipeline.cli import cli
-from pipeline.frames import read_frame
+from pipeline.frames import Channels, read_frame
 from pipeline.pictures import png_facts, read_picture
+from pipeline.shadows import render_light
 from pipeline.tonemap import Exposure, tonemap
 from scenes.errors import InputError
 
@@ -34,9 +38,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(pretrained, "PACKED", tmp_path / "weights")
     torch.set_num_threads(1)
     Path("params.yaml").write_text("illumination: {width: 32}\n")
-    untrained_models(
-        Path("models"), ("shading", "composition", "unet", "plus", "can"), levels=3, seed=2
-    )
+    untrained_models(Path("models"), ("shading", "composition", "unet", "plus", "can"), levels=3)
     for name in ("v0", "v1"):
         box_frames(Path("data"), name, **SIZE)
     return tmp_path
@@ -142,9 +144,65 @@ def test_linear_radiance_shows_as_the_prediction(method: str) -> None:
     picture = read_picture(Path("p.png").read_bytes()) / 255
     shown = tonemap(frame.rgb, exposure)
     inside = frame.channels["clipped"] == 0
-    assert inside.mean() > 0.2
+    assert inside.mean() > 0.02
     assert np.abs(shown - picture)[inside].max() < 0.6 / 255 + 1e-3
     assert ("shading.R" in frame.channels) == (method != "unet")
+
+
+def test_a_network_that_was_trained_with_shadows_takes_them() -> None:
+    untrained_models(Path("models"), ("plus",), levels=3, shadows=True)
+    shadows = FRAMES[3].replace("illumination", "visibility")
+    shutil.copy(FRAMES[3], "panorama.exr")
+    elsewhere = (*FRAMES[:3], "panorama.exr")
+    for name, given in (
+        ("beside.png", FRAMES),
+        ("named.png", (*elsewhere, "--visibility", shadows)),
+        ("without.png", elsewhere),
+    ):
+        done = predict(*given, "--method", "plus", "--out", name)
+        assert done.exit_code == 0, done.output
+        assert ("give --visibility too" in done.output) == (name == "without.png")
+    pictures = [Path(f"{name}.png").read_bytes() for name in ("beside", "named", "without")]
+    assert pictures[0] == pictures[1] != pictures[2]
+    wrong = predict(*FRAMES, "--visibility", FRAMES[1], "--method", "plus", "--out", "wrong.png")
+    assert isinstance(wrong.exception, InputError)
+    assert "without visibility.Y" in str(wrong.exception)
+
+
+def test_shadows_do_not_reach_a_network_that_never_saw_any() -> None:
+    assert predict(*FRAMES, "--method", "plus", "--out", "a.png").exit_code == 0
+    shutil.rmtree("data/visibility")
+    done = predict(*FRAMES, "--method", "plus", "--out", "b.png")
+    assert done.exit_code == 0 and "--visibility" not in done.output
+    assert Path("a.png").read_bytes() == Path("b.png").read_bytes()
+
+
+def test_an_evaluation_without_the_shadows_is_refused() -> None:
+    untrained_models(Path("models"), ("plus",), levels=3, shadows=True)
+    networks = load_networks(Path("models"), ["plus"])
+    example = from_frames(Path(FRAMES[1]), Path(FRAMES[3])).make(networks.card)
+    with pytest.raises(InputError, match="comes without the shadows of its lights"):
+        networks.predict("plus", example)
+
+
+def test_from_a_scene_shadows_are_found_where_they_are_wanted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found: list[float] = []
+
+    def counted(*given: Any) -> Channels:
+        light = render_light(*given)
+        found.append(float(light["visibility.Y"].mean()))
+        return light
+
+    monkeypatch.setattr(prediction, "render_light", counted)
+    view = box_camera("v", (40, 30), (1.0, 1.0, 1.4), (1, 1, -0.2))
+    box_room(Path("data"), view)
+    for shadows in (False, True):
+        untrained_models(Path("models"), ("plus",), levels=3, shadows=shadows)
+        done = predict("data/scenes/box", "--view", "v", "--method", "plus", "--out", "s.png")
+        assert done.exit_code == 0, done.output
+    assert found == [1.0], "an empty room has no shadows"
 
 
 def test_with_the_truth_the_unit_is_the_scenes() -> None:

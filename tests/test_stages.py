@@ -50,7 +50,7 @@ PARAMS = Params(
     illumination=IlluminationParams(width=32),
     groundtruth=GroundTruthParams(spp=4, block_spp=2, max_depth=3),
 )
-KINDS: tuple[Kind, ...] = ("inputs", "illumination", "shading", "color")
+KINDS: tuple[Kind, ...] = ("inputs", "illumination", "visibility", "shading", "color")
 STAGES: dict[str, Callable[..., Any]] = {
     "cameras": run_cameras,
     "inputs": run_inputs,
@@ -99,10 +99,10 @@ def test_all_frames_are_there_and_describe_themselves(finished: Path) -> None:
             assert frame.meta["view"]["view_id"] == view.view_id
             assert "mitsuba" in frame.meta["renderer"]
             assert ("seed" in frame.meta) == (kind in ("shading", "color"))
-    assert sum(1 for _ in finished.rglob("*.exr")) == 16
+    assert sum(1 for _ in finished.rglob("*.exr")) == 20
     rows = read_ledger(finished).to_pylist()
     made = {(row["stage"], row["scene_id"], row["view_id"]): row for row in rows}
-    assert len(rows) == len(made) == 2 + 16
+    assert len(rows) == len(made) == 2 + 20
     for view in views:
         for kind in KINDS:
             row = made[kind, view.scene_id, view.view_id]
@@ -237,8 +237,9 @@ def _alter(section: str, **values: Any) -> Params:
         (_alter("groundtruth", max_depth=4), "shading color"),
         (_alter("shading", albedo=0.4), "shading color"),
         (_alter("groundtruth", joint=False), "shading color"),
-        (_alter("illumination", width=64), "illumination"),
-        (_alter("illumination", supersampling=2), "illumination"),
+        (_alter("illumination", width=64), "illumination visibility"),
+        (_alter("illumination", supersampling=2), "illumination visibility"),
+        (_alter("illumination", shadow_rays=3), "visibility"),
         (replace(PARAMS, seed=1), "shading color"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",

@@ -138,6 +138,7 @@ def as_it_is(example: Example) -> Lit:
         example.intensity,
         example.distance,
         example.tint,
+        example.visibility,
         example.shading,
         example.color,
     )

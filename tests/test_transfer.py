@@ -24,7 +24,7 @@ cameras: {views_per_room: 3}
 groundtruth: {spp: 16, block_spp: 8, max_depth: 4}
 """
 STAGES = ("cameras", "inputs", "illumination", "groundtruth")
-RESULTS = ("cameras", "inputs", "illumination", "shading", "color")
+RESULTS = ("cameras", "inputs", "illumination", "visibility", "shading", "color")
 
 
 def _command(data: Path, stage: str, *options: str) -> list[str]:

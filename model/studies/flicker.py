@@ -20,9 +20,8 @@ from scipy.ndimage import map_coordinates
 from model.data import Array, Example
 from model.encoding import color_exposure
 from model.inference import Networks
-from model.predict import example_of, trace
+from model.predict import example_of, lit, trace
 from pipeline import rays
-from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
 from pipeline.params import Params
 from pipeline.pictures import Picture, contact_sheet
@@ -70,6 +69,7 @@ def measure_move(
     views = moved(view, wish)
     _refuse_collisions(scene, views)
     card = networks[0].card
+    cards = [card for each in networks for card in each.cards.values()]
     examples: list[Example] = []
     methods = {method: each for each in networks for method in each.methods}
     images: dict[str, list[Array]] = {
@@ -78,7 +78,7 @@ def measure_move(
     with Progress(len(views), "flicker", "frames") as progress:
         for shown in views:
             inputs = render_inputs(scene, shown)
-            light = render_illumination(scene, shown, params.illumination)
+            light = lit(scene, shown, params, cards)
             truth = trace(scene, shown, params)
             example = example_of(shown, inputs, light, card, truth)
             examples.append(example)

@@ -12,9 +12,10 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import torch
 
-from model.data import Example
+from model.data import Array, Example
 from model.evaluation import open_split
 from model.inference import Networks
 from model.methods import trained_baselines
@@ -32,7 +33,7 @@ from model.studies.renders import (
 )
 from model.training import Folders
 from pipeline.denoise import denoiser_version
-from pipeline.frames import TINT, fingerprint
+from pipeline.frames import TINT, fingerprint, kinds_of
 from pipeline.illumination import render_illumination
 from pipeline.params import Params
 from pipeline.pictures import png_bytes
@@ -41,6 +42,7 @@ from pipeline.relight import LightChange, open_changed
 from pipeline.renderer import RenderScene, renderer_version, set_variant
 from pipeline.report_light import LightResult
 from pipeline.scene_digest import scene_digest
+from pipeline.shadows import render_visibility
 from pipeline.views import View
 from scenes.checked import plain
 from scenes.contract import Scene
@@ -170,7 +172,7 @@ def _render_all(cases: list[Case], params: Params, renders: Path) -> None:
     kept = 0
     with Progress(len(cases), "study illumination: rendering", "views") as progress:
         for (_, change), group in groups.items():
-            due = [case for case in group if _store(case, params, renders).missing(*_frame(case))]
+            due = [case for case in group if _missing(case, _store(case, params, renders))]
             kept += len(group) - len(due)
             progress.advance(len(group) - len(due))
             if not due:
@@ -184,11 +186,21 @@ def _render_all(cases: list[Case], params: Params, renders: Path) -> None:
 
 
 def _render(opened: RenderScene, case: Case, store: Renders) -> None:
-    """The panorama and both truths of a case."""
+    """The panorama, its shadows and both truths of a case."""
     view, digest = _frame(case)
-    panorama = render_illumination(opened, view, store.params.illumination)
+    settings = store.params.illumination
+    panorama = render_illumination(opened, view, settings)
     store.write("illumination", panorama, view, digest)
-    store.render(opened, view, digest)
+    if settings.shadow_rays:
+        store.write("visibility", render_visibility(opened, view, settings, panorama), view, digest)
+    if store.missing(view, digest):
+        store.render(opened, view, digest)
+
+
+def _missing(case: Case, store: Renders) -> bool:
+    """Whether any frame of the case is not there."""
+    made = [kind for kind in kinds_of(store.params) if kind not in ("inputs", "noisy")]
+    return bool(store.missing(*_frame(case), made))
 
 
 def _store(case: Case, params: Params, renders: Path) -> Renders:
@@ -218,7 +230,11 @@ def _compared(
             if other is not None:
                 theirs = other.example
                 lit["exchanged"] = Lit(
-                    before.example, theirs.intensity, theirs.distance, theirs.tint
+                    before.example,
+                    theirs.intensity,
+                    theirs.distance,
+                    theirs.tint,
+                    np.ones_like(before.example.depth),  # nobody knows its shadows here
                 )
             else:
                 plan.skipped["exchanged"]["no other view"] += 1
@@ -235,9 +251,16 @@ def _lit(case: Case, params: Params, renders: Path) -> Lit:
         panorama.channels["intensity.Y"],
         panorama.channels["distance.Z"],
         panorama.stack(*TINT),
+        _shadows(store, view),
         store.read("shading", view).rgb,
         store.read("color", view).rgb,
     )
+
+
+def _shadows(store: Renders, view: View) -> Array | None:
+    if not store.params.illumination.shadow_rays:
+        return None
+    return store.read("visibility", view).channels["visibility.Y"].astype(np.float32)
 
 
 def _stranger(subject: Subject, subjects: list[Subject]) -> Subject | None:

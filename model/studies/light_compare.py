@@ -36,6 +36,7 @@ class Lit:
     intensity: Array
     distance: Array
     tint: Array | None = None
+    visibility: Array | None = None
     shading: Array | None = None  # linear float32 (H, W, 3)
     color: Array | None = None
 
@@ -43,7 +44,11 @@ class Lit:
     def example(self) -> Example:
         """What the networks are given."""
         return replace(
-            self.original, intensity=self.intensity, distance=self.distance, tint=self.tint
+            self.original,
+            intensity=self.intensity,
+            distance=self.distance,
+            tint=self.tint,
+            visibility=self.visibility,
         )
 
 
@@ -176,7 +181,7 @@ def direct_image(example: Example) -> Array:
 def level(direct: Array) -> float:
     """How bright a view is as a whole, by its panorama: the log average of its direct light.
 
-    `direct_shading` sends the light of the sources in the panorama to every pixel, without
+    `direct_shading` sends the light of the sources in the panorama to every pixel, with its
     shadows; it is linear in the light, as the renderer is. 0 where the panorama shows no source.
     """
     return 1 / exposure_of(direct, ToneParams(key=1.0)).scale if direct.any() else 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -28,11 +28,11 @@ class Renders:
     root: Path
     params: Params
 
-    def missing(self, view: View, digest: str) -> list[Kind]:
-        """Truths of the view that are not there; `digest` is that of the scene in its light."""
+    def missing(self, view: View, digest: str, kinds: Sequence[Kind] = TRUTHS) -> list[Kind]:
+        """Frames of the view that are not there; `digest` is that of the scene in its light."""
         return [
             kind
-            for kind in TRUTHS
+            for kind in kinds
             if not holds(frame_path(self.root, kind, view), self.mark(kind, view, digest))
         ]
 

@@ -30,14 +30,13 @@ from model.evaluation import open_split, true_color
 from model.inference import Networks
 from model.methods import METHODS, trained_baselines
 from model.metrics import flip_map, ssim
-from model.predict import example_of, resized, sampled, with_samples_of
+from model.predict import example_of, lit, resized, sampled, with_samples_of
 from model.studies.renders import Renders, scene_of, spread_over, views_of, with_samples
 from model.studies.time_plot import time_plot
 from model.training import Folders
 from pipeline.denoise import denoise, denoiser_version, guides
 from pipeline.frames import Channels
 from pipeline.groundtruth import render_both, render_truth
-from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
 from pipeline.params import Params
 from pipeline.passes import render_truths, traced_together
@@ -222,7 +221,7 @@ class Bench:
         return render_inputs(self.scene, self.view)
 
     def _illumination(self) -> Channels:
-        return render_illumination(self.scene, self.view, self.params.illumination)
+        return lit(self.scene, self.view, self.params, self.networks.cards.values())
 
     def _sampled(self, name: str) -> Channels:
         """The noisy samples that a network takes."""
