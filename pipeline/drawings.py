@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle, Wedge
 
 from pipeline.dollhouse import draw_dollhouse, quick_renders
-from pipeline.frames import RGB, Frame
+from pipeline.frames import RGB, TINT, Frame
 from pipeline.params import ToneParams
 from pipeline.pictures import (
     Picture,
@@ -30,6 +30,8 @@ from pipeline.pictures import (
     normal_picture,
     read_picture,
     reflectance_picture,
+    share_picture,
+    tint_picture,
     tone_picture,
 )
 from pipeline.tonemap import exposure_of
@@ -158,6 +160,11 @@ def draw_frame(frame: Frame) -> Picture:
             (f"intensity, log, up to {intensity.max():.4g}", intensity_picture(intensity)),
             (f"distance, {span}", distance_picture(distance)),
         ]
+    if set(TINT) <= names:
+        pictures.append(("tint", tint_picture(frame.stack(*TINT))))
+    if "visibility.Y" in names:
+        shadows = share_picture(channels["visibility.Y"])
+        pictures.append(("share of the direct light that arrives", shadows))
     return contact_sheet(
         [enlarge(fit(picture, 640), 480) for _, picture in pictures],
         2 if len(pictures) > 1 else 1,

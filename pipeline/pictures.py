@@ -80,6 +80,20 @@ def distance_picture(distance: Array) -> Picture:
     return depth_picture(distance)
 
 
+def tint_picture(tint: Array) -> Picture:
+    """Colours of light (h, w, 3), of luminance 1, each as bright as can be; none is grey."""
+    tint = np.asarray(tint, dtype=np.float32)
+    strongest = tint.max(axis=-1, keepdims=True)
+    picture = reflectance_picture(tint / np.where(strongest > 0, strongest, 1))
+    picture[strongest[..., 0] <= 0] = NOTHING
+    return picture
+
+
+def share_picture(share: Array) -> Picture:
+    """Shares (H, W) in [0, 1]: 0 is black, 1 is white."""
+    return to_bytes(np.repeat(np.asarray(share, dtype=np.float32)[..., None], 3, axis=-1))
+
+
 def tone_picture(image: Array, exposure: Exposure) -> Picture:
     """Linear HDR (H, W, 3) through the photographic operator."""
     return to_bytes(tonemap(image, exposure))

@@ -126,7 +126,8 @@ class _Page:
         rows = sum(shard.metadata.num_rows for shard in self.records.shards)
         size = f"{self.params.image.width}×{self.params.image.height}"
         row = max(sheet, key=lambda row: np.count_nonzero(row["intensity"]), default=None)
-        picture = {name: uri(fit(draw(name, row), 200)) for name in MODALITIES} if row else {}
+        shown = [name for name in MODALITIES if row and name in row]
+        picture = {name: uri(fit(draw(name, row), 200)) for name in shown} if row else {}
         scenes, many = mosaic(sheet, 2, 2), mosaic(sheet, 4, 3)
         flip = figure_of(self.records.evaluation.get("methods", {}).get("pbrnet", {}), "flip")
         epochs = {
@@ -177,12 +178,13 @@ class _Page:
             {
                 "title": title,
                 "words": words,
-                "wide": name in ("intensity", "distance"),
+                "wide": name in ("intensity", "distance", "tint"),
                 "pictures": [
                     {"uri": uri(shrink(draw(name, row))), "label": row_label(row)} for row in sheet
                 ],
             }
             for name, (title, words) in MODALITIES.items()
+            if name in sheet[0]  # not every dataset has all of them
         ]
 
     def _guide(self, sheet: Sequence[dict[str, Any]]) -> dict[str, Any] | None:

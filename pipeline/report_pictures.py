@@ -21,6 +21,8 @@ from pipeline.pictures import (
     png_bytes,
     read_picture,
     reflectance_picture,
+    share_picture,
+    tint_picture,
     tone_picture,
 )
 from pipeline.tonemap import Exposure
@@ -37,6 +39,8 @@ MODALITIES = {
     ),
     "intensity": ("Illumination: intensity", "Light sources all around the camera, logarithmic."),
     "distance": ("Illumination: distance", "How far away each of them is: near is bright."),
+    "tint": ("Illumination: colour", "The colour of each of them, whatever its brightness."),
+    "visibility": ("Shadows", "How much of their direct light reaches each surface."),
 }
 
 
@@ -52,6 +56,10 @@ def draw(name: str, row: Mapping[str, Any], shared: bool = False) -> Picture:
         return depth_picture(values, row["valid"])
     if name == "intensity":
         return intensity_picture(values)
+    if name == "tint":
+        return tint_picture(values)
+    if name == "visibility":
+        return share_picture(values)
     return distance_picture(values) if name == "distance" else reflectance_picture(values)
 
 
