@@ -38,7 +38,7 @@ from pipeline.params import IlluminationParams, NoisyParams, Params, ToneParams
 from pipeline.passes import render_noisy, render_truths
 from pipeline.pictures import Picture, contact_sheet, error_picture, reflectance_picture
 from pipeline.renderer import RenderScene, open_scene, set_variant
-from pipeline.shadows import render_light
+from pipeline.shadows import render_visibility
 from pipeline.tonemap import Exposure, exposure_of, to_bytes, tonemap
 from pipeline.views import View, as_matrix, load_cameras, look
 from scenes.checked import build, plain
@@ -288,11 +288,17 @@ def trace(scene: RenderScene, view: View, params: Params) -> tuple[Channels, Cha
 
 def lit(scene: RenderScene, view: View, params: Params, cards: Iterable[ModelCard]) -> Channels:
     """The panorama, and its shadows if one of the networks takes them."""
-    settings = params.illumination
+    panorama = render_illumination(scene, view, params.illumination)
     if not any(card.training.get("shadows") for card in cards):
-        return render_illumination(scene, view, settings)
-    rays = settings.shadow_rays or IlluminationParams().shadow_rays
-    return render_light(scene, view, replace(settings, shadow_rays=rays))
+        return panorama
+    return panorama | shadows_of(scene, view, params, panorama)
+
+
+def shadows_of(scene: RenderScene, view: View, params: Params, panorama: Channels) -> Channels:
+    """The shadows of a panorama's lights, by so many rays as the parameters say, if any."""
+    rays = params.illumination.shadow_rays or IlluminationParams().shadow_rays
+    settings = replace(params.illumination, shadow_rays=rays)
+    return render_visibility(scene, view, settings, panorama)
 
 
 def sampled(scene: RenderScene, view: View, params: Params, card: ModelCard) -> Channels | None:

@@ -17,6 +17,7 @@ CLOCKS: dict[Clock, str] = {
 PARTS = {
     "inputs": "Depth, normal, reflectance",
     "illumination": "Panorama",
+    "visibility": "Shadows of its lights",
     "shading": "Shading network",
     "composition": "Composition network",
     "product": "Reflectance × shading",

@@ -35,12 +35,6 @@ _SLACK = 0.02  # metres before a source's mean place that count as arrived
 Array = npt.NDArray[Any]
 
 
-def render_light(render_scene: RenderScene, view: View, params: IlluminationParams) -> Channels:
-    """The channels of `render_illumination` and of `render_visibility`, of different sizes."""
-    panorama = render_illumination(render_scene, view, params)
-    return panorama | render_visibility(render_scene, view, params, panorama)
-
-
 def render_visibility(
     render_scene: RenderScene,
     view: View,

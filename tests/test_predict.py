@@ -22,7 +22,7 @@ from model.predict import from_frames
 from pipeline.cli import cli
 from pipeline.frames import Channels, read_frame
 from pipeline.pictures import png_facts, read_picture
-from pipeline.shadows import render_light
+from pipeline.shadows import render_visibility
 from pipeline.tonemap import Exposure, tonemap
 from scenes.errors import InputError
 
@@ -191,11 +191,11 @@ def test_from_a_scene_shadows_are_found_where_they_are_wanted(
     found: list[float] = []
 
     def counted(*given: Any) -> Channels:
-        light = render_light(*given)
+        light = render_visibility(*given)
         found.append(float(light["visibility.Y"].mean()))
         return light
 
-    monkeypatch.setattr(prediction, "render_light", counted)
+    monkeypatch.setattr(prediction, "render_visibility", counted)
     view = box_camera("v", (40, 30), (1.0, 1.0, 1.4), (1, 1, -0.2))
     box_room(Path("data"), view)
     for shadows in (False, True):

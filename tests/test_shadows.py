@@ -20,7 +20,7 @@ from pipeline.params import IlluminationParams, Params
 from pipeline.passes import frame_fingerprint
 from pipeline.rays import pixel_directions
 from pipeline.renderer import RenderScene, open_scene, set_variant
-from pipeline.shadows import choose, render_light, render_visibility, shared
+from pipeline.shadows import choose, render_visibility, shared
 from pipeline.views import View
 from scenes.contract import Portal
 from tests.render_fixtures import (
@@ -198,7 +198,8 @@ def test_what_is_given_to_the_network_has_the_shadows(tmp_path: Path) -> None:
     lamp = ball("lamp", (0.6, -1.0, 2.0), 0.03, glow(50))
     board = quad("board", (0.3, 1.0, 1.75), (0, -1, 0), (0.25, 0.2), diffuse())
     scene, view = opened(tmp_path, WALL + board + lamp), looking_at_a_wall()
-    light: Channels = render_light(scene, view, PARAMS)
+    light: Channels = render_illumination(scene, view, PARAMS)
+    light |= render_visibility(scene, view, PARAMS, light)
     assert light["intensity.Y"].shape == (64, 128) and light["visibility.Y"].shape == (60, 80)
     example = example_of(view, render_inputs(scene, view), light, Card(), None)  # type: ignore[arg-type]
     bare = replace(example, visibility=None)

@@ -12,7 +12,7 @@ from light_fixtures import PARAMS, lit_workplace
 
 from model.studies import timing
 from model.studies.renders import with_samples
-from model.studies.timing import Outcome
+from model.studies.timing import Outcome, _needs
 from model.training import Folders
 from pipeline.cli import main
 from pipeline.pictures import read_picture
@@ -40,6 +40,13 @@ def run(place: Folders, *more: str) -> int:
 def result_of(place: Folders) -> TimeResult:
     path = place.models / "metrics" / "studies" / "time.json"
     return build(TimeResult, json.loads(path.read_text()), str(path), InputError)
+
+
+def test_shadows_are_paid_by_those_that_take_them() -> None:
+    assert _needs("plus", None, {"plus"}) == ("inputs", "illumination", "visibility", "plus")
+    assert _needs("plus", None, ()) == ("inputs", "illumination", "plus")
+    assert _needs("unet", None, {"plus"}) == ("inputs", "illumination", "unet")
+    assert _needs("hybrid", None, {"plus"}) == ("inputs", "samples", "hybrid")
 
 
 def test_the_study_from_end_to_end_and_again(

@@ -14,7 +14,7 @@ import os
 import platform
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
@@ -30,13 +30,14 @@ from model.evaluation import open_split, true_color
 from model.inference import Networks
 from model.methods import METHODS, trained_baselines
 from model.metrics import flip_map, ssim
-from model.predict import example_of, lit, resized, sampled, with_samples_of
+from model.predict import example_of, resized, sampled, shadows_of, with_samples_of
 from model.studies.renders import Renders, scene_of, spread_over, views_of, with_samples
 from model.studies.time_plot import time_plot
 from model.training import Folders
 from pipeline.denoise import denoise, denoiser_version, guides
 from pipeline.frames import Channels
 from pipeline.groundtruth import render_both, render_truth
+from pipeline.illumination import render_illumination
 from pipeline.inputs import render_inputs
 from pipeline.params import Params
 from pipeline.passes import render_truths, traced_together
@@ -127,6 +128,7 @@ def study_time(
             with open_changed(scenes[view.scene_id], LightChange()) as opened:
                 bench = Bench(opened, view, params, networks, store, wish.clock)
                 outcomes.append(bench.run(_samples(wish.max_spp), wish.repeats, progress))
+    shaded = {name for name, card in networks.cards.items() if card.training.get("shadows")}
     result = TimeResult(
         seed=params.seed,
         split=dataset.split,
@@ -145,7 +147,7 @@ def study_time(
         versions=_versions(),
         models={name: card.sha256 for name, card in sorted(networks.cards.items())},
         parts=_parts(outcomes),
-        points=_points(outcomes),
+        points=_points(outcomes, shaded),
     )
     with atomic_file(folder / "time.png") as partial:
         partial.write_bytes(time_plot(result))
@@ -168,11 +170,12 @@ class Bench:
         self.now = time.process_time if clock == "cpu" else time.perf_counter
         self.scene, self.view, self.params, self.networks = scene, view, params, networks
         self.seed = derive(params.seed, "study", "time", view.scene_id, view.view_id)
-        inputs, panorama = self._inputs(), self._illumination()
+        self.panorama = self._illumination()
+        inputs, light = self._inputs(), self.panorama | self._visibility()
         truths = store.read("shading", view), store.read("color", view)
         self.noise = float(truths[1].meta["noise"])
         pair = (truths[0].channels, truths[1].channels)
-        self.example: Example = example_of(view, inputs, panorama, networks.card, pair)
+        self.example: Example = example_of(view, inputs, light, networks.card, pair)
         self.truth = true_color(self.example, networks)
         self.seconds: dict[str, list[float]] = defaultdict(list)
         self.errors: dict[tuple[str, int | None], tuple[float, float]] = {}
@@ -191,6 +194,8 @@ class Bench:
         networks, example = self.networks, self.example
         self._timed("inputs", self._inputs)
         self._timed("illumination", self._illumination)
+        if self._shadows():
+            self._timed("visibility", self._visibility)
         shading = self._timed("shading", lambda: networks.shading(example))
         for method in ("pbrnet", "product", *networks.baselines):
             given = example
@@ -221,7 +226,16 @@ class Bench:
         return render_inputs(self.scene, self.view)
 
     def _illumination(self) -> Channels:
-        return lit(self.scene, self.view, self.params, self.networks.cards.values())
+        return render_illumination(self.scene, self.view, self.params.illumination)
+
+    def _shadows(self) -> bool:
+        return any(card.training.get("shadows") for card in self.networks.cards.values())
+
+    def _visibility(self) -> Channels:
+        """The shadows of the panorama's lights, if a network takes them."""
+        if not self._shadows():
+            return {}
+        return shadows_of(self.scene, self.view, self.params, self.panorama)
 
     def _sampled(self, name: str) -> Channels:
         """The noisy samples that a network takes."""
@@ -287,11 +301,11 @@ def _parts(outcomes: list[Outcome]) -> dict[str, Spent]:
     return {name: _spent(outcomes, name) for name in names}
 
 
-def _points(outcomes: list[Outcome]) -> tuple[Point, ...]:
+def _points(outcomes: list[Outcome], shaded: Collection[str]) -> tuple[Point, ...]:
     """Every way to a picture, with the seconds of all that it needs."""
     points = []
     for method, spp in outcomes[0].errors:
-        needs = _needs(method, spp)
+        needs = _needs(method, spp, shaded)
         seconds = mean(sum(median(outcome.seconds[part]) for part in needs) for outcome in outcomes)
         flip, likeness = (
             mean(outcome.errors[method, spp][index] for outcome in outcomes) for index in (0, 1)
@@ -300,8 +314,8 @@ def _points(outcomes: list[Outcome]) -> tuple[Point, ...]:
     return tuple(sorted(points, key=lambda point: (point.method, point.spp or 0)))
 
 
-def _needs(method: str, spp: int | None) -> tuple[str, ...]:
-    """The timed parts that make up a way to a picture."""
+def _needs(method: str, spp: int | None, shaded: Collection[str]) -> tuple[str, ...]:
+    """The timed parts that make up a way to a picture; methods in `shaded` take shadows."""
     if spp is not None:
         renderer = method.removesuffix("_denoised")
         more = ("guides", "denoiser") if method.endswith("_denoised") else ()
@@ -309,7 +323,8 @@ def _needs(method: str, spp: int | None) -> tuple[str, ...]:
     networks = {"pbrnet": ("shading", "composition"), "product": ("shading", "product")}
     if method in METHODS and METHODS[method].noisy:
         return ("inputs", "samples", method)  # it looks at no panorama
-    return ("inputs", "illumination", *networks.get(method, (method,)))
+    light = ("illumination", "visibility") if method in shaded else ("illumination",)
+    return ("inputs", *light, *networks.get(method, (method,)))
 
 
 def _spent(outcomes: list[Outcome], part: str) -> Spent:
