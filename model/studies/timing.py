@@ -57,6 +57,7 @@ from scenes.seeds import derive
 _MORE = 16  # times the samples of the longest rival that the reference has, unless asked for others
 _LEAST = 4  # at least so many times
 _SMALLEST = 16  # pixels a side, as of the dataset's images
+_WARM = 2  # turns: a launch is recorded in its first or second, and at full speed from the third on
 _PACKAGES = ("mitsuba", "drjit", "torch", "numpy", "pyoidn")
 
 
@@ -123,7 +124,7 @@ def study_time(
     store = Renders(renders / (f"{size}-raw" if wish.raw_reference else size), reference)
     _references(scenes, views, store)
     outcomes = []
-    with Progress(len(views) * (wish.repeats + 1), "study time: by turns", "turns") as progress:
+    with Progress(len(views) * (_WARM + wish.repeats), "study time: by turns", "turns") as progress:
         for view in views:
             with open_changed(scenes[view.scene_id], LightChange()) as opened:
                 bench = Bench(opened, view, params, networks, store, wish.clock)
@@ -181,9 +182,9 @@ class Bench:
         self.errors: dict[tuple[str, int | None], tuple[float, float]] = {}
 
     def run(self, samples: list[int], repeats: int, progress: Progress) -> Outcome:
-        """A turn that does not count, then so many that do."""
-        for turn in range(repeats + 1):
-            if turn == 1:
+        """`_WARM` turns that do not count, then so many that do."""
+        for turn in range(_WARM + repeats):
+            if turn == _WARM:
                 self.seconds.clear()
             self._networks_turn()
             self._renderer_turn(samples)
