@@ -30,6 +30,7 @@ from model.studies.comparisons import (
     decomposition_study,
     loss_study,
 )
+from model.studies.curve import power_law, promises
 from model.studies.trial_scores import Scored, busiest, figures
 from model.studies.trials import Wish, plan, subset
 from model.training import Folders, train_network
@@ -37,7 +38,7 @@ from pipeline.cli import main
 from pipeline.params import Params
 from pipeline.pictures import read_picture
 from pipeline.report import Places, write_report
-from pipeline.report_trials import TrialsResult
+from pipeline.report_trials import TrialsFigure, TrialsResult, TrialsRow
 from scenes.checked import build, plain
 from scenes.errors import InputError, ParameterError
 from scenes.files import read_json
@@ -420,20 +421,24 @@ def test_loss_from_the_command_to_the_report(run: Run, folders: Folders) -> None
 
 
 def test_decomposition_draws_its_curve(run: Run, folders: Folders) -> None:
-    arguments = ("--steps", 1, "--views", 2, "--views", 12, "--seeds", 2)
+    arguments = ("--steps", 1, "--views", 2, "--views", 12, "--seeds", 2, "--method", "can")
     code, _, errors = run("decomposition", *arguments)
     assert code == 0, errors
     result = read_json(folders.metrics / "studies" / "decomposition.json")
     assert [(row["group"], row["label"]) for row in result["rows"]] == [
         (group, label)
         for group in ("at least 2 views", "at least 12 views")
-        for label in ("two_stage", "end_to_end", "unet", "truth")
+        for label in ("two_stage", "end_to_end", "unet", "can", "truth")
     ]
+    assert [note.partition(":")[0] for note in result["notes"]] == [
+        "two_stage", "end_to_end", "unet", "can"
+    ]  # fmt: skip
+    assert all(note.endswith("with 120 views (no measurement)") for note in result["notes"])
     assert result["repeats"] == 2
     spreads = [row["metrics"]["flip"]["spread"] for row in result["rows"] if row["steps"]]
-    assert len(spreads) == 6 and min(spreads) > 0
+    assert len(spreads) == 8 and min(spreads) > 0
     names = {path.parent.name for path in (folders.metrics / "studies").glob("*/*/trial.json")}
-    assert len(names) == 12 and {"unet-2-0", "end_to_end-12-1"} < names
+    assert len(names) == 16 and {"unet-2-0", "end_to_end-12-1", "can-12-1"} < names
     _, card = load_model(
         folders.metrics / "studies" / "decomposition" / "end_to_end-2-0" / "end_to_end.safetensors"
     )
@@ -441,6 +446,23 @@ def test_decomposition_draws_its_curve(run: Run, folders: Folders) -> None:
     page, _ = report_of(folders)
     section = page[page.index('id="study-decomposition"') : page.index('id="views"')]
     assert "against the number of training views" in section and section.count("<svg") == 2
+
+
+def test_a_power_law_is_found_again_and_promises_its_value() -> None:
+    views = (50.0, 100.0, 400.0)
+    errors = tuple(0.8 * size**-0.25 for size in views)
+    assert power_law(views, errors) == pytest.approx((0.8, 0.25))
+    with pytest.raises(ValueError, match="two sizes"):
+        power_law((50.0, 50.0), (0.5, 0.4))
+
+    def row(label: str, size: float | None, error: float | None) -> TrialsRow:
+        figure = None if error is None else TrialsFigure(error, None, None, None, None, None, None)
+        return TrialsRow(label, f"{size}", size, 1, {"flip": figure})
+
+    rows = [row("unet", *point) for point in zip(views, errors, strict=True)]
+    (sentence,) = promises([row("truth", None, 0.0), *rows, row("can", 50.0, 0.5)])
+    assert "-15.9 % with every doubling" in sentence  # 2 ** -0.25
+    assert f"gives {0.8 * 4000**-0.25:.3f} with 4000 views" in sentence
 
 
 def test_composition_has_products_under_both_policies(run: Run, folders: Folders) -> None:

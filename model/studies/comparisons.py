@@ -14,6 +14,7 @@ from model.baselines.end_to_end import composition_of
 from model.data import Dataset
 from model.methods import METHODS
 from model.networks import Architecture
+from model.studies.curve import promises
 from model.studies.trial_runs import PICTURED, Record, Say, folder_of, run
 from model.studies.trial_scores import Scored, figures, picture_views, sheet
 from model.studies.trials import Study, Trial, Variant, Wish, plan
@@ -40,10 +41,11 @@ def loss_study(_params: Params) -> Study:
     )
 
 
-def decomposition_study(params: Params) -> Study:
+def decomposition_study(params: Params, methods: Sequence[str] = ()) -> Study:
     """The same layers with and without supervised shading, and one U-Net; by training-set size.
 
-    All have the width and depth of the parameters' shading network.
+    All have the width and depth of the parameters' shading network; more `methods` of the registry
+    have their own.
     """
     first = params.train.shading
     second = composition_of(Architecture("shading", first.width, first.levels))
@@ -54,11 +56,13 @@ def decomposition_study(params: Params) -> Study:
     for name in ("end_to_end", "unet"):
         changes[f"train.{name}.width"] = first.width
         changes[f"train.{name}.levels"] = first.levels
+    more = [name for name in dict.fromkeys(methods) if name not in ("end_to_end", "unet")]
     return Study(
         name="decomposition",
         variants=(
             Variant("two_stage", STAGES, {"pbrnet": "two_stage"}, changes),
             *(Variant(name, (name,), {name: name}, changes) for name in ("end_to_end", "unet")),
+            *(Variant(name, (name,), {name: name}) for name in more),
         ),
         reference="two_stage",
         sized=True,
@@ -172,7 +176,7 @@ def summarise(
         backbone=read_json(folders.backbone / "backbone.json")["network"],
         reference=study.reference,
         rows=tuple(rows),
-        notes=tuple(notes),
+        notes=(*notes, *(promises(rows) if study.sized else ())),
     )
 
 

@@ -52,9 +52,17 @@ Examples:
   pbrnet study decomposition --dry-run
   pbrnet study decomposition --steps 2000                 a quarter, half, and all of the views
   pbrnet study decomposition --views 20 --views 80 --seeds 3
+  pbrnet study decomposition --method plus                the curve of our own network, too
 
 Views are taken by whole floor plans, drawn by lot, until there are as many as asked for. Stopped,
 the same command goes on where it was. Writes metrics/studies/decomposition.json and .png."""
+)
+@click.option(
+    "--method",
+    "methods",
+    type=click.Choice(BASELINES),
+    multiple=True,
+    help="A method to train beside the three, again for each.",
 )
 @click.option(
     "--views",
@@ -63,12 +71,15 @@ the same command goes on where it was. Writes metrics/studies/decomposition.json
     help="Training views, again for each size.  [default: a quarter, half, all]",
 )
 @trial_options()
-def decomposition(params: Params, data: Path, models: Path, **wishes: Any) -> None:
+def decomposition(
+    params: Params, data: Path, models: Path, methods: tuple[str, ...], **wishes: Any
+) -> None:
     """Compare two stages with one (Figure 8).
 
-    Shading supervised, the same layers on colour alone, and one U-Net, by the number of views.
+    Shading supervised, the same layers on colour alone, and one U-Net, by the number of views;
+    and what each one's curve promises for ten times as many.
     """
-    _study(decomposition_study(params), params, data, models, **wishes)
+    _study(decomposition_study(params, methods), params, data, models, **wishes)
 
 
 @click.command(
