@@ -81,7 +81,7 @@ def from_scene(
             frames = known_truth(data, view)
             truth = _channels(frames) if frames else trace(opened[0], view, params)
         inputs = render_inputs(opened[0], view)
-        light = lit(opened[0], view, params, [card])
+        light = lit(opened[0], view, params, [card], inputs)
         noisy = sampled(opened[0], view, params, card)
         return example_of(view, inputs, light, card, truth, noisy)
 
@@ -286,19 +286,24 @@ def trace(scene: RenderScene, view: View, params: Params) -> tuple[Channels, Cha
     return truths["shading"][0], truths["color"][0]
 
 
-def lit(scene: RenderScene, view: View, params: Params, cards: Iterable[ModelCard]) -> Channels:
+def lit(
+    scene: RenderScene, view: View, params: Params, cards: Iterable[ModelCard], inputs: Channels
+) -> Channels:
     """The panorama, and its shadows if one of the networks takes them."""
     panorama = render_illumination(scene, view, params.illumination)
     if not any(card.training.get("shadows") for card in cards):
         return panorama
-    return panorama | shadows_of(scene, view, params, panorama)
+    return panorama | shadows_of(scene, view, params, panorama, inputs)
 
 
-def shadows_of(scene: RenderScene, view: View, params: Params, panorama: Channels) -> Channels:
-    """The shadows of a panorama's lights, by so many rays as the parameters say, if any."""
+def shadows_of(
+    scene: RenderScene, view: View, params: Params, panorama: Channels, inputs: Channels
+) -> Channels:
+    """The shadows of a panorama's lights on what a view's inputs show, by so many rays as the
+    parameters say, if any."""
     rays = params.illumination.shadow_rays or IlluminationParams().shadow_rays
     settings = replace(params.illumination, shadow_rays=rays)
-    return render_visibility(scene, view, settings, panorama)
+    return render_visibility(scene, view, settings, panorama, inputs)
 
 
 def sampled(scene: RenderScene, view: View, params: Params, card: ModelCard) -> Channels | None:

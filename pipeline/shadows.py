@@ -40,23 +40,23 @@ def render_visibility(
     view: View,
     params: IlluminationParams,
     panorama: Channels | None = None,
+    inputs: Channels | None = None,
 ) -> Channels:
     """`visibility.Y`, float32 (H, W), [0, 1]: share of the panorama's direct light that arrives.
 
     Estimated by `params.shadow_rays` rays a pixel, and those of its neighbours. 1 where there is
-    no surface, or none of the light would reach it anyway. `panorama` is what
-    `render_illumination` makes of the same, where that is there already.
+    no surface, or none of the light would reach it anyway. `panorama` and `inputs` are what
+    `render_illumination` and `render_inputs` make of the same, where they are there already; depth
+    and normals of the latter are rounded, which may turn a ray that grazes an edge.
     """
     panorama = panorama or render_illumination(render_scene, view, params)
     tint = np.stack([panorama[name] for name in TINT], axis=-1)
     places, power = sources(panorama["intensity.Y"][..., None] * tint, panorama["distance.Z"])
     turn, eye = view.pose[:3, :3], view.eye
-    local = rays.pixel_directions(view.intrinsics, view.width, view.height)
-    directions = rays.unit(local.reshape(-1, 3)) @ turn.T
-    hits = rays.surfaces(render_scene.target, eye, directions, colors=False)
-    seen = hits.shape >= 0
-    points, normals = hits.position.astype(np.float64), facing(hits, directions)
-    share = np.ones(len(directions))
+    seen, points, normals = (
+        _looked_at(render_scene, view) if inputs is None else _held_by(inputs, view)
+    )
+    share = np.ones(len(seen))
     if len(places) and seen.any():
         share[seen] = _arriving(
             render_scene,
@@ -74,6 +74,24 @@ def render_visibility(
         seen.reshape(shape),
     )
     return {"visibility.Y": lent.astype(np.float32)}
+
+
+def _looked_at(render_scene: RenderScene, view: View) -> tuple[Array, Array, Array]:
+    """Of each pixel, row by row, whether it shows a surface (P,), and that surface's place and
+    normal, (P, 3) each, world."""
+    local = rays.pixel_directions(view.intrinsics, view.width, view.height)
+    directions = rays.unit(local.reshape(-1, 3)) @ view.pose[:3, :3].T
+    hits = rays.surfaces(render_scene.target, view.eye, directions, colors=False)
+    return hits.shape >= 0, hits.position.astype(np.float64), facing(hits, directions)
+
+
+def _held_by(inputs: Channels, view: View) -> tuple[Array, Array, Array]:
+    """The same, from a view's rasterised inputs."""
+    turn = view.pose[:3, :3].T
+    local = rays.pixel_directions(view.intrinsics, view.width, view.height)
+    points = (local * inputs["Z"].astype(np.float64)[..., None]).reshape(-1, 3) @ turn + view.eye
+    normals = np.stack([inputs[f"N.{axis}"].astype(np.float64) for axis in "XYZ"], axis=-1)
+    return inputs["valid"].ravel() > 0, points, rays.unit(normals.reshape(-1, 3)) @ turn
 
 
 def _arriving(

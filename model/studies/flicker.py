@@ -78,7 +78,7 @@ def measure_move(
     with Progress(len(views), "flicker", "frames") as progress:
         for shown in views:
             inputs = render_inputs(scene, shown)
-            light = lit(scene, shown, params, cards)
+            light = lit(scene, shown, params, cards, inputs)
             truth = trace(scene, shown, params)
             example = example_of(shown, inputs, light, card, truth)
             examples.append(example)

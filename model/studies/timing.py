@@ -172,11 +172,12 @@ class Bench:
         self.scene, self.view, self.params, self.networks = scene, view, params, networks
         self.seed = derive(params.seed, "study", "time", view.scene_id, view.view_id)
         self.panorama = self._illumination()
-        inputs, light = self._inputs(), self.panorama | self._visibility()
+        self.inputs = self._inputs()
+        light = self.panorama | self._visibility()
         truths = store.read("shading", view), store.read("color", view)
         self.noise = float(truths[1].meta["noise"])
         pair = (truths[0].channels, truths[1].channels)
-        self.example: Example = example_of(view, inputs, light, networks.card, pair)
+        self.example: Example = example_of(view, self.inputs, light, networks.card, pair)
         self.truth = true_color(self.example, networks)
         self.seconds: dict[str, list[float]] = defaultdict(list)
         self.errors: dict[tuple[str, int | None], tuple[float, float]] = {}
@@ -236,7 +237,7 @@ class Bench:
         """The shadows of the panorama's lights, if a network takes them."""
         if not self._shadows():
             return {}
-        return shadows_of(self.scene, self.view, self.params, self.panorama)
+        return shadows_of(self.scene, self.view, self.params, self.panorama, self.inputs)
 
     def _sampled(self, name: str) -> Channels:
         """The noisy samples that a network takes."""
