@@ -21,6 +21,10 @@ from scenes.contract import load_scene, scene_folders
 from scenes.files import write_text
 
 ROOT = Path(__file__).resolve().parent.parent
+_LIT = """
+scenes: {{homes: {homes}, rooms_min: 3}}
+cameras: {{views_per_scene: 1}}
+"""  # of different light, with many lamps
 # The denoiser is left out: it is work that a plain loop does not do.
 _PARAMETERS = """
 scenes: {{homes: {homes}}}
@@ -35,13 +39,15 @@ class Sizes:
     """How much work: `FULL` is what counts, about a quarter of an hour on two quiet cores."""
 
     homes: int = 3
+    lit: int = 6  # more homes, for equal-time error
+    trials: int = 2  # of each way of sampling in each of them
     views: int = 4  # a home, in the stages
     spp: int = 64
     repeats: int = 3
     processes: int = 2  # repeats of what starts processes
     large: tuple[int, int] = (480, 360)  # of single renders
     middle: tuple[int, int] = (240, 180)  # of what needs a reference
-    reference: int = 384  # samples a pixel of each half of a reference
+    reference: int = 128  # samples a pixel of each half of a reference
     clay: int = 512  # those of the clay's
     rows: int = 16  # views in the shards that are read
     rows_spp: int = 8
@@ -49,8 +55,8 @@ class Sizes:
 
 FULL = Sizes()
 SMALL = Sizes(  # for trying the program: its figures mean nothing
-    homes=2, views=1, spp=4, repeats=1, processes=1, large=(64, 48), middle=(48, 36),
-    reference=32, clay=32, rows=2, rows_spp=1,
+    homes=2, lit=1, trials=1, views=1, spp=4, repeats=1, processes=1,
+    large=(64, 48), middle=(48, 36), reference=32, clay=32, rows=2, rows_spp=1,
 )  # fmt: skip
 
 
@@ -74,22 +80,32 @@ class Bench:
     @cached_property
     def views(self) -> dict[str, list[View]]:
         """Views of each home, at the stages' size."""
-        run_scenes(self.data, self.params)
-        run_cameras(self.data, self.params)
-        names = [path.name for path in scene_folders(self.data / "scenes")]
-        return {
-            name: list(load_cameras(self.data / "cameras" / f"{name}.json").views) for name in names
-        }
+        return _made(self.data, self.params)
+
+    @cached_property
+    def lit(self) -> dict[str, list[View]]:
+        """A view each of homes with lamps in at least three rooms, by day, evening and night."""
+        file = self.folder / "lit.yaml"
+        write_text(file, _LIT.format(homes=self.sizes.lit))
+        return _made(self.folder / "lit", load_params(file))
 
     @property
     def home(self) -> str:
         """The home with the most views, the first of them."""
         return max(self.views, key=lambda name: len(self.views[name]))
 
-    def open(self, name: str) -> RenderScene:
-        """A home, ready to render; its views are known then."""
-        assert name in self.views
-        return open_scene(load_scene(self.data / "scenes" / name))
+    def open(self, name: str, lit: bool = False) -> RenderScene:
+        """A home of `views`, or of `lit`, ready to render; its views are known then."""
+        assert name in (self.lit if lit else self.views)
+        return open_scene(load_scene((self.folder / "lit" if lit else self.data) / "scenes" / name))
+
+
+def _made(data: Path, params: Params) -> dict[str, list[View]]:
+    """Homes and cameras below `data`; views by home."""
+    run_scenes(data, params)
+    run_cameras(data, params)
+    names = [path.name for path in scene_folders(data / "scenes")]
+    return {name: list(load_cameras(data / "cameras" / f"{name}.json").views) for name in names}
 
 
 def resized(view: View, size: tuple[int, int]) -> View:

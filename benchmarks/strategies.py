@@ -1,24 +1,25 @@
 """Rows about equal-time error: what each way of sampling makes of the same seconds.
 
 Efficiency is 1 / (mean squared error x core-seconds), which does not depend on the number of
-samples. Each row is that of one way over that of plain `path` with Mitsuba's default sampler,
-in one home; each home has a light setting of its own. A reference's own error is known and
-taken off.
+samples. Each row is that of one way over that of plain `path` with Mitsuba's default sampler:
+geometric means over homes of different light, each with lamps in several rooms. A reference's own
+error is known and taken off.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from statistics import geometric_mean
 from typing import Literal
 
 import numpy as np
 
 from benchmarks.bench import Bench, Reference, pixels, resized
 from benchmarks.rendering import plain_render
-from benchmarks.rows import Row, missing
-from benchmarks.timing import spend, spread
+from benchmarks.rows import Row, at_most, missing
+from benchmarks.timing import Spread, spend, spread
 from pipeline import joint
 from pipeline.groundtruth import render_both
 from pipeline.params import GroundTruthParams
@@ -27,11 +28,16 @@ from pipeline.views import View
 
 Images = dict[str, np.ndarray]  # "color", "shading", or both, (H, W, 3)
 Way = Callable[[int, int], Images]  # by samples a pixel and seed
+SAMPLERS = ("multijitter", "stratified", "orthogonal", "ldsampler")
 _SHOWN = {
-    "multijitter": "`multijitter`",
+    **{sampler: f"`path` with `{sampler}`" for sampler in SAMPLERS},
     "uniform": "joint trace, all lights alike",
     "planned": "joint trace, planned lights",
+    "blocks": "the same, in blocks of 16 samples",
+    "short": "the same, roulette from the third bounce on",
 }
+_BOTH = "both images at once"
+_GOAL = at_most(0.4)
 
 
 @dataclass(frozen=True)
@@ -43,18 +49,53 @@ class Tried:
 
 
 def strategy_rows(bench: Bench) -> Iterator[Row]:
-    """Every home, every strategy, and both images at once."""
+    """Every home with the planned joint trace, then every strategy as a mean over homes."""
     if not joint.available():
         yield missing("strategies", "equal-time error", "joint traces are not in scalar variants")
         return
-    for name in sorted(bench.views):
-        if bench.views[name]:
-            scene = bench.open(name)
-            view = resized(bench.views[name][0], bench.sizes.middle)
-            yield from _of_home(bench, scene, view)
+    homes: list[dict[str, Spread]] = []
+    spp = bench.sizes.spp
+    meaning = (
+        "efficiency of the joint trace with planned lights over plain `path`'s two renders, by the "
+        f"mean of both images' relative errors, {spp} spp each"
+    )
+    for name, views in sorted(bench.lit.items()):
+        if views:
+            scene = bench.open(name, lit=True)
+            homes.append(_of_home(bench, scene, resized(views[0], bench.sizes.middle)))
+            where = f"{scene.scene.scene_id}, {scene.scene.lighting}: {_BOTH}"
+            yield Row(where, meaning, homes[-1][_BOTH], clock="cpu")
+    if homes:
+        yield from summary(homes, spp)
 
 
-def _of_home(bench: Bench, scene: RenderScene, view: View) -> Iterator[Row]:
+def summary(homes: Sequence[dict[str, Spread]], spp: int) -> Iterator[Row]:
+    """Geometric means over homes of each way's efficiency, and what error remains at equal time."""
+    for name, shown in _SHOWN.items():
+        yield Row(
+            shown,
+            f"efficiency of colour alone over plain `path`'s with `independent`, {spp} spp each: "
+            f"geometric mean over {len(homes)} homes, the least and the most of them",
+            _over([home[name].value for home in homes]),
+            clock="cpu",
+        )
+    for shown, name in (("colour alone", "planned"), (_BOTH, _BOTH)):
+        yield Row(
+            f"error at equal time, {shown}",
+            "mean squared error of the joint trace with planned lights over plain `path`'s in the "
+            "same core-seconds: geometric mean, the least and the most",
+            _over([1 / home[name].value for home in homes]),
+            clock="cpu",
+            goal=_GOAL,
+        )
+
+
+def _over(values: Sequence[float]) -> Spread:
+    return Spread(geometric_mean(values), min(values), max(values), len(values))
+
+
+def _of_home(bench: Bench, scene: RenderScene, view: View) -> dict[str, Spread]:
+    """Efficiency of every way over plain `path`'s in one view."""
     sizes, grey = bench.sizes, bench.params.shading.albedo
     truth = replace(bench.params.groundtruth, spp=sizes.spp)
     ways = ways_of(scene, view, truth, grey)
@@ -64,24 +105,17 @@ def _of_home(bench: Bench, scene: RenderScene, view: View) -> Iterator[Row]:
     references = {kind: Reference(*(half[kind] for half in halves)) for kind in halves[0]}
     turns = [
         {name: _try(partial(way, sizes.spp, 2 + turn), references) for name, way in ways.items()}
-        for turn in range(sizes.repeats)
+        for turn in range(sizes.trials)
     ]
-    where = f"{scene.scene.scene_id}, {scene.scene.lighting}"
-    for name, shown in _SHOWN.items():
-        yield Row(
-            f"{where}: {shown}",
-            f"efficiency of colour over plain `path`'s, {sizes.spp} spp each",
-            spread([_gain([turn["color"]], turn[name], ("color",)) for turn in turns]),
-            clock="cpu",
-        )
     both = ("color", "shading")
-    yield Row(
-        f"{where}: both images at once",
-        "efficiency of the joint trace with planned lights over plain `path`'s two renders, "
-        "by the mean of both images' relative errors",
-        spread([_gain([turn[kind] for kind in both], turn["planned"], both) for turn in turns]),
-        clock="cpu",
+    found = {
+        name: spread([_gain([turn["color"]], turn[name], ("color",)) for turn in turns])
+        for name in _SHOWN
+    }
+    found[_BOTH] = spread(
+        [_gain([turn[kind] for kind in both], turn["planned"], both) for turn in turns]
     )
+    return found
 
 
 def ways_of(
@@ -93,17 +127,21 @@ def ways_of(
         form = scene if kind == "color" else scene.neutral(grey)
         return {kind: plain_render(form, view, spp, seed, truth.max_depth, sampler)}
 
-    def together(lights: Literal["planned", "uniform"], spp: int, seed: int) -> Images:
-        asked = replace(truth, spp=spp, block_spp=min(64, spp), lights=lights)
+    def together(
+        lights: Literal["planned", "uniform"], block: int, roulette: int, spp: int, seed: int
+    ) -> Images:
+        asked = replace(truth, spp=spp, block_spp=min(block, spp), lights=lights, rr_depth=roulette)
         truths = render_both(scene, view, asked, grey, seed)
         return {"color": pixels(truths.color), "shading": pixels(truths.shading)}
 
     return {
         "color": partial(plain, "color", "independent"),
         "shading": partial(plain, "shading", "independent"),
-        "multijitter": partial(plain, "color", "multijitter"),
-        "uniform": partial(together, "uniform"),
-        "planned": partial(together, "planned"),
+        **{sampler: partial(plain, "color", sampler) for sampler in SAMPLERS},
+        "uniform": partial(together, "uniform", 64, truth.rr_depth),
+        "planned": partial(together, "planned", 64, truth.rr_depth),
+        "blocks": partial(together, "planned", 16, truth.rr_depth),
+        "short": partial(together, "planned", 64, 3),
     }
 
 

@@ -21,7 +21,7 @@ from benchmarks.results import Results, page_of
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.run import measure
 from benchmarks.shards import read_columns, read_view, views_of
-from benchmarks.strategies import Tried, _gain
+from benchmarks.strategies import _BOTH, _SHOWN, Tried, _gain, summary
 from benchmarks.timing import Spent, Spread, by_turns, ratio, spread
 from model.data import IMAGES, OPTIONAL_IMAGES, Dataset
 from pipeline.dataset import pack_dataset
@@ -133,6 +133,20 @@ def test_efficiency_is_error_times_seconds() -> None:
     both = Tried(2.5, {"color": 0.1, "shading": 0.1})
     assert _gain(plain[:1], both, ("color",)) == pytest.approx(0.8 / 0.25)
     assert _gain(plain, both, ("color", "shading")) == pytest.approx(5 * 0.3 / 0.25)
+
+
+def test_homes_are_summed_up_by_their_geometric_mean() -> None:
+    def home(gain: float) -> dict[str, Spread]:
+        return {name: Spread(gain, gain, gain, 2) for name in (*_SHOWN, _BOTH)}
+
+    rows = list(summary([home(2.0), home(8.0)], 64))
+    assert [row.name for row in rows[:-2]] == list(_SHOWN.values())
+    assert all(row.spread == Spread(pytest.approx(4.0), 2.0, 8.0, 2) for row in rows[:-2])
+    for row in rows[-2:]:
+        assert row.spread == Spread(pytest.approx(0.25), 0.125, 0.5, 2)
+        assert row.verdict == "<= 0.4: met"
+    (alone,) = list(summary([home(2.0)], 64))[-1:]
+    assert alone.verdict == "<= 0.4: MISSED"
 
 
 def test_a_references_own_error_is_taken_off() -> None:
