@@ -42,7 +42,9 @@ class FrozenTracer:
             self._sensors[key] = make_sensor(view, copies)
         sensor = self._sensors[key]
         move_sensor(sensor, view)
-        return self._launch(scene, sensor, path, spp, dr.opaque(mi.UInt32, seed))
+        # Without any light of its own, the calls to those of other scenes could not be recorded.
+        launch = self._launch if scene.emitters() else _launch
+        return launch(scene, sensor, path, spp, dr.opaque(mi.UInt32, seed))
 
 
 def _launch(scene: Any, sensor: Any, path: JointPath, spp: int, seed: Any) -> Any:

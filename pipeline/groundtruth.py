@@ -16,6 +16,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+import numpy.typing as npt
 
 from pipeline import joint
 from pipeline.frames import Channels
@@ -26,9 +27,10 @@ from pipeline.params import GroundTruthParams
 from pipeline.renderer import RenderScene
 from pipeline.sensors import make_sensor
 from pipeline.views import View
+from scenes.contract import Room
 from scenes.seeds import derive32
 
-REVISION = 7
+REVISION = 8
 _LAUNCH = 1 << 21  # samples; changing it changes pixels
 
 Launch = Callable[[int, int, int], Any]  # of copies side by side, samples, seed: mi.TensorXf
@@ -90,8 +92,9 @@ def render_both(
     scene = render_scene.neutral(None).mitsuba
     lights: UniformLights | PlannedLights = UniformLights()
     if params.lights == "planned" and scene.emitters():
-        portals = render_scene.scene.portals
-        lights = PlannedLights(scene, plan_lights(scene, view, portals, seed))
+        home = render_scene.scene
+        plan = plan_lights(scene, view, home.portals, seed, _box_of(home.rooms))
+        lights = PlannedLights(scene, plan)
     path = joint.JointPath(table, params.max_depth, params.rr_depth, lights)
     suit = render_scene.wardrobe.suit
 
@@ -100,6 +103,13 @@ def render_both(
 
     color, shading = _render(launch, view, params, seed, 2)
     return Truths(color, shading)
+
+
+def _box_of(rooms: tuple[Room, ...]) -> npt.NDArray[np.float64]:
+    """Lowest and highest coordinates of all rooms, (2, 3)."""
+    low = np.min([[*np.min(room.floor, axis=0), room.floor_z] for room in rooms], axis=0)
+    high = np.max([[*np.max(room.floor, axis=0), room.ceiling_z] for room in rooms], axis=0)
+    return np.array([low, high])
 
 
 def _render(

@@ -1,6 +1,9 @@
 """Which light a path's vertex asks: uniformly, as Mitsuba does, or by a `LightPlan`.
 
 Planned, windows get directions uniform over their area and the sun directions over its disc.
+Which of them, or which lamp, is chosen anew at every vertex: mostly by what each would bring there
+were nothing in between (its strength times `light_plan.reach`), for the rest by the view's shares,
+lest a light that the strengths misjudge be hardly ever asked.
 The estimate is unbiased whatever the plan says: a direction that no light sampling can give is
 found by the materials' own sampling, whose weight then is 1.
 
@@ -16,8 +19,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.light_plan import WINDOWS, LightPlan
+from pipeline.light_plan import LAMPS, OUTDOORS, WINDOWS, LightPlan, Panes, reach
 from pipeline.rays import column
+
+_BY_VIEW = 0.2  # share of the choice that goes by the view's shares alone
 
 
 @dataclass(init=False, eq=False)
@@ -42,80 +47,124 @@ class PlannedLights:
     that all views of a scene share one kernel.
     """
 
-    pmf: Any  # mi.Float, by an emitter's number in the registry
-    asks: bool  # whether emitters are asked at all
-    asking: Any  # mi.Float, probability of that
-    emitters: Any  # mi.EmitterPtr, those that are asked
-    choice: Any  # mi.DiscreteDistribution over them
+    lamps: _Lamps | None
     outdoors: _Outdoors | None
+    indoors: list[Any]  # mi.Float, lowest and highest coordinates of the rooms
 
     def __init__(self, scene: Any, plan: LightPlan) -> None:
-        emitters = scene.emitters()
-        numbers = np.array(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(list(emitters))))
-        pmf = np.zeros(numbers.max() + 1)
-        pmf[numbers] = plan.emitters
-        self.pmf = column(mi.Float, pmf)
-        asked = np.flatnonzero(plan.emitters)
-        self.asks = len(asked) > 0
-        self.asking = dr.opaque(mi.Float, float(plan.emitters.sum()))
-        self.emitters = self.choice = None
-        if self.asks:
-            self.emitters = mi.EmitterPtr([emitters[row] for row in asked])
-            self.choice = mi.DiscreteDistribution(column(mi.Float, plan.emitters[asked]))
-        self.outdoors = None
-        if plan.windows.sum() + plan.sunlight > 0:
-            self.outdoors = _Outdoors(scene, plan)
+        self.indoors = _scalars(np.clip(plan.indoors, -1e9, 1e9))
+        lit = plan.emitters.any()
+        self.lamps = _Lamps(scene, plan) if lit else None
+        self.outdoors = _Outdoors(scene, plan) if plan.windows.sum() + plan.sunlight > 0 else None
 
     def sample(self, scene: Any, si: Any, random: Any, active: Any) -> tuple[Any, Any]:
         """As that of `UniformLights`."""
-        if self.outdoors is None:
-            ds, light = self._ask(si, random, active)
-        elif not self.asks:
-            ds, light = self.outdoors.sample(scene, si, random, active)
-        else:
-            asks = random.x < self.asking
-            first = dr.select(
-                asks, random.x / self.asking, (random.x - self.asking) / (1 - self.asking)
+        chances = self.chances(si.p, si.n)
+        which, again = _pick(chances, random.x)
+        spot = mi.Point2f(_below_one(again), random.y)
+        first = len(chances) - self.beyond
+        ds, light = dr.zeros(mi.DirectionSample3f), mi.Color3f(0)
+        if self.lamps is not None:
+            ds, light = self._ask(si, chances, which, spot, active & (which < first))
+        if self.outdoors is not None:
+            out = which >= first
+            other, other_light = self.outdoors.sample(
+                scene, si, chances, which - first, spot, active & out
             )
-            random = mi.Point2f(_below_one(first), random.y)
-            ds, light = self._ask(si, random, active & asks)
-            other, other_light = self.outdoors.sample(scene, si, random, active & ~asks)
-            ds, light = dr.select(asks, ds, other), dr.select(asks, light, other_light)
+            other.pdf += self._own(si, other, chances, active & out)
+            other_light = dr.select(other.pdf > 0, other_light / other.pdf, 0)
+            ds, light = dr.select(out, other, ds), dr.select(out, other_light, light)
         hidden = scene.ray_test(si.spawn_ray_to(ds.p), active & (ds.pdf != 0))
         ds.pdf[hidden] = 0
         return ds, dr.select(hidden, 0, light)
 
     def density(self, scene: Any, before: Any, ds: Any, active: Any) -> Any:
         """As that of `UniformLights`."""
-        if self.outdoors is None:
-            return self._asked(before, ds, active)
-        sky = ds.emitter == mi.EmitterPtr(self.outdoors.environment)
-        outdoors = self.outdoors.density(before.p, ds.d)
-        if self.outdoors.asked:
-            return self._asked(before, ds, active) + dr.select(sky, outdoors, 0)
-        return dr.select(sky, outdoors, self._asked(before, ds, active & ~sky))
+        chances = self.chances(before.p, before.n)
+        density = mi.Float(0)
+        sky = mi.Bool(False)
+        if self.outdoors is not None:
+            sky = ds.emitter == mi.EmitterPtr(self.outdoors.environment)
+            density = dr.select(sky, self.outdoors.density(before.p, ds.d, chances), 0)
+        if self.lamps is not None:
+            asked = active & ~(sky & (not self._asks_sky))
+            density += self.lamps.chance(ds.emitter, chances) * ds.emitter.pdf_direction(
+                before, ds, asked
+            )
+        return density
 
-    def _asked(self, before: Any, ds: Any, active: Any) -> Any:
-        number = dr.reinterpret_array(mi.UInt32, ds.emitter)
-        pmf = dr.gather(mi.Float, self.pmf, number, active)
-        return pmf * ds.emitter.pdf_direction(before, ds, active)
+    def chances(self, place: Any, normal: Any) -> list[Any]:
+        """Probability of each light at a vertex: the lamps that are weighed, all other emitters
+        together, the panes and the sun."""
+        weights, shares = [], []
+        outside = self._is_outside(place)
+        for part in (self.lamps, self.outdoors):
+            if part is not None:
+                weights += part.weights(place, normal, outside)
+                shares += part.shares()
+        total = sum(weights, mi.Float(0))
+        by_view = dr.select(total > 0, _BY_VIEW, 1.0)
+        near = dr.select(total > 0, (1 - _BY_VIEW) / total, 0.0)
+        return [
+            by_view * share + near * weight for share, weight in zip(shares, weights, strict=True)
+        ]
 
-    def _ask(self, si: Any, random: Any, active: Any) -> tuple[Any, Any]:
+    def _is_outside(self, place: Any) -> Any:
+        """Whether a vertex lies beyond the box around the rooms."""
+        outside = mi.Bool(False)
+        for axis in range(3):
+            low, high = self.indoors[axis], self.indoors[3 + axis]
+            outside |= (place[axis] < low - OUTDOORS) | (place[axis] > high + OUTDOORS)
+        return outside
+
+    @property
+    def beyond(self) -> int:
+        """How many of the `chances` are those of panes and sun, the last ones."""
+        return 0 if self.outdoors is None else WINDOWS + 1
+
+    @property
+    def _asks_sky(self) -> bool:
+        return self.outdoors is None or self.outdoors.asked
+
+    def _own(self, si: Any, ds: Any, chances: list[Any], active: Any) -> Any:
+        """Density with which the environment's own sampling gives a direction to it."""
+        if self.lamps is None or not self._asks_sky:
+            return mi.Float(0)
+        before = dr.zeros(mi.Interaction3f)
+        before.p = si.p
+        chance = self.lamps.chance(ds.emitter, chances)
+        return chance * ds.emitter.pdf_direction(before, ds, active & (ds.pdf > 0))
+
+    def _ask(
+        self, si: Any, chances: list[Any], which: Any, spot: Any, active: Any
+    ) -> tuple[Any, Any]:
         """A sample of one emitter; density and light count all ways to choose it."""
-        index, again, pmf = self.choice.sample_reuse_pmf(random.x, active)
-        pmf *= self.asking
-        emitter = dr.gather(mi.EmitterPtr, self.emitters, index, active)
-        ds, light = emitter.sample_direction(si, mi.Point2f(_below_one(again), random.y), active)
+        assert self.lamps is not None
+        emitter, spot = self.lamps.emitter(which, spot)
+        ds, light = emitter.sample_direction(si, spot, active)
         # The sample's own density is taken: computed anew it may differ, as at a disc's very edge.
-        density = ds.pdf * pmf
+        density = ds.pdf * self.lamps.chance(emitter, chances)
         if self.outdoors is not None and self.outdoors.asked:
             sky = (ds.emitter == mi.EmitterPtr(self.outdoors.environment)) & ~ds.delta
-            density += dr.select(sky, self.outdoors.density(si.p, ds.d), 0)
+            density += dr.select(sky, self.outdoors.density(si.p, ds.d, chances), 0)
         # Of millions of samples of `sunsky` a few are not finite: they count as none.
         fine = (ds.pdf > 0) & dr.isfinite(ds.pdf) & dr.all(dr.isfinite(light))
         light = dr.select(fine, light * (ds.pdf / density), 0)
         ds.pdf = dr.select(fine, density, 0)
         return ds, light
+
+
+def _pick(chances: list[Any], random: Any) -> tuple[Any, Any]:
+    """The light in whose part of [0, 1) a number lies, and where in that part."""
+    which, start, size = mi.UInt32(0), mi.Float(0), chances[0]
+    passed = mi.Float(chances[0])
+    for number, chance in enumerate(chances[1:], start=1):
+        here = (random >= passed) & (chance > 0)
+        which = dr.select(here, number, which)
+        start = dr.select(here, passed, start)
+        size = dr.select(here, chance, size)
+        passed = passed + chance
+    return which, dr.select(size > 0, (random - start) / size, 0)
 
 
 def _below_one(number: Any) -> Any:
@@ -124,82 +173,188 @@ def _below_one(number: Any) -> Any:
 
 
 @dataclass(init=False, eq=False)
+class _Lamps:
+    """Emitters, the environment with its own sampling among them: some are weighed at every
+    vertex (`slots`), the others go by the view's shares."""
+
+    slots: int
+    numbers: (
+        Any  # mi.Float, 7 a slot: centre, spread, strengths indoors and outside, share of the view
+    )
+    slot_of: Any  # mi.UInt32, by an emitter's number in the registry; `slots` for the others
+    share_of: Any  # mi.Float, by the same number: an emitter's share among the others
+    rest: Any  # mi.Float, share of the view of all others
+    emitters: Any  # mi.EmitterPtr, those in slots, then the others
+    choice: Any  # mi.DiscreteDistribution over the others; None if there are none
+
+    def __init__(self, scene: Any, plan: LightPlan) -> None:
+        emitters = scene.emitters()
+        asked = np.flatnonzero(plan.emitters)
+        strengths = plan.strengths
+        order = (
+            asked if strengths is None else asked[np.argsort(-plan.emitters[asked], kind="stable")]
+        )
+        self.slots = min(LAMPS, len(asked)) if strengths is not None else 0
+        near, others = order[: self.slots], np.sort(order[self.slots :])
+        filled = np.zeros((self.slots, 7))
+        if plan.places is not None and strengths is not None:
+            filled[:, :3] = plan.places.centre[near]
+            filled[:, 3] = plan.places.spread[near]
+            filled[:, 4:6] = strengths.emitters[:, near].T
+            filled[:, 6] = plan.emitters[near]
+        self.numbers = _scalars(filled)
+        registry = np.array(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(list(emitters))))
+        slot_of = np.full(registry.max() + 1, self.slots, dtype=np.uint32)
+        slot_of[registry[near]] = np.arange(self.slots)
+        rest = float(plan.emitters[others].sum())
+        share_of = np.zeros(registry.max() + 1)
+        if len(others):
+            share_of[registry[others]] = plan.emitters[others] / rest
+        self.slot_of, self.share_of = mi.UInt32(slot_of), column(mi.Float, share_of)
+        self.rest = dr.opaque(mi.Float, rest)
+        self.emitters = mi.EmitterPtr([emitters[row] for row in (*near, *others)])
+        self.choice = None
+        if len(others):
+            self.choice = mi.DiscreteDistribution(column(mi.Float, plan.emitters[others]))
+
+    def weights(self, place: Any, normal: Any, outside: Any) -> list[Any]:
+        """About what each slot's emitter would bring to a vertex; 0 for the others."""
+        made = []
+        for slot in range(self.slots):
+            x, y, z, spread, indoors, outdoors, _ = self._slot(slot)
+            strength = dr.select(outside, outdoors, indoors)
+            towards = mi.Vector3f(x, y, z) - place
+            squared = dr.squared_norm(towards)
+            cosine = dr.abs(dr.dot(towards, normal)) * dr.rsqrt(squared + 1e-12)
+            made.append(strength * reach(cosine, squared, spread))
+        return [*made, mi.Float(0)]
+
+    def shares(self) -> list[Any]:
+        """The view's, of each slot and of the others."""
+        return [*(self._slot(slot)[6] for slot in range(self.slots)), self.rest]
+
+    def chance(self, emitter: Any, chances: list[Any]) -> Any:
+        """Probability that an emitter is asked."""
+        number = dr.reinterpret_array(mi.UInt32, emitter)
+        known = number < dr.width(self.slot_of)
+        slot = dr.gather(mi.UInt32, self.slot_of, number, known)
+        share = dr.gather(mi.Float, self.share_of, number, known)
+        found = share * chances[self.slots]
+        for index in range(self.slots):
+            found = dr.select(slot == index, chances[index], found)
+        return dr.select(known, found, 0)
+
+    def emitter(self, which: Any, spot: Any) -> tuple[Any, Any]:
+        """The emitter of a slot or, by one of the random numbers, one of the others."""
+        if self.choice is None:
+            return dr.gather(mi.EmitterPtr, self.emitters, dr.minimum(which, self.slots - 1)), spot
+        other, again, _ = self.choice.sample_reuse_pmf(spot.x)
+        among = which >= self.slots
+        index = dr.select(among, self.slots + other, which)
+        x = dr.select(among, _below_one(again), spot.x)
+        return dr.gather(mi.EmitterPtr, self.emitters, index), mi.Point2f(x, spot.y)
+
+    def _slot(self, slot: int) -> list[Any]:
+        return self.numbers[7 * slot : 7 * slot + 7]
+
+
+@dataclass(init=False, eq=False)
 class _Outdoors:
     """Directions to the environment through panes and to the sun's disc.
 
-    Densities count the probabilities of both, not that of the environment's own sampling, which
-    `asked` says may give the same directions.
+    Densities do not count the environment's own sampling, which `asked` says may give the same
+    directions.
     """
 
     environment: Any  # mi.Emitter
     asked: bool
-    own_pmf: Any  # mi.Float, as the figures below: probability of the environment's own sampling
-    through: Any  # probability of a direction through a pane
-    share: Any  # of that among those through panes and to the sun
     panes: _PaneSampler | None
     sunny: bool
     frame: Any  # mi.Frame3f around the sun
     cosine: Any  # of the sun's angular radius
-    sun_density: Any
+    uniform: Any  # mi.Float, density over the disc
+    sun: list[Any]  # mi.Float: strength and share of the view
 
     def __init__(self, scene: Any, plan: LightPlan) -> None:
         self.environment = scene.environment()
         emitters = scene.emitters()
         own = next(row for row, emitter in enumerate(emitters) if emitter.is_environment())
         self.asked = bool(plan.emitters[own] > 0)
-        self.own_pmf = dr.opaque(mi.Float, float(plan.emitters[own]))
-        through = float(plan.windows.sum())
-        self.through = dr.opaque(mi.Float, through)
-        self.share = dr.opaque(mi.Float, through / (through + plan.sunlight))
-        self.panes = _PaneSampler(plan) if through > 0 else None
+        self.panes = _PaneSampler(plan) if plan.windows.sum() > 0 else None
         sun = plan.sun if plan.sunlight > 0 else None
         self.sunny = sun is not None
-        self.frame = self.cosine = self.sun_density = None
+        self.frame = self.cosine = self.uniform = None
+        self.sun = []
         if sun is not None:
             towards = [dr.opaque(mi.Float, part) for part in sun.towards.tolist()]
             self.frame = mi.Frame3f(mi.Vector3f(*towards))
             self.cosine = dr.opaque(mi.Float, sun.cosine)
-            self.sun_density = dr.opaque(mi.Float, plan.sunlight * sun.density)
+            self.uniform = dr.opaque(mi.Float, sun.density)
+            strength = plan.strengths.sunlight if plan.strengths is not None else 0.0
+            self.sun = _scalars([strength, plan.sunlight])
 
-    def sample(self, scene: Any, si: Any, random: Any, active: Any) -> tuple[Any, Any]:
-        """A direction, its density and its radiance over that, whether or not it is hidden."""
-        share = self.share
-        through = random.x < share
+    def weights(self, place: Any, normal: Any, outside: Any) -> list[Any]:
+        """About what comes to a vertex through each pane and from the sun."""
+        made = [mi.Float(0)] * WINDOWS
+        if self.panes is not None:
+            made = self.panes.weights(place, normal)
+        sun = mi.Float(0)
+        if self.sunny:
+            cosine = dr.abs(dr.dot(self.frame.n, normal))
+            sun = self.sun[0] * reach(cosine, 0.0, 1.0)
+            sun = dr.select(outside | self._through_panes(place), sun, 0)
+        return [*made, sun]
+
+    def _through_panes(self, place: Any) -> Any:
+        """Whether the sun's rays come to a vertex through a pane."""
+        if self.panes is None:
+            return mi.Bool(False)
+        return self.panes.density(place, self.frame.n, [mi.Float(1)] * WINDOWS) > 0
+
+    def shares(self) -> list[Any]:
+        """The view's, of each pane and of the sun."""
+        made = [mi.Float(0)] * WINDOWS
+        if self.panes is not None:
+            made = self.panes.shares
+        sun = self.sun[1] if self.sunny else mi.Float(0)
+        return [*made, sun]
+
+    def sample(
+        self, scene: Any, si: Any, chances: list[Any], which: Any, spot: Any, active: Any
+    ) -> tuple[Any, Any]:
+        """A direction, its density and the radiance there, whether or not it is hidden; `which`
+        pane, or the sun."""
         towards, sunwards = mi.Vector3f(0, 0, 1), mi.Bool(False)
         if self.panes is not None:
-            spot = mi.Point2f(_below_one(random.x / share), random.y)
-            towards = dr.normalize(self.panes.point(spot) - si.p)
+            towards = dr.normalize(self.panes.point(dr.minimum(which, WINDOWS - 1), spot) - si.p)
         if self.sunny:
-            spot = mi.Point2f(_below_one((random.x - share) / (1 - share)), random.y)
+            sunwards = which == WINDOWS
             local = mi.warp.square_to_uniform_cone(spot, self.cosine)
-            towards = dr.select(through, towards, self.frame.to_world(local))
-            sunwards = ~through
-        density = self.density(si.p, towards, sunwards)
+            towards = dr.select(sunwards, self.frame.to_world(local), towards)
+        density = self.density(si.p, towards, chances, sunwards)
         fine = active & (density > 0)
         ds = dr.zeros(mi.DirectionSample3f)
         ds.d, ds.n = towards, -towards
         ds.dist = 2 * scene.bbox().bounding_sphere().radius
         ds.p = si.p + towards * ds.dist
         ds.emitter = mi.EmitterPtr(self.environment)
-        if self.asked:
-            before = dr.zeros(mi.Interaction3f)
-            before.p = si.p
-            density += self.own_pmf * self.environment.pdf_direction(before, ds, fine)
         ds.pdf = dr.select(fine, density, 0)
         beyond = dr.zeros(mi.SurfaceInteraction3f)
         beyond.wi = -towards
-        light = self.environment.eval(beyond, fine)
-        return ds, dr.select(fine, light / density, 0)
+        return ds, dr.select(fine, self.environment.eval(beyond, fine), 0)
 
-    def density(self, origin: Any, direction: Any, sunwards: Any = False) -> Any:
+    def density(
+        self, origin: Any, direction: Any, chances: list[Any], sunwards: Any = False
+    ) -> Any:
         """Density, by solid angle, of a direction from `origin`; `sunwards`: known to be the
         sun's, which at the very edge of its disc rounding hides."""
+        *through, sunlight = chances[-WINDOWS - 1 :]
         density = mi.Float(0)
         if self.panes is not None:
-            density += self.through * self.panes.density(origin, direction)
+            density += self.panes.density(origin, direction, through)
         if self.sunny:
             inside = (dr.dot(direction, self.frame.n) > self.cosine) | sunwards
-            density += dr.select(inside, self.sun_density, 0)
+            density += dr.select(inside, sunlight * self.uniform, 0)
         return density
 
 
@@ -207,48 +362,95 @@ class _Outdoors:
 class _PaneSampler:
     """Points on panes, and densities of directions through them; `WINDOWS` panes, some empty."""
 
-    numbers: Any  # mi.Float, 12 a pane: corner, two edges, normal
-    pmf: Any  # mi.Float, as the next, one a pane
-    area: Any
-    choice: Any  # mi.DiscreteDistribution
+    numbers: Any  # mi.Float, 9 a pane: corner, two edges
+    panes: list[_Pane]
+    shares: list[Any]  # mi.Float, of the view
 
     def __init__(self, plan: LightPlan) -> None:
         count = len(plan.windows)
-        filled = np.zeros((WINDOWS, 12))
-        first, second = plan.panes.edges
-        filled[:count] = np.concatenate([plan.panes.corner, first, second, plan.panes.normal], 1)
-        pmf = np.zeros(WINDOWS)
-        pmf[:count] = plan.windows / plan.windows.sum()
-        area = np.ones(WINDOWS)
-        area[:count] = plan.panes.area
-        self.numbers = column(mi.Float, filled.ravel())
-        self.pmf, self.area = column(mi.Float, pmf), column(mi.Float, area)
-        self.choice = mi.DiscreteDistribution(column(mi.Float, pmf))
+        strengths = plan.strengths.windows if plan.strengths is not None else np.zeros(count)
+        corners = np.concatenate([plan.panes.corner, *plan.panes.edges], axis=1)
+        self.numbers = column(mi.Float, _padded(corners, 0).ravel())
+        self.shares = _scalars(_padded(plan.windows, 0))
+        self.panes = [_Pane(plan.panes, strengths, row) for row in range(count)]
+        self.panes += [_Pane(None, strengths, 0)] * (WINDOWS - count)
 
-    def point(self, random: Any) -> Any:
-        """A point on one of the panes."""
-        index, again, _ = self.choice.sample_reuse_pmf(random.x)
-        corner, first, second, _ = self._pane(index)
-        return corner + again * first + random.y * second
+    def weights(self, place: Any, normal: Any) -> list[Any]:
+        """About what comes to a vertex through each pane."""
+        return [pane.weight(place, normal) for pane in self.panes]
 
-    def density(self, origin: Any, direction: Any) -> Any:
+    def point(self, pane: Any, random: Any) -> Any:
+        """A point on a pane."""
+        numbers = [dr.gather(mi.Float, self.numbers, 9 * pane + i) for i in range(9)]
+        corner, first, second = (mi.Vector3f(*numbers[3 * k : 3 * k + 3]) for k in range(3))
+        return corner + random.x * first + random.y * second
+
+    def density(self, origin: Any, direction: Any, chances: list[Any]) -> Any:
         """Density, by solid angle, of a direction from `origin`: the sum over the panes it
-        leaves through."""
+        leaves through, each with its probability."""
         density = mi.Float(0)
-        for index in range(WINDOWS):
-            corner, first, second, normal = self._pane(mi.UInt32(index))
-            slope = dr.dot(direction, normal)
-            reach = dr.dot(corner - origin, normal) / slope
-            place = origin + reach * direction - corner
-            across = dr.dot(place, first) / dr.squared_norm(first)
-            along = dr.dot(place, second) / dr.squared_norm(second)
-            inside = (slope > 1e-6) & (reach > 1e-4)
-            inside &= (across >= 0) & (across <= 1) & (along >= 0) & (along <= 1)
-            pmf = dr.gather(mi.Float, self.pmf, mi.UInt32(index))
-            area = dr.gather(mi.Float, self.area, mi.UInt32(index))
-            density += dr.select(inside, pmf * dr.square(reach) / (area * slope), 0)
+        for pane, chance in zip(self.panes, chances, strict=True):
+            density += chance * pane.density(origin, direction)
         return density
 
-    def _pane(self, index: Any) -> list[Any]:
-        numbers = [dr.gather(mi.Float, self.numbers, 12 * index + i) for i in range(12)]
-        return [mi.Vector3f(*numbers[3 * part : 3 * part + 3]) for part in range(4)]
+
+@dataclass(init=False, eq=False)
+class _Pane:
+    """A rectangle; one that is missing has no area to hit, and no strength."""
+
+    centre: Any  # mi.Vector3f
+    normal: Any  # mi.Vector3f, outwards
+    across: Any  # mi.Vector3f, an edge over half its squared length
+    along: Any  # mi.Vector3f, the other edge, so too
+    area: Any  # mi.Float, as the next
+    spread: Any
+    strength: Any
+
+    def __init__(self, panes: Panes | None, strengths: Any, row: int) -> None:
+        if panes is None:
+            up, nowhere = np.array([0.0, 0.0, 1.0]), np.full(3, 1e9)
+            vectors, figures = (nowhere, up, nowhere, nowhere), (1.0, 1.0, 0.0)
+        else:
+            first, second = (edge[row] for edge in panes.edges)
+            vectors = (
+                panes.centre[row],
+                panes.normal[row],
+                2 * first / (first @ first),
+                2 * second / (second @ second),
+            )
+            figures = (panes.area[row], panes.spread[row], strengths[row])
+        self.centre, self.normal, self.across, self.along = (
+            mi.Vector3f(*_scalars(vector)) for vector in vectors
+        )
+        self.area, self.spread, self.strength = _scalars(figures)
+
+    def weight(self, place: Any, normal: Any) -> Any:
+        """About what comes through it to a vertex."""
+        towards = self.centre - place
+        squared = dr.squared_norm(towards)
+        towards *= dr.rsqrt(squared + 1e-12)
+        slope = dr.maximum(dr.dot(towards, self.normal), 0)
+        cosine = dr.abs(dr.dot(towards, normal))
+        return self.strength * slope * reach(cosine, squared, self.spread)
+
+    def density(self, origin: Any, direction: Any) -> Any:
+        """Density, by solid angle, of a direction from `origin`; 0 beside the pane."""
+        slope = dr.dot(direction, self.normal)
+        towards = self.centre - origin
+        reached = dr.dot(towards, self.normal) / slope
+        place = reached * direction - towards
+        inside = (slope > 1e-6) & (reached > 1e-4)
+        inside &= dr.abs(dr.dot(place, self.across)) <= 1
+        inside &= dr.abs(dr.dot(place, self.along)) <= 1
+        return dr.select(inside, dr.square(reached) / (self.area * slope), 0)
+
+
+def _scalars(values: Any) -> list[Any]:
+    """`mi.Float` of one entry each, which kernels read far faster than they gather from arrays."""
+    return [dr.opaque(mi.Float, float(value)) for value in np.ravel(values)]
+
+
+def _padded(rows: Any, filler: float) -> Any:
+    """`WINDOWS` rows."""
+    empty = np.full((WINDOWS - len(rows), *rows.shape[1:]), float(filler))
+    return np.concatenate([rows, empty])

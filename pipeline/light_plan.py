@@ -8,12 +8,16 @@ of what it adds to pixels, relative to the pixels' brightness (which minimises t
 one-sample estimates), and a twentieth of the choice goes to all alike. Where windows and sun are
 all of the environment that counts, its own sampling, which costs as much as a ray, is left out.
 
+These shares are a view's. At each vertex of a path they make way for what the lights would bring
+there (`pipeline.light_choice`): each light's strength is that with which, sent by cosine and the
+square of the distance, it would bring what it brought to the pilot's points, shadows included.
+
 The pilot sees geometry and lights, no materials, so that plans, like shading, depend on no colour.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import drjit as dr
@@ -27,7 +31,9 @@ from pipeline.views import View
 from scenes.contract import Portal
 from scenes.seeds import generator
 
-WINDOWS = 4  # at most so many of a scene's get directions of their own in a view
+WINDOWS = 12  # at most so many of a scene's get directions of their own in a view
+LAMPS = 12  # at most so many emitters are weighed at each vertex
+_FLAT = 1e6  # metres: the spread of what brings all places alike, such as a whole sky
 _GRID = (24, 18)  # camera rays of the pilot
 _ASKED = 4  # samples of each light at each point
 _UNIFORM = 0.05  # share of the choice that all have alike
@@ -39,9 +45,14 @@ _FAINT = 0.01  # of the mean light: points darker than that do not count fully
 _ALBEDO = 0.5  # what surfaces are taken to pass on
 _MOST = 10.0  # times the brightness of pixels that one point may add
 _LIFT = 1e-3  # metres that the pilot's rays start above surfaces
+_GRAZING = 0.1  # of what a light brings to a surface that faces it, to one that it grazes
+_LEAST = 0.02  # metres, spread of the smallest lamps
 _AREA = 1e-4  # square metres: smaller openings are left to the sky's own sampling
 
+OUTDOORS = 0.05  # metres beyond the box around the rooms
+
 Floats = npt.NDArray[np.float64]
+_HERE: Floats = np.array([[-np.inf] * 3, [np.inf] * 3])
 
 
 @dataclass(frozen=True)
@@ -58,6 +69,16 @@ class Panes:
         """Square metres, (K,)."""
         lengths = [np.linalg.norm(edge, axis=1) for edge in self.edges]
         return np.asarray(lengths[0] * lengths[1])
+
+    @property
+    def centre(self) -> Floats:
+        """Their middles, (K, 3)."""
+        return np.asarray(self.corner + 0.5 * (self.edges[0] + self.edges[1]))
+
+    @property
+    def spread(self) -> Floats:
+        """Metres, the rms distance of their points from the middle, (K,)."""
+        return np.asarray(np.sqrt(sum((edge**2).sum(axis=1) for edge in self.edges) / 12))
 
     def take(self, chosen: npt.NDArray[np.int64]) -> Panes:
         """Some of them."""
@@ -79,11 +100,35 @@ class Sun:
 
 
 @dataclass(frozen=True)
+class Places:
+    """Where emitters are: the mean of their points (N, 3), and those points' rms distance from
+    it (N,), metres."""
+
+    centre: Floats
+    spread: Floats
+
+    def take(self, chosen: npt.NDArray[np.int64]) -> Places:
+        """Some of them."""
+        return Places(self.centre[chosen], self.spread[chosen])
+
+
+@dataclass(frozen=True)
+class Strengths:
+    """How strong each light is: times `reach` it is about what the light brings to a place."""
+
+    emitters: Floats  # (2, N): to places indoors, and to those outside the box around the rooms
+    windows: Floats  # (K,)
+    sunlight: float
+
+
+@dataclass(frozen=True)
 class LightPlan:
     """How a view chooses its lights; `emitters`, `windows` and `sunlight` sum to 1.
 
     `emitters` (N,): the environment's entry is for its own sampling, which may be 0; `windows`
-    (K,): directions through `panes`; `sunlight`: directions to the disc of `sun`.
+    (K,): directions through `panes`; `sunlight`: directions to the disc of `sun`. `strengths` and
+    `places`, where there are, let each vertex weigh them anew; `indoors` is the box (2, 3) within
+    which the sun is expected through panes alone.
     """
 
     emitters: Floats
@@ -91,15 +136,87 @@ class LightPlan:
     panes: Panes
     sunlight: float = 0.0
     sun: Sun | None = None
+    indoors: Floats = field(default_factory=lambda: _HERE)
+    places: Places | None = None
+    strengths: Strengths | None = None
 
 
-def plan_lights(scene: Any, view: View, portals: tuple[Portal, ...], seed: int) -> LightPlan:
-    """The plan of a view, from its pilot; `scene` is the Mitsuba scene."""
+def plan_lights(
+    scene: Any, view: View, portals: tuple[Portal, ...], seed: int, indoors: npt.ArrayLike = _HERE
+) -> LightPlan:
+    """The plan of a view, from its pilot; `scene` is the Mitsuba scene, `indoors` (2, 3) the box
+    around its rooms: within it the sun shines through panes alone, or is hardly asked."""
     points, normals, hit = _pilot_points(scene, view, seed)
     sky = _sky_of(scene)
     panes = panes_of(portals if sky is not None else ())
-    brought = _asked(scene, points, normals, panes, sky, seed)[hit]
-    return _plan(_shares(brought, int(hit[: len(hit) // 2].sum())), panes, sky)
+    brought, places = _asked(scene, points, normals, panes, sky, seed)
+    shares = _shares(brought[hit], int(hit[: len(hit) // 2].sum()))
+    if not shares.any():
+        return _blind(len(scene.emitters()), panes)
+    plan, best = _plan(shares, panes, sky)
+    plan = replace(plan, indoors=np.asarray(indoors, dtype=np.float64))
+    strengths = _strengths(brought[hit], points[hit], normals[hit], places, plan, best)
+    return replace(plan, places=places, strengths=strengths)
+
+
+def reach(cosine: Any, squared: Any, spread: Any) -> Any:
+    """What a light of strength 1 brings to a surface: by the cosine there, of either side and never
+    quite 0, since lights are wide; and by the squared distance, never less than the light's
+    spread. Arrays of any kind: NumPy's or Dr.Jit's."""
+    return (_GRAZING + (1 - _GRAZING) * cosine) / (squared + spread * spread)
+
+
+def _blind(count: int, panes: Panes) -> LightPlan:
+    """Where the pilot saw no light: all emitters alike."""
+    return LightPlan(np.full(count, 1 / count), np.zeros(0), panes.take(np.arange(0)))
+
+
+def _strengths(
+    brought: Floats,
+    points: Floats,
+    normals: Floats,
+    places: Places,
+    plan: LightPlan,
+    best: npt.NDArray[np.int64],
+) -> Strengths:
+    """By root mean squares over the pilot's points of what was brought and of `reach`."""
+    count = len(places.spread)
+
+    def rms(values: Floats) -> Floats:
+        return np.asarray(np.sqrt((values**2).mean(axis=0)))
+
+    def reached(centre: Floats, spread: Floats) -> tuple[Floats, Floats]:
+        towards = centre[None] - points[:, None]
+        squared = (towards**2).sum(axis=-1)
+        towards /= np.sqrt(squared + 1e-12)[..., None]
+        cosine = np.abs((towards * normals[:, None]).sum(axis=-1))
+        return np.asarray(reach(cosine, squared, spread)), towards
+
+    lamps, _ = reached(places.centre, places.spread)
+    windows, towards = reached(plan.panes.centre, plan.panes.spread)
+    windows = windows * np.maximum((towards * plan.panes.normal).sum(axis=-1), 0)
+    sun = np.zeros(3) if plan.sun is None else plan.sun.towards
+    sunny = reach(np.abs(normals @ sun), 0.0, 1.0) * _may_see(sun, points, plan)
+    outside = is_outside(points, plan.indoors)
+    sides = [side if side.any() else np.ones_like(side) for side in (~outside, outside)]
+    return Strengths(
+        np.array([rms(brought[side, :count]) / rms(lamps[side]) for side in sides]),
+        rms(brought[:, count:-1][:, best]) / np.maximum(rms(windows), 1e-30),
+        float(rms(brought[:, -1]) / np.maximum(rms(sunny), 1e-30)),
+    )
+
+
+def is_outside(points: Floats, indoors: Floats) -> npt.NDArray[np.bool_]:
+    """Which points (P, 3) lie beyond the box (2, 3) around the rooms."""
+    low, high = indoors
+    return np.asarray(((points < low - OUTDOORS) | (points > high + OUTDOORS)).any(axis=1))
+
+
+def _may_see(sun: Floats, points: Floats, plan: LightPlan) -> npt.NDArray[np.bool_]:
+    """Whether the sun may shine on each point (P, 3): through a pane, or from the open sky."""
+    outside = is_outside(points, plan.indoors)
+    through = _densities(plan.panes, points, np.broadcast_to(sun, points.shape)) > 0
+    return np.asarray(outside | through.any(axis=1))
 
 
 @dataclass(frozen=True)
@@ -112,12 +229,12 @@ class _Sky:
     even: bool
 
 
-def _plan(shares: Floats, panes: Panes, sky: _Sky | None) -> LightPlan:
-    """From what each adds: emitters (N,), panes (K,) and the sun (1,)."""
+def _plan(
+    shares: Floats, panes: Panes, sky: _Sky | None
+) -> tuple[LightPlan, npt.NDArray[np.int64]]:
+    """From what each adds: emitters (N,), panes (K,) and the sun (1,); and the panes taken."""
     count = len(shares) - len(panes.area) - 1
     emitters, windows, sunlight = shares[:count], shares[count:-1], float(shares[-1])
-    if not shares.any():
-        return LightPlan(np.full(count, 1 / count), np.zeros(0), panes.take(np.arange(0)))
     best = np.argsort(-windows, kind="stable")[:WINDOWS]
     kept = np.concatenate([np.ones(count), np.ones(len(best)), [0.0]])
     if sky is not None and sky.sun is not None:
@@ -129,13 +246,14 @@ def _plan(shares: Floats, panes: Panes, sky: _Sky | None) -> LightPlan:
     alike = kept / kept.sum()
     chosen = chosen / chosen.sum() if chosen.sum() > 0 else alike
     chosen = (1 - _UNIFORM) * chosen + _UNIFORM * alike
-    return LightPlan(
+    plan = LightPlan(
         chosen[:count],
         chosen[count:-1],
         panes.take(best),
         float(chosen[-1]),
         sky.sun if sky is not None else None,
     )
+    return plan, best
 
 
 def _sky_of(scene: Any) -> _Sky | None:
@@ -242,8 +360,9 @@ def _first_hits(
 
 def _asked(
     scene: Any, points: Floats, normals: Floats, panes: Panes, sky: _Sky | None, seed: int
-) -> Floats:
-    """Luminance that each light brings to each point, (P, N + K + 1): emitters, panes, the sun.
+) -> tuple[Floats, Places]:
+    """Luminance that each light brings to each point, (P, N + K + 1): emitters, panes, the sun; and
+    where the emitters are.
 
     Of an even sky, the sun's disc counts for the sun, what comes through panes for them, and only
     the rest for the environment's own sampling. Of another it is split by the balance heuristic.
@@ -251,13 +370,14 @@ def _asked(
     random = generator(seed, "asked")
     places = np.repeat(points + _LIFT * normals, _ASKED, axis=0)
     facing = np.repeat(normals, _ASKED, axis=0)
+    of_emitters, lamps = _from_emitters(scene, places, facing, panes, sky, random)
     brought = [
-        _from_emitters(scene, places, facing, panes, sky, random),
+        of_emitters,
         _through_panes(scene, places, facing, panes, sky, random),
         _from_sun(scene, places, facing, sky, random),
     ]
     shape = (-1, len(points), _ASKED)
-    return np.concatenate([part.reshape(shape).mean(axis=-1) for part in brought]).T
+    return np.concatenate([part.reshape(shape).mean(axis=-1) for part in brought]).T, lamps
 
 
 def _from_emitters(
@@ -267,8 +387,8 @@ def _from_emitters(
     panes: Panes,
     sky: _Sky | None,
     random: np.random.Generator,
-) -> Floats:
-    """One estimate of each emitter's light at each place, (N, Q)."""
+) -> tuple[Floats, Places]:
+    """One estimate of each emitter's light at each place, (N, Q); and where the emitters are."""
     emitters = mi.EmitterPtr(list(scene.emitters()))
     count = len(emitters)
     index = column(mi.UInt32, np.repeat(np.arange(count), len(places)))
@@ -287,7 +407,17 @@ def _from_emitters(
             brought[sky.row] *= (others == 0) & ~_in_disc(sky.sun, there)
         else:
             brought[sky.row] *= density[mine] / np.maximum(density[mine] + others, 1e-30)
-    return np.asarray(np.nan_to_num(brought))
+    spots = np.array(ds.p).T.astype(np.float64).reshape(count, -1, 3)
+    return np.nan_to_num(brought), _places_of(scene, spots)
+
+
+def _places_of(scene: Any, spots: Floats) -> Places:
+    """From points (N, Q, 3) on the emitters; what is infinitely far is everywhere alike."""
+    far = [mi.has_flag(one.flags(), mi.EmitterFlags.Infinite) for one in scene.emitters()]
+    fine = np.where(np.isfinite(spots), spots, 0)
+    centre = np.where(np.array(far)[:, None], 0, fine.mean(axis=1))
+    spread = np.sqrt(((fine - centre[:, None]) ** 2).sum(axis=-1).mean(axis=1))
+    return Places(centre, np.where(far, _FLAT, np.maximum(spread, _LEAST)))
 
 
 def _in_disc(sun: Sun | None, directions: Floats) -> npt.NDArray[np.bool_]:

@@ -15,7 +15,7 @@ from PIL import Image
 from pipeline.groundtruth import render_both
 from pipeline.joint import available
 from pipeline.light_choice import PlannedLights
-from pipeline.light_plan import WINDOWS, LightPlan, panes_of, plan_lights
+from pipeline.light_plan import LAMPS, WINDOWS, LightPlan, panes_of, plan_lights
 from pipeline.params import GroundTruthParams
 from pipeline.rays import vector
 from pipeline.renderer import RenderScene, open_scene, set_variant
@@ -99,8 +99,12 @@ def every_way(plan: LightPlan) -> LightPlan:
     emitters = plan.emitters.copy()
     emitters[emitters == 0] = 0.5
     total = emitters.sum() + plan.windows.sum() + plan.sunlight
-    return LightPlan(
-        emitters / total, plan.windows / total, plan.panes, plan.sunlight / total, plan.sun
+    return replace(
+        plan,
+        emitters=emitters / total,
+        windows=plan.windows / total,
+        sunlight=plan.sunlight / total,
+        strengths=None,  # by these shares everywhere
     )
 
 
@@ -124,8 +128,8 @@ class WaysForgotten(EveryWay):
 class ChoiceForgotten(PlannedLights):
     """Takes no account of how likely an emitter was to be asked."""
 
-    def _ask(self, si: Any, random: Any, active: Any) -> tuple[Any, Any]:
-        ds, light = super()._ask(si, random, active)
+    def _ask(self, *given: Any) -> tuple[Any, Any]:
+        ds, light = super()._ask(*given)
         return ds, light * 0.8
 
 
@@ -230,19 +234,76 @@ def test_densities_through_panes_integrate_to_one(tmp_path: Path) -> None:
     panes = panes_of((WINDOW, west))
     np.testing.assert_allclose(panes.area, [1.0, 3.0])
     plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 0)
-    plan = replace(plan, panes=panes, windows=np.array([0.3, 0.7]))
+    plan = replace(plan, panes=panes, windows=np.array([0.3, 0.7]), strengths=None)
     outdoors = PlannedLights(scene.mitsuba, plan).outdoors
     assert outdoors is not None and outdoors.panes is not None and WINDOWS >= 2
     sampler = outdoors.panes
     random = np.random.default_rng(0).normal(size=(1 << 20, 3))
     random /= np.linalg.norm(random, axis=1, keepdims=True)
     towards = vector(mi.Vector3f, random)
-    density = np.array(sampler.density(mi.Point3f(0.4, -0.5, 1.2), towards))
+    density = np.array(sampler.density(mi.Point3f(0.4, -0.5, 1.2), towards, sampler.shares))
     assert 4 * np.pi * density.mean() == pytest.approx(1, rel=0.02)
     north = random[:, 1] * 2.5 > abs(random[:, 0]) * 2.5
     assert 4 * np.pi * (density * north).mean() == pytest.approx(0.3, rel=0.05)
-    outside = np.array(sampler.density(mi.Point3f(0, 3, 1.5), towards))
+    outside = np.array(sampler.density(mi.Point3f(0, 3, 1.5), towards, sampler.shares))
     assert outside[random[:, 1] > 0].max() == 0 or (outside > 0).mean() < 0.2
+
+
+def chances_at(
+    lights: PlannedLights, place: tuple[float, float, float], normal: tuple[float, float, float]
+) -> np.ndarray:
+    """Of each weighed lamp, of all others, of each pane, of the sun."""
+    found = lights.chances(mi.Point3f(*map(float, place)), mi.Normal3f(*map(float, normal)))
+    return np.array([float(np.array(chance).ravel()[0]) for chance in found])
+
+
+def test_each_vertex_asks_what_is_near_and_faces_it(tmp_path: Path) -> None:
+    east, west = (ball(name, (x, 0, 2.5), 0.05, glow(9)) for name, x in (("e", 1.5), ("w", -1.5)))
+    lights = planned(room(tmp_path, east, west))
+    assert lights.outdoors is None and lights.lamps is not None and lights.lamps.slots == 2
+    below = [chances_at(lights, (x, 0, 0), (0, 0, 1)) for x in (1.5, -1.5)]
+    for chances in below:
+        assert chances.sum() == pytest.approx(1) and chances.min() >= 0
+        # Alike strong: 1 to (2.5 / 3.9)^2 times the cosine 2.5 / 3.9 or a little more.
+        assert 0.6 < max(chances) < 0.8
+    assert np.argmax(below[0]) != np.argmax(below[1])
+
+
+def test_the_sun_is_asked_where_it_can_shine(tmp_path: Path) -> None:
+    scene = room(tmp_path, LAMP, SUN)  # it stands at (-0.3, 0.7, 0.5), beyond the window in y = 2
+    indoors = np.array([[-2.0, -2, 0], [2, 2, 3]])
+    plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 3, indoors)
+    assert plan.strengths is not None and plan.strengths.sunlight > 0
+    lights = PlannedLights(scene.mitsuba, plan)
+    middle = np.mean(WINDOW.polygon, axis=0)
+    down = middle - middle[2] / 0.5 * np.array([-0.3, 0.7, 0.5])  # where its rays meet the floor
+    lit, dark = (
+        chances_at(lights, (*place, 0.0), (0, 0, 1))[-1] for place in (down[:2], (1.8, 1.9))
+    )
+    assert dark <= 0.2 * plan.sunlight + 1e-6
+    assert lit > 3 * dark
+    outside = chances_at(lights, (0, 9.0, 0), (0, 0, 1))[-1]
+    assert outside > 3 * dark, "nothing stands between"
+
+
+def test_without_strengths_the_views_shares_decide(tmp_path: Path) -> None:
+    scene = room(tmp_path, LAMP, HIDDEN, SUN)
+    plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 3)
+    lights = PlannedLights(scene.mitsuba, replace(plan, strengths=None))
+    chances = chances_at(lights, (0, 0, 0), (0, 0, 1))
+    assert chances[0] == pytest.approx(plan.emitters.sum())
+    assert chances[-1] == pytest.approx(plan.sunlight)
+    assert chances[1:-1].sum() == pytest.approx(plan.windows.sum())
+    assert abs(off_by(scene, lights)).max() < 4.5
+
+
+def test_more_lamps_than_are_weighed_are_asked_by_the_views_shares(tmp_path: Path) -> None:
+    row = [ball(f"b{i}", (-1.6 + 0.2 * i, 0.5, 2.6), 0.04, glow(9)) for i in range(LAMPS + 4)]
+    scene = room(tmp_path, *row, SUN)
+    lights = planned(scene)
+    assert lights.lamps is not None and lights.lamps.slots == LAMPS
+    assert chances_at(lights, (0, 0, 0), (0, 0, 1)).sum() == pytest.approx(1)
+    assert abs(off_by(scene, lights)).max() < 4.5
 
 
 def test_the_parameter_switches_it_and_both_agree(tmp_path: Path) -> None:
