@@ -318,5 +318,9 @@ def test_the_parameter_switches_it_and_both_agree(tmp_path: Path) -> None:
 
 
 def test_a_scene_without_lights_is_black(tmp_path: Path) -> None:
-    truths = render_both(room(tmp_path), VIEW, GroundTruthParams(spp=4, block_spp=2), 0.5, 1)
+    """Also beside another that has some, whose objects the renderer knows."""
+    lit = room(tmp_path / "lit", LAMP)
+    params = GroundTruthParams(spp=4, block_spp=2)
+    assert render_both(lit, VIEW, params, 0.5, 1).color[1]["black"] < 1
+    truths = render_both(room(tmp_path), VIEW, params, 0.5, 1)
     assert truths.color[1]["black"] == 1
