@@ -87,7 +87,7 @@ class PlannedLights:
             sky = ds.emitter == mi.EmitterPtr(self.outdoors.environment)
             density = dr.select(sky, self.outdoors.density(before.p, ds.d, chances), 0)
         if self.lamps is not None:
-            asked = active & ~(sky & (not self._asks_sky))
+            asked = active if self._asks_sky else active & ~sky
             density += self.lamps.chance(ds.emitter, chances) * ds.emitter.pdf_direction(
                 before, ds, asked
             )
@@ -178,9 +178,7 @@ class _Lamps:
     vertex (`slots`), the others go by the view's shares."""
 
     slots: int
-    numbers: (
-        Any  # mi.Float, 7 a slot: centre, spread, strengths indoors and outside, share of the view
-    )
+    numbers: list[Any]  # mi.Float, 7 a slot: centre, spread, strengths in- and outdoors, share
     slot_of: Any  # mi.UInt32, by an emitter's number in the registry; `slots` for the others
     share_of: Any  # mi.Float, by the same number: an emitter's share among the others
     rest: Any  # mi.Float, share of the view of all others
