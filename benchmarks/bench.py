@@ -36,7 +36,7 @@ dataset: {{splits: {{test: 0, validation: 0}}, row_group: 16, checks: {{max_nois
 
 @dataclass(frozen=True)
 class Sizes:
-    """How much work: `FULL` is what counts, about a quarter of an hour on two quiet cores."""
+    """How much work: `FULL` is what counts, about half an hour on two quiet cores."""
 
     homes: int = 3
     lit: int = 6  # more homes, for equal-time error

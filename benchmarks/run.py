@@ -1,6 +1,6 @@
 """`make bench`: every figure of docs/benchmarks.md, measured in one run on one machine.
 
-Writes benchmarks/results.json and docs/benchmarks.md, after every row. About a quarter of an
+Writes benchmarks/results.json and docs/benchmarks.md, after every row. About half an
 hour on two quiet cores; Blender Cycles is installed into build/bench/ when it is missing, which
 takes 370 MB from the package index once, and left out where that cannot be done.
 """

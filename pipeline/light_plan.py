@@ -107,10 +107,6 @@ class Places:
     centre: Floats
     spread: Floats
 
-    def take(self, chosen: npt.NDArray[np.int64]) -> Places:
-        """Some of them."""
-        return Places(self.centre[chosen], self.spread[chosen])
-
 
 @dataclass(frozen=True)
 class Strengths:
@@ -441,11 +437,11 @@ def _through_panes(
     spots = random.random((count, len(places), 2, 1))
     first, second = (edge[:, None] for edge in panes.edges)
     towards = panes.corner[:, None] + spots[:, :, 0] * first + spots[:, :, 1] * second - places
-    reach = np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-3)
-    towards = towards / reach
+    metres = np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-3)
+    towards = towards / metres
     slope = np.maximum((towards * panes.normal[:, None]).sum(axis=-1), 0)
     cosine = np.maximum((towards * facing).sum(axis=-1), 0)
-    worth = panes.area[:, None] * slope * cosine / reach[..., 0] ** 2
+    worth = panes.area[:, None] * slope * cosine / metres[..., 0] ** 2
     worth *= ~_in_disc(sky.sun, towards)
     light = _seen(scene, np.tile(places, (count, 1)), towards.reshape(-1, 3)).reshape(count, -1)
     return np.asarray(np.nan_to_num(light * worth))
@@ -486,12 +482,12 @@ def _densities(panes: Panes, places: Floats, towards: Floats) -> Floats:
     slope = towards @ panes.normal.T
     away = ((panes.corner[None] - places[:, None]) * panes.normal[None]).sum(axis=-1)
     fine = (slope > 1e-6) & (away > 0)
-    reach = np.where(fine, away / np.where(fine, slope, 1), 0)
-    spot = places[:, None] + reach[..., None] * towards[:, None] - panes.corner[None]
+    metres = np.where(fine, away / np.where(fine, slope, 1), 0)
+    spot = places[:, None] + metres[..., None] * towards[:, None] - panes.corner[None]
     for edge in panes.edges:
         part = (spot * edge[None]).sum(axis=-1) / (edge**2).sum(axis=-1)
         fine &= (part >= 0) & (part <= 1)
-    return np.where(fine, reach**2 / (panes.area * np.where(fine, slope, 1)), 0)
+    return np.where(fine, metres**2 / (panes.area * np.where(fine, slope, 1)), 0)
 
 
 def _shares(brought: Floats, seen: int) -> Floats:
