@@ -21,7 +21,7 @@ import numpy.typing as npt
 from pipeline import joint
 from pipeline.frames import Channels
 from pipeline.light_choice import PlannedLights, UniformLights
-from pipeline.light_plan import plan_lights
+from pipeline.light_plan import EVERYWHERE, plan_lights
 from pipeline.noise import Tally
 from pipeline.params import GroundTruthParams
 from pipeline.renderer import RenderScene
@@ -106,7 +106,9 @@ def render_both(
 
 
 def _box_of(rooms: tuple[Room, ...]) -> npt.NDArray[np.float64]:
-    """Lowest and highest coordinates of all rooms, (2, 3)."""
+    """Lowest and highest coordinates of all rooms, (2, 3), world metres; without rooms, infinite."""
+    if not rooms:
+        return EVERYWHERE
     low = np.min([[*np.min(room.floor, axis=0), room.floor_z] for room in rooms], axis=0)
     high = np.max([[*np.max(room.floor, axis=0), room.ceiling_z] for room in rooms], axis=0)
     return np.array([low, high])

@@ -52,7 +52,7 @@ _AREA = 1e-4  # square metres: smaller openings are left to the sky's own sampli
 OUTDOORS = 0.05  # metres beyond the box around the rooms
 
 Floats = npt.NDArray[np.float64]
-_HERE: Floats = np.array([[-np.inf] * 3, [np.inf] * 3])
+EVERYWHERE: Floats = np.array([[-np.inf] * 3, [np.inf] * 3])  # a box
 
 
 @dataclass(frozen=True)
@@ -132,13 +132,17 @@ class LightPlan:
     panes: Panes
     sunlight: float = 0.0
     sun: Sun | None = None
-    indoors: Floats = field(default_factory=lambda: _HERE)
+    indoors: Floats = field(default_factory=lambda: EVERYWHERE)
     places: Places | None = None
     strengths: Strengths | None = None
 
 
 def plan_lights(
-    scene: Any, view: View, portals: tuple[Portal, ...], seed: int, indoors: npt.ArrayLike = _HERE
+    scene: Any,
+    view: View,
+    portals: tuple[Portal, ...],
+    seed: int,
+    indoors: npt.ArrayLike = EVERYWHERE,
 ) -> LightPlan:
     """The plan of a view, from its pilot; `scene` is the Mitsuba scene, `indoors` (2, 3) the box
     around its rooms: within it the sun shines through panes alone, or is hardly asked."""
@@ -156,7 +160,7 @@ def plan_lights(
 
 
 def reach(cosine: Any, squared: Any, spread: Any) -> Any:
-    """What a light of strength 1 brings to a surface: by the cosine there, of either side and never
+    """What a light of strength 1 brings to a surface, 1/m^2: by the cosine there, of either side and never
     quite 0, since lights are wide; and by the squared distance, never less than the light's
     spread. Arrays of any kind: NumPy's or Dr.Jit's."""
     return (_GRAZING + (1 - _GRAZING) * cosine) / (squared + spread * spread)

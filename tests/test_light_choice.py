@@ -317,6 +317,13 @@ def test_the_parameter_switches_it_and_both_agree(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.median(images[0]), np.median(images[1]), rtol=0.1)
 
 
+def test_a_scene_without_rooms_is_lit_all_the_same(tmp_path: Path) -> None:
+    scene = room(tmp_path, LAMP, SUN)
+    bare = replace(scene, scene=replace(scene.scene, rooms=()))
+    truths = render_both(bare, VIEW, GroundTruthParams(spp=4, block_spp=2), 0.5, 1)
+    assert truths.color[1]["black"] < 1
+
+
 def test_a_scene_without_lights_is_black(tmp_path: Path) -> None:
     """Also beside another that has some, whose objects the renderer knows."""
     lit = room(tmp_path / "lit", LAMP)
