@@ -106,7 +106,7 @@ def render_both(
 
 
 def _box_of(rooms: tuple[Room, ...]) -> npt.NDArray[np.float64]:
-    """Lowest and highest coordinates of all rooms, (2, 3), world metres; without rooms, infinite."""
+    """Lowest and highest coordinates of all rooms, (2, 3), world metres; infinite without any."""
     if not rooms:
         return EVERYWHERE
     low = np.min([[*np.min(room.floor, axis=0), room.floor_z] for room in rooms], axis=0)

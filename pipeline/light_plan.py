@@ -160,9 +160,9 @@ def plan_lights(
 
 
 def reach(cosine: Any, squared: Any, spread: Any) -> Any:
-    """What a light of strength 1 brings to a surface, 1/m^2: by the cosine there, of either side and never
-    quite 0, since lights are wide; and by the squared distance, never less than the light's
-    spread. Arrays of any kind: NumPy's or Dr.Jit's."""
+    """What a light of strength 1 brings to a surface, 1/m^2: by the cosine there, of either side
+    and never quite 0, since lights are wide; and by the squared distance, never less than the
+    light's spread. Arrays of any kind: NumPy's or Dr.Jit's."""
     return (_GRAZING + (1 - _GRAZING) * cosine) / (squared + spread * spread)
 
 
