@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -115,6 +116,11 @@ class Panorama:
         """Steradians of a pixel in each row, (H,)."""
         return self.pitch * -np.diff(np.sin(self._elevations(self.height)))
 
+    @cached_property
+    def middles(self) -> Float64:
+        """World directions (H x W, 3) through the middles of all pixels."""
+        return self.directions(np.arange(self.size), 1)[:, 0]
+
     def directions(self, pixels: npt.NDArray[np.int64], per_axis: int) -> Float64:
         """World directions (len(pixels), per_axis^2, 3) to the centres of equal parts of pixels.
 
@@ -158,8 +164,9 @@ class Panorama:
         if angle >= math.pi:
             return np.ones(self.size, dtype=bool)
         axis = rays.unit(centre)
-        middles = self.directions(np.arange(self.size), 1)[:, 0]
-        reach: npt.NDArray[np.bool_] = middles @ axis >= math.cos(min(angle + self.pitch, math.pi))
+        reach: npt.NDArray[np.bool_] = self.middles @ axis >= math.cos(
+            min(angle + self.pitch, math.pi)
+        )
         return reach
 
     @staticmethod
@@ -332,12 +339,10 @@ def _open_pixels(
         facing = np.clip(rays.unit(corners) @ middle, -1, 1)
         wanted |= panorama.cone(middle, float(np.arccos(facing.min())))
     coarse = Panorama(min(panorama.width, _PROBE_WIDTH), panorama.turn)
-    probes = coarse.directions(np.arange(coarse.size), 1)[:, 0]
-    shape, _ = rays.nearest(render_scene.target, eye, probes)
+    shape, _ = rays.nearest(render_scene.target, eye, coarse.middles)
     open_ = (shape < 0).reshape(coarse.height, coarse.width)
     near = open_ | np.roll(open_, 1, axis=1) | np.roll(open_, -1, axis=1)
     near[1:] |= near[:-1].copy()
     near[:-1] |= near[1:].copy()
     near[[0, -1]] = near[[0, -1]].any(axis=1, keepdims=True)
-    middles = panorama.directions(np.arange(panorama.size), 1)[:, 0]
-    return wanted | near.ravel()[coarse.pixels(middles)]
+    return wanted | near.ravel()[coarse.pixels(panorama.middles)]
