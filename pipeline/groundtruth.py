@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline import joint
+from pipeline.bounce_plan import plan_bounces
 from pipeline.frames import Channels
 from pipeline.light_choice import PlannedLights, UniformLights
 from pipeline.light_plan import EVERYWHERE, plan_lights
@@ -30,7 +31,7 @@ from pipeline.views import View
 from scenes.contract import Room
 from scenes.seeds import derive32
 
-REVISION = 8
+REVISION = 9
 _LAUNCH = 1 << 21  # samples; changing it changes pixels
 
 Launch = Callable[[int, int, int], Any]  # of copies side by side, samples, seed: mi.TensorXf
@@ -94,7 +95,7 @@ def render_both(
     if params.lights == "planned" and scene.emitters():
         home = render_scene.scene
         plan = plan_lights(scene, view, home.portals, seed, _box_of(home.rooms))
-        lights = PlannedLights(scene, plan)
+        lights = PlannedLights(scene, plan, plan_bounces(scene, plan, seed))
     path = joint.JointPath(table, params.max_depth, params.rr_depth, lights)
     suit = render_scene.wardrobe.suit
 

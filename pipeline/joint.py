@@ -119,10 +119,10 @@ class JointPath:
             smooth = goes_on & mi.has_flag(own.flags() | twin.flags(), mi.BSDFFlags.Smooth)
             ds, light = self.lights.sample(scene, si, sampler.next_2d(), smooth)
             lit = smooth & (ds.pdf != 0)
-            wo = si.to_local(ds.d)
             first, second = sampler.next_1d(), sampler.next_2d()
-            of_colour = self.scatter(own, si, wo, first, second, goes_on)
-            of_grey = self.scatter(twin, si, wo, first, second, goes_on)
+            of_colour, of_grey = self.scatterings(
+                (own, twin), si, ds.d, first, second, goes_on, smooth
+            )
             colour.radiance[lit] += colour.throughput * light * self.lit(of_colour, ds)
             grey.radiance[lit] += grey.throughput * light * self.lit(of_grey, ds)
 
@@ -141,6 +141,45 @@ class JointPath:
             grey.throughput *= share
             active = goes_on & (random < survival)
         return colour.radiance, grey.radiance
+
+    def scatterings(
+        self,
+        bsdfs: tuple[Any, Any],
+        si: Any,
+        light: Any,
+        first: Any,
+        second: Any,
+        active: Any,
+        smooth: Any,
+    ) -> list[Scattering]:
+        """Both materials at a vertex, with the direction `light` towards the emitter sample.
+
+        Where `lights` know a better way on than the materials do, each direction counts with its
+        density by both, as if one had been drawn from the mixture of them.
+        """
+        wo = si.to_local(light)
+        guidance = self.lights.guidance(si, smooth)
+        if guidance is None:
+            return [self.scatter(bsdf, si, wo, first, second, active) for bsdf in bsdfs]
+        led, first = guidance.split(first)
+        found = [self.scatter(bsdf, si, wo, first, second, active) for bsdf in bsdfs]
+        onwards = si.to_local(guidance.direction(first, second))
+        for bsdf, scattering in zip(bsdfs, found, strict=True):
+            scattering.pdf = guidance.mixed(scattering.pdf, light)
+            sample = scattering.sample
+            delta = ~led & mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+            there = led | (sample.pdf > 0)
+            sample.wo = dr.select(led, onwards, sample.wo)
+            sample.eta = dr.select(led, 1, sample.eta)
+            sample.sampled_type = dr.select(led, 0, sample.sampled_type)
+            again = smooth & ~delta & there
+            value, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, sample.wo, again)
+            density = guidance.mixed(pdf, si.to_world(sample.wo))
+            weight = dr.select(density > 0, value / density, 0)
+            alone = scattering.weight / (1 - guidance.share)
+            scattering.weight = dr.select(again, weight, dr.select(there, alone, 0))
+            sample.pdf = dr.select(again, density, sample.pdf)
+        return found
 
     def scatter(
         self, bsdf: Any, si: Any, wo: Any, first: Any, second: Any, active: Any

@@ -19,10 +19,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from pipeline.bounce_plan import GLOWS, BouncePlan
 from pipeline.light_plan import LAMPS, OUTDOORS, WINDOWS, LightPlan, Panes, reach
 from pipeline.rays import column
 
 _BY_VIEW = 0.2  # share of the choice that goes by the view's shares alone
+_GUIDED = 0.4  # of the paths at a vertex go through panes, if all bounced light comes from there
 
 
 @dataclass(init=False, eq=False)
@@ -37,6 +39,9 @@ class UniformLights:
         """Density with which `sample` at `before` gives the direction `ds`."""
         return scene.pdf_emitter_direction(before, ds, active)
 
+    def guidance(self, si: Any, active: Any) -> None:
+        """None: paths go on as the materials say."""
+
 
 @dataclass(init=False, eq=False)
 class PlannedLights:
@@ -50,12 +55,14 @@ class PlannedLights:
     lamps: _Lamps | None
     outdoors: _Outdoors | None
     indoors: list[Any]  # mi.Float, lowest and highest coordinates of the rooms
+    guide: _Guide | None
 
-    def __init__(self, scene: Any, plan: LightPlan) -> None:
+    def __init__(self, scene: Any, plan: LightPlan, bounces: BouncePlan | None = None) -> None:
         self.indoors = _scalars(np.clip(plan.indoors, -1e9, 1e9))
         lit = plan.emitters.any()
         self.lamps = _Lamps(scene, plan) if lit else None
         self.outdoors = _Outdoors(scene, plan) if plan.windows.sum() + plan.sunlight > 0 else None
+        self.guide = _Guide(bounces, plan.bounced) if bounces is not None else None
 
     def sample(self, scene: Any, si: Any, random: Any, active: Any) -> tuple[Any, Any]:
         """As that of `UniformLights`."""
@@ -92,6 +99,10 @@ class PlannedLights:
                 before, ds, asked
             )
         return density
+
+    def guidance(self, si: Any, active: Any) -> Guidance | None:
+        """Where paths at a vertex had better go on; None where nothing is known to be better."""
+        return None if self.guide is None else self.guide.at(si, active)
 
     def chances(self, place: Any, normal: Any) -> list[Any]:
         """Probability of each light at a vertex: the lamps that are weighed, all other emitters
@@ -278,7 +289,10 @@ class _Outdoors:
         emitters = scene.emitters()
         own = next(row for row, emitter in enumerate(emitters) if emitter.is_environment())
         self.asked = bool(plan.emitters[own] > 0)
-        self.panes = _PaneSampler(plan) if plan.windows.sum() > 0 else None
+        strengths = plan.strengths.windows if plan.strengths is not None else np.zeros(0)
+        self.panes = None
+        if plan.windows.sum() > 0:
+            self.panes = _PaneSampler(plan.panes, strengths, plan.windows, WINDOWS)
         sun = plan.sun if plan.sunlight > 0 else None
         self.sunny = sun is not None
         self.frame = self.cosine = self.uniform = None
@@ -358,24 +372,29 @@ class _Outdoors:
 
 @dataclass(init=False, eq=False)
 class _PaneSampler:
-    """Points on panes, and densities of directions through them; `WINDOWS` panes, some empty."""
+    """Points on rectangles, and densities of directions through them; some may be empty."""
 
-    numbers: Any  # mi.Float, 9 a pane: corner, two edges
+    numbers: Any  # mi.Float, 9 a rectangle: corner, two edges
     panes: list[_Pane]
     shares: list[Any]  # mi.Float, of the view
 
-    def __init__(self, plan: LightPlan) -> None:
-        count = len(plan.windows)
-        strengths = plan.strengths.windows if plan.strengths is not None else np.zeros(count)
-        corners = np.concatenate([plan.panes.corner, *plan.panes.edges], axis=1)
-        self.numbers = column(mi.Float, _padded(corners, 0).ravel())
-        self.shares = _scalars(_padded(plan.windows, 0))
-        self.panes = [_Pane(plan.panes, strengths, row) for row in range(count)]
-        self.panes += [_Pane(None, strengths, 0)] * (WINDOWS - count)
+    def __init__(self, panes: Panes, strengths: Any, shares: Any, slots: int) -> None:
+        count = len(panes.area)
+        strengths, shares = _padded(strengths, slots), _padded(shares, slots)
+        corners = np.concatenate([panes.corner, *panes.edges], axis=1)
+        self.numbers = column(mi.Float, _padded(corners, slots).ravel())
+        self.shares = _scalars(shares)
+        self.panes = [_Pane(panes, strengths, row) for row in range(count)]
+        self.panes += [_Pane(None, strengths, 0)] * (slots - count)
 
-    def weights(self, place: Any, normal: Any) -> list[Any]:
-        """About what comes to a vertex through each pane."""
-        return [pane.weight(place, normal) for pane in self.panes]
+    def weights(self, place: Any, normal: Any, one_side: bool = False) -> list[Any]:
+        """About what comes to a vertex through each, to `one_side` of it or to both."""
+        made = []
+        for pane in self.panes:
+            cosine = dr.dot(pane.towards(place), normal)
+            cosine = dr.maximum(cosine, 0) if one_side else dr.abs(cosine)
+            made.append(pane.strength * pane.reach(place, cosine))
+        return made
 
     def point(self, pane: Any, random: Any) -> Any:
         """A point on a pane."""
@@ -422,14 +441,15 @@ class _Pane:
         )
         self.area, self.spread, self.strength = _scalars(figures)
 
-    def weight(self, place: Any, normal: Any) -> Any:
-        """About what comes through it to a vertex."""
-        towards = self.centre - place
-        squared = dr.squared_norm(towards)
-        towards *= dr.rsqrt(squared + 1e-12)
-        slope = dr.maximum(dr.dot(towards, self.normal), 0)
-        cosine = dr.abs(dr.dot(towards, normal))
-        return self.strength * slope * reach(cosine, squared, self.spread)
+    def towards(self, place: Any) -> Any:
+        """The direction from a vertex to its middle."""
+        away = self.centre - place
+        return away * dr.rsqrt(dr.squared_norm(away) + 1e-12)
+
+    def reach(self, place: Any, cosine: Any) -> Any:
+        """About what comes through it to a vertex, with this cosine there, at strength 1."""
+        slope = dr.maximum(dr.dot(self.towards(place), self.normal), 0)
+        return slope * reach(cosine, dr.squared_norm(self.centre - place), self.spread)
 
     def density(self, origin: Any, direction: Any) -> Any:
         """Density, by solid angle, of a direction from `origin`; 0 beside the pane."""
@@ -443,12 +463,59 @@ class _Pane:
         return dr.select(inside, dr.square(reached) / (self.area * slope), 0)
 
 
+@dataclass(init=False, eq=False)
+class _Guide:
+    """Leads paths to the glows of a `BouncePlan`."""
+
+    glows: _PaneSampler
+    bounced: Any  # mi.Float, what bounces bring to a place on average
+
+    def __init__(self, plan: BouncePlan, bounced: float) -> None:
+        self.glows = _PaneSampler(plan.glows, plan.strengths, np.zeros(0), GLOWS)
+        self.bounced = dr.opaque(mi.Float, bounced)
+
+    def at(self, si: Any, active: Any) -> Guidance:
+        """Its advice at a vertex."""
+        facing = dr.mulsign(si.n, mi.Frame3f.cos_theta(si.wi))
+        weights = self.glows.weights(si.p, facing, one_side=True)
+        total = sum(weights, mi.Float(0))
+        share = dr.select(active & (total > 0), _GUIDED * total / (total + self.bounced), 0)
+        chances = [dr.select(total > 0, weight / total, 0) for weight in weights]
+        return Guidance(share, chances, self.glows, si.p)
+
+
+@dataclass(eq=False)
+class Guidance:
+    """At a vertex: with the probability `share` the path goes on to one of the glows."""
+
+    share: Any
+    chances: list[Any]
+    glows: _PaneSampler
+    place: Any
+
+    def split(self, random: Any) -> tuple[Any, Any]:
+        """Whether a random number says so, and that number made new."""
+        led = random < self.share
+        return led, _below_one(
+            dr.select(led, random / self.share, (random - self.share) / (1 - self.share))
+        )
+
+    def direction(self, first: Any, second: Any) -> Any:
+        """One to a glow."""
+        which, _ = _pick(self.chances, first)
+        return dr.normalize(self.glows.point(which, second) - self.place)
+
+    def mixed(self, pdf: Any, direction: Any) -> Any:
+        """Density of a direction by both ways, from that by the material's."""
+        led = self.glows.density(self.place, direction, self.chances)
+        return (1 - self.share) * pdf + self.share * led
+
+
 def _scalars(values: Any) -> list[Any]:
     """`mi.Float` of one entry each, which kernels read far faster than they gather from arrays."""
     return [dr.opaque(mi.Float, float(value)) for value in np.ravel(values)]
 
 
-def _padded(rows: Any, filler: float) -> Any:
-    """`WINDOWS` rows."""
-    empty = np.full((WINDOWS - len(rows), *rows.shape[1:]), float(filler))
-    return np.concatenate([rows, empty])
+def _padded(rows: Any, count: int) -> Any:
+    """So many rows, the missing ones 0."""
+    return np.concatenate([rows, np.zeros((count - len(rows), *rows.shape[1:]))])

@@ -42,9 +42,9 @@ _WIDEST, _STEP = 10.0, 0.005  # degrees: a sun's radius is looked for up to so m
 _CONTRAST = 3.0  # times as bright is a sun, at its edge, as the sky beside it
 _MARGIN = 1.03
 _FAINT = 0.01  # of the mean light: points darker than that do not count fully
-_ALBEDO = 0.5  # what surfaces are taken to pass on
+ALBEDO = 0.5  # what surfaces are taken to pass on
 _MOST = 10.0  # times the brightness of pixels that one point may add
-_LIFT = 1e-3  # metres that the pilot's rays start above surfaces
+LIFT = 1e-3  # metres that the pilot's rays start above surfaces
 _GRAZING = 0.1  # of what a light brings to a surface that faces it, to one that it grazes
 _LEAST = 0.02  # metres, spread of the smallest lamps
 _AREA = 1e-4  # square metres: smaller openings are left to the sky's own sampling
@@ -100,6 +100,19 @@ class Sun:
 
 
 @dataclass(frozen=True)
+class Pilot:
+    """Points that the camera sees, then from each one bounce further, (P, 3); normals towards
+    where they were seen from, (P, 3); which of them there are, (P,): the rest saw nothing.
+
+    P is that of every view: kernels are compiled for the number of rays.
+    """
+
+    points: Floats
+    normals: Floats
+    hit: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
 class Places:
     """Where emitters are: the mean of their points (N, 3), and those points' rms distance from
     it (N,), metres."""
@@ -124,7 +137,8 @@ class LightPlan:
     `emitters` (N,): the environment's entry is for its own sampling, which may be 0; `windows`
     (K,): directions through `panes`; `sunlight`: directions to the disc of `sun`. `strengths` and
     `places`, where there are, let each vertex weigh them anew; `indoors` is the box (2, 3) within
-    which the sun is expected through panes alone.
+    which the sun is expected through panes alone. `bounced` is about what light bounced once brings
+    to a surface in view, W/m^2, and `pilot` where all this was asked.
     """
 
     emitters: Floats
@@ -135,6 +149,8 @@ class LightPlan:
     indoors: Floats = field(default_factory=lambda: EVERYWHERE)
     places: Places | None = None
     strengths: Strengths | None = None
+    bounced: float = 0.0
+    pilot: Pilot | None = None
 
 
 def plan_lights(
@@ -146,7 +162,8 @@ def plan_lights(
 ) -> LightPlan:
     """The plan of a view, from its pilot; `scene` is the Mitsuba scene, `indoors` (2, 3) the box
     around its rooms: within it the sun shines through panes alone, or is hardly asked."""
-    points, normals, hit = _pilot_points(scene, view, seed)
+    pilot = _pilot(scene, view, seed)
+    points, normals, hit = pilot.points, pilot.normals, pilot.hit
     sky = _sky_of(scene)
     panes = panes_of(portals if sky is not None else ())
     brought, places = _asked(scene, points, normals, panes, sky, seed)
@@ -156,7 +173,14 @@ def plan_lights(
     plan, best = _plan(shares, panes, sky)
     plan = replace(plan, indoors=np.asarray(indoors, dtype=np.float64))
     strengths = _strengths(brought[hit], points[hit], normals[hit], places, plan, best)
-    return replace(plan, places=places, strengths=strengths)
+    first = len(hit) // 2
+    bounced = ALBEDO * float(brought[first:][hit[first:]].sum()) / max(1, int(hit[:first].sum()))
+    return replace(plan, places=places, strengths=strengths, bounced=bounced, pilot=pilot)
+
+
+def rms(values: Floats) -> Floats:
+    """Root mean square over the first axis."""
+    return np.asarray(np.sqrt((values**2).mean(axis=0)))
 
 
 def reach(cosine: Any, squared: Any, spread: Any) -> Any:
@@ -181,9 +205,6 @@ def _strengths(
 ) -> Strengths:
     """By root mean squares over the pilot's points of what was brought and of `reach`."""
     count = len(places.spread)
-
-    def rms(values: Floats) -> Floats:
-        return np.asarray(np.sqrt((values**2).mean(axis=0)))
 
     def reached(centre: Floats, spread: Floats) -> tuple[Floats, Floats]:
         towards = centre[None] - points[:, None]
@@ -276,7 +297,7 @@ def _sky_of(scene: Any) -> _Sky | None:
 
 def _disc_about(environment: Any, towards: Floats) -> Sun | None:
     """The sun around `towards`, as wide as the sky is bright there; None if it shines not there."""
-    aside = _across(towards)
+    aside = perpendicular(towards)
     angles = np.radians(np.arange(0, _WIDEST, _STEP))
     around = np.cos(angles)[:, None] * towards + np.sin(angles)[:, None] * aside
     beyond = dr.zeros(mi.SurfaceInteraction3f, len(angles))
@@ -289,7 +310,7 @@ def _disc_about(environment: Any, towards: Floats) -> Sun | None:
     return Sun(towards, float(np.cos(_MARGIN * angles[edge + 1])))
 
 
-def _across(direction: Floats) -> Floats:
+def perpendicular(direction: Floats) -> Floats:
     """A unit vector at right angles to `direction` (3,): level, unless that points up or down."""
     aside = np.cross(direction, [0.0, 0.0, 1.0] if abs(direction[2]) < 0.9 else [0.0, 1.0, 0.0])
     return np.asarray(aside / np.linalg.norm(aside))
@@ -301,7 +322,7 @@ def panes_of(portals: tuple[Portal, ...]) -> Panes:
     for portal in portals:
         polygon, normal = np.array(portal.polygon), np.array(portal.normal, dtype=np.float64)
         normal = normal / np.linalg.norm(normal)
-        aside = _across(normal)
+        aside = perpendicular(normal)
         upwards = np.cross(aside, normal)
         across, along = (polygon - polygon[0]) @ aside, (polygon - polygon[0]) @ upwards
         first, second = np.ptp(across) * aside, np.ptp(along) * upwards
@@ -315,14 +336,7 @@ def panes_of(portals: tuple[Portal, ...]) -> Panes:
     return Panes(stacked[0], (stacked[1], stacked[2]), stacked[3])
 
 
-def _pilot_points(
-    scene: Any, view: View, seed: int
-) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
-    """Points that the camera sees, then from each one bounce further, (P, 3); normals towards
-    where they were seen from, (P, 3); which of them there are, (P,): the rest saw nothing.
-
-    P is that of every view: kernels are compiled for the number of rays.
-    """
+def _pilot(scene: Any, view: View, seed: int) -> Pilot:
     random = generator(seed, "pilot")
     width, height = _GRID
     columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
@@ -331,20 +345,20 @@ def _pilot_points(
     directions = local @ np.linalg.inv(view.intrinsics).T @ view.pose[:3, :3].T
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     origins = np.tile(view.eye, (len(directions), 1))
-    points, normals, hit = _first_hits(scene, origins, directions)
+    points, normals, hit = first_hits(scene, origins, directions)
     bounced = random.normal(size=points.shape)
     bounced = bounced / np.linalg.norm(bounced, axis=1, keepdims=True) + normals
     lengths = np.linalg.norm(bounced, axis=1, keepdims=True)
     bounced = np.where(lengths > 1e-3, bounced / np.maximum(lengths, 1e-3), normals)
-    further, beside, again = _first_hits(scene, points + _LIFT * normals, bounced)
-    return (
+    further, beside, again = first_hits(scene, points + LIFT * normals, bounced)
+    return Pilot(
         np.concatenate([points, further]),
         np.concatenate([normals, beside]),
         np.concatenate([hit, hit & again]),
     )
 
 
-def _first_hits(
+def first_hits(
     scene: Any, origins: Floats, directions: Floats
 ) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
     """Points, normals, and which rays hit; for those that did not, their own origin and the way
@@ -368,13 +382,13 @@ def _asked(
     the rest for the environment's own sampling. Of another it is split by the balance heuristic.
     """
     random = generator(seed, "asked")
-    places = np.repeat(points + _LIFT * normals, _ASKED, axis=0)
+    places = np.repeat(points + LIFT * normals, _ASKED, axis=0)
     facing = np.repeat(normals, _ASKED, axis=0)
     of_emitters, lamps = _from_emitters(scene, places, facing, panes, sky, random)
     brought = [
         of_emitters,
         _through_panes(scene, places, facing, panes, sky, random),
-        _from_sun(scene, places, facing, sky, random),
+        from_sun(scene, places, facing, sky.sun if sky is not None else None, random),
     ]
     shape = (-1, len(points), _ASKED)
     return np.concatenate([part.reshape(shape).mean(axis=-1) for part in brought]).T, lamps
@@ -404,7 +418,7 @@ def _from_emitters(
         there = towards[mine].astype(np.float64)
         others = _densities(panes, places, there).sum(axis=1)
         if sky.even:
-            brought[sky.row] *= (others == 0) & ~_in_disc(sky.sun, there)
+            brought[sky.row] *= (others == 0) & ~in_disc(sky.sun, there)
         else:
             brought[sky.row] *= density[mine] / np.maximum(density[mine] + others, 1e-30)
     spots = np.array(ds.p).T.astype(np.float64).reshape(count, -1, 3)
@@ -420,7 +434,7 @@ def _places_of(scene: Any, spots: Floats) -> Places:
     return Places(centre, np.where(far, _FLAT, np.maximum(spread, _LEAST)))
 
 
-def _in_disc(sun: Sun | None, directions: Floats) -> npt.NDArray[np.bool_]:
+def in_disc(sun: Sun | None, directions: Floats) -> npt.NDArray[np.bool_]:
     if sun is None:
         return np.zeros(directions.shape[:-1], dtype=bool)
     return np.asarray(directions @ sun.towards > sun.cosine)
@@ -438,34 +452,42 @@ def _through_panes(
     count = len(panes.area)
     if not count or sky is None:
         return np.zeros((count, len(places)))
-    spots = random.random((count, len(places), 2, 1))
+    towards, worth = towards_panes(places, facing, panes, random)
+    worth = worth * ~in_disc(sky.sun, towards)
+    light = seen(scene, np.tile(places, (count, 1)), towards.reshape(-1, 3)).reshape(count, -1)
+    return np.asarray(np.nan_to_num(light * worth))
+
+
+def towards_panes(
+    places: Floats, facing: Floats, panes: Panes, random: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """From each place a direction to a point on each pane, (K, Q, 3), and the irradiance that
+    radiance 1 from there would bring, over the point's density, (K, Q)."""
+    spots = random.random((len(panes.area), len(places), 2, 1))
     first, second = (edge[:, None] for edge in panes.edges)
     towards = panes.corner[:, None] + spots[:, :, 0] * first + spots[:, :, 1] * second - places
     metres = np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-3)
     towards = towards / metres
     slope = np.maximum((towards * panes.normal[:, None]).sum(axis=-1), 0)
     cosine = np.maximum((towards * facing).sum(axis=-1), 0)
-    worth = panes.area[:, None] * slope * cosine / metres[..., 0] ** 2
-    worth *= ~_in_disc(sky.sun, towards)
-    light = _seen(scene, np.tile(places, (count, 1)), towards.reshape(-1, 3)).reshape(count, -1)
-    return np.asarray(np.nan_to_num(light * worth))
+    return towards, panes.area[:, None] * slope * cosine / metres[..., 0] ** 2
 
 
-def _from_sun(
-    scene: Any, places: Floats, facing: Floats, sky: _Sky | None, random: np.random.Generator
+def from_sun(
+    scene: Any, places: Floats, facing: Floats, sun: Sun | None, random: np.random.Generator
 ) -> Floats:
     """One estimate of the sun's light at each place, (1, Q)."""
-    if sky is None or sky.sun is None:
+    if sun is None:
         return np.zeros((1, len(places)))
     numbers = vector(mi.Point2f, random.random((len(places), 2)))
-    local = mi.warp.square_to_uniform_cone(numbers, sky.sun.cosine)
-    frame = mi.Frame3f(mi.Vector3f(*sky.sun.towards.tolist()))
+    local = mi.warp.square_to_uniform_cone(numbers, sun.cosine)
+    frame = mi.Frame3f(mi.Vector3f(*sun.towards.tolist()))
     towards = np.array(frame.to_world(local)).T.astype(np.float64)
     cosine = np.maximum((towards * facing).sum(axis=-1), 0)
-    return (_seen(scene, places, towards) * cosine / sky.sun.density)[None]
+    return (seen(scene, places, towards) * cosine / sun.density)[None]
 
 
-def _seen(scene: Any, places: Floats, directions: Floats) -> Floats:
+def seen(scene: Any, places: Floats, directions: Floats) -> Floats:
     """Luminance of the environment in directions (Q, 3) from places (Q, 3), 0 where hidden."""
     beyond = dr.zeros(mi.SurfaceInteraction3f, len(places))
     beyond.wi = vector(mi.Vector3f, -directions)
@@ -504,8 +526,8 @@ def _shares(brought: Floats, seen: int) -> Floats:
     total = brought.sum(axis=1)
     if not total.any():
         return np.zeros(brought.shape[1])
-    passed_on = _ALBEDO * total[seen:].mean() if len(total) > seen else 0.0
+    passed_on = ALBEDO * total[seen:].mean() if len(total) > seen else 0.0
     brightness = total[:seen].mean() + passed_on
     near = brought[:seen] / (total[:seen] + passed_on + _FAINT * brightness)[:, None]
-    far = np.minimum(_ALBEDO * brought[seen:] / brightness, _MOST)
+    far = np.minimum(ALBEDO * brought[seen:] / brightness, _MOST)
     return np.asarray(np.sqrt((near**2).mean(axis=0) + (far**2).sum(axis=0) / max(1, len(far))))

@@ -137,12 +137,13 @@ PARTING = {
 
 
 def shelf(
-    folder: Path, materials: dict[str, str], wide: bool = False
+    folder: Path, materials: dict[str, str], wide: bool = False, more: str = ""
 ) -> tuple[RenderScene, View, dict[str, Any]]:
     """A room with a ball of each material; its view, and by the material's name the pixels (H, W)
     of its ball, and of the "room" around them.
 
     It is lit by a lamp, a bulb and a window, or by a `wide` lamp, which both ways of sampling find.
+    `more` stands there, too.
     """
     focal = CELL / SPACING * DISTANCE
     columns = int(np.ceil(np.sqrt(len(materials) * 4 / 3)))
@@ -169,7 +170,7 @@ def shelf(
         centre = np.array([view.width / 2, view.height / 2]) + CELL / SPACING * np.array([x, -z])
         regions[name] = np.linalg.norm(rays - centre, axis=-1) < 0.9 * CELL / SPACING * RADIUS
     regions["room"] = ~np.any(list(regions.values()), axis=0)
-    scene = write_scene(folder / "shelf", body, files=TEXTURES)
+    scene = write_scene(folder / "shelf", body + more, files=TEXTURES)
     return open_scene(scene), view, regions
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from pipeline.bounce_plan import plan_bounces
 from pipeline.groundtruth import render_both
 from pipeline.joint import available
 from pipeline.light_choice import PlannedLights
@@ -20,7 +21,16 @@ from pipeline.params import GroundTruthParams
 from pipeline.rays import vector
 from pipeline.renderer import RenderScene, open_scene, set_variant
 from scenes.contract import Portal
-from tests.joint_fixtures import FAITHFUL, deviations, joined, plain, region_means, shelf
+from tests.joint_fixtures import (
+    ALBEDO,
+    FAITHFUL,
+    PARTING,
+    deviations,
+    joined,
+    plain,
+    region_means,
+    shelf,
+)
 from tests.render_fixtures import (
     WINDOW,
     ball,
@@ -44,6 +54,8 @@ SKY = SUN.replace('y="0.7"', 'y="-0.7"')  # the sun stands behind the house
 HIDDEN = "".join(
     ball(f"far{index}", (3.0 + 0.3 * index, 0.5, 1.5), 0.1, glow(20)) for index in range(8)
 )
+# Ground before the window, which lies in the sun.
+GROUND = quad("ground", (0, 8, -0.5), (0, 0, 1), (8, 5.9), diffuse(0.8), (0, 1, 0))
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -64,6 +76,14 @@ def room(folder: Path, *things: str, wall: str = "0.6,0.5,0.4") -> RenderScene:
 
 def planned(scene: RenderScene, kind: type[PlannedLights] = PlannedLights) -> PlannedLights:
     return kind(scene.mitsuba, plan_lights(scene.mitsuba, VIEW, scene.scene.portals, 3))
+
+
+def led(scene: RenderScene, kind: type[PlannedLights] = PlannedLights) -> PlannedLights:
+    """The same, and with it the plan of where paths go on."""
+    plan = plan_lights(scene.mitsuba, VIEW, scene.scene.portals, 3)
+    lights = kind(scene.mitsuba, plan, plan_bounces(scene.mitsuba, plan, 3))
+    assert lights.guide is not None
+    return lights
 
 
 def off_by(scene: RenderScene, lights: Any) -> np.ndarray:
@@ -331,3 +351,110 @@ def test_a_scene_without_lights_is_black(tmp_path: Path) -> None:
     assert render_both(lit, VIEW, params, 0.5, 1).color[1]["black"] < 1
     truths = render_both(room(tmp_path), VIEW, params, 0.5, 1)
     assert truths.color[1]["black"] == 1
+
+
+@pytest.mark.parametrize("things", [(SUN, GROUND), (LAMP, SUN, GROUND), (LAMP, HIDDEN)])
+def test_paths_that_are_led_are_unbiased(things: tuple[str, ...], tmp_path: Path) -> None:
+    scene = room(tmp_path, *things)
+    assert abs(off_by(scene, led(scene))).max() < 4.5
+
+
+@pytest.mark.parametrize("materials", [FAITHFUL, PARTING], ids=["faithful", "parting"])
+def test_every_material_is_unbiased_when_paths_are_led(
+    tmp_path: Path, materials: dict[str, str]
+) -> None:
+    scene, view, regions = shelf(tmp_path, materials, more=GROUND)
+    plan = plan_lights(scene.mitsuba, view, (WINDOW,), 3)
+    lights = PlannedLights(scene.mitsuba, plan, plan_bounces(scene.mitsuba, plan, 3))
+    assert lights.guide is not None
+    pair = joined(scene, view, 3, SPP, COPIES, 1, lights=lights)
+    for seed, (images, albedo) in enumerate(zip(pair, (None, ALBEDO), strict=True)):
+        theirs = plain(scene, view, albedo, 3, SPP, COPIES, 2 + seed)
+        off = abs(deviations(region_means(images, regions), region_means(theirs, regions)))
+        assert off.max() < 4.5, albedo
+
+
+class LedForNothing(PlannedLights):
+    """Takes directions for the material's own, though some of them were led."""
+
+    def guidance(self, si: Any, active: Any) -> Any:
+        found = super().guidance(si, active)
+        assert found is not None
+        found.mixed = lambda pdf, direction: pdf  # type: ignore[method-assign]
+        return found
+
+
+def test_paths_led_for_nothing_would_be_found(tmp_path: Path) -> None:
+    scene = room(tmp_path, LAMP, SUN, GROUND)
+    assert abs(off_by(scene, led(scene, LedForNothing))).max() > 6
+
+
+DARK_SKY = SUN.replace('value="0.02"', 'value="1"')
+
+
+@pytest.mark.parametrize(
+    ("things", "most"),
+    [
+        ((DARK_SKY.replace('y="0.7"', 'y="-0.2"'), GROUND), 0.5),  # no sun comes in
+        ((ball("bulb", (1.7, 1.2, 2.85), 0.02, glow(2000)),), 0.8),  # in a corner
+    ],
+    ids=["sunlit ground", "corner"],
+)
+def test_less_noise_where_something_glows(
+    things: tuple[str, ...], most: float, tmp_path: Path
+) -> None:
+    scene = room(tmp_path, *things)
+    lights = led(scene)
+    noise: dict[bool, list[float]] = {}
+    for guide in (lights.guide, None):
+        lights.guide = guide
+        noise[guide is not None] = [
+            float(np.quantile(image.var(axis=0), np.linspace(0, 0.99, 100)).mean())
+            for image in joined(scene, VIEW, 5, 16, COPIES, 5, lights=lights)
+        ]
+    for guided, alone in zip(noise[True], noise[False], strict=True):
+        assert guided < most * alone
+
+
+def test_glows_are_where_the_light_falls(tmp_path: Path) -> None:
+    scene = room(tmp_path, DARK_SKY, GROUND)  # the sun stands at (-0.3, 0.7, 0.5)
+    plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 3)
+    found = plan_bounces(scene.mitsuba, plan, 3)
+    assert found is not None and len(found.strengths) > 4
+    glows = found.glows
+    through = glows.normal @ [0, 1, 0] > 0.99
+    np.testing.assert_allclose(glows.centre[through & (glows.area > 0.9)], [[0, 2, 1.5]], atol=1e-6)
+    # Each point of the window, 1 to 2 m above the floor, is to be found on the floor.
+    patch = glows.centre[(glows.normal @ [0, 0, -1] > 0.99) & (abs(glows.centre[:, 2]) < 0.01)]
+    height = (2 - patch[:, 1]) / 0.7 * 0.5
+    aside = patch[:, 0] - height / 0.5 * 0.3
+    assert len(patch) > 2 and (abs(height - 1.5) < 0.52).all() and (abs(aside) < 0.52).all()
+
+
+def test_nothing_glows_without_sun_lamps_and_ground(tmp_path: Path) -> None:
+    sky = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
+    scene = room(tmp_path, sky)
+    plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 3)
+    assert plan_bounces(scene.mitsuba, plan, 3) is None
+
+
+def test_how_many_paths_are_led(tmp_path: Path) -> None:
+    lights = led(room(tmp_path, SUN, GROUND))
+    si = dr.zeros(mi.SurfaceInteraction3f, 3)
+    si.p = mi.Point3f([0, 0, 0], [0, 1.0, 40], [0.01, 0.01, 1])  # two on the floor, one far away
+    si.n, si.wi = mi.Normal3f(0, 0, 1), mi.Vector3f(0, 0, 1)
+    advice = lights.guidance(si, mi.Bool(True, True, True))
+    assert advice is not None
+    share = np.array(advice.share)
+    assert (share[:2] > 0.05).all() and (share < 0.4).all() and share[2] < 0.02
+    chances = np.array(sum(advice.chances))
+    np.testing.assert_allclose(chances[:2], 1, rtol=1e-5)
+
+
+def test_shading_depends_on_no_colour_when_paths_are_led(tmp_path: Path) -> None:
+    images = []
+    for number, wall in enumerate(("0.6,0.5,0.4", "0.1,0.3,0.9")):
+        scene = room(tmp_path / str(number), SUN, GROUND, wall=wall)
+        truths = render_both(scene, VIEW, GroundTruthParams(spp=8, block_spp=4), 0.5, 1)
+        images.append(np.stack([truths.shading[0][band] for band in "RGB"]))
+    np.testing.assert_array_equal(images[0], images[1])
