@@ -385,7 +385,8 @@ class _PaneSampler:
         self.numbers = column(mi.Float, _padded(corners, slots).ravel())
         self.shares = _scalars(shares)
         self.panes = [_Pane(panes, strengths, row) for row in range(count)]
-        self.panes += [_Pane(None, strengths, 0)] * (slots - count)
+        # Each an object of its own: kernels are recorded with what is the same and what is not.
+        self.panes += [_Pane(None, strengths, 0) for _ in range(slots - count)]
 
     def weights(self, place: Any, normal: Any, one_side: bool = False) -> list[Any]:
         """About what comes to a vertex through each, to `one_side` of it or to both."""
