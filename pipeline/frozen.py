@@ -39,7 +39,11 @@ class FrozenTracer:
             self._suit, self._launch = suit, dr.freeze(_launch, limit=_LAYOUTS, warn_after=_LAYOUTS)
         key = (view.width, view.height, copies, view.intrinsics.tobytes())
         if key not in self._sensors:
-            self._sensors[key] = make_sensor(view, copies)
+            sensor = make_sensor(view, copies)
+            # As every launch leaves it: else the second one, which meets another film, is recorded.
+            sensor.film().prepare(path.integrator().aov_names())
+            dr.eval(sensor.film().develop())
+            self._sensors[key] = sensor
         sensor = self._sensors[key]
         move_sensor(sensor, view)
         # Without any light of its own, the calls to those of other scenes could not be recorded.

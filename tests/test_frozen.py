@@ -74,6 +74,13 @@ def test_views_of_a_scene_share_a_recording(tmp_path: Path) -> None:
     assert abs(both(scene, VIEWS[0], seed=5) - seen[0]).max() > 0
 
 
+def test_the_second_launch_is_a_repeated_one(tmp_path: Path) -> None:
+    scene = room(tmp_path)
+    both(scene, VIEWS[0])
+    both(scene, VIEWS[0], seed=2)
+    assert recordings(scene) == 1
+
+
 def test_what_happens_to_the_scene_in_between_is_noticed(tmp_path: Path) -> None:
     scene = room(tmp_path)
     wide = replace(VIEWS[1], K=make_view(size=SIZE, focal=9.0).K)
@@ -125,9 +132,11 @@ def test_a_recording_with_another_sensor_would_be_found(
     scene = room(tmp_path)
     seen = both(scene, VIEWS[0])
     launch = frozen.FrozenTracer.launch
+    kept = []  # lest a new sensor take an old one's place
 
     def with_a_new_sensor(self: Any, *args: Any) -> Any:
-        self._sensors.clear()
+        kept.append(self._sensors)
+        self._sensors = {}
         return launch(self, *args)
 
     monkeypatch.setattr(frozen.FrozenTracer, "launch", with_a_new_sensor)
