@@ -156,18 +156,24 @@ def shared(share: Array, points: Array, normals: Array, seen: Array) -> Array:
     height, width = share.shape
     depth = np.linalg.norm(points, axis=-1)
     total, weight = np.zeros_like(share), np.zeros_like(share)
+    near = [np.ascontiguousarray(np.moveaxis(each, -1, 0)) for each in (points, normals)]
     grown = [
-        np.pad(each, ((2, 2), (2, 2)) + ((0, 0),) * (each.ndim - 2))
-        for each in (share, points, normals, seen)
+        np.pad(each, ((0, 0),) * (each.ndim - 2) + ((2, 2), (2, 2)))
+        for each in (share, *near, seen)
     ]
     for down in range(5):
         for across in range(5):
             theirs, place, normal, there = (
-                each[down : down + height, across : across + width] for each in grown
+                each[..., down : down + height, across : across + width] for each in grown
             )
-            off = np.abs(((place - points) * normals).sum(axis=-1))
-            alike = ((normal * normals).sum(axis=-1) > _ALIKE) & (off < _FLAT * depth) & there
+            off = np.abs(_dot(place - near[0], near[1]))
+            alike = (_dot(normal, near[1]) > _ALIKE) & (off < _FLAT * depth) & there
             counts = alike * _WINDOW[down] * _WINDOW[across]
             total += counts * theirs
             weight += counts
     return np.where(seen & (weight > 0), total / np.where(weight > 0, weight, 1), share)
+
+
+def _dot(one: Array, other: Array) -> Array:
+    """Of vectors whose components come first, (3, H, W): (H, W)."""
+    return np.asarray(one[0] * other[0] + one[1] * other[1] + one[2] * other[2])
