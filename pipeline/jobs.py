@@ -7,7 +7,6 @@ go from the worker to the disk, or where the worker does not see it, back to the
 from __future__ import annotations
 
 import contextlib
-import gc
 import resource
 import tempfile
 import time
@@ -23,7 +22,13 @@ from pipeline.cameras import sample_cameras
 from pipeline.frames import Channels, Kind, frame_path, write_frame
 from pipeline.params import Params, Variant
 from pipeline.passes import PASSES, Result, camera_of, pass_seed, render_truths
-from pipeline.renderer import RenderScene, open_scene, renderer_version, set_variant
+from pipeline.renderer import (
+    RenderScene,
+    free_memory,
+    open_scene,
+    renderer_version,
+    set_variant,
+)
 from pipeline.scene_digest import STAGE_MARK
 from pipeline.site import SentFile, Site, require_data, scene_folder, use_site, writing
 from pipeline.versions import require_code
@@ -261,8 +266,7 @@ def _opened(folder: Path, digest: str) -> tuple[RenderScene, dict[str, Any]]:
         while len(_open) >= _OPEN_SCENES:
             _, (_, stack) = _open.popitem(last=False)
             stack.close()
-            gc.collect()
-            dr.flush_malloc_cache()
+            free_memory()
         with contextlib.ExitStack() as stack:
             place = stack.enter_context(scene_folder(folder, digest))
             _open[key] = open_scene(load_scene(place)), stack.pop_all()

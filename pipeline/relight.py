@@ -7,7 +7,6 @@ truths of a changed light are made just as those of the dataset.
 
 from __future__ import annotations
 
-import gc
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,11 +15,10 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, ElementTree, ParseError, SubElement
 
 import defusedxml.ElementTree
-import drjit as dr
 import numpy as np
 from defusedxml import DefusedXmlException
 
-from pipeline.renderer import RenderScene, open_scene
+from pipeline.renderer import RenderScene, free_memory, open_scene
 from scenes.contract import Light, Point3, Scene, SceneObject, load_scene, save_scene
 from scenes.errors import InputError
 
@@ -76,8 +74,7 @@ def open_changed(scene: Scene, change: LightChange) -> Iterator[RenderScene]:
         try:
             yield open_scene(load_scene(folder))
         finally:
-            gc.collect()
-            dr.flush_malloc_cache()
+            free_memory()
 
 
 def why_not(scene: Scene, change: LightChange) -> str:

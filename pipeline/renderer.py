@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from dataclasses import dataclass, field, replace
@@ -14,6 +15,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
+import psutil
 
 from pipeline import rays
 from pipeline.frozen import FrozenTracer
@@ -150,6 +152,17 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
     return RenderScene(
         scene, target, collect_lights(graph, target), bbox, Wardrobe(graph), neutral_albedo
     )
+
+
+def free_memory() -> None:
+    """Give the memory of scenes that nobody holds any more back to the system.
+
+    Without the last step the heap keeps holes between what scenes leave behind, and grows.
+    """
+    gc.collect()
+    dr.flush_malloc_cache()
+    if hasattr(psutil, "heap_trim"):  # not where the C library has none
+        psutil.heap_trim()
 
 
 def render_ids(
