@@ -183,22 +183,33 @@ class Farm:
                 }
             )
         )
-        try:
-            self._cluster = LocalCluster(
-                n_workers=self.wanted,
-                threads_per_worker=1,
-                processes=True,
-                host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",
-                silence_logs=logging.CRITICAL,
-                local_directory=folder,
-                preload=["pipeline.farm"],
-            )
-        except (OSError, RuntimeError, TimeoutError) as error:
-            raise MachineError(f"the render workers could not be started ({error})") from error
+        self._cluster = self._cluster_of_own(folder)
         self._stack.callback(self._close_quietly, self._cluster)
         self._client = Client(self._cluster, set_as_default=False)
         self._stack.callback(self._close_quietly, self._client)
+
+    def _cluster_of_own(self, folder: str) -> LocalCluster:
+        """Worker processes of this machine; one may die while it starts, as it may later."""
+        tries = 0
+        while True:
+            try:
+                return LocalCluster(
+                    n_workers=self.wanted,
+                    threads_per_worker=1,
+                    processes=True,
+                    host="127.0.0.1",
+                    dashboard_address="127.0.0.1:0",
+                    silence_logs=logging.CRITICAL,
+                    local_directory=folder,
+                    preload=["pipeline.farm"],
+                )
+            except (OSError, RuntimeError, TimeoutError) as error:
+                tries += 1
+                if tries > self.params.retries:
+                    raise MachineError(
+                        f"the render workers could not be started ({error})"
+                    ) from error
+                print(f"note: render workers did not start ({error}): once more", file=sys.stderr)
 
     def refill(self) -> None:
         """Start anew those of our own workers that did not come back."""

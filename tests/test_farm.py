@@ -144,6 +144,26 @@ def test_a_machine_that_lacks_something_stops_the_run() -> None:
         _run(_items(12, k2={"do": "full"}))
 
 
+def test_workers_that_die_while_they_start_are_started_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    start, failures = farm_module.LocalCluster, [2, 3]
+
+    def dying(**options: Any) -> Any:
+        if failures[0]:
+            failures[0] -= 1
+            raise RuntimeError("Nanny failed to start.")
+        return start(**options)
+
+    monkeypatch.setattr(farm_module, "LocalCluster", dying)
+    params = FarmParams(workers=1, retries=2)
+    assert _run(_items(1), params)["k0"].value == "k0"
+    assert capsys.readouterr().err.count("once more") == 2
+    failures.pop(0)
+    with pytest.raises(MachineError, match="could not be started"):
+        _run(_items(1), params)
+
+
 def test_workers_and_folder_are_gone_afterwards() -> None:
     before = {process.pid for process in psutil.Process().children(recursive=True)}
     farm = Farm(FarmParams(workers=2), None, no_setup, 8)
