@@ -180,6 +180,9 @@ class Farm:
                     "distributed.worker.memory.spill": False,
                     "distributed.worker.memory.pause": False,
                     "distributed.worker.memory.terminate": 0.95,
+                    # It keeps 0.1 MB of call stacks a second for an hour, and looks at them
+                    # a hundred times a second.
+                    "distributed.worker.profile.enabled": False,
                 }
             )
         )

@@ -157,10 +157,13 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
 def free_memory() -> None:
     """Give the memory of scenes that nobody holds any more back to the system.
 
-    Without the last step the heap keeps holes between what scenes leave behind, and grows.
+    Dr.Jit keeps every kernel that it ever ran, and a scene now and then asks for one of its
+    own: they go too, and come back from the cache on disk in milliseconds. Without the last
+    step the heap keeps holes between what scenes leave behind, and grows.
     """
     gc.collect()
     dr.flush_malloc_cache()
+    dr.flush_kernel_cache()
     if hasattr(psutil, "heap_trim"):  # not where the C library has none
         psutil.heap_trim()
 

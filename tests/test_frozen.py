@@ -15,7 +15,7 @@ from pipeline import frozen
 from pipeline.groundtruth import render_both, render_truth
 from pipeline.joint import available
 from pipeline.params import GroundTruthParams
-from pipeline.renderer import RenderScene, open_scene, set_variant
+from pipeline.renderer import RenderScene, free_memory, open_scene, set_variant
 from pipeline.views import View
 
 PARAMS = GroundTruthParams(spp=8, block_spp=4)
@@ -127,6 +127,17 @@ def test_scenes_that_come_and_go_in_between_are_harmless(tmp_path: Path) -> None
     np.testing.assert_array_equal(both(second, VIEWS[2]), seen[2])
     np.testing.assert_array_equal(both(third, VIEWS[1]), other)
     np.testing.assert_array_equal(other, both(reopened(third), VIEWS[1]))
+
+
+def test_kernels_that_go_with_a_closed_scene_come_back(tmp_path: Path) -> None:
+    first, second = room(tmp_path, wall="0.2,0.3,0.8"), room(tmp_path, SKY)
+    seen = [both(scene, view) for scene in (first, second) for view in VIEWS]
+    del first
+    free_memory()
+    for view, image in zip(VIEWS, seen[len(VIEWS) :], strict=True):
+        np.testing.assert_array_equal(both(second, view), image)
+        free_memory()  # between views as well
+    np.testing.assert_array_equal(both(reopened(second), VIEWS[0]), seen[len(VIEWS)])
 
 
 def test_a_recording_with_another_sensor_would_be_found(
