@@ -20,7 +20,7 @@ import mitsuba as mi
 import numpy as np
 
 from pipeline.bounce_plan import GLOWS, BouncePlan
-from pipeline.light_plan import LAMPS, OUTDOORS, WINDOWS, LightPlan, Panes, reach
+from pipeline.light_plan import LAMPS, OUTDOORS, LightPlan, Panes, reach
 from pipeline.rays import column
 
 _BY_VIEW = 0.2  # share of the choice that goes by the view's shares alone
@@ -131,7 +131,7 @@ class PlannedLights:
     @property
     def beyond(self) -> int:
         """How many of the `chances` are those of panes and sun, the last ones."""
-        return 0 if self.outdoors is None else WINDOWS + 1
+        return 0 if self.outdoors is None else self.outdoors.slots + 1
 
     @property
     def _asks_sky(self) -> bool:
@@ -277,6 +277,7 @@ class _Outdoors:
 
     environment: Any  # mi.Emitter
     asked: bool
+    slots: int  # of panes
     panes: _PaneSampler | None
     sunny: bool
     frame: Any  # mi.Frame3f around the sun
@@ -290,9 +291,10 @@ class _Outdoors:
         own = next(row for row, emitter in enumerate(emitters) if emitter.is_environment())
         self.asked = bool(plan.emitters[own] > 0)
         strengths = plan.strengths.windows if plan.strengths is not None else np.zeros(0)
-        self.panes = None
+        self.slots, self.panes = 0, None
         if plan.windows.sum() > 0:
-            self.panes = _PaneSampler(plan.panes, strengths, plan.windows, WINDOWS)
+            self.slots = len(plan.windows)  # the same in all views of a scene
+            self.panes = _PaneSampler(plan.panes, strengths, plan.windows, self.slots)
         sun = plan.sun if plan.sunlight > 0 else None
         self.sunny = sun is not None
         self.frame = self.cosine = self.uniform = None
@@ -307,9 +309,7 @@ class _Outdoors:
 
     def weights(self, place: Any, normal: Any, outside: Any) -> list[Any]:
         """About what comes to a vertex through each pane and from the sun."""
-        made = [mi.Float(0)] * WINDOWS
-        if self.panes is not None:
-            made = self.panes.weights(place, normal)
+        made = [] if self.panes is None else self.panes.weights(place, normal)
         sun = mi.Float(0)
         if self.sunny:
             cosine = dr.abs(dr.dot(self.frame.n, normal))
@@ -321,13 +321,11 @@ class _Outdoors:
         """Whether the sun's rays come to a vertex through a pane."""
         if self.panes is None:
             return mi.Bool(False)
-        return self.panes.density(place, self.frame.n, [mi.Float(1)] * WINDOWS) > 0
+        return self.panes.density(place, self.frame.n, [mi.Float(1)] * self.slots) > 0
 
     def shares(self) -> list[Any]:
         """The view's, of each pane and of the sun."""
-        made = [mi.Float(0)] * WINDOWS
-        if self.panes is not None:
-            made = self.panes.shares
+        made = [] if self.panes is None else self.panes.shares
         sun = self.sun[1] if self.sunny else mi.Float(0)
         return [*made, sun]
 
@@ -338,9 +336,9 @@ class _Outdoors:
         pane, or the sun."""
         towards, sunwards = mi.Vector3f(0, 0, 1), mi.Bool(False)
         if self.panes is not None:
-            towards = dr.normalize(self.panes.point(dr.minimum(which, WINDOWS - 1), spot) - si.p)
+            towards = dr.normalize(self.panes.point(dr.minimum(which, self.slots - 1), spot) - si.p)
         if self.sunny:
-            sunwards = which == WINDOWS
+            sunwards = which == self.slots
             local = mi.warp.square_to_uniform_cone(spot, self.cosine)
             towards = dr.select(sunwards, self.frame.to_world(local), towards)
         density = self.density(si.p, towards, chances, sunwards)
@@ -360,7 +358,7 @@ class _Outdoors:
     ) -> Any:
         """Density, by solid angle, of a direction from `origin`; `sunwards`: known to be the
         sun's, which at the very edge of its disc rounding hides."""
-        *through, sunlight = chances[-WINDOWS - 1 :]
+        *through, sunlight = chances[-self.slots - 1 :]
         density = mi.Float(0)
         if self.panes is not None:
             density += self.panes.density(origin, direction, through)
