@@ -204,7 +204,7 @@ def _ways(
         return found[0], spent.cpu
 
     def planned(spp: int, seed: int) -> Tried:
-        asked = replace(truth, spp=spp, block_spp=min(64, spp))
+        asked = replace(truth, spp=spp, block_spp=min(truth.block_spp, spp))
         return timed(lambda: pixels(render_both(clay, view, asked, grey, seed).color))
 
     def path(spp: int, seed: int) -> Tried:

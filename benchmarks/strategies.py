@@ -33,7 +33,7 @@ _SHOWN = {
     **{sampler: f"`path` with `{sampler}`" for sampler in SAMPLERS},
     "uniform": "joint trace, all lights alike",
     "planned": "joint trace, planned lights",
-    "blocks": "the same, in blocks of 16 samples",
+    "blocks": "the same, in blocks of 64 samples",
     "short": "the same, roulette from the third bounce on",
 }
 _BOTH = "both images at once"
@@ -138,10 +138,10 @@ def ways_of(
         "color": partial(plain, "color", "independent"),
         "shading": partial(plain, "shading", "independent"),
         **{sampler: partial(plain, "color", sampler) for sampler in SAMPLERS},
-        "uniform": partial(together, "uniform", 64, truth.rr_depth),
-        "planned": partial(together, "planned", 64, truth.rr_depth),
-        "blocks": partial(together, "planned", 16, truth.rr_depth),
-        "short": partial(together, "planned", 64, 3),
+        "uniform": partial(together, "uniform", truth.block_spp, truth.rr_depth),
+        "planned": partial(together, "planned", truth.block_spp, truth.rr_depth),
+        "blocks": partial(together, "planned", 64, truth.rr_depth),
+        "short": partial(together, "planned", truth.block_spp, 3),
     }
 
 

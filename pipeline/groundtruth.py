@@ -31,7 +31,7 @@ from pipeline.views import View
 from scenes.contract import Room
 from scenes.seeds import derive32
 
-REVISION = 9
+REVISION = 10
 _LAUNCH = 1 << 21  # samples; changing it changes pixels
 
 Launch = Callable[[int, int, int], Any]  # of copies side by side, samples, seed: mi.TensorXf

@@ -223,12 +223,12 @@ class JointPath:
     def roulette(self, colour: Branch, grey: Branch, eta: Any, depth: Any) -> tuple[Any, Any]:
         """Probability that the path goes on, and what it then gains.
 
-        By the grey throughput, since shading must not depend on colours, but by its square root,
+        By the grey throughput, since shading must not depend on colours, but by its fourth root,
         so that colours brighter than the grey are not starved; by the colour's where the grey one
         is zero.
         """
         of_grey = dr.max(grey.throughput)
-        likely = dr.select(of_grey > 0, dr.sqrt(of_grey), dr.max(colour.throughput))
+        likely = dr.select(of_grey > 0, dr.sqrt(dr.sqrt(of_grey)), dr.max(colour.throughput))
         survival = dr.minimum(likely * dr.square(eta), 0.95)
         at_stake = depth >= self.rr_depth
         share = dr.select(at_stake & (survival > 0), dr.rcp(survival), 1.0)
