@@ -27,6 +27,8 @@ with SLURMCluster(
     queue=options.partition,
     python=sys.executable,
     local_directory=os.environ.get("TMPDIR", "/tmp"),
+    # Dask's profiler would keep 0.1 MB a second.
+    job_script_prologue=["export DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False"],
 ) as cluster:
     cluster.adapt(minimum_jobs=options.jobs, maximum_jobs=options.jobs)
     environment = {**os.environ, "DASK_SCHEDULER_ADDRESS": cluster.scheduler_address}

@@ -8,13 +8,14 @@ set -eu
 here=$(pwd)
 head=$(hostname)
 port=${PORT:-8786}
+profiler=DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False  # it would keep 0.1 MB a second
 export PATH="$here/.venv/bin:$PATH"
 
 trap 'kill $(jobs -p) 2>/dev/null || true' EXIT INT TERM
 dask scheduler --host "$head" --port "$port" --no-dashboard &
 for host in "$@"; do
     # -tt: the far end is told to stop when this end does.
-    ssh -tt "$host" "cd '$here' && exec .venv/bin/dask worker tcp://$head:$port \
+    ssh -tt "$host" "cd '$here' && exec env $profiler .venv/bin/dask worker tcp://$head:$port \
         --nworkers -1 --nthreads 1 --no-dashboard --local-directory /tmp" </dev/null &
 done
 DASK_SCHEDULER_ADDRESS="tcp://$head:$port" dvc repro
