@@ -34,7 +34,7 @@ _SHOWN = {
     "uniform": "joint trace, all lights alike",
     "planned": "joint trace, planned lights",
     "blocks": "the same, in blocks of 64 samples",
-    "short": "the same, roulette from the third bounce on",
+    "late": "the same, roulette from the fifth bounce on",
 }
 _BOTH = "both images at once"
 _GOAL = at_most(0.4)
@@ -141,7 +141,7 @@ def ways_of(
         "uniform": partial(together, "uniform", truth.block_spp, truth.rr_depth),
         "planned": partial(together, "planned", truth.block_spp, truth.rr_depth),
         "blocks": partial(together, "planned", 64, truth.rr_depth),
-        "short": partial(together, "planned", truth.block_spp, 3),
+        "late": partial(together, "planned", truth.block_spp, 5),
     }
 
 

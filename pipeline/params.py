@@ -109,7 +109,7 @@ class GroundTruthParams:
     noise: float = field(default=0.0, metadata=within(0, 1))
     min_spp: int = field(default=16, metadata=within(1, 1 << 20))
     max_depth: int = field(default=11, metadata=within(1, 1000))
-    rr_depth: int = field(default=4, metadata=within(1, 1000))
+    rr_depth: int = field(default=3, metadata=within(1, 1000))
     denoise: Literal["none", "oidn"] = "none"
     joint: bool = True  # both from one trace of paths, where the variant can
     # which lights paths ask, in a joint trace: by what they add to the view, or all alike
