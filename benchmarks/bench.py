@@ -36,7 +36,7 @@ dataset: {{splits: {{test: 0, validation: 0}}, row_group: 16, checks: {{max_nois
 
 @dataclass(frozen=True)
 class Sizes:
-    """How much work: `FULL` is what counts, about 45 minutes on two quiet cores."""
+    """How much work: `FULL` is what counts, about 40 minutes on two quiet cores."""
 
     homes: int = 6  # more than workers, as in any dataset
     lit: int = 6  # more homes, for equal-time error
