@@ -202,6 +202,31 @@ def test_obj_polygons_negative_indices_and_absent_parts(tmp_path: Path) -> None:
     assert areas.tolist() == [0.5, 0.5]
 
 
+@pytest.mark.parametrize(
+    "faces",
+    [
+        pytest.param("f 1/1/1 2/2/1 3/3/1\nf 1/1/1 3/3/1 4/4/1", id="all three"),
+        pytest.param("f 1/1 2/2 3/3\nf 1/1 3/3 4/4", id="no normals"),
+        pytest.param("f 1//1 2//1 3//1\nf 1//1 3//1 4//1", id="no texture"),
+        pytest.param("f 1 2 3\nf 1 3 4", id="positions"),
+        pytest.param("f 1/1/1 2/2 3\nf 1//1 3/3/1 4", id="mixed, as many slashes as corners"),
+        pytest.param("f 1/1/ 2/2/ 3/3/\nf 1/1/ 3/3/ 4/4/", id="open ends"),
+    ],
+)
+def test_obj_corners_of_every_form_are_the_same_square(tmp_path: Path, faces: str) -> None:
+    path = tmp_path / "square.obj"
+    tables = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvn 0 0 1\n"
+    path.write_text(tables + faces)
+    mesh = read_obj(path, flip_v=False)
+    square = np.array([[[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]])
+    assert np.array_equal(mesh.corners[..., :2], square)
+    uniform = len({word.count("/") for word in faces.replace("f ", "").split()}) == 1
+    textured = uniform and "/" in faces and "//" not in faces
+    assert (mesh.uvs is not None) == textured
+    if mesh.uvs is not None:
+        assert np.array_equal(mesh.uvs[mesh.faces], square)
+
+
 def test_texture_coordinates_beyond_all_texels_become_zero() -> None:
     """A catalogue's vase has 3443870976 in its `vt`; its texture then returned 1e9."""
     uvs = np.array([[3443870976.0, 1.0], [0.25, np.nan], [-7.5, np.inf]])

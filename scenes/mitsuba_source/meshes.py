@@ -381,22 +381,33 @@ def _obj_corners(path: Path, lines: list[bytes]) -> tuple[Ints, Ints]:
     flat = [token for word in words for token in word]
     if len(flat) > 4 * MAX_TRIANGLES:
         raise InputError(f"{path}: too many faces")
-    joined = b" ".join(flat)
     try:
-        if b"-" not in joined:
-            slashes = joined.count(b"/")
-            if slashes == 2 * len(flat) and b"//" not in joined:
-                values = np.array(joined.replace(b"/", b" ").split(), dtype=np.int64)
-                return values.reshape(-1, 3), sizes
-            if slashes == 0:
-                values = np.array(flat, dtype=np.int64)
-                return np.stack([values, np.zeros_like(values), np.zeros_like(values)], 1), sizes
-        return np.array(_slow_corners(lines), dtype=np.int64).reshape(-1, 3), sizes
+        corners = _like_corners(b" ".join(flat), len(flat))
+        if corners is None:
+            corners = np.array(_any_corners(lines), dtype=np.int64).reshape(-1, 3)
+        return corners, sizes
     except (ValueError, OverflowError) as error:
         raise InputError(f"{path}: a damaged face ({error})") from None
 
 
-def _slow_corners(lines: list[bytes]) -> list[list[int]]:
+def _like_corners(text: bytes, count: int) -> Ints | None:
+    """`count` corners, words in `text`, if all are written alike and none is negative."""
+    if not count or b"-" in text:
+        return None
+    letters = np.frombuffer(text + b" ", np.uint8)
+    slashes = np.diff(np.cumsum(letters == ord("/"))[letters == ord(" ")], prepend=0)
+    form = [slashes.min(), slashes.max(), text.count(b"//")]
+    present = {(0, 0, 0): [0], (1, 1, 0): [0, 1], (2, 2, 0): [0, 1, 2], (2, 2, count): [0, 2]}
+    columns = present.get(tuple(form))
+    values = np.array(text.replace(b"/", b" ").split(), dtype=np.int64)
+    if columns is None or values.size != count * len(columns):
+        return None
+    corners = np.zeros((count, 3), dtype=np.int64)
+    corners[:, columns] = values.reshape(count, -1)
+    return corners
+
+
+def _any_corners(lines: list[bytes]) -> list[list[int]]:
     """The general case: absent indices and negative ones, which count back from the last."""
     counts = {b"v": 0, b"vt": 0, b"vn": 0}
     corners = []

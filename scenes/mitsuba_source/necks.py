@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 from shapely.geometry import Polygon, box
 
@@ -68,10 +69,17 @@ class Cuts:
         points = np.array([[edges[i, 0], edges[j, 1], edges[k, 2]]
                            for i in (0, 1) for j in (0, 1) for k in (0, 1)])  # fmt: skip
         world = frame.world(points[:, :2], 0.0) + points[:, 2:] * frame.normal
-        meets = (self._low <= world.max(axis=0)) & (self._high >= world.min(axis=0))
-        local = frame.local(self.corners[meets.all(axis=1)])
-        lowest, highest = _extremes(local)
-        return local[((lowest <= high) & (highest >= low)).all(axis=1)]
+        meets = _meeting(self._low, self._high, world.min(axis=0), world.max(axis=0))
+        local = frame.local(self.corners[meets])
+        return local[_meeting(*_extremes(local), low, high)]
+
+
+def _meeting(lowest: Floats, highest: Floats, low: Floats, high: Floats) -> npt.NDArray[np.bool_]:
+    """Which of the boxes from `lowest` to `highest` (F, 3) meet the box from `low` to `high`."""
+    meets = np.ones(len(lowest), dtype=bool)
+    for axis in range(3):  # not `all(axis=1)`: that takes ten times as long on rows of three
+        meets &= (lowest[:, axis] <= high[axis]) & (highest[:, axis] >= low[axis])
+    return meets
 
 
 def _extremes(corners: Floats) -> tuple[Floats, Floats]:

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 from scipy import ndimage
-from shapely.geometry import LineString, MultiPolygon, Point, Polygon
+from shapely.geometry import MultiPolygon, Point, Polygon
 from shapely.ops import unary_union
 
 from scenes.mitsuba_source.meshes import Floats, face_areas
@@ -283,9 +283,10 @@ def _free_below(corners: Floats, level: float) -> list[Polygon]:
         return []
     polygons: list[Polygon] = []
     for drop in _SLICES[:3]:
-        lines = slice_segments(corners, level - drop)
-        walls = unary_union([LineString(line) for line in lines]) if len(lines) else None
-        free = cover if walls is None else cover.difference(walls.buffer(_SEAL, cap_style="square"))
+        # Each by itself, then together: to buffer their union takes a hundred times as long.
+        lines = shapely.linestrings(slice_segments(corners, level - drop))
+        walls = shapely.union_all(shapely.buffer(lines, _SEAL, cap_style="square"))
+        free = cover.difference(walls)
         for part in _parts(free):
             grown = part.buffer(-_SLIM).buffer(_SLIM + _SEAL, join_style="mitre", mitre_limit=2.0)
             within = part.buffer(_SEAL, join_style="mitre").intersection(cover)
