@@ -31,6 +31,7 @@ import mitsuba as mi
 import numpy as np
 
 from pipeline.light_choice import PlannedLights, UniformLights
+from pipeline.rays import column
 
 # Squared distance of unit directions beyond which they are not one direction computed twice.
 _APART = 1e-7
@@ -66,7 +67,7 @@ def twin_table(pairs: list[tuple[Any, Any]]) -> Any:
     own, twins = (_indices([pair[which] for pair in pairs]) for which in (0, 1))
     table = np.zeros(own.max() + 1, dtype=np.uint32)
     table[own] = twins
-    return dr.reinterpret_array(mi.BSDFPtr, mi.UInt32(table))
+    return dr.reinterpret_array(mi.BSDFPtr, column(mi.UInt32, table))
 
 
 def _indices(bsdfs: list[Any]) -> Any:

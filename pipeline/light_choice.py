@@ -219,7 +219,7 @@ class _Lamps:
         share_of = np.zeros(registry.max() + 1)
         if len(others):
             share_of[registry[others]] = plan.emitters[others] / rest
-        self.slot_of, self.share_of = mi.UInt32(slot_of), column(mi.Float, share_of)
+        self.slot_of, self.share_of = column(mi.UInt32, slot_of), column(mi.Float, share_of)
         self.rest = dr.opaque(mi.Float, rest)
         self.emitters = mi.EmitterPtr([emitters[row] for row in (*near, *others)])
         self.choice = None
@@ -277,7 +277,6 @@ class _Outdoors:
 
     environment: Any  # mi.Emitter
     asked: bool
-    slots: int  # of panes
     panes: _PaneSampler | None
     sunny: bool
     frame: Any  # mi.Frame3f around the sun
@@ -291,10 +290,10 @@ class _Outdoors:
         own = next(row for row, emitter in enumerate(emitters) if emitter.is_environment())
         self.asked = bool(plan.emitters[own] > 0)
         strengths = plan.strengths.windows if plan.strengths is not None else np.zeros(0)
-        self.slots, self.panes = 0, None
+        self.panes = None
         if plan.windows.sum() > 0:
-            self.slots = len(plan.windows)  # the same in all views of a scene
-            self.panes = _PaneSampler(plan.panes, strengths, plan.windows, self.slots)
+            slots = len(plan.windows)  # the same in all views of a scene
+            self.panes = _PaneSampler(plan.panes, strengths, plan.windows, slots)
         sun = plan.sun if plan.sunlight > 0 else None
         self.sunny = sun is not None
         self.frame = self.cosine = self.uniform = None
@@ -306,6 +305,11 @@ class _Outdoors:
             self.uniform = dr.opaque(mi.Float, sun.density)
             strength = plan.strengths.sunlight if plan.strengths is not None else 0.0
             self.sun = _scalars([strength, plan.sunlight])
+
+    @property
+    def slots(self) -> int:
+        """Panes that are weighed at every vertex."""
+        return 0 if self.panes is None else len(self.panes.panes)
 
     def weights(self, place: Any, normal: Any, outside: Any) -> list[Any]:
         """About what comes to a vertex through each pane and from the sun."""
