@@ -1,7 +1,7 @@
 # make repro   environment, then every stage of dvc.yaml that is out of date
 # make test    formatting, lint, types, tests (PROCESSES=2 of them at once, 2 GiB each)
 # make check   what is too long for every test run: thousands of homes
-# make bench   measured figures and their goals, to docs/benchmarks.md: 40 minutes on 2 quiet cores
+# make bench   measured figures and their goals, to docs/benchmarks.md: half an hour on 2 quiet cores
 #              (ONLY="shards farm" for some topics; the list: python -m benchmarks.run --help)
 # make lock    pin anew what pyproject.toml allows
 # make clean   remove what the pipeline made (not the environment)

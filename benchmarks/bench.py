@@ -36,7 +36,7 @@ dataset: {{splits: {{test: 0, validation: 0}}, row_group: 16, checks: {{max_nois
 
 @dataclass(frozen=True)
 class Sizes:
-    """How much work: `FULL` is what counts, about 40 minutes on two quiet cores."""
+    """How much work: `FULL` is what counts, under half an hour on two quiet cores."""
 
     homes: int = 6  # more than workers, as in any dataset
     lit: int = 6  # more homes, for equal-time error
@@ -46,7 +46,7 @@ class Sizes:
     repeats: int = 3
     processes: int = 2  # repeats of what starts processes
     large: tuple[int, int] = (480, 360)  # of single renders
-    middle: tuple[int, int] = (240, 180)  # of what needs a reference
+    middle: tuple[int, int] = (192, 144)  # of what needs a reference
     reference: int = 128  # samples a pixel of each half of a reference
     clay: int = 512  # those of the clay's
     rows: int = 16  # views in the shards that are read

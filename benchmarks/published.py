@@ -36,7 +36,7 @@ def published_rows(bench: Bench) -> Iterator[Row]:
     yield Row(
         "core-hours a view",
         f"colour and shading of one 640x480 view at {NOISE:.0%} relative noise, from "
-        f"{bench.params.groundtruth.spp} spp by noise² x time; one figure a home",
+        f"{_samples(bench)} spp by noise² x time; one figure a home",
         spread(hours),
         "h",
         "cpu",
@@ -56,11 +56,17 @@ def _core_hours(bench: Bench, name: str) -> float:
     """Of the first view of a home."""
     size = SIZE if bench.sizes.large[0] > SIZE[0] // 2 else bench.sizes.large
     scene, view = bench.open(name), resized(bench.views[name][0], size)
-    truth, grey = bench.params.groundtruth, bench.params.shading.albedo
-    few = replace(truth, spp=min(truth.spp, 2 * truth.block_spp))
-    render_both(scene, view, few, grey, 0)  # compiles
+    truth = replace(bench.params.groundtruth, spp=_samples(bench))
+    grey = bench.params.shading.albedo
+    render_both(scene, view, truth, grey, 0)  # compiles
     found: list[Truths] = []
     spent = spend(lambda: found.append(render_both(scene, view, truth, grey, 1)))
     noise = max(found[0].color[1]["noise"], found[0].shading[1]["noise"])
     share = SIZE[0] * SIZE[1] / (size[0] * size[1])
     return spent.cpu / 3600 * share * (noise / NOISE) ** 2
+
+
+def _samples(bench: Bench) -> int:
+    """A pixel: two blocks, the least that tell their noise."""
+    truth = bench.params.groundtruth
+    return min(truth.spp, 2 * truth.block_spp)

@@ -33,8 +33,6 @@ _SHOWN = {
     **{sampler: f"`path` with `{sampler}`" for sampler in SAMPLERS},
     "uniform": "joint trace, all lights alike",
     "planned": "joint trace, planned lights",
-    "blocks": "the same, in blocks of 64 samples",
-    "late": "the same, roulette from the fifth bounce on",
 }
 _BOTH = "both images at once"
 _GOAL = at_most(0.4)
@@ -127,10 +125,8 @@ def ways_of(
         form = scene if kind == "color" else scene.neutral(grey)
         return {kind: plain_render(form, view, spp, seed, truth.max_depth, sampler)}
 
-    def together(
-        lights: Literal["planned", "uniform"], block: int, roulette: int, spp: int, seed: int
-    ) -> Images:
-        asked = replace(truth, spp=spp, block_spp=min(block, spp), lights=lights, rr_depth=roulette)
+    def together(lights: Literal["planned", "uniform"], spp: int, seed: int) -> Images:
+        asked = replace(truth, spp=spp, block_spp=min(truth.block_spp, spp), lights=lights)
         truths = render_both(scene, view, asked, grey, seed)
         return {"color": pixels(truths.color), "shading": pixels(truths.shading)}
 
@@ -138,10 +134,8 @@ def ways_of(
         "color": partial(plain, "color", "independent"),
         "shading": partial(plain, "shading", "independent"),
         **{sampler: partial(plain, "color", sampler) for sampler in SAMPLERS},
-        "uniform": partial(together, "uniform", truth.block_spp, truth.rr_depth),
-        "planned": partial(together, "planned", truth.block_spp, truth.rr_depth),
-        "blocks": partial(together, "planned", 64, truth.rr_depth),
-        "late": partial(together, "planned", truth.block_spp, 5),
+        "uniform": partial(together, "uniform"),
+        "planned": partial(together, "planned"),
     }
 
 
