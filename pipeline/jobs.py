@@ -1,4 +1,4 @@
-"""What workers do: make a scene, sample its cameras, render a frame. One function each.
+"""What workers do that render: sample a scene's cameras, render a frame. One function each.
 
 A job is a small frozen dataclass that travels to the worker; the result is small, too. Pixels
 go from the worker to the disk, or where the worker does not see it, back to the command as files.
@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import resource
-import tempfile
 import time
 from collections import OrderedDict
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -29,57 +28,16 @@ from pipeline.renderer import (
     renderer_version,
     set_variant,
 )
-from pipeline.scene_digest import STAGE_MARK
 from pipeline.site import SentFile, Site, require_data, scene_folder, use_site, writing
 from pipeline.versions import require_code
 from pipeline.views import View, save_cameras
-from scenes.contract import Scene, load_scene, save_scene
+from scenes.contract import load_scene
 from scenes.errors import InputError, MachineError
-from scenes.params import SceneParams
-from scenes.procedural.home import make_home
-from scenes.registry import import_scene
-from scenes.variants.vary import vary_scene
 
 # One: Dr.Jit compiles the materials of every open scene into each kernel.
 _OPEN_SCENES = 1
 _open: OrderedDict[tuple[str, str], tuple[RenderScene, contextlib.ExitStack]] = OrderedDict()
 _threads_set = 0
-
-
-@dataclass(frozen=True)
-class HomeJob:
-    """Make one procedural home."""
-
-    folder: Path
-    scene_id: str
-    params: SceneParams
-    seed: int
-    lighting: str
-    variant: int
-    fingerprint: str
-    assets: Path  # converted catalogues, for `scenes.catalogue_share`
-
-
-@dataclass(frozen=True)
-class ImportVariant:
-    """Which variant of an imported scene is wanted: number 1 and up of the scene `of`."""
-
-    of: str
-    number: int
-    params: SceneParams
-    seed: int
-
-
-@dataclass(frozen=True)
-class ImportJob:
-    """Bring in one scene of the user's, as it is or as a variant."""
-
-    folder: Path
-    scene_id: str
-    path: Path
-    fingerprint: str
-    options: dict[str, Any] = field(default_factory=dict)  # of `import_scene`
-    variant: ImportVariant | None = None
 
 
 @dataclass(frozen=True)
@@ -139,38 +97,6 @@ def use_renderer(variant: str, renderer: str, code: str, site: Site | None, thre
         _threads_set = threads
 
 
-def make_scene(job: HomeJob | ImportJob) -> dict[str, Any]:
-    """Write one scene folder, marked with what determined it."""
-    if isinstance(job, HomeJob):
-        scene = make_home(
-            job.folder,
-            job.scene_id,
-            job.params,
-            job.seed,
-            job.lighting,
-            job.variant,
-            job.assets,
-        )
-    elif job.variant is None:
-        scene = import_scene(job.path, job.folder, job.scene_id, **job.options)
-    else:
-        scene = _make_variant(job, job.variant)
-    # Until this mark is written the folder does not hold, so a kill in between costs a repeat.
-    marked = replace(scene, source={**scene.source, STAGE_MARK: job.fingerprint})
-    save_scene(job.folder, marked)
-    return {"costs": _memory()}
-
-
-def _make_variant(job: ImportJob, variant: ImportVariant) -> Scene:
-    """Import the scene once more, beside the data, and vary it."""
-    with tempfile.TemporaryDirectory(prefix="pbrnet-variant-") as folder:
-        base = Path(folder) / variant.of
-        import_scene(job.path, base, variant.of, **job.options)
-        return vary_scene(
-            base, job.folder, job.scene_id, variant.number, variant.params, variant.seed
-        )
-
-
 def sample_scene(job: CameraJob) -> dict[str, Any]:
     """Sample one scene's cameras and write its camera file."""
     opened, opening = _opened(job.scene_folder, job.scene_digest)
@@ -178,7 +104,7 @@ def sample_scene(job: CameraJob) -> dict[str, Any]:
     sent: dict[str, SentFile] = {}
     with writing(job.path, sent, "cameras") as path:
         save_cameras(path, replace(cameras, fingerprint=job.fingerprint))
-    costs = {**opening, "threads": dr.thread_count(), **_memory()}
+    costs = {**opening, "threads": dr.thread_count(), **memory_columns()}
     return {"costs": costs, "files": sent}
 
 
@@ -192,7 +118,7 @@ def render_frames(job: FrameJob) -> dict[str, Any]:
     rendered, failed = _rendered(opened, job)
     sent: dict[str, SentFile] = {}
     frames = {kind: _write(job, kind, *frame, sent) for kind, frame in rendered.items()}
-    costs = {**opening, "threads": dr.thread_count(), **_memory(), "frames": frames}
+    costs = {**opening, "threads": dr.thread_count(), **memory_columns(), "frames": frames}
     return {"costs": costs, "failed": failed, "files": sent}
 
 
@@ -247,7 +173,7 @@ def _write(
     }
 
 
-def _memory() -> dict[str, float]:
+def memory_columns() -> dict[str, float]:
     """This process's columns of the ledger: the memory that it holds, and the most so far, MB."""
     now = psutil.Process().memory_info().rss / (1 << 20)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

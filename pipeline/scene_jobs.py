@@ -11,10 +11,10 @@ from typing import Any
 
 from pipeline.frames import fingerprint
 from pipeline.import_files import digest_import, scene_name
-from pipeline.jobs import HomeJob, ImportJob, ImportVariant
 from pipeline.params import Params
 from pipeline.records import Failure
 from pipeline.scene_digest import STAGE_MARK
+from pipeline.scene_work import HomeJob, ImportJob, ImportVariant
 from scenes import contract
 from scenes.catalogue.assets import INDEX, load_index
 from scenes.contract import load_scene, scene_folders

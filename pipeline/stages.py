@@ -19,21 +19,14 @@ from typing import Any, Literal
 
 from pipeline import cameras
 from pipeline.frames import Kind, fingerprint, frame_path, holds, kinds_of
-from pipeline.jobs import (
-    CameraJob,
-    FrameJob,
-    HomeJob,
-    ImportJob,
-    make_scene,
-    render_frames,
-    sample_scene,
-)
+from pipeline.jobs import CameraJob, FrameJob, render_frames, sample_scene
 from pipeline.params import Params
 from pipeline.passes import TRUTHS, frame_fingerprint, traced_together
 from pipeline.records import Failure, data_lock
 from pipeline.renderer import renderer_version, set_variant
 from pipeline.scene_digest import scene_digest
 from pipeline.scene_jobs import home_jobs, import_jobs, mark_of, remove_old_scenes
+from pipeline.scene_work import HomeJob, ImportJob, make_scene
 from pipeline.views import CameraFile, View, load_cameras
 from pipeline.work import Summary, Target, Work, carry_out, finish, threaded
 from scenes.checked import plain

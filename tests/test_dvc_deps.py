@@ -14,12 +14,16 @@ STAGES = yaml.safe_load((ROOT / "dvc.yaml").read_text())["stages"]
 # What a stage runs but need not run again for: no byte of what it makes depends on it, other than
 # by parameters and files that it names; or it is of another method than the stage trains.
 PLUMBING = {
+    "groundtruth": ("frames", "params", "views"),
     "dataset": ("frames", "params", "progress", "records", "sums", "templating", "views"),
     "train_shading": ("backbone", "baselines", "hybrid", "plus", "store"),
     "train_composition": ("backbone", "baselines", "hybrid", "plus", "store"),
     "train_baselines": ("backbone", "store"),
 }
-ENTRY = dict.fromkeys(PLUMBING, "model/training.py") | {"dataset": "pipeline/dataset.py"}
+ENTRY = dict.fromkeys(PLUMBING, "model/training.py") | {
+    "groundtruth": "pipeline/groundtruth.py",
+    "dataset": "pipeline/dataset.py",
+}
 
 
 def imported(path: Path) -> Iterator[Path]:
