@@ -48,7 +48,11 @@ def untrained_models(
                 "white": 4.0,
                 "tone": plain(ToneParams()),
                 "albedo": 0.5,
-                "training": {"epochs": 0, "shadows": shadows},
+                "training": {
+                    "epochs": 0,
+                    "shadows": shadows,
+                    "noisy_spp": 2 if name == "hybrid" else 0,
+                },
                 "data": data,
                 "backbone": {"network": "none", "source": "nowhere"},
                 "metrics": {"validation_loss": None},

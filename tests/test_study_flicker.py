@@ -107,7 +107,7 @@ def room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "groundtruth: {spp: 16, block_spp: 16}\nillumination: {width: 32}\n"
     )
     folder = box_room(Path("data"), VIEW, lamp=(2, 4, 2.2))
-    untrained_models(Path("models"), ("shading", "composition", "unet"), levels=2)
+    untrained_models(Path("models"), ("shading", "composition", "unet", "hybrid"), levels=2)
     return folder
 
 
@@ -121,11 +121,13 @@ def test_the_command_measures_networks_beside_the_renderer(room: Path) -> None:
     assert 0.8 < result["visible"] < 1
     assert 0 < result["methods"]["renderer"]["mean"] < 0.2
     assert Path("metrics/studies/flicker.png").is_file()
-    still = CliRunner().invoke(cli, [*words, "--move", "still"])
+    chosen = ["--method", "pbrnet", "--method", "hybrid"]
+    still = CliRunner().invoke(cli, [*words, "--move", "still", *chosen])
     assert still.exit_code == 0, still.output
     result = json.loads(Path("metrics/studies/flicker.json").read_text())
     assert result["methods"]["pbrnet"]["mean"] == 0 and result["visible"] == 1
     assert result["methods"]["renderer"]["mean"] > 0  # its noise
+    assert result["methods"]["hybrid"]["mean"] > 0  # that of its samples, each frame's own
 
 
 def test_the_report_shows_it_and_notes_a_damaged_one(room: Path, tmp_path: Path) -> None:

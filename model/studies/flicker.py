@@ -20,7 +20,7 @@ from scipy.ndimage import map_coordinates
 from model.data import Array, Example
 from model.encoding import color_exposure
 from model.inference import Networks
-from model.predict import example_of, lit, trace
+from model.predict import example_of, lit, sampled, trace
 from pipeline import rays
 from pipeline.inputs import render_inputs
 from pipeline.params import Params
@@ -70,6 +70,7 @@ def measure_move(
     _refuse_collisions(scene, views)
     card = networks[0].card
     cards = [card for each in networks for card in each.cards.values()]
+    sampling = next((one for one in cards if one.training.get("noisy_spp")), card)
     examples: list[Example] = []
     methods = {method: each for each in networks for method in each.methods}
     images: dict[str, list[Array]] = {
@@ -80,7 +81,8 @@ def measure_move(
             inputs = render_inputs(scene, shown)
             light = lit(scene, shown, params, cards, inputs)
             truth = trace(scene, shown, params)
-            example = example_of(shown, inputs, light, card, truth)
+            noisy = sampled(scene, shown, params, sampling)
+            example = example_of(shown, inputs, light, card, truth, noisy)
             examples.append(example)
             for method, each in methods.items():
                 images[method].append(each.predict(method, example).color)
