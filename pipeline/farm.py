@@ -45,6 +45,7 @@ import psutil
 from dask.system import cpu_count
 from distributed import Client, Future, KilledWorker, LocalCluster, Nanny
 from distributed.comm import CommClosedError
+from distributed.utils import silence_logging_cmgr
 
 from pipeline.courier import Courier, Supply
 from pipeline.params import FarmParams
@@ -159,6 +160,8 @@ class Farm:
             self._close_quietly(client)
             self.address = ""
             return
+        # What the farm has to say of a scheduler that goes, it says itself.
+        self._stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
         self._client = client
         self._stack.callback(self._close_quietly, client)
 
