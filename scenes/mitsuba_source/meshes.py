@@ -394,13 +394,17 @@ def _like_corners(text: bytes, count: int) -> Ints | None:
     """`count` corners, words in `text`, if all are written alike and none is negative."""
     if not count or b"-" in text:
         return None
+    slash, space = b"/ "
     letters = np.frombuffer(text + b" ", np.uint8)
-    slashes = np.diff(np.cumsum(letters == ord("/"))[letters == ord(" ")], prepend=0)
-    form = [slashes.min(), slashes.max(), text.count(b"//")]
+    marks = letters[(letters == slash) | (letters == space)]
+    slashes = np.diff(np.cumsum(marks == slash)[marks == space], prepend=0)
+    form = (int(slashes.min()), int(slashes.max()), text.count(b"//"))
     present = {(0, 0, 0): [0], (1, 1, 0): [0, 1], (2, 2, 0): [0, 1, 2], (2, 2, count): [0, 2]}
-    columns = present.get(tuple(form))
+    if form not in present:
+        return None
+    columns = present[form]
     values = np.array(text.replace(b"/", b" ").split(), dtype=np.int64)
-    if columns is None or values.size != count * len(columns):
+    if values.size != count * len(columns):
         return None
     corners = np.zeros((count, 3), dtype=np.int64)
     corners[:, columns] = values.reshape(count, -1)
