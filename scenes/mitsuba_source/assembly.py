@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, Literal, Protocol
 from xml.etree.ElementTree import Element
@@ -15,10 +16,11 @@ from shapely.geometry import box
 
 from scenes.contract import Credit, Light, Portal, Room, Scene, SceneObject, save_scene
 from scenes.errors import InputError
-from scenes.mitsuba_source.caulk import caulk, caulk_shape
+from scenes.mitsuba_source.caulk import CAULK_ID, caulk
 from scenes.mitsuba_source.changes import Changes
 from scenes.mitsuba_source.emitters import Emitter
 from scenes.mitsuba_source.escapes import hidden_openings
+from scenes.mitsuba_source.fillers import filler_shape, part_of_building
 from scenes.mitsuba_source.meshes import Floats
 from scenes.mitsuba_source.necks import Cuts, seated
 from scenes.mitsuba_source.orientation import crossings, guess_scale, tallest_gaps
@@ -28,6 +30,7 @@ from scenes.mitsuba_source.rays import RayCaster
 from scenes.mitsuba_source.reader import Node
 from scenes.mitsuba_source.rooms import FoundOpening, FoundRoom, find_openings, find_rooms
 from scenes.mitsuba_source.shapes import Shape
+from scenes.mitsuba_source.shell import SHELL_ID, shell
 from scenes.mitsuba_source.things import bounds_of, group_objects, room_type
 from scenes.mitsuba_source.values import look_at
 from scenes.mitsuba_source.writer import sensor_element, write_scene_xml
@@ -83,7 +86,6 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
     shapes, glazed, openings = _open_up(shapes, rooms, openings)
     if glazed:
         changes.note("clear window panes became portals: {}", ", ".join(glazed))
-    frosted = frosted_openings(shapes, openings)
     for shape in shapes:
         if shape.surface.invisible:
             changes.note("an invisible shape was left out: {}", shape.name)
@@ -98,12 +100,11 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
         plain, thing = ground(*bounds_of(shapes))
         shapes, objects = [*shapes, plain], (*objects, thing)
     lights = _lights(shapes, area, draft.emitters, rooms, room_ids)
-    solid = _solid_corners(shapes)
-    seal, count = caulk(solid, RayCaster(solid), rooms, openings)
-    if count:
-        filler, part = caulk_shape(seal)
-        shapes, objects = [*shapes, filler], (*objects, part)
-        changes.note(f"cracks that light came through were closed from outside: {count} slabs")
+    taken = {shape.id for shape in shapes} | {thing.id for thing in objects}
+    fillers, openings = _closed(shapes, rooms, openings, taken, changes)
+    shapes = [*shapes, *fillers]
+    objects = (*objects, *(part_of_building(filler) for filler in fillers))
+    frosted = frosted_openings(shapes, openings)
     portals = _portals(openings, frosted, rooms, room_ids)
     if any(room.guessed for room in rooms):
         changes.note(
@@ -216,6 +217,38 @@ def _open_up(
     hidden, _ = hidden_openings(RayCaster(corners), cuts, rooms, openings)
     shapes, more, hidden = remove_panes(shapes, hidden)
     return shapes, [*glazed, *more], openings + hidden
+
+
+def _closed(
+    shapes: list[Shape],
+    rooms: list[FoundRoom],
+    openings: list[FoundOpening],
+    taken: set[str],
+    changes: Changes,
+) -> tuple[list[Shape], list[FoundOpening]]:
+    """What closes the cracks that light comes through, under ids that are not `taken`, and the
+    openings that stay open."""
+    fillers = []
+    solid = _solid_corners(shapes)
+    rays = RayCaster(solid)
+    sheets, kept = shell(solid, rays, rooms, openings)
+    if len(sheets):
+        fillers.append(filler_shape(_unused(SHELL_ID, taken), sheets))
+        solid, rays = np.concatenate([solid, sheets]), RayCaster(sheets, rays)
+        changes.note("light came through cracks: a shell was set up behind walls, floors, ceilings")
+    if len(kept) < len(openings):
+        changes.note(f"openings up a fireplace were closed with it: {len(openings) - len(kept)}")
+    slabs, made = caulk(solid, rays, rooms, kept)
+    if made:
+        fillers.append(filler_shape(_unused(CAULK_ID, taken), slabs))
+        changes.note(f"cracks that light came through were closed from outside: {made} slabs")
+    return fillers, kept
+
+
+def _unused(name: str, taken: set[str]) -> str:
+    """The name, or the first with a number behind it that is not taken."""
+    numbered = (f"{name}-{number}" for number in count(2))
+    return next(each for each in chain([name], numbered) if each not in taken)
 
 
 def _solid_corners(shapes: list[Shape]) -> Floats:

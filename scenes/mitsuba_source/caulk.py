@@ -16,16 +16,12 @@ import shapely
 import trimesh
 from shapely.geometry import Polygon, box
 
-from scenes.contract import SceneObject
 from scenes.darkness import places
-from scenes.mitsuba_source.elements import plugin
 from scenes.mitsuba_source.escapes import Escape, Walker
-from scenes.mitsuba_source.materials import Surface
-from scenes.mitsuba_source.meshes import Floats, Mesh, face_areas
+from scenes.mitsuba_source.meshes import Floats, face_areas
 from scenes.mitsuba_source.necks import Cuts, Frame
 from scenes.mitsuba_source.rays import RayCaster
 from scenes.mitsuba_source.rooms import FoundOpening, FoundRoom, slice_segments
-from scenes.mitsuba_source.shapes import Shape
 from scenes.seeds import generator
 
 CAULK_ID = "caulk"
@@ -48,7 +44,6 @@ _PLANES = 6  # beside an escape that are tried
 _SAMPLES = 48  # points of a slab whose sight is tried
 _WITNESSES = 24  # places in each room that look
 _SEEN = 0.2  # of a slab may be seen from indoors: through the crack itself
-_GREY = (0.5, 0.5, 0.5)
 
 
 @dataclass(frozen=True)
@@ -121,26 +116,8 @@ def _close_to(known: list[Escape], walker: Walker, rng: np.random.Generator) -> 
         targets = origins + share * (targets - origins) + rng.normal(0, _ASIDE, origins.shape)
         ways = targets - origins
         ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-12)
-        found += walker.follow(escape.room, origins, ways, rng)
+        found += walker.follow(escape.room, origins, ways, rng)[0]
     return found
-
-
-def caulk_shape(corners: Floats) -> tuple[Shape, SceneObject]:
-    """The slabs as a shape and as a part of the building."""
-    matt = plugin("bsdf", "diffuse", reflectance=_GREY)
-    surface = Surface(plugin("bsdf", "twosided", bsdf=matt), double=True, name=CAULK_ID)
-    mesh = Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
-    low, high = mesh.bounds
-    thing = SceneObject(
-        CAULK_ID,
-        CAULK_ID,
-        "structure",
-        (CAULK_ID,),
-        (float(low[0]), float(low[1]), float(low[2])),
-        (float(high[0]), float(high[1]), float(high[2])),
-        is_structure=True,
-    )
-    return Shape(CAULK_ID, CAULK_ID, mesh, surface), thing
 
 
 def _slab_for(

@@ -70,19 +70,27 @@ class Walker:
 
     def escapes(self, rooms: list[FoundRoom], count: int, seed: int) -> list[Escape]:
         """Of `count` walks in each of `rooms` those that get out."""
-        found = []
+        return self.walks(rooms, count, seed)[0]
+
+    def walks(self, rooms: list[FoundRoom], count: int, seed: int) -> tuple[list[Escape], Floats]:
+        """Of `count` walks in each of `rooms` those that get out, and where all of them met
+        something, (N, 3)."""
+        found, met = [], [np.empty((0, 3))]
         for number, room in enumerate(rooms):
             rng = generator(seed, "escapes", number)
             origins = places(room.floor, room.floor_z, room.ceiling_z, count, rng)
             ways = rng.normal(size=(count, 3))
             ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-            found += self.follow(number, origins, ways, rng)
-        return found
+            escapes, turns = self.follow(number, origins, ways, rng)
+            found += escapes
+            met += turns
+        return found, np.concatenate(met)
 
     def follow(
         self, room: int, origins: Floats, ways: Floats, rng: np.random.Generator
-    ) -> list[Escape]:
-        """Those of the walks that begin at `origins` (N, 3) along `ways` that get out."""
+    ) -> tuple[list[Escape], list[Floats]]:
+        """Those of the walks that begin at `origins` (N, 3) along `ways` that get out, and where
+        the walks turned, (M, 3) each time."""
         found = []
         turns = [origins]
         history = np.arange(len(origins))[:, None]  # of each living walk, its row in each of turns
@@ -99,7 +107,7 @@ class Walker:
             origins, ways = bounce(origins[going], ways[going], distance[going], met, rng)
             turns.append(origins)
             history = np.column_stack([history[going], np.arange(len(origins))])
-        return found
+        return found, turns[1:]
 
 
 def hidden_openings(
