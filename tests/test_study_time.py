@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,13 @@ from light_fixtures import PARAMS, lit_workplace
 
 from model.studies import timing
 from model.studies.renders import with_samples
+from model.studies.time_plot import time_figure
 from model.studies.timing import Outcome, _needs
 from model.training import Folders
 from pipeline.cli import main
 from pipeline.pictures import read_picture
 from pipeline.report import Places, write_report
+from pipeline.report_results import METHODS
 from pipeline.report_time import PAPER, Point, TimeResult, beaten_by, part_rows
 from scenes.checked import build
 from scenes.errors import InputError
@@ -81,7 +84,13 @@ def test_the_study_from_end_to_end_and_again(
     assert points["mitsuba_denoised", 1].seconds > points["mitsuba", 1].seconds
     assert 0 < result.reference_noise < 0.2
     png = (place.models / "metrics" / "studies" / "time.png").read_bytes()
-    assert read_picture(png).shape[:2] == (540, 1200)
+    assert read_picture(png).shape[:2] == (520, 1200)
+    every = tuple(replace(points["unet", None], method=name) for name in METHODS)
+    figure = time_figure(replace(result, points=result.points + every))
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    low, high = legend.get_window_extent().get_points()
+    assert (low > 0).all() and (high < figure.bbox.size).all(), "every method's name is readable"
 
     def refuse(*_: Any, **__: Any) -> None:
         raise AssertionError("the reference was there")

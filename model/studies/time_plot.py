@@ -18,12 +18,21 @@ _LINES = {
     "planned": ("#7f7f7f", "--"),
     "planned_denoised": ("#1f77b4", "--"),
 }
+_COLUMNS = 2  # of the legend: three do not fit beside each other
 _MARKS = ("o", "s", "D", "^", "v", "P", "X", "*", "<", ">")
 _COLOURS = ("#d62728", "#ff7f0e", "#2ca02c", "#9467bd", "#8c564b", "#e377c2", "#bcbd22")
 
 
 def time_plot(result: TimeResult) -> bytes:
     """A PNG of two panels, FLIP and SSIM, both against seconds a view on a logarithmic axis."""
+    figure = time_figure(result)
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", metadata={"Software": None})
+    return stream.getvalue()
+
+
+def time_figure(result: TimeResult) -> Figure:
+    """What `time_plot` draws."""
     figure = Figure(figsize=(12, 5.4), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 2)
@@ -31,15 +40,15 @@ def time_plot(result: TimeResult) -> bytes:
     _panel(axes[1], result, "ssim", "SSIM: higher is nearer to the reference")
     width, height = result.size
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=9)
+    rows = -(-len(labels) // _COLUMNS)
+    figure.set_figheight(4.4 + 0.2 * rows)
+    figure.legend(handles, labels, loc="outside lower center", ncols=_COLUMNS, fontsize=9)
     figure.suptitle(
         f"{width}x{height}, {result.views} views of {result.scenes} {result.split} scenes; "
         f"numbers: samples a pixel, reference {result.reference_spp}",
         fontsize=11,
     )
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", metadata={"Software": None})
-    return stream.getvalue()
+    return figure
 
 
 def _panel(axes: Axes, result: TimeResult, measure: str, words: str) -> None:
