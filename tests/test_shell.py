@@ -102,8 +102,8 @@ def cracked(seed: int) -> tuple[list[Quad], int]:
     plan = np.array([(0, 0), (width, 0), (width, y), (x, y), (x, depth), (0, depth)])
     pieces = [((0, 0), (width, y)), ((0, y), (x, depth))]
     if seed % 2:
-        plan, pieces = plan[[0, 1, 2, 5]] * (1, depth / y)[:2], [((0, 0), (width, depth))]
-        plan[2:, 1] = depth
+        plan = np.array([(0, 0), (width, 0), (width, depth), (0, depth)])
+        pieces = [((0, 0), (width, depth))]
     quads: list[Quad] = []
     for (west_, south), (east, north) in pieces:
         quads += box_quads((west_, south, 0), (east, north, height), "wesn")
