@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.groundtruth import Truth
 from pipeline.params import ImageParams, Params, load_params
-from pipeline.renderer import RenderScene, open_scene
-from pipeline.stages import run_cameras, run_scenes
+from pipeline.passes.groundtruth import Truth
+from pipeline.render.scene import RenderScene, open_scene
+from pipeline.stages.stages import run_cameras, run_scenes
 from pipeline.views import View, as_matrix, intrinsics_of, load_cameras
 from scenes.contract import load_scene, scene_folders
 from scenes.files import write_text

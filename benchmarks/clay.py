@@ -18,13 +18,13 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.light_plan import panes_of
-from pipeline.renderer import RenderScene
+from pipeline.pathtrace.light_pilot import panes_of
+from pipeline.render.scene import RenderScene
 from pipeline.views import View
 from scenes.contract import Light, Portal, Scene, load_scene, save_scene, writing_scene
 from scenes.files import write_json
-from scenes.mitsuba_source.meshes import Mesh
-from scenes.mitsuba_source.writer import write_ply
+from scenes.geometry.mesh import Mesh
+from scenes.importing.writer import write_ply
 from scenes.seeds import generator
 
 SKY = 1.0  # radiance

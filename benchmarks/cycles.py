@@ -25,9 +25,9 @@ from benchmarks.clay import SKY, write_clay
 from benchmarks.rendering import plain_render
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import spend, spread
-from pipeline import joint
-from pipeline.groundtruth import render_both, render_truth
-from pipeline.renderer import RenderScene, open_scene
+from pipeline.passes.groundtruth import render_both, render_truth
+from pipeline.pathtrace import integrator
+from pipeline.render.scene import RenderScene, open_scene
 from pipeline.views import View
 
 PROGRAM = ROOT / "benchmarks" / "blender_program.py"
@@ -134,7 +134,7 @@ def blender(interpreter: Path, scene: Path) -> Iterator[Blender]:
 def cycles_rows(bench: Bench, given: Path | None = None) -> Iterator[Row]:
     """Ours against Cycles as it comes, and against Cycles with light portals in the windows."""
     goal = at_least(2.5)
-    if not joint.available():
+    if not integrator.available():
         yield missing(NAME, MEANING, "joint traces are not in scalar variants", goal)
         return
     try:

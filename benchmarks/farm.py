@@ -14,7 +14,7 @@ from functools import partial
 from benchmarks.bench import Bench, python
 from benchmarks.rows import Row, at_least, at_most
 from benchmarks.timing import by_turns, ratio
-from pipeline import joint
+from pipeline.pathtrace import integrator
 
 
 def farm_rows(bench: Bench) -> Iterator[Row]:
@@ -28,7 +28,7 @@ def farm_rows(bench: Bench) -> Iterator[Row]:
         "two": partial(_stage, bench, 2),
         "one": partial(_stage, bench, 1),
     }
-    if joint.available():
+    if integrator.available():
         ways["joint"] = partial(python, *loop, "--joint")
     spent = by_turns(ways, bench.sizes.processes, warm=False)
     yield Row(

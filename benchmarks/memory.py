@@ -19,7 +19,7 @@ import click
 import numpy as np
 from matplotlib.figure import Figure
 
-from pipeline.ledger import read_ledger
+from pipeline.costs.ledger import read_ledger
 from pipeline.params import (
     CameraParams,
     FarmParams,
@@ -28,7 +28,13 @@ from pipeline.params import (
     ImageParams,
     Params,
 )
-from pipeline.stages import run_cameras, run_groundtruth, run_illumination, run_inputs, run_scenes
+from pipeline.stages.stages import (
+    run_cameras,
+    run_groundtruth,
+    run_illumination,
+    run_inputs,
+    run_scenes,
+)
 from pipeline.views import load_cameras, save_cameras
 from scenes.contract import load_scene, save_scene, scene_folders
 from scenes.files import atomic_file

@@ -15,9 +15,9 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from pipeline.groundtruth import render_both
 from pipeline.params import Params, load_params
-from pipeline.renderer import open_scene, set_variant
+from pipeline.passes.groundtruth import render_both
+from pipeline.render.scene import open_scene, set_variant
 from pipeline.views import View, load_cameras
 from scenes.contract import load_scene, scene_folders
 

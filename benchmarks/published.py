@@ -18,8 +18,8 @@ from dataclasses import replace
 from benchmarks.bench import Bench, resized
 from benchmarks.rows import Row, missing
 from benchmarks.timing import spend, spread
-from pipeline import joint
-from pipeline.groundtruth import Truths, render_both
+from pipeline.passes.groundtruth import Truths, render_both
+from pipeline.pathtrace import integrator
 
 SIZE = (640, 480)
 HYPERSIM = 231 * 365.25 * 24 / 77_400 * (640 * 480) / (1024 * 768)  # core-hours
@@ -29,7 +29,7 @@ NOISE = 0.05  # relative standard error, root mean square over the pixels
 
 def published_rows(bench: Bench) -> Iterator[Row]:
     """Core-hours of both images of a view, at a stated noise, home by home."""
-    if not joint.available():
+    if not integrator.available():
         yield missing("core-hours a view", "640x480", "joint traces are not in scalar variants")
         return
     hours = [_core_hours(bench, name) for name in sorted(bench.views) if bench.views[name]]

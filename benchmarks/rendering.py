@@ -18,23 +18,24 @@ from benchmarks.bench import ROOT, Bench, resized
 from benchmarks.plain_loop import plain_sensor
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import Spent, by_turns, ratio, spread
-from pipeline import cameras, joint
-from pipeline.groundtruth import render_both
-from pipeline.illumination import render_illumination
-from pipeline.inputs import render_inputs
 from pipeline.params import IlluminationParams
-from pipeline.renderer import RenderScene
+from pipeline.passes.groundtruth import render_both
+from pipeline.passes.illumination import render_illumination
+from pipeline.passes.inputs import render_inputs
+from pipeline.pathtrace import integrator as joint
+from pipeline.render.scene import RenderScene
+from pipeline.stages import view_sampling
 from pipeline.views import CameraFile, View
 
 PANORAMA = IlluminationParams(width=360)
 # Candidates that were refused before anything was looked at.
 _UNSEEN = (
-    cameras.NO_LIGHT,
-    cameras.OUTSIDE,
-    cameras.ABOVE,
-    cameras.TOO_CLOSE,
-    cameras.INSIDE,
-    cameras.NOT_TRIED,
+    view_sampling.NO_LIGHT,
+    view_sampling.OUTSIDE,
+    view_sampling.ABOVE,
+    view_sampling.TOO_CLOSE,
+    view_sampling.INSIDE,
+    view_sampling.NOT_TRIED,
 )
 
 
@@ -146,7 +147,7 @@ def _camera_row(bench: Bench, scene: RenderScene) -> Row:
 
 
 def _sampled(bench: Bench, scene: RenderScene) -> CameraFile:
-    return cameras.sample_cameras(scene, scene.scene, bench.params, 0)
+    return view_sampling.sample_cameras(scene, scene.scene, bench.params, 0)
 
 
 def _looked_at(file: CameraFile) -> int:

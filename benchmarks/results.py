@@ -18,7 +18,7 @@ import psutil
 
 from benchmarks.rows import Row
 from benchmarks.timing import now
-from pipeline.renderer import renderer_version
+from pipeline.render.scene import renderer_version
 from pipeline.versions import code_version
 from scenes.errors import InputError
 from scenes.files import read_json, write_json, write_text

@@ -25,7 +25,7 @@ from benchmarks.results import TITLES, Bystanders, Results, figure
 from benchmarks.rows import Row
 from benchmarks.shards import shard_rows
 from benchmarks.strategies import strategy_rows
-from pipeline.renderer import set_variant
+from pipeline.render.scene import set_variant
 
 Topic = Callable[[Bench], Iterator[Row]]
 

@@ -21,23 +21,18 @@ from pathlib import Path
 import click
 from defusedxml import ElementTree
 
-from pipeline.dataset import pack_dataset
+from pipeline.dataset.pack import pack_dataset
 from pipeline.frames import frame_path, read_frame
-from pipeline.import_files import scene_name
-from pipeline.leaks import Leak, find_leaks
+from pipeline.images import contact_sheet, png_bytes, tone_picture
+from pipeline.inspection.sizes import triangles_of
 from pipeline.params import Params, ToneParams, load_params
-from pipeline.pictures import contact_sheet, png_bytes, tone_picture
-from pipeline.renderer import open_scene, set_variant
-from pipeline.sizes import triangles_of
-from pipeline.stages import (
-    run_cameras,
-    run_groundtruth,
-    run_illumination,
-    run_inputs,
-)
+from pipeline.render.leaks import Leak, find_leaks
+from pipeline.render.scene import open_scene, set_variant
+from pipeline.stages.import_files import scene_name
+from pipeline.stages.runner import StageError
+from pipeline.stages.stages import run_cameras, run_groundtruth, run_illumination, run_inputs
 from pipeline.tonemap import exposure_of
 from pipeline.views import load_cameras
-from pipeline.work import StageError
 from scenes.checked import build
 from scenes.contract import Scene, load_scene
 from scenes.files import read_json, write_json, write_text

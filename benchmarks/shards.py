@@ -21,11 +21,11 @@ import pyarrow.parquet as pq
 from benchmarks.bench import Bench
 from benchmarks.rows import Row, at_least
 from benchmarks.timing import Clock, Spent, by_turns, ratio, spread
-from model.data import IMAGES, OPTIONAL_IMAGES, Dataset
-from pipeline.dataset import pack_dataset
+from model.data.reader import IMAGES, OPTIONAL_IMAGES, Dataset
+from pipeline.dataset.pack import pack_dataset
 from pipeline.frames import RGB, TINT, Kind, frame_path, read_frame
 from pipeline.params import ImageParams, Params
-from pipeline.stages import run_cameras, run_groundtruth, run_illumination, run_inputs
+from pipeline.stages.stages import run_cameras, run_groundtruth, run_illumination, run_inputs
 from pipeline.views import View, load_cameras
 
 KINDS: tuple[Kind, ...] = ("inputs", "illumination", "visibility", "shading", "color")

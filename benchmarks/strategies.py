@@ -20,10 +20,10 @@ from benchmarks.bench import Bench, Reference, pixels, resized
 from benchmarks.rendering import plain_render
 from benchmarks.rows import Row, at_most, missing
 from benchmarks.timing import Spread, spend, spread
-from pipeline import joint
-from pipeline.groundtruth import render_both
 from pipeline.params import GroundTruthParams
-from pipeline.renderer import RenderScene
+from pipeline.passes.groundtruth import render_both
+from pipeline.pathtrace import integrator
+from pipeline.render.scene import RenderScene
 from pipeline.views import View
 
 Images = dict[str, np.ndarray]  # "color", "shading", or both, (H, W, 3)
@@ -48,7 +48,7 @@ class Tried:
 
 def strategy_rows(bench: Bench) -> Iterator[Row]:
     """Every home with the planned joint trace, then every strategy as a mean over homes."""
-    if not joint.available():
+    if not integrator.available():
         yield missing("strategies", "equal-time error", "joint traces are not in scalar variants")
         return
     homes: list[dict[str, Spread]] = []

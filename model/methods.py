@@ -15,10 +15,10 @@ from typing import Literal
 from torch import nn
 
 from model.baselines import can, cyclegan, end_to_end, pix2pix, unet
-from model.hybrid import Exposed, HybridNet
-from model.networks import Architecture, Kind, composition_network, shading_network
-from model.objective import Objective, Paired, Setting, Target
-from model.plus import Decomposed, PlusNet
+from model.networks.hybrid import Exposed, HybridNet
+from model.networks.objective import Objective, Paired, Setting, Target
+from model.networks.pbrnet import Architecture, Kind, composition_network, shading_network
+from model.networks.plus import Decomposed, PlusNet
 from pipeline.params import TrainParams
 
 LAYOUTS: dict[Kind, Callable[[Architecture], nn.Module]] = {

@@ -14,39 +14,54 @@ from scenes.errors import MachineError, PbrnetError
 # Command: where it is defined, and its line in `pbrnet --help` (so that help loads nothing heavy).
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Stages, in the order of dvc.yaml": {
-        "assets": ("pipeline.stage_commands:assets", "Fetch optional furniture catalogues."),
-        "scenes": ("pipeline.stage_commands:scenes", "Make procedural homes, import scenes."),
-        "cameras": ("pipeline.stage_commands:cameras", "Sample views that see much furniture."),
-        "inputs": ("pipeline.stage_commands:inputs", "Render depth, normal, reflectance."),
+        "assets": ("pipeline.commands.stages:assets", "Fetch optional furniture catalogues."),
+        "scenes": ("pipeline.commands.stages:scenes", "Make procedural homes, import scenes."),
+        "cameras": ("pipeline.commands.stages:cameras", "Sample views that see much furniture."),
+        "inputs": ("pipeline.commands.stages:inputs", "Render depth, normal, reflectance."),
         "illumination": (
-            "pipeline.stage_commands:illumination",
+            "pipeline.commands.stages:illumination",
             "Render panoramas of the visible light sources.",
         ),
         "groundtruth": (
-            "pipeline.stage_commands:groundtruth",
+            "pipeline.commands.stages:groundtruth",
             "Path-trace shading and colour of every view.",
         ),
-        "dataset": ("pipeline.data_commands:dataset", "Check the frames and pack them."),
-        "backbone": ("model.commands:backbone", "Get the perceptual loss's features."),
-        "train": ("model.commands:train", "Train a network, ours or a baseline."),
-        "evaluate": ("model.commands:evaluate", "Measure the networks on the test scenes."),
-        "report": ("pipeline.data_commands:report", "Write the self-contained HTML report."),
+        "dataset": ("pipeline.commands.data:dataset", "Check the frames and pack them."),
+        "backbone": ("model.commands.networks:backbone", "Get the perceptual loss's features."),
+        "train": ("model.commands.networks:train", "Train a network, ours or a baseline."),
+        "evaluate": (
+            "model.commands.networks:evaluate",
+            "Measure the networks on the test scenes.",
+        ),
+        "report": ("pipeline.commands.data:report", "Write the self-contained HTML report."),
     },
     "Halves of groundtruth": {
-        "shading": ("pipeline.stage_commands:shading", "Path-trace textureless shading only."),
-        "color": ("pipeline.stage_commands:color", "Path-trace colour only."),
+        "shading": ("pipeline.commands.stages:shading", "Path-trace textureless shading only."),
+        "color": ("pipeline.commands.stages:color", "Path-trace colour only."),
     },
     "Tools": {
-        "import": ("pipeline.import_command:import_command", "Bring in one scene of your own."),
-        "inspect": ("pipeline.data_commands:inspect", "Say what a file holds, and draw it."),
+        "import": (
+            "pipeline.commands.import_scene:import_command",
+            "Bring in one scene of your own.",
+        ),
+        "inspect": ("pipeline.commands.data:inspect", "Say what a file holds, and draw it."),
         "study": ("model.studies.commands:study", "Repeat the paper's studies."),
-        "predict": ("model.predict_command:predict", "Make images through the trained networks."),
-        "pretrained": ("model.commands:pretrained", "Pack trained networks to be passed on."),
-        "reference": ("model.commands:reference", "Keep a run's figures and a sheet of pictures."),
-        "export": ("model.commands:export", "Write the networks for other programs (ONNX)."),
-        "cost": ("pipeline.cost_command:cost", "Say how many core-hours a run will take."),
-        "preset": ("pipeline.setup_commands:preset", "Put a parameter preset in place."),
-        "doctor": ("pipeline.setup_commands:doctor", "Say what this machine has and lacks."),
+        "predict": ("model.commands.predict:predict", "Make images through the trained networks."),
+        "pretrained": (
+            "model.commands.networks:pretrained",
+            "Pack trained networks to be passed on.",
+        ),
+        "reference": (
+            "model.commands.networks:reference",
+            "Keep a run's figures and a sheet of pictures.",
+        ),
+        "export": (
+            "model.commands.networks:export",
+            "Write the networks for other programs (ONNX).",
+        ),
+        "cost": ("pipeline.commands.cost:cost", "Say how many core-hours a run will take."),
+        "preset": ("pipeline.commands.setup:preset", "Put a parameter preset in place."),
+        "doctor": ("pipeline.commands.setup:doctor", "Say what this machine has and lacks."),
     },
 }
 COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}

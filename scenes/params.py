@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from scenes.checked import within
-from scenes.imports import ImportEntry
+from scenes.import_options import ImportEntry
 
 LightSetting = Literal["day", "evening", "night", "mixed"]
 Aspect = Literal["finishes", "furniture", "light", "outdoors"]

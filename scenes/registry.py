@@ -11,9 +11,9 @@ from typing import Any
 from scenes.contract import Scene, load_scene, save_scene, writing_scene
 from scenes.errors import InputError
 from scenes.files import copy_files
-from scenes.mitsuba_source.survey import MitsubaOptions, import_mitsuba
-from scenes.model_source.importer import import_model, options_of
-from scenes.sweethome.survey import SweetHomeOptions, import_sweethome
+from scenes.mitsuba.importer import MitsubaOptions, import_mitsuba
+from scenes.models.importer import import_model, options_of
+from scenes.sweethome.importer import SweetHomeOptions, import_sweethome
 
 
 def import_scene(path: Path, out: Path, scene_id: str | None = None, **options: Any) -> Scene:

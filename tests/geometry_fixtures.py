@@ -8,8 +8,8 @@ import numpy as np
 from shapely.geometry import Point, Polygon
 
 from scenes.contract import Room, Scene, SceneObject
-from scenes.mitsuba_source.meshes import read_ply
-from scenes.mitsuba_source.rays import RayCaster
+from scenes.geometry.mesh import read_ply
+from scenes.reconstruction.raycast import RayCaster
 
 _DEEP = 3e-3  # metres that surfaces may sink into each other
 _SHIFT = 4e-3  # what crosses still does if one of the two is moved by this

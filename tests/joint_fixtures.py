@@ -10,11 +10,11 @@ import mitsuba as mi
 import numpy as np
 from PIL import Image
 
-from pipeline import joint
-from pipeline.groundtruth import _integrator
-from pipeline.light_choice import PlannedLights, UniformLights
-from pipeline.renderer import RenderScene, open_scene
-from pipeline.sensors import make_sensor
+from pipeline.passes.groundtruth import _integrator
+from pipeline.pathtrace import integrator as joint
+from pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
+from pipeline.render.scene import RenderScene, open_scene
+from pipeline.render.sensors import make_sensor
 from pipeline.views import View
 from tests.render_fixtures import ball, diffuse, make_view, quad, room_walls, write_scene
 

@@ -9,8 +9,8 @@ import numpy as np
 import trimesh
 from gltf_fixtures import Builder
 
-from pipeline import rays
-from pipeline.renderer import RenderScene, open_scene
+from pipeline.render import raycast
+from pipeline.render.scene import RenderScene, open_scene
 from scenes.registry import import_scene
 
 Corner = tuple[float, float, float]
@@ -64,8 +64,8 @@ def slit(size: Corner) -> list[Quad]:
 
 def seen_share(scene: RenderScene, name: str, eye: Corner, count: int = 50_000) -> float:
     """Of looks around from `eye` the share that meets the shape `name`."""
-    ways = rays.unit(np.random.default_rng(0).normal(size=(count, 3)))
-    shape, _ = rays.nearest(scene.target, eye, ways)
+    ways = raycast.unit(np.random.default_rng(0).normal(size=(count, 3)))
+    shape, _ = raycast.nearest(scene.target, eye, ways)
     number = [made.id() for made in scene.target.shapes].index(name)
     return float(np.mean(shape == number))
 

@@ -20,19 +20,13 @@ from render_fixtures import (
 )
 from study_fixtures import untrained
 
-from model.training import Folders
+from model.training.train import Folders
 from pipeline.frames import TINT
-from pipeline.illumination import render_illumination
-from pipeline.inputs import render_inputs
-from pipeline.params import (
-    GroundTruthParams,
-    IlluminationParams,
-    ImageParams,
-    Params,
-    ToneParams,
-)
-from pipeline.passes import render_truths
-from pipeline.renderer import open_scene, set_variant
+from pipeline.params import GroundTruthParams, IlluminationParams, ImageParams, Params, ToneParams
+from pipeline.passes.illumination import render_illumination
+from pipeline.passes.inputs import render_inputs
+from pipeline.passes.registry import render_truths
+from pipeline.render.scene import open_scene, set_variant
 from pipeline.tonemap import exposure_of
 from pipeline.views import CameraFile, View, save_cameras
 from scenes.contract import Light, Scene

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pipeline.columns import arrow_schema, dataset_columns
+from pipeline.dataset.columns import arrow_schema, dataset_columns
 from pipeline.params import ToneParams
 from pipeline.tonemap import exposure_of
 

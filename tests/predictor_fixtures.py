@@ -7,10 +7,10 @@ from pathlib import Path
 import torch
 from torch import nn
 
-from model.encoding import Policy
+from model.data.encoding import Policy
 from model.methods import METHODS, build_network
-from model.networks import Architecture, Panorama
-from model.store import TrainingData, save_model
+from model.networks.pbrnet import Architecture, Panorama
+from model.training.store import TrainingData, save_model
 from pipeline.params import ToneParams
 from scenes.checked import plain
 

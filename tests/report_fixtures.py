@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.ledger import Ledger
-from pipeline.pictures import error_picture, png_bytes
+from pipeline.costs.ledger import Ledger
+from pipeline.images import error_picture, png_bytes
 
 
 def make_results(root: Path, keys: list[tuple[str, str]], size: tuple[int, int]) -> None:

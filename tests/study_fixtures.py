@@ -12,10 +12,10 @@ import torch
 from model_fixtures import box_dataset
 
 from model.methods import METHODS, build_network
-from model.networks import Architecture
-from model.store import TrainingData, save_model
-from model.studies.answers import Answer, Key, Pair
-from model.training import Folders
+from model.networks.pbrnet import Architecture
+from model.studies.pairs.answers import Answer, Key, Pair
+from model.training.store import TrainingData, save_model
+from model.training.train import Folders
 from pipeline.params import ToneParams
 from scenes.checked import plain
 

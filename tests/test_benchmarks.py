@@ -23,10 +23,10 @@ from benchmarks.run import measure
 from benchmarks.shards import read_columns, read_view, views_of
 from benchmarks.strategies import _BOTH, _SHOWN, Tried, _gain, summary
 from benchmarks.timing import Spent, Spread, by_turns, ratio, spread
-from model.data import IMAGES, OPTIONAL_IMAGES, Dataset
-from pipeline.dataset import pack_dataset
+from model.data.reader import IMAGES, OPTIONAL_IMAGES, Dataset
+from pipeline.dataset.pack import pack_dataset
 from pipeline.params import SplitParams
-from pipeline.renderer import set_variant
+from pipeline.render.scene import set_variant
 from scenes.contract import Portal
 from tests.dataset_fixtures import make_data, small_params
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from stages_fixtures import LIVING, Block, write_room
 
-from pipeline import cameras
-from pipeline.cameras import sample_cameras, score_ids
 from pipeline.params import CameraParams, ImageParams, Params
-from pipeline.renderer import RenderScene, open_scene, set_variant
+from pipeline.render.scene import RenderScene, open_scene, set_variant
+from pipeline.stages import view_sampling
+from pipeline.stages.view_sampling import sample_cameras, score_ids
 from pipeline.views import CameraFile, look
 from scenes.contract import Room, load_scene
 
@@ -109,7 +109,7 @@ def test_no_eye_inside_furniture(tmp_path: Path) -> None:
     no_limits = CameraParams(clearance=0.0, min_objects=0, views_per_room=36, max_near=1.0)
     file = _sample(rs, Params(cameras=replace(no_limits, candidates=4096)))
     area = 2.0 * 2.6 / (4 * 3)
-    share = file.rejected[cameras.INSIDE] / file.candidates
+    share = file.rejected[view_sampling.INSIDE] / file.candidates
     assert share == pytest.approx(area, abs=0.05)
     assert all(not (0.2 < v.eye[0] < 2.2 and 0.2 < v.eye[1] < 2.8) for v in file.views)
 
@@ -131,10 +131,10 @@ def test_every_candidate_is_accounted_for(living: RenderScene) -> None:
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        (CameraParams(min_objects=50), cameras.FEW_OBJECTS),
-        (CameraParams(min_score=99.0), cameras.LOW_SCORE),
-        (CameraParams(eye_height=2.59, eye_jitter=0.0), cameras.ABOVE),
-        (CameraParams(near=9.0, max_near=0.0), cameras.BLOCKED),
+        (CameraParams(min_objects=50), view_sampling.FEW_OBJECTS),
+        (CameraParams(min_score=99.0), view_sampling.LOW_SCORE),
+        (CameraParams(eye_height=2.59, eye_jitter=0.0), view_sampling.ABOVE),
+        (CameraParams(near=9.0, max_near=0.0), view_sampling.BLOCKED),
     ],
 )
 def test_a_scene_without_a_view_says_why(
@@ -148,7 +148,7 @@ def test_a_scene_without_a_view_says_why(
 def test_room_without_light_is_dropped(tmp_path: Path) -> None:
     file = _sample(_opened(tmp_path / "dark", has_light=False))
     assert file.views == ()
-    assert file.rejected == {cameras.NO_LIGHT: file.candidates}
+    assert file.rejected == {view_sampling.NO_LIGHT: file.candidates}
 
 
 def test_best_of_every_sector_then_of_the_room(living: RenderScene) -> None:
@@ -163,9 +163,9 @@ def test_best_of_every_sector_then_of_the_room(living: RenderScene) -> None:
 def test_no_two_views_of_a_room_show_the_same(living: RenderScene) -> None:
     freely = Params(cameras=CameraParams(views_per_room=36, max_alike=1.0))
     strictly = Params(cameras=CameraParams(views_per_room=36, max_alike=0.3))
-    assert cameras.ALIKE not in _sample(living, freely).rejected
+    assert view_sampling.ALIKE not in _sample(living, freely).rejected
     file = _sample(living, strictly)
-    assert file.rejected[cameras.ALIKE] > 0
+    assert file.rejected[view_sampling.ALIKE] > 0
     furniture = {thing.id for thing in living.scene.objects if not thing.is_structure}
     for one, other in itertools.combinations(file.views, 2):
         pairs = [(one.seen.get(name, 0), other.seen.get(name, 0)) for name in furniture]
@@ -175,7 +175,7 @@ def test_no_two_views_of_a_room_show_the_same(living: RenderScene) -> None:
 def test_a_view_shows_its_own_room(living: RenderScene) -> None:
     (room,) = living.scene.rooms
     narrow = replace(room, id="hall")  # the furniture belongs to "living"
-    assert _sample(_with_rooms(living, narrow)).rejected[cameras.ELSEWHERE] > 0
+    assert _sample(_with_rooms(living, narrow)).rejected[view_sampling.ELSEWHERE] > 0
     assert _sample(_with_rooms(living, narrow)).views == ()
     anyhow = Params(cameras=CameraParams(min_own=0.0))
     assert _sample(_with_rooms(living, narrow), anyhow).views
@@ -200,7 +200,7 @@ def test_eyes_stay_inside_an_l_shaped_room(living: RenderScene) -> None:
     file = _sample(_with_rooms(living, replace(room, floor=floor)))
     assert file.views
     assert all(view.eye[0] < 1.5 or view.eye[1] < 1.4 for view in file.views)
-    outside = file.rejected[cameras.OUTSIDE] / file.candidates
+    outside = file.rejected[view_sampling.OUTSIDE] / file.candidates
     assert outside == pytest.approx(2.5 * 1.6 / 12, abs=0.05)
 
 
@@ -208,7 +208,7 @@ def test_a_floor_that_crosses_itself_is_no_crash(living: RenderScene) -> None:
     (room,) = living.scene.rooms
     bow_tie = replace(room, floor=((0, 0), (4, 3), (4, 0), (0, 3)))
     file = _sample(_with_rooms(living, bow_tie))
-    assert file.rejected[cameras.OUTSIDE] > 0
+    assert file.rejected[view_sampling.OUTSIDE] > 0
 
 
 def test_equal_arguments_give_equal_views_and_another_seed_others(living: RenderScene) -> None:

@@ -17,27 +17,27 @@ from click.testing import CliRunner
 from geometry_fixtures import Solids, crossings, floating
 from PIL import Image
 
-from pipeline import assets as stage
-from pipeline import stage_commands
-from pipeline.assets import INSTALLED, run_assets
-from pipeline.inspection import inspect_path
+from pipeline.commands import stages
+from pipeline.inspection.describe import inspect_path
 from pipeline.params import FarmParams, Params
-from pipeline.stages import run_scenes
-from scenes.catalogue.assets import Asset, Provenance, load_asset, load_index
-from scenes.catalogue.convert import convert, temperature
-from scenes.catalogue.geometry import covering_boxes, diced, levels_of
-from scenes.catalogue.library import CataloguePiece, Unusable, read_library
-from scenes.catalogue.properties import parse_properties
+from pipeline.stages import assets as stage
+from pipeline.stages.assets import INSTALLED, run_assets
+from pipeline.stages.stages import run_scenes
+from scenes.assets.free_space import covering_boxes, diced, levels_of
+from scenes.assets.index import Asset, Provenance, load_asset, load_index
 from scenes.contract import Room, Scene, SceneObject, load_scene, scene_folders
 from scenes.errors import InputError, MachineError
 from scenes.files import digest_folder
-from scenes.mitsuba_source.meshes import Mesh, read_ply
-from scenes.mitsuba_source.writer import write_ply
+from scenes.geometry.mesh import Mesh, read_ply
+from scenes.importing.writer import write_ply
 from scenes.params import AssetParams, SceneParams
 from scenes.photometry import blackbody
+from scenes.procedural.furnishing.asset_sampler import open_stock
 from scenes.procedural.home import make_home
-from scenes.procedural.shop import open_stock
-from scenes.sweethome.lamps import USUAL
+from scenes.sweethome.catalogue.convert import convert, temperature
+from scenes.sweethome.catalogue.library import CataloguePiece, Unusable, read_library
+from scenes.sweethome.catalogue.properties import parse_properties
+from scenes.sweethome.furnishing.lamps import USUAL
 
 NOWHERE = Provenance("test.sh3f", "0" * 64, "Test library", "2.1", "example.org", "")
 
@@ -550,7 +550,7 @@ def test_the_command_says_what_is_usable(converted: Path, library: Path, tmp_pat
         f"assets: {{enabled: true, folder: {library.parent}}}\nfarm: {{workers: 1}}\n"
     )
     run = CliRunner().invoke(
-        stage_commands.assets, ["--params", str(params), "--data", str(tmp_path / "data")]
+        stages.assets, ["--params", str(params), "--data", str(tmp_path / "data")]
     )
     assert run.exit_code == 0 and "8 of 8 pieces usable" in run.output
 

@@ -12,10 +12,10 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from pipeline import setup_commands
 from pipeline.cli import COMMANDS, cli, main
+from pipeline.commands import setup
+from pipeline.commands.setup import examine
 from pipeline.params import Baseline
-from pipeline.setup_commands import examine
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -110,7 +110,7 @@ def test_doctor_names_the_pretrained_networks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(setup_commands, "PACKED", tmp_path / "weights")
+    monkeypatch.setattr(setup, "PACKED", tmp_path / "weights")
 
     def said() -> str:
         return next(one.state for one in examine() if one.topic == "pretrained")

@@ -14,7 +14,7 @@ import yaml
 from stages_fixtures import write_room
 
 from pipeline.params import load_params
-from pipeline.stages import run_cameras
+from pipeline.stages.stages import run_cameras
 
 ROOT = Path(__file__).resolve().parents[1]
 CLUSTER = ROOT / "examples" / "cluster"

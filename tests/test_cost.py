@@ -10,8 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 from pipeline.cli import cli
-from pipeline.cost import TOGETHER, StageCost, fit_costs, samples_of
-from pipeline.ledger import Ledger, read_ledger
+from pipeline.costs.forecast import TOGETHER, StageCost, fit_costs, samples_of
+from pipeline.costs.ledger import Ledger, read_ledger
 from pipeline.params import GroundTruthParams, ImageParams, Params
 from scenes.errors import InputError
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from pipeline.charts import Bar, scatter_plot, timeline
-from pipeline.cost_charts import cost_drawings
+from model.figures.svg import Bar, scatter_plot, timeline
+from model.report.cost_charts import cost_drawings
 
 BEGIN = datetime(2026, 1, 1, tzinfo=UTC)
 

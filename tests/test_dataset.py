@@ -30,15 +30,15 @@ from dataset_fixtures import (
     write_view,
 )
 
-from pipeline.checks import REASONS, black_share, blown_share, check_frames, firefly_share
 from pipeline.cli import cli
-from pipeline.columns import dataset_columns
-from pipeline.dataset import pack_dataset
+from pipeline.dataset.checks import REASONS, black_share, blown_share, check_frames, firefly_share
+from pipeline.dataset.checksums import verify_sums
+from pipeline.dataset.columns import dataset_columns
+from pipeline.dataset.pack import pack_dataset
+from pipeline.dataset.splits import Source, split_plans
 from pipeline.frames import HALF_MAX, TINT, Frame, frame_path, read_frame
+from pipeline.images import read_picture
 from pipeline.params import CheckParams, SplitParams
-from pipeline.pictures import read_picture
-from pipeline.splits import Source, split_plans
-from pipeline.sums import verify_sums
 from pipeline.tonemap import exposure_of
 from scenes.contract import Credit
 from scenes.errors import InputError, MachineError

@@ -11,9 +11,9 @@ import pytest
 from click.testing import CliRunner
 from dataset_fixtures import make_data, small_params
 
-from pipeline.data_commands import inspect
-from pipeline.dataset import pack_dataset
-from pipeline.diversity import QUANTITIES, count_lights, dataset_figures, view_figures
+from pipeline.commands.data import inspect
+from pipeline.dataset.diversity import QUANTITIES, count_lights, dataset_figures, view_figures
+from pipeline.dataset.pack import pack_dataset
 from scenes.errors import InputError
 
 

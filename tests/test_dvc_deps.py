@@ -20,9 +20,9 @@ PLUMBING = {
     "train_composition": ("backbone", "baselines", "hybrid", "plus", "store"),
     "train_baselines": ("backbone", "store"),
 }
-ENTRY = dict.fromkeys(PLUMBING, "model/training.py") | {
-    "groundtruth": "pipeline/groundtruth.py",
-    "dataset": "pipeline/dataset.py",
+ENTRY = dict.fromkeys(PLUMBING, "model/training/train.py") | {
+    "groundtruth": "pipeline/passes/groundtruth.py",
+    "dataset": "pipeline/dataset/pack.py",
 }
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from dataset_fixtures import make_data, small_params
 
-from pipeline.dataset import pack_dataset
+from pipeline.dataset.pack import pack_dataset
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "consume"
 

@@ -17,11 +17,11 @@ from dask_fixtures import dask_cluster, workers_of
 from distributed import Future
 from farm_fixtures import no_setup, work
 
-from pipeline import farm as farm_module
-from pipeline.farm import Farm, Outcome
+from pipeline.farm import cluster as farm_module
+from pipeline.farm.cluster import Farm, Outcome
+from pipeline.farm.recycling import Wear
+from pipeline.farm.scheduling import Item, Waiting
 from pipeline.params import FarmParams
-from pipeline.recycling import Wear
-from pipeline.waiting import Item, Waiting
 from scenes.errors import MachineError
 
 
@@ -76,7 +76,7 @@ def test_a_worker_that_was_given_up_is_started_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On a busy machine a worker may come back too late for dask, which then forgets it."""
-    monkeypatch.setattr("pipeline.farm._LOST", "1ms")
+    monkeypatch.setattr("pipeline.farm.cluster._LOST", "1ms")
     once = {"do": "die", "well_after": 1, "log": str(tmp_path)}
     outcomes = _run(_items(6, k2=once), FarmParams(workers=1, batch=2))
     assert all(not outcome.error for outcome in outcomes.values())
@@ -183,7 +183,7 @@ def test_two_items_of_one_name_are_refused() -> None:
 
 
 def test_no_scheduler_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.farm.CONNECT_PATIENCE", 1.0)
+    monkeypatch.setattr("pipeline.farm.cluster.CONNECT_PATIENCE", 1.0)
     farm = Farm(FarmParams(), "tcp://127.0.0.1:9", no_setup, 1)
     with pytest.raises(MachineError, match=r"no dask scheduler answers at 'tcp://127\.0\.0\.1:9'"):
         farm.__enter__()

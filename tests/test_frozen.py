@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from render_fixtures import WINDOW, ball, diffuse, glow, make_view, quad, room_walls, write_scene
 
-from pipeline import frozen
-from pipeline.groundtruth import render_both, render_truth
-from pipeline.joint import available
 from pipeline.params import GroundTruthParams
-from pipeline.renderer import RenderScene, free_memory, open_scene, set_variant
+from pipeline.passes.groundtruth import render_both, render_truth
+from pipeline.pathtrace import launches
+from pipeline.pathtrace.integrator import available
+from pipeline.render.scene import RenderScene, free_memory, open_scene, set_variant
 from pipeline.views import View
 
 PARAMS = GroundTruthParams(spp=8, block_spp=4)
@@ -146,7 +146,7 @@ def test_a_recording_with_another_sensor_would_be_found(
     # The trap that `FrozenTracer` avoids: a virtual call meets an object it was not recorded with.
     scene = room(tmp_path)
     seen = both(scene, VIEWS[0])
-    launch = frozen.FrozenTracer.launch
+    launch = launches.FrozenTracer.launch
     kept = []  # lest a new sensor take an old one's place
 
     def with_a_new_sensor(self: Any, *args: Any) -> Any:
@@ -154,6 +154,6 @@ def test_a_recording_with_another_sensor_would_be_found(
         self._sensors = {}
         return launch(self, *args)
 
-    monkeypatch.setattr(frozen.FrozenTracer, "launch", with_a_new_sensor)
+    monkeypatch.setattr(launches.FrozenTracer, "launch", with_a_new_sensor)
     images = [both(scene, VIEWS[0]) for _ in range(4)]
     assert any(not np.array_equal(image, seen) for image in images) or recordings(scene) > 1

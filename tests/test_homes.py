@@ -24,19 +24,19 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from shapely.geometry import MultiPoint, Point, Polygon
 
-from pipeline.renderer import set_variant
+from pipeline.render.scene import set_variant
 from pipeline.tonemap import decode_srgb
 from scenes.contract import Scene, SceneObject, load_scene
 from scenes.files import digest_file, digest_folder
 from scenes.params import SceneParams
 from scenes.photometry import LUMEN
+from scenes.procedural.furnishing.placement import furnish
 from scenes.procedural.furniture import make_style
 from scenes.procedural.home import make_home
 from scenes.procedural.lighting import emitter
 from scenes.procedural.materials import WHITEST, texture_image
 from scenes.procedural.patterns import pattern
 from scenes.procedural.piece import Material, Part
-from scenes.procedural.placement import furnish
 from scenes.procedural.plan import SIZES, Plan, make_plan
 from scenes.seeds import generator
 

@@ -18,15 +18,15 @@ from PIL import Image
 from shapely.geometry import Point, Polygon
 
 from pipeline.cli import cli
-from pipeline.renderer import set_variant
+from pipeline.render.scene import set_variant
 from scenes.contract import Scene, load_scene
 from scenes.errors import InputError
-from scenes.mitsuba_source.meshes import Mesh, cleaned, creased, read_obj, read_ply, smooth_normals
-from scenes.mitsuba_source.orientation import guess_scale, upright
-from scenes.mitsuba_source.primitives import cube, cylinder, disk, sphere
-from scenes.mitsuba_source.spectra import spectrum_to_rgb
-from scenes.mitsuba_source.textures import read_rgbe
-from scenes.mitsuba_source.values import snake
+from scenes.geometry.mesh import Mesh, cleaned, creased, read_obj, read_ply, smooth_normals
+from scenes.geometry.primitives import cube, cylinder, disk, sphere
+from scenes.importing.textures import read_rgbe
+from scenes.mitsuba.spectra import spectrum_to_rgb
+from scenes.mitsuba.values import snake
+from scenes.reconstruction.orientation import guess_scale, upright
 from scenes.registry import import_scene
 
 TRIANGLE = ply([[1, 1, -1], [2, 1, -1], [1, 2, -1.5]], [[0, 1, 2]])

@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 import sweethome_fixtures as draw
 import yaml
+from scenes.imports import ImportEntry
 
-from pipeline.import_files import digest_import, scene_name
 from pipeline.params import Params, load_params
-from pipeline.stages import run_scenes
-from pipeline.work import StageError
+from pipeline.stages.import_files import digest_import, scene_name
+from pipeline.stages.runner import StageError
+from pipeline.stages.stages import run_scenes
 from scenes.contract import load_scene
 from scenes.errors import ParameterError
-from scenes.imports import ImportEntry
 
 REPOSITORY = Path(__file__).parents[1]
 

@@ -21,11 +21,9 @@ from dataset_fixtures import make_data, small_params
 from PIL import Image
 from safetensors.numpy import save_file
 
-from pipeline.data_commands import inspect
-from pipeline.dataset import pack_dataset
-from pipeline.dollhouse import draw_dollhouse, quick_renders
-from pipeline.inspection import inspect_path
-from pipeline.pictures import (
+from pipeline.commands.data import inspect
+from pipeline.dataset.pack import pack_dataset
+from pipeline.images import (
     NOTHING,
     contact_sheet,
     depth_picture,
@@ -33,7 +31,9 @@ from pipeline.pictures import (
     normal_picture,
     png_bytes,
 )
-from pipeline.sizes import scene_sizes, triangles_of
+from pipeline.inspection.describe import inspect_path
+from pipeline.inspection.dollhouse import draw_dollhouse, quick_renders
+from pipeline.inspection.sizes import scene_sizes, triangles_of
 from scenes.contract import load_scene
 from scenes.errors import InputError
 from scenes.registry import import_scene
@@ -250,7 +250,7 @@ def test_a_picture_of_a_scene_holds_plan_dollhouse_and_renders(flat: Path, tmp_p
 @pytest.mark.skipif(shutil.which("taskset") is None, reason="needs taskset")
 def test_the_dollhouse_works_on_one_cpu(flat: Path, tmp_path: Path) -> None:
     code = (
-        "from pathlib import Path; from pipeline.dollhouse import draw_dollhouse; "
+        "from pathlib import Path; from pipeline.inspection.dollhouse import draw_dollhouse; "
         "from scenes.contract import load_scene; "
         f"print(draw_dollhouse(load_scene(Path({str(flat)!r}))).shape)"
     )

@@ -10,10 +10,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from pipeline.groundtruth import render_both, render_truth
-from pipeline.joint import Branch, JointPath, Scattering, available
 from pipeline.params import GroundTruthParams
-from pipeline.renderer import open_scene, set_variant
+from pipeline.passes.groundtruth import render_both, render_truth
+from pipeline.pathtrace.integrator import Branch, JointPath, Scattering, available
+from pipeline.render.scene import open_scene, set_variant
 from scenes.errors import InputError
 from tests.joint_fixtures import (
     ALBEDO,

@@ -14,12 +14,12 @@ from leak_fixtures import ROOM, box_quads, built, west
 from stages_fixtures import write_room
 
 from pipeline.cli import cli
-from pipeline.leaks import find_leaks
-from pipeline.renderer import open_scene, set_variant
+from pipeline.render.leaks import find_leaks
+from pipeline.render.scene import open_scene, set_variant
 from scenes.contract import Portal, Scene, load_scene, save_scene
-from scenes.darkness import blocked, bounce
 from scenes.params import SceneParams
 from scenes.procedural.home import make_home
+from scenes.reconstruction.light_walks import blocked, bounce
 from scenes.registry import import_scene
 
 SIZE = (4.0, 3.0, 2.6)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.inspection import inspect_path
-from pipeline.ledger import SCHEMA, Ledger, ledger_path, read_ledger
+from pipeline.costs.ledger import SCHEMA, Ledger, ledger_path, read_ledger
+from pipeline.inspection.describe import inspect_path
 from scenes.errors import InputError
 
 

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.bounce_plan import plan_bounces
-from pipeline.groundtruth import render_both
-from pipeline.joint import available
-from pipeline.light_choice import PlannedLights
-from pipeline.light_plan import LAMPS, LightPlan, panes_of, plan_lights
 from pipeline.params import GroundTruthParams
-from pipeline.rays import vector
-from pipeline.renderer import RenderScene, open_scene, set_variant
+from pipeline.passes.groundtruth import render_both
+from pipeline.pathtrace.guiding import plan_bounces
+from pipeline.pathtrace.integrator import available
+from pipeline.pathtrace.light_pilot import LAMPS, LightPlan, panes_of, plan_lights
+from pipeline.pathtrace.light_sampling import PlannedLights
+from pipeline.render.raycast import vector
+from pipeline.render.scene import RenderScene, open_scene, set_variant
 from scenes.contract import Portal
 from tests.joint_fixtures import (
     ALBEDO,

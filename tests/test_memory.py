@@ -9,7 +9,7 @@ import pytest
 from stages_fixtures import write_room
 
 from benchmarks.memory import Course, courses, draw, measure, parameters
-from pipeline.stages import run_cameras, run_groundtruth
+from pipeline.stages.stages import run_cameras, run_groundtruth
 
 
 def test_growth_is_told_from_a_large_scene_that_comes_back() -> None:

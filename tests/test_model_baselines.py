@@ -16,11 +16,11 @@ from model.baselines.can import CAN, AdaptiveNorm, MeanSquares
 from model.baselines.cyclegan import HISTORY, REFLECTANCE, Cycles, Forwards, History, Residual
 from model.baselines.layers import STACKED, BatchNorm, InstanceNorm, stacked
 from model.baselines.pix2pix import Game, Generator, PatchDiscriminator
-from model.encoding import CHANNELS
+from model.data.encoding import CHANNELS
+from model.figures import results
 from model.methods import BASELINES, METHODS, build_network
-from model.networks import Architecture
-from model.objective import Batch, Objective, Setting
-from pipeline import report_results
+from model.networks.objective import Batch, Objective, Setting
+from model.networks.pbrnet import Architecture
 from pipeline.params import Baseline, TrainParams
 
 
@@ -61,7 +61,7 @@ def test_the_registry_and_the_parameters_name_the_same_baselines() -> None:
 
 
 def test_the_report_has_words_for_every_baseline() -> None:
-    assert set(BASELINES) <= report_results.METHODS.keys() & report_results.NETWORKS.keys()
+    assert set(BASELINES) <= results.METHODS.keys() & results.NETWORKS.keys()
 
 
 def test_the_registry_knows_which_networks_give_shading_too() -> None:

@@ -14,18 +14,18 @@ import torch
 from model_fixtures import box_dataset
 from training_fixtures import Killed, stop_at
 
-from model import training
-from model.backbone import make_backbone
 from model.baselines import cyclegan
-from model.data import Dataset
-from model.encoding import encode, to_image
-from model.evaluation import evaluate
-from model.loop import TrainingError
+from model.data.encoding import encode, to_image
+from model.data.reader import Dataset
+from model.evaluation.evaluate import evaluate
+from model.evaluation.metrics import ssim
 from model.methods import BASELINES, METHODS, Adam
-from model.metrics import ssim
-from model.objective import Batch, Objective
-from model.store import load_model
-from model.training import Folders, train_network
+from model.networks.objective import Batch, Objective
+from model.training import train as training
+from model.training.backbone import make_backbone
+from model.training.loop import TrainingError
+from model.training.store import load_model
+from model.training.train import Folders, train_network
 from pipeline.params import BackboneParams, Params, StageTrainParams, TrainParams
 from pipeline.tonemap import tonemap
 

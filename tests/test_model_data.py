@@ -12,9 +12,9 @@ import pyarrow.parquet as pq
 import pytest
 from model_fixtures import box_dataset, box_rows, box_view, write_shard
 
-from model.data import Dataset, coin_flips, mirrored
-from model.encoding import encode
-from model.irradiance import panorama_radiance
+from model.data.direct_light import panorama_radiance
+from model.data.encoding import encode
+from model.data.reader import Dataset, coin_flips, mirrored
 from pipeline.tonemap import encode_srgb
 from scenes.errors import InputError
 

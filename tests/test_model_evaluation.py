@@ -16,17 +16,18 @@ from model_fixtures import box_dataset, box_rows, write_shard
 from PIL import Image
 from predict_fixtures import box_camera, box_frames, box_room
 
-from model import evaluation
-from model.backbone import make_backbone
-from model.baselines.product import product, product_linear
-from model.data import Dataset
-from model.encoding import see_through
-from model.evaluation import LeakError, evaluate
-from model.inference import load_networks
-from model.predict import resized
-from model.training import Folders, train_network
+from model.data.encoding import see_through
+from model.data.reader import Dataset
+from model.evaluation import evaluate as evaluation
+from model.evaluation.evaluate import LeakError, evaluate
+from model.evaluation.inference import load_networks
+from model.evaluation.predict import resized
+from model.evaluation.product import product, product_linear
+from model.training.backbone import make_backbone
+from model.training.train import Folders, train_network
 from pipeline.cli import main
-from pipeline.ledger import Ledger
+from pipeline.costs.ledger import Ledger
+from pipeline.images import png_facts, read_picture
 from pipeline.params import (
     BackboneParams,
     DatasetParams,
@@ -38,7 +39,6 @@ from pipeline.params import (
     ToneParams,
     TrainParams,
 )
-from pipeline.pictures import png_facts, read_picture
 from pipeline.tonemap import Exposure, decode_srgb, tonemap
 from pipeline.views import View, as_matrix, intrinsics_of
 from scenes.contract import load_scene

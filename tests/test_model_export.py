@@ -15,13 +15,13 @@ import torch
 from model_fixtures import box_dataset
 from PIL import Image
 
-from model import training
-from model.backbone import make_backbone
-from model.data import Dataset, Example
-from model.encoding import encode
-from model.export import GRID, INPUTS, Chain, export_onnx, on_grid
-from model.inference import Networks, load_networks
-from model.training import Folders, train_network
+from model.data.encoding import encode
+from model.data.reader import Dataset, Example
+from model.evaluation.inference import Networks, load_networks
+from model.release.onnx_export import GRID, INPUTS, Chain, export_onnx, on_grid
+from model.training import train as training
+from model.training.backbone import make_backbone
+from model.training.train import Folders, train_network
 from pipeline.params import BackboneParams, Params, StageTrainParams, TrainParams
 from scenes.errors import MachineError
 
@@ -84,7 +84,7 @@ def test_a_dark_panorama_stays_dark(trained: Folders) -> None:
 def test_without_the_packages_it_says_how_to_get_them(
     trained: Folders, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("model.export.importlib.util.find_spec", lambda _name: None)
+    monkeypatch.setattr("model.release.onnx_export.importlib.util.find_spec", lambda _name: None)
     with pytest.raises(MachineError, match=r"pip install 'pbrnet\[onnx\]'"):
         export_onnx(load_networks(trained.models), tmp_path / "model.onnx")
     assert list(tmp_path.iterdir()) == []

@@ -15,22 +15,22 @@ from model_fixtures import box_dataset, box_rows, write_shard
 from PIL import Image
 from stages_fixtures import write_room
 
-from model import training
-from model.backbone import make_backbone
-from model.data import NOISY_IMAGES, Array, Dataset, Example, mirrored
-from model.encoding import encode, radiances, targets
-from model.evaluation import evaluate
-from model.hybrid import REACH, Exposed, HybridNet, displayed
-from model.inference import load_networks
-from model.networks import Architecture
-from model.objective import Batch, Setting
-from model.training import Folders, train_network
+from model.data.encoding import encode, radiances, targets
+from model.data.reader import NOISY_IMAGES, Array, Dataset, Example, mirrored
+from model.evaluation.evaluate import evaluate
+from model.evaluation.inference import load_networks
+from model.networks.hybrid import REACH, Exposed, HybridNet, displayed
+from model.networks.objective import Batch, Setting
+from model.networks.pbrnet import Architecture
+from model.training import train
+from model.training.backbone import make_backbone
+from model.training.train import Folders, train_network
 from pipeline.cli import main
+from pipeline.costs.ledger import Ledger
 from pipeline.frames import KINDS, read_frame, write_frame
-from pipeline.ledger import Ledger
 from pipeline.params import BackboneParams, NoisyParams, Params, StageTrainParams, TrainParams
-from pipeline.passes import PASSES
-from pipeline.renderer import open_scene, set_variant
+from pipeline.passes.registry import PASSES
+from pipeline.render.scene import open_scene, set_variant
 from pipeline.tonemap import Exposure, tonemap
 from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, save_cameras
 from scenes.contract import load_scene
@@ -49,7 +49,7 @@ def _one_thread() -> Iterator[None]:
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training.os, "sched_getaffinity", lambda _process: {0})
+        patch.setattr(train.os, "sched_getaffinity", lambda _process: {0})
         yield
     torch.set_num_threads(threads)
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from model_fixtures import box_dataset
 
-from model.data import Dataset, Example, mirrored
-from model.encoding import encode, solid_angles
-from model.irradiance import direct_shading, panorama_radiance, pixel_directions
-from pipeline.sources import panorama_directions, sources
+from model.data.direct_light import direct_shading, panorama_radiance, pixel_directions
+from model.data.encoding import encode, solid_angles
+from model.data.reader import Dataset, Example, mirrored
+from pipeline.passes.panorama_lights import panorama_directions, sources
 from pipeline.tonemap import Exposure, luminance
 
 SIZE = (60, 80)  # rows, columns

@@ -10,7 +10,7 @@ import torch
 from skimage import data, transform
 from torch import nn
 
-from model.backbone import (
+from model.training.backbone import (
     BALANCE,
     EfficientNetLite0,
     Vgg19,
@@ -18,7 +18,7 @@ from model.backbone import (
     load_backbone,
     make_backbone,
 )
-from model.loss import PerceptualLoss, layer_weights
+from model.training.loss import PerceptualLoss, layer_weights
 from pipeline.params import BackboneParams, LossParams
 from scenes.errors import InputError, MachineError
 

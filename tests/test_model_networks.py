@@ -9,17 +9,10 @@ import pytest
 import torch
 from torch import nn
 
-from model.backbone import EfficientNetLite0, Vgg19
-from model.encoding import CHANNELS, DIRECT, SAMPLES
+from model.data.encoding import CHANNELS, DIRECT, SAMPLES
 from model.methods import build_network
-from model.networks import (
-    Architecture,
-    Kind,
-    NormalPanorama,
-    Panorama,
-    averaged,
-    look_up,
-)
+from model.networks.pbrnet import Architecture, Kind, NormalPanorama, Panorama, averaged, look_up
+from model.training.backbone import EfficientNetLite0, Vgg19
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 PANORAMAS: tuple[Panorama, ...] = get_args(Panorama)

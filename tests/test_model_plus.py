@@ -10,12 +10,12 @@ import pytest
 import torch
 from model_fixtures import box_dataset
 
-from model import display
-from model.baselines.product import linear_product
-from model.data import Dataset
-from model.encoding import WHITE, encode, interreflection
-from model.networks import Architecture
-from model.plus import LightColor, PlusNet, multiplied
+from model.data import display
+from model.data.encoding import WHITE, encode, interreflection
+from model.data.reader import Dataset
+from model.evaluation.product import linear_product
+from model.networks.pbrnet import Architecture
+from model.networks.plus import LightColor, PlusNet, multiplied
 from pipeline.params import ToneParams
 from pipeline.tonemap import Exposure, encode_srgb, exposure_of, luminance, tonemap, untonemap
 

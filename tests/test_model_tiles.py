@@ -10,10 +10,10 @@ import torch
 from model_fixtures import box_dataset
 from predictor_fixtures import untrained_models
 
-from model.data import Dataset, Example
-from model.inference import load_networks
-from model.networks import Architecture, Panorama, UNet
-from model.tiles import margin, pieces, stride, tiled, unet_reach
+from model.data.reader import Dataset, Example
+from model.evaluation.inference import load_networks
+from model.networks.pbrnet import Architecture, Panorama, UNet
+from model.networks.tiles import margin, pieces, stride, tiled, unet_reach
 from scenes.errors import InputError
 
 
@@ -70,7 +70,7 @@ def test_too_little_overlap_would_show(example: Example, tmp_path: Path,
     """The test above can fail: with a tenth of the margin, pieces differ from the whole."""
     models = untrained_models(tmp_path / "models", ("unet",), levels=3)
     whole = load_networks(models, ["unet"]).predict("unet", example)
-    monkeypatch.setattr("model.tiles.margin", lambda architecture: stride(architecture))
+    monkeypatch.setattr("model.networks.tiles.margin", lambda architecture: stride(architecture))
     cut = load_networks(models, ["unet"], tile=32).predict("unet", example)
     assert np.abs(whole.color - cut.color).max() > 1e-4
 

@@ -17,14 +17,14 @@ import torch
 from model_fixtures import box_dataset, box_rows, write_shard
 from training_fixtures import Killed, stop_at
 
-from model.backbone import make_backbone
-from model.data import Dataset
-from model.encoding import encode, to_image
-from model.loop import TrainingError, batches_from
+from model.data.encoding import encode, to_image
+from model.data.reader import Dataset
+from model.evaluation.metrics import ssim
 from model.methods import learning_rate
-from model.metrics import ssim
-from model.store import load_model
-from model.training import Folders, choose_precision, train_network
+from model.training.backbone import make_backbone
+from model.training.loop import TrainingError, batches_from
+from model.training.store import load_model
+from model.training.train import Folders, choose_precision, train_network
 from pipeline.params import BackboneParams, LossParams, Params, StageTrainParams, TrainParams
 from pipeline.tonemap import tonemap
 from scenes.errors import InputError

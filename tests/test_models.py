@@ -19,19 +19,19 @@ import pytest
 from gltf_fixtures import SQUARE, SQUARE_FACES, SQUARE_UV, Builder, square
 from PIL import Image
 
-from pipeline import rays
-from pipeline.renderer import open_scene, set_variant
+from pipeline.render import raycast
+from pipeline.render.scene import open_scene, set_variant
 from scenes.contract import Scene
 from scenes.errors import InputError
-from scenes.mitsuba_source.changes import Changes
-from scenes.mitsuba_source.meshes import face_areas, read_ply
-from scenes.mitsuba_source.mtl import map_of
-from scenes.mitsuba_source.sandbox import Sandbox
-from scenes.mitsuba_source.textures import TextureStore
-from scenes.model_source.container import open_asset
-from scenes.model_source.gltf import read_gltf
-from scenes.model_source.gltf_images import Images, texture_matrix
-from scenes.model_source.model import Model
+from scenes.geometry.mesh import face_areas, read_ply
+from scenes.importing.changes import Changes
+from scenes.importing.mtl_materials import map_of
+from scenes.importing.sandbox import Sandbox
+from scenes.importing.textures import TextureStore
+from scenes.models.gltf import read_gltf
+from scenes.models.gltf_container import open_asset
+from scenes.models.gltf_images import Images, texture_matrix
+from scenes.models.model import Model
 from scenes.photometry import LUMEN
 from scenes.registry import import_scene
 
@@ -70,7 +70,7 @@ def look_down(scene: Scene, points: list[tuple[float, float]]) -> npt.NDArray[np
     set_variant("auto")
     target = open_scene(scene).target
     eyes = np.array([[x, y, 1.0] for x, y in points])
-    hits = [rays.surfaces(target, eye, np.array([[0.0, 0, -1]])) for eye in eyes]
+    hits = [raycast.surfaces(target, eye, np.array([[0.0, 0, -1]])) for eye in eyes]
     return np.array([hit.reflectance[0] for hit in hits], dtype=np.float64)
 
 
@@ -239,7 +239,7 @@ def test_a_mask_cuts_at_its_threshold(tmp_path: Path, alpha: int, seen: bool) ->
     set_variant("auto")
     scene = imported(made, tmp_path, sky=False)
     target = open_scene(scene).target
-    (shape,) = rays.surfaces(target, np.array([4.0, -4, 1]), np.array([[0.0, 0, -1]])).position
+    (shape,) = raycast.surfaces(target, np.array([4.0, -4, 1]), np.array([[0.0, 0, -1]])).position
     assert (abs(float(shape[2])) < 1e-3) == seen  # else the ground below, added with the sky
 
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.groundtruth import render_both, render_truth
-from pipeline.noise import Tally, firefly_light
 from pipeline.params import GroundTruthParams, load_params
-from pipeline.renderer import RenderScene, open_scene, set_variant
+from pipeline.passes.groundtruth import render_both, render_truth
+from pipeline.pathtrace.noise import Tally, firefly_light
+from pipeline.render.scene import RenderScene, open_scene, set_variant
 from scenes.errors import ParameterError
 from tests.render_fixtures import ball, diffuse, glow, make_view, quad, room_walls, write_scene
 

@@ -15,10 +15,9 @@ import pytest
 from dataset_fixtures import box_frames, make_data, make_view, small_params, write_view
 from stages_fixtures import write_room
 
-from pipeline.dataset import pack_dataset
-from pipeline.denoise import denoiser_version
+from pipeline.costs.ledger import read_ledger
+from pipeline.dataset.pack import pack_dataset
 from pipeline.frames import Frame, frame_path, read_frame
-from pipeline.ledger import read_ledger
 from pipeline.params import (
     CameraParams,
     FarmParams,
@@ -27,9 +26,16 @@ from pipeline.params import (
     NoisyParams,
     Params,
 )
-from pipeline.passes import PASSES, frame_fingerprint, pass_seed, render_noisy, render_truths
-from pipeline.renderer import RenderScene, open_scene, set_variant
-from pipeline.stages import run_cameras, run_groundtruth
+from pipeline.passes.denoise import denoiser_version
+from pipeline.passes.registry import (
+    PASSES,
+    frame_fingerprint,
+    pass_seed,
+    render_noisy,
+    render_truths,
+)
+from pipeline.render.scene import RenderScene, open_scene, set_variant
+from pipeline.stages.stages import run_cameras, run_groundtruth
 from pipeline.views import View, load_cameras
 from scenes.contract import load_scene
 from scenes.files import digest_folder

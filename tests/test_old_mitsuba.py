@@ -11,8 +11,8 @@ from import_fixtures import LAMP_0_6, SENSOR_0_6, room, usual, write
 
 from scenes.contract import Scene
 from scenes.errors import InputError
-from scenes.mitsuba_source.meshes import read_ply
-from scenes.mitsuba_source.spectra import blackbody_radiance
+from scenes.geometry.mesh import read_ply
+from scenes.mitsuba.spectra import blackbody_radiance
 from scenes.registry import import_scene
 
 

@@ -16,16 +16,16 @@ from PIL import Image
 from predict_fixtures import box_frames
 from predictor_fixtures import untrained_models
 
-from model.data import Dataset, Example
-from model.display import log_average, luminance
-from model.encoding import GREY, Policy, encode
-from model.export import INPUTS, Chain, PlusChain, export_onnx
-from model.export_light import direct_light, encoded_light, light_color
-from model.inference import Networks, load_networks
-from model.irradiance import direct_shading, panorama_radiance
-from model.predict import from_frames
+from model.data.direct_light import direct_shading, panorama_radiance
+from model.data.display import log_average, luminance
+from model.data.encoding import GREY, Policy, encode
+from model.data.reader import Dataset, Example
+from model.evaluation.inference import Networks, load_networks
+from model.evaluation.predict import from_frames
+from model.release.onnx_export import INPUTS, Chain, PlusChain, export_onnx
+from model.release.onnx_light import direct_light, encoded_light, light_color
+from pipeline.images import read_picture
 from pipeline.params import ToneParams
-from pipeline.pictures import read_picture
 from pipeline.tonemap import exposure_of
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "onnx_predict.py"

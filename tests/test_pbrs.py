@@ -15,13 +15,13 @@ import pytest
 from PIL import Image
 from shapely.geometry import Point, Polygon
 
-from pipeline.cameras import score_ids
 from pipeline.params import ImageParams
-from pipeline.renderer import open_scene, render_ids, set_variant
+from pipeline.render.scene import open_scene, render_ids, set_variant
+from pipeline.stages.view_sampling import score_ids
 from pipeline.views import intrinsics_of
 from scenes.contract import Scene
 from scenes.errors import InputError
-from scenes.mitsuba_source.pbrs import read_cameras, read_lamps
+from scenes.mitsuba.pbrs import read_cameras, read_lamps
 from scenes.registry import import_scene
 
 HOUSE = "pbrs/0004d52d1aeeb8ae6de39d6bd993e992"

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.pieces import PART, Part, Piece, Store, list_pieces, read_parts
+from pipeline.farm.content_store import PART, Part, Piece, Store, list_pieces, read_parts
 from scenes.errors import InputError, MachineError
 from scenes.files import digest_folder
 
@@ -148,7 +148,8 @@ def test_the_store_stays_within_its_limit_and_open_folders_stay_whole(tmp_path: 
 
 def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
     code = (
-        "import os, sys, time; from pathlib import Path; from pipeline.pieces import Store;"
+        "import os, sys, time; from pathlib import Path; "
+        "from pipeline.farm.content_store import Store;"
         "print(Store(Path(sys.argv[1]), 1).private(), flush=True); time.sleep(60)"
     )
     command = [sys.executable, "-c", code, str(tmp_path / "store")]

@@ -15,14 +15,14 @@ from click.testing import CliRunner, Result
 from predict_fixtures import box_camera, box_frames, box_room
 from predictor_fixtures import untrained_models
 
-from model import predict as prediction
-from model import pretrained
-from model.inference import Prediction, load_networks
-from model.predict import from_frames
+from model.evaluation import predict as prediction
+from model.evaluation.inference import Prediction, load_networks
+from model.evaluation.predict import from_frames
+from model.release import pretrained
 from pipeline.cli import cli
 from pipeline.frames import Channels, read_frame
-from pipeline.pictures import png_facts, read_picture
-from pipeline.shadows import render_visibility
+from pipeline.images import png_facts, read_picture
+from pipeline.passes.visibility import render_visibility
 from pipeline.tonemap import Exposure, tonemap
 from scenes.errors import InputError
 

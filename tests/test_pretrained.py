@@ -18,10 +18,10 @@ from model_fixtures import box_dataset
 from predictor_fixtures import untrained_models
 from safetensors.torch import load_file
 
-from model import pretrained
-from model.data import Dataset
-from model.inference import load_networks
-from model.pretrained import MEAN, WORST, find_models, half_type, pack
+from model.data.reader import Dataset
+from model.evaluation.inference import load_networks
+from model.release import pretrained
+from model.release.pretrained import MEAN, WORST, find_models, half_type, pack
 from pipeline.cli import cli
 from scenes.errors import InputError
 

@@ -11,9 +11,9 @@ from model_fixtures import box_dataset
 from PIL import Image
 from predictor_fixtures import untrained_models
 
-from model.evaluation import evaluate
-from model.reference import SHOWN
-from model.training import Folders
+from model.evaluation.evaluate import evaluate
+from model.evaluation.reference import SHOWN
+from model.training.train import Folders
 from pipeline.cli import cli
 from pipeline.params import EvaluateParams, Params, TrainParams
 

@@ -12,15 +12,15 @@ import pytest
 from light_fixtures import PARAMS, room, views
 from render_fixtures import ball, diffuse, glow, make_view, quad, room_walls, write_scene
 
-from model.encoding import solid_angles
-from model.studies.light_cases import cases_of, lamp_radiance, sources_of
-from pipeline.groundtruth import render_truth
-from pipeline.illumination import render_illumination
-from pipeline.inputs import render_inputs
-from pipeline.lamp_place import RADIUS, left_rear
+from model.data.encoding import solid_angles
+from model.studies.illumination.cases import cases_of, lamp_radiance, sources_of
+from model.studies.illumination.lamp_position import RADIUS, left_rear
+from model.studies.relight import ADDED, AddedLamp, LightChange, open_changed
 from pipeline.params import IlluminationParams
-from pipeline.relight import ADDED, AddedLamp, LightChange, open_changed
-from pipeline.renderer import open_scene, set_variant
+from pipeline.passes.groundtruth import render_truth
+from pipeline.passes.illumination import render_illumination
+from pipeline.passes.inputs import render_inputs
+from pipeline.render.scene import open_scene, set_variant
 from pipeline.views import View
 from scenes.contract import Light, Scene
 from scenes.errors import InputError

@@ -10,10 +10,10 @@ import OpenEXR
 import pytest
 
 from pipeline.frames import TINT, Channels
-from pipeline.groundtruth import render_truth
-from pipeline.illumination import Panorama, render_illumination
 from pipeline.params import GroundTruthParams, IlluminationParams
-from pipeline.renderer import open_scene, set_variant
+from pipeline.passes.groundtruth import render_truth
+from pipeline.passes.illumination import Panorama, render_illumination
+from pipeline.render.scene import open_scene, set_variant
 from pipeline.views import View
 from scenes.contract import Portal
 from scenes.photometry import REC709

@@ -11,8 +11,8 @@ import pytest
 from PIL import Image
 
 from pipeline.frames import Channels
-from pipeline.inputs import render_inputs
-from pipeline.renderer import cast, open_scene, render_ids, set_variant
+from pipeline.passes.inputs import render_inputs
+from pipeline.render.scene import cast, open_scene, render_ids, set_variant
 from pipeline.views import View
 from scenes.errors import InputError
 from tests.render_fixtures import (

@@ -15,15 +15,10 @@ import OpenEXR
 import pytest
 from PIL import Image
 
-from pipeline import groundtruth
-from pipeline.groundtruth import (
-    block_sizes,
-    blocks_at_once,
-    render_truth,
-    stratified,
-)
 from pipeline.params import GroundTruthParams
-from pipeline.renderer import open_scene, set_variant
+from pipeline.passes import groundtruth
+from pipeline.passes.groundtruth import block_sizes, blocks_at_once, render_truth, stratified
+from pipeline.render.scene import open_scene, set_variant
 from pipeline.views import View
 from scenes.errors import InputError
 from tests.render_fixtures import ball, diffuse, glow, make_view, quad, room_walls, write_scene

@@ -16,12 +16,12 @@ from click.testing import CliRunner
 from dataset_fixtures import add_scene, make_data, make_view, small_params
 from report_fixtures import make_ledger, make_results
 
-from pipeline.charts import TALL, WIDE, Node, chain, line_chart, panorama_guide, strip_plot
-from pipeline.data_commands import report
-from pipeline.dataset import pack_dataset
+from model.figures.svg import TALL, WIDE, Node, chain, line_chart, panorama_guide, strip_plot
+from model.report.page import Places, write_report
+from pipeline.commands.data import report
+from pipeline.dataset.pack import pack_dataset
 from pipeline.frames import frame_path
-from pipeline.pictures import png_bytes
-from pipeline.report import Places, write_report
+from pipeline.images import png_bytes
 from scenes.contract import Credit
 
 SECTIONS = (

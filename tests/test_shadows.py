@@ -10,17 +10,17 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from model.encoding import encode
-from model.irradiance import surface_light
-from model.predict import example_of
+from model.data.direct_light import surface_light
+from model.data.encoding import encode
+from model.evaluation.predict import example_of
 from pipeline.frames import Channels, kinds_of
-from pipeline.illumination import render_illumination
-from pipeline.inputs import render_inputs
 from pipeline.params import IlluminationParams, Params
-from pipeline.passes import frame_fingerprint
-from pipeline.rays import pixel_directions
-from pipeline.renderer import RenderScene, open_scene, set_variant
-from pipeline.shadows import choose, render_visibility, shared
+from pipeline.passes.illumination import render_illumination
+from pipeline.passes.inputs import render_inputs
+from pipeline.passes.registry import frame_fingerprint
+from pipeline.passes.visibility import choose, render_visibility, shared
+from pipeline.render.raycast import pixel_directions
+from pipeline.render.scene import RenderScene, open_scene, set_variant
 from pipeline.views import View
 from scenes.contract import Portal
 from tests.render_fixtures import (

@@ -18,9 +18,9 @@ from leak_fixtures import (
     west,
 )
 
-from pipeline import rays
-from pipeline.leaks import find_leaks
-from pipeline.renderer import set_variant
+from pipeline.render import raycast
+from pipeline.render.leaks import find_leaks
+from pipeline.render.scene import set_variant
 
 
 @pytest.fixture(autouse=True)
@@ -68,7 +68,7 @@ def test_a_shell_leaves_windows_and_fireplaces_as_they_are(tmp_path: Path) -> No
     origins = np.column_stack([np.full(9, 0.2), np.full(9, 1.0), np.tile([1.0, 1.4, 1.8], 3)])
     aim = np.column_stack([-np.cos(angle), np.sin(angle), np.zeros(9)])
     origins[:, 1] -= 0.25 * np.tan(angle)
-    hits = rays.surfaces(scene.target, origins, aim, colors=False)
+    hits = raycast.surfaces(scene.target, origins, aim, colors=False)
     assert (hits.shape < 0).all()
 
 
@@ -87,9 +87,9 @@ def test_a_stage_without_a_wall_gets_no_shell(tmp_path: Path) -> None:
     """Light is meant to come in there."""
     scene = built(tmp_path, box_quads((0, 0, 0), ROOM, "w"))
     assert "shell" not in {thing.name for thing in scene.scene.objects}
-    ways = rays.unit(np.random.default_rng(0).normal(size=(1000, 3)))
+    ways = raycast.unit(np.random.default_rng(0).normal(size=(1000, 3)))
     ways = ways[(ways[:, 0] < -0.9) & (ways[:, 2] > 0)]  # not to the ground
-    hits = rays.surfaces(scene.target, np.full_like(ways, 1.3), ways, colors=False)
+    hits = raycast.surfaces(scene.target, np.full_like(ways, 1.3), ways, colors=False)
     assert (hits.shape < 0).all()
 
 

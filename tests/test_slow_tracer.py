@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.joint import available
-from pipeline.light_choice import PlannedLights, UniformLights
-from pipeline.light_plan import plan_lights
-from pipeline.renderer import RenderScene, open_scene, set_variant
+from pipeline.pathtrace.integrator import available
+from pipeline.pathtrace.light_pilot import plan_lights
+from pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
+from pipeline.render.scene import RenderScene, open_scene, set_variant
 from tests.joint_fixtures import ALBEDO, MAX_DEPTH, deviations, joined, region_means
 from tests.render_fixtures import make_view, write_scene
 from tests.slow_tracer import Ball, Material, Rectangle, Thing, picture

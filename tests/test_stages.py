@@ -15,9 +15,9 @@ import pytest
 from click.testing import CliRunner
 from stages_fixtures import write_room
 
-from pipeline import stage_commands
+from pipeline.commands import stages
+from pipeline.costs.ledger import read_ledger
 from pipeline.frames import Kind, frame_path, holds, read_frame, read_meta
-from pipeline.ledger import read_ledger
 from pipeline.params import (
     CameraParams,
     FarmParams,
@@ -27,9 +27,10 @@ from pipeline.params import (
     Params,
     load_params,
 )
-from pipeline.passes import frame_fingerprint
+from pipeline.passes.registry import frame_fingerprint
 from pipeline.records import data_lock
-from pipeline.stages import (
+from pipeline.stages.runner import StageError
+from pipeline.stages.stages import (
     run_cameras,
     run_groundtruth,
     run_illumination,
@@ -37,7 +38,6 @@ from pipeline.stages import (
     run_scenes,
 )
 from pipeline.views import View, load_cameras, save_cameras
-from pipeline.work import StageError
 from scenes.contract import load_scene
 from scenes.errors import InputError, MachineError, PbrnetError
 from scenes.params import SceneParams
@@ -127,7 +127,7 @@ def test_one_worker_makes_the_same_bytes_as_two(finished: Path, tmp_path: Path) 
 def test_a_second_run_keeps_everything_and_starts_nobody(
     data: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.work.Farm", None)
+    monkeypatch.setattr("pipeline.stages.runner.Farm", None)
     before = _files(data)
     for stage, count in (("cameras", 2), ("inputs", 4), ("groundtruth", 8)):
         summary = STAGES[stage](data, PARAMS)
@@ -430,7 +430,7 @@ def test_a_full_disk_is_said_and_the_run_goes_on_later(data: Path, tmp_path: Pat
 
 def test_commands_have_examples_and_say_what_they_did(data: Path, tmp_path: Path) -> None:
     for name in ("assets", "scenes", "cameras", *STAGES, "shading", "color"):
-        help_text = CliRunner().invoke(getattr(stage_commands, name), ["--help"]).output
+        help_text = CliRunner().invoke(getattr(stages, name), ["--help"]).output
         assert f"pbrnet {name}" in help_text, name
         assert "--seed" in help_text
     yaml = tmp_path / "params.yaml"
@@ -443,13 +443,13 @@ def test_commands_have_examples_and_say_what_they_did(data: Path, tmp_path: Path
     assert load_params(yaml).groundtruth == PARAMS.groundtruth
     options = ["--params", str(yaml), "--data", str(data), "--workers", "1"]
     for command, line in (
-        (stage_commands.cameras, "cameras: 0 made, 2 kept"),
-        (stage_commands.shading, "shading: 0 made, 4 kept"),
-        (stage_commands.groundtruth, "groundtruth: 0 made, 8 kept"),
+        (stages.cameras, "cameras: 0 made, 2 kept"),
+        (stages.shading, "shading: 0 made, 4 kept"),
+        (stages.groundtruth, "groundtruth: 0 made, 8 kept"),
     ):
         result = CliRunner().invoke(command, options, catch_exceptions=False)
         assert result.exit_code == 0 and line in result.output
-    result = CliRunner().invoke(stage_commands.assets, options[:4], catch_exceptions=False)
+    result = CliRunner().invoke(stages.assets, options[:4], catch_exceptions=False)
     assert json.loads((data / "assets" / "catalogue.json").read_text())["pieces"] == []
     assert "off" in result.output
 

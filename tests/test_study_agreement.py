@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model.studies.agreement import LEAST, agreement, block_means, log_change, sums
-from pipeline.report_light import Agreement, Figure
+from model.studies.illumination.agreement import LEAST, agreement, block_means, log_change, sums
+from model.studies.illumination.results import Agreement, Figure
 
 
 def rng() -> np.random.Generator:

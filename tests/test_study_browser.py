@@ -12,8 +12,8 @@ import pytest
 from browser_fixtures import PATIENCE, Browser, open_browser
 from study_fixtures import workplace
 
-from model.studies.answers import Key, read_answers, read_key, score
-from model.studies.pairs import Wish, make_pairs
+from model.studies.pairs.answers import Key, read_answers, read_key, score
+from model.studies.pairs.page import Wish, make_pairs
 from pipeline.params import Params
 
 OPEN = "['shown', 'hidden'].includes(document.body.dataset.phase)"

@@ -12,11 +12,11 @@ from click.testing import CliRunner
 from predict_fixtures import box_camera, box_room
 from predictor_fixtures import untrained_models
 
-from model.data import Example
-from model.studies.flicker import Wish, flicker, match, moved
+from model.data.reader import Example
+from model.report.page import Places, write_report
+from model.studies.flicker.study import Wish, flicker, match, moved
 from pipeline.cli import cli
 from pipeline.params import Params
-from pipeline.report import Places, write_report
 from pipeline.tonemap import Exposure
 from scenes.errors import InputError
 

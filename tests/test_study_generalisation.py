@@ -13,13 +13,13 @@ from model_fixtures import box_rows, write_shard
 from training_fixtures import stop_at
 from trial_fixtures import PARAMS, SIZE, SMALL, folders_in, trial_workplace
 
-from model.data import Dataset, Example
-from model.studies.generalisation import divide
-from model.studies.specular import measure_apart, specular_mask
-from model.training import Folders
+from model.data.reader import Dataset, Example
+from model.report.page import Places, write_report
+from model.studies.generalisation.study import divide
+from model.studies.trials.results import TrialsResult
+from model.studies.trials.specular import measure_apart, specular_mask
+from model.training.train import Folders
 from pipeline.cli import main
-from pipeline.report import Places, write_report
-from pipeline.report_trials import TrialsResult
 from scenes.checked import build
 from scenes.errors import InputError
 from scenes.files import digest_file, read_json

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 from light_fixtures import PARAMS, lit_workplace, room
 
-from model.data import Dataset, Example
-from model.inference import load_networks
-from model.studies import illumination
-from model.studies.light_compare import Lit, compare, direct_image, level
-from model.training import Folders
+from model.data.reader import Dataset, Example
+from model.evaluation.inference import load_networks
+from model.report.page import Places, write_report
+from model.studies.illumination import study
+from model.studies.illumination.compare import Lit, compare, direct_image, level
+from model.studies.illumination.results import LightResult
+from model.training.train import Folders
 from pipeline.cli import main
-from pipeline.pictures import png_facts, read_picture
-from pipeline.report import Places, write_report
-from pipeline.report_light import LightResult
+from pipeline.images import png_facts, read_picture
 from pipeline.views import CameraFile, load_cameras, save_cameras
 from scenes.checked import build
 from scenes.errors import InputError
@@ -59,13 +59,13 @@ def result_of(place: Folders) -> LightResult:
 def traced(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Names of the changes that are path traced, in turn."""
     names: list[str] = []
-    real = illumination._render
+    real = study._render
 
     def counted(opened: Any, case: Any, store: Any) -> None:
         names.append(case.name)
         real(opened, case, store)
 
-    monkeypatch.setattr(illumination, "_render", counted)
+    monkeypatch.setattr(study, "_render", counted)
     return names
 
 
@@ -107,14 +107,14 @@ def test_a_killed_study_goes_on(
     tmp_path: Path, place: Folders, traced: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     renders = str(tmp_path / "renders")
-    counted = illumination._render
+    counted = study._render
 
     def killed(opened: Any, case: Any, store: Any) -> None:
         if len(traced) == 3:
             raise KeyboardInterrupt
         counted(opened, case, store)
 
-    monkeypatch.setattr(illumination, "_render", killed)
+    monkeypatch.setattr(study, "_render", killed)
     assert run(place, "--views", "1", "--renders", renders) == 130
     first = list(traced)
     traced.clear()
@@ -125,7 +125,7 @@ def test_a_killed_study_goes_on(
     for half in left:
         half.parent.mkdir(parents=True, exist_ok=True)
         half.write_bytes(b"half")
-    monkeypatch.setattr(illumination, "_render", counted)
+    monkeypatch.setattr(study, "_render", counted)
     assert run(place, "--views", "1", "--renders", renders) == 0
     assert len(first) == 3 and len(traced) == 2 and not set(first) & set(traced)
     assert not any(half.exists() for half in left)

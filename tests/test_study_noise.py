@@ -18,18 +18,18 @@ from training_fixtures import stop_at
 from trial_fixtures import PARAMS as TRIALS
 from trial_fixtures import SIZE, SMALL, folders_in
 
-from model.backbone import make_backbone
-from model.data import IMAGES, Dataset
-from model.studies import noise
-from model.studies.noise import truths_of
-from model.studies.packs import Truth, pack
-from model.training import Folders, train_network
+from model.data.reader import IMAGES, Dataset
+from model.studies.noise import study
+from model.studies.noise.study import truths_of
+from model.studies.trials.packs import Truth, pack
+from model.studies.trials.results import TrialsResult
+from model.training.backbone import make_backbone
+from model.training.train import Folders, train_network
 from pipeline.cli import main
-from pipeline.denoise import denoise, guides
 from pipeline.frames import read_frame
 from pipeline.params import BackboneParams, ToneParams
-from pipeline.renderer import open_scene, set_variant
-from pipeline.report_trials import TrialsResult
+from pipeline.passes.denoise import denoise, guides
+from pipeline.render.scene import open_scene, set_variant
 from pipeline.tonemap import exposure_of
 from pipeline.views import load_cameras
 from scenes.checked import build, plain
@@ -194,7 +194,7 @@ def test_what_is_done_is_not_done_again(
     def refuse(*_: Any, **__: Any) -> None:
         raise AssertionError("rendered again")
 
-    monkeypatch.setattr(noise, "render_truths", refuse)
+    monkeypatch.setattr(study, "render_truths", refuse)
     shutil.rmtree(folders.data / "studies")  # to have the room back
     steps = stop_at(monkeypatch, 10**9)
     code, studies = run(folders)
@@ -215,13 +215,13 @@ def test_a_stopped_study_renders_only_what_is_missing(
     before = {path: path.read_bytes() for path in sorted(renders.rglob("*.exr"))}
     lost.unlink()
     traced: list[str] = []
-    real: Callable[..., Any] = noise.render_truths
+    real: Callable[..., Any] = study.render_truths
 
     def counted(scene: Any, view: Any, params: Any, seed: int) -> Any:
         traced.append(f"{view.scene_id}/{view.view_id} {params.groundtruth.spp}")
         return real(scene, view, params, seed)
 
-    monkeypatch.setattr(noise, "render_truths", counted)
+    monkeypatch.setattr(study, "render_truths", counted)
     assert run(folders)[0] == 0
     assert traced == ["room-2/v1 4"]
     pixels = [read_frame(lost), None]

@@ -17,16 +17,24 @@ import numpy as np
 import pytest
 from study_fixtures import answers_to, key_of, untrained, without, workplace, write
 
-from model.data import Dataset
-from model.evaluation import true_color
-from model.inference import load_networks
-from model.studies.answers import MAX_BYTES, Answers, Key, read_all, read_answers, read_key, score
-from model.studies.pairs import PRACTICE, Wish, alike, deal, make_pairs
-from model.training import Folders
+from model.data.reader import Dataset
+from model.evaluation.evaluate import true_color
+from model.evaluation.inference import load_networks
+from model.report.page import Places, write_report
+from model.studies.pairs.answers import (
+    MAX_BYTES,
+    Answers,
+    Key,
+    read_all,
+    read_answers,
+    read_key,
+    score,
+)
+from model.studies.pairs.page import PRACTICE, Wish, alike, deal, make_pairs
+from model.training.train import Folders
 from pipeline.cli import main
+from pipeline.images import read_picture
 from pipeline.params import Params
-from pipeline.pictures import read_picture
-from pipeline.report import Places, write_report
 from pipeline.tonemap import to_bytes
 from scenes.checked import plain
 from scenes.errors import InputError, ParameterError

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from model.studies.patterns import TILE, detail, grid
+from model.studies.trials.patterns import TILE, detail, grid
 from scenes.seeds import generator
 
 

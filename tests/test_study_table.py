@@ -11,15 +11,15 @@ import pytest
 from training_fixtures import stop_at
 from trial_fixtures import PARAMS, SMALL, folders_in, trial_workplace
 
-from model.data import Dataset
-from model.encoding import color_exposure
-from model.metrics import psnr
-from model.studies.comparisons import table_study
-from model.studies.trials import Wish, plan
-from model.training import Folders
+from model.data.encoding import color_exposure
+from model.data.reader import Dataset
+from model.evaluation.metrics import psnr
+from model.report.page import Places, write_report
+from model.studies.comparisons.study import table_study
+from model.studies.trials.plan import Wish, plan
+from model.studies.trials.results import TrialsResult
+from model.training.train import Folders
 from pipeline.cli import main
-from pipeline.report import Places, write_report
-from pipeline.report_trials import TrialsResult
 from pipeline.tonemap import tonemap
 from scenes.checked import build
 from scenes.errors import InputError

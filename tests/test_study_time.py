@@ -11,16 +11,16 @@ from typing import Any
 import pytest
 from light_fixtures import PARAMS, lit_workplace
 
-from model.studies import timing
+from model.figures.results import METHODS
+from model.report.page import Places, write_report
 from model.studies.renders import with_samples
-from model.studies.time_plot import time_figure
-from model.studies.timing import Outcome, _needs
-from model.training import Folders
+from model.studies.time import study
+from model.studies.time.plot import time_figure
+from model.studies.time.results import PAPER, Point, TimeResult, beaten_by, part_rows
+from model.studies.time.study import Outcome, _needs
+from model.training.train import Folders
 from pipeline.cli import main
-from pipeline.pictures import read_picture
-from pipeline.report import Places, write_report
-from pipeline.report_results import METHODS
-from pipeline.report_time import PAPER, Point, TimeResult, beaten_by, part_rows
+from pipeline.images import read_picture
 from scenes.checked import build
 from scenes.errors import InputError
 
@@ -95,7 +95,7 @@ def test_the_study_from_end_to_end_and_again(
     def refuse(*_: Any, **__: Any) -> None:
         raise AssertionError("the reference was there")
 
-    monkeypatch.setattr(timing.Renders, "render", refuse)
+    monkeypatch.setattr(study.Renders, "render", refuse)
     assert run(place, *asked) == 0
 
     metrics = tmp_path / "metrics"
@@ -149,7 +149,7 @@ def test_medians_of_turns_and_means_of_views() -> None:
         Outcome({"shading": [1.0, 9.0, 2.0], "composition": [1.0, 1.0, 1.0]}, {}, 0.1),
         Outcome({"shading": [4.0, 4.0, 7.0], "composition": [3.0, 3.0, 3.0]}, {}, 0.1),
     ]
-    spent = timing._parts(outcomes)["shading"]
+    spent = study._parts(outcomes)["shading"]
     assert (spent.seconds, spent.low, spent.high) == (3.0, 2.5, 8.0)
 
 

@@ -17,28 +17,28 @@ from model_fixtures import box_rows, write_shard
 from training_fixtures import Killed, stop_at
 from trial_fixtures import PARAMS, SIZE, TRAIN, folders_in, trial_workplace
 
-from model import training
 from model.baselines.end_to_end import EndToEnd
-from model.data import Dataset
-from model.evaluation import LeakError
+from model.data.reader import Dataset
+from model.evaluation.evaluate import LeakError
 from model.methods import build_network
-from model.networks import Architecture
-from model.store import load_model
-from model.studies.comparisons import (
+from model.networks.pbrnet import Architecture
+from model.report.page import Places, write_report
+from model.studies.comparisons.study import (
     compare,
     composition_study,
     decomposition_study,
     loss_study,
 )
-from model.studies.curve import power_law, promises
-from model.studies.trial_scores import Scored, busiest, figures
-from model.studies.trials import Wish, plan, subset
-from model.training import Folders, train_network
+from model.studies.trials.curve import power_law, promises
+from model.studies.trials.plan import Wish, plan, subset
+from model.studies.trials.results import TrialsFigure, TrialsResult, TrialsRow
+from model.studies.trials.scores import Scored, busiest, figures
+from model.training import train
+from model.training.store import load_model
+from model.training.train import Folders, train_network
 from pipeline.cli import main
+from pipeline.images import read_picture
 from pipeline.params import Params
-from pipeline.pictures import read_picture
-from pipeline.report import Places, write_report
-from pipeline.report_trials import TrialsFigure, TrialsResult, TrialsRow
 from scenes.checked import build, plain
 from scenes.errors import InputError, ParameterError
 from scenes.files import read_json
@@ -49,7 +49,7 @@ QUICK = Wish(steps=2)
 @pytest.fixture(autouse=True)
 def _one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     """Networks this small only wait for one another on two."""
-    monkeypatch.setattr(training.os, "sched_getaffinity", lambda _process: {0})
+    monkeypatch.setattr(train.os, "sched_getaffinity", lambda _process: {0})
 
 
 @pytest.fixture(scope="module")

@@ -15,28 +15,28 @@ from shapely.geometry import Point
 
 from scenes.contract import Scene
 from scenes.files import digest_folder
-from scenes.mitsuba_source.changes import Changes
-from scenes.mitsuba_source.rays import RayCaster
+from scenes.formats.obj_parts import read_mtl, read_obj
+from scenes.importing.categories import category_of, room_type
+from scenes.importing.changes import Changes
 from scenes.photometry import LUMEN
+from scenes.reconstruction.raycast import RayCaster
 from scenes.registry import import_scene
-from scenes.sweethome.categories import category_of, room_type
+from scenes.sweethome.building.cutouts import path_region
+from scenes.sweethome.building.levels import storeys
+from scenes.sweethome.building.openings import opening_of
+from scenes.sweethome.building.outlines import joined, unjoined
+from scenes.sweethome.building.slabs import CeilingHeights, build_slabs, stairwells
+from scenes.sweethome.building.spaces import find_spaces
+from scenes.sweethome.building.walls import build_walls, plan_walls
 from scenes.sweethome.credits import licence_in
-from scenes.sweethome.finishes import earthen, laid, paint_of, roughness_of
+from scenes.sweethome.furnishing.finishes import earthen, laid, paint_of, roughness_of
+from scenes.sweethome.furnishing.lamps import lumens_of
+from scenes.sweethome.furnishing.placement import normalizing, placing
 from scenes.sweethome.home import Bulb, Home, Piece, Texture, Wall
 from scenes.sweethome.home import Surface as Side
-from scenes.sweethome.lamps import lumens_of
-from scenes.sweethome.obj import read_mtl, read_obj
-from scenes.sweethome.openings import opening_of
-from scenes.sweethome.outlines import joined, unjoined
-from scenes.sweethome.paths import path_region
-from scenes.sweethome.placement import normalizing, placing
 from scenes.sweethome.reader import read_home
-from scenes.sweethome.slabs import CeilingHeights, build_slabs, stairwells
-from scenes.sweethome.spaces import find_spaces
-from scenes.sweethome.storeys import storeys
 from scenes.sweethome.sun import make_sky, sun_position
 from scenes.sweethome.views import stored_cameras
-from scenes.sweethome.walls import build_walls, plan_walls
 
 MARK = np.array([2.0, 1.0, 4.0])  # the box's right, upper, front corner
 HAIR = 0.002  # metres by which pieces may stand above their place

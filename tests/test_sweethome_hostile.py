@@ -16,11 +16,11 @@ import sweethome_fixtures as draw
 
 from scenes.contract import Scene
 from scenes.errors import InputError, ParameterError
+from scenes.formats.archive import HomeArchive
+from scenes.formats.model_parts import UnreadableModel
+from scenes.formats.obj_parts import read_obj
 from scenes.registry import import_scene
-from scenes.sweethome.archive import HomeArchive
-from scenes.sweethome.model_parts import UnreadableModel
-from scenes.sweethome.obj import read_obj
-from scenes.sweethome.paths import UnreadablePath, path_region
+from scenes.sweethome.building.cutouts import UnreadablePath, path_region
 
 SECONDS = 10.0
 

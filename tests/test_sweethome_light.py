@@ -11,13 +11,13 @@ import pytest
 import sweethome_fixtures as draw
 from shapely.geometry import Polygon
 
-from pipeline.renderer import set_variant
+from pipeline.render.scene import set_variant
 from scenes.contract import Scene
-from scenes.mitsuba_source.meshes import Mesh
-from scenes.mitsuba_source.writer import write_ply
+from scenes.geometry.mesh import Mesh
+from scenes.importing.writer import write_ply
 from scenes.photometry import LUMEN
 from scenes.registry import import_scene
-from scenes.sweethome.slabs import triangulated
+from scenes.sweethome.building.slabs import triangulated
 
 SIDE = 24  # pixels
 

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import sweethome_fixtures as draw
 
-from scenes.mitsuba_source.changes import Changes
-from scenes.mitsuba_source.meshes import face_areas
+from scenes.formats.archive import HomeArchive
+from scenes.formats.collada import read_dae
+from scenes.formats.max3ds import read_3ds
+from scenes.formats.model_parts import Model, UnreadableModel
+from scenes.geometry.mesh import face_areas
+from scenes.importing.changes import Changes
 from scenes.registry import import_scene
-from scenes.sweethome.archive import HomeArchive
-from scenes.sweethome.dae import read_dae
-from scenes.sweethome.max3ds import read_3ds
-from scenes.sweethome.model_parts import Model, UnreadableModel
-from scenes.sweethome.models import read_model
+from scenes.sweethome.furnishing.models import read_model
 
 UP = {
     "Y_UP": files.POINTS,

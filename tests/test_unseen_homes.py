@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import sweethome_fixtures as draw
 
-from pipeline.leaks import find_leaks
-from pipeline.renderer import open_scene, set_variant
+from pipeline.render.leaks import find_leaks
+from pipeline.render.scene import open_scene, set_variant
 from scenes.contract import Scene
 from scenes.registry import import_scene
 

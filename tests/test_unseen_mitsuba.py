@@ -13,8 +13,8 @@ import OpenEXR
 import pytest
 from PIL import Image
 
-from pipeline.leaks import find_leaks
-from pipeline.renderer import open_scene, set_variant
+from pipeline.render.leaks import find_leaks
+from pipeline.render.scene import open_scene, set_variant
 from scenes.contract import Scene
 from scenes.errors import InputError
 from scenes.registry import import_scene

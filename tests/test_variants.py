@@ -14,11 +14,11 @@ from click.testing import CliRunner
 
 from pipeline.cli import cli
 from pipeline.params import load_params
-from pipeline.renderer import set_variant
-from pipeline.stages import run_scenes
+from pipeline.render.scene import set_variant
+from pipeline.stages.stages import run_scenes
 from scenes.contract import Scene, load_scene
 from scenes.files import digest_folder
-from scenes.mitsuba_source.meshes import Mesh, face_areas, read_ply
+from scenes.geometry.mesh import Mesh, face_areas, read_ply
 from scenes.params import SceneParams
 from scenes.photometry import REC709, blackbody
 from scenes.procedural.patterns import has_pattern

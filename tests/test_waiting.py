@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.estimates import estimator
-from pipeline.ledger import Ledger, read_ledger
-from pipeline.waiting import Item, Waiting
+from pipeline.costs.estimates import estimator
+from pipeline.costs.ledger import Ledger, read_ledger
+from pipeline.farm.scheduling import Item, Waiting
 
 
 def _makespan(items: list[Item], seconds: dict[str, float], workers: int, opening: float) -> float:

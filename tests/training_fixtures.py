@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from model import loop
+from model.training import loop
 
 
 class Killed(BaseException):

@@ -8,8 +8,8 @@ from pathlib import Path
 import yaml
 from model_fixtures import box_rows, write_shard
 
-from model.backbone import make_backbone
-from model.training import Folders
+from model.training.backbone import make_backbone
+from model.training.train import Folders
 from pipeline.params import BackboneParams, Params, StageTrainParams, TrainParams
 from scenes.checked import plain
 

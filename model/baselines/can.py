@@ -14,9 +14,9 @@ from torch import nn
 from torch.nn import functional
 
 from model.baselines.layers import BatchNorm, Stack
-from model.encoding import Tensors
-from model.networks import Architecture
-from model.objective import Paired, Setting
+from model.data.encoding import Tensors
+from model.networks.objective import Paired, Setting
+from model.networks.pbrnet import Architecture
 
 LEAK = 0.2
 

@@ -22,19 +22,11 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from model.baselines.layers import (
-    IMAGES,
-    STACKED,
-    InstanceNorm,
-    display,
-    gaussian,
-    padded,
-    stacked,
-)
+from model.baselines.layers import IMAGES, STACKED, InstanceNorm, display, gaussian, padded, stacked
 from model.baselines.pix2pix import PatchDiscriminator
-from model.encoding import CHANNELS, Tensors, centred
-from model.networks import Architecture
-from model.objective import Batch, Objective, Setting
+from model.data.encoding import CHANNELS, Tensors, centred
+from model.networks.objective import Batch, Objective, Setting
+from model.networks.pbrnet import Architecture
 
 CYCLE, IDENTITY = 10.0, 5.0
 HISTORY = 50  # images

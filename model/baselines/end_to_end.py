@@ -10,8 +10,8 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from model.encoding import Tensors
-from model.networks import Architecture, composition_network, shading_network
+from model.data.encoding import Tensors
+from model.networks.pbrnet import Architecture, composition_network, shading_network
 
 
 class EndToEnd(nn.Module):

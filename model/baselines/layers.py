@@ -6,8 +6,8 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from model.encoding import CHANNELS, Tensors
-from model.networks import NormalPanorama, Panorama, log_panorama
+from model.data.encoding import CHANNELS, Tensors
+from model.networks.pbrnet import NormalPanorama, Panorama, log_panorama
 
 IMAGES = ("depth", "normal", "reflectance")
 STACKED = sum(CHANNELS.values())  # channels of `stacked`

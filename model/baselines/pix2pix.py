@@ -18,18 +18,10 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from model.baselines.layers import (
-    STACKED,
-    BatchNorm,
-    Stack,
-    display,
-    gaussian,
-    padded,
-    stacked,
-)
-from model.encoding import Tensors, centred
-from model.networks import Architecture
-from model.objective import Batch, Objective, Setting
+from model.baselines.layers import STACKED, BatchNorm, Stack, display, gaussian, padded, stacked
+from model.data.encoding import Tensors, centred
+from model.networks.objective import Batch, Objective, Setting
+from model.networks.pbrnet import Architecture
 
 WIDEST = 8  # filters double up to so many times the first layer's
 DROPPING = 3  # of the decoder's layers, from the bottleneck on

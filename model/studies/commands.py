@@ -7,17 +7,18 @@ from typing import Any
 
 import click
 
-from model.evaluation import METHODS
+from model.evaluation.evaluate import METHODS
 from model.options import FILE, models_option
-from model.studies import light_commands, time_command
-from model.studies.answers import MAX_PAIRS, read_all, read_key, score
-from model.studies.flicker_command import flicker
-from model.studies.pairs import Made, Wish, key_beside, make_pairs
-from model.studies.trial_commands import register
-from model.training import Folders
-from pipeline.options import common_options
+from model.studies.comparisons.command import register
+from model.studies.flicker.command import flicker
+from model.studies.illumination import command
+from model.studies.pairs.answers import MAX_PAIRS, read_all, read_key, score
+from model.studies.pairs.page import Made, Wish, key_beside, make_pairs
+from model.studies.pairs.results import PairsResult, interval, percent
+from model.studies.time import command as time_command
+from model.training.train import Folders
+from pipeline.commands.options import common_options
 from pipeline.params import Params
-from pipeline.report_studies import PairsResult, interval, percent
 from scenes.checked import plain
 from scenes.files import write_json
 
@@ -36,7 +37,7 @@ def study() -> None:
     """Repeat one of the paper's studies on your own networks."""
 
 
-study.add_command(light_commands.illumination)
+study.add_command(command.illumination)
 study.add_command(time_command.study_time_command)
 register(study)
 study.add_command(flicker)

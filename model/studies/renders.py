@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from model.data import Array, Dataset, Example
+from model.data.reader import Array, Dataset, Example
 from pipeline.frames import Channels, Frame, Kind, frame_path, holds, read_frame, write_frame
-from pipeline.illumination import render_illumination
 from pipeline.params import Params
-from pipeline.passes import TRUTHS, camera_of, frame_fingerprint, pass_seed, render_truths
-from pipeline.renderer import RenderScene, renderer_version
+from pipeline.passes.illumination import render_illumination
+from pipeline.passes.registry import TRUTHS, camera_of, frame_fingerprint, pass_seed, render_truths
+from pipeline.render.scene import RenderScene, renderer_version
 from pipeline.views import View, load_cameras
 from scenes.contract import Scene, load_scene
 from scenes.errors import InputError

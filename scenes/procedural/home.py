@@ -13,6 +13,8 @@ import numpy as np
 from scenes.contract import Credit, Light, Room, Scene, SceneObject, save_scene, writing_scene
 from scenes.params import Aspect, SceneParams
 from scenes.procedural.finishes import make_finishes
+from scenes.procedural.furnishing.asset_sampler import Shop, open_stock
+from scenes.procedural.furnishing.placement import furnish
 from scenes.procedural.furniture.style import make_style
 from scenes.procedural.lighting import (
     Sky,
@@ -28,12 +30,10 @@ from scenes.procedural.materials import MaterialLibrary
 from scenes.procedural.outdoors import build_outdoors
 from scenes.procedural.piece import Credit as Bought
 from scenes.procedural.piece import Part
-from scenes.procedural.placement import furnish
 from scenes.procedural.plan import Plan, make_plan
 from scenes.procedural.ply import write_ply
-from scenes.procedural.shop import Shop, open_stock
+from scenes.procedural.scene_item import Thing
 from scenes.procedural.structure import build_structure
-from scenes.procedural.thing import Thing
 from scenes.seeds import generator
 
 EYE = 1.55  # metres; of the sensor in scene.xml

@@ -11,7 +11,7 @@ import numpy as np
 from scenes.contract import Light
 from scenes.photometry import LUMEN, lamp_radiance
 from scenes.procedural.piece import Part
-from scenes.procedural.thing import Thing
+from scenes.procedural.scene_item import Thing
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from scenes.procedural.furniture.style import tone
 from scenes.procedural.patterns import noise
 from scenes.procedural.piece import Material
 from scenes.procedural.plan import Plan
-from scenes.procedural.thing import Thing, part_of
+from scenes.procedural.scene_item import Thing, part_of
 
 LAWN = 70.0  # metres of grass to each side
 REACH = 2500.0  # metres of ground to each side; beyond, the horizon

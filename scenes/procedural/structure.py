@@ -20,7 +20,7 @@ from scenes.procedural.finishes import Finishes, RoomFinish
 from scenes.procedural.furniture.geometry import Mesh, bar, cylinder, merge, prism, span
 from scenes.procedural.piece import Material, Part
 from scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
-from scenes.procedural.thing import Thing, part_of
+from scenes.procedural.scene_item import Thing, part_of
 
 EMBED = 0.02  # metres that walls reach into the slabs below and above
 LAP = 0.005  # metres that faces overlap in inner corners

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 
 from scenes.contract import Credit
-from scenes.mitsuba_source.changes import Changes
-from scenes.sweethome.archive import HomeArchive
+from scenes.formats.archive import HomeArchive
+from scenes.formats.model_parts import Model
+from scenes.importing.changes import Changes
 from scenes.sweethome.home import Home, Texture
-from scenes.sweethome.model_parts import Model
 
 _COMMONS = re.compile(
     r"creativecommons\.org/(?P<kind>licenses|publicdomain)/(?P<terms>[a-z-]+)/(?P<version>\d\.\d)"

@@ -12,7 +12,7 @@ from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
 from scenes.errors import InputError
-from scenes.mitsuba_source.changes import Changes
+from scenes.importing.changes import Changes
 from scenes.sweethome.home import (
     Baseboard,
     Bulb,

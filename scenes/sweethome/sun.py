@@ -14,8 +14,8 @@ from zoneinfo import ZoneInfo
 
 from scenes.contract import Light
 from scenes.errors import ParameterError
-from scenes.mitsuba_source.changes import Changes
-from scenes.mitsuba_source.elements import number, plugin, prop
+from scenes.importing.changes import Changes
+from scenes.importing.xml_elements import number, plugin, prop
 from scenes.photometry import LUMEN
 from scenes.sweethome.home import Home
 

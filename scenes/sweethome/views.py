@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from scenes.contract import Room
-from scenes.mitsuba_source.changes import Changes
-from scenes.mitsuba_source.meshes import Floats
+from scenes.geometry.mesh import Floats
+from scenes.importing.changes import Changes
 from scenes.sweethome.home import Home, StoredCamera
 
 _MAX_CAMERAS = 64

@@ -10,11 +10,11 @@ from xml.etree.ElementTree import Element, ElementTree, indent
 import numpy as np
 
 from scenes.contract import Point3, SceneObject
-from scenes.mitsuba_source.elements import number, plugin, prop
-from scenes.mitsuba_source.writer import sensor_element, write_ply
-from scenes.sweethome.finishes import Finishes
+from scenes.importing.writer import sensor_element, write_ply
+from scenes.importing.xml_elements import number, plugin, prop
+from scenes.sweethome.furnishing.finishes import Finishes
+from scenes.sweethome.furnishing.items import Part, Thing
 from scenes.sweethome.sun import Sky
-from scenes.sweethome.things import Part, Thing
 from scenes.sweethome.views import Camera
 
 _MAX_DEPTH = 11

@@ -14,9 +14,9 @@ import shapely
 from shapely.geometry import Polygon
 
 from scenes.contract import Room, Scene, SceneObject
-from scenes.mitsuba_source.elements import prop
-from scenes.mitsuba_source.meshes import Floats, Mesh, face_areas, read_ply
-from scenes.mitsuba_source.writer import write_ply
+from scenes.geometry.mesh import Floats, Mesh, face_areas, read_ply
+from scenes.importing.writer import write_ply
+from scenes.importing.xml_elements import prop
 from scenes.procedural.finishes import Finishes, RoomFinish, make_finishes
 from scenes.procedural.furniture.style import Style, make_style
 from scenes.procedural.materials import MaterialLibrary

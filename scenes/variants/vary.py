@@ -12,9 +12,9 @@ import numpy as np
 
 from scenes.contract import Scene, SceneObject, load_scene, save_scene, writing_scene
 from scenes.files import copy_files
-from scenes.mitsuba_source.elements import plugin
-from scenes.mitsuba_source.outdoors import ground
-from scenes.mitsuba_source.writer import write_ply
+from scenes.importing.daylight import ground
+from scenes.importing.writer import write_ply
+from scenes.importing.xml_elements import plugin
 from scenes.params import SceneParams
 from scenes.variants.refinish import refinish
 from scenes.variants.relight import relight

@@ -8,16 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.geometry import (
-    Mesh,
-    bar,
-    box,
-    cylinder,
-    lathe,
-    post,
-    span,
-    tube,
-)
+from scenes.procedural.furniture.geometry import Mesh, bar, box, cylinder, lathe, post, span, tube
 from scenes.procedural.furniture.style import Style
 from scenes.procedural.piece import Material
 

@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.cabinets import (
-    BOARD,
-    add_drawer,
-    carcass,
-    feet,
-    leg_material,
-)
+from scenes.procedural.furniture.cabinets import BOARD, add_drawer, carcass, feet, leg_material
 from scenes.procedural.furniture.geometry import (
     box,
     cylinder,

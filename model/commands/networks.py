@@ -1,0 +1,311 @@
+"""`pbrnet backbone`, `train`, `evaluate`, `pretrained`, `reference` and `export`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from model.evaluation import evaluate as evaluation
+from model.evaluation import reference as kept
+from model.evaluation.inference import PREDICTABLE, load_networks, needed
+from model.evaluation.metrics import NAMES
+from model.methods import BASELINES, METHODS
+from model.options import FILE, FOLDER, found_models_option, models_option
+from model.release.onnx_export import INPUTS, export_onnx
+from model.release.pretrained import find_models, pack
+from model.training.backbone import make_backbone
+from model.training.train import Folders, train_network
+from pipeline.commands.options import common_options
+from pipeline.params import Params
+from scenes.files import atomic_file, write_json
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet backbone                      VGG-19 if its weights are here, else EfficientNet-Lite0
+  pbrnet backbone --models /tmp/other  write it elsewhere
+
+params.yaml, section backbone: `network`, `weights` (a VGG-19 file with torchvision's names),
+`download` (whether VGG-19 may be fetched)."""
+)
+@models_option("Where backbone.safetensors and backbone.json go.")
+@common_options
+def backbone(params: Params, data: Path, models: Path) -> None:
+    """Get the pretrained features that the perceptual loss compares."""
+    card = make_backbone(params.backbone, models)
+    click.echo(f"backbone: {card.network} from {card.source}, in {models}")
+
+
+@click.group(
+    epilog="""\b
+Examples:
+  pbrnet train shading                 first stage
+  pbrnet train composition             second stage, on the fixed shading network
+  pbrnet train baselines               those they are compared with
+  pbrnet train pix2pix                 one of those, trained with our loss
+  pbrnet train pix2pix_own             and with its paper's
+  pbrnet train shading --data data/room --models models/room \\
+      --from models/shading.safetensors      fine-tune on another dataset
+
+A training that was stopped goes on from its last checkpoint when started again."""
+)
+def train() -> None:
+    """Train a network; each has its own section in params.yaml, train.NAME."""
+
+
+def _train_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    for option in (
+        click.option(
+            "--from",
+            "start",
+            type=FILE,
+            default=None,
+            metavar="MODEL",
+            help="Start from this model's weights (fine-tuning) instead of random ones.",
+        ),
+        click.option(
+            "--backbone",
+            "backbone_folder",
+            type=FOLDER,
+            default=Path("models"),
+            show_default=True,
+            help="Folder with the perceptual loss's backbone.",
+        ),
+        models_option("Where models are read and written; metrics and plots go along."),
+    ):
+        command = option(command)
+    return common_options(command)
+
+
+def _train(
+    name: str, params: Params, data: Path, models: Path, backbone: Path, start: Path | None
+) -> None:
+    folders = Folders.beside(data, models, backbone)
+    card = train_network(name, params, folders, start)
+    loss = card.metrics["validation_loss"]
+    seen = "" if loss is None else f", validation loss {loss:.2f}"
+    click.echo(f"{models}/{name}.safetensors: {card.parameters / 1e6:.2f} M parameters{seen}")
+
+
+@train.command("shading", epilog="Example: pbrnet train shading --seed 3")
+@_train_options
+def train_shading(
+    params: Params, data: Path, models: Path, backbone_folder: Path, start: Path | None
+) -> None:
+    """First stage: shading from depth, normal and panorama."""
+    _train("shading", params, data, models, backbone_folder, start)
+
+
+@train.command("composition", epilog="Example: pbrnet train composition")
+@_train_options
+def train_composition(
+    params: Params, data: Path, models: Path, backbone_folder: Path, start: Path | None
+) -> None:
+    """Second stage: colour from the fixed network's shading and reflectance."""
+    _train("composition", params, data, models, backbone_folder, start)
+
+
+def _baseline_command(name: str) -> click.Command:
+    @train.command(
+        name, help=f"Baseline: {METHODS[name].title}.", epilog=f"Example: pbrnet train {name}"
+    )
+    @_train_options
+    def command(
+        params: Params, data: Path, models: Path, backbone_folder: Path, start: Path | None
+    ) -> None:
+        _train(name, params, data, models, backbone_folder, start)
+
+    return command
+
+
+for _name in BASELINES:
+    _baseline_command(_name)
+
+
+@train.command(
+    "baselines",
+    epilog="""\b
+Examples:
+  pbrnet train baselines               those that params.yaml names: train.baselines
+  dvc repro train_baselines            the same, each only if it is out of date""",
+)
+@_train_options
+def train_baselines(
+    params: Params, data: Path, models: Path, backbone_folder: Path, start: Path | None
+) -> None:
+    """Every network of train.baselines, one after the other."""
+    if start is not None and len(params.train.baselines) > 1:
+        raise click.UsageError("--from fits one network; train the baselines one by one")
+    for name in params.train.baselines:
+        _train(name, params, data, models, backbone_folder, start)
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet evaluate                      the split that params.yaml names (evaluate.split)
+  pbrnet evaluate --models models/room --data data/room
+
+Refused if a test scene, or another scene of its floor plan, was trained on.""",
+)
+@models_option()
+@common_options
+def evaluate(params: Params, data: Path, models: Path) -> None:
+    """Measure the networks beside reflectance x shading and every baseline that is trained."""
+    result = evaluation.evaluate(params, Folders.beside(data, models, models))
+    click.echo(f"{result['views']} views of {result['scenes']} {result['split']} scenes")
+    for method in evaluation.METHODS:
+        if method in result["methods"]:
+            click.echo(_line(method, result["methods"][method]))
+
+
+def _line(method: str, values: dict[str, Any]) -> str:
+    parts = []
+    for name in NAMES:
+        if values[name] is not None:
+            low, high = values[name]["low"], values[name]["high"]
+            around = "" if low is None else f" ({low:.3f} to {high:.3f})"
+            parts.append(f"{name.upper()} {values[name]['mean']:.3f}{around}")
+    return f"{method:>14}: {', '.join(parts)}"
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet pretrained                        the two networks of models/, to weights/
+  pbrnet pretrained --method plus --method hybrid     other methods' networks
+  pbrnet pretrained --from models/room --out /tmp/room --metrics models/room
+
+Each network is stored in half precision with its card, and a README.md says what it was trained
+on, under which licences, and how good it is. Refused if pictures would change visibly or the
+folder would exceed 16 MB. `pbrnet predict` uses weights/ where models/ has no networks."""
+)
+@click.option(
+    "--from",
+    "source",
+    type=FOLDER,
+    default=Path("models"),
+    show_default=True,
+    help="Trained networks.",
+)
+@click.option(
+    "--out",
+    type=FOLDER,
+    default=Path("weights"),
+    show_default=True,
+    help="Folder to write; packed networks in it are replaced.",
+)
+@click.option(
+    "--method",
+    "methods",
+    type=click.Choice(PREDICTABLE),
+    multiple=True,
+    default=["pbrnet"],
+    show_default=True,
+    help="Whose networks, again for each.",
+)
+@click.option(
+    "--metrics",
+    type=FOLDER,
+    default=Path("metrics"),
+    show_default=True,
+    help="Folder with evaluation.json, for the card.",
+)
+@common_options
+def pretrained(
+    params: Params, data: Path, source: Path, out: Path, methods: tuple[str, ...], metrics: Path
+) -> None:
+    """Pack trained networks to be passed on: small, checked, with a model card."""
+    for difference in pack(source, out, methods, data, metrics):
+        click.echo(
+            f"{', '.join(needed(difference.method))}: on {difference.views} views pictures "
+            f"differ by at most {difference.worst:.5f}, on average by {difference.mean:.6f}"
+        )
+    size = sum(file.stat().st_size for file in out.iterdir()) / 1e6
+    click.echo(f"{out}: {size:.1f} MB")
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet reference                                      metrics/reference.json
+  pbrnet reference --sheet best-to-worst.png --method plus --method hybrid
+  python -c "import json; print(json.load(open('metrics/reference.json'))['methods']['plus'])"
+
+Takes what `pbrnet evaluate` wrote beside the models, and the dataset's pictures for the sheet:
+a row a view from the first method's best to its worst, the truth on the left."""
+)
+@models_option("Trained networks.")
+@click.option(
+    "--out",
+    type=FILE,
+    default=None,
+    help="JSON to write.  [default: reference.json beside evaluation.json]",
+)
+@click.option("--sheet", type=FILE, default=None, metavar="FILE", help="PNG to draw too.")
+@click.option(
+    "--method",
+    "methods",
+    type=click.Choice(evaluation.METHODS),
+    multiple=True,
+    default=["pbrnet"],
+    show_default=True,
+    help="A column of the sheet, again for each.",
+)
+@click.option(
+    "--views", type=click.IntRange(1, 100), default=8, show_default=True, help="Rows of the sheet."
+)
+@common_options
+def reference(
+    params: Params,
+    data: Path,
+    models: Path,
+    out: Path | None,
+    sheet: Path | None,
+    methods: tuple[str, ...],
+    views: int,
+) -> None:
+    """Keep what a run found: every method's figures in one flat file, and a sheet of pictures."""
+    folders = Folders.beside(data, models, models)
+    target = out or folders.metrics / "reference.json"
+    write_json(target, kept.summary(params, folders))
+    click.echo(f"{target}: written")
+    if sheet is not None:
+        picture = kept.sheet(params, folders, methods, views)
+        with atomic_file(sheet) as partial:
+            partial.write_bytes(picture)
+        click.echo(f"{sheet}: written")
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet export --onnx model.onnx
+  pbrnet export --method plus --onnx plus.onnx
+  python examples/consume/with_onnx.py model.onnx data/dataset
+  python examples/onnx_predict.py model.onnx data/inputs/S/V.exr data/illumination/S/V.exr
+
+The file takes the dataset's columns as they are, at any size, and gives shading and colour as
+display values. Needs the extra packages: pip install 'pbrnet[onnx]'"""
+)
+@click.option("--onnx", "out", type=FILE, required=True, metavar="FILE", help="ONNX to write.")
+@click.option(
+    "--method",
+    type=click.Choice(("pbrnet", "plus")),
+    default="pbrnet",
+    show_default=True,
+    help="Whose networks.",
+)
+@found_models_option()
+@common_options
+def export(params: Params, data: Path, models: Path | None, method: str, out: Path) -> None:
+    """Write a method's trained networks as one file for other programs."""
+    found = find_models(models, method)
+    export_onnx(load_networks(found.folder, [method]), out)
+    names = ", ".join((*INPUTS, "K") if method == "plus" else INPUTS)
+    click.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {names} to shading, color")
+    click.echo(f"{method}, networks from {found.words}")

@@ -1,0 +1,1 @@
+"""Dataset reader and encoding of the networks' inputs."""

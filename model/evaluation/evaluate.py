@@ -1,0 +1,326 @@
+"""The evaluate stage: how near the networks come to the renderer on scenes they never saw."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import mean
+from typing import Any
+
+import numpy as np
+import torch
+
+from model.data.encoding import color_exposure
+from model.data.reader import Array, Dataset, Example
+from model.evaluation.inference import PREDICTABLE, PRODUCTS, Networks, load_networks
+from model.evaluation.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
+from model.methods import BASELINES, trained_baselines
+from model.methods import METHODS as TRAINED
+from model.training.store import ModelCard
+from model.training.train import Folders
+from pipeline.costs.ledger import read_ledger
+from pipeline.images import error_picture, png_bytes
+from pipeline.params import Params
+from pipeline.progress import Progress
+from pipeline.tonemap import to_bytes, tonemap
+from scenes.checked import plain
+from scenes.errors import InputError
+from scenes.files import atomic_directory, write_json, write_text
+from scenes.seeds import derive
+
+METHODS = (*PREDICTABLE, "denoised", "ceiling")
+EXAMPLES = 4  # best and as many worst views are drawn
+RENDERER_STAGES = (
+    "groundtruth",
+    "color",
+    "shading",
+    "noisy",
+    "inputs",
+    "illumination",
+    "visibility",
+)
+
+
+class LeakError(InputError):
+    """A network would be tested on what it was trained on."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """A row of `evaluation.csv`."""
+
+    scene_id: str
+    view_id: str
+    method: str
+    values: dict[str, float | None]  # by metric
+
+
+def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
+    """Measure every method on the split; write `evaluation.json`, `.csv` and example pictures.
+
+    Methods: `pbrnet` (both networks), `product` (reflectance x predicted shading) by Reinhard's
+    operator and `product_linear`, every baseline of the registry that has been trained, beside
+    one that takes noisy samples `denoised`, what the denoiser alone makes of them, and
+    `ceiling` (reflectance x true shading), the best that `product` can do. Raises `InputError` if
+    a baseline that `train.baselines` names is missing, `LeakError` if a scene, or another scene of
+    its plan, was trained on.
+    """
+    torch.set_num_threads(len(os.sched_getaffinity(0)))
+    networks, dataset = open_split(params, folders, _baselines(params, folders.models))
+    lpips = find_lpips()
+    scores: list[Score] = []
+    with Progress(len(dataset), "evaluate") as progress:
+        if lpips is None:
+            progress.write("evaluate: without LPIPS, whose weights are not on this machine")
+        for example in dataset.ordered():
+            truth = true_color(example, networks)
+            for method, image in _images(example, networks).items():
+                if method in METHODS:
+                    values = measure(truth, image, lpips)
+                    scores.append(Score(example.scene_id, example.view_id, method, values))
+            progress.advance()
+
+    ranked = sorted(
+        (score for score in scores if score.method == "pbrnet"),
+        key=lambda score: (score.values["flip"], score.scene_id, score.view_id),
+    )
+    best, worst = ranked[:EXAMPLES], ranked[EXAMPLES:][-EXAMPLES:][::-1]
+    seconds = time_networks(dataset, networks, params.evaluate.timing_views)
+    seconds |= sampling_seconds(folders.data, scores)
+    result = {
+        "split": params.evaluate.split,
+        "views": len(dataset),
+        "scenes": len({score.scene_id for score in scores}),
+        "backbone": networks.card.backbone["network"],
+        "exposure": networks.card.exposure,
+        "methods": _methods(scores, seconds, params.seed),
+        "kept_back": _kept_back(dataset, scores, seconds, params),
+        "timing": {**seconds, **renderer_seconds(folders.data, scores)},
+        "examples": {
+            "best": [[score.scene_id, score.view_id] for score in best],
+            "worst": [[score.scene_id, score.view_id] for score in worst],
+        },
+    }
+    _draw_examples(folders.metrics / "examples", dataset, networks, [*best, *worst])
+    _write_scores(folders.metrics / "evaluation.csv", scores)
+    write_json(folders.metrics / "evaluation.json", result)
+    return result
+
+
+def _methods(scores: Sequence[Score], seconds: dict[str, float], seed: int) -> dict[str, Any]:
+    """Every method's figures: metrics with their intervals, and seconds an image."""
+    return {
+        method: {
+            **_summary([score for score in scores if score.method == method], seed),
+            "seconds": _method_seconds(method, seconds),
+        }
+        for method in METHODS
+        if any(score.method == method for score in scores)
+    }
+
+
+def _kept_back(
+    dataset: Dataset, scores: Sequence[Score], seconds: dict[str, float], params: Params
+) -> dict[str, Any] | None:
+    """The same of the scenes that `dataset.splits.test_only` names alone: how well the networks
+    do on sources that training never saw. None where it names none of them."""
+    known = dataset.plans()
+    plans = {score.scene_id: known.get(score.scene_id, score.scene_id) for score in scores}
+    kept_back = params.dataset.splits.kept_back(plans)
+    theirs = [score for score in scores if plans[score.scene_id] in kept_back]
+    if not theirs:
+        return None
+    return {
+        "views": len({(score.scene_id, score.view_id) for score in theirs}),
+        "scenes": len({score.scene_id for score in theirs}),
+        "methods": _methods(theirs, seconds, params.seed),
+    }
+
+
+def open_split(
+    params: Params, folders: Folders, baselines: Sequence[str]
+) -> tuple[Networks, Dataset]:
+    """The networks, these baselines and the split they are measured on.
+
+    Raises `LeakError` as `refuse_leaks` does, `InputError` if a network is missing or was trained
+    with another tone mapping than the parameters'.
+    """
+    networks = load_networks(folders.models, ("pbrnet", *PRODUCTS, *baselines))
+    noisy = any(TRAINED[name].noisy for name in baselines)
+    dataset = Dataset(folders.data / "dataset", params.evaluate.split, noisy)
+    refuse_leaks(dataset, networks.cards)
+    if networks.card.tone != plain(params.tone):
+        raise InputError(
+            f"{folders.models}: trained with the tone mapping {networks.card.tone}, now it is "
+            f"{plain(params.tone)}; train again"
+        )
+    return networks, dataset
+
+
+def _baselines(params: Params, models: Path) -> list[str]:
+    """Those that are named, which must be there, and those that are there."""
+    present = trained_baselines(models)
+    return [name for name in BASELINES if name in present or name in params.train.baselines]
+
+
+def refuse_leaks(dataset: Dataset, cards: Mapping[str, ModelCard]) -> None:
+    """Raise `LeakError` if any network was trained on a scene or plan of this dataset.
+
+    The training split itself may be measured: whoever asks for it knows.
+    """
+    if dataset.split == "train":
+        return
+    plans = dataset.plans()
+    scenes = sorted(set(dataset.column("scene_id")))
+    for name, card in cards.items():
+        for scene in scenes:
+            if scene in card.data.scenes:
+                raise LeakError(
+                    f"scene {scene!r} is in the {dataset.split} split, but {name} was trained on "
+                    "it; train again on this dataset's own training split"
+                )
+            if plans.get(scene, scene) in card.data.plans:
+                raise LeakError(
+                    f"scene {scene!r} has the floor plan {plans.get(scene, scene)!r}, which "
+                    f"{name} was trained on; train again on this dataset's own training split"
+                )
+
+
+def true_color(example: Example, networks: Networks) -> Array:
+    """The truth as the networks' policy displays it, float32 (H, W, 3)."""
+    return tonemap(example.color, color_exposure(example, networks.card.exposure))
+
+
+def time_networks(dataset: Dataset, networks: Networks, views: int) -> dict[str, float]:
+    """Seconds an image of every part, the median over a few views after one to warm up."""
+    examples = [example for _, example in zip(range(views + 1), dataset.ordered(), strict=False)]
+    examples = [examples[0], *examples] if len(examples) == 1 else examples
+    parts: dict[str, list[float]] = {}
+
+    def timed(part: str, call: Callable[..., Any], *arguments: Any) -> Any:
+        began = time.perf_counter()
+        made = call(*arguments)
+        parts.setdefault(part, []).append(time.perf_counter() - began)
+        return made
+
+    for example in examples:
+        shading = timed("shading", networks.shading, example)
+        for method in networks.methods:
+            part = "composition" if method == "pbrnet" else method
+            timed(part, networks.predict, method, example, shading)
+    return {part: float(np.median(times[1:])) for part, times in parts.items()}
+
+
+def sampling_seconds(data: Path, scores: Sequence[Score]) -> dict[str, float]:
+    """Seconds to trace a view's noisy samples, `sampling`, from the ledger; nothing without rows.
+
+    Of each view the worker's seconds times its threads, less those that it took to open the scene,
+    over the processors that the networks are timed on; of these the median, so that the views
+    that a scene's kernels were compiled for do not count. Networks are timed so, too: once warm.
+    """
+    wanted = {(score.scene_id, score.view_id) for score in scores}
+    found = [
+        (row["seconds"] - (row["opening"] or 0)) * (row["threads"] or 1)
+        for row in read_ledger(data).to_pylist()
+        if row["stage"] == "noisy" and (row["scene_id"], row["view_id"]) in wanted
+    ]
+    processors = len(os.sched_getaffinity(0))
+    return {"sampling": float(np.median(found)) / processors} if found else {}
+
+
+def renderer_seconds(data: Path, scores: Sequence[Score]) -> dict[str, float]:
+    """Mean seconds a view of each rendering stage, from the ledger where there is one."""
+    wanted = {(score.scene_id, score.view_id) for score in scores}
+    found: dict[str, list[float]] = {}
+    for row in read_ledger(data).to_pylist():
+        if (row["scene_id"], row["view_id"]) in wanted and row["stage"] in RENDERER_STAGES:
+            found.setdefault(f"renderer_{row['stage']}", []).append(row["seconds"])
+    return {stage: mean(times) for stage, times in sorted(found.items())}
+
+
+def image_of(method: str, example: Example, shading: Array | None, networks: Networks) -> Array:
+    """A method's picture of a view, float32 (H, W, 3), display values.
+
+    `shading` is the predicted one, if it is there already; baselines and the ceiling do without.
+    """
+    if method == "ceiling":
+        method, shading = "product", tonemap(example.shading, example.exposure_shading)
+    if method == "denoised":
+        if example.denoised_color is None:
+            raise InputError(f"{example.name}: comes without denoised samples; see noisy.spp")
+        exposure = color_exposure(example, networks.card.exposure)
+        return tonemap(example.denoised_color, exposure)
+    return networks.predict(method, example, shading).color
+
+
+def _images(example: Example, networks: Networks) -> dict[str, Array]:
+    """Every method's picture of a view, and `shading`, the predicted shading."""
+    shading = networks.shading(example)
+    methods = ["pbrnet", "ceiling", *PRODUCTS, *networks.baselines]
+    if example.denoised_color is not None:
+        methods.append("denoised")
+    return {"shading": shading} | {
+        method: image_of(method, example, shading, networks) for method in methods
+    }
+
+
+def _summary(scores: Sequence[Score], seed: int) -> dict[str, Any]:
+    summary: dict[str, Any] = {}
+    for name in NAMES:
+        by_scene: dict[str, list[float]] = {}
+        for score in scores:
+            value = score.values[name]
+            if value is not None:
+                by_scene.setdefault(score.scene_id, []).append(value)
+        interval = bootstrap(by_scene, derive(seed, "evaluate", name)) if by_scene else None
+        summary[name] = plain(interval) if interval else None
+    return summary
+
+
+def _method_seconds(method: str, parts: dict[str, float]) -> float | None:
+    """Seconds of all that a method needs beyond the guides; None if a part's are not known."""
+    if method == "ceiling":
+        return None
+    needed: dict[str, tuple[str, ...]] = {"pbrnet": ("shading", "composition")}
+    needed |= {name: ("shading", name) for name in PRODUCTS}
+    needed |= {name: (name, "sampling") for name in BASELINES if TRAINED[name].noisy}
+    needed["denoised"] = ("sampling",)  # guides and denoiser among it
+    times = [parts.get(part) for part in needed.get(method, (method,))]
+    return None if None in times else sum(time for time in times if time is not None)
+
+
+def _draw_examples(
+    folder: Path, dataset: Dataset, networks: Networks, chosen: Iterable[Score]
+) -> None:
+    wanted = {(score.scene_id, score.view_id) for score in chosen}
+    names = {"pbrnet": "prediction", "shading": "shading", "product": "product"}
+    names |= {name: name for name in networks.baselines}
+    with atomic_directory(folder) as partial:
+        for example in dataset.ordered():
+            if (example.scene_id, example.view_id) not in wanted:
+                continue
+            images = _images(example, networks)
+            stem = f"{example.scene_id}--{example.view_id}"
+            for method, name in names.items():
+                if method in images:
+                    picture = to_bytes(images[method])
+                    (partial / f"{stem}--{name}.png").write_bytes(png_bytes(picture))
+            errors = flip_map(true_color(example, networks), images["pbrnet"])
+            (partial / f"{stem}--error.png").write_bytes(png_bytes(error_picture(errors)))
+
+
+def _write_scores(path: Path, scores: Sequence[Score]) -> None:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("scene_id", "view_id", "method", *NAMES))
+    for score in scores:
+        values = [
+            "" if score.values[name] is None else f"{score.values[name]:.6g}" for name in NAMES
+        ]
+        writer.writerow((score.scene_id, score.view_id, score.method, *values))
+    write_text(path, text.getvalue())

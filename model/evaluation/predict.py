@@ -1,0 +1,372 @@
+"""Views to predict: from a scene and its cameras, or from frames; and what comes of them.
+
+Nothing is path traced, unless the truth is asked for beside the prediction, or the method takes
+a few noisy samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from model.data.encoding import color_exposure
+from model.data.reader import Array, Example
+from model.evaluation.inference import Networks, Prediction
+from model.evaluation.metrics import flip_map, measure
+from model.training.store import ModelCard
+from pipeline.frames import (
+    DENOISED,
+    DENOISED_SHADING,
+    NOISY_SHADING,
+    RGB,
+    TINT,
+    Channels,
+    Frame,
+    frame_path,
+    read_frame,
+    read_meta,
+    write_pixels,
+)
+from pipeline.images import Picture, contact_sheet, error_picture, reflectance_picture
+from pipeline.params import IlluminationParams, NoisyParams, Params, ToneParams
+from pipeline.passes.illumination import render_illumination
+from pipeline.passes.inputs import render_inputs
+from pipeline.passes.registry import render_noisy, render_truths
+from pipeline.passes.visibility import render_visibility
+from pipeline.render.scene import RenderScene, open_scene, set_variant
+from pipeline.tonemap import Exposure, exposure_of, to_bytes, tonemap
+from pipeline.views import View, as_matrix, load_cameras, look
+from scenes.checked import build, plain
+from scenes.contract import load_scene
+from scenes.errors import InputError
+from scenes.seeds import derive
+
+Make = Callable[[ModelCard], Example]  # of the network whose tone mapping the example is for
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A view to predict; `make` renders or reads what the networks are given."""
+
+    view: View
+    make: Make
+
+    @property
+    def name(self) -> str:
+        """Scene and view, for messages."""
+        return f"{self.view.scene_id}/{self.view.view_id}"
+
+
+def from_scene(
+    scene_folder: Path, views: Sequence[View], params: Params, data: Path, with_truth: bool
+) -> list[Wanted]:
+    """Views of a scene, which is opened once, when the first of them is made.
+
+    Inputs and panorama are rendered; the truth is read from `data` if it is there, or traced. For
+    a network that takes noisy samples, so many are traced as it was trained with.
+    """
+    opened: list[RenderScene] = []
+
+    def make(view: View, card: ModelCard) -> Example:
+        if not opened:
+            set_variant(params.farm.variant)
+            opened.append(open_scene(load_scene(scene_folder)))
+        truth: tuple[Channels, Channels] | None = None
+        if with_truth:
+            frames = known_truth(data, view)
+            truth = _channels(frames) if frames else trace(opened[0], view, params)
+        inputs = render_inputs(opened[0], view)
+        light = lit(opened[0], view, params, [card], inputs)
+        noisy = sampled(opened[0], view, params, card)
+        return example_of(view, inputs, light, card, truth, noisy)
+
+    return [Wanted(view, partial(make, view)) for view in views]
+
+
+def from_frames(
+    inputs: Path,
+    illumination: Path,
+    noisy: Path | None = None,
+    *,
+    visibility: Path | None = None,
+    truth: Path | None = None,
+) -> Wanted:
+    """A view from its frames; its truth, if asked for, is read from the data folder `truth`.
+
+    `noisy` is the frame of few samples, `visibility` that of shadows, for networks that take
+    them. Raises `InputError` for frames that are missing, damaged, or not of one view.
+    """
+    view = build(View, read_meta(inputs).get("view"), f"{inputs}: view", InputError)
+    wanted = {"Z": inputs, "intensity.Y": illumination}
+    wanted |= {DENOISED[0]: noisy} if noisy else {}
+    wanted |= {"visibility.Y": visibility} if visibility else {}
+    paths = list(wanted.values())
+    for path in paths[1:]:
+        other = read_meta(path).get("view", {})
+        if (view.scene_id, view.view_id) != (other.get("scene_id"), other.get("view_id")):
+            raise InputError(
+                f"the frames are of different views: {inputs} of {view.view_id!r} and "
+                f"{path} of {other.get('view_id')!r}"
+            )
+
+    def make(card: ModelCard) -> Example:
+        frames = {name: read_frame(path) for name, path in wanted.items()}
+        for name, frame in frames.items():
+            path = wanted[name]
+            if name not in frame.channels:
+                raise InputError(f"{path}: a frame of {frame.meta.get('kind')!r}, without {name}")
+        known = known_truth(truth, view) if truth else None
+        if truth and known is None:
+            raise InputError(
+                f"{truth}: no shading and colour frames of {view.scene_id}/{view.view_id} to "
+                "compare with; render them, or predict from the scene"
+            )
+        pair = _channels(known) if known else None
+        samples = frames[DENOISED[0]].channels if noisy else None
+        light = frames["intensity.Y"].channels
+        if visibility:
+            light = light | frames["visibility.Y"].channels
+        return example_of(view, frames["Z"].channels, light, card, pair, samples)
+
+    return Wanted(view, make)
+
+
+def frame_sets(inputs: Path, *others: Path) -> list[tuple[Path, ...]]:
+    """Frames of the same relative name in these folders, or the files themselves.
+
+    Raises `InputError` if there are none, or one is without its partner.
+    """
+    if not any(path.is_dir() for path in (inputs, *others)):
+        return [(inputs, *others)]
+    for folder in (inputs, *others):
+        if not folder.is_dir():
+            raise InputError(f"{folder}: not a folder; give folders or files, not both")
+    names = sorted(path.relative_to(inputs) for path in inputs.rglob("*.exr"))
+    if not names:
+        raise InputError(f"{inputs}: no .exr frames in this folder")
+    for folder in others:
+        lonely = [name for name in names if not (folder / name).is_file()]
+        if lonely:
+            raise InputError(
+                f"{folder / lonely[0]}: missing beside {inputs / lonely[0]}"
+                + (f", and {len(lonely) - 1} more" if len(lonely) > 1 else "")
+                + "; render them with: pbrnet illumination"
+                + (", pbrnet groundtruth" if folder != others[0] else "")
+            )
+    return [(inputs / name, *(folder / name for folder in others)) for name in names]
+
+
+def find_views(
+    scene: Path, cameras: Path, names: Sequence[str], size: tuple[int, int] | None
+) -> list[View]:
+    """The named views of a camera file, or all, at another (width, height) if asked for."""
+    views = load_cameras(cameras).views
+    known = ", ".join(view.view_id for view in views[:8]) or "none"
+    found = []
+    for name in names or [view.view_id for view in views]:
+        view = next((view for view in views if view.view_id == name), None)
+        if view is None:
+            raise InputError(f"{cameras}: no view {name!r} (there are: {known})")
+        found.append(resized(view, size) if size else view)
+    if not found:
+        raise InputError(f"{cameras}: holds no views")
+    if found[0].scene_id != load_scene(scene).scene_id:
+        raise InputError(f"{cameras}: cameras of {found[0].scene_id!r}, not of the scene {scene}")
+    return found
+
+
+def placed_view(scene: Path, eye: Array, towards: Array, intrinsics: Array) -> View:
+    """A camera of the user's own, named `camera`: `eye` and `towards` (3,), world, metres.
+
+    The image's centre is the principal point. Raises `InputError` if it looks straight up or down.
+    """
+    if np.linalg.norm(np.cross(towards, (0, 0, 1))) < 1e-6 * np.linalg.norm(towards) + 1e-12:
+        raise InputError("a camera that looks straight up or down has no upright; tilt it a little")
+    width, height = (round(float(2 * side)) for side in intrinsics[:2, 2])
+    pose = look(eye, towards)
+    name = load_scene(scene).scene_id
+    return View(name, "camera", width, height, as_matrix(intrinsics), as_matrix(pose))
+
+
+def resized(view: View, size: tuple[int, int]) -> View:
+    """The same camera with (width, height) pixels: equally wide a view, square pixels.
+
+    Another aspect shows more or less above and below.
+    """
+    width, height = size
+    scale = width / view.width
+    camera = view.intrinsics
+    camera[:2] *= scale
+    camera[1, 2] += 0.5 * (height - scale * view.height)
+    return replace(view, width=width, height=height, K=as_matrix(camera))
+
+
+def known_truth(data: Path, view: View) -> tuple[Frame, Frame] | None:
+    """Shading and colour frames of just this camera at this size below `data`, if both are."""
+    paths = (frame_path(data, "shading", view), frame_path(data, "color", view))
+    if not all(path.is_file() for path in paths):
+        return None
+    frames = (read_frame(paths[0]), read_frame(paths[1]))
+    for frame in frames:
+        seen = frame.meta.get("view", {})
+        same = (
+            seen.get("width") == view.width
+            and seen.get("height") == view.height
+            and np.allclose(seen.get("K", 0), view.intrinsics)
+            and np.allclose(seen.get("camera_to_world", 0), view.pose)
+        )
+        if not same:
+            return None
+    return frames
+
+
+def compare(networks: Networks, example: Example, made: Prediction) -> tuple[Picture, str]:
+    """Prediction, truth and FLIP error in one picture, and the metrics as a sentence."""
+    exposure = color_exposure(example, networks.card.exposure)
+    truth = tonemap(example.color, exposure)
+    values = measure(truth, made.color)
+    shown = {
+        "prediction": to_bytes(made.color),
+        "truth": to_bytes(truth),
+        f"FLIP error, mean {values['flip']:.3f}": error_picture(flip_map(truth, made.color)),
+    }
+    if made.shading is not None:
+        shown["predicted shading"] = to_bytes(made.shading)
+    shown["true shading"] = to_bytes(tonemap(example.shading, example.exposure_shading))
+    shown["reflectance"] = reflectance_picture(example.reflectance)
+    picture = contact_sheet(list(shown.values()), columns=3, labels=tuple(shown))
+    words = f"SSIM {values['ssim']:.3f}, PSNR {values['psnr']:.1f} dB, FLIP {values['flip']:.3f}"
+    return picture, words
+
+
+def write_radiance(
+    path: Path,
+    networks: Networks,
+    wanted: Wanted,
+    example: Example,
+    made: Prediction,
+    facts: dict[str, Any],
+) -> str:
+    """Write linear radiance as OpenEXR by rename; returns a sentence about unit and clipping.
+
+    Channels: `R`, `G`, `B`, float32; `shading.R/G/B` where the method has shading; `clipped`, 1
+    where the prediction is at white, so that the value is a lower bound.
+    """
+    linear = networks.radiance(example, made)
+    pixels: Channels = {band: linear.color[..., i].copy() for i, band in enumerate(RGB)}
+    if linear.shading is not None:
+        pixels |= {f"shading.{band}": linear.shading[..., i].copy() for i, band in enumerate(RGB)}
+    pixels["clipped"] = linear.clipped.astype(np.float16)
+    key = networks.card.tone["key"]
+    whose = "shading's" if networks.card.exposure == "shared" else "the picture's"
+    unit = "the scene's" if linear.known else f"{whose} log-average luminance is {key:g}"
+    share = float(linear.clipped.mean())
+    meta = {
+        "kind": "prediction",
+        "method": made.method,
+        "unit": unit,
+        "exposure": plain(linear.exposure),
+        "weights": {name: card.sha256 for name, card in networks.cards.items()},
+        "clipped_share": share,
+        **facts,
+    }
+    write_pixels(path, pixels, wanted.view, meta)
+    return f"unit: {unit}; {share:.2%} of the pixels are at white, lower bounds"
+
+
+def trace(scene: RenderScene, view: View, params: Params) -> tuple[Channels, Channels]:
+    """Shading and colour of a view, path traced."""
+    seed = derive(params.seed, "predict", view.scene_id, view.view_id)
+    truths = render_truths(scene, view, params, seed)
+    return truths["shading"][0], truths["color"][0]
+
+
+def lit(
+    scene: RenderScene, view: View, params: Params, cards: Iterable[ModelCard], inputs: Channels
+) -> Channels:
+    """The panorama, and its shadows if one of the networks takes them."""
+    panorama = render_illumination(scene, view, params.illumination)
+    if not any(card.training.get("shadows") for card in cards):
+        return panorama
+    return panorama | shadows_of(scene, view, params, panorama, inputs)
+
+
+def shadows_of(
+    scene: RenderScene, view: View, params: Params, panorama: Channels, inputs: Channels
+) -> Channels:
+    """The shadows of a panorama's lights on what a view's inputs show, by so many rays as the
+    parameters say, if any."""
+    rays = params.illumination.shadow_rays or IlluminationParams().shadow_rays
+    settings = replace(params.illumination, shadow_rays=rays)
+    return render_visibility(scene, view, settings, panorama, inputs)
+
+
+def sampled(scene: RenderScene, view: View, params: Params, card: ModelCard) -> Channels | None:
+    """The noisy samples that a network takes, as many as it was trained with, if it takes any."""
+    spp = card.training.get("noisy_spp", 0)
+    if not spp:
+        return None
+    seed = derive(params.seed, "predict", view.scene_id, view.view_id, "noisy")
+    return render_noisy(scene, view, replace(params, noisy=NoisyParams(spp)), seed)[0]
+
+
+def with_samples_of(example: Example, noisy: Channels) -> Example:
+    """The view with noisy samples for a network that takes them."""
+    return replace(
+        example,
+        noisy_color=_stack(noisy, RGB),
+        noisy_shading=_stack(noisy, NOISY_SHADING),
+        denoised_color=_stack(noisy, DENOISED),
+        denoised_shading=_stack(noisy, DENOISED_SHADING),
+    )
+
+
+def example_of(
+    view: View,
+    inputs: Channels,
+    illumination: Channels,
+    card: ModelCard,
+    truth: tuple[Channels, Channels] | None,
+    noisy: Channels | None = None,
+) -> Example:
+    """A view as the networks take it; without `truth`, black images of a likely exposure.
+
+    `illumination`: the channels of a panorama, and of its shadows for networks that take them.
+    """
+    depth = inputs["Z"].astype(np.float32)
+    nothing = np.zeros((*depth.shape, 3), np.float32)
+    shading, color = (_stack(images, RGB) for images in truth) if truth else (nothing, nothing)
+    shadows = illumination.get("visibility.Y")
+    tone = ToneParams(**card.tone)
+    unknown = Exposure(1.0, card.white)  # the scale cancels, the white is training's median
+    made = Example(
+        scene_id=view.scene_id,
+        view_id=view.view_id,
+        depth=depth,
+        normal=_stack(inputs, ("N.X", "N.Y", "N.Z")),
+        reflectance=_stack(inputs, ("albedo.R", "albedo.G", "albedo.B")),
+        valid=inputs["valid"] > 0,
+        intensity=illumination["intensity.Y"].astype(np.float32),
+        distance=illumination["distance.Z"].astype(np.float32),
+        intrinsics=view.intrinsics,
+        tint=_stack(illumination, TINT) if TINT[0] in illumination else None,
+        visibility=None if shadows is None else shadows.astype(np.float32),
+        shading=shading,
+        color=color,
+        exposure_shading=exposure_of(shading, tone) if truth else unknown,
+        exposure_color=exposure_of(color, tone) if truth else unknown,
+    )
+    return with_samples_of(made, noisy) if noisy else made
+
+
+def _channels(frames: tuple[Frame, Frame]) -> tuple[Channels, Channels]:
+    return frames[0].channels, frames[1].channels
+
+
+def _stack(channels: Channels, names: tuple[str, ...]) -> Array:
+    return np.stack([channels[name].astype(np.float32) for name in names], axis=-1)

@@ -1,0 +1,1 @@
+"""Charts, tables and picture rows of the report and the studies."""

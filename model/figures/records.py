@@ -1,0 +1,234 @@
+"""What the stages have left on the disk, read for the report; what is not there is noted."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from model.figures.row_pictures import uri
+from pipeline.images import Picture, fit, read_picture
+from pipeline.views import load_cameras
+from scenes.checked import build
+from scenes.contract import Scene, load_scene, scene_folders
+from scenes.errors import InputError
+from scenes.files import read_json
+
+Result = TypeVar("Result")
+METRICS = {
+    "ssim": ("SSIM", True, 3),
+    "psnr": ("PSNR (dB)", True, 2),
+    "flip": ("ꟻLIP", False, 3),
+    "lpips": ("LPIPS", False, 3),
+}
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where the stages have left things."""
+
+    data: Path = Path("data")
+    models: Path = Path("models")
+    metrics: Path = Path("metrics")
+    plots: Path = Path("plots")
+    predictions: Path = Path("predictions")
+
+
+class Records:
+    """What there is; `missing` gathers a sentence for each thing that is absent or damaged."""
+
+    def __init__(self, places: Places) -> None:
+        self.places = places
+        self.missing: list[str] = []
+        self._tables: dict[Path, list[dict[str, Any]]] = {}
+        self.scenes = self._scenes()
+        self.cameras = self._cameras()
+        self.shards = self._shards()
+        self.evaluation: dict[str, Any] = self.json(
+            places.metrics / "evaluation.json", "No evaluation yet; it is made by: pbrnet evaluate"
+        )
+        self.models = {
+            path.stem: self.json(path, "") for path in sorted(places.models.glob("*.json"))
+        }
+
+    def json(self, path: Path, absent: str) -> dict[str, Any]:
+        """A JSON object; empty and noted if the file is absent or damaged."""
+        if not path.is_file():
+            if absent:
+                self.missing.append(absent)
+            return {}
+        try:
+            content = read_json(path)
+        except InputError as error:
+            self.missing.append(str(error))
+            return {}
+        if not isinstance(content, dict):
+            self.missing.append(f"{path} is damaged (no JSON object); make it again")
+            return {}
+        return content
+
+    def study(self, name: str, kind: type[Result], command: str = "") -> Result | None:
+        """`metrics/studies/NAME.json`, checked; None without one, and noted if it is damaged.
+
+        `command`: what makes it, if not `pbrnet study NAME`.
+        """
+        path = self.places.metrics / "studies" / f"{name}.json"
+        content = self.json(path, "")
+        if not content:
+            return None
+        try:
+            return build(kind, content, str(path), InputError)
+        except InputError as error:
+            self.missing.append(f"{error}; make it again with: {command or f'pbrnet study {name}'}")
+            return None
+
+    def study_picture(self, name: str, wide: int = 1200, png: bool = False) -> str:
+        """`metrics/studies/NAME.png` as a data URI, at most `wide` pixels; "" without one.
+
+        `png`: without loss.
+        """
+        path = self.places.metrics / "studies" / f"{name}.png"
+        if not path.is_file():
+            return ""
+        try:
+            return uri(fit(read_picture(path.read_bytes()), wide), png=png)
+        except (OSError, ValueError):
+            self.missing.append(f"{path} is damaged; make it again with: pbrnet study {name}")
+            return ""
+
+    def csv(self, path: Path, *numbers: str) -> list[dict[str, Any]]:
+        """Lines of a CSV file; the columns `numbers` as floats, None where they are empty.
+
+        Nothing if the file is absent; damaged files are noted once and count as absent.
+        """
+        if path not in self._tables:
+            self._tables[path] = []
+            if path.is_file():
+                try:
+                    self._tables[path] = _read_csv(path, numbers)
+                except (UnicodeDecodeError, csv.Error, KeyError, ValueError) as error:
+                    self.missing.append(f"{path} is damaged ({error}); make it again")
+        return self._tables[path]
+
+    def _index(self) -> list[tuple[str, str]]:
+        """(scene_id, view_id) of all rows, in the order of the shards."""
+        keys = []
+        for shard in self.shards:
+            table = shard.read(columns=["scene_id", "view_id"])
+            keys += list(
+                zip(table["scene_id"].to_pylist(), table["view_id"].to_pylist(), strict=True)
+            )
+        return keys
+
+    def spread(self, count: int) -> list[tuple[str, str]]:
+        """Keys of rows spread evenly over all scenes."""
+        keys = sorted(self._index())
+        if not keys:
+            return []
+        places = np.unique(np.linspace(0, len(keys) - 1, min(count, len(keys))).round())
+        return [keys[int(place)] for place in places]
+
+    def rows(self, wanted: set[tuple[str, str]]) -> dict[tuple[str, str], dict[str, Any]]:
+        """The wanted rows, images as arrays; reads one row group at a time."""
+        rows = {}
+        for shard in self.shards:
+            for group in range(shard.num_row_groups):
+                ids = shard.read_row_group(group, columns=["scene_id", "view_id"]).to_pylist()
+                chosen = [
+                    index
+                    for index, row in enumerate(ids)
+                    if (row["scene_id"], row["view_id"]) in wanted
+                ]
+                if chosen:
+                    table = shard.read_row_group(group).take(chosen)
+                    for index in range(table.num_rows):
+                        row = _unpack(table, index)
+                        rows[row["scene_id"], row["view_id"]] = row
+        return rows
+
+    def scores(self) -> list[dict[str, Any]]:
+        return self.csv(self.places.metrics / "evaluation.csv", *METRICS)
+
+    def example_keys(self) -> dict[str, list[tuple[str, str]]]:
+        chosen = self.evaluation.get("examples", {})
+        return {
+            group: [(str(key[0]), str(key[1])) for key in chosen.get(group, []) if len(key) == 2]
+            for group in ("best", "worst")
+        }
+
+    def example_picture(self, scene_id: str, view_id: str, part: str) -> Picture | None:
+        path = self.places.metrics / "examples" / f"{scene_id}--{view_id}--{part}.png"
+        if not path.is_file():
+            return None
+        try:
+            return read_picture(path.read_bytes())
+        except (OSError, ValueError):
+            note = f"{path} is damaged; make it again with: pbrnet evaluate"
+            if note not in self.missing:
+                self.missing.append(note)
+            return None
+
+    def _scenes(self) -> list[Scene]:
+        scenes = []
+        for folder in scene_folders(self.places.data / "scenes"):
+            try:
+                scenes.append(load_scene(folder))
+            except InputError as error:
+                self.missing.append(f"A scene cannot be read: {error}")
+        if not scenes:
+            self.missing.append("No scenes yet; they are made by: pbrnet scenes")
+        return scenes
+
+    def _cameras(self) -> list[Any]:
+        cameras = []
+        for path in sorted((self.places.data / "cameras").glob("*.json")):
+            try:
+                cameras.append(load_cameras(path))
+            except InputError as error:
+                self.missing.append(f"A camera file cannot be read: {error}")
+        if not cameras:
+            self.missing.append("No cameras yet; they are made by: pbrnet cameras")
+        return cameras
+
+    def _shards(self) -> list[pq.ParquetFile]:
+        shards = []
+        for path in sorted((self.places.data / "dataset").glob("*.parquet")):
+            try:
+                shards.append(pq.ParquetFile(path))
+            except (pa.ArrowInvalid, OSError) as error:
+                self.missing.append(f"{path} cannot be read ({error}); run: pbrnet dataset")
+        if not shards:
+            self.missing.append("No dataset yet; it is made by: pbrnet dataset")
+        return shards
+
+
+def _read_csv(path: Path, numbers: Sequence[str]) -> list[dict[str, Any]]:
+    with path.open(newline="", encoding="utf-8") as stream:
+        lines: list[dict[str, Any]] = list(csv.DictReader(stream))
+    for line in lines:
+        if None in line or None in line.values():
+            raise ValueError("a line has too many or too few values")
+        for name in numbers:
+            line[name] = float(line[name]) if line[name] else None
+    return lines
+
+
+def _unpack(table: pa.Table, index: int) -> dict[str, Any]:
+    """Row `index`, image columns as arrays of their own shape."""
+    row = {}
+    for field in table.schema:
+        cell = table[field.name][index]
+        shape = (field.metadata or {}).get(b"shape")
+        row[field.name] = (
+            cell.values.to_numpy(zero_copy_only=False).reshape(json.loads(shape))
+            if shape
+            else cell.as_py()
+        )
+    return row

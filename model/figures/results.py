@@ -1,0 +1,228 @@
+"""How well the networks do: learning curves, the table of methods, best and worst views."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from model.figures.records import METRICS, Records
+from model.figures.row_pictures import MODALITIES, draw, shrink, uri
+from model.figures.svg import line_chart, strip_plot
+from pipeline.images import Picture
+
+METHODS = {
+    "pbrnet": "Both networks (shading, then composition)",
+    "product": "Reflectance × predicted shading",
+    "product_linear": "Reflectance × predicted shading, projected linearly",
+    "plus": "PBR-Net plus: direct light given, reflectance × predicted shading",
+    "hybrid": "PBR-Net hybrid: a few samples a pixel, denoised, corrected by a network",
+    "denoised": "The same samples, denoised, without a network",
+    "unet": "One direct U-Net",
+    "end_to_end": "Both networks, trained on colour alone",
+    "can": "CAN, trained with our loss",
+    "can_own": "CAN, with its own loss: mean squares",
+    "pix2pix": "pix2pix's generator, trained with our loss",
+    "pix2pix_own": "pix2pix, with its own loss: adversarial and L1",
+    "cyclegan": "CycleGAN's generator, trained with our loss",
+    "cyclegan_own": "CycleGAN, with its own loss: unpaired, adversarial and cycles",
+    "ceiling": "Reflectance × true shading: what the product could reach at best",
+}
+NETWORKS = {
+    "shading": "Shading network",
+    "composition": "Composition network",
+    "plus": "PBR-Net plus",
+    "hybrid": "PBR-Net hybrid",
+    "unet": "Direct U-Net",
+    "end_to_end": "Both networks, on colour alone",
+    "can": "CAN, our loss",
+    "can_own": "CAN, its own loss",
+    "pix2pix": "pix2pix, our loss",
+    "pix2pix_own": "pix2pix, its own loss",
+    "cyclegan": "CycleGAN, our loss",
+    "cyclegan_own": "CycleGAN, its own loss",
+}
+EXAMPLE_PARTS = {
+    "prediction": "Prediction",
+    "shading": "Predicted shading",
+    "error": "Error (ꟻLIP): bright is wrong",
+    **{name: words for name, words in NETWORKS.items() if name not in ("shading", "composition")},
+    "product": "Reflectance × shading",
+}
+
+
+def result_table(records: Records) -> dict[str, Any] | None:
+    evaluation = records.evaluation
+    if not evaluation:
+        return None
+    kept_back = evaluation.get("kept_back")
+    table = _rows(evaluation.get("methods", {}))
+    return {
+        "split": evaluation.get("split", ""),
+        "views": evaluation.get("views", 0),
+        "scenes": evaluation.get("scenes", 0),
+        "exposure": evaluation.get("exposure", ""),
+        "metrics": [
+            {"label": label, "better": "higher" if higher else "lower"}
+            for label, higher, _ in METRICS.values()
+        ],
+        "table": table,
+        "kept_back": kept_back and {**kept_back, "table": _rows(kept_back["methods"])},
+        "no_lpips": all(row["cells"][-1] is None for row in table),
+        "timing": sorted(evaluation.get("timing", {}).items()),
+    }
+
+
+def _rows(methods: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """A row a method, with its figures in words and the best of each column marked."""
+    best = {}
+    for name, (_, higher, _) in METRICS.items():
+        means = {
+            method: figure["mean"]
+            for method, values in methods.items()
+            if method != "ceiling" and (figure := figure_of(values, name))
+        }
+        if means:
+            best[name] = (max if higher else min)(means, key=lambda method: means[method])
+    return [
+        {
+            "name": method,
+            "words": METHODS.get(method, method),
+            "cells": [
+                _cell(figure_of(methods[method], name), digits, best.get(name) == method)
+                for name, (_, _, digits) in METRICS.items()
+            ],
+            "seconds": methods[method].get("seconds"),
+        }
+        for method in known_first(methods, METHODS)
+    ]
+
+
+def _cell(figure: Mapping[str, Any] | None, digits: int, best: bool) -> dict[str, Any] | None:
+    if figure is None:
+        return None
+    interval = _interval(figure, digits)
+    return {"mean": f"{figure['mean']:.{digits}f}", "interval": interval, "best": best}
+
+
+def score_strips(records: Records) -> list[dict[str, Any]]:
+    groups: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for line in records.scores():
+        for name in ("flip", "ssim"):
+            if line[name] is not None:
+                groups[name][line["method"]].append(line[name])
+    return [
+        {
+            "name": METRICS[name][0],
+            "svg": strip_plot(
+                {method: values[method] for method in known_first(values, METHODS)},
+                f"{METRICS[name][0]} of every view",
+            ),
+        }
+        for name, values in groups.items()
+    ]
+
+
+def learning_curves(records: Records) -> list[dict[str, Any]]:
+    curves = []
+    columns = {"training": "train_loss", "validation": "validation_loss"}
+    paths = {
+        path.stem.removeprefix("train_"): path
+        for path in sorted(records.places.plots.glob("train_*.csv"))
+    }
+    # Those of the chain first, in its order, then whatever else was trained.
+    for name in known_first(paths, NETWORKS):
+        path = paths[name]
+        lines = records.csv(path, "step", *columns.values())
+        series = {
+            label: [(line["step"], line[column]) for line in lines if line[column] is not None]
+            for label, column in columns.items()
+        }
+        series = {label: points for label, points in series.items() if points}
+        if series:
+            curves.append(
+                {
+                    "title": NETWORKS.get(name, name),
+                    "svg": line_chart(series, "step", "loss"),
+                    "series": list(series),
+                    "last": {label: points[-1][1] for label, points in series.items()},
+                }
+            )
+    if not curves:
+        records.missing.append(
+            "No learning curves yet; they are made by: pbrnet train shading, "
+            "pbrnet train composition"
+        )
+    return curves
+
+
+def best_and_worst(
+    records: Records,
+    keys: Mapping[str, Sequence[tuple[str, str]]],
+    rows: Mapping[tuple[str, str], dict[str, Any]],
+) -> dict[str, list[dict[str, Any]]]:
+    scores = {
+        (line["scene_id"], line["view_id"]): line
+        for line in records.scores()
+        if line["method"] == "pbrnet"
+    }
+    shared = records.evaluation.get("exposure") == "shared"
+    return {
+        group: [
+            _example(records, key, rows.get(key), scores.get(key, {}), shared) for key in members
+        ]
+        for group, members in keys.items()
+    }
+
+
+def _example(
+    records: Records,
+    key: tuple[str, str],
+    row: dict[str, Any] | None,
+    score: Mapping[str, Any],
+    shared: bool,
+) -> dict[str, Any]:
+    parts = {part: records.example_picture(*key, part) for part in EXAMPLE_PARTS}
+    drawn: dict[str, Picture | None] = {}
+    if row is not None:
+        for name in ("depth", "normal", "reflectance", "intensity", "distance"):
+            drawn[MODALITIES[name][0]] = draw(name, row)
+        drawn["True shading"] = draw("shading", row)
+    drawn[EXAMPLE_PARTS["shading"]] = parts.pop("shading")
+    if row is not None:
+        # As the networks saw it: under the exposure policy they were trained with.
+        drawn["Truth"] = draw("color", row, shared)
+    drawn.update({EXAMPLE_PARTS[part]: picture for part, picture in parts.items()})
+    figures = [
+        f"{label} {score[name]:.{digits}f}"
+        for name, (label, _, digits) in METRICS.items()
+        if score.get(name) is not None
+    ]
+    return {
+        "label": " / ".join(key),
+        "figures": ", ".join(figures),
+        "pictures": [
+            {"label": label, "uri": uri(shrink(picture))}
+            for label, picture in drawn.items()
+            if picture is not None
+        ],
+    }
+
+
+def known_first(names: Iterable[str], known: Iterable[str]) -> list[str]:
+    """`names` in the order of `known`, then those it does not hold, sorted."""
+    order = list(known)
+    return sorted(names, key=lambda name: (order.index(name) if name in order else 99, name))
+
+
+def figure_of(values: Mapping[str, Any], name: str) -> dict[str, Any] | None:
+    """A metric's mean and interval; a bare number stands for a mean alone."""
+    figure = values.get(name)
+    if isinstance(figure, (int, float)):
+        return {"mean": float(figure), "low": None, "high": None}
+    return figure if isinstance(figure, dict) and figure.get("mean") is not None else None
+
+
+def _interval(figure: Mapping[str, Any], digits: int) -> str:
+    low, high = figure.get("low"), figure.get("high")
+    return "" if low is None or high is None else f"{low:.{digits}f} to {high:.{digits}f}"

@@ -1,0 +1,1 @@
+"""Shading and composition networks, and the methods built on them."""

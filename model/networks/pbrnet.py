@@ -1,0 +1,267 @@
+"""The paper's networks: shading and composition. Those they are compared with: model/baselines.
+
+Layout after the paper's Fig. 2 and section III-B; what it leaves open, above all how a panorama
+meets an image of another shape and frame, is argued in docs/networks.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import torch
+from torch import nn
+from torch.nn import functional
+
+from model.data.encoding import CHANNELS, Policy, Tensors, centred
+
+Kind = Literal[
+    "shading",
+    "composition",
+    "unet",
+    "end_to_end",
+    "can",
+    "pix2pix",
+    "cyclegan",
+    "plus",
+    "hybrid",
+]
+Panorama = Literal["resize", "normal"]
+
+GRID = (32, 64)  # cells that a panorama of any size is averaged to before the `normal` join
+WIDEST = 8  # levels double their width up to this many times the first level's
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """What a network is built from; stands in its model card."""
+
+    kind: Kind
+    width: int  # channels of the first level
+    levels: int  # of a U-Net, resolutions; of the others how deep, as their files say
+    panorama: Panorama = "normal"
+    exposure: Policy = "shared"  # of the colour that it predicts
+
+
+def shading_network(architecture: Architecture) -> GuidedNet:
+    """Shading from depth, normal and panorama: the first stage."""
+    images = ("depth", "normal")
+    return GuidedNet(images, architecture.width, architecture.levels, architecture.panorama)
+
+
+def composition_network(architecture: Architecture) -> CompositionNet:
+    """Colour from shading and reflectance: the second stage."""
+    return CompositionNet(architecture.width, architecture.levels)
+
+
+class GuidedNet(nn.Module):
+    """Separate convolutions for every input, their features concatenated, then a U-Net.
+
+    With `images` = depth and normal it is the paper's shading network; with reflectance too,
+    straight to colour, it is the direct U-Net.
+    """
+
+    def __init__(
+        self, images: tuple[str, ...], width: int, levels: int, panorama: Panorama
+    ) -> None:
+        super().__init__()
+        branch = max(1, width // 2)
+        self.images = images
+        self.branches = nn.ModuleDict({name: Branch(CHANNELS[name], branch) for name in images})
+        self.panorama: nn.Module = (
+            ResizedPanorama(branch) if panorama == "resize" else NormalPanorama(branch)
+        )
+        self.unet = UNet((len(images) + 2) * branch, width, levels)
+
+    def forward(self, inputs: Tensors) -> torch.Tensor:
+        """`encode`'s tensors to display values (N, 3, H, W), not clamped."""
+        features = [self.branches[name](inputs[name]) for name in self.images]
+        features.append(self.panorama(inputs))
+        return self.unet(torch.cat(features, dim=1))
+
+
+class CompositionNet(nn.Module):
+    """Shading and reflectance, concatenated, through a shorter U-Net to colour."""
+
+    def __init__(self, width: int, levels: int) -> None:
+        super().__init__()
+        self.unet = UNet(6, width, levels)
+
+    def forward(self, shading: torch.Tensor, reflectance: torch.Tensor) -> torch.Tensor:
+        """Shading in display values and `encode`'s reflectance, (N, 3, H, W), to display values."""
+        return self.unet(torch.cat([centred(shading), reflectance], dim=1))
+
+
+class Branch(nn.Sequential):
+    """One input's own convolution layer."""
+
+    def __init__(self, inputs: int, outputs: int) -> None:
+        super().__init__(convolution(inputs, outputs, padding=1), nn.ReLU())
+
+
+class ResizedPanorama(nn.Module):
+    """What the paper's figure suggests: convolve each panorama, stretch it over the image.
+
+    Nothing lines up: the pixel under a feature has another direction than the feature, and
+    only the deepest level of the U-Net sees far enough to sort it out.
+    """
+
+    def __init__(self, branch: int) -> None:
+        super().__init__()
+        self.intensity = Branch(CHANNELS["intensity"], branch)
+        self.distance = Branch(CHANNELS["distance"], branch)
+
+    def forward(self, inputs: Tensors) -> torch.Tensor:
+        """Features (N, 2 branch, H, W).
+
+        `place`, if it is among the inputs, says where in the whole image each pixel of a piece
+        lies: (N, H, W, 2), x and y, [-1, 1] from edge to edge.
+        """
+        intensity, distance = log_panorama(inputs["intensity"], inputs["distance"])
+        features = torch.cat([self.intensity(intensity), self.distance(distance)], dim=1)
+        if "place" in inputs:  # a piece of the image: stretch over the whole, and keep the piece
+            places = inputs["place"].to(features.dtype)
+            return functional.grid_sample(
+                features, places, padding_mode="border", align_corners=False
+            )
+        size = inputs["normal"].shape[-2:]
+        return functional.interpolate(features, size, mode="bilinear", align_corners=False)
+
+
+class NormalPanorama(nn.Module):
+    """Encode the panorama in its own frame; each pixel reads it where its normal points.
+
+    A matte surface gathers light from the hemisphere around its normal, so features that have
+    seen a hemisphere, read in the normal's direction, are where a lookup of irradiance would be.
+    Azimuth wraps around; any panorama size is first averaged to `GRID`, keeping energy.
+    """
+
+    def __init__(self, branch: int) -> None:
+        super().__init__()
+        hidden = 2 * branch
+        self.intensity = RoundConv(CHANNELS["intensity"], branch)
+        self.distance = RoundConv(CHANNELS["distance"], branch)
+        # 32x64 to 4x8 cells of 45 degrees: the last 3x3 kernels span a hemisphere.
+        self.down = nn.Sequential(
+            RoundConv(hidden, hidden, 2), RoundConv(hidden, hidden, 2), RoundConv(hidden, hidden, 2)
+        )
+        self.around = RoundConv(hidden, hidden)
+
+    def forward(self, inputs: Tensors) -> torch.Tensor:
+        """Features (N, 2 branch, H, W)."""
+        intensity, distance = log_panorama(*averaged(inputs["intensity"], inputs["distance"]))
+        features = torch.cat([self.intensity(intensity), self.distance(distance)], dim=1)
+        return look_up(self.around(self.down(features)), inputs["normal"])
+
+
+def averaged(intensity: torch.Tensor, distance: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Linear panoramas (N, 1, h, w) on `GRID`: mean intensity, mean distance weighted by it."""
+    mean = functional.adaptive_avg_pool2d(intensity, GRID)
+    weighted = functional.adaptive_avg_pool2d(intensity * distance, GRID)
+    return mean, weighted / mean.clamp(min=1e-12)
+
+
+def log_panorama(
+    intensity: torch.Tensor, distance: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """ln(1 + relative intensity) / 4 and ln(1 + metres) / 2, for a bulb beside a dim sky."""
+    return torch.log1p(intensity) / 4, torch.log1p(distance) / 2
+
+
+class RoundConv(nn.Module):
+    """3x3 convolution on an equirectangular image: wraps in azimuth, repeats at the poles."""
+
+    def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
+        super().__init__()
+        self.conv = convolution(inputs, outputs, stride=stride)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """(N, inputs, h, w) to (N, outputs, h / stride, w / stride)."""
+        x = functional.pad(
+            functional.pad(x, (1, 1, 0, 0), mode="circular"), (0, 0, 1, 1), "replicate"
+        )
+        return functional.relu(self.conv(x))
+
+
+def look_up(panorama: torch.Tensor, direction: torch.Tensor) -> torch.Tensor:
+    """Panorama values (N, C, H, W) in unit directions (N, 3, H, W), bilinear.
+
+    `panorama` (N, C, h, w) is equirectangular in the camera's frame: its centre column is
+    straight ahead (+z), right of it the camera's right (+x), its top row the camera's up (-y).
+    """
+    width = panorama.shape[-1]
+    x, y, z = direction.float().unbind(dim=1)
+    azimuth = torch.atan2(x, z) / math.pi
+    elevation = torch.asin(y.clamp(-1, 1)) * (2 / math.pi)
+    wrapped = functional.pad(panorama.float(), (1, 1, 0, 0), mode="circular")
+    grid = torch.stack([azimuth * width / (width + 2), elevation], dim=-1)
+    found = functional.grid_sample(wrapped, grid, padding_mode="border", align_corners=False)
+    return found.to(panorama.dtype)
+
+
+class UNet(nn.Module):
+    """U-Net (Ronneberger et al. 2015) with skips, for images of any size.
+
+    Per level two 3x3 convolutions with ReLU down, two up; halving by 2x2 maximum, doubling by
+    bilinear upsampling and a 1x1 convolution; a last 1x1 convolution to the outputs. No
+    normalisation: with batch 1 it would erase each picture's own brightness. The last layer starts
+    at mid-grey.
+    """
+
+    def __init__(self, inputs: int, width: int, levels: int, outputs: int = 3) -> None:
+        super().__init__()
+        widths = [width * min(2**level, WIDEST) for level in range(levels)]
+        self.levels = levels
+        self.down = nn.ModuleList(
+            DoubleConv(before, after)
+            for before, after in zip([inputs, *widths], widths, strict=False)
+        )
+        self.shrink = nn.ModuleList(
+            convolution(deep, shallow, 1) for shallow, deep in pairwise(widths)
+        )
+        self.up = nn.ModuleList(DoubleConv(2 * wide, wide) for wide in widths[:-1])
+        self.out = nn.Conv2d(width, outputs, 1)
+        nn.init.normal_(self.out.weight, std=0.01)
+        nn.init.constant_(self.out.bias, 0.5)  # type: ignore[arg-type]
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """(N, inputs, H, W) to (N, outputs, H, W); padded inside by repeating the edge."""
+        height, width = x.shape[-2:]
+        step = 2 ** (self.levels - 1)
+        x = functional.pad(x, (0, -width % step, 0, -height % step), mode="replicate")
+        skips = []
+        for level, convolve in enumerate(self.down):
+            x = convolve(x if level == 0 else functional.max_pool2d(x, 2))
+            skips.append(x)
+        for level in reversed(range(self.levels - 1)):
+            x = self.shrink[level](x)
+            x = functional.interpolate(x, scale_factor=2, mode="bilinear", align_corners=False)
+            x = self.up[level](torch.cat([skips[level], x], dim=1))
+        return self.out(x)[..., :height, :width]
+
+
+class DoubleConv(nn.Sequential):
+    """Two 3x3 convolutions, each with ReLU."""
+
+    def __init__(self, inputs: int, outputs: int) -> None:
+        super().__init__(
+            convolution(inputs, outputs, padding=1),
+            nn.ReLU(),
+            convolution(outputs, outputs, padding=1),
+            nn.ReLU(),
+        )
+
+
+def convolution(inputs: int, outputs: int, kernel: int = 3, **options: int) -> nn.Conv2d:
+    """A convolution with He initialisation (2015) and no bias to begin with."""
+    layer = nn.Conv2d(inputs, outputs, kernel, **options)  # type: ignore[arg-type]
+    nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
+    nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
+    return layer
+
+
+def channels_last(network: nn.Module) -> nn.Module:
+    """The same network with its weights laid out channels last, which is faster here."""
+    return network.to(memory_format=torch.channels_last)  # type: ignore[call-overload,no-any-return]

@@ -1,0 +1,145 @@
+"""Large images through a network piece by piece, with the result of the whole.
+
+A U-Net looks at no more than a known stretch around each block of pixels, so a piece that is
+computed with that much of its neighbourhood comes out as it does in the whole image: no seams, and
+nothing to blend. Pieces begin on whole multiples of the network's coarsest pixel, or its cells
+would be others. What a network takes from the whole image must be known beforehand: the panorama
+is given entire, and so is where each pixel lies for networks that stretch it over the image.
+Networks that normalise by the statistics of the image (CAN, pix2pix, CycleGAN) cannot be cut.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import torch
+
+from model.data.encoding import Tensors
+from model.networks.pbrnet import Architecture, Kind
+from scenes.errors import InputError
+
+# Of the inputs, what is no image of the view.
+WHOLE = ("intensity", "distance", "tint", "gain", "brightness")
+SMALLEST = 16  # pixels a side of a piece
+
+# How far each network looks beyond an aligned block: U-Nets in series add, and a `Branch` is one.
+_LOOKS: dict[Kind, Callable[[int], int]] = {
+    "shading": lambda levels: 1 + unet_reach(levels),
+    "composition": lambda levels: unet_reach(levels),
+    "unet": lambda levels: 1 + unet_reach(levels),
+    "plus": lambda levels: 1 + unet_reach(levels) + unet_reach(max(1, levels - 2)),
+}
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Rows and columns of a piece of the image, and of the window that it is computed from."""
+
+    rows: slice
+    columns: slice
+    window_rows: slice
+    window_columns: slice
+
+
+def unet_reach(levels: int) -> int:
+    """Pixels beyond a block of `2^(levels - 1)` aligned pixels that `UNet` looks at.
+
+    Followed backwards: a double convolution adds 2 on each side, bilinear doubling reads the
+    neighbouring cell, and a maximum its two children.
+    """
+    block = 2 ** (levels - 1)
+
+    def encoder(level: int, low: int, high: int) -> tuple[int, int]:
+        low, high = low - 2, high + 2
+        return (low, high) if level == 0 else encoder(level - 1, 2 * low, 2 * high + 1)
+
+    def decoder(level: int, low: int, high: int) -> tuple[int, int]:
+        if level == levels - 1:
+            return encoder(level, low, high)
+        low, high = low - 2, high + 2
+        deep = decoder(level + 1, (low - 1) // 2, (high + 1) // 2)
+        skip = encoder(level, low, high)
+        return min(deep[0], skip[0]), max(deep[1], skip[1])
+
+    low, high = decoder(0, 0, block - 1)
+    return max(-low, high - (block - 1))
+
+
+def margin(architecture: Architecture) -> int:
+    """Pixels of overlap that a piece needs on each side, a multiple of `stride`.
+
+    Raises `InputError` for a network that has no bound.
+    """
+    if architecture.kind not in _LOOKS:
+        raise InputError(
+            f"a network of the kind {architecture.kind!r} cannot work in tiles: it normalises by "
+            "the statistics of the whole picture; leave out --tile"
+        )
+    step = stride(architecture)
+    return -(-_LOOKS[architecture.kind](architecture.levels) // step) * step
+
+
+def stride(architecture: Architecture) -> int:
+    """Pixels of the image that the network's coarsest pixel spans."""
+    return int(2 ** (architecture.levels - 1))
+
+
+def pieces(height: int, width: int, tile: int, architecture: Architecture) -> Iterator[Piece]:
+    """Pieces of `tile` x `tile` pixels, rounded up to whole strides, that cover an image."""
+    step, around = stride(architecture), margin(architecture)
+    side = -(-max(tile, SMALLEST) // step) * step
+
+    def stretches(size: int) -> Iterator[tuple[slice, slice]]:
+        for start in range(0, size, side):
+            end = min(start + side, size)
+            yield slice(start, end), slice(max(0, start - around), min(end + around, size))
+
+    for rows, window_rows in stretches(height):
+        for columns, window_columns in stretches(width):
+            yield Piece(rows, columns, window_rows, window_columns)
+
+
+def tiled(
+    network: Callable[[Tensors], torch.Tensor],
+    architecture: Architecture,
+    inputs: Tensors,
+    tile: int,
+) -> torch.Tensor:
+    """`network(inputs)`, (N, C, H, W), in pieces of about `tile` pixels a side; 0: at once.
+
+    What is held at once follows from the piece and its `margin`, not from the image. Raises
+    `InputError` as `margin` does.
+    """
+    if not tile:
+        return network(inputs)
+    images = [name for name in inputs if name not in WHOLE]
+    height, width = inputs[images[0]].shape[-2:]
+    whole: torch.Tensor | None = None
+    for piece in pieces(height, width, tile, architecture):
+        window = {
+            name: value
+            if name in WHOLE
+            else value[..., piece.window_rows, piece.window_columns].contiguous()
+            for name, value in inputs.items()
+        }
+        window["place"] = _places(piece, height, width)
+        made = network(window)
+        if whole is None:
+            whole = made.new_empty((*made.shape[:2], height, width))
+        top = piece.rows.start - piece.window_rows.start
+        left = piece.columns.start - piece.window_columns.start
+        rows = slice(top, top + piece.rows.stop - piece.rows.start)
+        columns = slice(left, left + piece.columns.stop - piece.columns.start)
+        whole[..., piece.rows, piece.columns] = made[..., rows, columns]
+    assert whole is not None
+    return whole
+
+
+def _places(piece: Piece, height: int, width: int) -> torch.Tensor:
+    """Where the window's pixel centres lie in the image: (1, h, w, 2), x and y, [-1, 1]."""
+    y = torch.arange(piece.window_rows.start, piece.window_rows.stop, dtype=torch.float64)
+    x = torch.arange(piece.window_columns.start, piece.window_columns.stop, dtype=torch.float64)
+    y, x = (2 * y + 1) / height - 1, (2 * x + 1) / width - 1
+    rows, columns = torch.meshgrid(y, x, indexing="ij")
+    return torch.stack([columns, rows], dim=-1)[None].float()

@@ -1,0 +1,1 @@
+"""Networks for other programs: ONNX export and packed weights."""

@@ -1,0 +1,225 @@
+"""Networks to pass on: packed small, checked against what they were packed from, with a card.
+
+`weights/`, beside the packages, holds those that come with pbrnet; they are used where no network
+has been trained. A packed network is a model like any other (`model/training/store.py`): half the
+bytes a number, its card beside it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from safetensors.torch import save_file
+
+from model.data.reader import Dataset, Example
+from model.evaluation.inference import Networks, available, load_networks, needed
+from model.methods import METHODS
+from model.training.store import ModelCard, load_model
+from pipeline.templating import templates
+from pipeline.versions import PACKED
+from scenes.checked import plain
+from scenes.errors import InputError
+from scenes.files import atomic_directory, atomic_file, digest_file, read_json, write_json
+
+LIMIT = 16_000_000  # bytes of all files in the folder
+# How far a packed network's pictures may be from the original's, in display values [0, 1]:
+# anywhere, and on average. An 8-bit step is 0.0039.
+WORST, MEAN = 0.008, 0.001
+VIEWS = 4  # of the dataset, to compare with
+HALF_MAX = 0.5 * torch.finfo(torch.float16).max
+
+
+@dataclass(frozen=True)
+class Models:
+    """Where networks are, what they are to do, and how to say so."""
+
+    folder: Path
+    method: str
+    words: str
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Between pictures of packed and of original networks, display values."""
+
+    method: str
+    views: int
+    worst: float
+    mean: float
+
+
+def find_models(models: Path | None, method: str | None) -> Models:
+    """The folder to take networks from: the given one, else `models/`, else `PACKED`.
+
+    Raises `InputError` if the method's networks, or without one any method's, are nowhere.
+    """
+    places = [models] if models is not None else [Path("models"), PACKED]
+    for folder in places:
+        there = available(folder)
+        chosen = method if method in there else None if method else next(iter(there), None)
+        if chosen:
+            packed = models is None and folder == PACKED
+            words = f"{folder} (pretrained; its README.md says on what)" if packed else str(folder)
+            return Models(folder, chosen, words)
+    names = needed(method or "pbrnet")
+    looked = " or ".join(str(folder) for folder in places)
+    have = sorted({name for folder in places for name in available(folder)})
+    other = f"; there are networks for --method {', '.join(have)}" if have else ""
+    raise InputError(
+        f"{places[0] / names[0]}.safetensors: no such model (looked in {looked}){other}; make it "
+        + " and ".join(f"with: pbrnet train {name}" for name in names)
+    )
+
+
+def pack(
+    source: Path, target: Path, methods: Sequence[str], data: Path, metrics: Path
+) -> list[Difference]:
+    """Write the networks of these methods as `target`, by rename; returns how pictures differ.
+
+    Raises `InputError` if networks or views to compare with are missing, if `target` holds
+    anything else than packed networks, if pictures differ by more than `WORST` or `MEAN`, or if
+    the folder would exceed `LIMIT`: then `target` stays as it was.
+    """
+    _refuse_strange_files(source, target)
+    methods = tuple(dict.fromkeys(methods))
+    originals = load_networks(source, methods)
+    noisy = any(method in METHODS and METHODS[method].noisy for method in methods)
+    examples = _views(data, noisy)
+    figures = _figures(metrics)
+    names = tuple(dict.fromkeys(name for method in methods for name in needed(method)))
+    with atomic_directory(target) as partial:
+        digests: dict[str, str] = {}
+        for name in names:
+            digests[name] = _pack_network(source, partial, name, digests)
+        packed = load_networks(partial, methods)
+        differences = [_compare(originals, packed, method, examples) for method in methods]
+        card = _card(packed, differences, figures)
+        (partial / "README.md").write_text(card, encoding="utf-8")
+        size = sum(file.stat().st_size for file in partial.iterdir())
+        if size > LIMIT:
+            raise InputError(
+                f"{target}: {size / 1e6:.1f} MB of weights, at most {LIMIT / 1e6:.0f} MB are to be "
+                f"passed on; train {' and '.join(names)} with a smaller width, or pack fewer "
+                "methods, of one network each: --method plus"
+            )
+    return differences
+
+
+def _refuse_strange_files(source: Path, target: Path) -> None:
+    """The folder is replaced as a whole, so nothing of anybody's may lie in it."""
+    if target.resolve() == source.resolve():
+        raise InputError(f"{target}: holds the networks to pack; name another folder")
+    if target.exists() and not target.is_dir():
+        raise InputError(f"{target}: not a folder")
+    ours = {"README.md"} | {f"{name}{suffix}" for name in METHODS
+                            for suffix in (".safetensors", ".json")}  # fmt: skip
+    present = {path.name for path in target.iterdir()} if target.is_dir() else set()
+    if present - ours:
+        raise InputError(
+            f"{target}: holds {min(present - ours)!r}, which is no packed network; the folder "
+            "would be replaced, so name an empty or a new one"
+        )
+
+
+def _pack_network(source: Path, target: Path, name: str, digests: dict[str, str]) -> str:
+    """Copy a network in half precision with its card; returns the digest of the weights."""
+    network, card = load_model(source / f"{name}.safetensors")
+    state = {key: value.contiguous() for key, value in network.state_dict().items()}
+    dtype = half_type(state)
+    path = target / f"{name}.safetensors"
+    with atomic_file(path) as partial:
+        save_file({key: value.to(dtype) for key, value in state.items()}, partial)
+    digest = digest_file(path)
+    needs = {other: digests[other] for other in card.needs}
+    packed = replace(
+        card,
+        sha256=digest,
+        needs=needs,
+        precision=str(dtype).removeprefix("torch."),
+        packed_from=card.packed_from or card.sha256,
+    )
+    write_json(target / f"{name}.json", plain(packed))
+    return digest
+
+
+def half_type(state: dict[str, torch.Tensor]) -> torch.dtype:
+    """float16, which is finer, unless a weight is too large for it: then bfloat16."""
+    largest = max(float(value.abs().max()) for value in state.values() if value.numel())
+    return torch.float16 if largest < HALF_MAX else torch.bfloat16
+
+
+def _views(data: Path, noisy: bool) -> list[Example]:
+    """Views spread evenly over the test split, or over the training split where there is none."""
+    for split in ("test", "validation", "train"):
+        try:
+            dataset = Dataset(data / "dataset", split, noisy)  # type: ignore[arg-type]
+        except InputError as error:
+            missing = error
+            continue
+        numbers = np.linspace(0, len(dataset) - 1, min(VIEWS, len(dataset))).astype(int)
+        return list(dataset.at([int(number) for number in numbers]))
+    raise InputError(f"packed networks are compared on a dataset's views: {missing}")
+
+
+def _compare(
+    original: Networks, packed: Networks, method: str, examples: Sequence[Example]
+) -> Difference:
+    errors = [
+        np.abs(original.predict(method, example).color - packed.predict(method, example).color)
+        for example in examples
+    ]
+    worst = max(float(error.max()) for error in errors)
+    mean = float(np.mean([error.mean() for error in errors]))
+    if not (worst <= WORST and mean <= MEAN):
+        raise InputError(
+            f"{method}: pictures of the packed networks differ by up to {worst:.4f} and on average "
+            f"by {mean:.5f} from the originals' (at most {WORST} and {MEAN}): these weights do not "
+            "bear half precision; train them longer, or pass on models/ itself"
+        )
+    return Difference(method, len(examples), worst, mean)
+
+
+def _figures(metrics: Path) -> dict[str, Any]:
+    """What `pbrnet evaluate` found, for the card; `InputError` if it has not been run."""
+    path = metrics / "evaluation.json"
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; a card needs figures: pbrnet evaluate")
+    found: dict[str, Any] = read_json(path)
+    missing = [key for key in ("views", "scenes", "split", "methods") if key not in found]
+    if missing:
+        raise InputError(f"{path}: without {missing[0]!r}; make it again with: pbrnet evaluate")
+    return found
+
+
+def _card(packed: Networks, differences: Sequence[Difference], figures: dict[str, Any]) -> str:
+    cards: list[ModelCard] = list(packed.cards.values())
+    licences = sorted({licence for card in cards for licence in card.data.licences})
+    credits = sorted({line for card in cards for line in card.data.attributions})
+    shown, apart = [*packed.methods, "denoised", "ceiling"], figures.get("kept_back")
+    environment = templates("model.release", markup=False)
+    environment.filters["json"] = lambda value: json.dumps(value, sort_keys=True)
+    return environment.get_template("model_card.md").render(
+        methods=packed.methods,
+        titles={name: METHODS[name].title for name in packed.cards},
+        cards=packed.cards,
+        card=packed.card,
+        differences=differences,
+        worst=WORST,
+        mean=MEAN,
+        figures=figures,
+        tables=[
+            {**block, "rows": [(name, block["methods"].get(name)) for name in shown]}
+            for block in (figures, apart)
+            if block
+        ],
+        shadows=any(card.training.get("shadows") for card in cards),
+        noisy_spp=[card.training["noisy_spp"] for card in cards if "noisy_spp" in card.training],
+        licences=licences,
+        credits=credits,
+    )

@@ -1,0 +1,392 @@
+"""The report stage: one self-contained HTML page that shows what happened.
+
+It reads whatever is there (data, models, metrics, plots) and puts a sentence in the place of what
+is not, naming the command that makes it. Pictures are embedded; the page asks the network for
+nothing.
+"""
+
+from __future__ import annotations
+
+import platform
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from statistics import mean, median
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import yaml
+from markupsafe import Markup
+
+from model.figures.records import METRICS, Places, Records
+from model.figures.results import (
+    best_and_worst,
+    figure_of,
+    learning_curves,
+    result_table,
+    score_strips,
+)
+from model.figures.row_pictures import MODALITIES, THUMBNAIL, draw, mosaic, row_label, shrink, uri
+from model.figures.svg import TALL, WIDE, Node, chain, panorama_guide
+from model.report.cost_charts import cost_drawings
+from model.studies.flicker.results import flicker_study
+from model.studies.illumination.results import light_study
+from model.studies.pairs.results import pairs_table
+from model.studies.time.results import time_study
+from model.studies.trials.results import trials_tables
+from pipeline.costs.ledger import read_ledger
+from pipeline.dataset.checks import REASONS
+from pipeline.images import enlarge, fit, png_facts, read_picture
+from pipeline.params import Params
+from pipeline.templating import templates
+from scenes.checked import plain
+from scenes.errors import InputError
+from scenes.files import write_text
+
+SHEET_VIEWS = 12
+PACKAGES = ("pbrnet", "mitsuba", "drjit", "numpy", "torch", "OpenEXR", "pyarrow", "dask")
+
+
+def write_report(places: Places, params: Params, out: Path) -> list[str]:
+    """Write the page to `out` by rename; returns a sentence for each part that is missing."""
+    page = _Page(places, params)
+    write_text(out, page.render())
+    return page.records.missing
+
+
+class _Page:
+    """Gathers the parts one after the other."""
+
+    def __init__(self, places: Places, params: Params) -> None:
+        self.params = params
+        self.records = Records(places)
+
+    def render(self) -> str:
+        """The whole page."""
+        wanted = self.records.spread(SHEET_VIEWS)
+        examples = self.records.example_keys()
+        rows = self.records.rows({*wanted, *(key for group in examples.values() for key in group)})
+        sheet = [rows[key] for key in wanted if key in rows]
+        environment = templates("model.report")
+        environment.filters["thousands"] = lambda number: f"{number:,}".replace(",", " ")
+        environment.filters["seconds"] = _duration
+        return environment.get_template("report.html").render(
+            headline=self._headline(),
+            chain=self._chain(sheet),
+            sheets=self._sheets(sheet),
+            guide=self._guide(sheet),
+            candidates=self._candidates(),
+            rejected=self._rejected(),
+            reasons=REASONS,
+            dataset=self._dataset(),
+            curves=learning_curves(self.records),
+            results=result_table(self.records),
+            strips=score_strips(self.records),
+            pairs=pairs_table(self.records),
+            light=light_study(self.records),
+            clock=time_study(self.records),
+            trials=trials_tables(self.records),
+            steady=flicker_study(self.records),
+            examples=best_and_worst(self.records, examples, rows),
+            predictions=self._predictions(),
+            costs=self._costs(),
+            imports=self._imports(),
+            credits=self._credits(),
+            backbone=self._backbone(),
+            parameters=yaml.safe_dump(plain(self.params), sort_keys=False, allow_unicode=True),
+            versions=_versions(),
+            notes=self.records.missing,
+        )
+
+    def _headline(self) -> list[tuple[str, str]]:
+        views = sum(len(file.views) for file in self.records.cameras)
+        rows = sum(shard.metadata.num_rows for shard in self.records.shards)
+        figures = [
+            (str(len(self.records.scenes)), "scenes"),
+            (str(views), "views sampled"),
+            (str(rows), "views in the dataset"),
+        ]
+        methods = self.records.evaluation.get("methods", {})
+        for name, (label, _, digits) in METRICS.items():
+            value = figure_of(methods.get("pbrnet", {}), name)
+            if value is not None:
+                figures.append((f"{value['mean']:.{digits}f}", f"{label} on unseen scenes"))
+        return figures
+
+    def _chain(self, sheet: Sequence[dict[str, Any]]) -> dict[str, Markup]:
+        views = sum(len(file.views) for file in self.records.cameras)
+        rooms = sum(len(scene.rooms) for scene in self.records.scenes)
+        rows = sum(shard.metadata.num_rows for shard in self.records.shards)
+        size = f"{self.params.image.width}×{self.params.image.height}"
+        row = max(sheet, key=lambda row: np.count_nonzero(row["intensity"]), default=None)
+        shown = [name for name in MODALITIES if row and name in row]
+        picture = {name: uri(fit(draw(name, row), 200)) for name in shown} if row else {}
+        scenes, many = mosaic(sheet, 2, 2), mosaic(sheet, 4, 3)
+        flip = figure_of(self.records.evaluation.get("methods", {}).get("pbrnet", {}), "flip")
+        epochs = {
+            name: _first(card, ("epochs",), ("training", "epochs"))
+            for name, card in self.records.models.items()
+        }
+        backbone = self._backbone()
+        nodes = {
+            "scenes": Node("Scenes", f"{len(self.records.scenes)} with {rooms} rooms", scenes),
+            "cameras": Node("Cameras", f"{views} views", picture.get("color", "")),
+            "inputs": Node("Inputs", size, picture.get("normal", "")),
+            "illumination": Node(
+                "Illumination",
+                f"{self.params.illumination.width} wide",
+                picture.get("intensity", ""),
+            ),
+            "groundtruth": Node(
+                "Ground truth", f"{self.params.groundtruth.spp} samples", picture.get("shading", "")
+            ),
+            "dataset": Node("Dataset", f"{rows} rows", many),
+            "backbone": Node("Backbone", backbone.get("network", "not there yet")),
+            "shading": Node(
+                "Shading network", _epochs(epochs.get("shading")), self._shown("shading")
+            ),
+            "composition": Node(
+                "Composition", _epochs(epochs.get("composition")), self._shown("prediction")
+            ),
+            "evaluate": Node(
+                "Evaluation",
+                f"ꟻLIP {flip['mean']:.3f}" if flip else "not there yet",
+                self._shown("error"),
+            ),
+        }
+        return {"wide": chain(nodes, WIDE, "wide"), "tall": chain(nodes, TALL, "tall")}
+
+    def _shown(self, part: str) -> str:
+        """A small version of the best example's picture of that kind, if there is one."""
+        for scene_id, view_id in self.records.example_keys().get("best", []):
+            picture = self.records.example_picture(scene_id, view_id, part)
+            if picture is not None:
+                return uri(fit(picture, 200))
+        return ""
+
+    def _sheets(self, sheet: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+        if not sheet:
+            return []
+        return [
+            {
+                "title": title,
+                "words": words,
+                "wide": name in ("intensity", "distance", "tint"),
+                "pictures": [
+                    {"uri": uri(shrink(draw(name, row))), "label": row_label(row)} for row in sheet
+                ],
+            }
+            for name, (title, words) in MODALITIES.items()
+            if name in sheet[0]  # not every dataset has all of them
+        ]
+
+    def _guide(self, sheet: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
+        """One panorama, large, with its directions: the one that shows most light sources."""
+        if not sheet:
+            return None
+        row = max(sheet, key=lambda row: np.count_nonzero(row["intensity"]))
+        width = 960
+        pictures = {name: enlarge(draw(name, row), width) for name in ("intensity", "distance")}
+        height, width = pictures["intensity"].shape[:2]
+        lit = row["distance"][row["distance"] > 0]
+        return {
+            "label": row_label(row),
+            "color": uri(shrink(draw("color", row))),
+            "svg": panorama_guide(
+                uri(pictures["intensity"], png=True),
+                (width, height),
+                row["K"],
+                (row["width"], row["height"]),
+            ),
+            "distance": uri(pictures["distance"], png=True),
+            "share": float(np.mean(row["intensity"] > 0)),
+            "near": float(lit.min()) if lit.size else 0.0,
+            "far": float(lit.max()) if lit.size else 0.0,
+        }
+
+    def _candidates(self) -> dict[str, Any]:
+        dropped: Counter[str] = Counter()
+        for file in self.records.cameras:
+            dropped.update(file.rejected)
+        total = sum(file.candidates for file in self.records.cameras)
+        kept = sum(len(file.views) for file in self.records.cameras)
+        return {"total": total, "kept": kept, "bars": _bars(dropped.most_common())}
+
+    def _rejected(self) -> dict[str, Any] | None:
+        path = self.records.places.data / "dataset" / "rejected.csv"
+        if not path.is_file():
+            return None
+        lines = self.records.csv(path)
+        counts = Counter(line.get("reason", "unknown") for line in lines)
+        return {"total": len(lines), "bars": _bars(counts.most_common()), "lines": lines[:50]}
+
+    def _dataset(self) -> dict[str, Any] | None:
+        if not self.records.shards:
+            return None
+        tables = [
+            shard.read(columns=["scene_id", "split", "room_type", "lighting", "licence"])
+            for shard in self.records.shards
+        ]
+        rows = pa.concat_tables(tables).to_pylist()
+        splits = Counter(row["split"] for row in rows)
+        folder = self.records.places.data / "dataset"
+        return {
+            "splits": [
+                {
+                    "name": split,
+                    "views": splits[split],
+                    "scenes": len({row["scene_id"] for row in rows if row["split"] == split}),
+                }
+                for split in ("train", "validation", "test")
+            ],
+            "rooms": _bars(Counter(row["room_type"] for row in rows).most_common()),
+            "lighting": _bars(Counter(row["lighting"] for row in rows).most_common()),
+            "licences": Counter(row["licence"] for row in rows).most_common(),
+            "shards": len(self.records.shards),
+            "megabytes": sum(path.stat().st_size for path in folder.glob("*.parquet")) / 1e6,
+        }
+
+    def _predictions(self) -> list[dict[str, Any]]:
+        """What `pbrnet predict` left behind."""
+        shown: list[dict[str, Any]] = []
+        missing = self.records.missing
+        for path in sorted(self.records.places.predictions.glob("*.png")):
+            try:
+                content = path.read_bytes()
+                facts, picture = png_facts(content), read_picture(content)
+            except (OSError, ValueError):
+                missing.append(f"{path} is damaged; make it again with: pbrnet predict")
+                continue
+            if facts is None or "prediction" not in facts:
+                missing.append(f"{path} was not made by pbrnet predict and is not shown")
+                continue
+            shown.append(
+                {
+                    "label": str(facts["prediction"]),
+                    "figures": ", ".join(filter(None, (facts.get("words"), facts.get("models")))),
+                    "credits": "; ".join(facts.get("credits", ())),
+                    "uri": uri(fit(picture, 3 * THUMBNAIL)),
+                }
+            )
+        return shown
+
+    def _costs(self) -> dict[str, Any] | None:
+        try:
+            rows = read_ledger(self.records.places.data).to_pylist()
+        except InputError as error:
+            rows = []
+            self.records.missing.append(str(error))
+        seconds: dict[str, dict[tuple[str, str], float]] = defaultdict(dict)
+        for row in rows:
+            seconds[row["stage"]][row["scene_id"], row["view_id"]] = row["seconds"]
+        again = sum(row["times"] > 1 for row in rows)
+        if not seconds:
+            self.records.missing.append(
+                "No costs yet; the rendering stages write data/ledger.parquet"
+            )
+            return None
+        table = [
+            {
+                "stage": stage,
+                "count": len(costs),
+                "total": sum(costs.values()),
+                "mean": mean(costs.values()),
+                "median": median(costs.values()),
+                "most": max(costs.values()),
+                "slowest": "/".join(max(costs.items(), key=lambda item: item[1])[0]).strip("/"),
+            }
+            for stage, costs in seconds.items()
+        ]
+        table.sort(key=lambda line: -float(str(line["total"])))
+        per_view: Counter[tuple[str, str]] = Counter()
+        for costs in seconds.values():
+            for key, cost in costs.items():
+                if key[1]:
+                    per_view[key] += cost  # type: ignore[assignment]
+        return {
+            "table": table,
+            "bars": _bars([(str(line["stage"]), float(str(line["total"]))) for line in table]),
+            "drawings": cost_drawings(rows),
+            "again": again,
+            "views": len(per_view),
+            "each": mean(per_view.values()) if per_view else 0.0,
+        }
+
+    def _imports(self) -> list[dict[str, Any]]:
+        return [
+            {
+                "id": scene.scene_id,
+                "kind": scene.source.get("kind", "unknown"),
+                "licences": sorted({credit.licence for credit in scene.credits}),
+                "authors": sorted({credit.author for credit in scene.credits}),
+                "changes": scene.changes,
+                "rooms": len(scene.rooms),
+                "lights": len(scene.lights),
+            }
+            for scene in self.records.scenes
+            if scene.source.get("kind") != "procedural"
+        ]
+
+    def _credits(self) -> list[dict[str, Any]]:
+        uses: Counter[tuple[str, str, str, str]] = Counter()
+        for scene in self.records.scenes:
+            uses.update({(c.title, c.author, c.licence, c.source) for c in scene.credits})
+        names = ("title", "author", "licence", "source")
+        return [
+            {**dict(zip(names, key, strict=True)), "scenes": count}
+            for key, count in sorted(uses.items(), key=lambda item: (-item[1], item[0]))
+        ]
+
+    def _backbone(self) -> dict[str, str]:
+        card = self.records.models.get("backbone")
+        if not card:
+            return {}
+        return {
+            key: str(card[key]) for key in ("network", "source", "licence", "sha256") if key in card
+        }
+
+
+def _bars(counts: Iterable[tuple[str, float]]) -> list[dict[str, Any]]:
+    pairs = list(counts)
+    most = max((count for _, count in pairs), default=1) or 1
+    return [
+        {"name": name, "count": count, "percent": round(100 * count / most, 1)}
+        for name, count in pairs
+    ]
+
+
+def _first(card: Mapping[str, Any], *paths: tuple[str, ...]) -> Any:
+    """The first of several places in nested mappings that holds something."""
+    for path in paths:
+        value: Any = card
+        for key in path:
+            value = value.get(key) if isinstance(value, dict) else None
+        if value is not None:
+            return value
+    return None
+
+
+def _epochs(epochs: Any) -> str:
+    if epochs is None:
+        return "not there yet"
+    return f"{epochs} epoch{'' if epochs == 1 else 's'}"
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 1:
+        return f"{1000 * seconds:.0f} ms"
+    if seconds < 120:
+        return f"{seconds:.1f} s"
+    return f"{seconds / 60:.1f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+
+
+def _versions() -> list[tuple[str, str]]:
+    found = [("Python", platform.python_version())]
+    for package in PACKAGES:
+        try:
+            found.append((package, version(package)))
+        except PackageNotFoundError:
+            found.append((package, "not installed"))
+    return found

@@ -1,0 +1,1 @@
+"""Study of flicker between neighbouring views."""

@@ -1,0 +1,1 @@
+"""Study of generalisation to unseen scenes."""

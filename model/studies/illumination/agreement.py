@@ -1,0 +1,149 @@
+"""How well predicted changes of brightness follow rendered ones: direction, pattern and size.
+
+A change is the natural logarithm of the ratio of luminance after to before, for blocks of pixels.
+What is measured of many views follows from sums over their blocks, so that scenes can be drawn
+again and again for an interval without looking at a pixel twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from model.data.reader import Array
+from model.evaluation.metrics import RESAMPLES
+from model.studies.illumination.results import Agreement, Figure
+from scenes.seeds import generator
+
+BLOCK = 8  # pixels a side
+LEAST = 0.05  # rendered changes below this are too small to have a direction
+
+# One row of sums a view: see `sums`
+_COUNT, _T, _P, _TT, _PP, _TP, _CTT, _CPP, _CTP, _CLEAR, _AGREE = range(11)
+
+
+def block_means(luminance: Array, side: int = BLOCK) -> Array:
+    """Means over whole blocks of `side` x `side` pixels of (H, W), float64; a rest is left out."""
+    rows, columns = (size // side for size in luminance.shape)
+    whole = luminance[: rows * side, : columns * side].astype(np.float64)
+    means: Array = whole.reshape(rows, side, columns, side).mean(axis=(1, 3))
+    return means
+
+
+def log_change(before: Array, after: Array) -> Array:
+    """ln(after / before) of block means; not a number where either is not above 0."""
+    dark = (before <= 0) | (after <= 0)
+    ratio = np.where(dark, 1.0, after) / np.where(dark, 1.0, before)
+    return np.where(dark, np.nan, np.log(ratio))
+
+
+def sums(true: Array, predicted: Array) -> Array:
+    """What all measures need of one view: float64 (11,), to be added up over views.
+
+    Count of blocks, sums, squares and products of both changes; the same squares and products with
+    the view's own means taken off; how many rendered changes are at least `LEAST`, and how many
+    of these are predicted with their sign. Blocks where either is not a number do not count.
+    """
+    known = np.isfinite(true) & np.isfinite(predicted)
+    t, p = true[known], predicted[known]
+    if not len(t):
+        return np.zeros(11)
+    ct, cp = t - t.mean(), p - p.mean()
+    clear = np.abs(t) >= LEAST
+    return np.array(
+        [
+            *(len(t), t.sum(), p.sum(), t @ t, p @ p, t @ p),
+            *(ct @ ct, cp @ cp, ct @ cp),
+            *(clear.sum(), (clear & (np.sign(t) == np.sign(p))).sum()),
+        ],
+        dtype=np.float64,
+    )
+
+
+def agreement(views: Mapping[str, Sequence[Array]], seed: int) -> Agreement | None:
+    """All measures over `views`: scene -> `sums` of each of its views; None without a block.
+
+    Intervals are 95 %, from drawing whole scenes anew, as views of one scene are no independent
+    evidence; with one scene there are none.
+    """
+    scenes = [scene for scene in sorted(views) if sum(row[_COUNT] for row in views[scene]) > 0]
+    if not scenes:
+        return None
+    by_scene = np.array([np.sum(views[scene], axis=0) for scene in scenes])
+    drawn = generator(seed, "agreement").integers(len(scenes), size=(RESAMPLES, len(scenes)))
+    total, resampled = by_scene.sum(axis=0), by_scene[drawn].sum(axis=1)
+    figures = {
+        name: _figure(total, resampled, measure, len(scenes)) for name, measure in _MEASURES.items()
+    }
+    return Agreement(
+        views=sum(len(views[scene]) for scene in scenes),
+        scenes=len(scenes),
+        blocks=int(total[_COUNT]),
+        **figures,
+    )
+
+
+def _correlation(s: Array) -> Array:
+    """Pearson's, over all blocks."""
+    n = s[..., _COUNT]
+    across = s[..., _TP] - s[..., _T] * s[..., _P] / n
+    true = s[..., _TT] - s[..., _T] ** 2 / n
+    predicted = s[..., _PP] - s[..., _P] ** 2 / n
+    return _cosine(across, true, predicted, n)
+
+
+def _pattern(s: Array) -> Array:
+    """Pearson's with every view's own mean change taken off: where it gets brighter."""
+    return _cosine(s[..., _CTP], s[..., _CTT], s[..., _CPP], s[..., _COUNT])
+
+
+def _cosine(across: Array, true: Array, predicted: Array, count: Array) -> Array:
+    # A change that is the same everywhere has no pattern; what is left of it is rounding.
+    even = np.minimum(true, predicted) <= 1e-9 * count
+    return np.where(even, np.nan, across / np.sqrt(np.where(even, 1.0, true * predicted)))
+
+
+def _sign(s: Array) -> Array:
+    """The share of clear rendered changes whose sign is predicted."""
+    return _divided(s[..., _AGREE], s[..., _CLEAR])
+
+
+def _gain(s: Array) -> Array:
+    """How many times the rendered change is predicted: the slope of a line through no change."""
+    return _divided(s[..., _TP], s[..., _TT])
+
+
+def _true(s: Array) -> Array:
+    return _divided(s[..., _T], s[..., _COUNT])
+
+
+def _predicted(s: Array) -> Array:
+    return _divided(s[..., _P], s[..., _COUNT])
+
+
+def _divided(above: Array, below: Array) -> Array:
+    return np.where(below > 0, above / np.where(below > 0, below, 1.0), np.nan)
+
+
+_MEASURES = {
+    "correlation": _correlation,
+    "pattern": _pattern,
+    "sign": _sign,
+    "gain": _gain,
+    "true": _true,
+    "predicted": _predicted,
+}
+
+
+def _figure(total: Array, resampled: Array, measure: object, scenes: int) -> Figure | None:
+    assert callable(measure)
+    value = float(measure(total))
+    if not np.isfinite(value):
+        return None
+    draws = measure(resampled)
+    draws = draws[np.isfinite(draws)]
+    if scenes < 2 or not len(draws):
+        return Figure(value, None, None)
+    low, high = np.quantile(draws, [0.025, 0.975])
+    return Figure(value, float(low), float(high))

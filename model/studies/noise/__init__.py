@@ -1,0 +1,1 @@
+"""Study of noise in the training data."""

@@ -1,0 +1,1 @@
+"""Study of paired comparisons by human observers."""

@@ -1,0 +1,83 @@
+"""The time study's plot: how far a picture is from the reference, against the seconds it takes."""
+
+from __future__ import annotations
+
+import io
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+
+from model.figures.results import METHODS
+from model.studies.time.results import CLOCKS, RENDERERS, TimeResult
+
+_LINES = {
+    "mitsuba": ("#7f7f7f", "-"),
+    "mitsuba_denoised": ("#1f77b4", "-"),
+    "planned": ("#7f7f7f", "--"),
+    "planned_denoised": ("#1f77b4", "--"),
+}
+_COLUMNS = 2  # of the legend: three do not fit beside each other
+_MARKS = ("o", "s", "D", "^", "v", "P", "X", "*", "<", ">")
+_COLOURS = ("#d62728", "#ff7f0e", "#2ca02c", "#9467bd", "#8c564b", "#e377c2", "#bcbd22")
+
+
+def time_plot(result: TimeResult) -> bytes:
+    """A PNG of two panels, FLIP and SSIM, both against seconds a view on a logarithmic axis."""
+    figure = time_figure(result)
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", metadata={"Software": None})
+    return stream.getvalue()
+
+
+def time_figure(result: TimeResult) -> Figure:
+    """What `time_plot` draws."""
+    figure = Figure(figsize=(12, 5.4), dpi=100, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, 2)
+    _panel(axes[0], result, "flip", "ꟻLIP: lower is nearer to the reference")
+    _panel(axes[1], result, "ssim", "SSIM: higher is nearer to the reference")
+    width, height = result.size
+    handles, labels = axes[0].get_legend_handles_labels()
+    rows = -(-len(labels) // _COLUMNS)
+    figure.set_figheight(4.4 + 0.2 * rows)
+    figure.legend(handles, labels, loc="outside lower center", ncols=_COLUMNS, fontsize=9)
+    figure.suptitle(
+        f"{width}x{height}, {result.views} views of {result.scenes} {result.split} scenes; "
+        f"numbers: samples a pixel, reference {result.reference_spp}",
+        fontsize=11,
+    )
+    return figure
+
+
+def _panel(axes: Axes, result: TimeResult, measure: str, words: str) -> None:
+    for method, (colour, dashes) in _LINES.items():
+        line = [point for point in result.points if point.method == method]
+        if not line:
+            continue
+        line.sort(key=lambda point: point.spp or 0)
+        seconds, values = [p.seconds for p in line], [getattr(p, measure) for p in line]
+        label = RENDERERS[method]
+        axes.plot(seconds, values, dashes, color=colour, marker=".", label=label)
+        for point, x, y in zip(line, seconds, values, strict=True):
+            axes.annotate(
+                str(point.spp), (x, y), (3, 4), textcoords="offset points", fontsize=7, color=colour
+            )
+    networks = [point for point in result.points if point.method not in RENDERERS]
+    for index, point in enumerate(networks):
+        axes.plot(
+            [point.seconds],
+            [getattr(point, measure)],
+            _MARKS[index % len(_MARKS)],
+            color=_COLOURS[index % len(_COLOURS)],
+            markersize=9,
+            label=METHODS.get(point.method, point.method),
+        )
+    axes.set_xscale("log")
+    for axis in (axes.xaxis.set_major_formatter, axes.xaxis.set_minor_formatter):
+        axis(FuncFormatter(lambda seconds, _: f"{seconds:g}"))
+    axes.tick_params(axis="x", which="both", labelsize=8)
+    axes.set_xlabel(f"a view, with all that it needs: {CLOCKS[result.clock]}")
+    axes.set_ylabel(words)
+    axes.grid(True, which="both", alpha=0.25)

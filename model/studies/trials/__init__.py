@@ -1,0 +1,1 @@
+"""Training trials shared by the studies."""

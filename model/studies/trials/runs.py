@@ -1,0 +1,223 @@
+"""Trials trained, measured and kept: what a stopped study goes on from.
+
+A trial's `trial.json` says what has been done under which fingerprint: over the parameters that
+determine its weights, its seed, the bytes of what it learns from (or all that determines them, of
+what is made for the study), the scenes, the backbone, and the trial whose networks it goes on from.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from model.data.reader import Dataset, subset_fingerprint
+from model.evaluation.evaluate import refuse_leaks
+from model.evaluation.metrics import find_lpips
+from model.methods import METHODS
+from model.studies.trials.plan import Study, Trial
+from model.studies.trials.scores import Scored, load_painters, picture_views, score_views
+from model.training.backbone import BackboneCard
+from model.training.store import ModelCard, load_model
+from model.training.train import Folders, train_network
+from pipeline.params import Params, StageTrainParams
+from scenes.checked import build, plain
+from scenes.errors import InputError
+from scenes.files import digest_bytes, read_json, sweep, write_json
+
+Say = Callable[[str], None]
+PICTURED = 4  # views on the sheet
+
+
+@dataclass
+class Record:
+    """`trial.json`: how far a trial has come."""
+
+    fingerprint: str  # of all that determines the weights
+    trained: tuple[str, ...] = ()  # networks that are finished
+    measured: str = ""  # fingerprint of all that determines the scores
+    scores: tuple[Scored, ...] = ()
+
+
+def run(study: Study, trials: Sequence[Trial], folders: Folders, say: Say) -> list[Record]:
+    """Train and measure every trial that is not done; their records in the same order.
+
+    Raises as `train_network` does; what was finished until then is kept.
+    """
+    sweep(folders.metrics / "studies")
+    fingerprints = _Fingerprints(folders, trials[0].params.evaluate.split)
+    records = []
+    for number, trial in enumerate(trials, start=1):
+        place = folder_of(study, trial, folders)
+        record = fingerprints.kept(trial, place) or Record(fingerprints.training(trial))
+        heading = f"study {study.name}: trial {number} of {len(trials)}, {trial.name}"
+        if record.measured == fingerprints.scoring(trial):
+            say(f"{heading}: kept")
+        else:
+            say(f"{heading}: {trial.views} views, {sum(trial.steps.values())} steps")
+            _train(study, trial, record, place, folders)
+            _measure(study, trial, record, place, folders)
+            record.measured = fingerprints.scoring(trial)
+            write_json(place / "trial.json", plain(record))
+        records.append(record)
+    return records
+
+
+def states(study: Study, trials: Sequence[Trial], folders: Folders) -> list[str]:
+    """Of every trial what is left to do: `train`, `go on`, `measure`, or `kept`."""
+    fingerprints = _Fingerprints(folders, trials[0].params.evaluate.split)
+    words = []
+    for trial in trials:
+        place = folder_of(study, trial, folders)
+        record = fingerprints.kept(trial, place)
+        if record is None:
+            words.append("train")
+        elif record.measured == fingerprints.scoring(trial):
+            words.append("kept")
+        else:
+            done = set(record.trained) == set(trial.variant.networks)
+            words.append("measure" if done else "go on")
+    return words
+
+
+def expected_seconds(trial: Trial, study: Study, folders: Folders) -> float | None:
+    """Of training, by the pace of finished trainings: of this study, else of the project's own.
+
+    None if a network's pace is not known. An end-to-end step counts as one of each network.
+    """
+    total = 0.0
+    for name, steps in trial.steps.items():
+        parts = ("shading", "composition") if name == "end_to_end" else (name,)
+        paces = [_pace(part, study, folders) for part in parts]
+        own = _pace(name, study, folders)
+        if own is None and None in paces:
+            return None
+        total += steps * (own if own is not None else sum(pace or 0.0 for pace in paces))
+    return total
+
+
+def folder_of(study: Study, trial: Trial, folders: Folders) -> Path:
+    """Where a trial's models, curves, pictures and record lie."""
+    return folders.metrics / "studies" / study.name / trial.name
+
+
+class _Fingerprints:
+    """What tells whether a trial's work still holds; reads every shard once."""
+
+    def __init__(self, folders: Folders, split: Any) -> None:
+        self.dataset = folders.data / "dataset"
+        self.split = f"{split} {Dataset(self.dataset, split).fingerprint()}"
+        card = folders.backbone / "backbone.json"
+        self.backbone = build(BackboneCard, read_json(card), str(card), InputError).sha256
+        self.lpips = find_lpips() is not None
+
+    @cached_property
+    def train(self) -> str:
+        """Of the project's own training split, for the trials that learn from it."""
+        return Dataset(self.dataset, "train").fingerprint()
+
+    def training(self, trial: Trial) -> str:
+        """Of all that determines the weights."""
+        params = trial.params
+        unused = {"checkpoint_steps", "device", "baselines"}
+        shared = {
+            name: value
+            for name, value in plain(params.train).items()
+            if name not in unused and not _is_stage(params, name)
+        }
+        stages = {name: plain(getattr(params.train, name)) for name in trial.variant.networks}
+        parts = (params.seed, shared, stages, plain(params.tone), params.shading.albedo)
+        whole = self.train if trial.source is None else trial.source.mark
+        subset = subset_fingerprint(whole, trial.scenes)
+        own = digest_bytes(*(repr(part).encode() for part in (parts, subset, self.backbone)))
+        return (
+            digest_bytes(own.encode(), self.training(trial.start).encode()) if trial.start else own
+        )
+
+    def scoring(self, trial: Trial) -> str:
+        """Of what it is measured on, and how."""
+        parts = (self.training(trial), self.split, sorted(trial.variant.methods), self.lpips)
+        return digest_bytes(*(repr(part).encode() for part in parts))
+
+    def kept(self, trial: Trial, place: Path) -> Record | None:
+        """What is done of a trial and still holds; None for nothing.
+
+        Raises `InputError` for a record that cannot be read: hours may hang on it.
+        """
+        path = place / "trial.json"
+        if not path.is_file():
+            return None
+        try:
+            record = build(Record, read_json(path), str(path), InputError)
+        except InputError as error:
+            raise InputError(f"{error}; delete {place} to train this trial again") from None
+        return record if record.fingerprint == self.training(trial) else None
+
+
+def _train(study: Study, trial: Trial, record: Record, place: Path, folders: Folders) -> None:
+    """Train what is not yet trained, in order; a stranger's leavings go first."""
+    left = place / "trial.json"
+    if left.is_file() and read_json(left).get("fingerprint") != record.fingerprint:
+        shutil.rmtree(place)
+    write_json(left, plain(record))
+    if trial.source is not None:
+        trial.source.make()
+    data = folders.data if trial.source is None else trial.source.data
+    inner = Folders(data, place, place, place, folders.backbone)
+    for name in trial.variant.networks:
+        finished = name in record.trained and (place / f"{name}.safetensors").is_file()
+        if finished:
+            continue
+        start = None
+        if trial.start is not None:
+            start = folder_of(study, trial.start, folders) / f"{name}.safetensors"
+            if not start.is_file():
+                raise InputError(
+                    f"{start}: no such model, but {trial.name} goes on from it; delete "
+                    f"{start.parent} to train it again"
+                )
+        train_network(name, trial.params, inner, start, trial.scenes)
+        record.trained = (*(one for one in record.trained if one != name), name)
+        write_json(left, plain(record))
+
+
+def _measure(study: Study, trial: Trial, record: Record, place: Path, folders: Folders) -> None:
+    """Score the variant's methods on the split, and draw a few views."""
+    noisy = any(METHODS[name].noisy for name in trial.variant.networks)
+    dataset = Dataset(folders.data / "dataset", trial.params.evaluate.split, noisy)
+    exposure = trial.params.train.exposure
+    painters, cards = load_painters(trial.variant.methods, place)
+    refuse_leaks(dataset, cards)
+    earlier = trial.start
+    while earlier is not None:
+        refuse_leaks(dataset, _cards(earlier, folder_of(study, earlier, folders)))
+        earlier = earlier.start
+    wanted = picture_views(dataset, PICTURED)
+    label = f"study {study.name}: measure {trial.name}"
+    albedo = trial.params.shading.albedo if study.regions else None
+    record.scores = tuple(
+        score_views(dataset, painters, exposure, place / "views", wanted, label, albedo)
+    )
+
+
+def _cards(trial: Trial, place: Path) -> dict[str, ModelCard]:
+    return {name: load_model(place / f"{name}.safetensors")[1] for name in trial.variant.networks}
+
+
+def _is_stage(params: Params, name: str) -> bool:
+    return isinstance(getattr(params.train, name), StageTrainParams)
+
+
+def _pace(network: str, study: Study, folders: Folders) -> float | None:
+    """Seconds a step, from the newest record that has them."""
+    own = (folders.metrics / "studies" / study.name).glob(f"*/train_{network}.json")
+    paths: Collection[Path] = [*sorted(own), folders.metrics / f"train_{network}.json"]
+    for path in paths:
+        if path.is_file():
+            pace = read_json(path).get("seconds_per_step")
+            if isinstance(pace, (int, float)):
+                return float(pace)
+    return None

@@ -1,0 +1,185 @@
+"""The loop that trains every network of the registry.
+
+Data order, mirroring, random draws and learning rate are functions of the step, so that a run that
+was killed and started again from a checkpoint ends with the same bits as one that was not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import torch
+
+from model.data.encoding import encode, radiances, targets
+from model.data.reader import Dataset, Example, coin_flips, mirrored
+from model.methods import Method
+from model.networks.objective import Batch, Objective
+from model.training.checkpoint import Checkpoint, CurvePoint, Optimisers, State
+from pipeline.params import Params
+from pipeline.progress import Progress
+from scenes.errors import InputError, PbrnetError
+from scenes.seeds import derive, derive32
+
+
+class TrainingError(PbrnetError):
+    """The training went astray."""
+
+
+class Run:
+    """One training: the objective, an optimiser for each of its players, and how to feed it."""
+
+    def __init__(
+        self,
+        name: str,
+        method: Method,
+        params: Params,
+        objective: Objective,
+        device: torch.device,
+        steps: int,
+        steps_per_epoch: int,
+    ) -> None:
+        self.name, self.method, self.params = name, method, params
+        self.objective, self.device = objective, device
+        self.steps, self.steps_per_epoch = steps, steps_per_epoch
+        self.optimisers: Optimisers = {
+            player: torch.optim.Adam(
+                module.parameters(),
+                lr=params.train.learning_rate,
+                betas=method.adam.betas if method.adam else (0.9, 0.999),
+                fused=True,
+            )
+            for player, module in objective.players.items()
+        }
+
+    def batch(self, examples: Sequence[Example]) -> Batch:
+        """The views as tensors on the device."""
+        truth = {
+            name: self._put(value)
+            for name, value in targets(examples, self.params.train.exposure).items()
+        }
+        given = encode(examples, self.method.direct, self.method.noisy)
+        inputs = {name: self._put(value) for name, value in given.items()}
+        radiance = None
+        if self.method.noisy:
+            linear = radiances(examples, self.params.train.exposure)
+            radiance = {name: self._put(value) for name, value in linear.items()}
+        return Batch(inputs, truth[self.method.target], truth["shading"], radiance)
+
+    def begin_step(self, step: int) -> None:
+        """Learning rates and random draws (dropout, histories) are functions of the step."""
+        torch.manual_seed(derive32(self.params.seed, "step", self.name, step))
+        for optimiser in self.optimisers.values():
+            for group in optimiser.param_groups:
+                group["lr"] = self.method.rate(self.params.train, step, self.steps)
+
+    def validate(self, views: Sequence[Example]) -> float | None:
+        """Mean loss of the network on these views, without dropout; none without views."""
+        if not views:
+            return None
+        self._set_mode(training=False)
+        with torch.no_grad():
+            losses = [float(self.objective.loss(self.batch([view]))) for view in views]
+        self._set_mode(training=True)
+        return sum(losses) / len(losses)
+
+    def _set_mode(self, training: bool) -> None:
+        for module in self.objective.players.values():
+            module.train(training)
+
+    def _put(self, value: torch.Tensor) -> torch.Tensor:
+        return value.to(self.device, memory_format=torch.channels_last)
+
+
+def train_steps(
+    run: Run,
+    state: State,
+    checkpoint: Checkpoint,
+    dataset: Dataset,
+    validation: Sequence[Example],
+) -> None:
+    """The loop: from the state's step to the last, players in turn within a step."""
+    name, epochs = run.name, run.steps // run.steps_per_epoch
+    batches = batches_from(dataset, run.params, state.step)
+    whole = True  # whether all players have made equally many steps
+    with torch.random.fork_rng(), Progress(run.steps, f"train {name}", "steps") as progress:
+        progress.advance(state.step)
+        try:
+            while state.step < run.steps:
+                examples = next(batches)
+                run.begin_step(state.step)
+                for player, value in run.objective.losses(run.batch(examples)):
+                    _stop_if_diverged(value, name, state.step, examples)
+                    optimiser = run.optimisers[player]
+                    optimiser.zero_grad(set_to_none=True)
+                    value.backward()  # type: ignore[no-untyped-call]
+                    whole = False
+                    optimiser.step()
+                    if player == "network":
+                        state.loss_sum += float(value.detach())
+                state.step += 1
+                whole = True
+                if state.step % run.steps_per_epoch == 0:
+                    point = _close_epoch(state, run, validation)
+                    progress.write(_sentence(name, point, epochs))
+                if state.step % run.params.train.checkpoint_steps == 0 and state.step < run.steps:
+                    checkpoint.save(run.objective, run.optimisers, state)
+                progress.advance()
+        except KeyboardInterrupt:
+            if whole:
+                checkpoint.save(run.objective, run.optimisers, state)
+            raise
+
+
+def batches_from(dataset: Dataset, params: Params, step: int) -> Iterator[list[Example]]:
+    """Endless batches from `step` on; the same ones whether or not training stopped between."""
+    batch, seed = params.train.batch, derive(params.seed, "train")
+    position = step * batch
+    views = dataset.shuffled(seed, start=position)
+    flips = coin_flips(seed, position, len(dataset))
+    while True:
+        examples = [
+            mirrored(example) if params.train.flips and flip else example
+            for _, example, flip in zip(range(batch), views, flips, strict=False)
+        ]
+        _same_size(examples)
+        yield examples
+
+
+def _same_size(examples: Sequence[Example]) -> None:
+    sizes = {(example.depth.shape, example.intensity.shape) for example in examples}
+    if len(sizes) > 1:
+        raise InputError(
+            f"views of different sizes in one batch ({examples[0].name} and others); "
+            "set train.batch: 1, or render all scenes at one size"
+        )
+
+
+def _stop_if_diverged(
+    value: torch.Tensor, name: str, step: int, examples: Sequence[Example]
+) -> None:
+    if not torch.isfinite(value):
+        views = ", ".join(example.name for example in examples)
+        raise TrainingError(
+            f"train {name}: the loss became {value.item()} at step {step} on view {views}; "
+            "look at the view with pbrnet inspect, or lower train.learning_rate"
+        )
+
+
+def _close_epoch(state: State, run: Run, validation: Sequence[Example]) -> CurvePoint:
+    point = CurvePoint(
+        step=state.step,
+        epoch=state.step // run.steps_per_epoch,
+        train_loss=state.loss_sum / run.steps_per_epoch,
+        validation_loss=run.validate(validation),
+    )
+    state.loss_sum = 0.0
+    state.curve.append(point)
+    return point
+
+
+def _sentence(name: str, point: CurvePoint, epochs: int) -> str:
+    seen = "none" if point.validation_loss is None else f"{point.validation_loss:.2f}"
+    return (
+        f"train {name}: epoch {point.epoch} of {epochs}, "
+        f"loss {point.train_loss:.2f}, validation {seen}"
+    )

@@ -1,0 +1,88 @@
+"""Trained networks on disk: `NAME.safetensors`, and a JSON card that says what they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import nn
+
+from model.data.encoding import Policy
+from model.methods import build_network
+from model.networks.pbrnet import Architecture, channels_last
+from scenes.checked import build, plain
+from scenes.errors import InputError
+from scenes.files import atomic_file, digest_file, read_json, write_json
+
+
+@dataclass(frozen=True)
+class TrainingData:
+    """What a network has seen."""
+
+    fingerprint: str  # SHA-256 over the bytes of the training shards
+    views: int
+    scenes: tuple[str, ...]
+    plans: tuple[str, ...]  # floor plans of the scenes: no other scene of theirs may test it
+    licences: tuple[str, ...]
+    attributions: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ModelCard:
+    """`models/NAME.json`. Nothing in it depends on when or how fast it was made."""
+
+    name: str
+    architecture: Architecture
+    parameters: int
+    sha256: str  # of the weights
+    exposure: Policy  # whose exposure the colours it gives have
+    white: float  # the median white point of the training shadings, for images without truth
+    tone: dict[str, float]  # key and burn of the tone mapping
+    albedo: float  # grey of the shading frames, 0.5: a surface's shading is half its irradiance
+    training: dict[str, Any]
+    data: TrainingData
+    backbone: dict[str, Any]  # network, source, sha256 of the loss's features
+    metrics: dict[str, float | None]
+    needs: dict[str, str]  # other networks whose output it takes: name -> sha256
+    versions: dict[str, str]
+    licence: str
+    precision: str = "float32"  # of the numbers in the file
+    packed_from: str = ""  # sha256 of the float32 weights that half precision was made of
+
+
+def save_model(models: Path, network: nn.Module, card: dict[str, Any]) -> ModelCard:
+    """Write weights, then the card, which gets the weights' digest; each by rename."""
+    name = card["name"]
+    path = models / f"{name}.safetensors"
+    state = {key: value.detach().cpu().contiguous() for key, value in network.state_dict().items()}
+    with atomic_file(path) as partial:
+        save_file(state, partial)
+    complete = ModelCard(
+        parameters=sum(value.numel() for value in state.values()), sha256=digest_file(path), **card
+    )
+    write_json(models / f"{name}.json", plain(complete))
+    return complete
+
+
+def load_model(path: Path) -> tuple[nn.Module, ModelCard]:
+    """The network in `path` (a `.safetensors` file beside its card), in evaluation mode.
+
+    Raises `InputError` if either file is missing, broken, or they do not belong together.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such model; make it with: pbrnet train {path.stem}")
+    card = build(
+        ModelCard, read_json(path.with_suffix(".json")), str(path.with_suffix(".json")), InputError
+    )
+    if digest_file(path) != card.sha256:
+        raise InputError(f"{path}: damaged, or not the weights that {path.stem}.json describes")
+    network = build_network(card.architecture)
+    try:
+        network.load_state_dict(load_file(path))
+    except (SafetensorError, RuntimeError) as error:
+        raise InputError(f"{path}: does not fit its card ({error})") from None
+    return channels_last(network.eval().requires_grad_(False)), card

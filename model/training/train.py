@@ -1,0 +1,310 @@
+"""Training: the same for every network of the registry, two stages for ours.
+
+The shading network first; then, fixed, it feeds the composition network (paper, section III-B).
+On one machine a run that was killed and started again ends with the same bits as one that was not
+(`model/training/loop.py`).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import time
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import torch
+from torch import nn
+
+from model.data.reader import Dataset, Example
+from model.methods import METHODS, Method, build_network
+from model.networks.objective import Objective, Setting
+from model.networks.pbrnet import Architecture, channels_last
+from model.training.backbone import Backbone, load_backbone
+from model.training.checkpoint import Checkpoint, CurvePoint
+from model.training.loop import Run, train_steps
+from model.training.loss import PerceptualLoss
+from model.training.store import ModelCard, TrainingData, load_model, save_model
+from pipeline.params import Params, StageTrainParams, TrainParams
+from scenes.checked import plain
+from scenes.errors import InputError
+from scenes.files import digest_bytes, digest_file, write_json, write_text
+from scenes.seeds import derive32
+
+VALIDATION_VIEWS = 32  # at most so many are looked at after each epoch
+LICENCE = "MIT"
+
+
+@dataclass(frozen=True)
+class Folders:
+    """Where training reads and writes."""
+
+    data: Path = Path("data")
+    models: Path = Path("models")
+    metrics: Path = Path("metrics")
+    plots: Path = Path("plots")
+    backbone: Path = Path("models")
+
+    @staticmethod
+    def beside(data: Path, models: Path, backbone: Path) -> Folders:
+        """Metrics and plots in their usual places, or inside `models` if that is another folder."""
+        if models == Path("models"):
+            return Folders(data=data, backbone=backbone)
+        return Folders(data, models, models / "metrics", models / "plots", backbone)
+
+
+def train_network(
+    name: str,
+    params: Params,
+    folders: Folders,
+    start: Path | None = None,
+    only: Collection[str] | None = None,
+) -> ModelCard:
+    """Train the method `name` of the registry; write its model, card, metrics and learning curve.
+
+    `start`: a model file of the same architecture to go on from (fine-tuning). `only`: the scenes
+    of the training split to learn from, all of them if None.
+    Raises `TrainingError` that names view and step if the loss stops being a number,
+    `InputError` for a dataset, backbone or model that cannot be used.
+    """
+    torch.set_num_threads(len(os.sched_getaffinity(0)))
+    method = METHODS[name]
+    stage: StageTrainParams = getattr(params.train, name)
+    architecture = Architecture(
+        method.layout, stage.width, stage.levels, params.train.panorama, params.train.exposure
+    )
+    dataset = Dataset(folders.data / "dataset", "train", method.noisy, only)
+    backbone = load_backbone(folders.backbone)
+    channels_last(backbone)
+    shading, needs = _fixed_shading(method, params, folders)
+    device = choose_device(params.train)
+    precision = choose_precision(params.train, device)
+
+    network = _initial(name, architecture, params.seed, start)
+    steps_per_epoch = stage.steps_per_epoch or math.ceil(len(dataset) / params.train.batch)
+    steps = stage.epochs * steps_per_epoch
+    data = _seen(dataset)
+    settings = _settings(params.train, method)
+    identity = _identity(
+        *(name, params.seed, settings, plain(params.tone), plain(architecture), data.fingerprint),
+        *(plain(backbone.card), needs, digest_file(start) if start else "", steps, precision),
+    )
+
+    objective = _objective(
+        method,
+        Setting(
+            channels_last(network.to(device)),
+            PerceptualLoss(backbone.to(device), params.train.loss),
+            shading if shading is None else shading.to(device),
+            architecture.width,
+            _autocast(device, precision),
+        ),
+        derive32(params.seed, "initial", name, "opponents"),
+        device,
+    )
+    run = Run(name, method, params, objective, device, steps, steps_per_epoch)
+    checkpoint = Checkpoint(folders.models / "checkpoints" / f"{name}.pt", identity)
+    state = checkpoint.resume(run.objective, run.optimisers)
+    began, first = time.monotonic(), state.step
+    validation = _validation_views(folders.data / "dataset", method.noisy)
+    train_steps(run, state, checkpoint, dataset, validation)
+    seconds = (time.monotonic() - began) / max(1, steps - first)
+
+    card = save_model(
+        folders.models,
+        network,
+        {
+            **_facts(name, params, dataset, backbone, data),
+            "architecture": architecture,
+            "training": {
+                **settings,
+                **plain(stage),
+                **_given(method, dataset),
+                "seed": params.seed,
+                "steps": steps,
+                "precision": precision,
+                "started_from": digest_file(start) if start else None,
+            },
+            "metrics": _losses(state.curve),
+            "needs": needs,
+        },
+    )
+    _write_curve(folders.plots / f"train_{name}.csv", state.curve)
+    _write_metrics(
+        folders.metrics / f"train_{name}.json", card, round(seconds, 4) if steps > first else None
+    )
+    checkpoint.path.unlink(missing_ok=True)
+    return card
+
+
+def _given(method: Method, dataset: Dataset) -> dict[str, Any]:
+    """What the network was given beside the paper's inputs, and is to be given in use."""
+    given: dict[str, Any] = {}
+    if method.noisy:
+        given["noisy_spp"] = int(median(dataset.column("noisy_spp")))
+    if method.direct:
+        given["shadows"] = "visibility" in dataset.images
+    return given
+
+
+def _losses(curve: Sequence[CurvePoint]) -> dict[str, float | None]:
+    """Where the learning curve ended."""
+    return {"train_loss": curve[-1].train_loss, "validation_loss": curve[-1].validation_loss}
+
+
+def choose_device(params: TrainParams) -> torch.device:
+    """The device that `params.device` means here; `auto` is CUDA where there is one."""
+    if params.device == "cuda" and not torch.cuda.is_available():
+        raise InputError("train.device is cuda, but torch sees no CUDA device; use auto or cpu")
+    if params.device == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    return torch.device(params.device)
+
+
+def choose_precision(params: TrainParams, device: torch.device) -> str:
+    """`auto`: bfloat16 where the processor multiplies it natively, and so faster; else float32.
+
+    Decided by capability flags, not by a stopwatch: the same machine always gives the same bits.
+    """
+    if params.precision != "auto":
+        return params.precision
+    if device.type == "cuda":
+        return "bfloat16" if torch.cuda.is_bf16_supported() else "float32"
+    flags = torch.cpu.get_capabilities()
+    native = any(flags.get(name) for name in ("avx512_bf16", "amx_bf16", "bf16"))
+    return "bfloat16" if native else "float32"
+
+
+def _initial(name: str, architecture: Architecture, seed: int, start: Path | None) -> nn.Module:
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(derive32(seed, "initial", architecture.kind))
+        network = build_network(architecture)
+    if start is None:
+        return network
+    earlier, card = load_model(start)
+    if card.architecture != architecture:
+        raise InputError(
+            f"{start}: is a {plain(card.architecture)}; the parameters ask for "
+            f"{plain(architecture)}; make train.{name} equal to start from it"
+        )
+    network.load_state_dict(earlier.state_dict())
+    return network
+
+
+def _objective(method: Method, setting: Setting, seed: int, device: torch.device) -> Objective:
+    """The method's objective on the device; opponents start from random weights of the seed."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        objective = method.objective(setting)
+    for module in objective.players.values():
+        channels_last(module.to(device))
+    return objective
+
+
+def _autocast(device: torch.device, precision: str) -> Callable[[], torch.autocast]:
+    half = precision == "bfloat16"
+    return lambda: torch.autocast(device.type, torch.bfloat16, enabled=half)
+
+
+def _fixed_shading(
+    method: Method, params: Params, folders: Folders
+) -> tuple[nn.Module | None, dict[str, str]]:
+    """The trained shading network whose predictions the composition network learns from."""
+    if not method.fed:
+        return None, {}
+    network, card = load_model(folders.models / "shading.safetensors")
+    if card.tone != plain(params.tone):
+        raise InputError(
+            f"{folders.models}/shading.json: trained with the tone mapping {card.tone}, now it is "
+            f"{plain(params.tone)}; train the shading network again"
+        )
+    return network, {"shading": card.sha256}
+
+
+def _validation_views(folder: Path, noisy: bool) -> list[Example]:
+    try:
+        dataset = Dataset(folder, "validation", noisy)
+    except InputError:
+        if list(folder.glob("validation-*.parquet")):
+            raise
+        return []
+    return [example for _, example in zip(range(VALIDATION_VIEWS), dataset.ordered(), strict=False)]
+
+
+def _seen(dataset: Dataset) -> TrainingData:
+    scenes = sorted(set(dataset.column("scene_id")))
+    plans = dataset.plans()
+    return TrainingData(
+        fingerprint=dataset.fingerprint(),
+        views=len(dataset),
+        scenes=tuple(scenes),
+        plans=tuple(sorted({plans.get(scene, scene) for scene in scenes})),
+        licences=tuple(sorted(set(dataset.column("licence")))),
+        attributions=tuple(sorted(set(dataset.column("attribution")))),
+    )
+
+
+def _identity(*parts: object) -> str:
+    """All that determines the weights: a checkpoint of another identity is not gone on from."""
+    return digest_bytes(*(repr(part).encode() for part in parts))
+
+
+def _settings(params: TrainParams, method: Method) -> dict[str, Any]:
+    """What networks share of the parameters that determine the weights, or the method's own."""
+    others = ("checkpoint_steps", "device", "baselines", *METHODS)
+    settings = {name: value for name, value in plain(params).items() if name not in others}
+    if method.adam is not None:
+        own = {"learning_rate": method.adam.rate, "decay": method.adam.decay, "loss": method.own}
+        settings |= {**own, "betas": plain(method.adam.betas)}
+    return settings
+
+
+def _facts(
+    name: str, params: Params, dataset: Dataset, backbone: Backbone, data: TrainingData
+) -> dict[str, Any]:
+    """What a card says that was settled before the training began."""
+    loss = backbone.card
+    return {
+        "name": name,
+        "exposure": params.train.exposure,
+        "white": float(median(float(white) for white in dataset.column("white_shading"))),
+        "tone": plain(params.tone),
+        "albedo": params.shading.albedo,
+        "data": data,
+        "backbone": {"network": loss.network, "source": loss.source, "sha256": loss.sha256},
+        "versions": {"pbrnet": version("pbrnet"), "torch": torch.__version__},
+        "licence": LICENCE,
+    }
+
+
+def _write_curve(path: Path, curve: Sequence[CurvePoint]) -> None:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("step", "epoch", "train_loss", "validation_loss"))
+    for point in curve:
+        seen = "" if point.validation_loss is None else f"{point.validation_loss:.6g}"
+        writer.writerow((point.step, point.epoch, f"{point.train_loss:.6g}", seen))
+    write_text(path, text.getvalue())
+
+
+def _write_metrics(path: Path, card: ModelCard, seconds_per_step: float | None) -> None:
+    write_json(
+        path,
+        {
+            **card.metrics,
+            "steps": card.training["steps"],
+            "epochs": card.training["epochs"],
+            "views": card.data.views,
+            "parameters": card.parameters,
+            "seconds_per_step": seconds_per_step,
+            "backbone": card.backbone["network"],
+            "precision": card.training["precision"],
+            "exposure": card.exposure,
+        },
+    )

@@ -1,0 +1,1 @@
+"""Cost ledger of rendered frames and forecasts of a run."""

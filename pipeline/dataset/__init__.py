@@ -1,0 +1,1 @@
+"""Checks, splits and Parquet shards of the dataset."""

@@ -1,0 +1,280 @@
+"""The dataset stage: check every view's frames and pack them into Parquet shards.
+
+Reads `data/scenes`, `data/cameras` and the frames; writes `data/dataset/`, which
+is complete or absent: shards by split, a README card, `croissant.json`, `rejected.csv` (views
+sampled = rows + rejected) and `scenes.csv` (every scene, also those without any view).
+
+The same frames and parameters give the same bytes, whatever the number of threads. Memory is
+bounded by one row group per split and a few views in preparation, whatever the number of views.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pipeline.dataset.card import (
+    DatasetSummary,
+    attribution_of,
+    dataset_card,
+    licence_of,
+    write_croissant,
+)
+from pipeline.dataset.checks import Rejection, check_frames, load_frames, read_failures
+from pipeline.dataset.checksums import write_sums
+from pipeline.dataset.columns import Column, dataset_columns
+from pipeline.dataset.rows import make_row
+from pipeline.dataset.shards import ShardWriter
+from pipeline.dataset.splits import SPLITS, Source, read_sources, split_plans
+from pipeline.frames import kinds_of
+from pipeline.params import Params
+from pipeline.progress import Progress
+from pipeline.records import data_lock
+from pipeline.views import View
+from scenes.errors import InputError
+from scenes.files import atomic_directory, remove_partials, write_text
+
+A = TypeVar("A")
+B = TypeVar("B")
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A view that is not in the dataset."""
+
+    view: View
+    why: Rejection
+
+
+@dataclass(frozen=True)
+class Packed:
+    """What one pass over all views wrote."""
+
+    files: tuple[str, ...]  # shard names, sorted
+    rows: Counter[str]  # per scene
+    rejected: tuple[Rejected, ...]
+    unlit: int  # rows whose panorama holds no light
+
+
+def pack_dataset(data: Path, params: Params) -> DatasetSummary:
+    """Check and pack all views below `data`; `data/dataset` appears by rename.
+
+    Raises `InputError` if there are no views, if none passes the checks, or if a scene or
+    camera file is broken, and `MachineError` if the disk is full.
+    """
+    data = Path(data)
+    with data_lock(data, "dataset"):
+        return _pack_dataset(data, params)
+
+
+def _pack_dataset(data: Path, params: Params) -> DatasetSummary:
+    remove_partials(data)
+    sources = read_sources(data)
+    failures = read_failures(data)
+    folder = data / "dataset"
+    with atomic_directory(folder) as partial:
+        candidates = [source for source in sources if source.views]
+        splits = split_plans(candidates, params.dataset.splits, params.seed)
+        packed = _pack(partial, data, sources, splits, failures, params)
+        kept = [source for source in candidates if packed.rows[source.scene.scene_id]]
+        if not kept:
+            reasons = Counter(item.why.reason for item in packed.rejected)
+            raise InputError(
+                f"{data}: none of {len(packed.rejected)} views passes the checks ("
+                + ", ".join(f"{name}: {count}" for name, count in sorted(reasons.items()))
+                + f"); first: {packed.rejected[0].why.detail}"
+            )
+        if _emptied(kept, candidates, splits, params):
+            # Rejections emptied a whole split: deal the plans that are left, and pack again.
+            for name in packed.files:
+                (partial / name).unlink()
+            splits = split_plans(kept, params.dataset.splits, params.seed)
+            packed = _pack(partial, data, sources, splits, failures, params)
+        _write_rejected(partial / "rejected.csv", packed.rejected)
+        _write_scenes(partial / "scenes.csv", sources, splits, packed)
+        summary = _summarise(partial, sources, splits, packed)
+        columns = _columns(params)
+        scenes = [source.scene for source in kept]
+        write_text(partial / "README.md", dataset_card(summary, columns, scenes, params))
+        write_croissant(partial, columns, scenes)
+        write_sums(partial)
+    return summary
+
+
+def _pack(
+    folder: Path,
+    data: Path,
+    sources: Sequence[Source],
+    splits: Mapping[str, str],
+    failures: Mapping[tuple[str, str], str],
+    params: Params,
+) -> Packed:
+    columns = _columns(params)
+    cap = params.dataset.shard_mb * 1_000_000
+    rows: Counter[str] = Counter()
+    rejected: list[Rejected] = []
+    unlit = 0
+    work = [(source, view) for source in sources for view in source.views]
+    threads = len(os.sched_getaffinity(0))
+
+    def prepare(item: tuple[Source, View]) -> dict[str, Any] | Rejection:
+        source, view = item
+        return _prepare(data, source, view, splits.get(source.plan, "train"), failures, params)
+
+    with (
+        ExitStack() as stack,
+        ThreadPoolExecutor(threads) as pool,
+        Progress(len(work), "dataset") as progress,
+    ):
+        writers = {}
+        for split in SPLITS:
+            writers[split] = ShardWriter(folder, split, columns, params.dataset.row_group, cap)
+            stack.callback(writers[split].abandon)
+        for (_, view), row in zip(work, _in_order(pool, prepare, work, 2 * threads), strict=True):
+            if isinstance(row, Rejection):
+                rejected.append(Rejected(view, row))
+            else:
+                writers[row["split"]].add(row)
+                rows[view.scene_id] += 1
+                unlit += not row["intensity"].any()
+            progress.advance()
+        files = [name for split in SPLITS for name in writers[split].close()]
+    return Packed(tuple(sorted(files)), rows, tuple(rejected), unlit)
+
+
+def _prepare(
+    data: Path,
+    source: Source,
+    view: View,
+    split: str,
+    failures: Mapping[tuple[str, str], str],
+    params: Params,
+) -> dict[str, Any] | Rejection:
+    """A view's row, or why it has none."""
+    frames = load_frames(data, view, failures, kinds_of(params))
+    if isinstance(frames, Rejection):
+        return frames
+    size, panorama = _sizes(params)
+    why = check_frames(view, frames, size, panorama, params.dataset.checks)
+    if why is not None:
+        return why
+    return make_row(source.scene, view, split, frames, params.tone, params.dataset.preview_width)
+
+
+def _in_order(
+    pool: ThreadPoolExecutor, function: Callable[[A], B], items: Iterable[A], window: int
+) -> Iterator[B]:
+    """Results of `function` in the order of `items`, at most `window` of them ahead of time."""
+    pending: deque[Future[B]] = deque()
+    for item in items:
+        pending.append(pool.submit(function, item))
+        if len(pending) >= window:
+            yield pending.popleft().result()
+    while pending:
+        yield pending.popleft().result()
+
+
+def _emptied(
+    kept: Sequence[Source],
+    candidates: Sequence[Source],
+    splits: Mapping[str, str],
+    params: Params,
+) -> bool:
+    """Whether a split has lost all its plans to rejections though the others could fill it."""
+    if len(kept) == len(candidates):
+        return False
+    filled = {splits[source.plan] for source in kept}
+    wanted = set(split_plans(kept, params.dataset.splits, params.seed).values())
+    return filled != wanted
+
+
+def _sizes(params: Params) -> tuple[tuple[int, int], tuple[int, int]]:
+    image, panorama = params.image, params.illumination
+    return (image.width, image.height), (panorama.width, panorama.width // 2)
+
+
+def _columns(params: Params) -> tuple[Column, ...]:
+    return dataset_columns(
+        *_sizes(params),
+        shadows=params.illumination.shadow_rays > 0,
+        noisy=params.noisy.spp > 0,
+    )
+
+
+def _write_rejected(path: Path, rejected: Iterable[Rejected]) -> None:
+    _write_csv(
+        path,
+        ("scene_id", "view_id", "reason", "detail"),
+        (
+            (item.view.scene_id, item.view.view_id, item.why.reason, item.why.detail)
+            for item in rejected
+        ),
+    )
+
+
+def _write_scenes(
+    path: Path, sources: Sequence[Source], splits: Mapping[str, str], packed: Packed
+) -> None:
+    lines = []
+    for source in sources:
+        scene, views = source.scene, source.views
+        seen_rooms = {view.room for view in views}
+        empty = [room.id for room in scene.rooms if room.id not in seen_rooms]
+        rows = packed.rows[scene.scene_id]
+        candidates = source.cameras.candidates if source.cameras else 0
+        lines.append(
+            (
+                scene.scene_id,
+                splits.get(source.plan, "train") if rows else "",
+                source.plan,
+                str(scene.source.get("kind", "unknown")),
+                scene.lighting,
+                len(scene.rooms),
+                " ".join(empty),
+                candidates,
+                len(views),
+                rows,
+                len(views) - rows,
+                licence_of(scene),
+                attribution_of(scene),
+            )
+        )
+    header = ("scene_id", "split", "plan", "source", "lighting", "rooms", "rooms_without_view")
+    counts = ("candidates", "views", "rows", "rejected", "licence", "attribution")
+    _write_csv(path, header + counts, lines)
+
+
+def _write_csv(path: Path, header: Sequence[str], lines: Iterable[Sequence[Any]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(lines)
+
+
+def _summarise(
+    folder: Path, sources: Sequence[Source], splits: Mapping[str, str], packed: Packed
+) -> DatasetSummary:
+    rows: Counter[str] = Counter()
+    scenes: Counter[str] = Counter()
+    for source in sources:
+        count = packed.rows[source.scene.scene_id]
+        if count:
+            split = splits.get(source.plan, "train")
+            rows[split] += count
+            scenes[split] += 1
+    reasons = Counter(item.why.reason for item in packed.rejected)
+    return DatasetSummary(
+        {split: rows[split] for split in SPLITS},
+        {split: scenes[split] for split in SPLITS},
+        dict(sorted(reasons.items())),
+        packed.unlit,
+        packed.files,
+        sum((folder / name).stat().st_size for name in packed.files),
+    )

@@ -1,0 +1,99 @@
+"""A view as a row of the dataset: every cell, from its frames, its camera and its scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.dataset.card import attribution_of, licence_of
+from pipeline.dataset.checks import Frames, noise_of
+from pipeline.frames import DENOISED, DENOISED_SHADING, NOISY_SHADING, RGB, TINT, Frame
+from pipeline.images import fit, png_bytes, tone_picture
+from pipeline.params import ToneParams
+from pipeline.tonemap import exposure_of
+from pipeline.views import View
+from scenes.contract import Scene
+
+
+def make_row(
+    scene: Scene, view: View, split: str, frames: Frames, tone: ToneParams, preview_width: int
+) -> dict[str, Any]:
+    """One row by column name; images as arrays in the frames' own precision."""
+    inputs, panorama = frames["inputs"].channels, frames["illumination"].channels
+    shading, color = frames["shading"], frames["color"]
+    own_shading, own_color = exposure_of(shading.rgb, tone), exposure_of(color.rgb, tone)
+    preview = fit(tone_picture(color.rgb, own_color), preview_width)
+    return {
+        "scene_id": view.scene_id,
+        "view_id": view.view_id,
+        "split": split,
+        "room_type": view.room_type,
+        "lighting": scene.lighting,
+        "preview": {"bytes": png_bytes(preview), "path": f"{view.scene_id}-{view.view_id}.png"},
+        "width": view.width,
+        "height": view.height,
+        "depth": inputs["Z"],
+        "normal": _interleave(inputs, "N.X", "N.Y", "N.Z"),
+        "reflectance": _interleave(inputs, *(f"albedo.{band}" for band in RGB)),
+        "valid": (inputs["valid"] > 0).astype(np.uint8),
+        "intensity": panorama["intensity.Y"],
+        "distance": panorama["distance.Z"],
+        "tint": _interleave(panorama, *TINT),
+        "shading": _interleave(shading.channels, *RGB),
+        "color": _interleave(color.channels, *RGB),
+        "K": view.intrinsics,
+        "camera_to_world": view.pose,
+        "exposure_shading": own_shading.scale,
+        "white_shading": own_shading.white,
+        "exposure_color": own_color.scale,
+        "white_color": own_color.white,
+        "spp": color.meta.get("spp"),
+        "noise_shading": noise_of(shading),
+        "noise_color": noise_of(color),
+        "score": view.score,
+        "objects": _objects_in(view, scene),
+        "seed": _signed(color.meta.get("seed")),
+        "renderer": str(color.meta.get("renderer", "unknown")),
+        "source": str(scene.source.get("kind", "unknown")),
+        "licence": licence_of(scene),
+        "attribution": attribution_of(scene),
+        **(_shadows(frames["visibility"]) if "visibility" in frames else {}),
+        **(_noisy_cells(frames["noisy"]) if "noisy" in frames else {}),
+    }
+
+
+def _shadows(frame: Frame) -> dict[str, Any]:
+    return {"visibility": frame.channels["visibility.Y"]}
+
+
+def _noisy_cells(frame: Frame) -> dict[str, Any]:
+    return {
+        "noisy_color": _interleave(frame.channels, *RGB),
+        "noisy_shading": _interleave(frame.channels, *NOISY_SHADING),
+        "denoised_color": _interleave(frame.channels, *DENOISED),
+        "denoised_shading": _interleave(frame.channels, *DENOISED_SHADING),
+        "noisy_spp": frame.meta.get("spp"),
+    }
+
+
+def _objects_in(view: View, scene: Scene) -> int:
+    """How many objects, parts of the building aside, cover more than 1 % of what is seen."""
+    furniture = {thing.id for thing in scene.objects if not thing.is_structure}
+    least = 0.01 * sum(view.seen.values())
+    return sum(pixels > least for name, pixels in view.seen.items() if name in furniture)
+
+
+def _interleave(channels: Mapping[str, npt.NDArray[Any]], *names: str) -> npt.NDArray[Any]:
+    """Planes (H, W) as (H, W, C), in the planes' own precision."""
+    return np.stack([channels[name] for name in names], axis=-1)
+
+
+def _signed(seed: Any) -> int | None:
+    """A 64-bit seed as two's complement, which Parquet's integers can hold."""
+    if not isinstance(seed, int):
+        return None
+    seed &= (1 << 64) - 1
+    return seed - (1 << 64) if seed >= 1 << 63 else seed

@@ -1,0 +1,1 @@
+"""Dask cluster, scheduling of views and transfer of files to workers."""

@@ -1,0 +1,1 @@
+"""Descriptions and drawings of scenes, frames, shards and models."""

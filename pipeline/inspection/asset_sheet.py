@@ -1,0 +1,138 @@
+"""What converted furniture catalogues hold, in words and as a sheet of pictures."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.images import Picture, contact_sheet, enlarge, read_picture
+from scenes.assets.index import PREVIEW, Asset, Index, Usable
+from scenes.procedural.furnishing.asset_sampler import stock_of
+
+_COLUMNS = 12
+_ROWS = 2  # of one category
+_GAP = np.array([24, 24, 27], dtype=np.uint8)  # the sheet's background
+
+
+def describe_index(index: Index) -> dict[str, Any]:
+    """Libraries, pieces by category and licence, stand-ins for the generator's kinds, refusals."""
+    return {
+        "Libraries": [
+            {
+                "library": library.key,
+                "pieces": library.pieces,
+                "usable": library.usable,
+                "version": library.version,
+                "licence": library.licence,
+                "from": library.package or library.file,
+            }
+            for library in index.libraries
+        ],
+        "Categories": dict(Counter(piece.category for piece in index.pieces).most_common()),
+        "Licences": dict(Counter(piece.licence for piece in index.pieces).most_common()),
+        "Can stand in for": {
+            kind: len(pieces) for kind, pieces in stock_of(index).kinds.items() if pieces
+        },
+        "Triangles": _triangles(index.pieces),
+        "Refused": [
+            {"piece": piece.key, "name": piece.name, "reason": piece.reason}
+            for piece in index.refused
+        ],
+    }
+
+
+def _triangles(pieces: tuple[Usable, ...]) -> dict[str, int]:
+    counts = sorted(piece.triangles for piece in pieces)
+    if not counts:
+        return {}
+    return {"median": counts[len(counts) // 2], "most": counts[-1], "together": sum(counts)}
+
+
+def describe_asset(asset: Asset) -> dict[str, Any]:
+    """One piece: sizes, parts, where things stand on it, checks, whose it is."""
+    piece, told = asset.piece, asset.provenance
+    return {
+        "General": {
+            "name": piece.name,
+            "category": f"{piece.category} ({piece.group})",
+            "size m": " x ".join(f"{side:.3f}" for side in piece.size),
+            "elevation m": piece.elevation,
+            "light sources": len(piece.lights),
+            "lumens": round(asset.lumens),
+            "boxes": len(asset.boxes),
+        },
+        "Provenance": {
+            "creator": piece.creator,
+            "licence": piece.licence,
+            "library": f"{told.library} {told.version}",
+            "file": f"{told.file}, SHA-256 {told.sha256}",
+            "package": told.package,
+            "provider": told.provider,
+        },
+        "Parts": [
+            {
+                "mesh": part.mesh,
+                "kind": part.kind,
+                "triangles": part.triangles,
+                "texture": part.texture or "",
+                "lumens": part.lumens,
+            }
+            for part in asset.parts
+        ],
+        "Things stand on": [
+            {
+                "height m": level.z,
+                "size m": f"{2 * level.half_x:.2f} x {2 * level.half_y:.2f}",
+                "headroom m": level.headroom,
+            }
+            for level in asset.levels
+        ],
+        "Checks": {
+            "triangles": asset.checks.triangles,
+            "dropped": asset.checks.dropped,
+            "size error m": asset.checks.size_error,
+            "textures": asset.checks.textures,
+        },
+        "Changed or lost": list(asset.checks.notes),
+    }
+
+
+def draw_index(index: Index) -> Picture:
+    """Pieces of every category, the commonest first, a row or two of each."""
+    by_category: dict[str, list[Usable]] = {}
+    for piece in index.pieces:
+        by_category.setdefault(piece.category, []).append(piece)
+    strips = []
+    for category, pieces in sorted(by_category.items(), key=lambda item: (-len(item[1]), item[0])):
+        step = max(1, len(pieces) // (_COLUMNS * _ROWS))
+        shown = pieces[::step][: _COLUMNS * _ROWS]
+        pictures = [_preview(index.folder / piece.key) for piece in shown]
+        labels = [
+            f"{category} ({len(pieces)})" if number == 0 else piece.name
+            for number, piece in enumerate(shown)
+        ]
+        strips.append(contact_sheet(pictures, _COLUMNS, labels))
+    if not strips:
+        return contact_sheet([], 1)
+    width = max(strip.shape[1] for strip in strips)
+    sheet = np.tile(_GAP, (sum(strip.shape[0] for strip in strips), width, 1))
+    top = 0
+    for strip in strips:
+        sheet[top : top + strip.shape[0], : strip.shape[1]] = strip
+        top += strip.shape[0]
+    return sheet
+
+
+def draw_asset(folder: Path) -> Picture:
+    """The piece's picture, enlarged."""
+    return enlarge(_preview(folder), 448)
+
+
+def _preview(folder: Path) -> Picture:
+    path = folder / PREVIEW
+    return (
+        read_picture(path.read_bytes()) if path.is_file() else np.full((112, 112, 3), 60, np.uint8)
+    )

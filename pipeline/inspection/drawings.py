@@ -1,0 +1,303 @@
+"""Pictures of what a file of ours holds: plans, frames, sheets of previews, sizes of layers."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections import Counter
+from collections.abc import Sequence, Sized
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon, Rectangle, Wedge
+
+from pipeline.frames import RGB, TINT, Frame
+from pipeline.images import (
+    Picture,
+    color_map,
+    contact_sheet,
+    depth_picture,
+    distance_picture,
+    enlarge,
+    fit,
+    intensity_picture,
+    normal_picture,
+    read_picture,
+    reflectance_picture,
+    share_picture,
+    tint_picture,
+    tone_picture,
+)
+from pipeline.inspection.dollhouse import draw_dollhouse, quick_renders
+from pipeline.params import ToneParams
+from pipeline.tonemap import exposure_of
+from pipeline.views import CameraFile, View
+from scenes.contract import Point2, Room, Scene
+
+ROOM_COLORS = {
+    "living": "#f2d6a2",
+    "bedroom": "#c9d8f0",
+    "kitchen": "#f3c5b5",
+    "bathroom": "#bfe5e1",
+    "study": "#d9ceec",
+    "dining": "#e6e2a8",
+}
+_SHEET_PICTURES = 24
+
+
+def draw_scene(scene: Scene, views: Sequence[View] = ()) -> Picture:
+    """The plan, and below it the dollhouse view and two quick renders."""
+    pictures = quick_renders(scene, views)
+    renders = contact_sheet([picture for _, picture in pictures], 1, [name for name, _ in pictures])
+    house = draw_dollhouse(scene)
+    below = contact_sheet([house, renders], 2, ["without its ceilings", "quick renders"])
+    plan = fit(draw_plan(scene, views), below.shape[1])
+    aside = below.shape[1] - plan.shape[1]
+    paper = ((0, 0), (aside // 2, aside - aside // 2), (0, 0))
+    return np.concatenate([np.pad(plan, paper, constant_values=255), below])
+
+
+def draw_plan(scene: Scene, views: Sequence[View] = ()) -> Picture:
+    """The scene from above, one plan a storey: rooms, furniture, lights, portals, cameras."""
+    levels = sorted({round(room.floor_z, 1) for room in scene.rooms}) or [0.0]
+    figure = Figure(figsize=(9 * len(levels), 8.5), dpi=110, layout="constrained")
+    all_axes = figure.subplots(1, len(levels), squeeze=False)[0]
+    emitting = {shape for light in scene.lights for shape in light.shapes}
+    for axes, level, above in zip(all_axes, levels, [*levels[1:], math.inf], strict=True):
+        for room in scene.rooms:
+            if round(room.floor_z, 1) == level:
+                _draw_room(axes, room)
+        here = [
+            thing
+            for thing in scene.objects
+            if level - 0.5 <= thing.bbox_min[2] < above - 0.3 and not thing.is_structure
+        ]
+        # The largest first, so that what stands on something is seen on it.
+        for thing in sorted(here, key=lambda thing: -_footprint(thing)):
+            (left, bottom, _), (right, top, _) = thing.bbox_min, thing.bbox_max
+            lit = not emitting.isdisjoint(thing.shapes)
+            axes.add_patch(
+                Rectangle(
+                    (left, bottom),
+                    right - left,
+                    top - bottom,
+                    facecolor="#ffd84d" if lit else "#ffffff",
+                    edgecolor="#8a6d00" if lit else "#666666",
+                    alpha=0.9 if lit else 0.55,
+                    linewidth=0.8,
+                )
+            )
+            if min(right - left, top - bottom) > 0.45:
+                axes.text(
+                    (left + right) / 2,
+                    (bottom + top) / 2,
+                    thing.category,
+                    fontsize=6,
+                    ha="center",
+                    va="center",
+                    clip_on=True,
+                )
+        for portal in scene.portals:
+            points = np.array(portal.polygon)
+            if level - 0.5 <= points[:, 2].mean() < above:
+                ends = _extent(points[:, :2])
+                color = "#0b84d8" if portal.clear else "#7a8b99"
+                axes.plot(ends[:, 0], ends[:, 1], color=color, linewidth=4, solid_capstyle="butt")
+        for view in views:
+            if level - 0.5 <= view.eye[2] < above:
+                _draw_camera(axes, view)
+        axes.set_aspect("equal")
+        axes.autoscale_view()
+        axes.set_xlabel("x, metres")
+        axes.set_ylabel("y, metres")
+        axes.grid(alpha=0.25, linewidth=0.5)
+        storey = f", floor at {level:g} m" if len(levels) > 1 else ""
+        axes.set_title(
+            f"{scene.scene_id}{storey} · {scene.lighting} · {counted(views, 'view')}", fontsize=10
+        )
+    figure.supxlabel(
+        "yellow: lit · blue: clear window or opening · grey bar: frosted or closed · red: cameras",
+        fontsize=8,
+    )
+    return picture_of(figure)
+
+
+def draw_frame(frame: Frame) -> Picture:
+    """All channels of a frame as labelled pictures."""
+    channels, tone = frame.channels, ToneParams()
+    names = set(channels)
+    pictures: list[tuple[str, Picture]] = []
+    if set(RGB) <= names:
+        image = frame.rgb
+        exposure = exposure_of(image, tone)
+        pictures.append(
+            (f"tone-mapped, exposure {exposure.scale:.4g}", tone_picture(image, exposure))
+        )
+        logarithm = np.log10(np.maximum(image.mean(axis=-1), 1e-8))
+        low, high = float(np.percentile(logarithm, 1)), float(logarithm.max())
+        pictures.append(
+            (f"log10 of the mean, {low:.1f} to {high:.1f}", color_map(logarithm, low, high))
+        )
+    if "Z" in names:
+        valid, depth = channels["valid"], channels["Z"]
+        seen = depth[valid > 0]
+        span = f"{seen.min():.2f} to {seen.max():.2f} m" if seen.size else "no surface"
+        pictures += [
+            (f"depth, {span}", depth_picture(depth, valid)),
+            ("normal", normal_picture(frame.stack("N.X", "N.Y", "N.Z"), valid)),
+            ("reflectance", reflectance_picture(frame.stack(*(f"albedo.{b}" for b in RGB)))),
+            (f"objects, {len(np.unique(channels['object']))}", _label_picture(channels["object"])),
+        ]
+    if "intensity.Y" in names:
+        intensity, distance = channels["intensity.Y"], channels["distance.Z"]
+        lit = distance[distance > 0]
+        span = f"{lit.min():.2f} to {lit.max():.2f} m" if lit.size else "no light source"
+        pictures += [
+            (f"intensity, log, up to {intensity.max():.4g}", intensity_picture(intensity)),
+            (f"distance, {span}", distance_picture(distance)),
+        ]
+    if set(TINT) <= names:
+        pictures.append(("tint", tint_picture(frame.stack(*TINT))))
+    if "visibility.Y" in names:
+        shadows = share_picture(channels["visibility.Y"])
+        pictures.append(("share of the direct light that arrives", shadows))
+    return contact_sheet(
+        [enlarge(fit(picture, 640), 480) for _, picture in pictures],
+        2 if len(pictures) > 1 else 1,
+        [label for label, _ in pictures],
+    )
+
+
+def draw_previews(files: Sequence[pq.ParquetFile], most: int = _SHEET_PICTURES) -> Picture:
+    """A contact sheet of previews, spread evenly over the rows."""
+    total = sum(file.metadata.num_rows for file in files)
+    wanted = set(np.unique(np.linspace(0, total - 1, min(total, most)).astype(int)).tolist())
+    pictures, labels, row = [], [], 0
+    columns = ["scene_id", "view_id", "split", "preview"]
+    for file in files:
+        for batch in file.iter_batches(64, columns=columns):
+            chosen = [index for index in range(batch.num_rows) if row + index in wanted]
+            for record in batch.take(chosen).to_pylist():
+                pictures.append(enlarge(fit(read_picture(record["preview"]["bytes"]), 256), 240))
+                labels.append(f"{record['scene_id']} {record['view_id']} {record['split']}")
+            row += batch.num_rows
+    return contact_sheet(pictures, 4, labels)
+
+
+def draw_cameras(cameras: CameraFile) -> Picture:
+    """Cameras from above, where there is no plan to draw them on."""
+    figure = Figure(figsize=(8, 8), dpi=110, layout="constrained")
+    axes = figure.subplots()
+    for view in cameras.views:
+        _draw_camera(axes, view)
+    axes.set_aspect("equal")
+    axes.margins(0.3)
+    axes.autoscale_view()
+    axes.set_title(f"{cameras.scene_id}: cameras from above (its scene is not here)", fontsize=10)
+    return picture_of(figure)
+
+
+def draw_layers(name: str, counts: Counter[str]) -> Picture:
+    """Bars of how many parameters each layer of a network has."""
+    shown = list(counts.items())[:60]
+    figure = Figure(figsize=(9, 1.2 + 0.2 * len(shown)), dpi=110, layout="constrained")
+    axes = figure.subplots()
+    labels = [label for label, _ in shown]
+    axes.barh(range(len(shown)), [count for _, count in shown], color="#3b76af")
+    axes.set_yticks(range(len(shown)), labels, fontsize=7)
+    axes.invert_yaxis()
+    axes.set_xscale("log")
+    axes.set_xlabel("parameters")
+    more = f" (first {len(shown)} of {len(counts)} layers)" if len(counts) > len(shown) else ""
+    axes.set_title(f"{name}: {sum(counts.values()):,} parameters{more}", fontsize=10)
+    return picture_of(figure)
+
+
+def picture_of(figure: Figure) -> Picture:
+    """A figure as pixels."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    stream = io.BytesIO()
+    canvas.print_png(stream)
+    return read_picture(stream.getvalue())
+
+
+def floor_area(polygon: Sequence[Point2]) -> float:
+    """Square metres of a polygon (shoelace formula)."""
+    x, y = np.array(polygon).T
+    return float(0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
+
+
+def counted(things: Sized, noun: str) -> str:
+    """How many there are, in words."""
+    return f"{len(things)} {noun}{'' if len(things) == 1 else 's'}"
+
+
+def _draw_room(axes: Axes, room: Room) -> None:
+    axes.add_patch(
+        Polygon(
+            room.floor,
+            facecolor=ROOM_COLORS.get(room.type, "#dddddd"),
+            edgecolor="#222222",
+            linewidth=2,
+            alpha=0.8,
+        )
+    )
+    # In the corner: the middle belongs to the furniture.
+    corner = max(room.floor, key=lambda point: point[1] - point[0])
+    axes.annotate(
+        f"{room.name}, {floor_area(room.floor):.1f} m²",
+        corner,
+        (5, -5),
+        textcoords="offset points",
+        fontsize=8,
+        fontweight="bold",
+        va="top",
+        color="#333333",
+        zorder=6,
+    )
+
+
+def _draw_camera(axes: Axes, view: View) -> None:
+    forward = view.pose[:3, 2]
+    half = math.degrees(math.atan(0.5 * view.width / view.intrinsics[0, 0]))
+    heading = math.degrees(math.atan2(forward[1], forward[0]))
+    x, y = view.eye[:2]
+    axes.add_patch(
+        Wedge((x, y), 0.9, heading - half, heading + half, color="#d62728", alpha=0.25, zorder=4)
+    )
+    axes.plot([x], [y], "o", color="#d62728", markersize=4, zorder=5)
+    axes.text(
+        x + 0.95 * math.cos(math.radians(heading)),
+        y + 0.95 * math.sin(math.radians(heading)),
+        view.view_id,
+        fontsize=6,
+        color="#8b0000",
+        ha="center",
+        va="center",
+        zorder=6,
+    )
+
+
+def _label_picture(labels: np.ndarray[Any, Any]) -> Picture:
+    """Object indices as colours that differ between neighbours; none is grey."""
+    hashed = labels.astype(np.uint32) * np.uint32(2654435761)
+    shifts = [(hashed >> np.uint32(shift)).astype(np.uint8) for shift in (8, 16, 24)]
+    picture: Picture = (np.stack(shifts, axis=-1) // 2 + 96).astype(np.uint8)
+    picture[labels == 0] = 40
+    return picture
+
+
+def _extent(points: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """The two points (2, 2) farthest apart: an upright polygon seen from above is a line."""
+    gaps = np.linalg.norm(points[:, None] - points[None], axis=-1)
+    first, last = np.unravel_index(gaps.argmax(), gaps.shape)
+    return points[[first, last]]
+
+
+def _footprint(thing: Any) -> float:
+    return float((thing.bbox_max[0] - thing.bbox_min[0]) * (thing.bbox_max[1] - thing.bbox_min[1]))

@@ -1,0 +1,1 @@
+"""Render passes of a view: inputs, illumination, visibility, ground truth, denoising."""

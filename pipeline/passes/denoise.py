@@ -1,0 +1,84 @@
+"""Intel's Open Image Denoise over path-traced frames, guided by noise-free albedo and normals.
+
+The guides are box-averaged over sub-pixels, so that their edges are as smooth as the image's.
+Equal input gives equal bits for any number of threads. What it costs is a small bias: it was
+trained to please the eye, not to be unbiased; `groundtruth.denoise: none` keeps raw frames.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from functools import cache
+from importlib import import_module
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.frames import RGB, Channels
+from pipeline.passes.inputs import render_inputs
+from pipeline.render.scene import RenderScene
+from pipeline.views import View, as_matrix
+
+SUBPIXELS = 3  # per axis, in the guides
+
+Image = npt.NDArray[np.float32]
+
+
+def denoiser_version() -> str:
+    """The denoiser's name and version: part of a frame's fingerprint."""
+    return f"oidn {version('pyoidn')}"
+
+
+def denoise(image: Channels, albedo: Image, normal: Image) -> Channels:
+    """Denoise `R`, `G`, `B` (H, W), linear HDR, guided by `albedo` and `normal` (H, W, 3)."""
+    noisy = np.stack([image[band] for band in RGB], axis=-1).astype(np.float32)
+    clean = _oidn().denoise(noisy, albedo=albedo, normal=normal, hdr=True, clean_aux=True)
+    clean = np.maximum(np.nan_to_num(clean), 0)
+    return {band: clean[..., index] for index, band in enumerate(RGB)}
+
+
+def guides(render_scene: RenderScene, view: View) -> tuple[Image, Image]:
+    """Albedo in [0, 1] and camera-frame normal of a view, float32 (H, W, 3), sub-pixel means."""
+    scale = np.diag([SUBPIXELS, SUBPIXELS, 1.0])
+    fine = replace(
+        view,
+        width=SUBPIXELS * view.width,
+        height=SUBPIXELS * view.height,
+        K=as_matrix(scale @ view.intrinsics),
+    )
+    channels = render_inputs(render_scene, fine)
+    albedo = _average(channels, [f"albedo.{band}" for band in RGB])
+    normal = _average(channels, [f"N.{axis}" for axis in "XYZ"])
+    return albedo, normal
+
+
+def grey_guide(normal: Image, albedo: float) -> Image:
+    """The albedo guide of a textureless image: one grey wherever there is a surface."""
+    surface = np.linalg.norm(normal, axis=-1, keepdims=True) > 0
+    return np.where(surface, np.float32(albedo), np.float32(0)).repeat(3, axis=-1)
+
+
+@cache
+def _oidn() -> Any:
+    """`pyoidn`, kept from importing torch, which costs each worker a second and 200 MB.
+
+    It takes torch for tensors alone, and does without where there is none.
+    """
+    hide = "torch" not in sys.modules
+    if hide:
+        sys.modules["torch"] = None  # type: ignore[assignment]
+    try:
+        return import_module("pyoidn")
+    finally:
+        if hide:
+            del sys.modules["torch"]
+
+
+def _average(channels: Channels, names: list[str]) -> Image:
+    stack = np.stack([channels[name] for name in names], axis=-1).astype(np.float32)
+    height, width, bands = stack.shape
+    blocks = stack.reshape(height // SUBPIXELS, SUBPIXELS, width // SUBPIXELS, SUBPIXELS, bands)
+    return np.ascontiguousarray(blocks.mean(axis=(1, 3)))

@@ -1,0 +1,61 @@
+"""Input images of a view: depth, normal, reflectance, valid mask and object index.
+
+Pixel-centre samples, traced once, so noise-free and equal on every run. Sight passes clear
+glass to what is behind it. Left out: reflections (a mirror shows its own reflectance, not what
+it mirrors), bump and normal maps (the normal is the interpolated vertex normal).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.frames import Channels
+from pipeline.render import raycast
+from pipeline.render.scene import RenderScene
+from pipeline.views import View
+
+REVISION = 1
+
+
+def render_inputs(render_scene: RenderScene, view: View) -> Channels:
+    """Channels of an `inputs` frame, each (H, W).
+
+    `Z`: float32, metres along the optical axis, 0 where no surface is. `N.X/Y/Z`: unit normal,
+    camera frame (OpenCV), facing the camera. `albedo.R/G/B`: linear base colour, [0, 1].
+    `valid`: 1 where there is a surface, else 0, and then all else is 0. `object`: uint32 index
+    in `scene.objects` + 1, 0 for none.
+    """
+    turn, eye = view.pose[:3, :3], view.eye
+    local = raycast.pixel_directions(view.intrinsics, view.width, view.height)
+    directions = raycast.unit(local.reshape(-1, 3)) @ turn.T
+    hits = raycast.surfaces(render_scene.target, eye, directions)
+    shape = (view.height, view.width)
+    valid = hits.shape >= 0
+    depth = np.where(valid, (hits.position.astype(np.float64) - eye) @ turn[:, 2], 0)
+    normal = np.where(valid[:, None], facing(hits, directions), 0) @ turn
+    objects = np.append(render_scene.target.objects, -1)[hits.shape] + 1
+    channels: Channels = {"Z": depth.astype(np.float32).reshape(shape)}
+    for axis, name in enumerate("XYZ"):
+        channels[f"N.{name}"] = normal[:, axis].astype(np.float32).reshape(shape)
+    for band, name in enumerate("RGB"):
+        channels[f"albedo.{name}"] = hits.reflectance[:, band].reshape(shape)
+    channels["valid"] = valid.astype(np.float32).reshape(shape)
+    channels["object"] = objects.astype(np.uint32).reshape(shape)
+    return channels
+
+
+def facing(hits: raycast.Hits, directions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Shading normals (N, 3) turned to the side from which each ray (N, 3) arrives.
+
+    The side is the true (geometric) surface's. An interpolated normal that still points away,
+    as happens at silhouettes, is bent until it is perpendicular to the ray.
+    """
+    geometric, shading = hits.geometric.astype(np.float64), hits.shading.astype(np.float64)
+    shading = np.where(_dots(shading, geometric) < 0, -shading, shading)
+    shading = np.where(_dots(geometric, directions) > 0, -shading, shading)
+    return raycast.unit(shading - np.maximum(_dots(shading, directions), 0) * directions)
+
+
+def _dots(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    return (a * b).sum(axis=-1, keepdims=True)

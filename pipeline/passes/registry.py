@@ -1,0 +1,234 @@
+"""The kinds of frames in one table: how each is rendered, and all that determines its pixels.
+
+A frame's fingerprint is a digest over exactly that: the pass and its revision, the parameters it
+reads, the view's camera and size, the scene's content, the renderer, the seed. What does not
+change a pixel (scores, the farm, training) is not in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pipeline.frames import (
+    DENOISED,
+    DENOISED_SHADING,
+    NOISY_SHADING,
+    RGB,
+    Channels,
+    Kind,
+    fingerprint,
+)
+from pipeline.params import GroundTruthParams, Params
+from pipeline.passes import groundtruth, illumination, inputs, visibility
+from pipeline.passes.denoise import denoise, denoiser_version, grey_guide, guides
+from pipeline.passes.groundtruth import render_both, render_truth
+from pipeline.passes.illumination import render_illumination
+from pipeline.passes.inputs import render_inputs
+from pipeline.passes.visibility import render_visibility
+from pipeline.pathtrace import integrator
+from pipeline.render.scene import RenderScene
+from pipeline.views import View
+from scenes.checked import plain
+from scenes.errors import InputError
+from scenes.seeds import derive
+
+Result = tuple[Channels, dict[str, Any]]  # channels, and what else goes into the attribute
+Render = Callable[[RenderScene, View, Params, int], Result]
+TRUTHS: tuple[Kind, ...] = ("shading", "color")
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One kind of frame: `render` gives its channels and what else goes into its attribute."""
+
+    revision: int
+    determined_by: Callable[[Params], dict[str, Any]]
+    render: Render
+    seeded: bool = False  # whether chance has a part in it
+
+
+def _inputs(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
+    return render_inputs(scene, view), {}
+
+
+def _illumination(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
+    return render_illumination(scene, view, params.illumination), {}
+
+
+def _visibility(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
+    return render_visibility(scene, view, params.illumination), {}
+
+
+def _truth(kind: Kind) -> Render:
+    """How one of the two truths is rendered when it is wanted alone."""
+
+    def render(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
+        albedo = params.shading.albedo
+        if traced_together(params) and (kind == "shading" or _has_twin(scene, params)):
+            truths = render_both(scene, view, params.groundtruth, albedo, seed)
+            return finished(kind, getattr(truths, kind), scene, view, params)
+        form = scene.neutral(albedo if kind == "shading" else None)
+        truth = render_truth(form, view, params.groundtruth, seed)
+        return finished(kind, truth, scene, view, params)
+
+    return render
+
+
+def render_truths(scene: RenderScene, view: View, params: Params, seed: int) -> dict[Kind, Result]:
+    """Shading and colour of a view, each bit for bit as its own pass renders it.
+
+    Raises `InputError` for a material without neutral twin, though colour alone could be had.
+    """
+    if not traced_together(params):
+        return {kind: PASSES[kind].render(scene, view, params, seed) for kind in TRUTHS}
+    truths = render_both(scene, view, params.groundtruth, params.shading.albedo, seed)
+    return {kind: finished(kind, getattr(truths, kind), scene, view, params) for kind in TRUTHS}
+
+
+def render_noisy(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
+    """Colour and shading of `noisy.spp` samples a pixel: as they come, unbiased; and denoised.
+
+    Channels as `frames.KINDS` has them, statistics those of colour. Raises `InputError` for a
+    material without neutral twin.
+    """
+    settings, albedo = _noisy_trace(params), params.shading.albedo
+    if traced_together(params):
+        truths = render_both(scene, view, settings, albedo, seed)
+        color, shading = truths.color, truths.shading
+    else:
+        color, shading = (
+            render_truth(scene.neutral(grey), view, settings, seed) for grey in (None, albedo)
+        )
+    reflectance, normal = guides(scene, view)
+    neutral = grey_guide(normal, albedo)
+    channels = {
+        **color[0],
+        **_named(NOISY_SHADING, shading[0]),
+        **_named(DENOISED, denoise(color[0], reflectance, normal)),
+        **_named(DENOISED_SHADING, denoise(shading[0], neutral, normal)),
+    }
+    lost = max(color[1]["lost_pixels"], shading[1]["lost_pixels"])
+    return channels, {**color[1], "lost_pixels": lost, "denoiser": denoiser_version()}
+
+
+def _named(names: Sequence[str], image: Channels) -> Channels:
+    """The bands of an image under other names."""
+    return {name: image[band] for name, band in zip(names, RGB, strict=True)}
+
+
+def _noisy_trace(params: Params) -> GroundTruthParams:
+    """The truth's way of tracing, of few samples."""
+    spp = params.noisy.spp
+    return replace(params.groundtruth, spp=spp, block_spp=spp, noise=0.0, denoise="none")
+
+
+def traced_together(params: Params) -> bool:
+    """Whether colour and shading come from one trace: as asked for, where the variant can."""
+    return params.groundtruth.joint and integrator.available()
+
+
+def _has_twin(scene: RenderScene, params: Params) -> bool:
+    try:
+        scene.twins(params.shading.albedo)
+    except InputError:
+        return False
+    return True
+
+
+def finished(kind: Kind, truth: Result, scene: RenderScene, view: View, params: Params) -> Result:
+    """A truth as its pass gives it: denoised, if the parameters say so."""
+    channels, stats = truth
+    if params.groundtruth.denoise == "none":
+        return truth
+    albedo, normal = guides(scene, view)
+    if kind == "shading":
+        albedo = grey_guide(normal, params.shading.albedo)
+    return denoise(channels, albedo, normal), {**stats, "denoiser": denoiser_version()}
+
+
+def _panorama_determined_by(params: Params) -> dict[str, Any]:
+    return {name: v for name, v in plain(params.illumination).items() if name != "shadow_rays"}
+
+
+def _truth_determined_by(params: Params) -> dict[str, Any]:
+    used = params.groundtruth.denoise != "none"
+    return {
+        "truth": plain(params.groundtruth),
+        "denoiser": [denoiser_version(), inputs.REVISION] if used else None,
+    }
+
+
+def _color_determined_by(params: Params) -> dict[str, Any]:
+    # In a joint trace the twin's throughput has a say in every path's roulette.
+    company = {"shading": plain(params.shading)} if params.groundtruth.joint else {}
+    return {**_truth_determined_by(params), **company}
+
+
+def _noisy_determined_by(params: Params) -> dict[str, Any]:
+    trace, shading = _noisy_trace(params), plain(params.shading)
+    used = ("spp", "max_depth", "rr_depth", "joint", "lights")
+    return {
+        "trace": {name: getattr(trace, name) for name in used},
+        "shading": shading,
+        "denoiser": [denoiser_version(), inputs.REVISION],
+    }
+
+
+PASSES: dict[Kind, Pass] = {
+    "inputs": Pass(inputs.REVISION, lambda params: {}, _inputs),
+    "illumination": Pass(illumination.REVISION, _panorama_determined_by, _illumination),
+    "visibility": Pass(
+        visibility.REVISION,
+        lambda params: {
+            **plain(params.illumination),
+            "made_of": [inputs.REVISION, illumination.REVISION],
+        },
+        _visibility,
+    ),
+    "shading": Pass(
+        groundtruth.REVISION,
+        lambda params: {**_truth_determined_by(params), "shading": plain(params.shading)},
+        _truth("shading"),
+        seeded=True,
+    ),
+    "color": Pass(
+        groundtruth.REVISION,
+        _color_determined_by,
+        _truth("color"),
+        seeded=True,
+    ),
+    "noisy": Pass(groundtruth.REVISION, _noisy_determined_by, render_noisy, seeded=True),
+}
+
+
+def pass_seed(kind: Kind, view: View, root: int) -> int:
+    """The seed of one pass over one view, descended from the root seed.
+
+    Shading and colour have one in common, since they may come from one trace. Noisy frames have
+    their own: a network that is shown the truth's own samples learns the truth's noise.
+    """
+    name = "truth" if kind in TRUTHS else kind
+    return derive(root, "scene", view.scene_id, "view", view.view_id, name)
+
+
+def camera_of(view: View) -> View:
+    """The part of a view that determines pixels: without its score and what was seen."""
+    return replace(view, score=0.0, seen={})
+
+
+def frame_fingerprint(
+    kind: Kind, view: View, params: Params, scene_digest: str, renderer: str
+) -> str:
+    """The fingerprint of a frame; see this module's docstring for what is in it."""
+    made_by = PASSES[kind]
+    return fingerprint(
+        kind=kind,
+        revision=made_by.revision,
+        params=made_by.determined_by(params),
+        view=camera_of(view),
+        scene=scene_digest,
+        renderer=renderer,
+        seed=pass_seed(kind, view, params.seed) if made_by.seeded else None,
+    )

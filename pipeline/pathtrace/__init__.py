@@ -1,0 +1,1 @@
+"""Path tracing of shading and colour: integrator, emitter sampling, guiding, noise."""

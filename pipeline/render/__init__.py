@@ -1,0 +1,1 @@
+"""Mitsuba scenes of a view: loading, ray casting, sensors, lights, material sets."""

@@ -1,0 +1,160 @@
+"""Twins of a BSDF: neutral (its colours replaced by one grey) and reflectance (only its colour).
+
+Both are made from the scene file's nodes and share textures with the original. Which properties
+hold colour is a table here; everything else (roughness, metalness, index of refraction, glass,
+alpha masks, bump and normal maps, blend weights) stays as it is in the neutral twin.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from pipeline.render.scenegraph import Graph, create
+from scenes.errors import InputError
+
+_WRAPPERS = ("twosided", "mask", "bumpmap", "normalmap", "blendbsdf")
+_CONDUCTORS = ("conductor", "roughconductor")
+_DIELECTRICS = ("dielectric", "thindielectric", "roughdielectric")
+# plugin -> property that holds its base colour; 0.5 is Mitsuba's default of each.
+_BASE = {
+    "diffuse": "reflectance",
+    "plastic": "diffuse_reflectance",
+    "roughplastic": "diffuse_reflectance",
+    "pplastic": "diffuse_reflectance",
+    "principled": "base_color",
+    "principledthin": "base_color",
+}
+# Tints without which the surface is colourless: their defaults are colourless.
+_TINTS = ("specular_transmittance", "spec_tint", "sheen_tint")
+_DEFAULT_BASE = 0.5
+
+
+def neutral_twin(graph: Graph, index: int, albedo: float) -> Any:
+    """The BSDF of node `index` with every colour replaced by the grey `albedo`.
+
+    Metals become grey mirrors of that reflectance, tinted glass becomes clear. A colourless
+    constant `specular_reflectance` is gloss, not colour, and stays. Raises `InputError` for a
+    BSDF this table does not know.
+    """
+    plugin, props = graph.plugin(index), graph.props(index)
+    if plugin == "null":
+        return graph.make(index)
+    if plugin in _WRAPPERS:
+        for name, child in graph.references(index).items():
+            if graph.kind(child) == "BSDF":
+                props[name] = neutral_twin(graph, child, albedo)
+        return graph.make_from(index, props)
+    if plugin in _CONDUCTORS:
+        _drop(props, "eta", "k", "material", "specular_reflectance")
+        props["material"] = "none"
+        props["specular_reflectance"] = albedo
+        return graph.make_from(index, props)
+    if plugin in _BASE:
+        _drop(props, _BASE[plugin])
+        props[_BASE[plugin]] = albedo
+    elif plugin not in _DIELECTRICS:
+        raise InputError(
+            f"{graph.where(index)}: no neutral twin is known for this material; "
+            f"use one of {', '.join(sorted({*_BASE, *_CONDUCTORS, *_DIELECTRICS}))}"
+        )
+    _drop(props, *_TINTS)
+    gloss = "specular_reflectance"
+    if gloss in props and not _colourless(props[gloss]):
+        del props[gloss]
+    return graph.make_from(index, props)
+
+
+def reflectance_twin(graph: Graph, index: int) -> Any:
+    """A BSDF whose `eval_diffuse_reflectance` is the base colour of node `index`.
+
+    Diffuse, plastic, principled: the base colour or its texture. Metals: reflectance at normal
+    incidence (times `specular_reflectance`; where that is a texture, the texture alone).
+    Rough glass: its transmittance. Bump and masks are left to the geometry pass. Materials
+    without a base colour (measured, hair) give 0.5.
+    """
+    plugin, references = graph.plugin(index), graph.references(index)
+    children = graph.nested(index, "BSDF")
+    if plugin == "blendbsdf" or (plugin == "twosided" and len(children) == 2):
+        props = graph.props(index)
+        for name, child in references.items():
+            if graph.kind(child) == "BSDF":
+                props[name] = reflectance_twin(graph, child)
+        return graph.make_from(index, props)
+    if plugin in _WRAPPERS and children:
+        return reflectance_twin(graph, children[0])
+    twin = mi.Properties("diffuse")
+    twin["reflectance"] = _base_colour(graph, index)
+    return create(twin)
+
+
+def passes_light(graph: Graph, index: int) -> bool:
+    """Whether node `index` is a clear surface that sight passes undeviated, as far as we model.
+
+    Smooth dielectrics, thin panes and the null BSDF.
+    """
+    return graph.plugin(index) in ("dielectric", "thindielectric", "null")
+
+
+def has_mask(graph: Graph, index: int) -> bool:
+    """Whether a BSDF node holds an alpha mask anywhere."""
+    return graph.plugin(index) == "mask" or any(
+        has_mask(graph, child) for child in graph.nested(index, "BSDF")
+    )
+
+
+def _base_colour(graph: Graph, index: int) -> Any:
+    plugin = graph.plugin(index)
+    if plugin in _BASE:
+        return _value(graph, index, _BASE[plugin], _DEFAULT_BASE)
+    if plugin in _DIELECTRICS:
+        return _value(graph, index, "specular_transmittance", 1.0)
+    if plugin in _CONDUCTORS:
+        tint = _value(graph, index, "specular_reflectance", 1.0)
+        metal = _normal_incidence(graph.make(index))
+        if isinstance(tint, float | int):
+            return mi.ScalarColor3d(metal * tint)
+        if "specular_reflectance" in graph.references(index):
+            return tint
+        return mi.ScalarColor3d(metal * np.array(tint, dtype=np.float64).ravel())
+    return _DEFAULT_BASE
+
+
+def _value(graph: Graph, index: int, name: str, default: float) -> Any:
+    references = graph.references(index)
+    if name in references:
+        return graph.make(references[name])
+    props = graph.props(index)
+    return props.get(name, default)
+
+
+def _normal_incidence(conductor: Any) -> np.ndarray:
+    """Fresnel reflectance of a conductor at normal incidence, linear RGB (3,), in [0, 1]."""
+    params = mi.traverse(conductor)
+    if "eta.value" not in params or "k.value" not in params:
+        return np.ones(3)  # material "none": a perfect mirror
+    eta = np.broadcast_to(np.array(params["eta.value"], dtype=np.float64).ravel(), 3)
+    k = np.broadcast_to(np.array(params["k.value"], dtype=np.float64).ravel(), 3)
+    if not (eta.any() or k.any()):
+        return np.ones(3)
+    return np.clip(((eta - 1) ** 2 + k**2) / ((eta + 1) ** 2 + k**2), 0, 1)
+
+
+def _drop(props: Any, *names: str) -> None:
+    for name in names:
+        if name in props:
+            del props[name]
+
+
+def _colourless(value: Any) -> bool:
+    if isinstance(value, float | int):
+        return True
+    if isinstance(value, mi.Properties.ResolvedReference):
+        return False
+    try:
+        bands = np.array(value, dtype=np.float64).ravel()
+    except (TypeError, ValueError):
+        return False
+    return bands.size > 0 and bool(np.ptp(bands) < 1e-6)

@@ -1,0 +1,253 @@
+"""The renderer's rim: which Mitsuba variant runs, scenes opened for rendering, id images, rays.
+
+`set_variant` is called once per process, before anything else here.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+import psutil
+
+from pipeline.params import Variant
+from pipeline.pathtrace.launches import FrozenTracer
+from pipeline.render import raycast
+from pipeline.render.lights import Lights, collect_lights
+from pipeline.render.material_sets import Wardrobe
+from pipeline.render.neutral import has_mask, passes_light, reflectance_twin
+from pipeline.render.scenegraph import Graph, create, parse, shapes_of
+from scenes.contract import Scene
+from scenes.errors import InputError, MachineError
+
+REVISION = 1
+_SCALAR_WARNING = (
+    "pbrnet: no usable libLLVM was found, so everything is rendered by the scalar_rgb variant: "
+    "the same images, several times slower. To get it: apt-get install libllvm15, or set "
+    "DRJIT_LIBLLVM_PATH to a libLLVM.so of version 15 or later."
+)
+
+
+def set_variant(requested: Variant = "auto") -> str:
+    """Choose the Mitsuba variant of this process and return its name.
+
+    "auto" takes `cuda_ad_rgb` where a CUDA device works, else `llvm_ad_rgb` where libLLVM loads,
+    else `scalar_rgb` with a line on standard error. Asking again is free; "auto" keeps what is
+    set. Raises `MachineError` if a variant is asked for that cannot run here, or another one
+    than the process already uses.
+    """
+    current = mi.variant()
+    if current is not None and requested in ("auto", current):
+        return str(current)
+    if current is not None:
+        raise MachineError(
+            f"this process already renders with {current}; {requested} needs a process of its own"
+        )
+    chosen = _best_variant() if requested == "auto" else requested
+    if not _works(chosen):
+        raise MachineError(f"the variant {chosen} cannot run here: {_remedy(chosen)}")
+    if requested == "auto" and chosen == "scalar_rgb":
+        print(_SCALAR_WARNING, file=sys.stderr, flush=True)
+    mi.set_variant(chosen)
+    return chosen
+
+
+def renderer_version() -> str:
+    """Renderer, its versions and the variant: part of every frame's fingerprint."""
+    return f"mitsuba {mi.__version__}, drjit {dr.__version__}, {mi.variant()}, core {REVISION}"
+
+
+@dataclass(frozen=True)
+class RenderScene:
+    """A scene ready to render, in its own colours or (`albedo` given) as its neutral twin.
+
+    The two forms share geometry, textures and the ray tracing structure: they are one Mitsuba
+    scene whose shapes change clothes. So hold one form at a time: `dress()` puts this one on,
+    and everything that shades calls it first. Not for use from several threads at once.
+    """
+
+    scene: Scene
+    target: raycast.Target
+    lights: Lights
+    bbox: npt.NDArray[np.float64]  # (2, 3) world metres
+    wardrobe: Wardrobe
+    albedo: float | None = None
+    tracer: FrozenTracer = field(default_factory=FrozenTracer)
+
+    @property
+    def mitsuba(self) -> Any:
+        """The Mitsuba scene, dressed in this form's materials."""
+        self.dress()
+        return self.target.scene
+
+    def neutral(self, albedo: float | None) -> RenderScene:
+        """This scene with every colour replaced by the grey `albedo`; None: in its own colours.
+
+        Costs almost nothing: the geometry is shared.
+        """
+        return replace(self, albedo=albedo)
+
+    def twins(self, albedo: float) -> list[tuple[Any, Any]]:
+        """Every material with its twin in the grey `albedo`, as they are now in memory.
+
+        Raises `InputError` for a material that has no neutral twin.
+        """
+        return self.wardrobe.twins(albedo)
+
+    def dress(self) -> None:
+        """Give the shared shapes this form's materials, unless they wear them.
+
+        Raises `InputError` for a material that has no neutral twin.
+        """
+        self.wardrobe.wear(self.albedo)
+
+
+def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene:
+    """Load a scene folder for rendering; `neutral_albedo` opens its neutral twin.
+
+    To render both, open it once and call `neutral()`. Raises `InputError` naming file, line
+    and element for broken XML, missing or damaged meshes and textures, unknown plugins.
+    """
+    if mi.variant() is None:
+        raise RuntimeError("set_variant comes before open_scene")
+    graph = parse(scene.xml)
+    root = graph.make(0)
+    _check_geometry(scene, root)
+    index_of = {shape: i for i, thing in enumerate(scene.objects) for shape in thing.shapes}
+    shapes, objects, clear, masked, twins = [], [], [], [], []
+    made: dict[int, Any] = {}
+    for node in shapes_of(graph):
+        if graph.plugin(node) == "shapegroup":
+            continue
+        shape = graph.make(node)
+        shapes.append(shape)
+        objects.append(index_of.get(shape.id(), -1))
+        bsdfs = _bsdfs_of(graph, node)
+        clear.append(bool(bsdfs) and all(passes_light(graph, bsdf) for bsdf in bsdfs))
+        masked.append(any(has_mask(graph, bsdf) for bsdf in bsdfs))
+        own = graph.nested(node, "BSDF")
+        if own and own[0] not in made:
+            made[own[0]] = reflectance_twin(graph, own[0])
+        twins.append(made[own[0]] if own else _default_reflectance(made))
+    missing = sorted(set(index_of) - {shape.id() for shape in shapes})
+    if missing:
+        raise InputError(f"{scene.xml}: shape {missing[0]!r} of scene.json is not in it")
+    target = raycast.Target(
+        root,
+        tuple(shapes),
+        np.array(objects, dtype=np.int32),
+        np.array(clear, dtype=bool),
+        np.array(masked, dtype=bool),
+        tuple(twins),
+    )
+    box = root.bbox()
+    bbox = np.array([np.array(box.min).ravel(), np.array(box.max).ravel()], dtype=np.float64)
+    return RenderScene(
+        scene, target, collect_lights(graph, target), bbox, Wardrobe(graph), neutral_albedo
+    )
+
+
+def free_memory() -> None:
+    """Give the memory of scenes that nobody holds any more back to the system.
+
+    Dr.Jit keeps every kernel that it ever ran, and a scene now and then asks for one of its
+    own: they go too, and come back from the cache on disk in milliseconds. Without the last
+    step the heap keeps holes between what scenes leave behind, and grows.
+    """
+    gc.collect()
+    dr.flush_malloc_cache()
+    dr.flush_kernel_cache()
+    if hasattr(psutil, "heap_trim"):  # not where the C library has none
+        psutil.heap_trim()
+
+
+def render_ids(
+    render_scene: RenderScene,
+    poses: npt.ArrayLike,
+    intrinsics: npt.ArrayLike,
+    width: int,
+    height: int,
+) -> npt.NDArray[np.uint32]:
+    """Object index + 1 at every pixel centre (0: none), uint32 (N, height, width).
+
+    `poses` (N, 4, 4) are camera_to_world (OpenCV); `intrinsics` is K (3, 3), shared. Sight
+    passes clear glass. All cameras are traced together.
+    """
+    return raycast.ids(render_scene.target, poses, intrinsics, width, height)
+
+
+def cast(
+    render_scene: RenderScene,
+    origins: npt.ArrayLike,
+    directions: npt.ArrayLike,
+    through_glass: bool = False,
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]:
+    """Distance to the first surface along each ray and the index of its object.
+
+    `origins` (N, 3) or (3,), `directions` (N, 3), world, any length but zero. Distances are
+    metres, infinite where nothing is hit; the object is -1 there and for shapes that belong to
+    no object. Clear glass stops these rays unless `through_glass`.
+    """
+    shape, distance = raycast.nearest(
+        render_scene.target, origins, raycast.unit(np.asarray(directions)), through_glass
+    )
+    return distance, np.append(render_scene.target.objects, -1)[shape].astype(np.int32)
+
+
+def _best_variant() -> Variant:
+    for variant in ("cuda_ad_rgb", "llvm_ad_rgb"):
+        if _works(variant):
+            return variant  # type: ignore[return-value]
+    return "scalar_rgb"
+
+
+def _works(variant: str) -> bool:
+    if variant not in mi.variants():
+        return False
+    if variant.startswith("cuda"):
+        return bool(dr.has_backend(dr.JitBackend.CUDA))
+    if variant.startswith("llvm"):
+        return bool(dr.has_backend(dr.JitBackend.LLVM))
+    return True
+
+
+def _remedy(variant: str) -> str:
+    if variant.startswith("cuda"):
+        return "no CUDA device was found; take llvm_ad_rgb or auto"
+    if variant.startswith("llvm"):
+        path = os.environ.get("DRJIT_LIBLLVM_PATH")
+        tried = f" (DRJIT_LIBLLVM_PATH is {path})" if path else ""
+        return f"libLLVM did not load{tried}; apt-get install libllvm15, or take scalar_rgb or auto"
+    return f"Mitsuba was built without it (it has {', '.join(mi.variants())})"
+
+
+def _default_reflectance(made: dict[int, Any]) -> Any:
+    if -1 not in made:
+        made[-1] = create(mi.Properties("diffuse"))
+    return made[-1]
+
+
+def _bsdfs_of(graph: Graph, node: int) -> list[int]:
+    """BSDF nodes of a shape; of an instance, those of every shape in its group."""
+    if graph.plugin(node) != "instance":
+        return graph.nested(node, "BSDF")
+    return [
+        bsdf
+        for group in graph.nested(node, "Shape")
+        for shape in graph.nested(group, "Shape")
+        for bsdf in graph.nested(shape, "BSDF")
+    ]
+
+
+def _check_geometry(scene: Scene, root: Any) -> None:
+    box = root.bbox()
+    corners = np.array([np.array(box.min).ravel(), np.array(box.max).ravel()], dtype=np.float64)
+    if not np.isfinite(corners).all():
+        raise InputError(f"{scene.xml}: no geometry, or vertices that are not finite numbers")

@@ -1,0 +1,1 @@
+"""Stages of the pipeline and the jobs that workers do for them."""

@@ -1,0 +1,400 @@
+"""Views that see much furniture, chosen as PBRS did (Zhang et al. 2017, section 3.2).
+
+In each room, eyes lie on a jittered grid inside the floor polygon at a person's height and look
+slightly down, once into every direction sector. A candidate's score is the sum, over the objects
+that cover more than `min_coverage` of its pixels, of log(pixels / minimum pixels); structure
+(walls, floors, ceilings) never counts. The best candidate of each (room, sector) is kept, then
+the best `views_per_room` of each room, then at most `views_per_scene`, the best of every room
+before the second best of any.
+
+Beyond PBRS: clearance is real (nothing within `clearance` of the eye in any direction, and the
+eye is not inside furniture); a view that a near thing blocks, that looks mostly into another room,
+or that shows nearly the same as a better one of its room is refused; and every candidate that is
+not kept is counted with its reason.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.geometry import Polygon
+
+from pipeline.params import CameraParams, ImageParams, Params
+from pipeline.render.scene import RenderScene, cast, render_ids
+from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look
+from scenes.contract import Room, Scene
+from scenes.errors import InputError
+from scenes.seeds import generator
+
+REVISION = 2
+_ENCLOSED = 0.75  # share of directions in which one piece of furniture is seen from inside it
+_RAYS = 192  # directions of the clearance test: 2.6 cm apart at 10 cm
+_PIXELS = 1 << 21  # traced at once
+
+NO_LIGHT = "room has no lamp, window or door"
+OUTSIDE = "outside the room"
+ABOVE = "above the ceiling"
+TOO_CLOSE = "closer to a surface than the clearance"
+INSIDE = "inside an object"
+NOT_TRIED = "not tried: beyond cameras.candidates"
+BLOCKED = "blocked: too much of the view is too near"
+FEW_OBJECTS = "too few objects"
+ELSEWHERE = "looks mostly into another room"
+LOW_SCORE = "score below cameras.min_score"
+NOT_BEST = "not the best of its sector"
+ALIKE = "shows nearly the same as a better view of its room"
+BEYOND_ROOM = "beyond cameras.views_per_room"
+BEYOND_SCENE = "beyond cameras.views_per_scene"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A camera to be scored: where it is, where it looks."""
+
+    room: Room
+    sector: int
+    pose: npt.NDArray[np.float64]  # camera_to_world (4, 4)
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What a camera sees: its score and the pixels of every object."""
+
+    score: float
+    objects: tuple[str, ...]  # those that count
+    seen: dict[str, int]
+    nearness: float  # share of the pixels nearer than `near`, as `_nearness` says
+
+
+def sample_cameras(
+    render_scene: RenderScene, scene: Scene, params: Params, seed: int
+) -> CameraFile:
+    """The views of a scene and, by reason, the candidates that were not taken.
+
+    Deterministic in the scene, `params.cameras`, `params.image` and `seed`. A scene that yields
+    no view is an outcome like any other. Views that came with an imported scene
+    (`scene.source["views"]`) are kept beside the sampled ones, whatever their score, if
+    `params.cameras.stored_views`. `candidates` counts the sampled ones:
+    candidates = sampled views + sum of `rejected`.
+    """
+    options = params.cameras
+    rejected: Counter[str] = Counter()
+    candidates: list[Candidate] = []
+    total = 0
+    for room in sorted(scene.rooms, key=lambda room: room.id):
+        rng = generator(seed, "cameras", scene.scene_id, room.id)
+        found, lost = _room_candidates(render_scene, room, options, rng)
+        candidates += found
+        rejected += lost
+        total += len(found) + sum(lost.values())
+    sights = _look_around(render_scene, scene, [c.pose for c in candidates], params)
+    rooms = {thing.id: thing.room for thing in scene.objects if not thing.is_structure}
+    passed = []
+    for candidate, sight in zip(candidates, sights, strict=True):
+        reason = _refusal(candidate.room, sight, rooms, options)
+        if reason:
+            rejected[reason] += 1
+        else:
+            passed.append((candidate, sight))
+    chosen = _choose(passed, set(rooms), options, rejected)
+    names = _room_names(scene)
+    views = [
+        _view(scene, params.image, f"{names[c.room.id]}-s{c.sector}", c.pose, sight, c.room)
+        for c, sight in chosen
+    ]
+    views = [replace(view, sector=c.sector) for view, (c, _) in zip(views, chosen, strict=True)]
+    if options.stored_views:
+        views += _stored_views(render_scene, scene, params, {view.view_id for view in views})
+    return CameraFile(
+        scene_id=scene.scene_id,
+        views=tuple(sorted(views, key=lambda view: view.view_id)),
+        candidates=total,
+        rejected={reason: rejected[reason] for reason in sorted(rejected)},
+    )
+
+
+def score_ids(
+    ids: npt.NDArray[np.uint32], scene: Scene, min_coverage: float
+) -> list[tuple[float, tuple[str, ...], dict[str, int]]]:
+    """Score, ids of the objects that count, and pixels by object id, of each image (N, H, W).
+
+    An object counts if it is no structure and covers more than `min_coverage` of the pixels;
+    the score is the sum of log(pixels / minimum) over counted objects.
+    """
+    count, size = len(ids), int(np.prod(ids.shape[1:]))
+    kinds = len(scene.objects) + 1
+    flat = ids.reshape(count, -1).astype(np.int64) + np.arange(count)[:, None] * kinds
+    pixels = np.bincount(flat.ravel(), minlength=count * kinds).reshape(count, kinds)[:, 1:]
+    minimum = max(1.0, min_coverage * size)
+    furniture = np.array([not thing.is_structure for thing in scene.objects], dtype=bool)
+    results = []
+    for row in pixels:
+        counted = np.flatnonzero(furniture & (row > minimum))
+        score = math.fsum(math.log(int(row[index]) / minimum) for index in counted)
+        seen = {scene.objects[index].id: int(row[index]) for index in np.flatnonzero(row)}
+        results.append((score, tuple(scene.objects[index].id for index in counted), seen))
+    return results
+
+
+def _room_candidates(
+    render_scene: RenderScene, room: Room, options: CameraParams, rng: np.random.Generator
+) -> tuple[list[Candidate], Counter[str]]:
+    """Candidates of a room that are worth a look, and the others by reason."""
+    rejected: Counter[str] = Counter()
+    polygon = shapely.make_valid(Polygon(room.floor))
+    eyes = _grid(polygon.bounds, options, rng)
+    eyes[:, 2] += room.floor_z
+    azimuths = _azimuths(len(eyes), options.sectors, rng)
+    if not room.has_light:
+        rejected[NO_LIGHT] += azimuths.size
+        return [], rejected
+    free = shapely.contains_xy(polygon, eyes[:, 0], eyes[:, 1])
+    rejected[OUTSIDE] += int((~free).sum()) * options.sectors
+    low = eyes[:, 2] < room.ceiling_z - options.clearance
+    rejected[ABOVE] += int((free & ~low).sum()) * options.sectors
+    left = np.flatnonzero(free & low)
+    close, enclosed = _surroundings(render_scene, eyes[left], options.clearance)
+    rejected[TOO_CLOSE] += int(close.sum()) * options.sectors
+    rejected[INSIDE] += int((enclosed & ~close).sum()) * options.sectors
+    left = left[~close & ~enclosed]
+    candidates = []
+    for sector in range(options.sectors):
+        for index in rng.permutation(left)[: options.candidates]:
+            azimuth = azimuths[index, sector]
+            towards = (math.cos(azimuth), math.sin(azimuth), options.tilt)
+            candidates.append(Candidate(room, sector, look(eyes[index], towards)))
+    rejected[NOT_TRIED] += len(left) * options.sectors - len(candidates)
+    return candidates, +rejected
+
+
+def _grid(
+    bounds: tuple[float, float, float, float], options: CameraParams, rng: np.random.Generator
+) -> npt.NDArray[np.float64]:
+    """Eyes (N, 3), one jittered in each cell over `bounds`; z is height above the floor."""
+    low_x, low_y, high_x, high_y = bounds
+    across = max(1, math.ceil((high_x - low_x) / options.grid))
+    along = max(1, math.ceil((high_y - low_y) / options.grid))
+    x, y = np.meshgrid(np.arange(across), np.arange(along), indexing="ij")
+    cells = np.stack([x.ravel(), y.ravel()], axis=1) + rng.random((across * along, 2))
+    heights = options.eye_height + options.eye_jitter * rng.uniform(-1, 1, across * along)
+    return np.column_stack([cells * options.grid + (low_x, low_y), heights])
+
+
+def _azimuths(count: int, sectors: int, rng: np.random.Generator) -> npt.NDArray[np.float64]:
+    """One direction in each sector for each eye, radians from +X towards +Y, (count, sectors)."""
+    spread = rng.random((count, sectors))
+    azimuths: npt.NDArray[np.float64] = (np.arange(sectors) + spread) * (2 * math.pi / sectors)
+    return azimuths
+
+
+def _surroundings(
+    render_scene: RenderScene, eyes: npt.NDArray[np.float64], clearance: float
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """For each eye (N, 3): is something within `clearance`; is it inside a piece of furniture."""
+    if not len(eyes):
+        return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
+    directions = _sphere(_RAYS)
+    distance, thing = cast(
+        render_scene, np.repeat(eyes, _RAYS, axis=0), np.tile(directions, (len(eyes), 1))
+    )
+    distance, thing = distance.reshape(-1, _RAYS), thing.reshape(-1, _RAYS)
+    structure = np.array([o.is_structure for o in render_scene.scene.objects] + [True])
+    enclosed = np.zeros(len(eyes), dtype=bool)
+    for index, row in enumerate(thing):
+        values, counts = np.unique(row[~structure[row]], return_counts=True)
+        enclosed[index] = len(values) > 0 and counts.max() > _ENCLOSED * _RAYS
+    return distance.min(axis=1) < clearance, enclosed
+
+
+def _sphere(count: int) -> npt.NDArray[np.float64]:
+    """Directions (count, 3) spread evenly over the sphere: a Fibonacci spiral."""
+    index = np.arange(count)
+    z = 1 - (2 * index + 1) / count
+    angle = index * math.pi * (3 - math.sqrt(5))
+    radius = np.sqrt(1 - z * z)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+
+
+def _look_around(
+    render_scene: RenderScene,
+    scene: Scene,
+    poses: list[npt.NDArray[np.float64]],
+    params: Params,
+    half_fov_x: float | None = None,
+) -> Iterator[Sight]:
+    """What each camera sees, by small id images with all cameras of a chunk traced together."""
+    options = params.cameras
+    height = max(1, round(options.id_width * params.image.height / params.image.width))
+    small = replace(
+        params.image,
+        width=options.id_width,
+        height=height,
+        half_fov_x=half_fov_x or params.image.half_fov_x,
+    )
+    chunk = max(1, _PIXELS // (small.width * small.height))
+    for start in range(0, len(poses), chunk):
+        group = np.array(poses[start : start + chunk])
+        ids = render_ids(render_scene, group, intrinsics_of(small), small.width, small.height)
+        near = _nearness(render_scene, group, small, options.near)
+        for (score, objects, seen), share in zip(
+            score_ids(ids, scene, options.min_coverage), near, strict=True
+        ):
+            yield Sight(score, objects, seen, float(share))
+
+
+def _nearness(
+    render_scene: RenderScene,
+    poses: npt.NDArray[np.float64],
+    image: ImageParams,
+    near: float,
+) -> npt.NDArray[np.float64]:
+    """Share (N,) of each view, on a coarse raster, that shows something nearer than `near`."""
+    across, down = 12, 9
+    slope = math.tan(image.half_fov_x)
+    x, y = np.meshgrid(
+        slope * (2 * (np.arange(across) + 0.5) / across - 1),
+        slope * image.height / image.width * (2 * (np.arange(down) + 0.5) / down - 1),
+    )
+    local = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=1)
+    directions = np.einsum("nij,pj->npi", poses[:, :3, :3], local).reshape(-1, 3)
+    origins = np.repeat(poses[:, :3, 3], len(local), axis=0)
+    distance, _ = cast(render_scene, origins, directions, through_glass=True)
+    share: npt.NDArray[np.float64] = (distance.reshape(len(poses), -1) < near).mean(axis=1)
+    return share
+
+
+def _refusal(room: Room, sight: Sight, rooms: dict[str, str | None], options: CameraParams) -> str:
+    """Why a candidate is no view, empty if it is one; `rooms` has the room of each object."""
+    known = [rooms[name] for name in sight.objects if rooms[name] is not None]
+    if sight.nearness > options.max_near:
+        return BLOCKED
+    if len(sight.objects) < options.min_objects:
+        return FEW_OBJECTS
+    if known and known.count(room.id) < options.min_own * len(known):
+        return ELSEWHERE
+    if sight.score < options.min_score:
+        return LOW_SCORE
+    return ""
+
+
+def _choose(
+    passed: list[tuple[Candidate, Sight]],
+    furniture: set[str],
+    options: CameraParams,
+    rejected: Counter[str],
+) -> list[tuple[Candidate, Sight]]:
+    """The best of each sector, then of each room, then of the scene; counts the rest."""
+    sectors: dict[tuple[str, int], tuple[Candidate, Sight]] = {}
+    for candidate, sight in passed:
+        key = (candidate.room.id, candidate.sector)
+        if key not in sectors or sight.score > sectors[key][1].score:
+            sectors[key] = (candidate, sight)
+    rejected[NOT_BEST] += len(passed) - len(sectors)
+    rooms: dict[str, list[tuple[Candidate, Sight]]] = {}
+    for best in sorted(sectors.values(), key=lambda view: (-view[1].score, view[0].sector)):
+        kept = rooms.setdefault(best[0].room.id, [])
+        if len(kept) >= options.views_per_room:
+            rejected[BEYOND_ROOM] += 1
+        elif any(_alikeness(best[1], view[1], furniture) > options.max_alike for view in kept):
+            rejected[ALIKE] += 1
+        else:
+            kept.append(best)
+    ranked = [
+        (rank, -view[1].score, room, view)
+        for room, kept in rooms.items()
+        for rank, view in enumerate(kept)
+    ]
+    ranked.sort(key=lambda entry: entry[:3])
+    rejected[BEYOND_SCENE] += len(ranked[options.views_per_scene :])
+    for reason in [reason for reason, count in rejected.items() if not count]:
+        del rejected[reason]
+    return [view for _, _, _, view in ranked[: options.views_per_scene]]
+
+
+def _alikeness(one: Sight, other: Sight, furniture: set[str]) -> float:
+    """Share of the furniture pixels that two views have in common, [0, 1]."""
+    names = (one.seen.keys() | other.seen.keys()) & furniture
+    common = sum(min(one.seen.get(name, 0), other.seen.get(name, 0)) for name in names)
+    together = sum(max(one.seen.get(name, 0), other.seen.get(name, 0)) for name in names)
+    return common / together if together else 1.0
+
+
+def _stored_views(
+    render_scene: RenderScene, scene: Scene, params: Params, taken: set[str]
+) -> list[View]:
+    """The cameras that an imported scene brought with it, with the size of all other frames."""
+    views = []
+    for number, stored in enumerate(scene.source.get("views", [])):
+        try:
+            pose = np.array(stored["camera_to_world"], dtype=np.float64).reshape(4, 4)
+            half_fov_x = float(stored.get("half_fov_x", params.image.half_fov_x))
+        except (KeyError, TypeError, ValueError):
+            raise InputError(
+                f"{scene.folder / 'scene.json'}: source.views[{number}] needs camera_to_world "
+                "(4x4) and half_fov_x (radians)"
+            ) from None
+        name = f"stored-{_slug(str(stored.get('name', number)))}"
+        while name in taken:
+            name += "-again"
+        taken.add(name)
+        (sight,) = _look_around(render_scene, scene, [pose], params, half_fov_x)
+        image = replace(params.image, half_fov_x=half_fov_x)
+        named = next((room for room in scene.rooms if room.id == stored.get("room")), None)
+        room = named or _room_at(scene, pose[:3, 3])
+        view = _view(scene, image, name, pose, sight, room)
+        views.append(replace(view, sector=int(stored.get("sector", view.sector))))
+    return views
+
+
+def _view(
+    scene: Scene,
+    image: ImageParams,
+    view_id: str,
+    pose: npt.NDArray[np.float64],
+    sight: Sight,
+    room: Room | None,
+) -> View:
+    return View(
+        scene_id=scene.scene_id,
+        view_id=view_id,
+        width=image.width,
+        height=image.height,
+        K=as_matrix(intrinsics_of(image)),
+        camera_to_world=as_matrix(pose),
+        room=room.id if room else None,
+        room_type=room.type if room else "other",
+        score=sight.score,
+        seen=sight.seen,
+    )
+
+
+def _room_at(scene: Scene, eye: Any) -> Room | None:
+    for room in scene.rooms:
+        inside = shapely.contains_xy(shapely.make_valid(Polygon(room.floor)), eye[0], eye[1])
+        if inside and room.floor_z <= eye[2] <= room.ceiling_z:
+            return room
+    return None
+
+
+def _room_names(scene: Scene) -> dict[str, str]:
+    """A name that is safe in file names for each room, unique also where two ids differ only in
+    characters that are not."""
+    names: dict[str, str] = {}
+    for room in sorted(scene.rooms, key=lambda room: room.id):
+        name = _slug(room.id)
+        while name in names.values() or name == "stored":
+            name += "_"
+        names[room.id] = name
+    return names
+
+
+def _slug(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9]+", "-", text).strip("-")[:60] or "room"

@@ -1,0 +1,290 @@
+"""Models as COLLADA (`.dae`, also within `.kmz`), read with pycollada.
+
+Up axis, unit, colours and transparency are taken as the application takes them.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import urllib.parse
+import warnings
+from collections.abc import Callable, Iterator
+from typing import Any
+from xml.etree.ElementTree import Element, ParseError, tostring
+
+import collada
+import numpy as np
+from collada.common import DaeError
+from collada.material import DaeMissingSampler2D, Effect, Map
+from collada.scene import (
+    DaeInstanceNotLoadedError,
+    GeometryNode,
+    Node,
+)
+from collada.triangleset import TriangleSet
+from defusedxml import DefusedXmlException
+from defusedxml import ElementTree as SafeElementTree
+
+from scenes.formats.model_parts import (
+    MAX_TRIANGLES,
+    Model,
+    ModelMaterial,
+    ModelPart,
+    UnreadableModel,
+    check_points,
+    make_part,
+    triangulated,
+)
+from scenes.geometry.mesh import Floats, Ints
+
+_CREASE = 90.0  # degrees, where there are no normals
+_DEPTH = 64  # of nodes below each other
+_MOST_NODES = 20_000
+_LUMINANCE = (0.212671, 0.715160, 0.072169)
+# What no picture needs: left out before the file is read, so that no fault in it does harm.
+_UNUSED = (
+    "extra", "lines", "linestrips", "library_animations", "library_animation_clips",
+    "library_cameras", "library_lights", "library_controllers", "library_physics_models",
+    "library_physics_scenes", "library_force_fields", "instance_camera", "instance_light",
+    "instance_physics_scene",
+)  # fmt: skip
+_LOST = {
+    "instance_controller": "skinned meshes of models were left out",
+    "ph": "polygons with holes were left out of models",
+}
+_TURNS = {  # from the file's up axis to y up
+    "Z_UP": np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]]),
+    "X_UP": np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
+}
+
+
+def read_dae(data: bytes, find: Callable[[str], str | None], lost: Callable[[str], None]) -> Model:
+    """The model in a COLLADA file.
+
+    `find` gives the member for an image's name, or None; `lost` is told what is left out. Raises
+    `UnreadableModel` for what is damaged, hostile, empty or too large.
+    """
+    root = _parsed(data)
+    for tag in sorted({_bare(element) for element in root.iter()} & set(_LOST)):
+        lost(_LOST[tag])
+    _strip(root)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of numbers that end early; checked below
+            document = collada.Collada(
+                io.BytesIO(tostring(root)), ignore=[DaeError], aux_file_loader=lambda _: None
+            )
+            parts = list(_parts(document, find))
+    except (DaeError, DaeMissingSampler2D, DaeInstanceNotLoadedError, ArithmeticError,
+            AssertionError, AttributeError, LookupError, RecursionError, TypeError,
+            ValueError) as error:  # fmt: skip
+        # The library takes for granted much that a damaged file lacks.
+        raise UnreadableModel(f"damaged COLLADA file ({type(error).__name__}: {error})") from None
+    for fault in document.errors[:8]:
+        lost(f"faulty parts of models were left out ({fault.msg[:100]})")
+    if not parts:
+        raise UnreadableModel("no faces in it")
+    return Model(tuple(_visible(parts)), _header(document))
+
+
+def _parsed(data: bytes) -> Element:
+    """The file's root element; raises `UnreadableModel`."""
+    try:
+        root = SafeElementTree.fromstring(data)
+    except DefusedXmlException as error:
+        raise UnreadableModel(f"its XML is refused: {error}") from None
+    except (ParseError, ValueError, LookupError) as error:
+        raise UnreadableModel(f"its XML is damaged: {error}") from None
+    if _bare(root) != "COLLADA":
+        raise UnreadableModel(f"XML with the root <{_bare(root)[:40]}>, which is no COLLADA")
+    return root
+
+
+def _bare(element: Element) -> str:
+    return str(element.tag).rpartition("}")[2]
+
+
+def _strip(root: Element) -> None:
+    """Take out what is not used; iterative, as files may nest deep."""
+    stack = [root]
+    while stack:
+        element = stack.pop()
+        for child in list(element):
+            if _bare(child) in _UNUSED:
+                element.remove(child)
+            else:
+                stack.append(child)
+
+
+def _header(document: Any) -> str:
+    """What authors say of the file: names, terms, comments."""
+    words = [document.assetInfo.title, document.assetInfo.subject]
+    for one in document.assetInfo.contributors:
+        words += [one.author, one.copyright, one.comments]
+    return "\n".join(str(word) for word in words if word)[:4000]
+
+
+def _parts(document: Any, find: Callable[[str], str | None]) -> Iterator[ModelPart]:
+    upright = _TURNS.get(document.assetInfo.upaxis, np.eye(4))
+    unit = document.assetInfo.unitmeter
+    centimetres = 100 * unit if unit and np.isfinite(unit) and 1e-9 < unit < 1e9 else 100.0
+    base = upright @ np.diag([centimetres, centimetres, centimetres, 1.0])
+    # A file without a scene shows all that it has.
+    scenes = [document.scene] if document.scene is not None else document.scenes
+    roots = [node for scene in scenes for node in scene.nodes]
+    materials: dict[str, tuple[str, ModelMaterial]] = {}
+    triangles = 0
+    for group, matrix, node in _instances(roots, base):
+        targets = {one.symbol: one.target for one in node.materials}
+        for primitive in node.geometry.primitives:
+            # Some exporters bind no materials: the faces' symbol is then the material itself.
+            target = targets.get(primitive.material) or document.materials.get(primitive.material)
+            name, material = "default", ModelMaterial()
+            if target is not None:
+                if target.id not in materials:
+                    materials[target.id] = (
+                        target.name or target.id,
+                        _material(target.effect, document, find),
+                    )
+                name, material = materials[target.id]
+            part = _part(group or node.geometry.name or "default", name, material, primitive)
+            if part is not None and abs(np.linalg.det(matrix[:3, :3])) > 1e-15:
+                triangles += len(part.mesh.faces)
+                if triangles > MAX_TRIANGLES:
+                    raise UnreadableModel(f"more than {MAX_TRIANGLES:,} triangles")
+                mesh = part.mesh.transformed(matrix)
+                check_points(mesh.vertices)
+                yield ModelPart(part.group, name, material, mesh)
+
+
+def _instances(roots: list[Any], base: Floats) -> Iterator[tuple[str, Floats, GeometryNode]]:
+    """Every geometry in the scene with its node's name and its matrix."""
+    stack = [(node, base, 0) for node in reversed(roots)]
+    seen = 0
+    while stack:
+        node, matrix, depth = stack.pop()
+        seen += 1
+        if depth > _DEPTH or seen > _MOST_NODES:
+            raise UnreadableModel(
+                f"more than {_MOST_NODES:,} nodes, or deeper than {_DEPTH} in each other"
+            )
+        if not isinstance(node, Node):
+            continue
+        placed = matrix @ np.asarray(node.matrix, dtype=np.float64)
+        if not np.isfinite(placed).all():
+            raise UnreadableModel("a node stands nowhere, or too large")
+        name = str(getattr(node, "name", None) or node.xmlnode.get("name") or "")
+        for child in node.children:
+            if isinstance(child, GeometryNode):
+                yield name, placed, child
+        stack += [(child, placed, depth + 1) for child in reversed(node.children)]
+
+
+def _part(group: str, name: str, material: ModelMaterial, primitive: Any) -> ModelPart | None:
+    """A set of triangles or polygons in the axes of its geometry."""
+    indices = primitive.vertex_index
+    if indices is None or not len(indices):
+        return None
+    positions = np.asarray(primitive.vertex, dtype=np.float64)
+    check_points(positions)
+    if indices.min() < 0 or indices.max() >= len(positions):
+        raise UnreadableModel("a face refers to a vertex that does not exist")
+    absent = np.full_like(indices, -1)
+    has_normals = primitive.normal is not None and primitive.normal_index is not None
+    normals = primitive.normal if has_normals else np.zeros((0, 3))
+    has_uvs = len(primitive.texcoordset) > 0
+    uvs = primitive.texcoordset[0][:, :2] if has_uvs else np.zeros((0, 2))
+    corners = np.stack(
+        [
+            indices,
+            primitive.texcoord_indexset[0] if has_uvs else absent,
+            primitive.normal_index if has_normals else absent,
+        ],
+        axis=-1,
+    ).astype(np.int64)
+    if not isinstance(primitive, TriangleSet):
+        corners = triangulated(_by_size(primitive, corners), positions)
+    return make_part(
+        group,
+        name,
+        material,
+        corners,
+        positions,
+        np.asarray(uvs, dtype=np.float64),
+        np.asarray(normals, dtype=np.float64),
+        _CREASE,
+    )
+
+
+def _by_size(primitive: Any, corners: Ints) -> Iterator[Ints]:
+    """The polygons (P, size, 3) of a list, size by size."""
+    counts = np.asarray(primitive.vcounts, dtype=np.int64)
+    starts = np.cumsum(counts) - counts
+    if (counts < 0).any() or counts.sum() > len(corners):
+        raise UnreadableModel("more corners of polygons than there are indices")
+    for size in np.unique(counts[counts >= 3]):
+        yield corners[starts[counts == size][:, None] + np.arange(size)]
+
+
+def _material(
+    effect: Effect | None, document: Any, find: Callable[[str], str | None]
+) -> ModelMaterial:
+    if effect is None:
+        return ModelMaterial()
+    shown = effect.emission if effect.shadingtype == "constant" else effect.diffuse
+    image = None
+    color = (1.0, 1.0, 1.0)
+    if isinstance(shown, Map):
+        path = urllib.parse.unquote(shown.sampler.surface.image.path or "")
+        image = find(path.strip().removeprefix("file://"))
+    elif shown is not None and np.isfinite(shown[:3]).all():
+        red, green, blue = (min(max(float(value), 0.0), 1.0) for value in shown[:3])
+        color = (red, green, blue)
+    highlight, exponent = 0.0, 0.0
+    if isinstance(effect.specular, tuple | list) and isinstance(effect.shininess, float):
+        highlight = float(np.mean(effect.specular[:3]))
+        exponent = min(max(effect.shininess, 0.0), 128.0)
+        if not np.isfinite([highlight, exponent]).all():
+            highlight, exponent = 0.0, 0.0
+    return ModelMaterial(color, highlight, exponent, _opacity(effect, document), image)
+
+
+def _opacity(effect: Effect, document: Any) -> float:
+    """How opaque a material is, from 0 to 1: A_ONE by its alpha, RGB_ZERO by its colours."""
+    transparent = effect.transparent
+    if not isinstance(transparent, tuple | list):
+        return 1.0  # none, or an image, whose alpha counts by itself
+    given = [one for one in effect.xmlnode.iter() if _bare(one) == "transparency"]
+    factor = effect.transparency if given and isinstance(effect.transparency, float) else 1.0
+    if effect.opaque_mode == "RGB_ZERO":
+        opacity = 1 - factor * float(np.dot(_LUMINANCE, transparent[:3]))
+    else:
+        opacity = factor * float(transparent[3])
+        if _is_reversed(document):
+            opacity = 1 - opacity
+    return min(max(opacity, 0.0), 1.0) if np.isfinite(opacity) else 1.0
+
+
+def _is_reversed(document: Any) -> bool:
+    """Whether an old SketchUp wrote the file: before 7.1 its transparency was opacity."""
+    for one in document.assetInfo.contributors:
+        version = re.match(r"Google SketchUp\s+(\d+)(?:\.(\d+))?", one.authoring_tool or "")
+        if version is not None and (int(version[1]), int(version[2] or 0)) < (7, 1):
+            return True
+    return False
+
+
+def _visible(parts: list[ModelPart]) -> list[ModelPart]:
+    """The parts, opaque if none could be seen: some exporters write opacity the wrong way round."""
+    if any(part.material.opacity > 0 or part.material.image for part in parts):
+        return parts
+    return [
+        ModelPart(
+            part.group,
+            part.material_name,
+            ModelMaterial(part.material.color, part.material.highlight, part.material.exponent),
+            part.mesh,
+        )
+        for part in parts
+    ]

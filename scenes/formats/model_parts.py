@@ -1,0 +1,142 @@
+"""What a model is made of, whatever kind of file it comes from: parts of one group and material.
+
+Coordinates are the model's own: x right, y up, z to the front. Texture coordinates have v = 0 at
+an image's foot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import mapbox_earcut
+import numpy as np
+
+from scenes.errors import InputError
+from scenes.geometry.mesh import Floats, Ints, Mesh, cleaned, creased
+
+MAX_TRIANGLES = 2_000_000  # of one model
+_FAR = 1e12  # units that no vertex lies from the origin
+
+
+class UnreadableModel(Exception):
+    """The model is of another kind, damaged or empty."""
+
+
+@dataclass(frozen=True)
+class ModelMaterial:
+    """A material of a model, display values (sRGB)."""
+
+    color: tuple[float, float, float] = (0.7102, 0.702, 0.6531)
+    highlight: float = 0.0
+    exponent: float = 0.0
+    opacity: float = 1.0
+    image: str | None = None  # a member of the archive
+
+
+@dataclass(frozen=True)
+class ModelPart:
+    """The faces of one group and material."""
+
+    group: str
+    material_name: str
+    material: ModelMaterial
+    mesh: Mesh
+
+
+@dataclass(frozen=True)
+class Model:
+    """All parts of a model, in its own axes and units."""
+
+    parts: tuple[ModelPart, ...]
+    header: str = ""  # the comment at the file's start, where authors put their terms
+
+    @property
+    def bounds(self) -> Floats:
+        """Axis-aligned bounds (2, 3) in the model's units."""
+        bounds = np.array([part.mesh.bounds for part in self.parts])
+        return np.stack([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
+
+
+def make_part(
+    group: str,
+    material_name: str,
+    material: ModelMaterial,
+    corners: Ints,
+    positions: Floats,
+    uvs: Floats,
+    normals: Floats,
+    crease: float,
+) -> ModelPart | None:
+    """A part of triangles; None where none has any area.
+
+    `corners` (T, 3, 3) are indices of position, uv and normal, -1 where there is none. Where any
+    corner lacks uvs or normals the whole part does without. Normals are then made, smooth across
+    edges up to `crease` degrees. Raises `UnreadableModel`.
+    """
+    if not len(corners):
+        return None
+    flat = corners.reshape(-1, 3)
+    if ((flat[:, 0] < 0) | (flat[:, 0] >= len(positions))).any():
+        raise UnreadableModel("a face refers to a vertex that does not exist")
+    has_uvs = len(uvs) > 0 and bool(((flat[:, 1] >= 0) & (flat[:, 1] < len(uvs))).all())
+    has_normals = len(normals) > 0 and bool(((flat[:, 2] >= 0) & (flat[:, 2] < len(normals))).all())
+    columns = [0] + ([1] if has_uvs else []) + ([2] if has_normals else [])
+    keys, inverse = np.unique(flat[:, columns], axis=0, return_inverse=True)
+    index = {column: keys[:, place] for place, column in enumerate(columns)}
+    mesh = Mesh(
+        positions[index[0]],
+        inverse.reshape(-1, 3),
+        normals[index[2]] if has_normals else None,
+        uvs[index[1]] if has_uvs else None,
+    )
+    try:
+        mesh, _ = cleaned(mesh, "model")
+    except InputError as error:
+        raise UnreadableModel(str(error)) from None
+    if not len(mesh.faces):
+        return None
+    if mesh.normals is None:
+        # Facetted parts get the normals of their facets, so that all parts of a piece have some.
+        mesh = creased(mesh, crease)
+    return ModelPart(group, material_name, material, mesh)
+
+
+def check_points(points: Floats) -> None:
+    """Raises `UnreadableModel` unless all coordinates are finite and of likely size."""
+    if points.size and not (np.isfinite(points).all() and np.abs(points).max() <= _FAR):
+        raise UnreadableModel("a coordinate is not a finite number")
+
+
+def triangulated(groups: Iterable[Ints], positions: Floats) -> Ints:
+    """Corner triples (T, 3, 3) of polygons: convex ones as fans, others by ear clipping.
+
+    Each of `groups` (P, size, 3) are polygons of equal size.
+    """
+    made = []
+    for indices in groups:
+        size = indices.shape[1]
+        if size == 3:
+            made.append(indices)
+            continue
+        points = positions[indices[:, :, 0]]
+        ahead, behind = np.roll(points, -1, axis=1), np.roll(points, 1, axis=1)
+        normals = np.cross(points, ahead).sum(axis=1)  # twice the areas (Newell)
+        turns = np.einsum("pki,pi->pk", np.cross(points - behind, ahead - points), normals)
+        is_convex = (turns >= -1e-12 * (normals**2).sum(axis=1)[:, None]).all(axis=1)
+        fans = [indices[is_convex][:, [0, k, k + 1]] for k in range(1, size - 1)]
+        made.append(np.stack(fans, axis=1).reshape(-1, 3, 3))
+        made += [_ears(indices[p], points[p], normals[p]) for p in np.nonzero(~is_convex)[0]]
+    return np.concatenate(made) if made else np.zeros((0, 3, 3), dtype=np.int64)
+
+
+def _ears(corners: np.ndarray, points: Floats, normal: Floats) -> np.ndarray:
+    """Triangles (T, 3, 3) of one polygon of any shape, facing as it does."""
+    plane = [axis for axis in range(3) if axis != int(np.argmax(np.abs(normal)))]
+    flat = np.ascontiguousarray(points[:, plane])
+    ends = np.array([len(flat)], dtype=np.uint32)
+    found = mapbox_earcut.triangulate_float64(flat, ends).reshape(-1, 3).astype(np.int64)
+    a, b, c = (points[found[:, corner]] for corner in range(3))
+    turned = np.cross(b - a, c - a) @ normal < 0
+    found[turned] = found[turned][:, ::-1]
+    return corners[found]

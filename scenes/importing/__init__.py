@@ -1,0 +1,1 @@
+"""Parts shared by all importers: materials, textures, objects, names, credits, daylight."""

@@ -1,0 +1,259 @@
+"""Images of a scene: checked, copied into the scene folder, and re-encoded where need be."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import warnings
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import OpenEXR
+from PIL import Image
+
+from scenes.errors import InputError
+from scenes.importing.changes import Changes
+
+MAX_PIXELS = 100_000_000
+_COPIED = {"JPEG": (".jpg", ("RGB", "L")), "PNG": (".png", ("RGB", "L", "RGBA", "LA"))}
+_EXR_MAGIC = b"\x76\x2f\x31\x01"
+
+
+class UnreadableImage(Exception):
+    """The file is not an image, is damaged, or too large."""
+
+
+class TextureStore:
+    """Puts images into `folder`, each once, under names of their own."""
+
+    def __init__(self, folder: Path, changes: Changes) -> None:
+        self.folder, self.changes = folder, changes
+        self._stored: dict[tuple[Path, str], str] = {}
+
+    def color(self, path: Path) -> str:
+        """Store a colour image; returns its path relative to the scene folder."""
+        return self._store(path, "color", self._write_color)
+
+    def alpha(self, path: Path) -> str | None:
+        """Store an image's alpha channel as greyscale; None where it has none."""
+        if _is_exr(path):
+            return None
+        image = _open(path)
+        if "A" not in image.getbands() and "transparency" not in image.info:
+            return None
+        return self._store(path, "alpha", lambda source, name: self._write_channel(source, name, 3))
+
+    def channel(self, path: Path, index: int) -> str:
+        """Store one channel (0 red ... 3 alpha) as greyscale."""
+        return self._store(
+            path, f"channel{index}", lambda source, name: self._write_channel(source, name, index)
+        )
+
+    def scaled(self, path: Path, factor: npt.NDArray[np.float64]) -> str:
+        """Store the image with its linear values times `factor` (3,), clipped to [0, 1]."""
+
+        def write(source: Path, name: str) -> str:
+            linear = _decode(read_rgb(source)) if not _is_exr(source) else read_exr(source)
+            return self._save_rgb(np.clip(linear * factor, 0, 1), name)
+
+        return self._store(path, f"scaled{factor.tolist()}", write)
+
+    def channel_scaled(self, path: Path, index: int, factor: float) -> str:
+        """Store one channel times `factor`, clipped, as greyscale."""
+
+        def write(source: Path, name: str) -> str:
+            band = np.asarray(_open(source).convert("RGBA").getchannel(index), dtype=np.float64)
+            return self._save_grey(np.clip(band * factor, 0, 255), name)
+
+        return self._store(path, f"channel{index}x{factor}", write)
+
+    def cutout(self, path: Path, factor: float, cutoff: float) -> str:
+        """Store where alpha times `factor` reaches `cutoff` (both [0, 1]), as white on black."""
+
+        def write(source: Path, name: str) -> str:
+            alpha = np.asarray(_open(source).convert("RGBA").getchannel(3), dtype=np.float64)
+            return self._save_grey(255.0 * (alpha * factor >= 255 * cutoff), name)
+
+        return self._store(path, f"cutout{factor}-{cutoff}", write)
+
+    def radiance(self, path: Path, factor: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> str:
+        """Store an HDR image (environment, emission), times `factor`, as EXR, RGB float32."""
+
+        def write(source: Path, name: str) -> str:
+            scaled = read_radiance(source) * np.array(factor, dtype=np.float32)
+            return self._save_exr(scaled.astype(np.float32), name)
+
+        return self._store(path, f"radiance{factor}", write)
+
+    def _store(self, path: Path, use: str, write: object) -> str:
+        key = (path, use)
+        if key not in self._stored:
+            stem = re.sub(r"[^A-Za-z0-9-]+", "_", path.stem).strip("_")[:80] or "image"
+            name = stem if use == "color" else f"{stem}_{re.sub(r'[^a-z0-9].*', '', use)}"
+            taken = {Path(stored).stem.lower() for stored in self._stored.values()}
+            unique, count = name, 1
+            while unique.lower() in taken:
+                count += 1
+                unique = f"{name}_{count}"
+            self._stored[key] = write(path, unique)  # type: ignore[operator]
+        return self._stored[key]
+
+    def _write_color(self, path: Path, name: str) -> str:
+        if _is_exr(path):
+            self.changes.note("EXR texture stored as 8-bit PNG: {}", path.name)
+            return self._save_rgb(np.clip(read_exr(path), 0, 1), name)
+        image = _open(path)
+        suffix, modes = _COPIED.get(image.format or "", ("", ()))
+        if suffix and image.mode in modes:
+            shutil.copyfile(path, self.folder / (name + suffix))
+            (self.folder / (name + suffix)).chmod(0o644)
+            return f"{self.folder.name}/{name}{suffix}"
+        Image.fromarray(_to_rgb8(image)).save(self.folder / f"{name}.png")
+        return f"{self.folder.name}/{name}.png"
+
+    def _write_channel(self, path: Path, name: str, index: int) -> str:
+        image = _open(path).convert("RGBA")
+        image.getchannel(index).save(self.folder / f"{name}.png")
+        return f"{self.folder.name}/{name}.png"
+
+    def _save_rgb(self, linear: npt.NDArray[np.floating], name: str) -> str:
+        high = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
+        display = np.where(linear <= 0.0031308, 12.92 * linear, high)
+        pixels = np.rint(display * 255).astype(np.uint8)
+        Image.fromarray(pixels).save(self.folder / f"{name}.png")
+        return f"{self.folder.name}/{name}.png"
+
+    def _save_grey(self, pixels: npt.NDArray[np.floating], name: str) -> str:
+        Image.fromarray(np.rint(pixels).astype(np.uint8)).save(self.folder / f"{name}.png")
+        return f"{self.folder.name}/{name}.png"
+
+    def _save_exr(self, pixels: npt.NDArray[np.float32], name: str) -> str:
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+        with OpenEXR.File(header, {"RGB": np.ascontiguousarray(pixels)}) as file:
+            file.write(str(self.folder / f"{name}.exr"))
+        return f"{self.folder.name}/{name}.exr"
+
+
+def read_rgb(path: Path) -> npt.NDArray[np.uint8]:
+    """An 8-bit image as sRGB (H, W, 3)."""
+    return _to_rgb8(_open(path))
+
+
+def read_radiance(path: Path) -> npt.NDArray[np.float32]:
+    """EXR, Radiance HDR or an ordinary image as linear RGB float32 (H, W, 3), non-negative."""
+    if _is_exr(path):
+        pixels = read_exr(path)
+    elif path.suffix.lower() in (".hdr", ".rgbe", ".pic"):
+        pixels = read_rgbe(path)
+    else:
+        pixels = _decode(read_rgb(path))
+    if not np.isfinite(pixels).all():
+        pixels = np.where(np.isfinite(pixels), pixels, 0)
+    return np.maximum(pixels, 0).astype(np.float32)
+
+
+def read_exr(path: Path) -> npt.NDArray[np.float32]:
+    """An EXR's colour as float32 (H, W, 3); grey images are widened."""
+    try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            low, high = file.header()["dataWindow"]
+        width, height = (int(value) + 1 for value in np.subtract(high, low))
+        if width * height > MAX_PIXELS or width < 1 or height < 1:
+            raise UnreadableImage(f"{width} x {height} pixels")
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            channels = {name: channel.pixels for name, channel in file.channels().items()}
+    except (RuntimeError, ValueError, KeyError, OSError) as error:
+        raise UnreadableImage(str(error)) from None
+    bands = [
+        next((c for n, c in channels.items() if n == band or n.endswith("." + band)), None)
+        for band in "RGB"
+    ]
+    if any(band is None for band in bands):
+        if not channels:
+            raise UnreadableImage("no channels")
+        grey = channels.get("Y", next(iter(channels.values())))
+        bands = [grey] * 3
+    return np.stack([np.asarray(band, dtype=np.float32) for band in bands], axis=-1)
+
+
+def read_rgbe(path: Path) -> npt.NDArray[np.float32]:
+    """A Radiance HDR file as linear RGB float32 (H, W, 3); flat or run-length coded.
+
+    Ward, *Real Pixels* (Graphics Gems II, 1991).
+    """
+    data = path.read_bytes()
+    match = re.search(rb"\n\n-Y (\d{1,6}) \+X (\d{1,6})\n", data[:65536])
+    if not data.startswith(b"#?") or match is None:
+        raise UnreadableImage("not a Radiance HDR image in the usual orientation")
+    height, width = int(match[1]), int(match[2])
+    if height * width > MAX_PIXELS or height * width == 0:
+        raise UnreadableImage(f"{width} x {height} pixels")
+    body = np.frombuffer(data, dtype=np.uint8, offset=match.end())
+    if body.size < 4 * height:
+        raise UnreadableImage("truncated")
+    rgbe = np.zeros((height, width, 4), dtype=np.uint8)
+    at = 0
+    for row in range(height):
+        coded = 8 <= width < 32768 and at + 4 <= body.size
+        if not (coded and body[at] == 2 and body[at + 1] == 2):
+            if body.size - at < 4 * width:
+                raise UnreadableImage("truncated")
+            rgbe[row] = body[at : at + 4 * width].reshape(width, 4)
+            at += 4 * width
+            continue
+        at += 4
+        for band in range(4):
+            column = 0
+            while column < width:
+                if at + 1 >= body.size:
+                    raise UnreadableImage("truncated")
+                length = int(body[at])
+                if length > 128:
+                    length -= 128
+                    piece = np.full(length, body[at + 1])
+                    at += 2
+                else:
+                    piece = body[at + 1 : at + 1 + length]
+                    at += 1 + length
+                if length == 0 or column + length > width or piece.size != length:
+                    raise UnreadableImage("damaged run-length code")
+                rgbe[row, column : column + length, band] = piece
+                column += length
+    scale = np.ldexp(1.0, rgbe[..., 3].astype(int) - 136)
+    return (rgbe[..., :3] * scale[..., None]).astype(np.float32)
+
+
+def _open(path: Path) -> Image.Image:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            image = Image.open(path)
+            if image.width * image.height > MAX_PIXELS:
+                raise UnreadableImage(f"{image.width} x {image.height} pixels")
+            image.load()
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
+        raise UnreadableImage(str(error)) from None
+    except (OSError, ValueError, SyntaxError, EOFError, MemoryError) as error:
+        raise UnreadableImage(str(error)) from None
+    return image
+
+
+def _to_rgb8(image: Image.Image) -> npt.NDArray[np.uint8]:
+    if image.mode.startswith("I"):  # 16 bits a channel
+        return np.repeat((np.asarray(image) >> 8).astype(np.uint8)[..., None], 3, axis=2)
+    return np.asarray(image.convert("RGB"))
+
+
+def _decode(pixels: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+    display = pixels.astype(np.float32) / 255
+    high = ((np.maximum(display, 0.04045) + 0.055) / 1.055) ** np.float32(2.4)
+    return np.where(display <= 0.04045, display / 12.92, high).astype(np.float32)
+
+
+def _is_exr(path: Path) -> bool:
+    try:
+        with path.open("rb") as stream:
+            return stream.read(4) == _EXR_MAGIC
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None

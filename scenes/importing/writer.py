@@ -1,0 +1,113 @@
+"""The scene folder of an import: meshes as binary PLY and `scene.xml` for plain Mitsuba 3."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+from xml.etree.ElementTree import Element, ElementTree, indent
+
+import numpy as np
+
+from scenes.geometry.mesh import Floats, Mesh
+from scenes.importing.xml_elements import plugin, prop
+from scenes.mitsuba.emitters import Emitter
+from scenes.mitsuba.shapes import Shape
+
+
+def write_ply(path: Path, mesh: Mesh) -> None:
+    """Write a mesh as little-endian binary PLY, float32, with normals and uv where it has them."""
+    columns = [("x", mesh.vertices[:, 0]), ("y", mesh.vertices[:, 1]), ("z", mesh.vertices[:, 2])]
+    if mesh.normals is not None:
+        columns += [(f"n{axis}", mesh.normals[:, i]) for i, axis in enumerate("xyz")]
+    if mesh.uvs is not None:
+        columns += [("u", mesh.uvs[:, 0]), ("v", mesh.uvs[:, 1])]
+    rows = np.stack([values for _, values in columns], axis=1).astype("<f4")
+    faces = np.empty(len(mesh.faces), dtype=[("count", "u1"), ("corners", "<i4", (3,))])
+    faces["count"] = 3
+    faces["corners"] = mesh.faces
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(rows)}",
+        *(f"property float {name}" for name, _ in columns),
+        f"element face {len(faces)}",
+        "property list uchar int vertex_indices",
+        "end_header\n",
+    ]
+    path.write_bytes("\n".join(header).encode("ascii") + rows.tobytes() + faces.tobytes())
+
+
+def write_scene_xml(
+    folder: Path,
+    shapes: list[Shape],
+    area_emitters: dict[str, Element],
+    emitters: list[Emitter],
+    sensor: Element,
+    max_depth: int,
+) -> None:
+    """Write meshes and `scene.xml`; materials that several shapes share are written once."""
+    root = Element("scene", {"version": "3.0.0"})
+    root.append(plugin("integrator", "path", max_depth=max_depth))
+    root.append(sensor)
+    shared: dict[int, str] = {}
+    taken = {shape.id.lower() for shape in shapes}
+    for shape in shapes:
+        element = shape.surface.element
+        assert element is not None
+        if id(shape.surface) in shared:
+            continue
+        name = _material_id(shape.surface.name, taken)
+        shared[id(shape.surface)] = name
+        written = copy.deepcopy(element)
+        written.attrib.pop("name", None)
+        written.set("id", name)
+        root.append(written)
+    for emitter in emitters:
+        if not any(kind in ("sun", "sky", "environment") for kind in emitter.kinds):
+            root.append(emitter.element)
+        else:
+            # The sky is one emitter among many; give it the lamps' number of samples.
+            weight = float(max(1, len(area_emitters) + len(emitters) - 1))
+            emitter.element.append(prop("sampling_weight", weight))
+            root.append(emitter.element)
+    for shape in shapes:
+        if shape.sphere is not None:
+            made = plugin("shape", "sphere", to_world=shape.sphere)
+            if shape.inside_out:
+                made.append(prop("flip_normals", True))
+        else:
+            name = f"meshes/{shape.id}.ply"
+            write_ply(folder / name, shape.mesh)
+            made = plugin("shape", "ply", filename=name)
+            if shape.mesh.normals is None:
+                made.append(prop("face_normals", True))
+        made.set("id", shape.id)
+        made.append(Element("ref", {"id": shared[id(shape.surface)]}))
+        if shape.id in area_emitters:
+            made.append(area_emitters[shape.id])
+        root.append(made)
+    indent(root, "  ")
+    ElementTree(root).write(folder / "scene.xml", encoding="utf-8", xml_declaration=True)
+
+
+def sensor_element(to_world: Floats, fov_x: float, width: int, height: int) -> Element:
+    """A sensor so that the `mitsuba` command has a picture to make; `to_world` is Mitsuba's."""
+    made = plugin("sensor", "perspective", fov=fov_x, fov_axis="x", to_world=to_world)
+    made.append(prop("near_clip", 0.01))
+    made.append(prop("far_clip", 10000.0))
+    made.append(plugin("sampler", "multijitter", sample_count=64))
+    film = plugin("film", "hdrfilm", width=width, height=height)
+    film.append(plugin("rfilter", "box"))
+    made.append(film)
+    return made
+
+
+def _material_id(name: str, taken: set[str]) -> str:
+    stem = "".join(char if char.isascii() and char.isalnum() else "_" for char in name).strip("_")
+    stem = f"material_{stem[:80]}" if stem else "material"
+    made, count = stem, 1
+    while made.lower() in taken:
+        count += 1
+        made = f"{stem}_{count}"
+    taken.add(made.lower())
+    return made

@@ -1,0 +1,293 @@
+"""The import of one Mitsuba scene: read, turn upright, find rooms, lights and openings, write."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Literal
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from scenes.contract import Credit, Scene, load_scene, writing_scene
+from scenes.errors import InputError
+from scenes.geometry.mesh import Floats
+from scenes.importing.assembly import Camera, Draft, assemble, guessed_scale, moved
+from scenes.importing.changes import Changes
+from scenes.importing.credits import find_credit
+from scenes.importing.daylight import daylight
+from scenes.importing.objects import group_objects
+from scenes.importing.sandbox import Sandbox
+from scenes.importing.textures import TextureStore
+from scenes.importing.xml_elements import plugin
+from scenes.mitsuba.emitters import Emitter, Emitters, half_fov_x
+from scenes.mitsuba.materials import Materials
+from scenes.mitsuba.pbrs import (
+    ReleaseCamera,
+    Thing,
+    find_release,
+    release_objects,
+    rooms_by_name,
+    things_of,
+    with_lamps,
+    without_doubles,
+)
+from scenes.mitsuba.reader import Node, read_tree, unresolved
+from scenes.mitsuba.shapes import Shape, ShapeReader
+from scenes.mitsuba.upgrade import upgrade
+from scenes.mitsuba.values import Properties, Scope, look_at
+from scenes.reconstruction.orientation import signed_axis, up_from_geometry, upright
+
+_MAX_SENSORS = 64
+_SENSORS = ("sensor", "camera")
+_MAX_SIZE = 8192
+
+
+@dataclass(frozen=True)
+class MitsubaOptions:
+    """What the user may say about a file that does not say it itself."""
+
+    parameters: dict[str, str] | None = None  # values for its $parameters
+    scale: float | None = None  # metres per unit; guessed if None
+    up: Literal["x", "y", "z", "auto"] = "auto"
+    root: Path | None = None  # a folder above the scene's, inside which it may open files
+    skip_missing: bool = False  # go on without shapes whose mesh file is missing
+    sky: bool = False  # add sun and sky to a scene without any light
+    licence: str = ""
+    author: str = ""
+
+
+def import_mitsuba(path: Path, out: Path, scene_id: str, options: MitsubaOptions) -> Scene:
+    """Import a Mitsuba XML scene of any version into the scene folder `out`.
+
+    Raises `InputError` that names file, line and element for everything that cannot be used.
+    """
+    changes = Changes()
+    given = dict(options.parameters or {})
+    release = find_release(path, changes)
+    usual = release.parameters if release else {}
+    sandbox = Sandbox(path.parent, options.root, (*given.values(), *usual.values()))
+    root, version = read_tree(path, sandbox, given, changes, usual)
+    scope = Scope(sandbox, changes, tuple(int(part) for part in version.split(".")))
+    upgrade(root, scope.version)
+    _index(root, scope)
+    with writing_scene(out) as folder:
+        materials = Materials(scope, TextureStore(folder / "textures", changes))
+        shapes = ShapeReader(scope, materials, options.skip_missing).read(root.children)
+        shapes = _visible(shapes, changes)
+        if not shapes:
+            raise InputError(f"{path}: the scene holds no shapes")
+        things: list[Thing] = []
+        if release:
+            shapes = without_doubles(shapes, changes)
+            things = things_of(shapes)
+            shapes = with_lamps(shapes, things, release, path, changes)
+            options = replace(options, up="y" if options.up == "auto" else options.up)
+            options = replace(options, scale=options.scale or 1.0)
+        if release and release.cameras:
+            root.children = [node for node in root.children if node.tag not in _SENSORS]
+            cameras = [_release_camera(camera, root) for camera in release.cameras]
+        else:
+            cameras = _cameras(root, scope)
+        frame = _frame(shapes, cameras, root, scope, options)
+        shapes = [shape.transformed(frame) for shape in shapes]
+        cameras = [moved(camera, frame, changes) for camera in cameras]
+        emitters = Emitters(scope, materials, frame, daylight if release else None)
+        area = {
+            shape.id: emitters.area(shape.emitter) for shape in shapes if shape.emitter is not None
+        }
+        others = [
+            made
+            for node in root.children
+            if (target := scope.resolve(node)).tag in ("emitter", "luminaire")
+            and (made := emitters.world(target)) is not None
+        ]
+        others += _lights_if_none(path, area, others, options, changes)
+        _report_dropped(root, scope)
+        for old, new in sandbox.moved:
+            if old != new:
+                changes.note("files were found under another path: {}", f"{old!r} as {new!r}")
+        draft = Draft(
+            scene_id,
+            {"kind": "mitsuba", "file": path.name, "version": version},
+            shapes,
+            area,
+            others,
+            cameras,
+            (_credit(path, scene_id, options, release is not None, changes),),
+            hint=path.parent.name,
+            max_depth=_max_depth(root, scope),
+            grouping=partial(release_objects, things, release) if release else group_objects,
+            room_names=partial(rooms_by_name, things) if release else None,
+            ground=release is not None and any("sun" in made.kinds for made in others),
+        )
+        assemble(folder, draft, changes)
+    return load_scene(out)
+
+
+def _index(root: Node, scope: Scope) -> None:
+    """Note every element with an id; `<alias>`es are second names."""
+    for node in root.walk():
+        name = node.attributes.get("id")
+        if not name or node.tag == "ref":
+            continue
+        if node.tag == "alias":
+            target = scope.by_id.get(name)
+            if target is None:
+                raise node.error(f"no element has the id {name!r}")
+            scope.by_id[node.attributes.get("as", "")] = target
+        elif name in scope.by_id:
+            raise node.error(f"the id {name!r} is used twice")
+        else:
+            scope.by_id[name] = node
+
+
+def _visible(shapes: list[Shape], changes: Changes) -> list[Shape]:
+    """Emitters keep their shape whatever its material; a null material then becomes matt black."""
+    kept = []
+    for shape in shapes:
+        if shape.surface.invisible and shape.emitter is not None:
+            black = plugin("bsdf", "diffuse", reflectance=(0.0, 0.0, 0.0))
+            surface = replace(
+                shape.surface, element=black, invisible=False, see_through=False, transmissive=False
+            )
+            shape = replace(shape, surface=surface)
+            changes.note("an invisible shape that emits light became matt black")
+        kept.append(shape)
+    return kept
+
+
+def _cameras(root: Node, scope: Scope) -> list[Camera]:
+    cameras: list[Camera] = []
+    for child in root.children:
+        node = scope.resolve(child) if child.tag == "ref" else child
+        if node.tag not in _SENSORS:
+            continue
+        if node.type not in ("perspective", "thinlens", "perspective_rdist"):
+            scope.changes.note("a sensor of kind {} was left out", repr(node.type))
+            continue
+        missing = sorted({name for part in node.walk() for text in part.attributes.values()
+                          for name in unresolved(text)})  # fmt: skip
+        if missing:
+            scope.changes.note(
+                "a sensor was left out, its parameters have no value: {}",
+                ", ".join(f"${name}" for name in missing),
+            )
+            continue
+        if len(cameras) >= _MAX_SENSORS:
+            scope.changes.note(f"of the sensors only the first {_MAX_SENSORS} were kept")
+            break
+        cameras.append(_camera(node, len(cameras), scope))
+    return cameras
+
+
+def _camera(node: Node, number: int, scope: Scope) -> Camera:
+    properties = Properties(node, scope)
+    properties.ignore("id", "near_clip", "far_clip", "shutter_open", "shutter_close", "mode")
+    if node.type != "perspective":
+        properties.ignore("aperture_radius", "focus_distance", "kc")
+        scope.changes.note("a lens ({}) became a pinhole", node.type)
+    properties.ignore("focus_distance", "animated")
+    size = [1280, 720]
+    for film in properties.nested("film"):
+        inner = Properties(film, scope)
+        size = [inner.whole("width", 768), inner.whole("height", 576)]
+        crop = inner.whole("crop_width", 0)
+        if crop:
+            scope.changes.note("the crop window of a film was left out")
+    width, height = (min(max(side, 1), _MAX_SIZE) for side in size)
+    half = half_fov_x(properties, width, height)
+    for name in ("principal_point_offset_x", "principal_point_offset_y", "shift_x", "shift_y"):
+        if properties.number(name, 0.0) != 0:
+            scope.changes.note("the shift of a camera's principal point was left out")
+    matrix = properties.transform()
+    properties.nested("sampler", "film")
+    properties.report_unused()
+    return Camera(node.attributes.get("id") or f"sensor_{number}", matrix, half, width, height)
+
+
+def _release_camera(camera: ReleaseCamera, root: Node) -> Camera:
+    pose = look_at(camera.eye, camera.eye + camera.towards, camera.up, root)
+    more = {"sector": camera.sector, "score": camera.score, "half_fov_y": camera.half_fov[1]}
+    return Camera(camera.name, pose, camera.half_fov[0], 640, 480, camera.room, more)
+
+
+def _frame(
+    shapes: list[Shape], cameras: list[Camera], root: Node, scope: Scope, options: MitsubaOptions
+) -> Floats:
+    """The similarity from the file's world to ours: upright, in metres."""
+    corners = np.concatenate([shape.mesh.corners for shape in shapes])
+    if options.up != "auto":
+        up = np.eye(3)["xyz".index(options.up)]
+    elif cameras:
+        up = signed_axis(cameras[0].to_world[:3, 1])
+    else:
+        usual = np.array([0.0, 1, 0])
+        kinds = {node.type for node in root.children if node.tag == "emitter"}
+        if not scope.is_old and kinds & {"sunsky", "timed_sunsky"}:
+            usual = np.array([0.0, 0, 1])
+        up = up_from_geometry(corners, usual)
+    turn = upright(up)
+    if not np.array_equal(turn, np.eye(3)):
+        name = ("-" if up.sum() < 0 else "+") + "XYZ"[int(np.argmax(np.abs(up)))]
+        scope.changes.note(f"the scene was turned so that its {name} axis points up (Z)")
+    scale = options.scale
+    if scale is None:
+        scale = guessed_scale(corners @ turn.T, cameras, turn, scope.changes)
+    frame = np.eye(4)
+    frame[:3, :3] = scale * turn
+    return frame
+
+
+def _credit(
+    path: Path, scene_id: str, options: MitsubaOptions, release: bool, changes: Changes
+) -> Credit:
+    if not release:
+        return find_credit(path.parent, scene_id, options.licence, options.author, changes)
+    author = options.author or "SUNCG; prepared for Mitsuba by Zhang et al. (PBRS, 2017)"
+    changes.note(
+        "this house of the PBRS release comes from SUNCG: look up on what terms you have it "
+        "before you share anything made from it"
+    )
+    return find_credit(path.parent, path.parent.name, options.licence, author, changes)
+
+
+def _lights_if_none(
+    path: Path,
+    area: dict[str, Element],
+    others: list[Emitter],
+    options: MitsubaOptions,
+    changes: Changes,
+) -> list[Emitter]:
+    if area or others:
+        return []
+    if not options.sky:
+        raise InputError(f"{path}: the scene has no light; add sun and sky with --sky")
+    changes.note("the scene had no light; sun and sky were added")
+    return [daylight()]
+
+
+def _report_dropped(root: Node, scope: Scope) -> None:
+    """Name what stands at the top of the file and has no place in a scene of ours."""
+    for node in root.children:
+        if node.tag == "integrator" and node.type not in ("path", "volpath"):
+            scope.changes.note("integrator {} gave way to path tracing", repr(node.type))
+        elif node.tag == "medium":
+            scope.changes.note("participating media were left out")
+        elif node.tag not in (
+            "integrator", "bsdf", "texture", "shape", "emitter", "luminaire", "sensor", "camera",
+            "ref", "alias", "film", "sampler", "rfilter", *("default", "include", "path"),
+        ):  # fmt: skip
+            scope.changes.note(
+                "an unknown element was left out: {}", f"<{node.tag}> ({node.place})"
+            )
+
+
+def _max_depth(root: Node, scope: Scope) -> int:
+    for node in root.children:
+        if node.tag == "integrator":
+            depth = Properties(node, scope).whole("max_depth", -1)
+            if depth > 0:
+                return min(max(depth, 2), 65)
+    return 17

@@ -1,0 +1,331 @@
+"""Shape elements as world-space geometry: meshes read, instances expanded, ids made unique."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from scenes.errors import InputError
+from scenes.geometry import primitives
+from scenes.geometry.mesh import (
+    Floats,
+    Mesh,
+    cleaned,
+    creased,
+    obj_lines,
+    read_obj,
+    read_obj_parts,
+    read_ply,
+    read_serialized,
+    smooth_normals,
+)
+from scenes.importing.mtl_materials import MtlLibrary, obj_parts
+from scenes.importing.names import Names
+from scenes.mitsuba.materials import Materials, Surface
+from scenes.mitsuba.reader import Node
+from scenes.mitsuba.values import Properties, Scope
+
+MAX_SHAPES = 100_000
+MAX_SCENE_TRIANGLES = 20_000_000
+_MAX_GROUP_DEPTH = 8
+_FILES = ("obj", "ply", "serialized")
+_DROPPED = ("hair", "heightfield", "bsplinecurve", "linearcurve", "sdfgrid", "ellipsoids",
+            "ellipsoidsmesh", "deformable", "blender")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One shape, in the file's world space.
+
+    `mesh` always holds triangles (for measuring); `sphere` is the 4x4 map of the unit sphere
+    where the shape stays an analytic sphere. `emitter` is its `<emitter>` element.
+    """
+
+    id: str
+    name: str
+    mesh: Mesh
+    surface: Surface
+    emitter: Node | None = None
+    sphere: Floats | None = None
+    inside_out: bool = False  # of a sphere
+
+    def transformed(self, matrix: Floats) -> Shape:
+        """The shape under a similarity."""
+        return replace(
+            self,
+            mesh=self.mesh.transformed(matrix),
+            sphere=None if self.sphere is None else matrix @ self.sphere,
+        )
+
+
+@dataclass
+class ShapeReader:
+    """Reads the shapes of a scene; meshes of a file are read once."""
+
+    scope: Scope
+    materials: Materials
+    skip_missing: bool = False
+    shapes: list[Shape] = field(default_factory=list)
+    _names: Names = field(default_factory=Names)
+    _cache: dict[tuple, Mesh] = field(default_factory=dict)
+    _triangles: int = 0
+
+    def read(self, nodes: list[Node]) -> list[Shape]:
+        """All shapes of `nodes`, groups only where an instance shows them."""
+        shown = [node for node in nodes if node.tag == "shape" and node.type != "shapegroup"]
+        # Counted first: groups of groups multiply, and each shape costs time.
+        sizes: dict[int, int] = {}
+        if sum(self._expanded(node, 0, sizes) for node in shown) > MAX_SHAPES:
+            raise nodes[0].error(f"instances make more than {MAX_SHAPES:,} shapes; refused")
+        for node in shown:
+            self._add(node, np.eye(4), 0, None)
+        return self.shapes
+
+    def _expanded(self, node: Node, depth: int, sizes: dict[int, int]) -> int:
+        """How many shapes `node` becomes; `sizes` keeps what is known, by element."""
+        if depth > _MAX_GROUP_DEPTH:
+            raise node.error("instances nested too deep, or inside themselves")
+        if node.type not in ("instance", "merge", "shapegroup"):
+            return 1
+        if id(node) not in sizes:
+            members = [self.scope.resolve(child) for child in node.children if child.tag in
+                       ("ref", "shape")]  # fmt: skip
+            deeper = depth + (node.type == "instance")
+            sizes[id(node)] = sum(
+                self._expanded(member, deeper, sizes) for member in members if member.tag == "shape"
+            )
+        return sizes[id(node)]
+
+    def _add(self, node: Node, above: Floats, depth: int, prefix: str | None) -> None:
+        if depth > _MAX_GROUP_DEPTH:
+            raise node.error("instances nested too deep, or inside themselves")
+        properties = Properties(node, self.scope)
+        properties.ignore("id")
+        to_world = above @ properties.transform()
+        if node.type == "instance":
+            groups = properties.nested("shape")
+            if not groups:
+                raise node.error("an instance needs a shape group")
+            label = node.attributes.get("id", "instance")
+            for group in groups:
+                for member in group.children:
+                    target = self.scope.resolve(member)
+                    if target.tag == "shape":
+                        self._add(target, to_world, depth + 1, label)
+            self.scope.changes.note("instances became shapes of their own")
+            properties.report_unused()
+            return
+        if node.type == "merge":
+            for member in properties.nested("shape"):
+                self._add(member, to_world, depth + 1, prefix)
+            return
+        if node.type in _DROPPED:
+            self.scope.changes.note("a shape of kind {} was left out", repr(node.type))
+            return
+        self._add_one(node, properties, to_world, prefix)
+
+    def _add_one(
+        self, node: Node, properties: Properties, to_world: Floats, prefix: str | None
+    ) -> None:
+        pieces = self._obj_pieces(node, properties)
+        if pieces is None:
+            made = self._geometry(node, properties)
+            if made is None:
+                return
+            pieces = [(*made, None)]
+        for mesh, label, surface in pieces:
+            self._add_piece(node, properties, to_world, prefix, mesh, label, surface)
+
+    def _add_piece(
+        self,
+        node: Node,
+        properties: Properties,
+        to_world: Floats,
+        prefix: str | None,
+        mesh: Mesh,
+        label: str,
+        surface: Surface | None,
+    ) -> None:
+        changes = self.scope.changes
+        flip = properties.boolean("flip_normals", False)
+        sphere = self._sphere(node, properties, to_world) if node.type == "sphere" else None
+        mesh = mesh.transformed(to_world)
+        mesh, dropped = cleaned(mesh, f"{node.place}: {label}")
+        if dropped:
+            changes.note("triangles without area were dropped from {}", label)
+        if not len(mesh.faces):
+            changes.note("a shape without area was left out: {}", label)
+            return
+        self._triangles += len(mesh.faces)
+        if self._triangles > MAX_SCENE_TRIANGLES or len(self.shapes) >= MAX_SHAPES:
+            raise InputError(
+                f"{node.place}: more than {MAX_SCENE_TRIANGLES:,} triangles or {MAX_SHAPES:,} "
+                "shapes in one scene; refused"
+            )
+        if flip:
+            mesh = mesh.flipped()
+        bsdfs, emitters = properties.nested("bsdf"), properties.nested("emitter", "luminaire")
+        if surface is None:
+            if len(bsdfs) > 1:
+                changes.note("of several materials of one shape only the first was kept")
+            surface = self.materials.surface(bsdfs[0] if bsdfs else None)
+        name = node.attributes.get("id") or label
+        for tag in ("interior", "exterior"):
+            if tag in properties:
+                properties.ignore(tag)
+                changes.note("participating media were left out")
+        properties.report_unused()
+        self.shapes.append(
+            Shape(
+                self._names.unique(f"{prefix}_{name}" if prefix else name),
+                name,
+                mesh,
+                surface,
+                emitters[0] if emitters else None,
+                sphere,
+                flip,
+            )
+        )
+
+    def _obj_pieces(
+        self, node: Node, properties: Properties
+    ) -> list[tuple[Mesh, str, Surface | None]] | None:
+        """An OBJ by its materials, as version 0.x has it: those of its libraries, those of its
+        element that bear a name over them. None where it comes in one piece."""
+        named = {
+            child.name: self.scope.resolve(child)
+            for child in node.children
+            if child.name and self.scope.resolve(child).tag == "bsdf"
+        }
+        plain = [found for found in properties.nested("bsdf") if found not in named.values()]
+        if node.type != "obj" or not self.scope.is_old or (plain and not named):
+            return None
+        path = self.scope.sandbox.find(properties.text("filename", ""), node.place)
+        if path is None:
+            return None
+        lines = obj_lines(path)
+        found = obj_parts(lines)
+        materials = [material for _, material in found.owners]
+        wanted = properties.boolean("load_materials", True) and found.libraries
+        if not any(materials) or not (wanted or named):
+            return None
+        library = MtlLibrary(path, self.scope.sandbox, self.materials.textures, self.scope.changes)
+        if wanted:
+            library.load(found.libraries)
+        distinct = list(dict.fromkeys(materials))
+        part_of = np.array([distinct.index(material) for material in materials])
+        try:
+            parts = read_obj_parts(path, lines, part_of[found.part_of_face])
+        except InputError as error:
+            raise InputError(f"{node.place}: {error}") from None
+        pieces: list[tuple[Mesh, str, Surface | None]] = []
+        for part, mesh in parts.items():
+            name = distinct[part]
+            if name in named:
+                surface: Surface | None = self.materials.surface(named[name])
+            elif plain or name not in library.materials:
+                surface = self.materials.surface(plain[0] if plain else None)
+            else:
+                surface = library.finish(name).surface
+            shaped = self._shaded(node, properties, mesh)
+            pieces.append((shaped, f"{path.stem}_{name}" if name else path.stem, surface))
+        return pieces
+
+    def _geometry(self, node: Node, properties: Properties) -> tuple[Mesh, str] | None:
+        """The mesh in the shape's own frame and a word for it; None where it is left out."""
+        kind = node.type
+        if kind in _FILES:
+            return self._file(node, properties)
+        label = f"{kind}_{len(self.shapes)}"
+        if kind == "rectangle":
+            return primitives.rectangle(), label
+        if kind == "cube":
+            return primitives.cube(), label
+        if kind == "disk":
+            self.scope.changes.note(f"a disk became a mesh of {primitives.SIDES} sides")
+            return primitives.disk(), label
+        if kind == "sphere":
+            return primitives.sphere().transformed(_sphere_frame(properties)), label
+        if kind == "cylinder":
+            start, end = properties.vector("p0"), properties.vector("p1")
+            start = np.zeros(3) if start is None else start
+            end = np.array([0.0, 0, 1]) if end is None else end
+            radius = properties.number("radius", 1.0)
+            if radius <= 0 or np.array_equal(start, end):
+                raise node.error("a cylinder needs a length and a positive radius")
+            self.scope.changes.note(f"a cylinder became a mesh of {primitives.SIDES} sides")
+            return primitives.cylinder(start, end, radius), label
+        raise node.error(f"unknown kind of shape {kind!r}")
+
+    def _file(self, node: Node, properties: Properties) -> tuple[Mesh, str] | None:
+        name = properties.text("filename", "")
+        index = properties.whole("shape_index", 0)
+        path = self.scope.sandbox.find(name, node.place)
+        if path is None:
+            if not self.skip_missing:
+                raise node.error(
+                    f"the mesh {name!r} is missing; put it there, or go on without it "
+                    "with --skip-missing"
+                )
+            self.scope.changes.note("missing mesh, its shape was left out: {}", repr(name))
+            return None
+        properties.ignore("collapse", "srgb")
+        flip_v = properties.boolean("flip_tex_coords", node.type == "obj")
+        mesh = self._read(node, path, index, flip_v)
+        mesh = self._shaded(node, properties, mesh)
+        stem = path.stem if node.type != "serialized" else f"{path.stem}_{index}"
+        return mesh, stem
+
+    def _shaded(self, node: Node, properties: Properties, mesh: Mesh) -> Mesh:
+        """The mesh with the shading normals that its element asks for."""
+        facets = properties.boolean("face_normals", False)
+        crease = properties.number("max_smooth_angle", 180.0)
+        if facets:
+            mesh = replace(mesh, normals=None)
+        elif "max_smooth_angle" in properties and crease < 180:
+            mesh = creased(mesh, crease)
+        elif mesh.normals is None and node.type != "serialized":
+            mesh = replace(mesh, normals=smooth_normals(mesh.vertices, mesh.faces))
+        return mesh
+
+    def _read(self, node: Node, path: Path, index: int, flip_v: bool) -> Mesh:
+        key = (path, index, flip_v, node.type)
+        if key not in self._cache:
+            try:
+                if node.type == "obj":
+                    mesh = read_obj(path, flip_v)
+                elif node.type == "ply":
+                    mesh = read_ply(path)
+                else:
+                    mesh = read_serialized(path, index)
+            except OSError as error:
+                raise node.error(f"{path} cannot be read ({error})") from None
+            except InputError as error:
+                raise InputError(f"{node.place}: {error}") from None
+            if node.type != "obj" and flip_v and mesh.uvs is not None:
+                mesh = replace(mesh, uvs=np.column_stack([mesh.uvs[:, 0], 1 - mesh.uvs[:, 1]]))
+            # Checked here, in the file's own numbers, so that no arithmetic runs on bad ones.
+            self._cache[key], dropped = cleaned(mesh, f"{node.place}: {path.name}")
+            if dropped:
+                self.scope.changes.note("triangles without area were dropped from {}", path.name)
+        return self._cache[key]
+
+    def _sphere(self, node: Node, properties: Properties, to_world: Floats) -> Floats | None:
+        matrix = to_world @ _sphere_frame(properties)
+        gram = matrix[:3, :3].T @ matrix[:3, :3]
+        if np.allclose(gram, gram[0, 0] * np.eye(3), rtol=1e-4, atol=1e-4 * gram[0, 0]):
+            return matrix
+        self.scope.changes.note("a stretched sphere became a mesh")
+        return None
+
+
+def _sphere_frame(properties: Properties) -> Floats:
+    centre, radius = properties.vector("center"), properties.number("radius", 1.0)
+    if radius <= 0:
+        raise properties.node.error("a sphere needs a positive radius")
+    frame = np.diag([radius, radius, radius, 1.0])
+    if centre is not None:
+        frame[:3, 3] = centre
+    return frame

@@ -1,0 +1,408 @@
+"""Typed properties of a plugin, under their present-day names, whatever version wrote them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from scenes.importing.changes import Changes
+from scenes.importing.sandbox import Sandbox
+from scenes.mitsuba.reader import Node, unresolved
+from scenes.mitsuba.spectra import blackbody_radiance, spectrum_to_rgb
+from scenes.photometry import blackbody
+
+T = TypeVar("T")
+Color = tuple[float, float, float]
+# From CIE XYZ to linear Rec. 709 (ITU-R BT.709, D65).
+_FROM_XYZ = np.array(
+    [[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560],
+     [0.0556434, -0.2040259, 1.0572252]]
+)  # fmt: skip
+Matrix4 = npt.NDArray[np.float64]
+
+_MAX_REFERENCES = 32
+_CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+_TRUTH = {"true": True, "1": True, "false": False, "0": False}
+
+
+@dataclass
+class Scope:
+    """What every property may refer to: elements by id, files, the version and the change list."""
+
+    sandbox: Sandbox
+    changes: Changes
+    version: tuple[int, ...]
+    by_id: dict[str, Node] = field(default_factory=dict)
+
+    @property
+    def is_old(self) -> bool:
+        """Whether the file is of the 0.x generation, with its own defaults."""
+        return self.version < (2,)
+
+    def resolve(self, node: Node) -> Node:
+        """Follow `<ref>`s to the element meant; `InputError` for unknown ids and circles."""
+        seen = 0
+        while node.tag == "ref":
+            target = self.by_id.get(node.attributes.get("id", ""))
+            if target is None:
+                raise node.error(f"no element has the id {node.attributes.get('id', '')!r}")
+            seen += 1
+            if seen > _MAX_REFERENCES:
+                raise node.error("references go round in a circle")
+            node = target
+        return node
+
+
+def snake(name: str) -> str:
+    """`specularReflectance`, `intIOR`, `alphaU` as Mitsuba 3 spells them; new names unchanged."""
+    return _CAMEL.sub("_", name).lower()
+
+
+class Properties:
+    """The properties and nested plugins of one element.
+
+    Each accessor marks what it reads; `report_unused` then names what nobody asked for.
+    """
+
+    def __init__(self, node: Node, scope: Scope, aliases: dict[str, str] | None = None) -> None:
+        self.node, self.scope = node, scope
+        self._values: dict[str, Node] = {}
+        self._nested: list[Node] = []
+        self._used: set[str] = set()
+        for child in node.children:
+            name = snake(child.name)
+            name = (aliases or {}).get(name, name)
+            if child.name:
+                self._values[name] = child
+            if not child.is_value:
+                self._nested.append(child)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._values
+
+    def ignore(self, *names: str) -> None:
+        """These mean nothing for the picture; they need no mention."""
+        self._used.update(names)
+
+    def child(self, name: str) -> Node | None:
+        """The element that sets `name`, references followed."""
+        self._used.add(name)
+        found = self._values.get(name)
+        return None if found is None else self.scope.resolve(found)
+
+    def number(self, name: str, default: float) -> float:
+        """A finite float."""
+        return self._read(name, default, _number)
+
+    def whole(self, name: str, default: int) -> int:
+        """An integer."""
+        return self._read(name, default, lambda node, text: int(_number(node, text)))
+
+    def boolean(self, name: str, default: bool) -> bool:
+        """true or false."""
+        return self._read(name, default, _boolean)
+
+    def text(self, name: str, default: str) -> str:
+        """A string."""
+        return self._read(name, default, lambda node, text: text)
+
+    def vector(self, name: str) -> npt.NDArray[np.float64] | None:
+        """A point or vector, float64 (3,)."""
+        node = self.child(name)
+        if node is None or self._missing(node):
+            return None
+        return _triple(node, 0.0)
+
+    def transform(self, name: str = "to_world") -> Matrix4:
+        """A 4x4 matrix that acts on column vectors; the identity if absent."""
+        node = self.child(name)
+        return np.eye(4) if node is None else read_transform(node, self.scope)
+
+    def color(self, name: str, emission: bool = False) -> Color | Node | None:
+        """Linear Rec. 709 RGB, or the texture element that sets it, or None where unset."""
+        node = self.child(name)
+        if node is None or self._missing(node):
+            return None
+        return read_color(node, self.scope, emission)
+
+    def nested(self, *tags: str) -> list[Node]:
+        """Nested plugins of these kinds, references followed, in document order."""
+        found = []
+        for child in self._nested:
+            target = self.scope.resolve(child)
+            if target.tag in tags:
+                self._used.add(snake(child.name))
+                found.append(target)
+        return found
+
+    def report_unused(self) -> None:
+        """Name, in the list of changes, every property that was not understood."""
+        for name in self._values:
+            if name not in self._used:
+                self.scope.changes.note(
+                    f"{self.node.tag} {self.node.type!r}: property {name!r} has no counterpart "
+                    "and was left out"
+                )
+            self._used.add(name)
+        for child in self._nested:
+            if not child.name and self.scope.resolve(child).tag in ("medium", "subsurface"):
+                self.scope.changes.note(f"{self.node.tag}: {child.tag} was left out")
+
+    def _read(self, name: str, default: T, convert: Callable[[Node, str], T]) -> T:
+        node = self.child(name)
+        if node is None or self._missing(node):
+            return default
+        return convert(node, node.attributes.get("value", ""))
+
+    def _missing(self, node: Node) -> bool:
+        names = [name for text in node.attributes.values() for name in unresolved(text)]
+        for name in names:
+            self.scope.changes.note(
+                "parameter without a value, the default was used (give it with --parameter): {}",
+                f"${name}",
+            )
+        return bool(names)
+
+
+def read_transform(node: Node, scope: Scope) -> Matrix4:
+    """The product of a `<transform>`'s steps, each applied after the ones before it."""
+    if node.tag == "animation":
+        scope.changes.note("an animation was frozen at its first keyframe")
+        frames = [child for child in node.children if child.tag == "transform"]
+        return read_transform(frames[0], scope) if frames else np.eye(4)
+    if node.tag != "transform":
+        raise node.error("a transform is needed here")
+    matrix = np.eye(4)
+    for step in node.children:
+        kind = step.tag.lower()
+        if kind == "matrix":
+            values = _numbers(step, step.attributes.get("value", ""))
+            if len(values) not in (9, 16):
+                raise step.error(f"a matrix has 16 values (or 9), not {len(values)}")
+            move = np.eye(4)
+            side = math.isqrt(len(values))
+            move[:side, :side] = np.reshape(values, (side, side))
+        elif kind == "translate":
+            move = np.eye(4)
+            move[:3, 3] = _triple(step, 0.0)
+        elif kind == "scale":
+            move = np.diag([*_triple(step, 1.0), 1.0])
+        elif kind == "rotate":
+            move = np.eye(4)
+            angle = math.radians(_number(step, step.attributes.get("angle", "")))
+            move[:3, :3] = rotation(_triple(step, 0.0), angle, step)
+        elif kind == "lookat":
+            move = _look_at(step)
+        else:
+            raise step.error("not a step that a transform can hold")
+        matrix = move @ matrix
+    if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-18:
+        raise node.error("this transform flattens or loses the shape (its determinant is 0)")
+    return matrix
+
+
+def rotation(axis: npt.NDArray[np.float64], angle: float, node: Node) -> npt.NDArray[np.float64]:
+    """The 3x3 rotation by `angle` radians about `axis` (Rodrigues)."""
+    length = float(np.linalg.norm(axis))
+    if length == 0:
+        raise node.error("a rotation needs an axis")
+    x, y, z = axis / length
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+
+
+def read_color(node: Node, scope: Scope, emission: bool = False) -> Color | Node:
+    """Linear Rec. 709 RGB of a colour element in any of its spellings, or a texture element."""
+    text = node.attributes.get("value", "").strip()
+    if node.tag == "texture":
+        return node
+    if node.tag in ("rgb", "srgb"):
+        rgb = _hex(node, text) if text.startswith("#") else np.array(_numbers(node, text))
+        if rgb.size not in (1, 3):
+            raise node.error(f"a colour has 3 values, not {rgb.size}")
+        rgb = np.broadcast_to(rgb, 3).astype(float)
+        if node.tag == "srgb":
+            rgb = np.where(
+                rgb <= 0.04045, rgb / 12.92, ((np.maximum(rgb, 0) + 0.055) / 1.055) ** 2.4
+            )
+    elif node.tag == "xyz":
+        rgb = np.array(_numbers(node, text))
+        if rgb.size != 3:
+            raise node.error(f"a colour has 3 values, not {rgb.size}")
+        rgb = np.maximum(_FROM_XYZ @ rgb, 0)
+    elif node.tag in ("float", "integer"):
+        rgb = np.full(3, _number(node, text))
+    elif node.tag == "blackbody":
+        kelvin = _number(node, node.attributes.get("temperature", text).rstrip("Kk "))
+        # Version 0.3 called the factor "multiplier".
+        factor = node.attributes.get("scale", node.attributes.get("multiplier", "1"))
+        rgb = _blackbody(node, kelvin, scope) * _number(node, factor)
+    elif node.tag == "spectrum" and node.type:
+        rgb = _spectrum_plugin(node, scope, emission)
+    elif node.tag == "spectrum":
+        rgb = _spectrum(node, text, scope, emission)
+    else:
+        raise node.error("not a colour or texture")
+    if (rgb < 0).any():
+        raise node.error(f"a colour cannot be negative: {text!r}")
+    return (float(rgb[0]), float(rgb[1]), float(rgb[2]))
+
+
+def _spectrum(node: Node, text: str, scope: Scope, emission: bool) -> npt.NDArray[np.float64]:
+    if "filename" in node.attributes:
+        path = scope.sandbox.find(node.attributes["filename"], node.place)
+        if path is None:
+            scope.changes.note(
+                "missing spectrum file, a grey took its place: {}",
+                text or node.attributes["filename"],
+            )
+            return np.full(3, 1.0 if emission else 0.5)
+        if path.stat().st_size > 2**20:
+            raise node.error(f"{path}: more than 1 MiB for a spectrum")
+        lines = path.read_text(encoding="latin-1").splitlines()
+        rows = [line.split("#")[0].split() for line in lines]
+        text = ", ".join(":".join(row[:2]) for row in rows if len(row) >= 2)
+    if ":" not in text:
+        values = np.array(_numbers(node, text))
+        if values.size in (1, 3):
+            return np.broadcast_to(values, 3).astype(float)
+        raise node.error("a spectrum is one number, three, or 'wavelength:value' pairs")
+    pairs = [part.split(":") for part in re.split(r"[,;\s]+", text) if part]
+    if any(len(pair) != 2 for pair in pairs) or len(pairs) > 10_000:
+        raise node.error("a spectrum is one number, three, or 'wavelength:value' pairs")
+    wavelengths = np.array([_number(node, pair[0]) for pair in pairs])
+    values = np.array([_number(node, pair[1].rstrip("f")) for pair in pairs])
+    if (np.diff(wavelengths) <= 0).any():
+        raise node.error("the wavelengths of a spectrum must increase")
+    scope.changes.note("a measured spectrum became its linear RGB colour")
+    return spectrum_to_rgb(wavelengths, values)
+
+
+def _blackbody(node: Node, kelvin: float, scope: Scope) -> npt.NDArray[np.float64]:
+    if not 100 <= kelvin <= 100_000:
+        raise node.error(f"a black body of {kelvin:g} K; from 100 to 100000 can be read")
+    scope.changes.note("a blackbody spectrum became its linear RGB colour")
+    return np.array(blackbody(kelvin)) * blackbody_radiance(kelvin)
+
+
+def _spectrum_plugin(node: Node, scope: Scope, emission: bool) -> npt.NDArray[np.float64]:
+    """Spectra of Mitsuba 2 and 3 that are plugins of their own, such as `<spectrum type="d65">`."""
+    properties = Properties(node, scope)
+    properties.ignore("id")
+    scale = properties.number("scale", 1.0)
+    if node.type in ("uniform", "rawconstant", "srgb", "rgb", "d65"):
+        # D65 is white where colours are RGB; its `color` tints it.
+        found = properties.color("color", emission) or properties.color("value", emission)
+        if isinstance(found, Node):
+            raise node.error("a spectrum cannot hold a texture")
+        rgb = np.array(found if found is not None else (1.0, 1.0, 1.0)) * scale
+    elif node.type == "blackbody":
+        rgb = _blackbody(node, properties.number("temperature", 5000.0), scope) * scale
+    elif node.type in ("regular", "irregular"):
+        values = np.array(_numbers(node, properties.text("values", "")))
+        if node.type == "irregular":
+            wavelengths = np.array(_numbers(node, properties.text("wavelengths", "")))
+        else:
+            low = properties.number("wavelength_min", 360.0)
+            high = properties.number("wavelength_max", 830.0)
+            wavelengths = np.linspace(low, high, len(values))
+        if len(values) < 2 or len(values) != len(wavelengths) or (np.diff(wavelengths) <= 0).any():
+            raise node.error("needs increasing wavelengths, two at least, and a value for each")
+        scope.changes.note("a measured spectrum became its linear RGB colour")
+        rgb = spectrum_to_rgb(wavelengths, values)
+    else:
+        scope.changes.note(
+            "unknown spectrum, a grey took its place: {}", f"{node.type!r} ({node.place})"
+        )
+        properties.ignore(*(snake(child.name) for child in node.children))
+        rgb = np.full(3, 1.0 if emission else 0.5)
+    properties.report_unused()
+    return rgb
+
+
+def _look_at(node: Node) -> Matrix4:
+    attributes = node.attributes
+    if "ox" in attributes:  # spelling of version 0.2
+        points = [
+            np.array([_number(node, attributes.get(f"{point}{axis}", "0")) for axis in "xyz"])
+            for point in "otu"
+        ]
+    else:
+        points = []
+        for name in ("origin", "target", "up"):
+            text = attributes.get(name, "0, 1, 0" if name == "up" else "")
+            values = _numbers(node, text)
+            if len(values) != 3:
+                raise node.error(f"{name} needs 3 values, got {text!r}")
+            points.append(np.array(values))
+        if "up" not in attributes or not points[2].any():
+            points[2] = _some_up(points[1] - points[0])
+    return look_at(points[0], points[1], points[2], node)
+
+
+def _some_up(forward: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """What is up where a file does not say: +y, or +x for what looks along y, as lamps do."""
+    upright = np.linalg.norm(forward[[0, 2]]) > 1e-6 * np.linalg.norm(forward)
+    return np.array([0.0, 1, 0] if upright else [1.0, 0, 0])
+
+
+def look_at(
+    origin: npt.NDArray[np.float64],
+    target: npt.NDArray[np.float64],
+    up: npt.NDArray[np.float64],
+    node: Node,
+) -> Matrix4:
+    """Mitsuba's camera frame: x to the left, y up, z towards the target."""
+    forward = target - origin
+    left = np.cross(up, forward)
+    if np.linalg.norm(forward) == 0 or np.linalg.norm(left) == 0:
+        raise node.error("origin, target and up span no camera frame")
+    forward = forward / np.linalg.norm(forward)
+    left = left / np.linalg.norm(left)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.stack([left, np.cross(forward, left), forward], axis=1)
+    matrix[:3, 3] = origin
+    return matrix
+
+
+def _triple(node: Node, default: float) -> npt.NDArray[np.float64]:
+    attributes = node.attributes
+    if "value" in attributes:
+        values = _numbers(node, attributes["value"])
+        if len(values) not in (1, 3):
+            raise node.error(f"needs 1 or 3 values, got {attributes['value']!r}")
+        return np.broadcast_to(np.array(values, dtype=float), 3).copy()
+    return np.array([_number(node, attributes.get(axis, str(default))) for axis in "xyz"])
+
+
+def _number(node: Node, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise node.error(f"{text!r} is not a number") from None
+    if not math.isfinite(value):
+        raise node.error(f"{text!r} is not a finite number")
+    return value
+
+
+def _numbers(node: Node, text: str) -> list[float]:
+    return [_number(node, part) for part in re.split(r"[,;\s]+", text.strip()) if part]
+
+
+def _boolean(node: Node, text: str) -> bool:
+    try:
+        return _TRUTH[text.strip().lower()]
+    except KeyError:
+        raise node.error(f"{text!r} is neither true nor false") from None
+
+
+def _hex(node: Node, text: str) -> npt.NDArray[np.float64]:
+    if not re.fullmatch(r"#[0-9a-fA-F]{6}", text):
+        raise node.error(f"{text!r} is not a colour such as #a0b0c0")
+    return np.array([int(text[index : index + 2], 16) / 255 for index in (1, 3, 5)])

@@ -1,0 +1,280 @@
+"""glTF 2.0 scenes: the tree of nodes with its meshes, lights and cameras, in metres, Y up."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from scenes.errors import InputError
+from scenes.geometry.mesh import Floats, Ints, Mesh, cleaned
+from scenes.importing.assembly import Camera
+from scenes.importing.changes import Changes
+from scenes.importing.names import Names
+from scenes.importing.textures import TextureStore
+from scenes.mitsuba.shapes import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape
+from scenes.mitsuba.values import Color
+from scenes.models.gltf_accessors import read_colors, read_floats, read_indices
+from scenes.models.gltf_container import Asset, extensions, number, numbers, objects, whole
+from scenes.models.gltf_images import Images
+from scenes.models.gltf_materials import GltfMaterials
+from scenes.models.model import Model, Punctual
+
+MAX_DEPTH = 256
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_LIGHTS = "KHR_lights_punctual"
+
+
+@dataclass(frozen=True)
+class _Node:
+    index: int
+    node: dict[str, Any]
+    matrix: Floats  # to the file's world
+    names: tuple[str, ...]  # of the nodes from the root to this one
+
+
+def read_gltf(asset: Asset, images: Images, textures: TextureStore, changes: Changes) -> Model:
+    """Everything in the file's scene; `InputError` names the element that cannot be used."""
+    info = asset.data["asset"]
+    model = Model(
+        metres=True,
+        y_up=True,
+        kind="gltf",
+        version=str(info.get("version", "")),
+        author=str(info.get("copyright", ""))[:200],
+    )
+    _Reader(asset, GltfMaterials(asset, images, textures, changes), changes, model).read()
+    return model
+
+
+@dataclass
+class _Reader:
+    asset: Asset
+    materials: GltfMaterials
+    changes: Changes
+    model: Model
+    names: Names = field(default_factory=Names)
+    triangles: int = 0
+    _meshes: dict[tuple[int, int, int], Mesh] = field(default_factory=dict)
+
+    def read(self) -> None:
+        for name in ("animations", "skins"):
+            if self.asset.items(name):
+                self.changes.note(f"{name} were left out; everything stays in its first pose")
+        # The whole tree first, so that a damaged one is refused before any mesh is read.
+        for node in list(self._walk()):
+            if "mesh" in node.node:
+                self._mesh(node)
+            if "camera" in node.node:
+                self._camera(node)
+            if _LIGHTS in extensions(node.node):
+                self._light(node)
+            if "EXT_mesh_gpu_instancing" in extensions(node.node):
+                self.changes.note("instances of EXT_mesh_gpu_instancing were left out")
+
+    def _walk(self) -> Iterator[_Node]:
+        """Every node of the scene once, parents first; refuses circles and shared children."""
+        nodes = self.asset.items("nodes")
+        seen: set[int] = set()
+        stack: list[tuple[int, Floats, tuple[str, ...]]] = [
+            (root, np.eye(4), ()) for root in reversed(self._roots(nodes))
+        ]
+        while stack:
+            index, above, names = stack.pop()
+            place = f"{self.asset.path}: nodes[{index}]"
+            if index in seen:
+                raise InputError(f"{place}: is reached twice; nodes must form a tree")
+            seen.add(index)
+            if len(names) >= MAX_DEPTH:
+                raise InputError(f"{place}: nodes nested more than {MAX_DEPTH} deep; refused")
+            node = nodes[index]
+            matrix = above @ local_matrix(node, place)
+            here = (*names, f"{index}:{node.get('name') or ''}")
+            if abs(np.linalg.det(matrix[:3, :3])) < 1e-18 or not np.isfinite(matrix).all():
+                self.changes.note("a node of no size was left out: {}", here[-1])
+                continue
+            yield _Node(index, node, matrix, here)
+            children = self._indices(node.get("children", []), f"{place}.children")
+            stack.extend((child, matrix, here) for child in reversed(children))
+
+    def _roots(self, nodes: list[dict[str, Any]]) -> list[int]:
+        scenes = self.asset.items("scenes")
+        if scenes:
+            if len(scenes) > 1:
+                self.changes.note("of several scenes in the file only the shown one was read")
+            scene = self.asset.item("scenes", self.asset.data.get("scene", 0), "scene")
+            return self._indices(scene.get("nodes", []), f"{self.asset.path}: scene.nodes")
+        children = {child for node in nodes for child in node.get("children", [])
+                    if isinstance(child, int)}  # fmt: skip
+        return [index for index in range(len(nodes)) if index not in children]
+
+    def _indices(self, value: Any, place: str) -> list[int]:
+        if not isinstance(value, list):
+            raise InputError(f"{place}: expected a list of node numbers")
+        last = len(self.asset.items("nodes")) - 1
+        return [whole(item, place, 0, last) for item in value]
+
+    def _mesh(self, node: _Node) -> None:
+        number_ = node.node["mesh"]
+        mesh = self.asset.item("meshes", number_, f"nodes[{node.index}].mesh")
+        label = str(node.node.get("name") or mesh.get("name") or f"mesh_{number_}")
+        where = f"{self.asset.path}: meshes[{number_}]"
+        for order, primitive in enumerate(objects(mesh, "primitives", where)):
+            if primitive.get("targets"):
+                self.changes.note("morph targets were left out: {}", label)
+            self._primitive(node, int(number_), order, primitive, label)
+
+    def _primitive(
+        self, node: _Node, mesh: int, order: int, primitive: dict[str, Any], label: str
+    ) -> None:
+        where = f"meshes[{mesh}].primitives[{order}]"
+        if "KHR_draco_mesh_compression" in extensions(primitive):
+            # The plain accessors are the fallback, where the file has one; else they say so.
+            self.changes.note("the uncompressed twin of Draco geometry was read")
+        attributes = primitive.get("attributes")
+        if not isinstance(attributes, dict) or "POSITION" not in attributes:
+            self.changes.note("a primitive without positions was left out: {}", label)
+            return
+        mode = primitive.get("mode", _TRIANGLES)
+        if mode not in (_TRIANGLES, _STRIP, _FAN):
+            self.changes.note("points and lines were left out: {}", label)
+            return
+        tint: Color = (1.0, 1.0, 1.0)
+        if "COLOR_0" in attributes:
+            mean = read_colors(self.asset, attributes["COLOR_0"], f"{where}.COLOR_0").mean(axis=0)
+            if mean.min() < 0.999:
+                self.changes.note("colours of vertices became their mean: {}", label)
+                tint = (
+                    round(float(mean[0]), 4),
+                    round(float(mean[1]), 4),
+                    round(float(mean[2]), 4),
+                )
+        finish = self.materials.finish(primitive.get("material"), tint)
+        key = (mesh, order, finish.texcoord)
+        if key not in self._meshes:
+            self._meshes[key] = self._geometry(attributes, primitive, mode, finish.texcoord, where)
+        own = self._meshes[key]
+        if not len(own.faces):
+            self.changes.note("a primitive without area was left out: {}", label)
+            return
+        self.triangles += len(own.faces)
+        if self.triangles > MAX_SCENE_TRIANGLES or len(self.model.shapes) >= MAX_SHAPES:
+            raise InputError(
+                f"{self.asset.path}: more than {MAX_SCENE_TRIANGLES:,} triangles or "
+                f"{MAX_SHAPES:,} shapes; refused"
+            )
+        shape = Shape(self.names.unique(label), label, own.transformed(node.matrix), finish.surface)
+        self.model.shapes.append(shape)
+        self.model.owners[shape.id] = node.names
+        if finish.glow is not None:
+            self.model.glows[shape.id] = finish.glow
+
+    def _geometry(
+        self, attributes: dict[str, Any], primitive: dict[str, Any], mode: int, uv: int, where: str
+    ) -> Mesh:
+        asset = self.asset
+        points = read_floats(asset, attributes["POSITION"], 3, f"{where}.POSITION")
+        if "indices" in primitive:
+            corners = read_indices(asset, primitive["indices"], f"{where}.indices")
+        else:
+            corners = np.arange(len(points))
+        faces = _triangles(corners, mode)
+        optional: dict[str, Floats | None] = {}
+        for name, width in (("NORMAL", 3), (f"TEXCOORD_{uv}", 2)):
+            optional[name] = None
+            if name in attributes:
+                values = read_floats(asset, attributes[name], width, f"{where}.{name}")
+                if len(values) != len(points):
+                    raise InputError(
+                        f"{asset.path}: {where}: {len(points)} positions, {len(values)} of {name}"
+                    )
+                optional[name] = values
+        mesh = Mesh(points, faces, optional["NORMAL"], optional[f"TEXCOORD_{uv}"])
+        mesh, dropped = cleaned(mesh, f"{asset.path}: {where}")
+        if dropped:
+            self.changes.note("triangles without area were dropped from {}", where)
+        return mesh
+
+    def _camera(self, node: _Node) -> None:
+        index = node.node["camera"]
+        camera = self.asset.item("cameras", index, f"nodes[{node.index}].camera")
+        lens = camera.get("perspective")
+        if camera.get("type") != "perspective" or not isinstance(lens, dict):
+            self.changes.note("a camera without perspective was left out")
+            return
+        place = f"{self.asset.path}: cameras[{index}]"
+        half = 0.5 * number(lens.get("yfov"), f"{place}.yfov", 0.01, 3.0)
+        aspect = number(lens.get("aspectRatio", 4 / 3), f"{place}.aspectRatio", 0.1, 10)
+        # glTF looks along -Z with +X to the right, Mitsuba along +Z with +X to the left.
+        pose = node.matrix @ np.diag([-1.0, 1, -1, 1])
+        name = str(node.node.get("name") or camera.get("name") or f"camera_{index}")
+        size = (round(480 * aspect), 480)
+        across = math.atan(math.tan(half) * aspect)
+        self.model.cameras.append(Camera(name, pose, across, *size))
+
+    def _light(self, node: _Node) -> None:
+        index = extensions(node.node)[_LIGHTS].get("light")
+        where = f"{self.asset.path}: {_LIGHTS}"
+        listed = objects(extensions(self.asset.data).get(_LIGHTS, {}), "lights", where)
+        place = f"{self.asset.path}: lights[{index}]"
+        light = listed[whole(index, place, 0, len(listed) - 1)]
+        kind = light.get("type")
+        if kind not in ("point", "spot", "directional"):
+            self.changes.note("a light of kind {} was left out", repr(kind)[:40])
+            return
+        color = numbers(light.get("color", [1, 1, 1]), 3, f"{place}.color")
+        cone = light.get("spot")
+        cone = cone if isinstance(cone, dict) else {}
+        if "range" in light:
+            self.changes.note("the range of a light was left out; light has no end")
+        self.model.lights.append(
+            Punctual(
+                kind,
+                (max(color[0], 0.0), max(color[1], 0.0), max(color[2], 0.0)),
+                number(light.get("intensity", 1), f"{place}.intensity", 0, 1e12),
+                node.matrix,
+                number(cone.get("innerConeAngle", 0), f"{place}.innerConeAngle", 0, 1.57),
+                number(cone.get("outerConeAngle", math.pi / 4), f"{place}.outer", 0.01, 1.57),
+            )
+        )
+
+
+def local_matrix(node: dict[str, Any], place: str) -> Floats:
+    """A node's own transform, float64 (4, 4), on column vectors: its matrix, or T R S."""
+    if "matrix" in node:
+        values = numbers(node["matrix"], 16, f"{place}.matrix")
+        matrix = np.reshape(values, (4, 4)).T
+        if not np.allclose(matrix[3], [0, 0, 0, 1], atol=1e-5):
+            raise InputError(f"{place}.matrix: not an affine transform")
+        return np.array(matrix)
+    x, y, z, w = numbers(node.get("rotation", [0, 0, 0, 1]), 4, f"{place}.rotation")
+    length = math.sqrt(x * x + y * y + z * z + w * w)
+    if length < 1e-9:
+        raise InputError(f"{place}.rotation: a quaternion of length 0")
+    x, y, z, w = x / length, y / length, z / length, w / length
+    turn = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn * numbers(node.get("scale", [1, 1, 1]), 3, f"{place}.scale")
+    matrix[:3, 3] = numbers(node.get("translation", [0, 0, 0]), 3, f"{place}.translation")
+    return matrix
+
+
+def _triangles(corners: Ints, mode: int) -> Ints:
+    if mode == _TRIANGLES:
+        return corners[: len(corners) // 3 * 3].reshape(-1, 3)
+    if len(corners) < 3:
+        return np.zeros((0, 3), dtype=np.int64)
+    step = np.arange(len(corners) - 2)
+    if mode == _FAN:
+        return corners[np.stack([np.zeros_like(step), step + 1, step + 2], axis=1)]
+    odd = step % 2
+    return corners[np.stack([step, step + 1 + odd, step + 2 - odd], axis=1)]

@@ -1,0 +1,264 @@
+"""glTF files taken apart: JSON and buffers of `.gltf` and `.glb`, checked before anything is used.
+
+Khronos, *glTF 2.0 Specification*. Files come from strangers: sizes, counts and references are
+bounded, nothing outside the file's own folder is opened, nothing is fetched.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import math
+import struct
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from scenes.errors import InputError
+from scenes.importing.sandbox import Sandbox
+
+MAX_BYTES = 512 * 2**20  # of a file, and of all buffers together
+MAX_JSON = 64 * 2**20
+MAX_ITEMS = 100_000  # of any list in the JSON
+_JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
+
+# What may be required and is understood, or may be ignored without harm to the picture.
+UNDERSTOOD = frozenset(
+    (
+        "KHR_lights_punctual",
+        "KHR_materials_clearcoat",
+        "KHR_materials_emissive_strength",
+        "KHR_materials_ior",
+        "KHR_materials_pbrSpecularGlossiness",
+        "KHR_materials_specular",
+        "KHR_materials_transmission",
+        "KHR_materials_unlit",
+        "KHR_materials_volume",
+        "KHR_mesh_quantization",
+        "KHR_texture_transform",
+        "EXT_texture_webp",
+    )
+)
+IGNORED = frozenset(
+    (
+        "KHR_animation_pointer",
+        "KHR_materials_anisotropy",
+        "KHR_materials_dispersion",
+        "KHR_materials_iridescence",
+        "KHR_materials_sheen",
+        "KHR_materials_variants",
+        "KHR_xmp_json_ld",
+    )
+)
+_COMPRESSED = {
+    "KHR_draco_mesh_compression": "Draco-compressed geometry",
+    "EXT_meshopt_compression": "meshopt-compressed data",
+    "KHR_meshopt_compression": "meshopt-compressed data",
+    "KHR_texture_basisu": "Basis Universal (KTX2) textures",
+}
+
+
+@dataclass
+class Asset:
+    """One glTF file: its JSON and where its buffers come from."""
+
+    path: Path
+    data: dict[str, Any]
+    sandbox: Sandbox
+    binary: bytes | None = None  # the second chunk of a GLB
+    _buffers: dict[int, bytes] = field(default_factory=dict)
+    _lists: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+
+    def items(self, name: str) -> list[dict[str, Any]]:
+        """A top-level list of objects, such as "nodes"; empty if absent. Checked once."""
+        if name not in self._lists:
+            self._lists[name] = objects(self.data, name, str(self.path))
+        return self._lists[name]
+
+    def item(self, name: str, index: Any, where: str) -> dict[str, Any]:
+        """Element `index` of a top-level list; refuses an index beyond it."""
+        found = self.items(name)
+        return found[whole(index, f"{self.path}: {where}", 0, len(found) - 1)]
+
+    def buffer(self, index: int) -> bytes:
+        """The bytes of a buffer, at least as many as it declares."""
+        if index not in self._buffers:
+            self._buffers[index] = self._load(index)
+            if sum(map(len, self._buffers.values())) > MAX_BYTES:
+                raise InputError(f"{self.path}: buffers of more than {MAX_BYTES >> 20} MiB")
+        return self._buffers[index]
+
+    def view(self, index: Any, where: str) -> tuple[bytes, int]:
+        """The bytes of a buffer view and its stride (0: packed)."""
+        view = self.item("bufferViews", index, where)
+        label = f"{self.path}: bufferViews[{index}]"
+        for name in extensions(view):
+            if name in _COMPRESSED:
+                raise InputError(f"{label}: {_COMPRESSED[name]} ({name}) cannot be read")
+        number = whole(view.get("buffer"), f"{label}.buffer", 0, len(self.items("buffers")) - 1)
+        data = self.buffer(number)
+        start = whole(view.get("byteOffset", 0), f"{label}.byteOffset", 0, MAX_BYTES)
+        length = whole(view.get("byteLength"), f"{label}.byteLength", 1, MAX_BYTES)
+        if start + length > len(data):
+            raise InputError(
+                f"{label}: bytes {start} to {start + length} of a buffer of {len(data)}; "
+                "the file is truncated or damaged"
+            )
+        return data[start : start + length], whole(
+            view.get("byteStride", 0), f"{label}.byteStride", 0, 252
+        )
+
+    def _load(self, index: int) -> bytes:
+        buffer = self.items("buffers")[index]
+        label = f"{self.path}: buffers[{index}]"
+        length = whole(buffer.get("byteLength"), f"{label}.byteLength", 1, MAX_BYTES)
+        uri = buffer.get("uri")
+        if uri is None:
+            if index != 0 or self.binary is None:
+                raise InputError(f"{label}: has no data; a .glb file keeps it in its second chunk")
+            data = self.binary
+        else:
+            data = self.fetch(uri, label)
+        if len(data) < length:
+            raise InputError(f"{label}: {length} bytes are declared, {len(data)} are there")
+        return data
+
+    def fetch(self, uri: Any, label: str) -> bytes:
+        """The bytes behind a URI: data in the file, or a file in its folder."""
+        if isinstance(uri, str) and uri.startswith("data:"):
+            return decode_data_uri(uri, label)
+        path = self.find(uri, label)
+        if path is None:
+            raise InputError(
+                f"{label}: the file {uri[:200]!r} is missing; put it beside {self.path}"
+            )
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{label}: {path} is larger than {MAX_BYTES >> 20} MiB")
+        return path.read_bytes()
+
+    def find(self, uri: Any, label: str) -> Path | None:
+        """The file that a relative URI names, None where it is missing."""
+        if not isinstance(uri, str):
+            raise InputError(f"{label}: a URI must be text, got {uri!r:.60}")
+        if uri.split(":")[0].lower() in ("http", "https", "ftp", "file"):
+            raise InputError(
+                f"{label}: {uri[:120]!r} lies elsewhere; put that file beside {self.path}"
+            )
+        return self.sandbox.find(unquote(uri), label)
+
+
+def open_asset(path: Path, sandbox: Sandbox) -> Asset:
+    """Read a `.gltf` or `.glb` file; `InputError` names what is broken or not supported."""
+    size = path.stat().st_size
+    if size > MAX_BYTES:
+        raise InputError(f"{path}: {size / 2**20:.0f} MiB; at most {MAX_BYTES >> 20} MiB")
+    data = path.read_bytes()
+    binary = None
+    if data[:4] == b"glTF":
+        text, binary = _chunks(path, data)
+    else:
+        text = data
+    if len(text) > MAX_JSON:
+        raise InputError(f"{path}: {len(text) >> 20} MiB of JSON; at most {MAX_JSON >> 20} MiB")
+    try:
+        parsed = json.loads(text.decode("utf-8-sig"), parse_constant=_no_constant)
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not a glTF file; its JSON is damaged ({error})") from None
+    if not isinstance(parsed, dict) or not isinstance(parsed.get("asset"), dict):
+        raise InputError(f"{path}: not a glTF file; it has no 'asset'")
+    version = str(parsed["asset"].get("version", ""))
+    if version.split(".")[0] != "2":
+        raise InputError(f"{path}: glTF version {version[:20]!r}; only version 2 can be read")
+    required = parsed.get("extensionsRequired", [])
+    if not isinstance(required, list):
+        raise InputError(f"{path}: extensionsRequired must be a list")
+    for name in required:
+        if name in _COMPRESSED:
+            raise InputError(
+                f"{path}: needs {_COMPRESSED[name]} ({name}), which cannot be read; "
+                "export the file again without that compression"
+            )
+        if name not in UNDERSTOOD | IGNORED:
+            raise InputError(f"{path}: needs the extension {name!r:.80}, which is not supported")
+    return Asset(path, parsed, sandbox, binary)
+
+
+def decode_data_uri(uri: str, label: str) -> bytes:
+    """The bytes of a base64 `data:` URI."""
+    head, comma, body = uri.partition(",")
+    if not comma or not head.endswith(";base64"):
+        raise InputError(f"{label}: a data URI that is not base64: {uri[:60]!r}")
+    try:
+        return base64.b64decode(body, validate=True)
+    except (binascii.Error, ValueError) as error:
+        raise InputError(f"{label}: a damaged data URI ({error})") from None
+
+
+def extensions(item: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The extensions of a JSON object, those that are objects themselves."""
+    found = item.get("extensions")
+    if not isinstance(found, dict):
+        return {}
+    return {name: value for name, value in found.items() if isinstance(value, dict)}
+
+
+def objects(data: dict[str, Any], name: str, where: str) -> list[dict[str, Any]]:
+    """A list of JSON objects; empty if absent."""
+    found = data.get(name, [])
+    if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
+        raise InputError(f"{where}: {name} must be a list of objects")
+    if len(found) > MAX_ITEMS:
+        raise InputError(f"{where}: {len(found):,} {name}; at most {MAX_ITEMS:,}")
+    return found
+
+
+def whole(value: Any, where: str, low: int, high: int) -> int:
+    """An integer in [low, high]."""
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+        raise InputError(
+            f"{where}: expected a whole number from {low} to {high}, got {value!r:.60}"
+        )
+    return value
+
+
+def number(value: Any, where: str, low: float = -math.inf, high: float = math.inf) -> float:
+    """A finite number, clipped to [low, high]."""
+    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+        raise InputError(f"{where}: expected a finite number, got {value!r:.60}")
+    return float(min(max(value, low), high))
+
+
+def numbers(value: Any, count: int, where: str) -> list[float]:
+    """A list of `count` finite numbers."""
+    if not isinstance(value, list) or len(value) != count:
+        raise InputError(f"{where}: expected {count} numbers, got {value!r:.60}")
+    return [number(item, where) for item in value]
+
+
+def _chunks(path: Path, data: bytes) -> tuple[bytes, bytes | None]:
+    if len(data) < 20:
+        raise InputError(f"{path}: a truncated GLB file")
+    version, length = struct.unpack_from("<II", data, 4)
+    if version != 2:
+        raise InputError(f"{path}: GLB version {version}; only version 2 can be read")
+    if length > len(data):
+        raise InputError(f"{path}: truncated; {length} bytes are declared, {len(data)} are there")
+    at, found = 12, []
+    while at + 8 <= length:
+        size, kind = struct.unpack_from("<II", data, at)
+        at += 8
+        if at + size > length:
+            raise InputError(f"{path}: a chunk of {size} bytes reaches beyond the file")
+        found.append((kind, data[at : at + size]))
+        at += size
+    if not found or found[0][0] != _JSON_CHUNK:
+        raise InputError(f"{path}: a GLB file whose first chunk is not JSON")
+    return found[0][1], next((body for kind, body in found[1:] if kind == _BINARY_CHUNK), None)
+
+
+def _no_constant(name: str) -> Any:
+    raise ValueError(f"{name} is not a number that JSON knows")

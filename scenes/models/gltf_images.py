@@ -1,0 +1,121 @@
+"""Images of a glTF file as files on disk, wherever they were: beside it, inside it, in its JSON."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenes.errors import InputError
+from scenes.geometry.mesh import Floats
+from scenes.importing.changes import Changes
+from scenes.models.gltf_container import Asset, extensions, number, numbers, whole
+
+_WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
+_NEAREST = 9728
+_MAGIC = {b"\x89PNG": ".png", b"\xff\xd8\xff": ".jpg", b"RIFF": ".webp"}
+
+
+@dataclass(frozen=True)
+class Image:
+    """A texture as a material names it: a file, how it repeats, and which coordinates it takes."""
+
+    path: Path
+    wrap: str = "repeat"
+    nearest: bool = False
+    texcoord: int = 0
+    to_uv: Floats | None = None  # 4x4, as Mitsuba takes it
+
+
+@dataclass
+class Images:
+    """Finds the images of `asset`; those inside it are unpacked into `folder`."""
+
+    asset: Asset
+    folder: Path
+    changes: Changes
+    _paths: dict[int, Path | None] = field(default_factory=dict)
+
+    def texture(self, info: Any, where: str) -> Image | None:
+        """The texture that a textureInfo object means; None, with a note, where it is missing."""
+        if not isinstance(info, dict):
+            return None
+        texture = self.asset.item("textures", info.get("index"), where)
+        source = texture.get("source")
+        for name in ("EXT_texture_webp",):
+            source = extensions(texture).get(name, {}).get("source", source)
+        if source is None:
+            self.changes.note("a texture without a readable image was left out: {}", where)
+            return None
+        count = len(self.asset.items("images"))
+        path = self._path(whole(source, f"{self.asset.path}: {where}", 0, count - 1))
+        if path is None:
+            return None
+        sampler = {}
+        if "sampler" in texture:
+            sampler = self.asset.item("samplers", texture["sampler"], where)
+        wraps = [_WRAPS.get(sampler.get(key, 10497), "repeat") for key in ("wrapS", "wrapT")]
+        if wraps[0] != wraps[1]:
+            self.changes.note(
+                "a texture repeats differently in its two directions; the first counts: {}",
+                path.name,
+            )
+        texcoord = whole(info.get("texCoord", 0), f"{self.asset.path}: {where}.texCoord", 0, 15)
+        moved = extensions(info).get("KHR_texture_transform")
+        to_uv = None
+        if moved is not None:
+            to_uv = texture_matrix(moved, f"{self.asset.path}: {where}")
+            if "texCoord" in moved:
+                texcoord = whole(moved["texCoord"], f"{self.asset.path}: {where}.texCoord", 0, 15)
+        return Image(path, wraps[0], sampler.get("magFilter") == _NEAREST, texcoord, to_uv)
+
+    def _path(self, index: int) -> Path | None:
+        if index not in self._paths:
+            self._paths[index] = self._unpack(index)
+        return self._paths[index]
+
+    def _unpack(self, index: int) -> Path | None:
+        image = self.asset.items("images")[index]
+        label = f"{self.asset.path}: images[{index}]"
+        uri = image.get("uri")
+        if isinstance(uri, str) and not uri.startswith("data:"):
+            try:
+                path = self.asset.find(uri, label)
+            except InputError:
+                if "://" not in uri:
+                    raise
+                path = None
+            if path is None:
+                self.changes.note("missing texture, the plain colour stands for it: {}", uri[:120])
+            return path
+        if uri is not None:
+            data = self.asset.fetch(uri, label)
+        else:
+            data, _ = self.asset.view(image.get("bufferView"), f"images[{index}].bufferView")
+        suffix = next((s for magic, s in _MAGIC.items() if data.startswith(magic)), None)
+        if suffix is None:
+            self.changes.note("an image of an unknown kind was left out: {}", f"images[{index}]")
+            return None
+        stem = "".join(
+            c if c.isascii() and c.isalnum() else "_" for c in str(image.get("name", ""))
+        )
+        path = self.folder / f"{stem[:40] or 'image'}_{index}{suffix}"
+        path.write_bytes(data)
+        return path
+
+
+def texture_matrix(moved: dict[str, Any], where: str) -> Floats:
+    """The matrix of KHR_texture_transform: scale, then turn counter-clockwise, then shift.
+
+    v points down in an image, so the turn's signs are those of a left-handed plane.
+    """
+    offset = numbers(moved.get("offset", [0, 0]), 2, f"{where}.offset")
+    scale = numbers(moved.get("scale", [1, 1]), 2, f"{where}.scale")
+    angle = number(moved.get("rotation", 0), f"{where}.rotation")
+    cos, sin = np.cos(angle), np.sin(angle)
+    matrix = np.eye(4)
+    matrix[:2, :2] = np.array([[cos, sin], [-sin, cos]]) @ np.diag(scale)
+    matrix[:2, 3] = offset
+    return matrix

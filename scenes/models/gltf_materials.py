@@ -1,0 +1,302 @@
+"""glTF materials as Mitsuba's: metallic-roughness on `principled`, transmission as glass.
+
+Khronos, *glTF 2.0 Specification*, section 3.9 and appendix B; the KHR_materials_* extensions.
+Both have alpha = roughness squared, so roughness and metalness go over unchanged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from scenes.importing.changes import Changes
+from scenes.importing.textures import TextureStore, UnreadableImage
+from scenes.importing.xml_elements import plugin, prop
+from scenes.mitsuba.materials import Surface
+from scenes.mitsuba.values import Color
+from scenes.models.gltf_container import Asset, extensions, number, numbers
+from scenes.models.gltf_images import Image, Images
+from scenes.models.model import Glow
+
+CLEAR_ROUGHNESS = 0.1  # up to which one sees through glass as through a window
+_WHITE: Color = (1.0, 1.0, 1.0)
+_HANDLED = frozenset(
+    (
+        "KHR_materials_clearcoat",
+        "KHR_materials_emissive_strength",
+        "KHR_materials_ior",
+        "KHR_materials_pbrSpecularGlossiness",
+        "KHR_materials_specular",
+        "KHR_materials_transmission",
+        "KHR_materials_unlit",
+        "KHR_materials_volume",
+    )
+)
+
+
+@dataclass(frozen=True)
+class Finish:
+    """A translated material: its surface, its light, and which texture coordinates it takes."""
+
+    surface: Surface
+    glow: Glow | None = None
+    texcoord: int = 0
+
+
+@dataclass
+class GltfMaterials:
+    """Translates the materials of `asset`; each, with each tint, once."""
+
+    asset: Asset
+    images: Images
+    textures: TextureStore
+    changes: Changes
+    _made: dict[tuple[int | None, Color], Finish] = field(default_factory=dict)
+
+    def finish(self, index: Any, tint: Color = _WHITE) -> Finish:
+        """Material `index` (None: the default one), its base colour times `tint`."""
+        if index is not None:
+            self.asset.item("materials", index, "primitive.material")
+        key = (index, tint)
+        if key not in self._made:
+            self._made[key] = self._translate(index, tint)
+        return self._made[key]
+
+    def _translate(self, index: int | None, tint: Color) -> Finish:
+        material = {} if index is None else self.asset.items("materials")[index]
+        where = f"materials[{index}]"
+        name = str(material.get("name") or where)
+        more = extensions(material)
+        for extension in sorted(set(more) - _HANDLED):
+            self.changes.note(f"material extension {extension} was left out: {{}}", name)
+        if "occlusionTexture" in material:
+            self.changes.note("baked occlusion was left out; the renderer finds its own")
+        paint = self._paint(material, more, tint, where)
+        glow, glow_image = self._glow(material, more, where)
+        surface = self._surface(material, more, paint, where)
+        surface.name = name
+        used = [image for image in (*paint.images, glow_image) if image is not None]
+        texcoord = used[0].texcoord if used else 0
+        if any(image.texcoord != texcoord for image in used):
+            self.changes.note("a second set of texture coordinates was left out: {}", name)
+        return Finish(surface, glow, texcoord)
+
+    def _paint(
+        self, material: dict[str, Any], more: dict[str, Any], tint: Color, where: str
+    ) -> _Paint:
+        """Base colour, roughness and metalness, from either of glTF's two ways to say them."""
+        place = f"{self.asset.path}: {where}"
+        glossy = more.get("KHR_materials_pbrSpecularGlossiness")
+        if glossy is not None and "pbrMetallicRoughness" not in material:
+            self.changes.note("a specular-glossiness material became metallic-roughness")
+            factor = _colour(glossy.get("diffuseFactor", [1, 1, 1, 1]), 4, place)
+            gloss = number(glossy.get("glossinessFactor", 1), place, 0, 1)
+            base = self.images.texture(glossy.get("diffuseTexture"), where)
+            return _Paint(factor * [*tint, 1.0], base, 1 - gloss, 0.0, None)
+        pbr = material.get("pbrMetallicRoughness")
+        pbr = pbr if isinstance(pbr, dict) else {}
+        factor = _colour(pbr.get("baseColorFactor", [1, 1, 1, 1]), 4, place)
+        return _Paint(
+            factor * [*tint, 1.0],
+            self.images.texture(pbr.get("baseColorTexture"), where),
+            number(pbr.get("roughnessFactor", 1), place, 0, 1),
+            number(pbr.get("metallicFactor", 1), place, 0, 1),
+            self.images.texture(pbr.get("metallicRoughnessTexture"), where),
+        )
+
+    def _surface(
+        self, material: dict[str, Any], more: dict[str, Any], paint: _Paint, where: str
+    ) -> Surface:
+        place = f"{self.asset.path}: {where}"
+        transmission = more.get("KHR_materials_transmission", {})
+        through = number(transmission.get("transmissionFactor", 0), place, 0, 1)
+        if through >= 0.5:
+            if through < 0.99 or "transmissionTexture" in transmission:
+                self.changes.note("a partly transmitting material became clear glass")
+            return self._glass(more, paint, place)
+        if through > 0:
+            self.changes.note("a slightly transmitting material became opaque")
+        color = self._color(paint)
+        if "KHR_materials_unlit" in more:
+            self.changes.note("an unlit material became matt")
+            bsdf = plugin("bsdf", "diffuse", reflectance=color)
+        else:
+            bsdf = self._principled(more, paint, color, place)
+        bsdf = self._normals(material, bsdf, where)
+        wrapped = plugin("bsdf", "twosided")
+        wrapped.append(bsdf)
+        return self._alpha(material, paint, wrapped, place)
+
+    def _principled(
+        self, more: dict[str, Any], paint: _Paint, color: Color | Element, place: str
+    ) -> Element:
+        rough, metal = self._channels(paint)
+        ior = number(more.get("KHR_materials_ior", {}).get("ior", 1.5), place, 1, 4)
+        gloss = more.get("KHR_materials_specular", {})
+        strength = number(gloss.get("specularFactor", 1), place, 0, 1)
+        # Mitsuba's `specular` is the reflectance at normal incidence over 8 %.
+        specular = min(((ior - 1) / (ior + 1)) ** 2 * strength / 0.08, 1.0)
+        made = plugin("bsdf", "principled", base_color=color, roughness=rough, metallic=metal)
+        made.append(prop("specular", float(specular)))
+        coat = more.get("KHR_materials_clearcoat", {})
+        amount = number(coat.get("clearcoatFactor", 0), place, 0, 1)
+        if amount > 0:
+            softness = number(coat.get("clearcoatRoughnessFactor", 0), place, 0, 1)
+            made.append(prop("clearcoat", amount))
+            made.append(prop("clearcoat_gloss", 1 - softness))
+        return made
+
+    def _glass(self, more: dict[str, Any], paint: _Paint, place: str) -> Surface:
+        """Thin walls unless KHR_materials_volume gives them thickness; rough ones are frosted."""
+        ior = number(more.get("KHR_materials_ior", {}).get("ior", 1.5), place, 1.01, 4)
+        volume = more.get("KHR_materials_volume", {})
+        solid = number(volume.get("thicknessFactor", 0), place, 0) > 0
+        if "attenuationColor" in volume:
+            self.changes.note("colour that light takes on inside of glass was left out")
+        if paint.base is not None:
+            self.changes.note("a texture on glass was left out: {}", paint.base.path.name)
+        tint = paint.color
+        clear = paint.roughness <= CLEAR_ROUGHNESS
+        if clear or solid:
+            kind = "dielectric" if solid else "thindielectric"
+            made = plugin("bsdf", kind if clear else "roughdielectric", int_ior=ior)
+            if not clear:
+                made.append(prop("alpha", max(paint.roughness**2, 0.001)))
+                made.append(prop("distribution", "ggx"))
+            if min(tint) < 1:
+                made.append(prop("specular_transmittance", tint))
+        else:
+            made = plugin("bsdf", "principledthin", base_color=tint, roughness=paint.roughness)
+            made.append(prop("spec_trans", 1.0))
+            made.append(prop("eta", ior))
+        return Surface(made, transmissive=True, see_through=clear, frosted=not clear)
+
+    def _alpha(self, material: dict[str, Any], paint: _Paint, bsdf: Element, place: str) -> Surface:
+        mode = material.get("alphaMode", "OPAQUE")
+        whole = Surface(bsdf, double=True)
+        alpha = float(paint.factor[3])
+        opacity: float | Element
+        if mode == "MASK":
+            cutoff = number(material.get("alphaCutoff", 0.5), place, 0)
+            if paint.base is None:
+                opacity = 1.0 if alpha >= cutoff else 0.0
+            else:
+                opacity = self._image(paint.base, "cutout", alpha, cutoff)
+        elif mode == "BLEND":
+            opacity = alpha
+            if paint.base is not None and self._has_alpha(paint.base):
+                opacity = self._image(paint.base, "alpha", alpha, 0)
+        else:
+            return whole
+        if isinstance(opacity, float):
+            if opacity >= 1:
+                return whole
+            if opacity <= 0:
+                return Surface(None, transmissive=True, see_through=True, invisible=True)
+        made = plugin("bsdf", "mask", opacity=opacity)
+        made.append(bsdf)
+        clear = isinstance(opacity, float) and opacity <= 0.3
+        return Surface(made, transmissive=True, see_through=clear)
+
+    def _glow(
+        self, material: dict[str, Any], more: dict[str, Any], where: str
+    ) -> tuple[Glow | None, Image | None]:
+        place = f"{self.asset.path}: {where}"
+        factor = _colour(material.get("emissiveFactor", [0, 0, 0]), 3, place)
+        extension = more.get("KHR_materials_emissive_strength", {})
+        strength = number(extension.get("emissiveStrength", 1), place, 0, 1e9)
+        if factor.max() * strength <= 0:
+            return None, None
+        image = self.images.texture(material.get("emissiveTexture"), where)
+        color = (float(factor[0]) * strength, float(factor[1]) * strength,
+                 float(factor[2]) * strength)  # fmt: skip
+        if image is None:
+            return Glow(color), None
+        return Glow(color, image.path, image.to_uv), image
+
+    def _color(self, paint: _Paint) -> Color | Element:
+        if paint.base is None:
+            return paint.color
+        return self._image(paint.base, "color", paint.color, 0)
+
+    def _channels(self, paint: _Paint) -> tuple[float | Element, float | Element]:
+        if paint.ruled is None:
+            return paint.roughness, paint.metalness
+        return (
+            self._image(paint.ruled, "green", paint.roughness, 0),
+            self._image(paint.ruled, "blue", paint.metalness, 0),
+        )
+
+    def _normals(self, material: dict[str, Any], bsdf: Element, where: str) -> Element:
+        info = material.get("normalTexture")
+        image = self.images.texture(info, where)
+        if image is None:
+            return bsdf
+        if isinstance(info, dict) and info.get("scale", 1) != 1:
+            self.changes.note("the strength of a normal map was left out")
+        made = self._image(image, "data", _WHITE, 0)
+        if not isinstance(made, Element):
+            return bsdf
+        wrapped = plugin("bsdf", "normalmap")
+        wrapped.append(prop("normalmap", made))
+        wrapped.append(bsdf)
+        return wrapped
+
+    def _has_alpha(self, image: Image) -> bool:
+        try:
+            return self.textures.alpha(image.path) is not None
+        except UnreadableImage:
+            return False
+
+    def _image(self, image: Image, use: str, factor: Any, cutoff: float) -> Any:
+        """A bitmap texture, or what stands for a damaged one: the factor alone."""
+        store, path = self.textures, image.path
+        try:
+            if use == "color":
+                scaled = min(factor) < 1
+                stored = store.scaled(path, np.array(factor)) if scaled else store.color(path)
+            elif use == "data":
+                stored = store.color(path)
+            elif use == "cutout":
+                stored = store.cutout(path, factor, cutoff)
+            else:
+                channel = {"green": 1, "blue": 2, "alpha": 3}[use]
+                stored = store.channel_scaled(path, channel, factor)
+        except UnreadableImage as error:
+            self.changes.note(
+                "damaged texture, the plain value stands for it: {}", f"{path.name} ({error})"
+            )
+            return factor
+        return plugin(
+            "texture",
+            "bitmap",
+            filename=stored,
+            filter_type="nearest" if image.nearest else None,
+            wrap_mode=image.wrap if image.wrap != "repeat" else None,
+            raw=None if use == "color" else True,
+            to_uv=image.to_uv,
+        )
+
+
+@dataclass(frozen=True)
+class _Paint:
+    factor: np.ndarray  # RGBA, linear
+    base: Image | None
+    roughness: float
+    metalness: float
+    ruled: Image | None  # green is roughness, blue is metalness
+
+    @property
+    def color(self) -> Color:
+        return (float(self.factor[0]), float(self.factor[1]), float(self.factor[2]))
+
+    @property
+    def images(self) -> tuple[Image | None, ...]:
+        return (self.base, self.ruled)
+
+
+def _colour(value: Any, count: int, place: str) -> np.ndarray:
+    return np.clip(np.array(numbers(value, count, place)), 0.0, 1.0)

@@ -1,0 +1,1 @@
+"""Furniture placement of procedural homes, room by room."""

@@ -1,0 +1,1 @@
+"""Rooms found in triangles, and the gaps of their enclosure closed."""

@@ -1,0 +1,115 @@
+"""Which way is up, and how large a metre is, in a scene that does not say."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scenes.geometry.mesh import Floats, face_areas
+from scenes.reconstruction.raycast import RayCaster
+
+ROOM_HEIGHTS = (2.0, 6.5)  # metres between floor and ceiling that need no explanation
+_USUAL_HEIGHT = 2.7
+_UNITS = {
+    "centimetres": 0.01,
+    "millimetres": 0.001,
+    "inches": 0.0254,
+    "feet": 0.3048,
+    "decimetres": 0.1,
+    "kilometres": 1000.0,
+}
+_MAX_CROSSINGS = 48
+
+
+def signed_axis(vector: Floats) -> Floats:
+    """The coordinate axis, with its sign, nearest to `vector`."""
+    axis = np.zeros(3)
+    largest = int(np.argmax(np.abs(vector)))
+    axis[largest] = 1.0 if vector[largest] >= 0 else -1.0
+    return axis
+
+
+def up_from_geometry(corners: Floats, usual: Floats) -> Floats:
+    """The axis with the most area of floor-like triangles at both ends; `usual` if undecided."""
+    areas, normals = face_areas(corners)
+    centres = corners.mean(axis=1)
+    shares = np.zeros(3)
+    for axis in range(3):
+        along = centres[:, axis]
+        low, high = along.min(), along.max()
+        edge = 0.08 * max(high - low, 1e-9)
+        level = np.abs(normals[:, axis]) > 0.95
+        ends = (along < low + edge) | (along > high - edge)
+        shares[axis] = areas[level & ends].sum()
+    best = int(np.argmax(shares))
+    guess = int(np.argmax(np.abs(usual)))
+    # Walls are as flat as floors: leave what is usual unless another axis is far ahead.
+    if best == guess or shares[best] < 3 * shares[guess]:
+        return usual
+    return np.eye(3)[best]
+
+
+def upright(up: Floats) -> Floats:
+    """A rotation (3, 3) that takes the axis `up` to +Z; Y up gives (x, y, z) -> (x, -z, y)."""
+    axis = int(np.argmax(np.abs(up)))
+    sign = 1.0 if up[axis] > 0 else -1.0
+    if axis == 2:
+        return np.eye(3) if sign > 0 else np.diag([1.0, -1.0, -1.0])
+    turn = np.zeros((3, 3))
+    keep = 0 if axis == 1 else 1
+    turn[0, keep] = 1.0
+    turn[2] = sign * np.eye(3)[axis]
+    turn[1] = np.cross(turn[2], turn[0])
+    return turn
+
+
+def crossings(rays: RayCaster, points: Floats, low: float, high: float) -> list[Floats]:
+    """For each column (x, y) of `points` (N, 2), the heights where a vertical line meets a surface,
+    from below upwards."""
+    step = 1e-5 * max(high - low, 1e-6)
+    heights: list[list[float]] = [[] for _ in points]
+    start = np.full(len(points), low - 10 * step)
+    alive = np.arange(len(points))
+    for _ in range(_MAX_CROSSINGS):
+        if not len(alive):
+            break
+        origins = np.column_stack([points[alive], start[alive]])
+        distance, _ = rays.cast(origins, np.array([0.0, 0.0, 1.0]))
+        hit = np.isfinite(distance)
+        alive = alive[hit]
+        found = start[alive] + distance[hit]
+        for index, height in zip(alive.tolist(), found.tolist(), strict=True):
+            heights[index].append(height)
+        start[alive] = found + step
+    return [np.array(column) for column in heights]
+
+
+def tallest_gaps(columns: list[Floats], through: float | None) -> Floats:
+    """Each column's tallest free interval (low, high), or the one that holds height `through`."""
+    gaps = []
+    for column in columns:
+        if len(column) < 2:
+            continue
+        if through is not None:
+            above = int(np.searchsorted(column, through))
+            if 0 < above < len(column):
+                gaps.append((column[above - 1], column[above]))
+        else:
+            tallest = int(np.argmax(np.diff(column)))
+            gaps.append((column[tallest], column[tallest + 1]))
+    return np.array(gaps).reshape(-1, 2)
+
+
+def guess_scale(height: float) -> tuple[float, str]:
+    """The factor to metres for a room that is `height` units high, and the unit's name."""
+    low, high = ROOM_HEIGHTS
+    if low <= height <= high:
+        return 1.0, "metres"
+    fitting = [
+        (abs(np.log(height * factor / _USUAL_HEIGHT)), factor, name)
+        for name, factor in _UNITS.items()
+        if low <= height * factor <= high
+    ]
+    if fitting:
+        _, factor, name = min(fitting)
+        return factor, name
+    return _USUAL_HEIGHT / height, f"units of {_USUAL_HEIGHT / height:.3g} m"

@@ -1,0 +1,1 @@
+"""Walls, slabs, openings, rooms and portals of a Sweet Home 3D home."""

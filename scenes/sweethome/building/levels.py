@@ -1,0 +1,85 @@
+"""Levels of a home: which are there, how high they lie, what they hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scenes.errors import InputError
+from scenes.importing.changes import Changes
+from scenes.sweethome.home import Home, Level, Piece, RoomShape, Wall
+
+
+@dataclass(frozen=True)
+class Storey:
+    """A level with what stands on it; heights in centimetres above the ground.
+
+    `base` is where its walls start: the underside of its floor, but for the lowest level.
+    """
+
+    number: int
+    name: str
+    elevation: float
+    base: float
+    floor_thickness: float
+    height: float
+    is_lowest: bool
+    is_highest: bool
+    above: float | None  # elevation of the next level that lies higher
+    walls: tuple[Wall, ...]
+    rooms: tuple[RoomShape, ...]
+    pieces: tuple[Piece, ...]
+
+
+def storeys(home: Home, wanted: tuple[str, ...], changes: Changes) -> list[Storey]:
+    """The storeys of a home, lowest first; only the levels in `wanted` (names) if any are given.
+
+    Raises `InputError` for a name that no level has.
+    """
+    if not home.levels:
+        if wanted:
+            raise InputError(f"this home has no levels; leave out {', '.join(map(repr, wanted))}")
+        height = home.wall_height
+        return [Storey(0, "", 0, 0, 0, height, True, True, None,
+                       home.walls, home.rooms, home.pieces)]  # fmt: skip
+    levels = sorted(home.levels, key=lambda level: (level.elevation, level.index))
+    names = [level.name for level in levels]
+    unknown = [name for name in wanted if name not in names]
+    if unknown:
+        raise InputError(f"no level is called {unknown[0]!r}; there are {', '.join(names)}")
+    lowest, highest = levels[0].elevation, levels[-1]
+    made = []
+    for number, level in enumerate(levels):
+        if wanted and level.name not in wanted:
+            changes.note("levels that were not asked for were left out: {}", level.name)
+            continue
+        if not wanted and not level.viewable:
+            changes.note("levels that the home never shows in 3D were left out: {}", level.name)
+            continue
+        if not level.visible:
+            changes.note("levels that are hidden in the home were brought in: {}", level.name)
+        above = [other.elevation for other in levels if other.elevation > level.elevation + 1.0]
+        thickness = 0.0 if level.elevation == lowest else level.floor_thickness
+        made.append(
+            Storey(
+                number=number,
+                name=level.name,
+                elevation=level.elevation,
+                base=level.elevation - thickness,
+                floor_thickness=thickness,
+                height=level.height,
+                is_lowest=level.elevation == lowest,
+                is_highest=level is highest,
+                above=min(above, default=None),
+                walls=tuple(wall for wall in home.walls if _level(wall, levels) is level),
+                rooms=tuple(room for room in home.rooms if _level(room, levels) is level),
+                pieces=tuple(piece for piece in home.pieces if _level(piece, levels) is level),
+            )
+        )
+    if not made:
+        raise InputError("no level is left to import")
+    return made
+
+
+def _level(item: Wall | RoomShape | Piece, levels: list[Level]) -> Level:
+    """The level of an item; the lowest for items that name none or one that is not there."""
+    return next((level for level in levels if level.id == item.level), levels[0])

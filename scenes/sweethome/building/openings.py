@@ -1,0 +1,133 @@
+"""Doors and windows: which walls they cut, the holes they leave, the panes' plane."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import manifold3d
+import numpy as np
+import shapely
+from shapely.affinity import translate
+from shapely.geometry import Polygon, box
+from shapely.geometry.base import BaseGeometry
+from shapely.ops import unary_union
+
+from scenes.geometry.mesh import Floats
+from scenes.importing.changes import Changes
+from scenes.sweethome.building.cutouts import UnreadablePath, path_region
+from scenes.sweethome.building.solids import polygons
+from scenes.sweethome.home import Piece
+
+_TOUCH = 1.0  # square centimetres of overlap that make a door cut a wall
+_PAST = 3.0  # cm by which a hole is deeper than the wall, skirting included
+_AT_FLOOR = 0.5  # cm between floor and hole up to which it has no sill
+_SUNK = 1.5  # cm that such a hole reaches into the floor: no wall shows in the floor's face
+_WHOLE = box(0, 0, 1, 1)
+
+
+@dataclass(frozen=True)
+class Opening:
+    """A door or window in plan coordinates (cm): its frame and the shape it cuts out.
+
+    `across` points along its width, `out` along its depth to its front. `shape` is the cut-out
+    in (distance along the width from the centre, height above the ground), cm.
+    """
+
+    piece: Piece
+    centre: Floats
+    across: Floats
+    out: Floats
+    shape: BaseGeometry
+
+    @property
+    def footprint(self) -> Polygon:
+        """The region that the piece covers on the plan."""
+        return self._strip(-0.5 * self.piece.depth, 0.5 * self.piece.depth)
+
+    def depths(self, wall: BaseGeometry, is_round: bool) -> tuple[float, float] | None:
+        """From where to where along `out` the hole in a wall's region must reach; None if none."""
+        footprint = self.footprint
+        if wall.intersection(footprint).area < _TOUCH:
+            return None
+        reach = 0.5 * self.piece.depth
+        near = wall.intersection(self._strip(-reach - 200, reach + 200))
+        touched = [part for part in polygons(near) if part.intersection(footprint).area >= _TOUCH]
+        if not touched:
+            return None
+        across = [self._depths(part) for part in touched]
+        low = min(depth.min() for depth in across)
+        high = max(depth.max() for depth in across)
+        if not is_round and high - low > reach * 2 + 120:
+            # The wall runs away from the door: only what the piece covers is cut.
+            low, high = max(low, -reach), min(high, reach)
+        return (low - _PAST, high + _PAST)
+
+    def hole(self, low: float, high: float, floor: float) -> manifold3d.Manifold:
+        """The cut-out between two depths (cm), as a solid in the world (m).
+
+        `floor` (cm above the ground) is that of the storey whose wall is cut.
+        """
+        contours = []
+        shape = self.shape
+        if abs(shape.bounds[1] - floor) < _AT_FLOOR:
+            shape = unary_union([shape, translate(shape, 0, -_SUNK)])
+        for part in polygons(shape):
+            contours.append(np.asarray(part.exterior.coords)[:-1])
+            contours += [np.asarray(inner.coords)[:-1] for inner in part.interiors]
+        section = manifold3d.CrossSection(contours, manifold3d.FillRule.Positive)
+        solid = manifold3d.Manifold.extrude(section, high - low)
+        # Section x runs along the width, y upwards, the extrusion along `out`: right-handed.
+        across, out = self.across * [1, -1], self.out * [1, -1]
+        origin = self.centre * [1, -1] + low * out
+        frame = np.array(
+            [
+                [across[0], 0.0, out[0], origin[0]],
+                [across[1], 0.0, out[1], origin[1]],
+                [0.0, 1.0, 0.0, 0.0],
+            ]
+        )
+        return solid.transform(0.01 * frame)
+
+    def at(self, along: float, depth: float) -> Floats:
+        """Plan coordinates of a place in the opening's frame."""
+        return self.centre + along * self.across + depth * self.out
+
+    def _depths(self, region: Polygon) -> Floats:
+        return (np.asarray(region.exterior.coords) - self.centre) @ self.out
+
+    def _strip(self, low: float, high: float) -> Polygon:
+        half = 0.5 * self.piece.width
+        corners = [(-half, low), (half, low), (half, high), (-half, high)]
+        return Polygon([self.at(along, depth) for along, depth in corners])
+
+
+def opening_of(piece: Piece, elevation: float, changes: Changes) -> Opening | None:
+    """The opening that a door or window makes; `elevation` is its level's (cm)."""
+    if piece.cut is None or piece.width <= 0 or piece.height <= 0:
+        return None
+    cosine, sine = math.cos(piece.angle), math.sin(piece.angle)
+    region: BaseGeometry = _WHOLE
+    if piece.cut.shape:
+        try:
+            region = path_region(piece.cut.shape).intersection(_WHOLE)
+        except (UnreadablePath, ValueError) as error:
+            changes.note("cut-out shapes that cannot be read became rectangles: {}",
+                         f"{piece.name} ({error})")  # fmt: skip
+        if region.area < 1e-4:
+            region = _WHOLE
+    cut, bottom = piece.cut, elevation + piece.elevation
+    mirror = -1.0 if piece.mirrored else 1.0
+
+    def placed(points: Floats) -> Floats:
+        across = cut.left + cut.width * points[:, 0] - 0.5
+        up = 1.0 - (cut.top + cut.height * points[:, 1])
+        return np.stack([mirror * across * piece.width, bottom + up * piece.height], axis=1)
+
+    return Opening(
+        piece=piece,
+        centre=np.array([piece.x, piece.y]),
+        across=np.array([cosine, sine]),
+        out=np.array([-sine, cosine]),
+        shape=shapely.transform(region, placed),
+    )

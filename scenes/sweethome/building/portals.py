@@ -1,0 +1,117 @@
+"""Where doors and windows lead: the plane of their panes, and what lies on either side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from shapely.geometry import Polygon
+from shapely.geometry.base import BaseGeometry
+
+from scenes.geometry.mesh import Floats
+from scenes.sweethome.building.openings import Opening
+from scenes.sweethome.building.solids import polygons
+from scenes.sweethome.furnishing.items import Thing
+
+_BEYOND = 25.0  # cm in front of and behind a wall where its sides are looked at
+_MAX_CORNERS = 48
+_COVER = 0.5  # share of an opening that a closed door or a blind hides
+
+
+@dataclass(frozen=True)
+class Doorway:
+    """An opening through walls. `polygon` (N, 3) is counter-clockwise seen from its front.
+
+    `front` and `back` are points (3,) on either side; `normal` (3,) points to the front. World,
+    metres.
+    """
+
+    polygon: Floats
+    normal: Floats
+    front: Floats
+    back: Floats
+    depth: float  # metres between the outermost wall faces
+
+    def is_clear(self, things: list[Thing]) -> bool:
+        """Whether sight passes most of it: nothing opaque stands in its hole.
+
+        Rays through a grid of points are tested against the triangles of doors and windows.
+        """
+        middle = self.polygon.mean(axis=0)
+        reach = np.linalg.norm(self.polygon - middle, axis=1).max() + 0.1
+        across = self.polygon[1] - self.polygon[0]
+        across = across / max(np.linalg.norm(across), 1e-9)
+        axes = np.stack([np.cross([0.0, 0, 1], self.normal), [0.0, 0, 1]])
+        flat = (self.polygon - middle) @ axes.T
+        low, high = flat.min(axis=0), flat.max(axis=0)
+        grid = np.stack(
+            np.meshgrid(*(np.linspace(a, b, 11)[1::2] for a, b in zip(low, high, strict=True))),
+            axis=-1,
+        ).reshape(-1, 2)
+        hidden = np.zeros(len(grid), dtype=bool)
+        for thing in things:
+            if thing.category not in ("door", "window"):
+                continue
+            bounds = thing.bounds
+            if (bounds[1] < middle - reach).any() or (bounds[0] > middle + reach).any():
+                continue
+            for part in thing.parts:
+                if part.finish.kind in ("glass", "sheer"):
+                    continue
+                corners = part.mesh.corners - middle
+                near = np.abs(corners @ self.normal).min(axis=1) < 0.5 * self.depth + 0.1
+                hidden |= _covered(corners[near] @ axes.T, grid)
+        return bool(hidden.mean() < _COVER)
+
+
+def doorways(opening: Opening, walls: list[tuple[BaseGeometry, bool]]) -> list[Doorway]:
+    """The way through the walls that an opening cuts; none if it cuts none of these."""
+    spans = [span for region, is_round in walls if (span := opening.depths(region, is_round))]
+    if not spans:
+        return []
+    low, high = min(span[0] for span in spans), max(span[1] for span in spans)
+    # The panes stand at the piece's own middle where that is inside the wall.
+    depth = min(max(0.0, low + 4.0), high - 4.0)
+    ways = []
+    for part in polygons(opening.shape):
+        outline = _few_corners(part)
+        ring = np.asarray(outline.exterior.coords)[:-1]
+        points = np.array([[*opening.at(along, depth), up] for along, up in ring])
+        along, up = part.representative_point().coords[0]
+        sides = [
+            np.array([*opening.at(along, at), up]) * [0.01, -0.01, 0.01]
+            for at in (high + _BEYOND, low - _BEYOND)
+        ]
+        normal = np.array([opening.out[0], -opening.out[1], 0.0])
+        ways.append(
+            Doorway(points * [0.01, -0.01, 0.01], normal, sides[0], sides[1], 0.01 * (high - low))
+        )
+    return ways
+
+
+def _few_corners(part: Polygon) -> Polygon:
+    """The outline with few corners; what is very round becomes its bounding box."""
+    outline = Polygon(part.exterior)
+    if len(outline.exterior.coords) - 1 > _MAX_CORNERS:
+        outline = outline.simplify(0.5)
+    if len(outline.exterior.coords) - 1 > _MAX_CORNERS:
+        outline = outline.envelope
+    return outline
+
+
+def _covered(triangles: Floats, points: Floats) -> np.ndarray:
+    """Which points (N, 2) lie in any of the triangles (T, 3, 2)."""
+    covered = np.zeros(len(points), dtype=bool)
+    if not len(triangles):
+        return covered
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    for number, point in enumerate(points):
+        signs = np.stack(
+            [
+                (q[:, 0] - p[:, 0]) * (point[1] - p[:, 1])
+                - (q[:, 1] - p[:, 1]) * (point[0] - p[:, 0])
+                for p, q in ((a, b), (b, c), (c, a))
+            ]
+        )
+        covered[number] = bool(((signs > 0).all(axis=0) | (signs < 0).all(axis=0)).any())
+    return covered

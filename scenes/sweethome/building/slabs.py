@@ -1,0 +1,291 @@
+"""Floors, ceilings and the ground as closed slabs; stairwells cut through them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import mapbox_earcut
+import numpy as np
+import shapely
+from shapely.geometry import Polygon, box
+from shapely.geometry.base import BaseGeometry
+from shapely.ops import unary_union
+
+from scenes.geometry.mesh import Floats, Mesh
+from scenes.importing.changes import Changes
+from scenes.sweethome.building.cutouts import UnreadablePath, path_region
+from scenes.sweethome.building.levels import Storey
+from scenes.sweethome.building.solids import polygonal, polygons, prism, surface, world_region
+from scenes.sweethome.building.spaces import Space
+from scenes.sweethome.building.walls import PlannedWall
+from scenes.sweethome.furnishing.finishes import earthen, laid, paint_of, surface_finish
+from scenes.sweethome.furnishing.items import Finish, Part, Thing
+from scenes.sweethome.home import Environment, Piece, Surface
+
+Well = tuple[BaseGeometry, float, float]  # region (world), foot and top (cm)
+_FLOOR = 0.12  # metres: thickness of a floor on the ground
+_CEILING = 0.12  # metres: of a ceiling with nothing above
+_BEHIND = 0.02  # metres above a ceiling's face from which one slab backs all ceilings
+_SAME_CORNER = 0.1  # cm between corners of walls that count as one
+_STEP = 20.0  # cm: walls at a corner that differ more are meant to
+_GROUND = -0.03  # metres: the ground lies a little below floors at 0
+_REACH = 2500.0  # metres of ground to each side
+
+
+def stairwells(pieces: list[tuple[Piece, float]], changes: Changes) -> list[Well]:
+    """Regions (world) that stairs open in floors, with their foot and top in cm.
+
+    `pieces` come with the elevation of their level (cm).
+    """
+    wells = []
+    for piece, elevation in pieces:
+        if piece.staircase is None:
+            continue
+        try:
+            shape = path_region(piece.staircase).intersection(box(0, 0, 1, 1))
+        except (UnreadablePath, ValueError) as error:
+            changes.note("stairwell shapes that cannot be read became rectangles: {}",
+                         f"{piece.name} ({error})")  # fmt: skip
+            shape = box(0, 0, 1, 1)
+        cosine, sine = math.cos(piece.angle), math.sin(piece.angle)
+        mirror = -1.0 if piece.mirrored else 1.0
+
+        def placed(points: Floats, piece: Piece = piece, mirror: float = mirror,
+                   cosine: float = cosine, sine: float = sine) -> Floats:  # fmt: skip
+            across = mirror * (points[:, 0] - 0.5) * piece.width
+            out = (points[:, 1] - 0.5) * piece.depth
+            return np.stack(
+                [piece.x + across * cosine - out * sine, piece.y + across * sine + out * cosine],
+                axis=1,
+            )
+
+        foot = elevation + piece.elevation
+        wells.append((world_region(shapely.transform(shape, placed)), foot, foot + piece.height))
+    return wells
+
+
+class CeilingHeights:
+    """Heights of a storey's ceilings: its own height, or on the highest level that of the walls.
+
+    There a ceiling's corner is as high as the nearest corner of a wall, as in the application,
+    which asks for corners of the room as it is drawn: `over` answers for places beyond.
+    """
+
+    def __init__(self, storey: Storey, walls: list[PlannedWall]) -> None:
+        self._level = 0.01 * (storey.elevation + storey.height)
+        self._points = np.zeros((0, 2))
+        self._tops = np.zeros(0)
+        if storey.is_highest and walls:
+            self._points = np.concatenate(
+                [np.concatenate([one.outline.left, one.outline.right]) for one in walls]
+            )
+            self._tops = np.concatenate(
+                [one.top(np.concatenate([one.outline.left, one.outline.right])) for one in walls]
+            )
+
+    def at(self, points: Floats) -> Floats:
+        """Heights (m) at world points (N, 2)."""
+        if not len(self._tops):
+            return np.full(len(points), self._level)
+        plan = points * [100, -100]
+        made = np.empty(len(plan))
+        for number, point in enumerate(plan):
+            away = np.linalg.norm(self._points - point, axis=1)
+            top = self._tops[int(np.argmin(away))]
+            # Walls that meet here end at slightly different heights if one slopes: the lowest
+            # decides, or there would be a gap above it.
+            meeting = self._tops[away < away.min() + _SAME_CORNER]
+            made[number] = meeting[np.abs(meeting - top) < _STEP].min()
+        return 0.01 * made
+
+    def over(self, region: BaseGeometry, points: Floats) -> Floats:
+        """Heights (m) at `points` (N, 2) of a ceiling drawn as `region`, which they may overstep.
+
+        Between the corners of the region's rim heights change evenly.
+        """
+        rims = [
+            np.asarray(ring.coords)
+            for part in polygons(region)
+            for ring in (part.exterior, *part.interiors)
+        ]
+        starts = np.concatenate([rim[:-1] for rim in rims])
+        ends = np.concatenate([rim[1:] for rim in rims])
+        low, high = self.at(starts), self.at(ends)
+        if np.ptp(low) < 1e-3:
+            return np.full(len(points), float(np.median(low)))
+        along = ends - starts
+        length = np.maximum((along**2).sum(axis=1), 1e-18)
+        made = np.empty(len(points))
+        for number, point in enumerate(points):
+            share = np.clip(((point - starts) * along).sum(axis=1) / length, 0.0, 1.0)
+            away = ((starts + share[:, None] * along - point) ** 2).sum(axis=1)
+            edge = int(np.argmin(away))
+            made[number] = low[edge] + share[edge] * (high[edge] - low[edge])
+        return made
+
+
+def build_slabs(
+    storey: Storey,
+    spaces: list[Space],
+    heights: CeilingHeights,
+    wells: list[Well],
+) -> list[Thing]:
+    """One floor and one ceiling for each room, and a slab behind the ceilings."""
+    floor_z, ceiling_z = storey.elevation, storey.elevation + storey.height
+    through_floor = unary_union(
+        [
+            region
+            for region, foot, top in wells
+            if foot < floor_z and top >= floor_z - storey.floor_thickness
+        ]
+    )
+    through_ceiling = unary_union(
+        [region for region, foot, top in wells if foot < ceiling_z <= top and not storey.is_highest]
+    )
+    thickness = _FLOOR if storey.is_lowest else max(0.01 * storey.floor_thickness - 0.01, 0.02)
+    above = _CEILING
+    if storey.above is not None:
+        above = min(above, max(0.01 * (storey.above - ceiling_z) - 0.02, 0.03))
+    things: list[Thing] = []
+    backing: list[tuple[BaseGeometry, float]] = []
+    for number, space in enumerate(spaces):
+        label = space.shape.name or "room"
+        region = space.floor_slab.difference(through_floor)
+        mesh = surface(prism(region, 0.01 * floor_z - thickness, 0.01 * floor_z))
+        if mesh is not None:
+            part = _covered(mesh, space.shape.floor, -1.0)
+            name = f"floor-{storey.number}-{number}"
+            things.append(
+                Thing(name, f"{label} floor", "floor", (part,), True, level=storey.number)
+            )
+        region = space.ceiling_slab.difference(through_ceiling)
+        mesh, flat = _ceiling(region, space.ceiling, heights, above)
+        if mesh is not None:
+            part = _covered(mesh, space.shape.ceiling, 1.0)
+            name = f"ceiling-{storey.number}-{number}"
+            things.append(
+                Thing(name, f"{label} ceiling", "ceiling", (part,), True, level=storey.number)
+            )
+            if flat is not None:
+                backing.append((region, flat))
+    for number, z in enumerate(sorted({round(z, 4) for _, z in backing})):
+        regions = [region for region, height in backing if abs(height - z) < 1e-3]
+        together = unary_union([region.buffer(1e-3, join_style="mitre") for region in regions])
+        together = together.buffer(-2e-3, join_style="mitre").difference(through_ceiling)
+        if above > 2 * _BEHIND:
+            mesh = surface(prism(together, z + _BEHIND, z + above - 0.005))
+            if mesh is not None:
+                part = Part(mesh, Finish(color=(0.5, 0.5, 0.5)))
+                name = f"slab-{storey.number}-{number}"
+                things.append(Thing(name, "slab", "structure", (part,), True, level=storey.number))
+    return things
+
+
+def build_ground(environment: Environment, below: list[BaseGeometry], centre: Floats) -> Thing:
+    """The ground around the home, open where floors lie below it."""
+    x, y = centre
+    region: BaseGeometry = box(x - _REACH, y - _REACH, x + _REACH, y + _REACH)
+    if below:
+        region = region.difference(unary_union(below))
+    vertices, faces = triangulated(region)
+    points = np.column_stack([vertices, np.full(len(vertices), _GROUND)])
+    texture = environment.ground_texture
+    uvs = None
+    if texture is not None:
+        uvs = laid(100 * vertices, texture)
+        uvs = np.stack([uvs[:, 0], 1 - uvs[:, 1]], axis=1)
+    finish = surface_finish(Surface(None, texture), earthen(paint_of(environment.ground_color)))
+    return Thing(
+        "ground", "ground", "ground", (Part(Mesh(points, faces, None, uvs), finish),), True
+    )
+
+
+def triangulated(region: BaseGeometry) -> tuple[Floats, np.ndarray]:
+    """Triangles of a region, holes left out: vertices (V, 2) and faces (F, 3), facing up."""
+    vertices, faces, start = [], [], 0
+    for part in polygons(region):
+        rings = [np.asarray(part.exterior.coords)[:-1]]
+        rings += [np.asarray(hole.coords)[:-1] for hole in part.interiors]
+        points = np.concatenate(rings)
+        ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
+        found = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3).astype(np.int64)
+        a, b, c = (points[found[:, corner]] for corner in range(3))
+        turned = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+        found[turned < 0] = found[turned < 0][:, ::-1]
+        vertices.append(points)
+        faces.append(found + start)
+        start += len(points)
+    if not vertices:
+        return np.zeros((0, 2)), np.zeros((0, 3), dtype=np.int64)
+    return np.concatenate(vertices), np.concatenate(faces)
+
+
+def _ceiling(
+    region: BaseGeometry, drawn: BaseGeometry, heights: CeilingHeights, thickness: float
+) -> tuple[Mesh | None, float | None]:
+    """A ceiling's surface over `region`, and its height where it is level."""
+    corners = [np.asarray(ring.coords)[:-1] for part in polygons(region)
+               for ring in (part.exterior, *part.interiors)]  # fmt: skip
+    if not corners or not polygons(drawn):
+        return None, None
+    tops = heights.over(drawn, np.concatenate(corners))
+    if np.ptp(tops) < 1e-3:
+        z = float(np.median(tops))
+        return surface(prism(region, z, z + thickness)), z
+    vertices, faces = _creased_at(region, drawn)
+    lowest = heights.over(drawn, vertices)
+    low = np.column_stack([vertices, lowest])
+    high = np.column_stack([vertices, lowest + thickness])
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    keys = {(int(a), int(b)) for a, b in edges}
+    rim = np.array([(a, b) for a, b in sorted(keys) if (b, a) not in keys], dtype=np.int64)
+    count = len(low)
+    sides = np.concatenate(
+        [
+            np.stack([rim[:, 0], rim[:, 1], rim[:, 1] + count], axis=1),
+            np.stack([rim[:, 0], rim[:, 1] + count, rim[:, 0] + count], axis=1),
+        ]
+    )
+    all_faces = np.concatenate([faces[:, ::-1], faces + count, sides])
+    points = np.concatenate([low, high])[all_faces].reshape(-1, 3)
+    return Mesh(points, np.arange(len(points)).reshape(-1, 3)), None
+
+
+def _creased_at(region: BaseGeometry, drawn: BaseGeometry) -> tuple[Floats, np.ndarray]:
+    """Triangles of a region with edges along the rim of `drawn`: vertices (V, 2), faces (F, 3).
+
+    A sloping ceiling must follow the tops of walls along their inner faces, and only beyond
+    these the tops' own thickness.
+    """
+    within, within_faces = triangulated(polygonal(region.intersection(drawn)))
+    beyond, beyond_faces = triangulated(polygonal(region.difference(drawn)))
+    points = np.round(np.concatenate([within, beyond]), 6)
+    faces = np.concatenate([within_faces, beyond_faces + len(within)])
+    vertices, index = np.unique(points, axis=0, return_inverse=True)
+    return vertices, index.reshape(-1)[faces]
+
+
+def _covered(mesh: Mesh, finish: Surface, toward: float) -> Part:
+    """A slab in its finish; images lie straight when seen from the room (`toward` -1 for floors).
+
+    A floor's image has its top at the plan's top, a ceiling's is mirrored to read from below.
+    """
+    texture = finish.texture
+    if texture is not None:
+        points = 100 * mesh.vertices[:, :2] * [1.0, -toward]
+        if texture.fitting:
+            low, high = points.min(axis=0), points.max(axis=0)
+            uvs = (points - low) / np.maximum(high - low, 1e-6)
+        else:
+            uvs = laid(points, texture)
+        mesh = replace(mesh, uvs=np.stack([uvs[:, 0], 1 - uvs[:, 1]], axis=1))
+    return Part(mesh, surface_finish(finish))
+
+
+def floor_outline(space: Space) -> Polygon | None:
+    """The largest piece of a room's floor as a simple polygon, holes filled; None without."""
+    found = polygons(space.floor if not space.floor.is_empty else space.ceiling)
+    if not found:
+        return None
+    return Polygon(found[0].exterior)

@@ -1,0 +1,179 @@
+"""Rooms as regions in the world: drawn ones, those that walls enclose, and what joins them up.
+
+World coordinates, metres. Each point of a storey's inside belongs to one room at most, walls
+included, so that floors meet under doors and neither floors nor ceilings leave gaps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import shapely
+from shapely.geometry import Polygon
+from shapely.geometry.base import BaseGeometry
+from shapely.ops import unary_union
+
+from scenes.importing.changes import Changes
+from scenes.sweethome.building.levels import Storey
+from scenes.sweethome.building.openings import Opening
+from scenes.sweethome.building.outlines import polygon
+from scenes.sweethome.building.solids import polygonal, polygons, to_world, world_region
+from scenes.sweethome.building.walls import PlannedWall
+from scenes.sweethome.home import RoomShape, Surface
+
+_CRACK = 0.02  # metres between walls that still close a space
+_SMALLEST = 1.0  # square metres of a closed space that makes a room
+_NARROW = 0.3  # metres: half the least width of such a space
+_INSET = 0.01  # metres that slabs stay behind the outer faces of walls
+_DOOR = 0.1  # metres from a door or window to a space that it opens
+_PLAIN_FLOOR = Surface(color=0xFFC8C2B8)
+
+
+@dataclass(frozen=True)
+class Space:
+    """A room with the region its floor covers, and that region with its share of the walls."""
+
+    shape: RoomShape
+    floor: BaseGeometry  # where the room's floor shows
+    ceiling: BaseGeometry
+    floor_slab: BaseGeometry
+    ceiling_slab: BaseGeometry
+    found: bool  # enclosed by walls, not drawn
+
+    @property
+    def is_indoors(self) -> bool:
+        """Whether the room has a ceiling."""
+        return self.shape.ceiling_visible and not self.ceiling.is_empty
+
+
+def find_spaces(
+    storey: Storey, walls: list[PlannedWall], openings: list[Opening], changes: Changes
+) -> list[Space]:
+    """The rooms of a storey. Where drawn rooms overlap, the later one covers the earlier.
+
+    Closed spaces that nobody drew are rooms, too, if a door or window leads into them, or if the
+    storey has neither rooms nor doors.
+    """
+    solid = unary_union([world_region(one.outline.region) for one in walls])
+    inside = _filled(solid)
+    drawn = []
+    for shape in storey.rooms:
+        region = _region(shape)
+        if region.is_empty:
+            changes.note("rooms without area were left out: {}", shape.name or shape.id)
+        elif shape.floor_visible or shape.ceiling_visible:
+            drawn.append((shape, region))
+        else:
+            changes.note("rooms with neither floor nor ceiling were left out: {}",
+                         shape.name or shape.id)  # fmt: skip
+    found: list[tuple[RoomShape, BaseGeometry]] = []
+    everything = unary_union([region for _, region in drawn])
+    slivers = []
+    doors = world_region(unary_union([opening.footprint for opening in openings]))
+    for gap in polygons(inside.difference(solid).difference(everything)):
+        is_roomy = gap.area > _SMALLEST and not gap.buffer(-_NARROW).is_empty
+        is_all = not drawn and doors.is_empty
+        if is_roomy and (is_all or gap.distance(doors) < _DOOR):
+            number = len(found)
+            shape = RoomShape(f"space-{storey.number}-{number}", None, "", (), True, True,
+                              _PLAIN_FLOOR, Surface())  # fmt: skip
+            found.append((shape, gap))
+        elif not is_roomy:
+            slivers.append(gap)
+    if found:
+        changes.note(
+            f"closed spaces without a drawn room got a plain floor and ceiling ({len(found)})"
+        )
+    rooms = [*drawn, *found]
+    floors = _later_wins([region if shape.floor_visible else Polygon() for shape, region in rooms])
+    ceilings = _later_wins(
+        [region if shape.ceiling_visible else Polygon() for shape, region in rooms]
+    )
+    inner = inside.buffer(-_INSET, join_style="mitre")
+    return [
+        Space(shape, floor, ceiling, floor_slab, ceiling_slab, number >= len(drawn))
+        for number, ((shape, _), floor, ceiling, floor_slab, ceiling_slab) in enumerate(
+            zip(
+                rooms,
+                floors,
+                ceilings,
+                _grown(floors, walls, slivers, inner),
+                _grown(ceilings, walls, slivers, inner),
+                strict=True,
+            )
+        )
+        if not (floor.is_empty and ceiling.is_empty)
+    ]
+
+
+def _region(shape: RoomShape) -> BaseGeometry:
+    if len(shape.points) < 3:
+        return Polygon()
+    return polygon(to_world(shape.points))
+
+
+def _filled(solid: BaseGeometry) -> BaseGeometry:
+    """What walls enclose, walls included; cracks of a few centimetres count as closed."""
+    closed = solid.buffer(_CRACK, join_style="mitre")
+    whole = unary_union([Polygon(part.exterior) for part in polygons(closed)])
+    return whole.buffer(-_CRACK, join_style="mitre")
+
+
+def _later_wins(regions: list[BaseGeometry]) -> list[BaseGeometry]:
+    made: list[BaseGeometry] = []
+    for number, region in enumerate(regions):
+        over = unary_union(regions[number + 1 :])
+        made.append(polygonal(region.difference(over)) if not region.is_empty else region)
+    return made
+
+
+def _grown(
+    regions: list[BaseGeometry],
+    walls: list[PlannedWall],
+    slivers: list[Polygon],
+    inner: BaseGeometry,
+) -> list[BaseGeometry]:
+    """Regions with the halves of the walls around them, and the slivers beside them."""
+    shares: list[list[BaseGeometry]] = [[region] for region in regions]
+    present = [number for number, region in enumerate(regions) if not region.is_empty]
+    if not present:
+        return regions
+    taken = unary_union([regions[number] for number in present])
+    # (area, how far a room reaches into it)
+    areas: list[tuple[BaseGeometry, float]] = [(sliver, 0.05) for sliver in slivers]
+    for one in walls:
+        middle = one.outline.middle
+        reach = 0.006 * one.wall.thickness + 0.03
+        areas += [
+            (world_region(one.outline.ring(line, middle)), reach)
+            for line in (one.outline.left, one.outline.right)
+        ]
+    for area, reach in areas:
+        rest = polygonal(area.difference(taken))
+        if rest.is_empty:
+            continue
+        near = [number for number in present if regions[number].distance(rest) < 2 * reach]
+        fields = {
+            number: polygonal(rest.intersection(regions[number].buffer(reach, join_style="mitre")))
+            for number in near
+        }
+        ranked = sorted(near, key=lambda number: (-fields[number].area, number))
+        claimed = []
+        for number in ranked:
+            part = polygonal(fields[number].intersection(rest))
+            shares[number].append(part)
+            claimed.append(part)
+            rest = polygonal(rest.difference(part))
+        if ranked and not rest.is_empty:
+            shares[ranked[0]].append(rest)
+            claimed.append(rest)
+        taken = unary_union([taken, *claimed])
+    made = []
+    for number, region in enumerate(regions):
+        if region.is_empty:
+            made.append(region)
+            continue
+        grown = unary_union([part.buffer(1e-4, join_style="mitre") for part in shares[number]])
+        grown = grown.buffer(-1e-4, join_style="mitre")
+        made.append(shapely.simplify(unary_union([grown.intersection(inner), region]), 1e-4))
+    return made

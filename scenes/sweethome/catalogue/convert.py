@@ -1,0 +1,339 @@
+"""A catalogue piece into meshes, textures and figures of ours, checked.
+
+Model, sizes and finishes follow the application's rules, which `scenes.sweethome` implements for
+whole homes; here a piece stands alone at the origin.
+"""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from PIL import Image
+
+from scenes.assets import preview
+from scenes.assets.free_space import Level, covering_boxes, levels_of
+from scenes.assets.index import PREVIEW, Asset, AssetPart, Checks, Point3, Provenance, save_asset
+from scenes.errors import InputError
+from scenes.files import atomic_directory, digest_bytes
+from scenes.formats.archive import HomeArchive
+from scenes.formats.model_parts import Model, UnreadableModel
+from scenes.geometry.mesh import Floats, Mesh, creased, read_ply
+from scenes.importing.changes import Changes
+from scenes.importing.writer import write_ply
+from scenes.photometry import LUMEN
+from scenes.sweethome import home
+from scenes.sweethome.catalogue.library import CataloguePiece, Unusable
+from scenes.sweethome.furnishing import furniture
+from scenes.sweethome.furnishing.items import Finish, Part, area, merged
+from scenes.sweethome.furnishing.lamps import lit_parts
+from scenes.sweethome.furnishing.models import read_model
+
+REVISION = 2  # counts up when the same catalogue would convert to other files
+MAX_PIXELS = 100_000_000
+_MAX_IMAGE = 64 * 2**20  # bytes
+_SIZE_TOLERANCE = 0.01  # of a side
+_THINNEST = 0.001  # metres; flat things are no thicker than their own description says
+_POWER = 0.5  # of a lamp, the application's usual one
+_OPAL = Finish(color=(0.8, 0.79, 0.76))
+_LUMINANCE = (0.2126, 0.7152, 0.0722)
+_UNREADABLE = (
+    InputError,
+    OSError,
+    ValueError,
+    SyntaxError,
+    MemoryError,
+    Image.DecompressionBombError,
+    Image.DecompressionBombWarning,
+)
+
+
+def convert(
+    source: Path,
+    piece: CataloguePiece,
+    out: Path,
+    provenance: Provenance,
+    fingerprint: str,
+    max_triangles: int,
+    texture_size: int,
+) -> Asset:
+    """Write the piece as the folder `out`; raises `Unusable` with the reason if it cannot be used.
+
+    `texture_size` bounds the longer side of its images, in pixels.
+    """
+    changes = Changes()
+    with HomeArchive(source) as archive:
+        model = _model(archive, piece, changes)
+        triangles = sum(len(part.mesh.faces) for part in model.parts)
+        if triangles > max_triangles:
+            raise Unusable(f"{triangles:,} triangles; assets.max_triangles is {max_triangles:,}")
+        parts = _standing(piece, model, changes)
+        size_error = _checked(piece, parts)
+        with atomic_directory(out) as folder:
+            (folder / "meshes").mkdir()
+            (folder / "textures").mkdir()
+            images = _Images(archive, folder, texture_size, changes)
+            made = [_write(folder, number, part, images) for number, part in enumerate(parts)]
+            corners = np.concatenate([_mesh(part).corners for part in parts])
+            asset = Asset(
+                piece=piece,
+                parts=tuple(made),
+                boxes=tuple((_point(low), _point(high)) for low, high in covering_boxes(corners)),
+                levels=_levels(piece, corners),
+                checks=Checks(
+                    triangles=sum(part.triangles for part in made),
+                    dropped=max(0, triangles - sum(len(part.mesh.faces) for part in parts)),
+                    size_error=round(size_error, 5),
+                    textures=images.count,
+                    notes=changes.sentences(),
+                ),
+                provenance=provenance,
+                fingerprint=fingerprint,
+            )
+            _draw(folder, asset)
+            save_asset(folder, asset)
+    return asset
+
+
+def _draw(folder: Path, asset: Asset) -> None:
+    """The piece's picture, from the files just written."""
+    parts = []
+    for part in asset.parts:
+        texture = None
+        if part.texture:
+            with Image.open(folder / part.texture) as image:
+                small = image.convert("RGB")
+                small.thumbnail((preview.SIZE, preview.SIZE), Image.Resampling.BOX)
+                texture = np.asarray(small)
+        linear = np.array(part.color)
+        display = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+        parts.append((read_ply(folder / part.mesh), display, texture))
+    Image.fromarray(preview.draw(parts)).save(folder / PREVIEW, compress_level=6)
+
+
+def _model(archive: HomeArchive, piece: CataloguePiece, changes: Changes) -> Model:
+    """The piece's model: a file in the catalogue, or in a zip in it."""
+    try:
+        return read_model(archive, piece.model, changes)
+    except (UnreadableModel, InputError) as error:
+        raise Unusable(f"its model {piece.model}: {error}") from None
+
+
+def _standing(piece: CataloguePiece, model: Model, changes: Changes) -> list[Part]:
+    """The model's parts in the local frame, by finish, lit where the piece has light sources."""
+    width, depth, height = (100 * side for side in piece.size)
+    described = home.Piece(
+        id=piece.key,
+        kind="light" if piece.lights else "doorOrWindow" if piece.opening else "pieceOfFurniture",
+        name=piece.name,
+        catalog_id=piece.id,
+        creator=piece.creator,
+        level=None,
+        model=piece.model,
+        x=0.0,
+        y=0.0,
+        elevation=0.0,
+        width=width,
+        depth=depth,
+        height=height,
+        angle=0.0,
+        rotation=piece.rotation,
+        power=_POWER if piece.lights else 0.0,
+        bulbs=_bulbs(piece),
+    )
+    stood = furniture.place(described, model, 0.0, changes)
+    if not stood.parts:
+        raise Unusable("nothing of its model is visible")
+    if not piece.lights:
+        return merged(stood.parts)
+    lit, _ = lit_parts(described, stood.parts, stood.to_world, Changes())
+    if not lit or np.abs(_extent(lit) - _extent(stood.parts)).max() > _THINNEST:
+        # Clear glass around the bulb would be left out, and with it the shade: let it be opal.
+        opal = [
+            replace(part, finish=_OPAL) if part.finish.kind in ("glass", "sheer") else part
+            for part in stood.parts
+        ]
+        changes.note("the clear shade of a lamp became opal glass")
+        stood = replace(stood, parts=tuple(opal))
+    lit, _ = lit_parts(described, stood.parts, stood.to_world, changes)
+    return merged(lit)
+
+
+def _extent(parts: Sequence[Part]) -> Floats:
+    """Size (3,) of all parts together."""
+    bounds = np.array([part.mesh.bounds for part in parts if part.ball is None])
+    return np.asarray(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0))
+
+
+def _bulbs(piece: CataloguePiece) -> tuple[home.Bulb, ...]:
+    """The piece's light sources; those around it, not in it, become one in its middle.
+
+    The application never shows its light sources, so some catalogues put them into the air.
+    """
+    bulbs = tuple(
+        home.Bulb(light.x, light.y, light.z, light.color, light.diameter) for light in piece.lights
+    )
+    if all(0 <= place <= 1 for bulb in bulbs for place in (bulb.x, bulb.y, bulb.z)):
+        return bulbs
+    middle = float(np.clip(np.mean([bulb.z for bulb in bulbs]), 0.1, 0.9))
+    return (replace(bulbs[0], x=0.5, y=0.5, z=middle),)
+
+
+def _checked(piece: CataloguePiece, parts: list[Part]) -> float:
+    """How far the meshes' size is from the catalogue's; raises `Unusable` for unsound meshes."""
+    for part in parts:
+        mesh = part.mesh
+        tables = [table for table in (mesh.vertices, mesh.normals, mesh.uvs) if table is not None]
+        if not all(np.isfinite(table).all() for table in tables):
+            raise Unusable("its model holds numbers that are not finite")
+    size = _extent(parts)
+    error = np.abs(size - np.array(piece.size))
+    allowed = np.maximum(_SIZE_TOLERANCE * np.array(piece.size), _THINNEST)
+    if (error > allowed).any():
+        measured = " x ".join(f"{side:.3f}" for side in size)
+        wanted = " x ".join(f"{side:.3f}" for side in piece.size)
+        raise Unusable(f"its model comes out at {measured} m, the catalogue says {wanted} m")
+    return float(error.max())
+
+
+def _mesh(part: Part) -> Mesh:
+    """The part's mesh; a bulb is a real sphere, as it is part of a mesh library here."""
+    if part.ball is None:
+        return part.mesh
+    centre, radius = part.ball
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=radius)
+    vertices = np.asarray(ball.vertices) + centre
+    return Mesh(vertices, np.asarray(ball.faces), (vertices - centre) / radius)
+
+
+def _write(folder: Path, number: int, part: Part, images: _Images) -> AssetPart:
+    mesh, finish = _mesh(part), part.finish
+    if mesh.normals is None:
+        mesh = creased(mesh, 0.0)
+    texture, alpha = images.of(finish)
+    if texture is None:
+        mesh = replace(mesh, uvs=None)
+    name = f"meshes/{number}.ply"
+    write_ply(folder / name, mesh)
+    lumens, kelvin = _light(part, mesh)
+    # A bulb that is off is white glass; the importer's lit one is black but for its glow.
+    color = (0.8, 0.8, 0.78) if part.ball is not None else finish.color
+    return AssetPart(
+        mesh=name,
+        kind=finish.kind,
+        color=_point(np.array(color)),
+        roughness=round(finish.roughness, 4),
+        opacity=finish.opacity,
+        texture=texture,
+        alpha=alpha,
+        lumens=lumens,
+        kelvin=kelvin,
+        triangles=len(mesh.faces),
+    )
+
+
+def _light(part: Part, mesh: Mesh) -> tuple[float, float]:
+    """Lumens and colour temperature of a part's glow, 0 and 0 where it has none."""
+    if part.radiance is None:
+        return 0.0, 0.0
+    luminance = float(np.dot(part.radiance, _LUMINANCE))
+    # An octahedron stood for the bulb until here: its flux was reckoned for the sphere.
+    surface = area(mesh) if part.ball is None else 4 * np.pi * part.ball[1] ** 2
+    return round(luminance * np.pi * surface / LUMEN, 2), round(temperature(part.radiance))
+
+
+def temperature(rgb: tuple[float, float, float]) -> float:
+    """Correlated colour temperature in kelvins, from 2000 to 8000, of linear Rec. 709 RGB.
+
+    McCamy, "Correlated color temperature as an explicit function of chromaticity coordinates"
+    (1992).
+    """
+    red, green, blue = rgb
+    x = 0.4124 * red + 0.3576 * green + 0.1805 * blue
+    y = 0.2126 * red + 0.7152 * green + 0.0722 * blue
+    z = 0.0193 * red + 0.1192 * green + 0.9505 * blue
+    total = max(x + y + z, 1e-12)
+    n = (x / total - 0.3320) / (0.1858 - y / total)
+    kelvin = 449 * n**3 + 3525 * n**2 + 6823.3 * n + 5520.33
+    return float(np.clip(kelvin, 2000, 8000))
+
+
+class _Images:
+    """Puts the images of one piece into its folder, each once, no larger than asked for."""
+
+    def __init__(self, archive: HomeArchive, folder: Path, size: int, changes: Changes) -> None:
+        self._archive, self._folder, self._size = archive, folder, size
+        self._changes = changes
+        self._stored: dict[str, tuple[str | None, str | None]] = {}
+
+    @property
+    def count(self) -> int:
+        """How many images were stored."""
+        return sum(color is not None for color, _ in self._stored.values())
+
+    def of(self, finish: Finish) -> tuple[str | None, str | None]:
+        """Files of a finish's colour and alpha; None where it has none."""
+        if finish.image is None:
+            return None, None
+        if finish.image not in self._stored:
+            try:
+                self._stored[finish.image] = self._store(finish.image)
+            except _UNREADABLE as error:
+                self._changes.note(
+                    "images that cannot be read gave way to plain colour: {}",
+                    f"{finish.image} ({error})",
+                )
+                self._stored[finish.image] = (None, None)
+        return self._stored[finish.image]
+
+    def _store(self, member: str) -> tuple[str, str | None]:
+        data = self._archive.read(member, _MAX_IMAGE)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            image = Image.open(io.BytesIO(data))
+            if image.width * image.height > MAX_PIXELS:
+                raise ValueError(f"{image.width} x {image.height} pixels")
+            image.load()
+        name = f"textures/{len(self._stored)}"
+        small = max(image.size) <= self._size
+        if image.format == "JPEG" and image.mode in ("RGB", "L") and small:
+            (self._folder / f"{name}.jpg").write_bytes(data)
+            return f"{name}.jpg", None
+        has_alpha = "A" in image.getbands() or "transparency" in image.info
+        full = image.convert("RGBA" if has_alpha else "RGB")
+        full.thumbnail((self._size, self._size), Image.Resampling.BOX)
+        alpha = None
+        if has_alpha and np.asarray(full.getchannel("A")).min() < 255:
+            alpha = f"{name}-alpha.png"
+            full.getchannel("A").save(self._folder / alpha, compress_level=6)
+        if image.format == "JPEG":
+            full.convert("RGB").save(self._folder / f"{name}.jpg", quality=92)
+            return f"{name}.jpg", alpha
+        full.convert("RGB").save(self._folder / f"{name}.png", compress_level=6)
+        return f"{name}.png", alpha
+
+
+def _levels(piece: CataloguePiece, corners: Floats) -> tuple[Level, ...]:
+    return tuple(
+        Level(*(round(value, 5) for value in (
+            level.x, level.y, level.z, level.half_x, level.half_y, level.headroom)))
+        for level in levels_of(corners, piece.drop)
+    )  # fmt: skip
+
+
+def _point(values: Floats) -> Point3:
+    x, y, z = (round(float(value), 5) for value in values)
+    return (x, y, z)
+
+
+def piece_fingerprint(
+    piece: CataloguePiece, sha256: str, max_triangles: int, texture_size: int
+) -> str:
+    """Of all that determines a converted piece."""
+    words = (REVISION, sha256, piece, max_triangles, texture_size)
+    return digest_bytes(*(repr(word).encode() for word in words))

@@ -1,0 +1,191 @@
+"""Colours, shininess and textures of a home as finishes, and those as Mitsuba BSDFs.
+
+Colours in the file are sRGB: they are linearised, and whites made as white as paint is.
+Gloss: the application's shininess s is a Phong exponent 128 s, whose equal in roughness is
+(2 / (128 s + 2))^(1/4) (Walter et al. 2007, equation 35, with alpha = roughness squared).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from scenes.errors import InputError
+from scenes.formats.archive import HomeArchive
+from scenes.geometry.mesh import Floats
+from scenes.importing.changes import Changes
+from scenes.importing.textures import TextureStore, UnreadableImage
+from scenes.importing.xml_elements import plugin, prop
+from scenes.photometry import REC709
+from scenes.sweethome.furnishing.items import Color, Finish
+from scenes.sweethome.home import Surface, Texture
+
+WHITEST = 0.82  # no paint reflects more
+DARKEST = 0.03  # nor less, in any colour: its surface alone reflects as much
+_EARTH = 0.15  # luminance: grass, soil and gravel outdoors reflect hardly more
+_VIVID = 0.35  # of an outdoor colour's strongest band: its weakest is no less
+WHITE: Color = (WHITEST, WHITEST, WHITEST)
+_MATT = 1 / 128  # shininess up to which a surface has no highlight worth a lobe
+_MAX_IMAGE = 64 * 2**20  # bytes
+
+
+def linear(value: float) -> float:
+    """A linear value in [0, 1] of an sRGB one in [0, 1] (IEC 61966-2-1)."""
+    value = min(max(value, 0.0), 1.0)
+    return value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4
+
+
+def paint(display: tuple[float, float, float]) -> Color:
+    """Linear reflectance of a display colour; its hue is kept where it is whiter than paint.
+
+    No band is darker than paint either.
+    """
+    red, green, blue = (linear(value) for value in display)
+    scale = min(1.0, WHITEST / max(red, green, blue, 1e-9))
+    return tuple(max(value * scale, DARKEST) for value in (red, green, blue))  # type: ignore[return-value]
+
+
+def earthen(color: Color) -> Color:
+    """The reflectance of ground that is drawn in `color` (linear): its hue, on grass or soil.
+
+    Homes mark their ground with signal colours, which no lawn or yard has.
+    """
+    values = np.maximum(np.array(color, dtype=np.float64), 1e-6)
+    # Mixed with grey of its own luminance until no band is too far from the strongest.
+    grey = float(values @ REC709)
+    low, high = values.min(), values.max()
+    if low < _VIVID * high:
+        share = (_VIVID * high - low) / ((grey - low) + _VIVID * (high - grey))
+        values = values + share * (grey - values)
+    values *= min(1.0, _EARTH / float(values @ REC709))
+    return (float(values[0]), float(values[1]), float(values[2]))
+
+
+def paint_of(color: int) -> Color:
+    """Linear reflectance of a colour 0xAARRGGBB."""
+    return paint(tuple(((color >> shift) & 255) / 255 for shift in (16, 8, 0)))  # type: ignore[arg-type]
+
+
+def roughness_of(shininess: float) -> float:
+    """Roughness of the application's shininess in [0, 1]."""
+    return (2 / (128 * min(max(shininess, 0.0), 1.0) + 2)) ** 0.25
+
+
+def surface_finish(surface: Surface, default: Color = WHITE) -> Finish:
+    """The finish of a wall's side, a floor or a ceiling."""
+    base = Finish() if surface.shininess <= _MATT else glossy(surface.shininess)
+    if surface.texture is not None:
+        return replace(base, image=surface.texture.image, color=WHITE)
+    return replace(base, color=default if surface.color is None else paint_of(surface.color))
+
+
+def glossy(shininess: float) -> Finish:
+    """A coated surface of that shininess."""
+    return Finish("gloss", roughness=round(roughness_of(shininess), 4))
+
+
+def laid(points: Floats, texture: Texture) -> Floats:
+    """Texture coordinates (N, 2), v up, of points (N, 2) in centimetres on the surface, y up.
+
+    Shifted by the offset, turned counter-clockwise by the angle, divided by the image's size.
+    """
+    size = texture.scale * np.array([texture.width, texture.height])
+    shifted = points - size * [texture.x_offset, texture.y_offset]
+    cosine, sine = math.cos(texture.angle), math.sin(texture.angle)
+    turned = shifted @ np.array([[cosine, sine], [-sine, cosine]])
+    return turned / size
+
+
+def relaid(uvs: Floats, texture: Texture) -> Floats:
+    """The same for coordinates that are already in images, as models have them."""
+    return laid(uvs, replace(texture, width=1.0, height=1.0))
+
+
+class Finishes:
+    """Writes each finish once as a `<bsdf>`, and its image into the scene folder."""
+
+    def __init__(
+        self, archive: HomeArchive, store: TextureStore, unpacked: Path, changes: Changes
+    ) -> None:
+        self._archive, self._store, self._unpacked = archive, store, unpacked
+        self._changes = changes
+        self._ids: dict[Finish, str] = {}
+        self._images: dict[str, Path | None] = {}
+        self.elements: list[Element] = []
+
+    def bsdf(self, finish: Finish) -> str:
+        """The id of the BSDF for `finish`."""
+        if finish not in self._ids:
+            name = f"{finish.kind}-{len(self._ids)}"
+            self._ids[finish] = name
+            made = self._describe(finish)
+            made.set("id", name)
+            self.elements.append(made)
+        return self._ids[finish]
+
+    def _describe(self, finish: Finish) -> Element:
+        if finish.kind == "glass":
+            return plugin("bsdf", "thindielectric")
+        if finish.kind == "mirror":
+            return _two_sided(
+                plugin("bsdf", "conductor", material="none", specular_reflectance=finish.color)
+            )
+        color, alpha = self._color(finish)
+        if finish.kind in ("gloss", "metal"):
+            inner = plugin("bsdf", "principled", base_color=color, roughness=finish.roughness)
+            if finish.kind == "metal":
+                inner.append(prop("metallic", 1.0))
+        else:
+            inner = plugin("bsdf", "diffuse", reflectance=color)
+        made = _two_sided(inner)
+        if alpha is None and finish.kind == "sheer":
+            alpha = prop("opacity", float(finish.opacity))
+        if alpha is not None:
+            mask = plugin("bsdf", "mask")
+            mask.append(alpha)
+            mask.append(made)
+            made = mask
+        return made
+
+    def _color(self, finish: Finish) -> tuple[Color | Element, Element | None]:
+        path = self._image(finish.image) if finish.image is not None else None
+        if path is None:
+            return finish.color, None
+        try:
+            color, alpha = self._store.color(path), self._store.alpha(path)
+        except UnreadableImage as error:
+            self._changes.note("images that cannot be read gave way to plain colour: {}",
+                               f"{finish.image} ({error})")  # fmt: skip
+            return finish.color, None
+        mask = None
+        if alpha is not None:
+            mask = plugin("texture", "bitmap", "opacity", filename=alpha, raw=True)
+        return plugin("texture", "bitmap", filename=color), mask
+
+    def _image(self, member: str) -> Path | None:
+        """A member of the home as a file of its own, under a name of our choosing."""
+        if member not in self._images:
+            path = None
+            if member not in self._archive:
+                self._changes.note("images that are missing gave way to plain colour: {}", member)
+            else:
+                try:
+                    data = self._archive.read(member, _MAX_IMAGE)
+                    path = self._unpacked / f"image-{len(self._images)}"
+                    path.write_bytes(data)
+                except InputError as error:
+                    path = None
+                    self._changes.note("images that cannot be read gave way to plain colour: {}",
+                                       str(error))  # fmt: skip
+            self._images[member] = path
+        return self._images[member]
+
+
+def _two_sided(inner: Element) -> Element:
+    made = plugin("bsdf", "twosided")
+    made.append(inner)
+    return made

@@ -1,0 +1,237 @@
+"""Pieces of furniture as things: models in place, with their own finishes or the home's."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scenes.formats.model_parts import Model, ModelMaterial, ModelPart
+from scenes.geometry.mesh import Floats, Mesh
+from scenes.importing.changes import Changes
+from scenes.sweethome.furnishing.finishes import (
+    WHITE,
+    glossy,
+    laid,
+    paint,
+    paint_of,
+    relaid,
+    roughness_of,
+)
+from scenes.sweethome.furnishing.items import Color, Finish, Part
+from scenes.sweethome.furnishing.placement import normalizing, placing
+from scenes.sweethome.home import NamedMaterial, Piece, Texture
+
+_PANE = "sweethome3d_window_pane"
+_MIRROR = "sweethome3d_window_mirror"
+_BULB = "sweethome3d_light"
+_EDGE = "edge_color"
+_PANE_OPACITY = 0.5  # of panes whose material does not say
+_CLEAR = 0.5  # opacity up to which something is glass
+_GONE = 1 / 255  # opacity up to which something is not there
+_METALS = re.compile(
+    r"metal|chrom|steel|inox|alumin|silver|brass|bronze|copper|gold\b|nickel|iron\b", re.IGNORECASE
+)
+# Parts that move: name of the joint -> parts that follow it.
+_JOINT = re.compile(r"sweethome3d_(hinge|rail|ball)_(\d+)")
+_FOLLOWER = re.compile(
+    r"sweethome3d_(?:opening|window_pane|window_mirror)_on_(hinge|rail|ball)_(\d+)"
+)
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A piece's parts in the world, and the map from its unit box to there."""
+
+    parts: tuple[Part, ...]
+    to_world: Floats  # 4x4
+
+
+def place(piece: Piece, model: Model, elevation: float, changes: Changes) -> Placed:
+    """A piece where it stands; `elevation` is its level's (cm)."""
+    shown = _moved(piece, _shown(piece, model), changes)
+    vertices = np.concatenate([part.mesh.vertices for part in shown])
+    to_box = normalizing(vertices, piece)
+    in_box = vertices @ to_box[:3, :3].T + to_box[:3, 3]
+    to_world = placing(in_box, piece, elevation)
+    whole = to_world @ to_box
+    bounds = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
+    parts = []
+    for part in shown:
+        made = finished(piece, part)
+        if made is None:
+            continue
+        finish, uvs = _textured(piece, part, made, bounds)
+        mesh = Mesh(part.mesh.vertices, part.mesh.faces, part.mesh.normals, uvs)
+        parts.append(
+            Part(
+                _standing(mesh, whole),
+                finish,
+                pane=_is_pane(part) and finish.kind == "glass",
+                glows=part.material_name in piece.glowing,
+            )
+        )
+    return Placed(tuple(parts), to_world)
+
+
+def bare(piece: Piece, elevation: float) -> Placed:
+    """A piece whose model is missing: no parts, but a place for its light sources."""
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    return Placed((), placing(corners, piece, elevation))
+
+
+def finished(piece: Piece, part: ModelPart) -> Finish | None:
+    """The finish of a part of a piece, image aside; None where the home makes it invisible.
+
+    The piece's colour comes first, then its texture, then its named materials; panes keep what
+    they are but for named materials. Transparency is always the model's.
+    """
+    material, is_pane = part.material, _is_pane(part)
+    opacity = material.opacity
+    if is_pane and opacity >= 1:
+        opacity = _PANE_OPACITY
+    if opacity <= _GONE and material.image is None:
+        return None
+    if part.group.startswith(_MIRROR):
+        return Finish("mirror", color=(0.9, 0.9, 0.9))
+    override = override_of(piece, part)
+    if override is not None and override.color is not None and override.color >> 24 == 0:
+        return None
+    painted: Color | None = None
+    if piece.color is not None and not is_pane:
+        painted = paint_of(piece.color)
+    elif override is not None and override.color is not None:
+        painted = paint_of(override.color)
+    own_texture = texture_of(piece, part)
+    base = _base(material, piece, override, painted is not None or own_texture is not None)
+    if own_texture is not None:
+        made = replace(base, color=WHITE, image=own_texture.image)
+    elif painted is not None:
+        made = replace(base, color=painted)
+    elif material.image is not None:
+        # Images keep their own colours: many catalogues put black beside them.
+        made = replace(base, color=WHITE, image=material.image)
+    else:
+        made = replace(base, color=paint(material.color))
+    if opacity <= _CLEAR and made.image is None:
+        return Finish("glass")
+    if opacity < 1 and made.image is None:
+        return replace(made, kind="sheer", opacity=round(opacity, 3))
+    return made
+
+
+def override_of(piece: Piece, part: ModelPart) -> NamedMaterial | None:
+    """The named material that applies to a part; none where the piece has a colour or texture."""
+    if piece.color is not None or piece.texture is not None:
+        return None
+    for material in piece.materials:
+        if part.material_name in ((material.key,) if material.key else (material.name,)):
+            return material
+    return None
+
+
+def texture_of(piece: Piece, part: ModelPart) -> Texture | None:
+    """The home's own texture on a part, if any."""
+    if piece.color is not None:
+        return None
+    if piece.texture is not None:
+        return None if _is_pane(part) else piece.texture
+    override = override_of(piece, part)
+    if override is None or override.color is not None:
+        return None
+    return override.texture
+
+
+def _base(
+    material: ModelMaterial, piece: Piece, override: NamedMaterial | None, is_repainted: bool
+) -> Finish:
+    shininess = piece.shininess
+    if override is not None and override.shininess is not None:
+        shininess = override.shininess
+    if shininess is not None:
+        return Finish() if shininess <= 1 / 128 else glossy(shininess)
+    if material.highlight < 0.02 or material.exponent < 1:
+        return Finish()
+    roughness = round(roughness_of(material.exponent / 128), 4)
+    return Finish("gloss", roughness=roughness)
+
+
+def _is_pane(part: ModelPart) -> bool:
+    return part.group.startswith(_PANE)
+
+
+def _shown(piece: Piece, model: Model) -> list[ModelPart]:
+    """The parts that show: without the stand-ins for bulbs, and hidden edges."""
+    shown = [
+        part
+        for part in model.parts
+        if not (part.group.startswith(_BULB) and piece.kind == "light")
+        and not (piece.hide_edges and part.material_name.startswith(_EDGE))
+        and not _JOINT.match(part.group)
+    ]
+    # Joints are drawn, too, but a model may consist of nothing else.
+    joints = [part for part in model.parts if _JOINT.match(part.group)]
+    return [*shown, *joints] or list(model.parts)
+
+
+def _moved(piece: Piece, parts: list[ModelPart], changes: Changes) -> list[ModelPart]:
+    """Doors ajar and drawers pulled out: parts moved as the home says."""
+    moves: dict[tuple[str, str], Floats] = {}
+    for name, rows in piece.transformations:
+        joint = _JOINT.match(name)
+        if joint is None:
+            changes.note("deformations of a kind not known here were left out: {}", name)
+            continue
+        moves[(joint[1], joint[2])] = np.vstack([np.array(rows), [0.0, 0, 0, 1]])
+    if not moves:
+        return parts
+    made = []
+    for part in parts:
+        follower = _FOLLOWER.match(part.group)
+        matrix = moves.get((follower[1], follower[2])) if follower else None
+        if matrix is None or abs(np.linalg.det(matrix[:3, :3])) < 1e-9:
+            made.append(part)
+        else:
+            made.append(replace(part, mesh=part.mesh.transformed(matrix)))
+    return made
+
+
+def _textured(
+    piece: Piece, part: ModelPart, finish: Finish, bounds: Floats
+) -> tuple[Finish, Floats | None]:
+    """A part's finish and its texture coordinates, Mitsuba's; None for plain colour."""
+    if finish.image is None:
+        return finish, None
+    texture, uvs = texture_of(piece, part), part.mesh.uvs
+    if texture is None:
+        if uvs is None:  # an image without coordinates shows as its model's colour
+            return replace(finish, image=None, color=paint(part.material.color)), None
+    elif piece.texture is None and uvs is not None:
+        uvs = relaid(uvs, texture)
+    else:
+        uvs = laid(_wrapped(piece, part.mesh.vertices, bounds), texture)
+    assert uvs is not None
+    return finish, np.stack([uvs[:, 0], 1 - uvs[:, 1]], axis=1)
+
+
+def _wrapped(piece: Piece, vertices: Floats, bounds: Floats) -> Floats:
+    """Centimetres from the lower left of a piece's front, over its top to the back."""
+    extent = np.maximum(bounds[1] - bounds[0], 0.001)
+    share = (vertices - bounds[0]) / extent
+    across = share[:, 0] * piece.width
+    up = share[:, 1] * piece.height + (1 - share[:, 2]) * piece.depth
+    return np.stack([across, up], axis=1)
+
+
+def _standing(mesh: Mesh, matrix: Floats) -> Mesh:
+    """The mesh in the world; a flattened piece keeps facet normals."""
+    if abs(np.linalg.det(matrix[:3, :3])) < 1e-15:
+        flat = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
+        return Mesh(flat, mesh.faces, None, mesh.uvs)
+    return mesh.transformed(matrix)
+
+
+def is_metal(name: str) -> bool:
+    """Whether a material's name says that it is a metal."""
+    return _METALS.search(name) is not None

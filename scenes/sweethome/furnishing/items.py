@@ -1,0 +1,106 @@
+"""What an imported home is made of on its way into the scene folder: finishes, parts, things."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from scenes.geometry.mesh import Floats, Mesh, face_areas
+
+Color = tuple[float, float, float]  # linear Rec. 709
+
+
+@dataclass(frozen=True)
+class Finish:
+    """A surface's material. `image` is a file inside the home, in place of `color`.
+
+    `glass` lets sight pass straight through, `sheer` the share 1 - `opacity` of it.
+    """
+
+    kind: Literal["matt", "gloss", "metal", "mirror", "glass", "sheer"] = "matt"
+    color: Color = (0.8, 0.8, 0.8)
+    image: str | None = None
+    roughness: float = 1.0
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True)
+class Part:
+    """A mesh of one finish in world coordinates; uvs are Mitsuba's (v = 0 at the image's top).
+
+    `radiance` makes it an area light. `ball` (centre, radius) stands for a sphere instead of
+    the mesh, which then only tells its bounds.
+    """
+
+    mesh: Mesh
+    finish: Finish
+    radiance: Color | None = None
+    ball: tuple[tuple[float, float, float], float] | None = None
+    pane: bool = False  # one of the panes of a window
+    glows: bool = False  # its material gives the light of its lamp
+
+
+@dataclass(frozen=True)
+class Thing:
+    """One object of the scene: what a person would name."""
+
+    id: str
+    name: str
+    category: str
+    parts: tuple[Part, ...]
+    is_structure: bool = False
+    room: str | None = None
+    lumens: float = 0.0
+    level: int = 0
+
+    @property
+    def bounds(self) -> Floats:
+        """Axis-aligned bounds (2, 3), metres."""
+        bounds = np.array([part.mesh.bounds for part in self.parts])
+        return np.stack([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
+
+    @property
+    def centre(self) -> Floats:
+        """The middle of the bounds."""
+        return self.bounds.mean(axis=0)
+
+
+def merged(parts: tuple[Part, ...]) -> list[Part]:
+    """Parts of equal finish joined into one mesh each; lights stay as they are."""
+    groups: dict[tuple, list[Part]] = {}
+    kept: list[Part] = []
+    for part in parts:
+        if part.radiance is not None or part.ball is not None:
+            kept.append(part)
+            continue
+        key = (part.finish, part.mesh.normals is None, part.mesh.uvs is None)
+        groups.setdefault(key, []).append(part)
+    return [_joined(group) for group in groups.values()] + kept
+
+
+def area(mesh: Mesh) -> float:
+    """Surface of a mesh, square metres."""
+    return float(face_areas(mesh.corners)[0].sum())
+
+
+def _joined(group: list[Part]) -> Part:
+    if len(group) == 1:
+        return group[0]
+    return replace(group[0], mesh=join([part.mesh for part in group]))
+
+
+def join(meshes: list[Mesh]) -> Mesh:
+    """One mesh out of several that have the same attributes."""
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])[:-1]
+    normals = [mesh.normals for mesh in meshes if mesh.normals is not None]
+    uvs = [mesh.uvs for mesh in meshes if mesh.uvs is not None]
+    return Mesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate(
+            [mesh.faces + int(start) for mesh, start in zip(meshes, starts, strict=True)]
+        ),
+        np.concatenate(normals) if normals else None,
+        np.concatenate(uvs) if uvs else None,
+    )

@@ -1,0 +1,144 @@
+"""Lamps: their light sources as glowing balls of plausible flux, or the shades around them.
+
+The application's renderer gives a source the radiance 5 p^2 / r^2 times its colour for power p
+and radius r, so the flux goes with p^2 and the colour alone. Here a source of the catalogue's
+usual colour at its usual power of 0.5 has `USUAL` lumens.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from scenes.geometry.mesh import Floats, Mesh
+from scenes.importing.changes import Changes
+from scenes.photometry import LUMEN
+from scenes.reconstruction.raycast import RayCaster, sphere_directions
+from scenes.sweethome.furnishing.finishes import linear
+from scenes.sweethome.furnishing.items import Color, Finish, Part, area
+from scenes.sweethome.home import Bulb, Piece
+
+USUAL = 1000.0  # lumens of a source of colour AA9770 at power 0.5
+_USUAL_COLOR = 0xAA9770
+_SMALLEST, _LARGEST = 0.008, 0.05  # metres: radii of bulbs
+_DEFAULT_RADIUS = 0.0325
+_ENCLOSED = 0.1  # share of directions left open below which the shade glows in the bulb's place
+_DIRECTIONS = 256
+_BLACK = Finish(color=(0.0, 0.0, 0.0))
+
+
+def lumens_of(bulb: Bulb, power: float) -> float:
+    """Luminous flux of a source at a power in [0, 1]."""
+    return USUAL * (power / 0.5) ** 2 * _luminance(bulb.color) / _luminance(_USUAL_COLOR)
+
+
+def lit_parts(
+    piece: Piece, parts: tuple[Part, ...], to_world: Floats, changes: Changes
+) -> tuple[tuple[Part, ...], float]:
+    """A lamp's parts with its light on, and its lumens.
+
+    Parts of a material that gives light have the flux of all bulbs, in their place. A bulb that
+    its fixture closes in gives its flux to the parts around it; glass around a bulb is left out,
+    as it would stop the light's shadow rays.
+    """
+    if any(part.glows for part in parts):
+        return _glowing(piece, parts)
+    total, made = 0.0, list(parts)
+    for bulb in piece.bulbs:
+        lumens = lumens_of(bulb, piece.power)
+        if lumens < 1.0:
+            continue
+        total += lumens
+        centre, radius = _ball(piece, bulb, to_world)
+        clear = [part.finish.kind in ("glass", "sheer") for part in made]
+        hit, nearest = _around(made, centre)
+        if any(clear[number] for number in set(hit[hit >= 0].tolist())):
+            changes.note("clear parts around bulbs were left out: {}", piece.name)
+            made = [part for part, is_clear in zip(made, clear, strict=True) if not is_clear]
+            hit, nearest = _around(made, centre)
+        tint = _tint(bulb.color)
+        if (hit < 0).mean() >= _ENCLOSED or not made:
+            radius = max(min(radius, 0.9 * nearest), 0.5 * _SMALLEST)
+            surface = 4 * np.pi * radius**2
+            made.append(
+                Part(
+                    _ball_mesh(centre, radius),
+                    _BLACK,
+                    _radiance(lumens, surface, tint),
+                    ((float(centre[0]), float(centre[1]), float(centre[2])), radius),
+                )
+            )
+        else:
+            around = sorted(set(hit[hit >= 0].tolist()))
+            surface = sum(area(made[number].mesh) for number in around)
+            for number in around:
+                glow = _radiance(lumens, surface, tint)
+                before = made[number].radiance or (0.0, 0.0, 0.0)
+                glow = (glow[0] + before[0], glow[1] + before[1], glow[2] + before[2])
+                made[number] = replace(made[number], radiance=glow)
+            changes.note("closed shades glow in place of the bulbs inside: {}", piece.name)
+    return tuple(made), total
+
+
+def _glowing(piece: Piece, parts: tuple[Part, ...]) -> tuple[tuple[Part, ...], float]:
+    bulbs = piece.bulbs or (Bulb(0.5, 0.5, 0.5, _USUAL_COLOR, None),)
+    total = sum(lumens_of(bulb, piece.power) for bulb in bulbs)
+    surface = sum(area(part.mesh) for part in parts if part.glows)
+    if total < 1.0 or surface <= 0:
+        return parts, 0.0
+    glow = _radiance(total, surface, _tint(bulbs[0].color))
+    return tuple(
+        replace(part, finish=replace(part.finish, kind="matt", image=None), radiance=glow)
+        if part.glows
+        else part
+        for part in parts
+    ), total
+
+
+def _ball(piece: Piece, bulb: Bulb, to_world: Floats) -> tuple[Floats, float]:
+    inside = np.array([bulb.x - 0.5, bulb.z - 0.5, 0.5 - bulb.y, 1.0])
+    centre = (to_world @ inside)[:3]
+    radius = _DEFAULT_RADIUS
+    if bulb.diameter is not None:
+        radius = 0.005 * bulb.diameter * piece.width
+    return centre, float(min(max(radius, _SMALLEST), _LARGEST))
+
+
+def _radiance(lumens: float, surface: float, tint: Color) -> Color:
+    luminance = lumens * LUMEN / (np.pi * surface)
+    return (luminance * tint[0], luminance * tint[1], luminance * tint[2])
+
+
+def _luminance(color: int) -> float:
+    """Luminance of a source's colour as the application uses it, values taken as linear."""
+    red, green, blue = ((color >> shift) & 255 for shift in (16, 8, 0))
+    return (0.2126 * red + 0.7152 * green + 0.0722 * blue) / 255
+
+
+def _tint(color: int) -> Color:
+    """A source's chromaticity, linear, of luminance 1; white for black."""
+    bands = [linear(((color >> shift) & 255) / 255) for shift in (16, 8, 0)]
+    luminance = 0.2126 * bands[0] + 0.7152 * bands[1] + 0.0722 * bands[2]
+    if luminance < 1e-6:
+        return (1.0, 1.0, 1.0)
+    return (bands[0] / luminance, bands[1] / luminance, bands[2] / luminance)
+
+
+def _around(parts: list[Part], centre: Floats) -> tuple[np.ndarray, float]:
+    """The part that each direction from `centre` meets first (-1 for none), and how near it is."""
+    solid = [(number, part) for number, part in enumerate(parts) if part.ball is None]
+    if not solid:
+        return np.full(_DIRECTIONS, -1), np.inf
+    owner = np.concatenate([np.full(len(part.mesh.faces), number) for number, part in solid])
+    caster = RayCaster(np.concatenate([part.mesh.corners for _, part in solid]))
+    distances, triangles = caster.cast(centre, sphere_directions(_DIRECTIONS))
+    return np.where(triangles >= 0, owner[triangles], -1), float(distances.min())
+
+
+def _ball_mesh(centre: Floats, radius: float) -> Mesh:
+    """An octahedron around the ball, for its bounds."""
+    tips = np.concatenate([np.eye(3), -np.eye(3)])
+    faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2],
+                      [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])  # fmt: skip
+    return Mesh(centre + radius * tips, faces)

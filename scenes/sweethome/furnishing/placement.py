@@ -1,0 +1,76 @@
+"""Where a piece of furniture stands: from its model's axes into the world.
+
+The application's rules (`ModelManager`): centre the model, apply `modelRotation`, scale to the
+unit box, then to width, height and depth (a mirrored piece has negative width), pitch about x,
+roll about z, centre again, turn about the vertical, and set its foot on its elevation. Pitch,
+roll and turn are clockwise as seen from the axis' tip.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from scenes.geometry.mesh import Floats
+from scenes.sweethome.home import Piece
+
+_LEAST = 0.001  # the application's least extent of a model, in the model's units
+
+# From the application's axes (x right, y up, z to the viewer; cm) to the world's (m, Z up).
+_TO_WORLD = 0.01 * np.array(
+    [[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 100]]
+)  # fmt: skip
+
+
+def normalizing(points: Floats, piece: Piece) -> Floats:
+    """The 4x4 map of a model's vertices (N, 3) into the unit box about the origin."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    matrix = _translation(-0.5 * (low + high))
+    if piece.rotation is not None:
+        turn = np.eye(4)
+        turn[:3, :3] = piece.rotation
+        matrix = turn @ matrix
+        turned = _mapped(matrix, points)
+        low, high = turned.min(axis=0), turned.max(axis=0)
+        if piece.centered:
+            matrix = _translation(-0.5 * (low + high)) @ matrix
+    return np.diag([*(1 / np.maximum(high - low, _LEAST)), 1.0]) @ matrix
+
+
+def placing(points: Floats, piece: Piece, elevation: float) -> Floats:
+    """The 4x4 map from the unit box into the world (m).
+
+    `points` (N, 3) are the model's vertices in the unit box, which a piece with pitch or roll is
+    centred by; `elevation` is that of its level (cm).
+    """
+    width = -piece.width if piece.mirrored else piece.width
+    matrix = np.diag([width, piece.height, piece.depth, 1.0])
+    height = piece.height
+    if piece.pitch != 0 or piece.roll != 0:
+        matrix = _turn(-piece.roll, 0, 1) @ _turn(-piece.pitch, 1, 2) @ matrix
+        turned = _mapped(matrix, points)
+        low, high = turned.min(axis=0), turned.max(axis=0)
+        matrix = _translation(-0.5 * (low + high)) @ matrix
+        height = max(float(high[1] - low[1]), _LEAST)
+    place = _translation(np.array([piece.x, elevation + piece.elevation + height / 2, piece.y]))
+    return _TO_WORLD @ place @ _turn(-piece.angle, 2, 0) @ matrix
+
+
+def _mapped(matrix: Floats, points: Floats) -> Floats:
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def _translation(offset: Floats) -> Floats:
+    matrix = np.eye(4)
+    matrix[:3, 3] = offset
+    return matrix
+
+
+def _turn(angle: float, first: int, second: int) -> Floats:
+    """A rotation that takes axis `first` towards axis `second`."""
+    matrix = np.eye(4)
+    cosine, sine = math.cos(angle), math.sin(angle)
+    matrix[first, first] = matrix[second, second] = cosine
+    matrix[second, first], matrix[first, second] = sine, -sine
+    return matrix

@@ -1,0 +1,437 @@
+"""The import of one Sweet Home 3D home: read, build, furnish, light, write."""
+
+from __future__ import annotations
+
+import math
+import re
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import shapely
+from shapely.geometry import Point
+from shapely.ops import unary_union
+
+from scenes.contract import Light, Portal, Room, Scene, load_scene, save_scene, writing_scene
+from scenes.errors import InputError
+from scenes.formats.archive import HomeArchive
+from scenes.formats.model_parts import UnreadableModel
+from scenes.geometry.mesh import Floats
+from scenes.importing.categories import category_of, room_type
+from scenes.importing.changes import Changes
+from scenes.importing.textures import TextureStore
+from scenes.sweethome.building.levels import Storey, storeys
+from scenes.sweethome.building.openings import Opening, opening_of
+from scenes.sweethome.building.outlines import is_round
+from scenes.sweethome.building.portals import doorways
+from scenes.sweethome.building.slabs import (
+    CeilingHeights,
+    build_ground,
+    build_slabs,
+    floor_outline,
+    stairwells,
+)
+from scenes.sweethome.building.spaces import Space, find_spaces
+from scenes.sweethome.building.walls import PlannedWall, build_walls, plan_walls
+from scenes.sweethome.credits import Credits
+from scenes.sweethome.furnishing.finishes import Finishes
+from scenes.sweethome.furnishing.furniture import Placed, bare, place
+from scenes.sweethome.furnishing.items import Thing, merged
+from scenes.sweethome.furnishing.lamps import lit_parts
+from scenes.sweethome.furnishing.missing import MissingPiece, missing_piece, note_missing
+from scenes.sweethome.furnishing.models import Models
+from scenes.sweethome.home import Home, Piece
+from scenes.sweethome.reader import read_home
+from scenes.sweethome.sun import Sky, make_sky
+from scenes.sweethome.views import own_camera, stored_cameras
+from scenes.sweethome.writer import write_scene
+
+_BUILT = ("wall", "floor", "ceiling", "skirting", "slab", "ground")  # ids that we give
+MAX_TRIANGLES = 20_000_000  # of a whole home
+# Pieces stand and hang a hair above where they are drawn, neighbours by different amounts: else
+# faces that lie in floors, sills and tops of other pieces would show in patches.
+_HAIR, _HAIRS = 0.02, 8  # cm; how many different amounts
+
+
+@dataclass(frozen=True)
+class SweetHomeOptions:
+    """What the user may choose about a home."""
+
+    levels: tuple[str, ...] = ()  # names of the levels to bring in; all if empty
+    time: str | None = None  # local time of day, "HH:MM"; the home's own if None
+    lamps: Literal["home", "on", "off"] = "home"  # as the home has them, all lit, or none
+    licence: str = ""
+    author: str = ""
+
+
+@dataclass(frozen=True)
+class _Level:
+    """A storey with all that was planned for it."""
+
+    storey: Storey
+    walls: list[PlannedWall]
+    openings: list[Opening]
+    spaces: list[Space]
+    heights: CeilingHeights
+
+
+def import_sweethome(path: Path, out: Path, scene_id: str, options: SweetHomeOptions) -> Scene:
+    """Import a `.sh3d` into the scene folder `out`.
+
+    Raises `InputError` that names file and element for everything that cannot be used.
+    """
+    changes = Changes()
+    with (
+        HomeArchive(path) as archive,
+        tempfile.TemporaryDirectory(prefix="pbrnet-home-") as unpacked,
+        writing_scene(out) as folder,
+    ):
+        home = read_home(path, archive.home_xml(), changes)
+        levels = _plan(home, options, changes)
+        if not any(level.walls or level.storey.pieces for level in levels):
+            raise InputError(f"{path}: the home is empty: no walls and no furniture")
+        building = _build(levels, changes)
+        rooms, inside = _rooms(levels)
+        models = Models(archive, changes)
+        credits = Credits(home, archive, path.stem, options.licence, options.author)
+        cutting = _cutting(levels)
+        pieces, missing = _furnish(levels, models, cutting, options, credits, changes)
+        note_missing(missing, changes)
+        below = [
+            unary_union([space.floor_slab for space in level.spaces])
+            for level in levels
+            if level.storey.elevation < -1
+        ]
+        things = [*building, *pieces]
+        bounds = np.array([thing.bounds for thing in things])
+        middle = 0.5 * (bounds[:, 0].min(axis=0) + bounds[:, 1].max(axis=0))
+        things.append(build_ground(home.environment, below, middle[:2]))
+        if sum(len(part.mesh.faces) for thing in things for part in thing.parts) > MAX_TRIANGLES:
+            raise InputError(f"{path}: more than {MAX_TRIANGLES:,} triangles in all")
+        things = [_in_room(thing, rooms, inside) for thing in things]
+        things = [replace(thing, parts=tuple(merged(thing.parts))) for thing in things]
+        portals, lit_by_opening = _portals(levels, rooms, inside, pieces)
+        lost = [(one, _room_at(one.centre, rooms, inside, 0.25)) for one in missing]
+        rooms = _described(rooms, things, lost, lit_by_opening)
+        lamps = [thing for thing in things if thing.lumens > 0]
+        for texture in _textures(home):
+            credits.texture(texture)
+        sky = make_sky(home, options.time, sum(_weight(thing) for thing in lamps), changes)
+        if not rooms:
+            changes.note("NO ROOM WAS FOUND: draw rooms, or close the walls, to get views")
+        cameras = [
+            camera
+            for camera in stored_cameras(home, changes)
+            if not camera.is_visitor or _room_at(camera.eye, rooms, inside, 0.0) is not None
+        ]
+        finishes = Finishes(
+            archive, TextureStore(folder / "textures", changes), Path(unpacked), changes
+        )
+        camera = cameras[0] if cameras else own_camera(rooms, middle)
+        objects = write_scene(folder, things, finishes, sky, camera, _weight)
+        lights = tuple(
+            Light(
+                thing.id,
+                "area",
+                tuple(
+                    shape
+                    for shape, part in zip(entry.shapes, thing.parts, strict=True)
+                    if part.radiance is not None
+                ),
+                thing.room,
+                round(thing.lumens, 1),
+            )
+            for thing, entry in zip(things, objects, strict=True)
+            if thing.lumens > 0
+        )
+        scene = Scene(
+            scene_id=scene_id,
+            source={
+                "kind": "sweethome",
+                "file": path.name,
+                "version": home.version,
+                "light": _light_record(sky),
+                "views": [camera.as_view() for camera in cameras],
+                "missing": [one.as_record(room) for one, room in lost],
+            },
+            rooms=tuple(rooms),
+            objects=tuple(objects),
+            lights=(*lights, *sky.lights),
+            portals=tuple(portals),
+            credits=credits.all(changes),
+            lighting=_lighting(sky, bool(lights)),
+            plan=scene_id,
+            changes=changes.sentences(),
+        )
+        save_scene(folder, scene)
+    return load_scene(out)
+
+
+def _plan(home: Home, options: SweetHomeOptions, changes: Changes) -> list[_Level]:
+    made = []
+    for storey in storeys(home, options.levels, changes):
+        walls = plan_walls(storey, home.wall_height, changes)
+        openings = [
+            opening
+            for piece in storey.pieces
+            if (opening := opening_of(piece, storey.elevation, changes)) is not None
+        ]
+        spaces = find_spaces(storey, walls, openings, changes)
+        made.append(_Level(storey, walls, openings, spaces, CeilingHeights(storey, walls)))
+    return made
+
+
+def _build(levels: list[_Level], changes: Changes) -> list[Thing]:
+    wells = stairwells(
+        [(piece, level.storey.elevation) for level in levels for piece in level.storey.pieces],
+        changes,
+    )
+    openings = [opening for level in levels for opening in level.openings]
+    things: list[Thing] = []
+    for level in levels:
+        things += build_walls(level.storey, level.walls, openings)
+        things += build_slabs(level.storey, level.spaces, level.heights, wells)
+    return things
+
+
+def _cutting(levels: list[_Level]) -> set[int]:
+    """Which openings (by identity of their pieces) cut a wall of any level."""
+    walls = [(one.outline.region, is_round(one.wall)) for level in levels for one in level.walls]
+    regions = [region for region, _ in walls]
+    tree = shapely.STRtree(regions)
+    return {
+        id(opening.piece)
+        for level in levels
+        for opening in level.openings
+        if any(
+            opening.depths(regions[number], walls[number][1]) is not None
+            for number in tree.query(opening.footprint)
+        )
+    }
+
+
+def _furnish(
+    levels: list[_Level],
+    models: Models,
+    cutting: set[int],
+    options: SweetHomeOptions,
+    credits: Credits,
+    changes: Changes,
+) -> tuple[list[Thing], list[MissingPiece]]:
+    """The pieces as things, and those whose model cannot be shown."""
+    things: list[Thing] = []
+    missing: list[MissingPiece] = []
+    taken: set[str] = set()
+    for level in levels:
+        for piece in level.storey.pieces:
+            if min(piece.width, piece.height, piece.depth) <= 0:
+                changes.note("pieces without size were left out: {}", piece.name or piece.id)
+                continue
+            category, is_structure = category_of(
+                piece.kind, piece.name, piece.catalog_id, piece.model or ""
+            )
+            elevation = level.storey.elevation
+            try:
+                lifted = elevation + _HAIR * (2 + len(taken) % _HAIRS)
+                placed = _placed(piece, lifted, models, credits, changes)
+            except UnreadableModel as error:
+                missing.append(missing_piece(piece, category, elevation, str(error)))
+                placed = bare(piece, elevation)
+            parts, lumens = placed.parts, 0.0
+            if id(piece) in cutting:
+                panes = [part for part in parts if part.finish.kind == "glass"]
+                if panes:
+                    changes.note("clear panes of doors and windows were left out: {}", piece.name)
+                    parts = tuple(part for part in parts if part.finish.kind != "glass")
+            if (piece.bulbs or piece.glowing) and options.lamps != "off":
+                lamp = piece
+                if options.lamps == "on" and piece.power <= 0:
+                    lamp = replace(piece, power=0.5)
+                parts, lumens = lit_parts(lamp, parts, placed.to_world, changes)
+            if not parts:
+                continue
+            name = _unique(piece.name or category, taken)
+            things.append(
+                Thing(
+                    name,
+                    piece.name or category,
+                    category,
+                    parts,
+                    is_structure,
+                    None,
+                    lumens,
+                    level.storey.number,
+                )
+            )
+    return things, missing
+
+
+def _placed(
+    piece: Piece, elevation: float, models: Models, credits: Credits, changes: Changes
+) -> Placed:
+    if piece.model is None:
+        raise UnreadableModel("the home names none")
+    model = models.get(piece.model)
+    placed = place(piece, model, elevation, changes)
+    credits.model(piece.name, piece.creator, piece.model, model)
+    return placed
+
+
+def _rooms(levels: list[_Level]) -> tuple[list[Room], list[tuple[Any, int]]]:
+    """The indoor rooms, and for each its floor region and storey number."""
+    rooms: list[Room] = []
+    inside: list[tuple[Any, int]] = []
+    for level in levels:
+        for space in level.spaces:
+            outline = floor_outline(space)
+            if not space.is_indoors or outline is None:
+                continue
+            outline = shapely.simplify(outline, 1e-3)
+            corners = np.asarray(shapely.geometry.polygon.orient(outline).exterior.coords)[:-1]
+            floor = 0.01 * level.storey.elevation
+            ceiling = float(np.mean(level.heights.over(space.ceiling, corners)))
+            if ceiling <= floor + 0.5:
+                continue
+            rooms.append(
+                Room(
+                    id=f"room_{len(rooms)}",
+                    name=space.shape.name,
+                    type="other",
+                    floor=tuple((round(float(x), 5), round(float(y), 5)) for x, y in corners),
+                    floor_z=round(floor, 5),
+                    ceiling_z=round(ceiling, 5),
+                    has_light=False,
+                )
+            )
+            inside.append((unary_union([space.floor, space.ceiling]), level.storey.number))
+    return rooms, inside
+
+
+def _room_at(
+    point: Sequence[float] | Floats, rooms: list[Room], inside: list[tuple[Any, int]], margin: float
+) -> str | None:
+    """The room that holds a point (3,); of overlapping ones the last."""
+    for room, (region, _) in zip(reversed(rooms), reversed(inside), strict=True):
+        if (
+            room.floor_z - 0.3 <= point[2] <= room.ceiling_z + 0.3
+            and region.distance(Point(float(point[0]), float(point[1]))) <= margin
+        ):
+            return room.id
+    return None
+
+
+def _in_room(thing: Thing, rooms: list[Room], inside: list[tuple[Any, int]]) -> Thing:
+    if thing.category in ("wall", "ground", "structure", "skirting"):
+        return thing
+    centre = thing.centre
+    for margin in (0.0, 0.25):
+        room = _room_at(centre, rooms, inside, margin)
+        if room is not None:
+            return replace(thing, room=room)
+    return thing
+
+
+def _portals(
+    levels: list[_Level], rooms: list[Room], inside: list[tuple[Any, int]], pieces: list[Thing]
+) -> tuple[list[Portal], set[str]]:
+    """Portals to the outside, and the rooms that light comes into through some opening."""
+    portals: list[Portal] = []
+    lit: set[str] = set()
+    regions = {
+        level.storey.number: [(one.outline.region, is_round(one.wall)) for one in level.walls]
+        for level in levels
+    }
+    for level in levels:
+        for opening in level.openings:
+            for way in doorways(opening, regions[level.storey.number]):
+                sides = [_room_at(point, rooms, inside, 0.0) for point in (way.front, way.back)]
+                is_clear = way.is_clear(pieces)
+                if is_clear:
+                    lit |= {side for side in sides if side is not None}
+                if (sides[0] is None) == (sides[1] is None):
+                    continue
+                room = sides[0] or sides[1]
+                outward = way.normal if sides[0] is None else -way.normal
+                kind, _ = category_of(
+                    opening.piece.kind, opening.piece.name, opening.piece.catalog_id
+                )
+                polygon = way.polygon if sides[0] is None else way.polygon[::-1]
+                portals.append(
+                    Portal(
+                        id=f"portal_{len(portals)}",
+                        kind="door" if kind == "door" else "window",
+                        polygon=tuple((float(x), float(y), float(z)) for x, y, z in polygon),
+                        normal=(float(outward[0]), float(outward[1]), float(outward[2])),
+                        clear=is_clear,
+                        room=room,
+                    )
+                )
+    return portals, lit
+
+
+def _described(
+    rooms: list[Room],
+    things: list[Thing],
+    lost: list[tuple[MissingPiece, str | None]],
+    lit: set[str],
+) -> list[Room]:
+    """The rooms with names, types and whether light comes in; `lost` pieces tell the type, too."""
+    names: dict[str, int] = {}
+    made = []
+    lamps = {thing.room for thing in things if thing.category == "lamp"}
+    for room in rooms:
+        kind = room_type(
+            room.name,
+            [thing.category for thing in things if thing.room == room.id and not thing.is_structure]
+            + [one.category for one, place in lost if place == room.id],
+        )
+        name = room.name or kind
+        names[name] = names.get(name, 0) + 1
+        if names[name] > 1:
+            name = f"{name} {names[name]}"
+        has_light = room.id in lit or room.id in lamps
+        made.append(replace(room, name=name, type=kind, has_light=has_light))
+    return made
+
+
+def _textures(home: Home) -> list:
+    surfaces = [side for wall in home.walls for side in (wall.left, wall.right)]
+    surfaces += [side for room in home.rooms for side in (room.floor, room.ceiling)]
+    found = [surface.texture for surface in surfaces]
+    found += [piece.texture for piece in home.pieces]
+    found += [material.texture for piece in home.pieces for material in piece.materials]
+    return [*found, home.environment.ground_texture]
+
+
+def _weight(thing: Thing) -> float:
+    """How often a lamp is sampled beside others: by its flux, a strong one not too often."""
+    return round(math.sqrt(thing.lumens / 800.0), 4)
+
+
+def _light_record(sky: Sky) -> dict[str, Any]:
+    return {
+        "time": sky.when,
+        "sun_elevation": round(sky.elevation, 3),
+        "sun_azimuth": round(sky.azimuth, 3),
+    }
+
+
+def _lighting(sky: Sky, has_lamps: bool) -> str:
+    if sky.is_day:
+        return "mixed" if has_lamps else "day"
+    return "evening" if sky.lights[0].kind == "sky" else "night"
+
+
+def _unique(name: str, taken: set[str]) -> str:
+    stem = re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-")[:60].lower() or "piece"
+    if stem.partition("-")[0] in _BUILT:
+        stem = f"piece-{stem}"
+    made, count = stem, 1
+    while made in taken:
+        count += 1
+        made = f"{stem}-{count}"
+    taken.add(made)
+    return made
