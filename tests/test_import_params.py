@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import sweethome_fixtures as draw
 import yaml
-from scenes.imports import ImportEntry
+from scenes.import_options import ImportEntry
 
 from pipeline.params import Params, load_params
 from pipeline.stages.import_files import digest_import, scene_name
