@@ -95,7 +95,7 @@ def test_the_farm_rows_compare_the_stage_with_both_loops(
 
     monkeypatch.setattr(farm, "python", python)
     monkeypatch.setattr(farm, "by_turns", partial(by_turns, clock=clock))
-    monkeypatch.setattr(farm.joint, "available", lambda: True)
+    monkeypatch.setattr(farm.integrator, "available", lambda: True)
     bench = Bench(tmp_path, SMALL, tmp_path)
     bench.__dict__["views"] = {"home": []}
     rows = {row.name: row for row in farm.farm_rows(bench)}
@@ -231,7 +231,7 @@ def test_without_blender_the_row_says_why(tmp_path: Path, monkeypatch: pytest.Mo
         raise BlenderMissing("bpy cannot be installed: no matching distribution")
 
     monkeypatch.setattr(cycles, "run_step", refused)
-    monkeypatch.setattr(cycles.joint, "available", lambda: True)
+    monkeypatch.setattr(cycles.integrator, "available", lambda: True)
     (row,) = cycles_rows(Bench(tmp_path, SMALL, tmp_path))
     assert row.spread is None
     assert "no matching distribution" in row.missing

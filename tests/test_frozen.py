@@ -12,7 +12,7 @@ import pytest
 from render_fixtures import WINDOW, ball, diffuse, glow, make_view, quad, room_walls, write_scene
 
 from pipeline.params import GroundTruthParams
-from pipeline.passes.groundtruth import render_both, render_truth
+from pipeline.passes.groundtruth import render_both, render_truth, tracer_of
 from pipeline.pathtrace import launches
 from pipeline.pathtrace.integrator import available
 from pipeline.render.scene import RenderScene, free_memory, open_scene, set_variant
@@ -59,7 +59,7 @@ def both(scene: RenderScene, view: View, albedo: float = 0.5, seed: int = 1, **p
 
 
 def recordings(scene: RenderScene) -> int:
-    return int(scene.tracer._launch.n_recordings)
+    return tracer_of(scene).recordings
 
 
 def test_views_of_a_scene_share_a_recording(tmp_path: Path) -> None:
@@ -103,6 +103,16 @@ def test_what_happens_to_the_scene_in_between_is_noticed(tmp_path: Path) -> None
         np.testing.assert_array_equal(
             both(scene, view, **options), both(reopened(scene), view, **options)
         )
+
+
+def test_views_of_two_sizes_may_alternate(tmp_path: Path) -> None:
+    scene = room(tmp_path)
+    large = make_view((0, -1.8, 1.5), (0.2, 1, -0.1), size=(30, 20))
+    wide = make_view((0, -1.8, 1.5), (0.2, 1, -0.1), size=(18, 24))
+    for view in (VIEWS[0], large, wide) * 3:
+        image = both(scene, view)
+        assert image.shape == (2, 3, view.height, view.width)
+        np.testing.assert_array_equal(image, both(reopened(scene), view))
 
 
 def test_a_change_of_clothes_in_between_is_harmless(tmp_path: Path) -> None:

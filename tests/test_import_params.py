@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 import sweethome_fixtures as draw
 import yaml
-from scenes.import_options import ImportEntry
 
 from pipeline.params import Params, load_params
 from pipeline.stages.import_files import digest_import, scene_name
@@ -16,6 +15,7 @@ from pipeline.stages.runner import StageError
 from pipeline.stages.stages import run_scenes
 from scenes.contract import load_scene
 from scenes.errors import ParameterError
+from scenes.import_options import ImportEntry
 
 REPOSITORY = Path(__file__).parents[1]
 

@@ -61,7 +61,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     stages = yaml.safe_load((PROJECT / "dvc.yaml").read_text())["stages"]
     chosen = {name: stages[name] for name in STAGES}
     (folder / "dvc.yaml").write_text(yaml.safe_dump({"stages": chosen}, sort_keys=False))
-    for part in ("model", "pipeline"):
+    for part in ("model", "pipeline", "scenes"):
         shutil.copytree(PROJECT / part, folder / part, ignore=lambda *_: ["__pycache__"])
     box_dataset(folder / "data", 4, 2, 2, width=24, height=18, panorama=16)
     write_params(folder, ["unet"])

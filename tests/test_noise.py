@@ -86,6 +86,14 @@ def test_a_view_stops_when_its_noise_is_low_enough(tmp_path: Path) -> None:
     assert most["spp"] == 16 and most["noise"] > 1e-3
 
 
+def test_a_view_that_never_reaches_its_target_takes_all_samples(tmp_path: Path) -> None:
+    scene = room(tmp_path, ROOMS["lit"])
+    short, _ = rendered(scene, 0, spp=80, block_spp=16, noise=1e-6, min_spp=32)
+    assert short["spp"] == 80  # two blocks at once do not divide five
+    uneven, _ = rendered(scene, 0, spp=256, block_spp=16, noise=1e-6, min_spp=80)
+    assert uneven["spp"] == 256
+
+
 def test_both_truths_of_a_view_reach_the_target(tmp_path: Path) -> None:
     if set_variant() == "scalar_rgb":
         pytest.skip("this variant does not trace both at once")

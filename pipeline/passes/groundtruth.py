@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import mitsuba as mi
 import numpy as np
@@ -22,9 +23,11 @@ from pipeline.frames import Channels
 from pipeline.params import GroundTruthParams
 from pipeline.pathtrace import integrator as joint
 from pipeline.pathtrace.guiding import plan_bounces
+from pipeline.pathtrace.launches import FrozenTracer
 from pipeline.pathtrace.light_pilot import EVERYWHERE, plan_lights
 from pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
 from pipeline.pathtrace.noise import Tally
+from pipeline.render.material_sets import Wardrobe
 from pipeline.render.scene import RenderScene
 from pipeline.render.sensors import make_sensor
 from pipeline.views import View
@@ -33,6 +36,7 @@ from scenes.seeds import derive32
 
 REVISION = 10
 _LAUNCH = 1 << 21  # samples; changing it changes pixels
+_TRACERS: WeakKeyDictionary[Wardrobe, FrozenTracer] = WeakKeyDictionary()
 
 Launch = Callable[[int, int, int], Any]  # of copies side by side, samples, seed: mi.TensorXf
 Truth = tuple[Channels, dict[str, Any]]  # an image and its statistics
@@ -98,12 +102,18 @@ def render_both(
         lights = PlannedLights(scene, plan, plan_bounces(scene, plan, seed))
     path = joint.JointPath(table, params.max_depth, params.rr_depth, lights)
     suit = render_scene.wardrobe.suit
+    tracer = tracer_of(render_scene)
 
     def launch(copies: int, spp: int, seed: int) -> Any:
-        return render_scene.tracer.launch(scene, suit, view, copies, path, spp, seed)
+        return tracer.launch(scene, suit, view, copies, path, spp, seed)
 
     color, shading = _render(launch, view, params, seed, 2)
     return Truths(color, shading)
+
+
+def tracer_of(render_scene: RenderScene) -> FrozenTracer:
+    """The recorded launches of an open scene, shared by its forms; they end with the scene."""
+    return _TRACERS.setdefault(render_scene.wardrobe, FrozenTracer())
 
 
 def _box_of(rooms: tuple[Room, ...]) -> npt.NDArray[np.float64]:
@@ -125,13 +135,14 @@ def _render(
         least = min(blocks, max(2, -(-params.min_spp // spp)))
     at_once = blocks_at_once(least, spp * view.width * view.height)
     tallies = [Tally(view.height, view.width) for _ in range(images)]
-    for first in range(0, blocks - at_once + 1, at_once):
+    for first in range(0, blocks, at_once):
         if first >= least and all(tally.noise() <= params.noise for tally in tallies):
             break
-        pixels = launch(at_once, spp, derive32(seed, "block", first))
+        copies = min(at_once, blocks - first)  # fewer in the last launch, so that none is left out
+        pixels = launch(copies, spp, derive32(seed, "block", first))
         bands = np.asarray(pixels, dtype=np.float64)
-        bands = bands.reshape(view.height, at_once, view.width, images, 3)
-        for block in range(at_once):
+        bands = bands.reshape(view.height, copies, view.width, images, 3)
+        for block in range(copies):
             for image, tally in enumerate(tallies):
                 tally.add(bands[:, block, :, image])
     return [(tally.image(), {"spp": spp * tally.blocks, **tally.statistics()}) for tally in tallies]

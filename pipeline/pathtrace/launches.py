@@ -26,7 +26,12 @@ class FrozenTracer:
     def __init__(self) -> None:
         self._suit: int | None = None
         self._sensors: dict[Any, Any] = {}
-        self._launch: Any = None
+        self._launches: dict[Any, Any] = {}
+
+    @property
+    def recordings(self) -> int:
+        """Number of launches recorded for the present materials."""
+        return sum(int(launch.n_recordings) for launch in self._launches.values())
 
     def launch(
         self, scene: Any, suit: int, view: View, copies: int, path: JointPath, spp: int, seed: int
@@ -36,7 +41,8 @@ class FrozenTracer:
         `suit` is the number of the wardrobe's present twins: others are other objects.
         """
         if suit != self._suit:
-            self._suit, self._launch = suit, dr.freeze(_launch, limit=_LAYOUTS, warn_after=_LAYOUTS)
+            self._suit = suit
+            self._launches.clear()
         key = (view.width, view.height, copies, view.intrinsics.tobytes())
         if key not in self._sensors:
             sensor = make_sensor(view, copies)
@@ -44,10 +50,19 @@ class FrozenTracer:
             sensor.film().prepare(path.integrator().aov_names())
             dr.eval(sensor.film().develop())
             self._sensors[key] = sensor
+            if len(self._sensors) > _LAYOUTS:
+                oldest = next(iter(self._sensors))
+                del self._sensors[oldest]
+                self._launches.pop(oldest, None)
         sensor = self._sensors[key]
         move_sensor(sensor, view)
         # Without any light of its own, the calls to those of other scenes could not be recorded.
-        launch = self._launch if scene.emitters() else _launch
+        if not scene.emitters():
+            return _launch(scene, sensor, path, spp, dr.opaque(mi.UInt32, seed))
+        # A recording keeps the sensor's film: another size or field of view has its own.
+        if key not in self._launches:
+            self._launches[key] = dr.freeze(_launch, limit=_LAYOUTS, warn_after=_LAYOUTS)
+        launch = self._launches[key]
         return launch(scene, sensor, path, spp, dr.opaque(mi.UInt32, seed))
 
 

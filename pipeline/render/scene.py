@@ -8,7 +8,7 @@ from __future__ import annotations
 import gc
 import os
 import sys
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -18,7 +18,6 @@ import numpy.typing as npt
 import psutil
 
 from pipeline.params import Variant
-from pipeline.pathtrace.launches import FrozenTracer
 from pipeline.render import raycast
 from pipeline.render.lights import Lights, collect_lights
 from pipeline.render.material_sets import Wardrobe
@@ -79,7 +78,6 @@ class RenderScene:
     bbox: npt.NDArray[np.float64]  # (2, 3) world metres
     wardrobe: Wardrobe
     albedo: float | None = None
-    tracer: FrozenTracer = field(default_factory=FrozenTracer)
 
     @property
     def mitsuba(self) -> Any:
