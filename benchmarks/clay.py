@@ -23,8 +23,8 @@ from pipeline.render.scene import RenderScene
 from pipeline.views import View
 from scenes.contract import Light, Portal, Scene, load_scene, save_scene, writing_scene
 from scenes.files import write_json
+from scenes.formats.ply import write_ply
 from scenes.geometry.mesh import Mesh
-from scenes.importing.writer import write_ply
 from scenes.seeds import generator
 
 SKY = 1.0  # radiance

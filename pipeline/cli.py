@@ -33,7 +33,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
             "model.commands.networks:evaluate",
             "Measure the networks on the test scenes.",
         ),
-        "report": ("pipeline.commands.data:report", "Write the self-contained HTML report."),
+        "report": ("model.commands.report:report", "Write the self-contained HTML report."),
     },
     "Halves of groundtruth": {
         "shading": ("pipeline.commands.stages:shading", "Path-trace textureless shading only."),

@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+Color = tuple[float, float, float]  # linear Rec. 709 RGB
 REC709 = np.array([0.2126, 0.7152, 0.0722])  # luminance of linear RGB
 LUMEN = 1.6e-5  # radiometric power, in `sunsky`'s units x m^2, of one lumen of white light
 

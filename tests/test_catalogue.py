@@ -25,17 +25,18 @@ from pipeline.stages.assets import INSTALLED, run_assets
 from pipeline.stages.stages import run_scenes
 from scenes.assets.free_space import covering_boxes, diced, levels_of
 from scenes.assets.index import Asset, Provenance, load_asset, load_index
+from scenes.assets.piece import CataloguePiece
 from scenes.contract import Room, Scene, SceneObject, load_scene, scene_folders
 from scenes.errors import InputError, MachineError
 from scenes.files import digest_folder
+from scenes.formats.ply import write_ply
 from scenes.geometry.mesh import Mesh, read_ply
-from scenes.importing.writer import write_ply
 from scenes.params import AssetParams, SceneParams
 from scenes.photometry import blackbody
 from scenes.procedural.furnishing.asset_sampler import open_stock
 from scenes.procedural.home import make_home
 from scenes.sweethome.catalogue.convert import convert, temperature
-from scenes.sweethome.catalogue.library import CataloguePiece, Unusable, read_library
+from scenes.sweethome.catalogue.library import Unusable, read_library
 from scenes.sweethome.catalogue.properties import parse_properties
 from scenes.sweethome.furnishing.lamps import USUAL
 

@@ -23,12 +23,8 @@ from model.evaluation.evaluate import LeakError
 from model.methods import build_network
 from model.networks.pbrnet import Architecture
 from model.report.page import Places, write_report
-from model.studies.comparisons.study import (
-    compare,
-    composition_study,
-    decomposition_study,
-    loss_study,
-)
+from model.studies.comparisons.study import composition_study, decomposition_study, loss_study
+from model.studies.trials.compare import compare
 from model.studies.trials.curve import power_law, promises
 from model.studies.trials.plan import Wish, plan, subset
 from model.studies.trials.results import TrialsFigure, TrialsResult, TrialsRow

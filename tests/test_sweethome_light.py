@@ -13,8 +13,8 @@ from shapely.geometry import Polygon
 
 from pipeline.render.scene import set_variant
 from scenes.contract import Scene
+from scenes.formats.ply import write_ply
 from scenes.geometry.mesh import Mesh
-from scenes.importing.writer import write_ply
 from scenes.photometry import LUMEN
 from scenes.registry import import_scene
 from scenes.sweethome.building.slabs import triangulated

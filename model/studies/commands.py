@@ -9,9 +9,11 @@ import click
 
 from model.evaluation.evaluate import METHODS
 from model.options import FILE, models_option
-from model.studies.comparisons.command import register
+from model.studies.comparisons.command import composition, decomposition, loss, table
 from model.studies.flicker.command import flicker
+from model.studies.generalisation.command import generalisation
 from model.studies.illumination import command
+from model.studies.noise.command import noise
 from model.studies.pairs.answers import MAX_PAIRS, read_all, read_key, score
 from model.studies.pairs.page import Made, Wish, key_beside, make_pairs
 from model.studies.pairs.results import PairsResult, interval, percent
@@ -39,8 +41,8 @@ def study() -> None:
 
 study.add_command(command.illumination)
 study.add_command(time_command.study_time_command)
-register(study)
-study.add_command(flicker)
+for comparison in (loss, decomposition, composition, table, noise, generalisation, flicker):
+    study.add_command(comparison)
 
 
 @study.command(

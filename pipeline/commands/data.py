@@ -1,4 +1,4 @@
-"""`pbrnet dataset`, `pbrnet inspect` and `pbrnet report`: what becomes of the frames."""
+"""`pbrnet dataset` and `pbrnet inspect`: pack frames, describe and draw files."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 
-from model.report.page import Places, write_report
 from pipeline.commands.options import common_options
 from pipeline.dataset.card import DatasetSummary
 from pipeline.dataset.checksums import verify_sums
@@ -108,34 +107,3 @@ def inspect(
         with atomic_file(target) as partial:
             partial.write_bytes(picture)
         click.echo(f"\nDrawn: {target}", err=as_json)
-
-
-@click.command(
-    epilog="""\b
-Examples:
-  pbrnet report                        write report/index.html
-  pbrnet report --out /tmp/page.html   write it elsewhere
-
-The page needs no network. What is not there yet is named, with the command that makes it."""
-)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    default=Path("report/index.html"),
-    show_default=True,
-    help="Page to write.",
-)
-@click.option(
-    "--root",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path(),
-    show_default=True,
-    help="Folder that holds models, metrics, plots and predictions.",
-)
-@common_options
-def report(params: Params, data: Path, out: Path, root: Path) -> None:
-    """Write one self-contained HTML page that shows what happened."""
-    places = Places(data, *(root / name for name in ("models", "metrics", "plots", "predictions")))
-    for sentence in write_report(places, params, out):
-        click.echo(f"note: {sentence}", err=True)
-    click.echo(f"Written: {out} ({out.stat().st_size / 1e6:.1f} MB)")

@@ -29,8 +29,8 @@ from pipeline.stages.view_sampling import sample_cameras
 from pipeline.tonemap import encode_srgb, exposure_of, to_bytes
 from pipeline.views import View, as_matrix
 from scenes.contract import Room, Scene, load_scene
+from scenes.formats.ply import write_ply
 from scenes.geometry.mesh import Mesh, read_ply
-from scenes.importing.writer import write_ply
 from scenes.seeds import derive
 
 _WIDTH = 640  # pixels

@@ -36,11 +36,12 @@ from scenes.assets.index import (
     load_asset,
     save_index,
 )
+from scenes.assets.piece import CataloguePiece
 from scenes.errors import InputError, MachineError, PbrnetError
 from scenes.files import atomic_directory, digest_file, read_json, remove_partials, write_json
 from scenes.params import AssetParams
 from scenes.sweethome.catalogue.convert import convert, piece_fingerprint
-from scenes.sweethome.catalogue.library import CataloguePiece, Library, Unusable, read_library
+from scenes.sweethome.catalogue.library import Library, Unusable, read_library
 
 INSTALLED = Path("/usr/share/sweethome3d/furniture")  # where Debian's packages put catalogues
 SUFFIX = ".sh3f"

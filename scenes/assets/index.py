@@ -14,15 +14,15 @@ from pathlib import Path
 from typing import Literal
 
 from scenes.assets.free_space import Level
+from scenes.assets.piece import CataloguePiece
 from scenes.checked import build, plain
 from scenes.errors import InputError
 from scenes.files import read_json, write_json
-from scenes.sweethome.catalogue.library import CataloguePiece
+from scenes.photometry import Color
 
 SCHEMA = 1
 INDEX = "catalogue.json"
 PREVIEW = "preview.png"
-Color = tuple[float, float, float]
 Point3 = tuple[float, float, float]
 
 

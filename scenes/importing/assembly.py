@@ -17,16 +17,14 @@ from shapely.geometry import box
 from scenes.contract import Credit, Light, Portal, Room, Scene, SceneObject, save_scene
 from scenes.errors import InputError
 from scenes.geometry.mesh import Floats
+from scenes.geometry.transforms import look_at
 from scenes.importing.changes import Changes
 from scenes.importing.daylight import ground
 from scenes.importing.objects import bounds_of, group_objects, room_type
 from scenes.importing.panes import frosted_openings, is_flat, remove_panes
 from scenes.importing.sealing_shapes import filler_shape, part_of_building
+from scenes.importing.shape import Emitter, Shape
 from scenes.importing.writer import sensor_element, write_scene_xml
-from scenes.mitsuba.emitters import Emitter
-from scenes.mitsuba.reader import Node
-from scenes.mitsuba.shapes import Shape
-from scenes.mitsuba.values import look_at
 from scenes.reconstruction.aperture_sections import Cuts, seated
 from scenes.reconstruction.enclosure import SHELL_ID, shell
 from scenes.reconstruction.gap_sealing import CAULK_ID, caulk
@@ -355,7 +353,7 @@ def _own_camera(room: FoundRoom) -> Camera:
     eye = centre.copy()
     eye[2] = min(room.floor_z + 1.55, room.ceiling_z - 0.2)
     target = np.array([*far, room.floor_z + 0.6])
-    matrix = look_at(eye, target, np.array([0.0, 0, 1]), Node("sensor", {}, Path(), 0))
+    matrix = look_at(eye, target, np.array([0.0, 0, 1]))
     return Camera("centre", matrix, 0.5534, 480, 360)
 
 

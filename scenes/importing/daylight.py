@@ -8,10 +8,8 @@ import numpy as np
 
 from scenes.contract import SceneObject
 from scenes.geometry.mesh import Floats, Mesh
+from scenes.importing.shape import Emitter, Shape, Surface
 from scenes.importing.xml_elements import plugin
-from scenes.mitsuba.emitters import Emitter
-from scenes.mitsuba.materials import Surface
-from scenes.mitsuba.shapes import Shape
 
 GROUND_ID = "outside_ground"
 _REACH = 2500.0  # metres of ground to each side; beyond, the horizon

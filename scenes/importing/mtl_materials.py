@@ -17,10 +17,10 @@ from scenes.errors import InputError
 from scenes.geometry.mesh import Floats, Ints
 from scenes.importing.changes import Changes
 from scenes.importing.sandbox import Sandbox
+from scenes.importing.shape import Surface
 from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin
-from scenes.mitsuba.materials import Surface
-from scenes.mitsuba.values import Color
+from scenes.photometry import Color
 
 _MAX_MTL = 16 * 2**20
 _MAX_MATERIALS = 20_000

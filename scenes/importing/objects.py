@@ -11,7 +11,7 @@ from shapely.geometry import Polygon
 
 from scenes.contract import SceneObject
 from scenes.geometry.mesh import Floats, face_areas
-from scenes.mitsuba.shapes import Shape
+from scenes.importing.shape import Shape
 from scenes.reconstruction.rooms import FoundRoom
 
 _SAMPLES = 400

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from shapely.geometry import MultiPoint, Polygon
 
 from scenes.geometry.mesh import Floats, Mesh
-from scenes.mitsuba.shapes import Shape
+from scenes.importing.shape import Shape
 from scenes.reconstruction.rooms import FoundOpening
 
 _THIN = 0.06  # metres

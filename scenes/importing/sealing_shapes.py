@@ -6,9 +6,8 @@ import numpy as np
 
 from scenes.contract import SceneObject
 from scenes.geometry.mesh import Floats, Mesh
+from scenes.importing.shape import Shape, Surface
 from scenes.importing.xml_elements import plugin
-from scenes.mitsuba.materials import Surface
-from scenes.mitsuba.shapes import Shape
 
 _GREY = (0.5, 0.5, 0.5)
 

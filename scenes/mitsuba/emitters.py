@@ -4,30 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from scenes.geometry.mesh import Floats
+from scenes.importing.shape import Emitter, Kind
 from scenes.importing.textures import UnreadableImage
 from scenes.importing.xml_elements import plugin, prop
 from scenes.mitsuba.materials import Materials
 from scenes.mitsuba.reader import Node, unresolved
-from scenes.mitsuba.values import Color, Properties, Scope
+from scenes.mitsuba.values import Properties, Scope
+from scenes.photometry import Color
 
-Kind = Literal["area", "point", "spot", "directional", "sun", "sky", "environment"]
 _SKY_FILL: Color = (1.0, 1.0, 1.0)  # where an environment map is missing
-
-
-@dataclass(frozen=True)
-class Emitter:
-    """A light outside the shapes; `position` in the new world, where it has one."""
-
-    element: Element
-    kinds: tuple[Kind, ...]
-    position: tuple[float, float, float] | None = None
 
 
 class Emitters:

@@ -13,15 +13,17 @@ import numpy as np
 from scenes.contract import Credit, Scene, load_scene, writing_scene
 from scenes.errors import InputError
 from scenes.geometry.mesh import Floats
+from scenes.geometry.transforms import look_at
 from scenes.importing.assembly import Camera, Draft, assemble, guessed_scale, moved
 from scenes.importing.changes import Changes
 from scenes.importing.credits import find_credit
 from scenes.importing.daylight import daylight
 from scenes.importing.objects import group_objects
 from scenes.importing.sandbox import Sandbox
+from scenes.importing.shape import Emitter, Shape
 from scenes.importing.textures import TextureStore
 from scenes.importing.xml_elements import plugin
-from scenes.mitsuba.emitters import Emitter, Emitters, half_fov_x
+from scenes.mitsuba.emitters import Emitters, half_fov_x
 from scenes.mitsuba.materials import Materials
 from scenes.mitsuba.pbrs import (
     ReleaseCamera,
@@ -34,9 +36,9 @@ from scenes.mitsuba.pbrs import (
     without_doubles,
 )
 from scenes.mitsuba.reader import Node, read_tree, unresolved
-from scenes.mitsuba.shapes import Shape, ShapeReader
+from scenes.mitsuba.shapes import ShapeReader
 from scenes.mitsuba.upgrade import upgrade
-from scenes.mitsuba.values import Properties, Scope, look_at
+from scenes.mitsuba.values import Properties, Scope
 from scenes.reconstruction.orientation import signed_axis, up_from_geometry, upright
 
 _MAX_SENSORS = 64
@@ -208,7 +210,10 @@ def _camera(node: Node, number: int, scope: Scope) -> Camera:
 
 
 def _release_camera(camera: ReleaseCamera, root: Node) -> Camera:
-    pose = look_at(camera.eye, camera.eye + camera.towards, camera.up, root)
+    try:
+        pose = look_at(camera.eye, camera.eye + camera.towards, camera.up)
+    except ValueError as error:
+        raise root.error(str(error)) from error
     more = {"sector": camera.sector, "score": camera.score, "half_fov_y": camera.half_fov[1]}
     return Camera(camera.name, pose, camera.half_fov[0], 640, 480, camera.room, more)
 

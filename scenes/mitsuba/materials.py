@@ -9,18 +9,18 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from scenes.importing.shape import Surface
 from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin, prop
 from scenes.mitsuba.reader import Node, unresolved
-from scenes.mitsuba.values import Color, Properties, Scope
-from scenes.photometry import REC709
+from scenes.mitsuba.values import Properties, Scope
+from scenes.photometry import REC709, Color
 
 GREY: Color = (0.5, 0.5, 0.5)
 _MAX_NESTING = 16
@@ -59,23 +59,6 @@ _DIELECTRICS = frozenset(
         "diamond",
     )
 )
-
-
-@dataclass
-class Surface:
-    """A translated material.
-
-    `see_through` lets light pass straight (a clear pane), `frosted` scatters it on the way,
-    `invisible` does nothing to light at all. `element` is None for invisible ones.
-    """
-
-    element: Element | None
-    transmissive: bool = False
-    double: bool = False  # already twosided
-    see_through: bool = False
-    frosted: bool = False
-    invisible: bool = False
-    name: str = ""
 
 
 class Materials:

@@ -22,8 +22,8 @@ from scenes.errors import InputError
 from scenes.geometry.mesh import Floats, Mesh
 from scenes.importing.changes import Changes
 from scenes.importing.objects import bounds_of, room_of
+from scenes.importing.shape import Shape
 from scenes.mitsuba.reader import Node
-from scenes.mitsuba.shapes import Shape
 from scenes.reconstruction.rooms import FoundRoom
 
 EMITTER_SCALE = "75"  # of the environment map, in the release's render script

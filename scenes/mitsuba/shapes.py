@@ -23,41 +23,15 @@ from scenes.geometry.mesh import (
 )
 from scenes.importing.mtl_materials import MtlLibrary, obj_parts
 from scenes.importing.names import Names
-from scenes.mitsuba.materials import Materials, Surface
+from scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape, Surface
+from scenes.mitsuba.materials import Materials
 from scenes.mitsuba.reader import Node
 from scenes.mitsuba.values import Properties, Scope
 
-MAX_SHAPES = 100_000
-MAX_SCENE_TRIANGLES = 20_000_000
 _MAX_GROUP_DEPTH = 8
 _FILES = ("obj", "ply", "serialized")
 _DROPPED = ("hair", "heightfield", "bsplinecurve", "linearcurve", "sdfgrid", "ellipsoids",
             "ellipsoidsmesh", "deformable", "blender")  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Shape:
-    """One shape, in the file's world space.
-
-    `mesh` always holds triangles (for measuring); `sphere` is the 4x4 map of the unit sphere
-    where the shape stays an analytic sphere. `emitter` is its `<emitter>` element.
-    """
-
-    id: str
-    name: str
-    mesh: Mesh
-    surface: Surface
-    emitter: Node | None = None
-    sphere: Floats | None = None
-    inside_out: bool = False  # of a sphere
-
-    def transformed(self, matrix: Floats) -> Shape:
-        """The shape under a similarity."""
-        return replace(
-            self,
-            mesh=self.mesh.transformed(matrix),
-            sphere=None if self.sphere is None else matrix @ self.sphere,
-        )
 
 
 @dataclass

@@ -11,14 +11,14 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from scenes.geometry.transforms import look_at
 from scenes.importing.changes import Changes
 from scenes.importing.sandbox import Sandbox
 from scenes.mitsuba.reader import Node, unresolved
 from scenes.mitsuba.spectra import blackbody_radiance, spectrum_to_rgb
-from scenes.photometry import blackbody
+from scenes.photometry import Color, blackbody
 
 T = TypeVar("T")
-Color = tuple[float, float, float]
 # From CIE XYZ to linear Rec. 709 (ITU-R BT.709, D65).
 _FROM_XYZ = np.array(
     [[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560],
@@ -343,32 +343,16 @@ def _look_at(node: Node) -> Matrix4:
             points.append(np.array(values))
         if "up" not in attributes or not points[2].any():
             points[2] = _some_up(points[1] - points[0])
-    return look_at(points[0], points[1], points[2], node)
+    try:
+        return look_at(points[0], points[1], points[2])
+    except ValueError as error:
+        raise node.error(str(error)) from error
 
 
 def _some_up(forward: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """What is up where a file does not say: +y, or +x for what looks along y, as lamps do."""
     upright = np.linalg.norm(forward[[0, 2]]) > 1e-6 * np.linalg.norm(forward)
     return np.array([0.0, 1, 0] if upright else [1.0, 0, 0])
-
-
-def look_at(
-    origin: npt.NDArray[np.float64],
-    target: npt.NDArray[np.float64],
-    up: npt.NDArray[np.float64],
-    node: Node,
-) -> Matrix4:
-    """Mitsuba's camera frame: x to the left, y up, z towards the target."""
-    forward = target - origin
-    left = np.cross(up, forward)
-    if np.linalg.norm(forward) == 0 or np.linalg.norm(left) == 0:
-        raise node.error("origin, target and up span no camera frame")
-    forward = forward / np.linalg.norm(forward)
-    left = left / np.linalg.norm(left)
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.stack([left, np.cross(forward, left), forward], axis=1)
-    matrix[:3, 3] = origin
-    return matrix
 
 
 def _triple(node: Node, default: float) -> npt.NDArray[np.float64]:

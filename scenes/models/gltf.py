@@ -14,14 +14,14 @@ from scenes.geometry.mesh import Floats, Ints, Mesh, cleaned
 from scenes.importing.assembly import Camera
 from scenes.importing.changes import Changes
 from scenes.importing.names import Names
+from scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape
 from scenes.importing.textures import TextureStore
-from scenes.mitsuba.shapes import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape
-from scenes.mitsuba.values import Color
 from scenes.models.gltf_accessors import read_colors, read_floats, read_indices
 from scenes.models.gltf_container import Asset, extensions, number, numbers, objects, whole
 from scenes.models.gltf_images import Images
 from scenes.models.gltf_materials import GltfMaterials
 from scenes.models.model import Model, Punctual
+from scenes.photometry import Color
 
 MAX_DEPTH = 256
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6

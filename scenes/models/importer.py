@@ -23,10 +23,9 @@ from scenes.importing.credits import find_credit
 from scenes.importing.daylight import daylight
 from scenes.importing.objects import bounds_of, named_category, room_of, structural_kind
 from scenes.importing.sandbox import Sandbox
+from scenes.importing.shape import Emitter, Shape
 from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin
-from scenes.mitsuba.emitters import Emitter
-from scenes.mitsuba.shapes import Shape
 from scenes.models.gltf import read_gltf
 from scenes.models.gltf_container import open_asset
 from scenes.models.gltf_images import Images

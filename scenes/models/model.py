@@ -10,8 +10,8 @@ import numpy as np
 
 from scenes.geometry.mesh import Floats
 from scenes.importing.assembly import Camera
-from scenes.mitsuba.shapes import Shape
-from scenes.mitsuba.values import Color
+from scenes.importing.shape import Shape
+from scenes.photometry import Color
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from scenes.importing.changes import Changes
 from scenes.importing.mtl_materials import MtlLibrary, obj_parts
 from scenes.importing.names import Names
 from scenes.importing.sandbox import Sandbox
+from scenes.importing.shape import MAX_SHAPES, Shape
 from scenes.importing.textures import TextureStore
-from scenes.mitsuba.shapes import MAX_SHAPES, Shape
 from scenes.models.model import Glow, Model
 
 _CREASE = 44.0  # degrees: smooth up to this where a file brings no normals

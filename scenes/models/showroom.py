@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from scenes.geometry.mesh import Floats, Mesh
 from scenes.geometry.primitives import cube
+from scenes.geometry.transforms import look_at
 from scenes.importing.assembly import Camera
+from scenes.importing.shape import Shape, Surface
 from scenes.importing.xml_elements import plugin
-from scenes.mitsuba.materials import Surface
-from scenes.mitsuba.reader import Node
-from scenes.mitsuba.shapes import Shape
-from scenes.mitsuba.values import Color, look_at
-from scenes.photometry import lamp_radiance
+from scenes.photometry import Color, lamp_radiance
 
 _Box = tuple[tuple[float, ...], tuple[float, ...]]  # lowest and highest corner
 
@@ -93,7 +90,7 @@ def _views(x: float, y: float, height: float) -> list[Camera]:
     for name, east, north in (("ne", 1, 1), ("nw", -1, 1), ("sw", -1, -1), ("se", 1, -1)):
         eye = np.array([east * (x - _CORNER), north * (y - _CORNER), _EYE])
         target = np.array([0.0, 0.0, min(0.5 * height, _EYE)])
-        pose = look_at(eye, target, np.array([0.0, 0, 1]), Node("sensor", {}, Path(), 0))
+        pose = look_at(eye, target, np.array([0.0, 0, 1]))
         views.append(Camera(f"corner-{name}", pose, _HALF_FOV, 640, 480))
     return views
 

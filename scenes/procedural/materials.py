@@ -18,8 +18,9 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
+from scenes.photometry import Color
 from scenes.procedural.patterns import SEEDS, has_pattern, pattern, picture
-from scenes.procedural.piece import BoughtMaterial, Color, Material
+from scenes.procedural.piece import BoughtMaterial, Material
 from scenes.seeds import generator
 
 WHITEST = 0.82  # no diffuse surface of a home reflects more

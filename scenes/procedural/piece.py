@@ -17,6 +17,8 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from scenes.photometry import Color
+
 MaterialKind = Literal[
     "wood",  # grain along u
     "planks",  # floor boards, laid along u
@@ -41,7 +43,6 @@ MaterialKind = Literal[
     "picture",  # an abstract picture over uv [0, 1]
 ]
 Anchor = Literal["wall", "corner", "centre", "free", "on_top", "on_wall", "ceiling"]
-Color = tuple[float, float, float]
 CREASE = float(np.cos(np.radians(50)))
 
 

@@ -14,8 +14,8 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
+from scenes.formats.ply import write_ply
 from scenes.geometry.mesh import Floats, Ints, Mesh
-from scenes.importing.writer import write_ply
 
 _VARIANT = "scalar_rgb"
 # Robust: else one ray in 200 that is aimed at an edge slips between the triangles that share it,

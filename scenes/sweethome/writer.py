@@ -10,7 +10,8 @@ from xml.etree.ElementTree import Element, ElementTree, indent
 import numpy as np
 
 from scenes.contract import Point3, SceneObject
-from scenes.importing.writer import sensor_element, write_ply
+from scenes.formats.ply import write_ply
+from scenes.importing.writer import sensor_element
 from scenes.importing.xml_elements import number, plugin, prop
 from scenes.sweethome.furnishing.finishes import Finishes
 from scenes.sweethome.furnishing.items import Part, Thing

@@ -14,18 +14,10 @@ from model.studies.comparisons.study import (
     loss_study,
     table_study,
 )
-from model.studies.generalisation.command import generalisation
-from model.studies.noise.command import noise
 from model.studies.trials.options import carry_out, one_size, trial_options
 from model.studies.trials.plan import Study, Wish, plan
 from model.training.train import Folders
 from pipeline.params import Params
-
-
-def register(group: click.Group) -> None:
-    """Add the commands to `pbrnet study`."""
-    for command in (loss, decomposition, composition, table, noise, generalisation):
-        group.add_command(command)
 
 
 @click.command(

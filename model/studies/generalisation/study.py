@@ -18,9 +18,17 @@ from pathlib import Path
 from typing import get_args
 
 from model.data.reader import Dataset, Split
-from model.studies.comparisons.study import STAGES
 from model.studies.trials.packs import pack
-from model.studies.trials.plan import Source, Study, Trial, Variant, Wish, scheduled, seed_of
+from model.studies.trials.plan import (
+    STAGES,
+    Source,
+    Study,
+    Trial,
+    Variant,
+    Wish,
+    scheduled,
+    seed_of,
+)
 from model.training.train import Folders
 from pipeline.params import Params, SplitParams
 from scenes.errors import InputError

@@ -20,11 +20,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from model.data.reader import Array, Dataset, Example
-from model.studies.comparisons.study import STAGES
 from model.studies.relight import LightChange, open_changed
 from model.studies.renders import Renders, refuse_other_scene, scene_of, views_of, with_samples
 from model.studies.trials.packs import TRUTHS, Truth, pack
-from model.studies.trials.plan import Source, Study, Trial, Variant
+from model.studies.trials.plan import STAGES, Source, Study, Trial, Variant
 from pipeline.farm.scene_digest import scene_digest
 from pipeline.params import Params
 from pipeline.passes.registry import finished, pass_seed, render_truths

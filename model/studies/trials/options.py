@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from model.studies.comparisons.study import compare_trials
+from model.studies.trials.compare import compare_trials
 from model.studies.trials.plan import Study, Trial
 from model.studies.trials.words import plan_lines, result_lines
 from model.training.train import Folders

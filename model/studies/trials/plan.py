@@ -189,3 +189,6 @@ def scheduled(params: Params, variant: Variant, steps: int | None, total: int) -
         stage = getattr(train, name)
         changes[name] = replace(stage, epochs=epochs, steps_per_epoch=count // epochs)
     return replace(params, train=replace(train, **changes))
+
+
+STAGES = ("shading", "composition")

@@ -7,7 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from scenes.procedural.piece import Color, Material
+from scenes.photometry import Color
+from scenes.procedural.piece import Material
 
 
 def tone(code: str) -> Color:

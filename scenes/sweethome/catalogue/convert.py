@@ -19,16 +19,17 @@ from PIL import Image
 from scenes.assets import preview
 from scenes.assets.free_space import Level, covering_boxes, levels_of
 from scenes.assets.index import PREVIEW, Asset, AssetPart, Checks, Point3, Provenance, save_asset
+from scenes.assets.piece import CataloguePiece
 from scenes.errors import InputError
 from scenes.files import atomic_directory, digest_bytes
 from scenes.formats.archive import HomeArchive
 from scenes.formats.model_parts import Model, UnreadableModel
+from scenes.formats.ply import write_ply
 from scenes.geometry.mesh import Floats, Mesh, creased, read_ply
 from scenes.importing.changes import Changes
-from scenes.importing.writer import write_ply
 from scenes.photometry import LUMEN
 from scenes.sweethome import home
-from scenes.sweethome.catalogue.library import CataloguePiece, Unusable
+from scenes.sweethome.catalogue.library import Unusable
 from scenes.sweethome.furnishing import furniture
 from scenes.sweethome.furnishing.items import Finish, Part, area, merged
 from scenes.sweethome.furnishing.lamps import lit_parts

@@ -20,8 +20,8 @@ from scenes.geometry.mesh import Floats
 from scenes.importing.changes import Changes
 from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin, prop
-from scenes.photometry import REC709
-from scenes.sweethome.furnishing.items import Color, Finish
+from scenes.photometry import REC709, Color
+from scenes.sweethome.furnishing.items import Finish
 from scenes.sweethome.home import Surface, Texture
 
 WHITEST = 0.82  # no paint reflects more

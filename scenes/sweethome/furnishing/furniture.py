@@ -10,6 +10,7 @@ import numpy as np
 from scenes.formats.model_parts import Model, ModelMaterial, ModelPart
 from scenes.geometry.mesh import Floats, Mesh
 from scenes.importing.changes import Changes
+from scenes.photometry import Color
 from scenes.sweethome.furnishing.finishes import (
     WHITE,
     glossy,
@@ -19,7 +20,7 @@ from scenes.sweethome.furnishing.finishes import (
     relaid,
     roughness_of,
 )
-from scenes.sweethome.furnishing.items import Color, Finish, Part
+from scenes.sweethome.furnishing.items import Finish, Part
 from scenes.sweethome.furnishing.placement import normalizing, placing
 from scenes.sweethome.home import NamedMaterial, Piece, Texture
 

@@ -8,8 +8,7 @@ from typing import Literal
 import numpy as np
 
 from scenes.geometry.mesh import Floats, Mesh, face_areas
-
-Color = tuple[float, float, float]  # linear Rec. 709
+from scenes.photometry import Color
 
 
 @dataclass(frozen=True)

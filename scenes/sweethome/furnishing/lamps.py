@@ -13,10 +13,10 @@ import numpy as np
 
 from scenes.geometry.mesh import Floats, Mesh
 from scenes.importing.changes import Changes
-from scenes.photometry import LUMEN
+from scenes.photometry import LUMEN, Color
 from scenes.reconstruction.raycast import RayCaster, sphere_directions
 from scenes.sweethome.furnishing.finishes import linear
-from scenes.sweethome.furnishing.items import Color, Finish, Part, area
+from scenes.sweethome.furnishing.items import Finish, Part, area
 from scenes.sweethome.home import Bulb, Piece
 
 USUAL = 1000.0  # lumens of a source of colour AA9770 at power 0.5

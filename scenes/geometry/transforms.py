@@ -1,0 +1,27 @@
+"""Camera frames as 4x4 matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+
+def look_at(
+    origin: npt.NDArray[np.float64],
+    target: npt.NDArray[np.float64],
+    up: npt.NDArray[np.float64],
+) -> npt.NDArray[np.float64]:
+    """Mitsuba's camera frame, (4, 4) camera to world: x to the left, y up, z towards the target.
+
+    Raises `ValueError` if the three span no frame.
+    """
+    forward = target - origin
+    left = np.cross(up, forward)
+    if np.linalg.norm(forward) == 0 or np.linalg.norm(left) == 0:
+        raise ValueError("origin, target and up span no camera frame")
+    forward = forward / np.linalg.norm(forward)
+    left = left / np.linalg.norm(left)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.stack([left, np.cross(forward, left), forward], axis=1)
+    matrix[:3, 3] = origin
+    return matrix
