@@ -165,7 +165,7 @@ import json, sys
 from pathlib import Path
 from benchmarks.rendering import plain_render
 from benchmarks.timing import spend
-from pipeline.renderer import open_scene, set_variant
+from pipeline.render.scene import open_scene, set_variant
 from pipeline.views import load_cameras
 from scenes.contract import load_scene
 set_variant(sys.argv[1])

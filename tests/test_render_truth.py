@@ -269,11 +269,11 @@ import sys
 import drjit as dr
 import numpy as np
 from pathlib import Path
-from pipeline.groundtruth import render_truth
-from pipeline.illumination import render_illumination
-from pipeline.inputs import render_inputs
+from pipeline.passes.groundtruth import render_truth
+from pipeline.passes.illumination import render_illumination
+from pipeline.passes.inputs import render_inputs
 from pipeline.params import GroundTruthParams, IlluminationParams
-from pipeline.renderer import open_scene, render_ids, set_variant
+from pipeline.render.scene import open_scene, render_ids, set_variant
 from scenes.contract import load_scene
 from tests.render_fixtures import make_view
 
