@@ -16,9 +16,9 @@ from click.testing import CliRunner
 from dataset_fixtures import add_scene, make_data, make_view, small_params
 from report_fixtures import make_ledger, make_results
 
+from model.commands.report import report
 from model.figures.svg import TALL, WIDE, Node, chain, line_chart, panorama_guide, strip_plot
 from model.report.page import Places, write_report
-from pipeline.commands.data import report
 from pipeline.dataset.pack import pack_dataset
 from pipeline.frames import frame_path
 from pipeline.images import png_bytes
