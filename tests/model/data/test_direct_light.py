@@ -1,0 +1,158 @@
+"""Direct light from a panorama, against what can be worked out by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model.data.direct_light import direct_shading, panorama_radiance, pixel_directions
+from model.data.encoding import encode, solid_angles
+from model.data.reader import Dataset, Example, mirrored
+from pipeline.passes.panorama_lights import panorama_directions, sources
+from pipeline.tonemap import Exposure, luminance
+from tests.fixtures.model import box_dataset
+
+SIZE = (60, 80)  # rows, columns
+
+
+def wall(distance: float = 2.0, panorama: int = 256) -> Example:
+    """A grey wall square to the optical axis, `distance` metres ahead, and no light."""
+    rows, columns = SIZE
+    nothing = np.zeros((rows, columns, 3), np.float32)
+    dark = np.zeros((panorama // 2, panorama), np.float32)
+    return Example(
+        scene_id="wall",
+        view_id="v",
+        depth=np.full(SIZE, distance, np.float32),
+        normal=np.broadcast_to(np.float32([0, 0, -1]), nothing.shape),
+        reflectance=nothing + 0.5,
+        valid=np.ones(SIZE, bool),
+        intensity=dark,
+        distance=dark,
+        intrinsics=np.array([[64.0, 0, columns / 2], [0, 64.0, rows / 2], [0, 0, 1]]),
+        shading=nothing,
+        color=nothing,
+        exposure_shading=Exposure(1, 1),
+        exposure_color=Exposure(1, 1),
+    )
+
+
+def with_lamp(view: Example, place: tuple[float, float, float], power: float) -> Example:
+    """One panorama pixel that shines: a lamp of the radiant intensity `power` at `place`."""
+    height, width = view.intensity.shape
+    metres = float(np.linalg.norm(place))
+    toward = np.array(place) / metres
+    row, column = np.unravel_index(
+        (panorama_directions(height, width) @ toward).argmax(), (height, width)
+    )
+    intensity, distance = view.intensity.copy(), view.distance.copy()
+    intensity[row, column] = power / (solid_angles(height, width)[row, 0] * metres**2)
+    distance[row, column] = metres
+    return replace(view, intensity=intensity, distance=distance)
+
+
+@pytest.mark.parametrize("place", [(0.5, -1.0, -1.5), (0, 0, -3), (2, 1, -0.2), (0.3, 0.2, 1.0)])
+def test_a_lamp_lights_a_wall_by_cosine_and_square_of_distance(
+    place: tuple[float, float, float],
+) -> None:
+    view = with_lamp(wall(), place, power=3.0)
+    lit = direct_shading(view, albedo=0.5)[..., 1]
+    # where the panorama's pixel has the lamp: its centre is half a pixel off at most
+    lamp = sources(panorama_radiance(view), view.distance)[0][0].astype(float)
+    assert np.linalg.norm(lamp - place) < np.linalg.norm(place) * np.pi / 128
+    point = pixel_directions(view.intrinsics, SIZE).astype(float) * 2.0
+    away = lamp - point
+    metres = np.linalg.norm(away, axis=-1)
+    expected = 0.5 / np.pi * 3.0 * np.maximum(-away[..., 2] / metres, 0) / metres**2
+    seen = np.zeros(SIZE, bool)
+    if place[2] > 0:  # the lamp itself is in the picture: a few pixels show it
+        seen = lit > 2 * expected.max()
+        assert 0 < seen.sum() < 20
+    assert lit[~seen] == pytest.approx(expected[~seen], rel=1e-4)
+
+
+def test_a_lamp_behind_the_wall_leaves_it_dark() -> None:
+    view = with_lamp(wall(2.0), (0, 0, 4.0), power=3.0)
+    lit = direct_shading(view, 0.5)[..., 1]
+    assert (lit > 0).sum() < 20  # but for the pixels that would show the lamp
+
+
+def test_lamps_add_up_and_two_in_one_cell_keep_their_power() -> None:
+    first, second = ((0.5, -1.0, -1.5), 2.0), ((-1.0, -1.2, 0.1), 1.0)
+    one, other = (direct_shading(with_lamp(wall(), *lamp), 0.5) for lamp in (first, second))
+    both = direct_shading(with_lamp(with_lamp(wall(), *first), *second), 0.5)
+    assert both == pytest.approx(one + other, rel=1e-4)
+    near = with_lamp(with_lamp(wall(), (0, 0, -3), 2.0), (0.08, 0, -3), 1.0)
+    power = sources(panorama_radiance(near), near.distance)[1]
+    assert power.sum(axis=0) == pytest.approx([3.0] * 3, rel=1e-5)
+
+
+def test_lamps_light_in_their_own_colours() -> None:
+    """A red lamp and a green one: each wall's light is the sum of both, band by band."""
+    lamps = [((1.0, -1.0, -1.5), 2.0), ((-1.0, 1.2, -1.1), 1.0)]
+    views = [with_lamp(wall(), *lamp) for lamp in lamps]
+    colours = np.float32([[3.0, 0.5, 0.1], [0.2, 1.3, 0.4]])
+    colours /= luminance(colours)[:, None]
+    tint = sum((v.intensity > 0)[..., None] * c for v, c in zip(views, colours, strict=True))
+    both = with_lamp(views[0], *lamps[1])
+    lit = direct_shading(replace(both, tint=tint), 0.5)
+    plain = [direct_shading(view, 0.5)[..., :1] for view in views]
+    assert lit == pytest.approx(plain[0] * colours[0] + plain[1] * colours[1], rel=1e-4)
+    assert luminance(lit) == pytest.approx(direct_shading(both, 0.5)[..., 0], rel=1e-4)
+
+
+def test_the_colour_of_the_light_is_taken_out_and_told() -> None:
+    """In light of one colour the network sees the room as under white light, and that colour."""
+    view = with_lamp(wall(), (0.5, -1.0, -1.5), 3.0)
+    color = np.float32([1.8, 0.85, 0.1])
+    color /= luminance(color)
+    warm = replace(view, tint=(view.intensity > 0)[..., None] * color)
+    white, told = (encode([each], direct=True) for each in (view, warm))
+    assert told["tint"].flatten().tolist() == pytest.approx(color.tolist(), rel=1e-3)
+    assert white["tint"].flatten().tolist() == pytest.approx([1, 1, 1], rel=1e-5)
+    assert np.allclose(told["direct"][:, :4], white["direct"][:, :4], atol=2e-3)
+    logs = told["direct"][0, 4:7].exp().numpy()
+    assert logs == pytest.approx(np.broadcast_to(color[:, None, None], logs.shape), rel=1e-3)
+
+
+def test_where_no_surface_is_the_source_behind_it_is_seen() -> None:
+    view = wall()
+    sky = np.full_like(view.intensity, 7.0)
+    window = replace(
+        view, valid=np.zeros(SIZE, bool), depth=0 * view.depth, intensity=sky, distance=sky
+    )
+    assert (direct_shading(window, 0.5) == 7.0).all()
+
+
+def test_no_light_is_black_and_finite() -> None:
+    assert not direct_shading(wall(), 0.5).any()
+    assert encode([wall()], direct=True)["direct"].isfinite().all()
+
+
+def test_direct_light_mirrors_with_its_view_and_ignores_brightness(tmp_path: Path) -> None:
+    example = next(Dataset(box_dataset(tmp_path) / "dataset", "train").ordered())
+    colors = np.random.default_rng(0).uniform(0.2, 2, (*example.intensity.shape, 3))
+    example = replace(example, tint=colors.astype(np.float32))
+    lit = direct_shading(example, 0.5)
+    assert direct_shading(mirrored(example), 0.5) == pytest.approx(lit[:, ::-1], rel=1e-3)
+    brighter = replace(example, intensity=100 * example.intensity)
+    for one, other in zip(
+        encode([example], direct=True)["direct"],
+        encode([brighter], direct=True)["direct"],
+        strict=True,
+    ):
+        assert np.allclose(one, other, atol=1e-4)
+
+
+def test_in_a_box_with_a_bulb_it_is_the_truth(tmp_path: Path) -> None:
+    """The test world is lit by one bulb and a little even light: direct light is nearly all."""
+    for example in Dataset(box_dataset(tmp_path) / "dataset", "train").ordered():
+        lit = direct_shading(example, 0.5)[..., 0]
+        truth = example.shading[..., 0] - 0.5 * 0.5 / np.pi
+        outside = lit < 50  # not the bulb itself, which the truth does not show
+        kept = outside & (truth > 0.02)
+        ratio = lit[kept] / truth[kept]
+        assert np.percentile(ratio, 90) / np.percentile(ratio, 10) < 1.15

@@ -1,0 +1,247 @@
+"""Prediction for people: methods, many views, a camera of one's own, HDR, pretrained networks."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from click.testing import CliRunner, Result
+
+from model.evaluation import predict as prediction
+from model.evaluation.inference import Prediction, load_networks
+from model.evaluation.predict import from_frames
+from model.release import pretrained
+from pipeline.cli import cli
+from pipeline.frames import Channels, read_frame
+from pipeline.images import png_facts, read_picture
+from pipeline.passes.visibility import render_visibility
+from pipeline.tonemap import Exposure, tonemap
+from scenes.errors import InputError
+from tests.fixtures.predict import box_camera, box_frames, box_room
+from tests.fixtures.predictor import untrained_models
+
+FRAMES = ("--inputs", "data/inputs/box/v0.exr", "--illumination", "data/illumination/box/v0.exr")
+FOLDERS = ("--inputs", "data/inputs", "--illumination", "data/illumination")
+SIZE = {"width": 40, "height": 30, "panorama": 16}
+
+
+@pytest.fixture(autouse=True)
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Untrained networks and two views' frames in the working folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(pretrained, "PACKED", tmp_path / "weights")
+    torch.set_num_threads(1)
+    Path("params.yaml").write_text("illumination: {width: 32}\n")
+    untrained_models(Path("models"), ("shading", "composition", "unet", "plus", "can"), levels=3)
+    for name in ("v0", "v1"):
+        box_frames(Path("data"), name, **SIZE)
+    return tmp_path
+
+
+@pytest.fixture()
+def room() -> Path:
+    """A scene folder with a camera file of two views."""
+    views = {"east": (1, 0.2, -0.2), "north": (0.2, 1, -0.2)}
+    cameras = [box_camera(name, (24, 18), (0.5, 0.5, 1.5), to) for name, to in views.items()]
+    return box_room(Path("data"), *cameras)
+
+
+def predict(*words: object) -> Result:
+    return CliRunner().invoke(cli, ["predict", *map(str, words)])
+
+
+@pytest.mark.parametrize("method", ["pbrnet", "product", "product_linear", "plus", "unet", "can"])
+def test_every_method_that_is_trained_draws(method: str) -> None:
+    done = predict(*FRAMES, "--method", method, "--compare", "--out", "p.png")
+    assert done.exit_code == 0, done.output
+    assert f"{method}, networks from models" in done.output and "SSIM" in done.output
+    facts = png_facts(Path("p.png").read_bytes())
+    assert facts and facts["models"] == f"{method} of models"
+
+
+def test_a_method_without_networks_says_which_there_are() -> None:
+    done = predict(*FRAMES, "--method", "pix2pix")
+    assert isinstance(done.exception, InputError)
+    assert "pix2pix.safetensors: no such model" in str(done.exception)
+    assert "--method can, pbrnet, plus, product" in str(done.exception)
+
+
+def test_all_views_of_a_folder(project: Path) -> None:
+    done = predict(*FOLDERS, "--out", "pictures")
+    assert done.exit_code == 0, done.output
+    assert sorted(path.name for path in Path("pictures").iterdir()) == [
+        "box--v0.png", "box--v1.png",
+    ]  # fmt: skip
+    assert predict(*FRAMES, "--out", "single.png").exit_code == 0
+    one, of_many = (Path(name).read_bytes() for name in ("single.png", "pictures/box--v0.png"))
+    assert np.array_equal(read_picture(one), read_picture(of_many))
+    done = predict(*FOLDERS, "--out", "one.png")
+    assert done.exit_code == 2 and "2 views need a folder" in done.output
+
+
+def test_a_view_that_fails_is_named_and_the_others_are_made() -> None:
+    path = Path("data/illumination/box/v1.exr")
+    content = bytearray(path.read_bytes())
+    content[-200:] = bytes(200)
+    path.write_bytes(content)
+    done = CliRunner().invoke(cli, ["predict", *FOLDERS], standalone_mode=False)
+    assert done.return_value == 1
+    assert "Error: box/v1" in done.output and Path("predictions/box--v0.png").is_file()
+    path.unlink()
+    done = predict(*FOLDERS)
+    assert isinstance(done.exception, InputError)
+    assert "data/illumination/box/v1.exr: missing beside" in str(done.exception)
+
+
+def test_all_views_of_a_scene_and_a_camera_of_ones_own(room: Path) -> None:
+    done = predict(room, "--all-views", "--size", "36x20", "--out", "out")
+    assert done.exit_code == 0, done.output
+    shapes = {path.name: read_picture(path.read_bytes()).shape for path in Path("out").iterdir()}
+    assert shapes == {"box--east.png": (20, 36, 3), "box--north.png": (20, 36, 3)}
+    words = ("--eye", "0.5,0.5,1.5", "--towards", "1,0.2,-0.2", "--size", "36x20")
+    assert predict(room, *words, "--out", "own.png").exit_code == 0
+    same = [read_picture(Path(name).read_bytes()) for name in ("own.png", "out/box--east.png")]
+    assert np.abs(same[0].astype(int) - same[1]).max() <= 1  # the very same camera
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--eye", "1,2,3"), "--eye and --towards"),
+        (("--all-views", "--view", "east"), "or --all-views"),
+        (("--eye", "1,2", "--towards", "1,0,0"), "write it like 1,2,1.6"),
+        (("--view", "east", "--tile", "3"), "--tile"),
+        (("--view", "east", "--out", "picture.jpg"), "end in .png"),
+        (("--view", "east", *FRAMES), "not both"),
+    ],
+)
+def test_what_does_not_fit_together_is_said(room: Path, words: tuple[str, ...], said: str) -> None:
+    done = predict(room, *words)
+    assert done.exit_code == 2 and said in done.output
+
+
+def test_a_camera_that_looks_straight_down_is_refused(room: Path) -> None:
+    done = predict(room, "--eye", "1,1,1", "--towards", "0,0,-1")
+    assert isinstance(done.exception, InputError) and "no upright" in str(done.exception)
+
+
+@pytest.mark.parametrize("method", ["pbrnet", "plus", "unet", "product"])
+def test_linear_radiance_shows_as_the_prediction(method: str) -> None:
+    """Tone-mapped by the exposure that the file names, the EXR is the picture."""
+    done = predict(*FRAMES, "--method", method, "--exr", "--out", "p.png")
+    assert done.exit_code == 0, done.output
+    frame = read_frame(Path("p.exr"))
+    assert frame.meta["unit"] == "shading's log-average luminance is 0.8"
+    assert "are at white, lower bounds" in done.output
+    exposure = Exposure(**frame.meta["exposure"])
+    assert (exposure.scale, exposure.white) == (1.0, 4.0)
+    picture = read_picture(Path("p.png").read_bytes()) / 255
+    shown = tonemap(frame.rgb, exposure)
+    inside = frame.channels["clipped"] == 0
+    assert inside.mean() > 0.02
+    assert np.abs(shown - picture)[inside].max() < 0.6 / 255 + 1e-3
+    assert ("shading.R" in frame.channels) == (method != "unet")
+
+
+def test_a_network_that_was_trained_with_shadows_takes_them() -> None:
+    untrained_models(Path("models"), ("plus",), levels=3, shadows=True)
+    shadows = FRAMES[3].replace("illumination", "visibility")
+    shutil.copy(FRAMES[3], "panorama.exr")
+    elsewhere = (*FRAMES[:3], "panorama.exr")
+    for name, given in (
+        ("beside.png", FRAMES),
+        ("named.png", (*elsewhere, "--visibility", shadows)),
+        ("without.png", elsewhere),
+    ):
+        done = predict(*given, "--method", "plus", "--out", name)
+        assert done.exit_code == 0, done.output
+        assert ("give --visibility too" in done.output) == (name == "without.png")
+    pictures = [Path(f"{name}.png").read_bytes() for name in ("beside", "named", "without")]
+    assert pictures[0] == pictures[1] != pictures[2]
+    wrong = predict(*FRAMES, "--visibility", FRAMES[1], "--method", "plus", "--out", "wrong.png")
+    assert isinstance(wrong.exception, InputError)
+    assert "without visibility.Y" in str(wrong.exception)
+
+
+def test_shadows_do_not_reach_a_network_that_never_saw_any() -> None:
+    assert predict(*FRAMES, "--method", "plus", "--out", "a.png").exit_code == 0
+    shutil.rmtree("data/visibility")
+    done = predict(*FRAMES, "--method", "plus", "--out", "b.png")
+    assert done.exit_code == 0 and "--visibility" not in done.output
+    assert Path("a.png").read_bytes() == Path("b.png").read_bytes()
+
+
+def test_an_evaluation_without_the_shadows_is_refused() -> None:
+    untrained_models(Path("models"), ("plus",), levels=3, shadows=True)
+    networks = load_networks(Path("models"), ["plus"])
+    example = from_frames(Path(FRAMES[1]), Path(FRAMES[3])).make(networks.card)
+    with pytest.raises(InputError, match="comes without the shadows of its lights"):
+        networks.predict("plus", example)
+
+
+def test_from_a_scene_shadows_are_found_where_they_are_wanted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found: list[float] = []
+
+    def counted(*given: Any) -> Channels:
+        light = render_visibility(*given)
+        found.append(float(light["visibility.Y"].mean()))
+        return light
+
+    monkeypatch.setattr(prediction, "render_visibility", counted)
+    view = box_camera("v", (40, 30), (1.0, 1.0, 1.4), (1, 1, -0.2))
+    box_room(Path("data"), view)
+    for shadows in (False, True):
+        untrained_models(Path("models"), ("plus",), levels=3, shadows=shadows)
+        done = predict("data/scenes/box", "--view", "v", "--method", "plus", "--out", "s.png")
+        assert done.exit_code == 0, done.output
+    assert found == [1.0], "an empty room has no shadows"
+
+
+def test_with_the_truth_the_unit_is_the_scenes() -> None:
+    networks = load_networks(Path("models"))
+    wanted = from_frames(Path(FRAMES[1]), Path(FRAMES[3]), truth=Path("data"))
+    example = wanted.make(networks.card)
+    perfect = Prediction(
+        "pbrnet",
+        tonemap(example.shading, example.exposure_shading),
+        tonemap(example.color, example.exposure_shading),
+    )
+    linear = networks.radiance(example, perfect)
+    inside = ~linear.clipped
+    assert linear.known
+    assert linear.color[inside] == pytest.approx(example.color[inside], rel=2e-2, abs=1e-4)
+    # What is at white is less than the truth, or equal: a lower bound in that band.
+    bright = replace(example, exposure_shading=Exposure(example.exposure_shading.scale, 0.9))
+    display = tonemap(example.color, bright.exposure_shading)
+    bound = networks.radiance(bright, Prediction("pbrnet", None, display))
+    at_white = display >= 1 - 1e-6
+    assert at_white.any() and (bound.clipped == at_white.any(axis=-1)).all()
+
+
+def test_tiles_draw_the_same_picture_from_the_command() -> None:
+    box_frames(Path("data"), "large", width=150, height=110, panorama=16)
+    words = [word.replace("v0", "large") for word in FRAMES]
+    for name, more in (("whole.png", ()), ("cut.png", ("--tile", "32"))):
+        done = predict(*words, *more, "--out", name)
+        assert done.exit_code == 0, done.output
+    whole, cut = (read_picture(Path(name).read_bytes()) for name in ("whole.png", "cut.png"))
+    assert np.abs(whole.astype(int) - cut).max() <= 1
+    done = predict(*words, "--method", "can", "--tile", "32")
+    assert isinstance(done.exception, InputError) and "leave out --tile" in str(done.exception)
+
+
+def test_pretrained_networks_serve_where_none_are_trained(project: Path) -> None:
+    Path("models").rename("weights")
+    done = predict(*FRAMES)
+    assert done.exit_code == 0, done.output
+    assert "pbrnet, networks from" in done.output and "weights (pretrained" in done.output
+    card = json.loads(Path("weights/shading.json").read_text())
+    assert card["precision"] == "float32" and card["packed_from"] == ""

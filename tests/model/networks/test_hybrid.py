@@ -1,0 +1,287 @@
+"""The hybrid: it starts from the denoiser, keeps the light's unit, and learns to correct it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from model.data.encoding import encode, radiances, targets
+from model.data.reader import NOISY_IMAGES, Array, Dataset, Example, mirrored
+from model.evaluation.evaluate import evaluate
+from model.evaluation.inference import load_networks
+from model.networks.hybrid import REACH, Exposed, HybridNet, displayed
+from model.networks.objective import Batch, Setting
+from model.networks.pbrnet import Architecture
+from model.training import train
+from model.training.backbone import make_backbone
+from model.training.train import Folders, train_network
+from pipeline.cli import main
+from pipeline.costs.ledger import Ledger
+from pipeline.frames import KINDS, read_frame, write_frame
+from pipeline.params import BackboneParams, NoisyParams, Params, StageTrainParams, TrainParams
+from pipeline.passes.registry import PASSES
+from pipeline.render.scene import open_scene, set_variant
+from pipeline.tonemap import Exposure, tonemap
+from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, save_cameras
+from scenes.contract import load_scene
+from scenes.errors import InputError
+from tests.fixtures.model import box_dataset, box_rows, write_shard
+from tests.fixtures.stages import write_room
+
+SIZE = {"width": 24, "height": 18, "panorama": 16}
+SMALL = StageTrainParams(epochs=1, width=4, levels=2)
+PARAMS = Params(
+    train=TrainParams(baselines=("hybrid",), shading=SMALL, composition=SMALL, hybrid=SMALL)
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread() -> Iterator[None]:
+    """Networks this small only wait for one another on two."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(train.os, "sched_getaffinity", lambda _process: {0})
+        yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="module")
+def view(tmp_path_factory: pytest.TempPathFactory) -> Example:
+    """A box room with noisy samples."""
+    folder = box_dataset(tmp_path_factory.mktemp("view"), 2, 0, 0, noisy=True)
+    return next(Dataset(folder / "dataset", "train", noisy=True).ordered())
+
+
+def untrained(width: int = 8, levels: int = 3, spread: float = 0.0) -> HybridNet:
+    """A network whose last layer says as much as `spread`."""
+    torch.manual_seed(0)
+    network = HybridNet(Architecture("hybrid", width, levels))
+    torch.nn.init.normal_(network.unet.out.weight, std=spread)  # type: ignore[arg-type]
+    return network
+
+
+def parts(network: HybridNet, example: Example) -> tuple[np.ndarray, np.ndarray]:
+    with torch.no_grad():
+        shading, color = network.parts(encode([example], noisy=True))
+    return shading[0].permute(1, 2, 0).numpy(), color[0].permute(1, 2, 0).numpy()
+
+
+@pytest.mark.parametrize("levels", [1, 2, 4])
+@pytest.mark.parametrize("size", [(40, 30), (37, 23), (5, 3)])
+def test_it_starts_from_what_the_denoiser_made(levels: int, size: tuple[int, int]) -> None:
+    example = example_of(np.random.default_rng(0), *size)
+    shading, color = parts(untrained(levels=levels), example)
+    assert np.array_equal(shading, example.denoised_shading)
+    assert np.array_equal(color, example.denoised_color)
+
+
+def example_of(rng: np.random.Generator, width: int, height: int) -> Example:
+    """A view of nothing in particular."""
+    color = rng.random((height, width, 3), dtype=np.float32)
+    normal = rng.normal(size=color.shape).astype(np.float32)
+    panorama = np.zeros((8, 16), np.float32)
+    return Example(
+        "s", "v", 1 + color[..., 0], normal / np.linalg.norm(normal, axis=-1, keepdims=True),
+        rng.random(color.shape, dtype=np.float32), np.ones(color.shape[:2], bool),
+        panorama, panorama, np.eye(3), color, color, Exposure(1, 2), Exposure(1, 2),
+        *(rng.exponential(1, color.shape).astype(np.float32) for _ in range(4)),
+    )  # fmt: skip
+
+
+def test_it_changes_light_by_a_bounded_factor(view: Example) -> None:
+    assert view.denoised_shading is not None
+    shading, _ = parts(untrained(spread=500.0), view)
+    factor = shading / view.denoised_shading
+    assert np.exp(-REACH) * 0.999 < factor.min() < 0.1 and 10 < factor.max() < np.exp(REACH) * 1.001
+
+
+def with_light(view: Example, change: Callable[[Array], Array]) -> Example:
+    """The view with its samples changed, raw and denoised."""
+    return replace(view, **{name: change(getattr(view, name)) for name in NOISY_IMAGES})
+
+
+def test_brighter_lamps_make_the_same_picture_brighter(view: Example) -> None:
+    network = untrained(spread=1.0)
+    brighter = with_light(view, lambda image: 500 * image)
+    for dim, bright in zip(parts(network, view), parts(network, brighter), strict=True):
+        np.testing.assert_allclose(bright, 500 * dim, rtol=1e-3)
+
+
+@pytest.mark.parametrize("spoil", ["dark", "firefly"])
+def test_no_light_and_far_too_much_of_it(view: Example, spoil: str) -> None:
+    def change(image: Array) -> Array:
+        samples = 0 * image
+        if spoil == "firefly":
+            samples[3, 4] = 65504
+        return samples
+
+    spoiled = with_light(view, change)
+    network = untrained(spread=1.0)
+    images = parts(network, spoiled)
+    assert all(np.isfinite(image).all() and image.min() >= 0 for image in images)
+    exposed_loss(network, spoiled, encode([spoiled], noisy=True)).backward()  # type: ignore[no-untyped-call]
+    assert all(p.grad is not None and p.grad.isfinite().all() for p in network.parameters())
+
+
+def test_what_the_loss_sees_is_what_is_displayed() -> None:
+    rng = np.random.default_rng(0)
+    image = rng.exponential(1, (20, 30, 3)).astype(np.float32)
+    exposure = Exposure(1.7, 6.0)
+    scaled = torch.from_numpy(exposure.scale * image.transpose(2, 0, 1).copy())[None]
+    found = displayed(scaled, torch.full((1, 1, 1, 1), exposure.white))
+    np.testing.assert_allclose(
+        found[0].permute(1, 2, 0).numpy(), tonemap(image, exposure), atol=1e-4
+    )
+
+
+def exposed_loss(network: HybridNet, example: Example, inputs: dict[str, Any]) -> torch.Tensor:
+    def l1(found: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+        return 255 * (found - truth).abs().mean()
+
+    objective = Exposed(Setting(network, l1, None, 8, lambda: torch.autocast("cpu", enabled=False)))
+    truth = targets([example], "shared")
+    return objective.loss(
+        Batch(inputs, truth["color"], truth["shading"], radiances([example], "shared"))
+    )
+
+
+def test_it_learns_what_the_denoiser_does_wrong(view: Example) -> None:
+    network = untrained(width=12, levels=3, spread=0.01)
+    inputs = encode([view], noisy=True)
+    optimiser = torch.optim.Adam(network.parameters(), 3e-3)
+    truth = tonemap(view.color, view.exposure_shading)
+
+    def error() -> float:
+        found = tonemap(parts(network, view)[1], view.exposure_shading)
+        return float(np.abs(found - truth).mean())
+
+    assert view.denoised_color is not None
+    denoised = float(np.abs(tonemap(view.denoised_color, view.exposure_shading) - truth).mean())
+    assert error() == pytest.approx(denoised, rel=0.1)
+    for _ in range(120):
+        optimiser.zero_grad()
+        exposed_loss(network, view, inputs).backward()  # type: ignore[no-untyped-call]
+        optimiser.step()
+    assert error() < 0.3 * denoised
+
+
+def test_samples_are_read_where_asked_for_and_turn_with_the_view(tmp_path: Path) -> None:
+    rows = box_rows(["a"], 1, "train", noisy=True, **SIZE)
+    write_shard(tmp_path / "train-00000-of-00001.parquet", rows)
+    (plain,) = Dataset(tmp_path, "train").ordered()
+    assert plain.noisy_color is None and mirrored(plain).noisy_shading is None
+    with pytest.raises(InputError, match=r"a/v000: comes without the noisy samples"):
+        encode([plain], noisy=True)
+    (example,) = Dataset(tmp_path, "train", noisy=True).ordered()
+    for name in NOISY_IMAGES:
+        assert np.array_equal(getattr(example, name), rows[0][name].astype(np.float32))
+        turned = getattr(mirrored(example), name)
+        assert np.array_equal(turned, getattr(example, name)[:, ::-1])
+
+
+def test_without_the_samples_it_says_what_to_do(tmp_path: Path) -> None:
+    box_dataset(tmp_path, 2, 0, 0, **SIZE)
+    with pytest.raises(InputError, match=r"no noisy samples.*hybrid.*set noisy\.spp.*groundtruth"):
+        train_network("hybrid", PARAMS, Folders(tmp_path, tmp_path))
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Folders:
+    """The pair and the hybrid, barely trained, beside their dataset."""
+    root = tmp_path_factory.mktemp("trained")
+    folders = Folders(*(root / part for part in ("data", "models", "metrics", "plots", "models")))
+    box_dataset(folders.data, 4, 2, 4, noisy=True, **SIZE)
+    make_backbone(BackboneParams(network="efficientnet_lite0"), folders.models)
+    for name in ("shading", "composition", "hybrid"):
+        train_network(name, PARAMS, folders)
+    return folders
+
+
+def test_it_is_measured_and_its_time_is_that_of_the_samples_too(
+    trained: Folders, tmp_path: Path
+) -> None:
+    folders = replace(trained, metrics=tmp_path)
+    result = evaluate(PARAMS, folders)
+    assert result["methods"]["hybrid"]["seconds"] is None, "nobody knows what the samples took"
+    ledger = Ledger(trained.data)
+    times = {("test-room-0", "v000"): 9.0, ("test-room-0", "v001"): 2.5, ("other", "v000"): 70.0}
+    for (scene, name), seconds in times.items():
+        ledger.add(("noisy", scene, name), seconds=seconds, opening=0.5, threads=3)
+    ledger.save()
+    result = evaluate(PARAMS, folders)
+    # On one processor: (9 - 0.5) * 3 and (2.5 - 0.5) * 3.
+    assert result["timing"]["sampling"] == pytest.approx((25.5 + 6) / 2)
+    assert result["methods"]["denoised"]["seconds"] == result["timing"]["sampling"]
+    assert 0 < result["methods"]["denoised"]["ssim"]["mean"] < 1
+    seconds = result["methods"]["hybrid"]["seconds"]
+    assert seconds == pytest.approx(result["timing"]["hybrid"] + result["timing"]["sampling"])
+    assert json.loads((trained.models / "hybrid.json").read_text())["training"]["noisy_spp"] == 2
+    (trained.data / "ledger.parquet").unlink()
+
+
+def test_evaluation_without_samples_says_what_is_missing(trained: Folders, tmp_path: Path) -> None:
+    rows = box_rows(["fresh"], 2, "test", **SIZE)
+    write_shard(tmp_path / "data" / "dataset" / "test-00000-of-00001.parquet", rows)
+    with pytest.raises(InputError, match="no noisy samples"):
+        evaluate(PARAMS, replace(trained, data=tmp_path / "data", metrics=tmp_path))
+
+
+@pytest.fixture
+def predict(
+    trained: Folders, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., int]:
+    """`pbrnet predict --method hybrid` in `tmp_path`; its exit code."""
+    monkeypatch.chdir(tmp_path)
+    Path("params.yaml").write_text("groundtruth: {spp: 4, block_spp: 4, max_depth: 3}\n")
+
+    def run(*arguments: object) -> int:
+        command = ["predict", *map(str, arguments), "--models", str(trained.models)]
+        with pytest.raises(SystemExit) as ended:
+            main([*command, "--method", "hybrid"])
+        return int(str(ended.value.code))
+
+    return run
+
+
+def test_it_predicts_from_a_scene_whose_samples_it_traces(
+    predict: Callable[..., int], tmp_path: Path, trained: Folders
+) -> None:
+    scene = tmp_path / "data" / "scenes" / "room"
+    write_room(scene)
+    pose = look((0.6, 0.6, 1.5), (1, 0.8, -0.2))
+    size = replace(PARAMS.image, width=32, height=24)
+    camera = View("room", "v0", 32, 24, as_matrix(intrinsics_of(size)), as_matrix(pose))
+    save_cameras(tmp_path / "data" / "cameras" / "room.json", CameraFile("room", (camera,)))
+    params = replace(PARAMS, noisy=NoisyParams(2))
+    set_variant("auto")
+    opened = open_scene(load_scene(scene))
+    frames = {kind: tmp_path / f"{kind}.exr" for kind in KINDS if kind not in ("shading", "color")}
+    for kind, path in frames.items():
+        channels, stats = PASSES[kind].render(opened, camera, params, 1)
+        write_frame(path, kind, channels, camera, **stats, fingerprint="")
+    given = [word for kind, path in frames.items() for word in (f"--{kind}", path)]
+    for arguments in (
+        (scene, "--view", "v0"),
+        (scene, "--view", "v0", "--compare"),
+        (scene, "--view", "v0", "--exr"),
+        given,
+    ):
+        assert predict(*arguments, "--out", "p.png") == 0
+        with Image.open("p.png") as image:
+            lit = np.asarray(image.convert("L"))
+            assert image.size == (32, 24) or "--compare" in arguments
+        assert lit.mean() > 20
+    linear = read_frame(tmp_path / "p.exr", verify=False)
+    assert linear.rgb.max() > 0 and linear.meta["unit"] == "the scene's"
+    assert linear.meta["clipped_share"] == 0
+    assert predict(*given[:4], "--out", "p.png") == 3, "without the samples that it takes"
+    assert "hybrid" not in load_networks(trained.models).baselines

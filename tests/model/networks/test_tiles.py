@@ -1,0 +1,109 @@
+"""A picture made in pieces is the picture made at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from model.data.reader import Dataset, Example
+from model.evaluation.inference import load_networks
+from model.networks.pbrnet import Architecture, Panorama, UNet
+from model.networks.tiles import margin, pieces, stride, tiled, unet_reach
+from scenes.errors import InputError
+from tests.fixtures.model import box_dataset
+from tests.fixtures.predictor import untrained_models
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread() -> None:
+    """Networks this small only wait for one another on two."""
+    torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="module")
+def example(tmp_path_factory: pytest.TempPathFactory) -> Example:
+    """A view of odd size, several pieces wide and high."""
+    data = box_dataset(tmp_path_factory.mktemp("large"), 0, 0, 2, width=187, height=141)
+    return next(Dataset(data / "dataset", "test").ordered())
+
+
+@pytest.mark.parametrize("levels", [1, 2, 3, 4])
+def test_the_reach_of_a_u_net_is_as_far_as_it_sees_and_no_farther(levels: int) -> None:
+    """Random inputs and gradients of a random block: what has a gradient is what is seen."""
+    block, reach = 2 ** (levels - 1), unet_reach(levels)
+    size = 2 * block * (-(-reach // block) + 2)
+    start = size // 2 // block * block
+    seen = torch.zeros(size, dtype=torch.bool)
+    for seed in range(8):
+        torch.manual_seed(seed)
+        network = UNet(2, 4, levels)
+        image = torch.randn(1, 2, size, size, requires_grad=True)
+        network(image)[..., start : start + block, start : start + block].sum().backward()
+        assert image.grad is not None
+        seen |= (image.grad[0].abs().amax(dim=(0, 1))) > 0
+    columns = seen.nonzero()[:, 0]
+    found = (start - int(columns.min()), int(columns.max()) - (start + block - 1))
+    assert max(found) <= reach
+    assert max(found) >= reach - block  # ReLU and maximum hide a little
+
+
+@pytest.mark.parametrize("panorama", ["normal", "resize"])
+@pytest.mark.parametrize("method", ["pbrnet", "product", "unet", "plus"])
+def test_tiles_give_the_whole_picture(
+    method: str, panorama: Panorama, example: Example, tmp_path: Path
+) -> None:
+    names = ("shading", "composition", "unet", "plus")
+    models = untrained_models(tmp_path / "models", names, panorama=panorama, levels=3)
+    whole = load_networks(models, [method]).predict(method, example)
+    cut = load_networks(models, [method], tile=32).predict(method, example)
+    assert whole.color.std() > 0.02  # there is something to see
+    assert np.abs(whole.color - cut.color).max() < 1e-4
+    if whole.shading is not None and cut.shading is not None:
+        assert np.abs(whole.shading - cut.shading).max() < 1e-4
+
+
+def test_too_little_overlap_would_show(example: Example, tmp_path: Path,
+                                       monkeypatch: pytest.MonkeyPatch) -> None:  # fmt: skip
+    """The test above can fail: with a tenth of the margin, pieces differ from the whole."""
+    models = untrained_models(tmp_path / "models", ("unet",), levels=3)
+    whole = load_networks(models, ["unet"]).predict("unet", example)
+    monkeypatch.setattr("model.networks.tiles.margin", lambda architecture: stride(architecture))
+    cut = load_networks(models, ["unet"], tile=32).predict("unet", example)
+    assert np.abs(whole.color - cut.color).max() > 1e-4
+
+
+def test_a_piece_bounds_what_is_held_at_once() -> None:
+    architecture = Architecture("composition", 4, 3)
+    sizes = []
+
+    def network(inputs: dict[str, torch.Tensor]) -> torch.Tensor:
+        sizes.append(tuple(inputs["shading"].shape[-2:]))
+        return inputs["shading"]
+
+    image = torch.rand(1, 3, 300, 500)
+    assert torch.equal(tiled(network, architecture, {"shading": image}, 64), image)
+    assert len(sizes) == 5 * 8
+    assert max(max(size) for size in sizes) == 64 + 2 * margin(architecture)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (16, 16), (17, 100), (250, 33)])
+def test_pieces_cover_every_pixel_once_from_aligned_windows(size: tuple[int, int]) -> None:
+    architecture = Architecture("shading", 4, 3)
+    covered = np.zeros(size, int)
+    for piece in pieces(*size, tile=18, architecture=architecture):
+        covered[piece.rows, piece.columns] += 1
+        assert piece.rows.stop - piece.rows.start <= 20  # 18, rounded up to whole strides
+        for window in (piece.window_rows, piece.window_columns):
+            assert window.start % stride(architecture) == 0
+    assert (covered == 1).all()
+
+
+@pytest.mark.parametrize("name", ["can", "pix2pix", "cyclegan"])
+def test_networks_that_normalise_refuse_to_be_cut(name: str, tmp_path: Path) -> None:
+    models = untrained_models(tmp_path / "models", (name,))
+    load_networks(models, [name])
+    with pytest.raises(InputError, match="statistics of the whole picture; leave out --tile"):
+        load_networks(models, [name], tile=64)

@@ -1,0 +1,352 @@
+"""The report is one file that shows all there is, and says what is not there."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from model.commands.report import report
+from model.figures.svg import TALL, WIDE, Node, chain, line_chart, panorama_guide, strip_plot
+from model.report.page import Places, write_report
+from pipeline.dataset.pack import pack_dataset
+from pipeline.frames import frame_path
+from pipeline.images import png_bytes
+from scenes.contract import Credit
+from tests.fixtures.dataset import add_scene, make_data, make_view, small_params
+from tests.fixtures.report import make_ledger, make_results
+
+SECTIONS = (
+    "chain",
+    "pictures",
+    "panorama",
+    "rejections",
+    "dataset",
+    "curves",
+    "results",
+    "views",
+    "costs",
+    "scenes",
+    "details",
+)
+VOID = {"meta", "img", "br", "link", "input", "hr"}
+
+
+class Page(HTMLParser):
+    """Checks that tags nest, and collects what the page refers to."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: set[str] = set()
+        self.sources: list[str] = []
+        self.tags: list[str] = []
+        self.text = ""
+        self.feed(text)
+        self.close()
+        assert not self.open, f"never closed: {self.open}"
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = dict(attrs)
+        self.tags.append(tag)
+        if "id" in values:
+            self.ids.add(values["id"] or "")
+        for name in ("src", "href", "xlink:href", "srcset", "data", "action"):
+            if values.get(name):
+                self.sources.append(values[name] or "")
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open and self.open[-1] == tag, f"</{tag}> closes <{self.open[-1:]}>"
+        self.open.pop()
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Everything a finished run leaves: data, models, metrics, plots."""
+    root = tmp_path_factory.mktemp("report")
+    params = small_params()
+    make_data(root / "data", params, scenes=4)
+    add_scene(
+        root / "data",
+        params,
+        "grey-room",
+        2,
+        source={"kind": "mitsuba"},
+        changes=("The <integrator> 'sppm' was replaced.",),
+        credits=(Credit("everything", "Grey Room", "Wig", "CC-BY-3.0"),),
+    )
+    frame_path(root / "data", "color", make_view(params, "home-0001", 1)).unlink()
+    pack_dataset(root / "data", params)
+    keys = [(f"home-000{scene}", f"00{view}") for scene in (0, 2) for view in range(3)]
+    make_results(root, keys, (32, 24))
+    make_ledger(root / "data", keys)
+    return root
+
+
+def places(root: Path) -> Places:
+    """The usual folders below `root`."""
+    return Places(
+        root / "data", root / "models", root / "metrics", root / "plots", root / "predictions"
+    )
+
+
+@pytest.fixture(scope="module")
+def text(root: Path) -> str:
+    """The page of a finished run."""
+    assert write_report(places(root), small_params(), root / "index.html") == []
+    return (root / "index.html").read_text()
+
+
+def test_the_page_nests_and_has_every_section(text: str) -> None:
+    page = Page(text)
+    assert set(SECTIONS) <= page.ids
+    assert "made by" not in page.text.replace("Made by pbrnet report", ""), "something is missing"
+
+
+def test_the_ledger_is_drawn(text: str) -> None:
+    costs = text[text.index('id="costs"') : text.index('id="scenes"')]
+    assert costs.count("<svg") == 2  # all views had as many samples
+    assert "Who worked when" in costs and "Memory of the workers" in costs
+
+
+def test_the_page_needs_nothing_from_outside(text: str) -> None:
+    page = Page(text)
+    assert page.sources
+    for source in page.sources:
+        assert source.startswith(("data:image/", "#")), source[:80]
+    assert not {"script", "link", "iframe", "object", "embed"} & set(page.tags)
+    assert not re.search(r"url\(\s*['\"]?(?!#)", text), "a style sheet that loads something"
+    assert "@import" not in text
+
+
+def test_the_page_shows_all_modalities_results_and_reasons(text: str) -> None:
+    page = Page(text)
+    for words in (
+        "Colour",
+        "Shading",
+        "Reflectance",
+        "Normal",
+        "Depth",
+        "Illumination: intensity",
+        "Illumination: distance",
+        "too few objects",
+        "no color frame",
+        "efficientnet_lite0",
+        "Reflectance × true shading",
+        "LPIPS is left out",
+        "0.700 to 0.800",
+        "renderer: color",
+        "The best predicted views",
+        "The worst predicted views",
+        "Predicted shading",
+        "CC-BY-3.0",
+        "replaced",
+        "spp: 64",
+        "mitsuba",
+    ):
+        assert words in page.text, words
+    assert "2 items were made more than once" in page.text
+
+
+def test_foreign_text_is_escaped(text: str) -> None:
+    assert "&lt;integrator&gt;" in text and "<integrator>" not in text
+
+
+def test_charts_are_well_formed_and_the_page_small(text: str) -> None:
+    charts = re.findall(r"<svg.*?</svg>", text, re.DOTALL)
+    assert len(charts) >= 8
+    for chart in charts:
+        ElementTree.fromstring(chart)
+    assert len(text) < 8_000_000
+
+
+def test_light_dark_and_phone_are_provided_for(text: str) -> None:
+    assert "prefers-color-scheme: dark" in text
+    assert 'name="viewport"' in text
+
+
+def test_predictions_are_shown_with_their_authors(root: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(root, copy)
+    folder = copy / "predictions"
+    folder.mkdir()
+    picture = np.full((12, 16, 3), 99, np.uint8)
+    facts = {
+        "prediction": "parlour/v7",
+        "models": "models/fine",
+        "words": "SSIM 0.321",
+        "credits": ["The Parlour by A. Painter, CC-BY-4.0"],
+    }
+    (folder / "parlour--v7.png").write_bytes(png_bytes(picture, facts))
+    (folder / "holiday.png").write_bytes(png_bytes(picture))
+    (folder / "torn.png").write_bytes(png_bytes(picture, facts)[:60])
+    missing = write_report(places(copy), small_params(), copy / "page.html")
+    page = Page((copy / "page.html").read_text())
+    for words in ("parlour/v7", "SSIM 0.321, models/fine", facts["credits"][0]):
+        assert words in page.text
+    assert len(missing) == 2
+    assert "holiday.png was not made by" in missing[0] and "torn.png is damaged" in missing[1]
+
+
+@pytest.mark.parametrize(
+    ("gone", "words"),
+    [
+        (("data", "models", "metrics", "plots"), "pbrnet scenes"),
+        (("data/dataset",), "pbrnet dataset"),
+        (("data/cameras",), "pbrnet cameras"),
+        (("data/ledger.parquet",), "No costs are on record"),
+        (("metrics",), "pbrnet evaluate"),
+        (("metrics/examples",), ""),
+        (("metrics/evaluation.csv",), ""),
+        (("plots",), "pbrnet train"),
+        (("models",), "pbrnet backbone"),
+        (("data/scenes",), "pbrnet scenes"),
+        (("data/inputs", "data/color"), ""),
+    ],
+)
+def test_what_is_missing_is_named_and_the_rest_shown(
+    root: Path, tmp_path: Path, gone: tuple[str, ...], words: str
+) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(root, copy)
+    for name in gone:
+        path = copy / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    write_report(places(copy), small_params(), copy / "page.html")
+    page = Page((copy / "page.html").read_text())
+    assert set(SECTIONS) <= page.ids
+    assert words in page.text
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "metrics/evaluation.json",
+        "models/shading.json",
+        "data/dataset/train-00000-of-00001.parquet",
+        "data/cameras/home-0000.json",
+        "data/scenes/home-0000/scene.json",
+        "data/ledger.parquet",
+        "metrics/examples/home-0000--000--prediction.png",
+        "plots/train_shading.csv",
+        "metrics/evaluation.csv",
+    ],
+)
+def test_a_damaged_part_is_named_and_the_rest_shown(root: Path, tmp_path: Path, name: str) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(root, copy)
+    (copy / name).write_bytes(b"a,b\n\xff\x00 not what it was\n")
+    notes = write_report(places(copy), small_params(), copy / "page.html")
+    assert any(Path(name).name in note or Path(name).parent.name in note for note in notes), notes
+    assert set(SECTIONS) <= Page((copy / "page.html").read_text()).ids
+
+
+def test_the_command_writes_by_rename(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(root)
+    (tmp_path / "params.yaml").write_text("seed: 0\n")
+    out = tmp_path / "new" / "index.html"
+    arguments = ["--params", str(tmp_path / "params.yaml"), "--out", str(out)]
+    ran = CliRunner().invoke(report, arguments)
+    assert ran.exit_code == 0, ran.output
+    assert "Written" in ran.output
+    assert [path.name for path in out.parent.iterdir()] == ["index.html"]
+
+
+def test_charts_place_values_where_they_belong() -> None:
+    svg = str(line_chart({"loss": [(0, 1.0), (10, 3.0), (20, 2.0)]}, "step", "loss"))
+    points = [(float(x), float(y)) for x, y in re.findall(r'cx="([\d.]+)" cy="([\d.]+)"', svg)]
+    assert points[0][0] < points[1][0] < points[2][0]
+    assert points[1][1] < points[2][1] < points[0][1], "larger values are higher up"
+    assert points[1][0] - points[0][0] == pytest.approx(points[2][0] - points[1][0], abs=0.2)
+    steep = str(line_chart({"loss": [(0, 100.0), (1, 10.0), (2, 1.0)]}, "step", "loss"))
+    heights = [float(y) for y in re.findall(r'cy="([\d.]+)"', steep)]
+    assert "logarithmic" in steep
+    assert heights[1] - heights[0] == pytest.approx(heights[2] - heights[1], abs=0.2)
+
+
+@pytest.mark.parametrize(
+    "values", [[], [float("nan")], [3.0], [2.0, 2.0], [0.0, 1e-9], [-1.0, 5.0]]
+)
+def test_charts_bear_odd_values(values: list[float]) -> None:
+    for svg in (
+        line_chart({"a": list(enumerate(values))}, "x", "y"),
+        strip_plot({"a": values, "<b>": []}, "y"),
+    ):
+        if svg:
+            ElementTree.fromstring(str(svg))
+            assert "nan" not in str(svg)
+
+
+def test_the_panorama_guide_outlines_the_field_of_view() -> None:
+    params = small_params()
+    intrinsics = make_view(params, "home", 0).intrinsics
+    svg = str(panorama_guide("data:,", (360, 180), intrinsics, (32, 24)))
+    outline = re.search(r'points="([^"]+)"', svg)
+    assert outline
+    points = np.array([[float(v) for v in pair.split(",")] for pair in outline[1].split()])
+    half_x = np.degrees(params.image.half_fov_x)
+    middle = points[np.abs(points[:, 1] - 90) < 2]
+    assert middle[:, 0].min() == pytest.approx(180 - half_x, abs=0.2)
+    assert middle[:, 0].max() == pytest.approx(180 + half_x, abs=0.2)
+    half_y = np.degrees(np.arctan(np.tan(params.image.half_fov_x) * 24 / 32))
+    top = points[np.abs(points[:, 0] - 180) < 0.5]
+    assert top[:, 1].min() == pytest.approx(90 - half_y, abs=0.2)
+
+
+def test_the_chain_has_every_stage_in_both_layouts() -> None:
+    assert set(WIDE) == set(TALL)
+    nodes = {name: Node(name, "<note>") for name in WIDE}
+    for layout in (WIDE, TALL):
+        svg = str(chain(nodes, layout, "x"))
+        ElementTree.fromstring(svg)
+        assert all(f">{name}</text>" in svg for name in WIDE)
+        boxes = list(layout.values())
+        for index, (x, y, w, h) in enumerate(boxes):
+            for u, v, s, t in boxes[index + 1 :]:
+                assert x + w <= u or u + s <= x or y + h <= v or v + t <= y, "boxes overlap"
+
+
+def test_sources_kept_back_have_a_table_of_their_own(root: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(root, copy)
+    path = copy / "metrics" / "evaluation.json"
+    found = json.loads(path.read_text())
+    figures = found["methods"]["pbrnet"] | {"ssim": {"mean": 0.123, "low": 0.1, "high": 0.2}}
+    found["kept_back"] = {"views": 3, "scenes": 1, "methods": {"pbrnet": figures}}
+    path.write_text(json.dumps(found))
+    write_report(places(copy), small_params(), copy / "page.html")
+    page = Page((copy / "page.html").read_text())
+    assert "Sources that training never saw" in page.text and "0.123" in page.text
+
+
+def test_own_exposure_shows_the_truth_by_its_own_exposure(root: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(root, copy)
+    path = copy / "metrics" / "evaluation.json"
+    pages = []
+    for policy in ("shared", "own"):
+        path.write_text(re.sub('"exposure": "[a-z]+"', f'"exposure": "{policy}"', path.read_text()))
+        write_report(places(copy), replace(small_params(), seed=1), copy / "page.html")
+        truths = re.findall(r'src="([^"]+)" alt="Truth"', (copy / "page.html").read_text())
+        pages.append(truths)
+    assert len(pages[0]) == 4 and pages[0] != pages[1]

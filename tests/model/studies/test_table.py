@@ -1,0 +1,135 @@
+"""The table of all methods: equal budgets, several trainings, figures that can be recomputed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model.data.encoding import color_exposure
+from model.data.reader import Dataset
+from model.evaluation.metrics import psnr
+from model.report.page import Places, write_report
+from model.studies.comparisons.study import table_study
+from model.studies.trials.plan import Wish, plan
+from model.studies.trials.results import TrialsResult
+from model.training.train import Folders
+from pipeline.cli import main
+from pipeline.tonemap import tonemap
+from scenes.checked import build
+from scenes.errors import InputError
+from scenes.files import read_json
+from tests.fixtures.training import stop_at
+from tests.fixtures.trial import PARAMS, SMALL, folders_in, trial_workplace
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+TINY = replace(SMALL, levels=2)
+METHODS = ("unet", "plus", "hybrid")
+TABLE = replace(
+    PARAMS,
+    train=replace(
+        PARAMS.train,
+        loss=replace(PARAMS.train.loss, kind="l1"),
+        baselines=METHODS,
+        shading=TINY,
+        plus=TINY,
+        hybrid=TINY,
+        unet=TINY,
+    ),
+)
+
+
+@pytest.fixture()
+def folders(tmp_path: Path) -> Folders:
+    """Twelve training and four test views, with noisy samples."""
+    trial_workplace(tmp_path, TABLE, noisy=True)
+    return folders_in(tmp_path)
+
+
+@pytest.fixture()
+def run(
+    folders: Folders, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str, str]]:
+    """`pbrnet study table` in the workplace: exit code, output, errors."""
+    monkeypatch.chdir(folders.data.parent)
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as ended:
+            main(["study", "table", *map(str, arguments)])
+        said = capsys.readouterr()
+        return int(str(ended.value.code)), said.out, said.err
+
+    return call
+
+
+def test_every_method_has_the_same_views_and_steps(folders: Folders) -> None:
+    trials = plan(table_study(METHODS), TABLE, folders, Wish(seeds=3, steps=7, views=(4,)))
+    assert len(trials) == 3 * 4
+    for repeat in range(3):
+        own = [trial for trial in trials if trial.repeat == repeat]
+        assert [trial.variant.name for trial in own] == ["pbrnet", *METHODS]
+        assert {sum(trial.steps.values()) for trial in own} == {14}
+        assert len({trial.scenes for trial in own}) == 1
+        assert 4 <= own[0].views < 12
+        assert len({trial.params.seed for trial in own}) == 1
+    assert len({trial.params.seed for trial in trials}) == 3
+    labels = [label for v in table_study(METHODS).variants for label in v.methods.values()]
+    assert labels == ["pbrnet", "product", "unet", "plus", "hybrid", "denoised"]
+
+
+def test_the_table_from_the_command_to_the_report(
+    run: Callable[..., tuple[int, str, str]], folders: Folders, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code, words, errors = run("--dry-run", "--steps", 1)
+    assert code == 0, errors
+    assert words.count("train   ") == 3 * 4, "three seeds unless told otherwise"
+    code, words, errors = run("--steps", 1, "--seeds", 2, "--method", "unet", "--method", "hybrid")
+    assert code == 0, errors
+    target = folders.metrics / "studies" / "table.json"
+    result = build(TrialsResult, read_json(target), "table.json", InputError)
+    assert (result.reference, result.repeats, result.views) == ("pbrnet", 2, 4)
+    rows = {row.label: row for row in result.rows}
+    assert list(rows) == ["pbrnet", "product", "unet", "hybrid", "denoised", "truth"]
+    for label in ("pbrnet", "unet", "hybrid"):
+        ssim = rows[label].metrics["ssim"]
+        assert ssim and ssim.low is not None and ssim.spread, "other weights, other figures"
+        assert f"±{ssim.spread:.3f}" in words
+        assert rows[label].steps == 2 and rows[label].views == 12
+    assert "standard deviation over 2 trainings" in words
+
+    # what no network has a part in can be worked out again, and does not depend on the seed
+    views = list(Dataset(folders.data / "dataset", "test", noisy=True).ordered())
+    values = []
+    for view in views:
+        assert view.denoised_color is not None
+        exposure = color_exposure(view, TABLE.train.exposure)
+        values.append(psnr(tonemap(view.color, exposure), tonemap(view.denoised_color, exposure)))
+    denoised = rows["denoised"].metrics["psnr"]
+    assert denoised and denoised.mean == pytest.approx(np.mean(values)) and denoised.spread == 0
+    assert rows["denoised"].views is None and rows["denoised"].steps is None
+
+    page_of = folders.data.parent / "index.html"
+    root = folders.data.parent
+    write_report(Places(*(root / n for n in ("none", "models", "metrics"))), TABLE, page_of)
+    page = page_of.read_text()
+    section = page[page.index('id="study-table"') : page.index('id="views"')]
+    assert "One direct U-Net" in section and "standard deviation of the trainings" in section
+
+    with monkeypatch.context() as context:
+        steps = stop_at(context, 10**9)
+        code, _, errors = run("--steps", 1, "--seeds", 2, "--method", "unet")
+        assert code == 0 and steps() == 0 and errors.count("kept") == 4
+
+
+def test_a_method_that_lacks_its_samples_is_named(
+    run: Callable[..., tuple[int, str, str]], folders: Folders
+) -> None:
+    trial_workplace(folders.data.parent, TABLE, noisy=False)
+    code, _, errors = run("--steps", 1, "--seeds", 1, "--method", "hybrid")
+    assert code == 3 and "no noisy samples in it" in errors and "noisy.spp" in errors
+    code, _, errors = run("--method", "nothing")
+    assert code == 2 and "nothing" in errors

@@ -1,0 +1,171 @@
+"""The time study: parts add up, the reference is better than what it judges, nothing is hidden."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from model.figures.results import METHODS
+from model.report.page import Places, write_report
+from model.studies.renders import with_samples
+from model.studies.time import study
+from model.studies.time.plot import time_figure
+from model.studies.time.results import PAPER, Point, TimeResult, beaten_by, part_rows
+from model.studies.time.study import Outcome, _needs
+from model.training.train import Folders
+from pipeline.cli import main
+from pipeline.images import read_picture
+from scenes.checked import build
+from scenes.errors import InputError
+from tests.fixtures.light import PARAMS, lit_workplace
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Folders:
+    """Two rooms with two test views each, and untrained networks."""
+    return lit_workplace(tmp_path_factory.mktemp("time"))
+
+
+def run(place: Folders, *more: str) -> int:
+    """The command in the workplace; returns the exit code."""
+    root = place.data.parent
+    words = ["study", "time", "--params", str(root / "params.yaml"), "--data", str(place.data)]
+    with pytest.raises(SystemExit) as stopped:
+        main([*words, "--models", str(place.models), *more])
+    return int(stopped.value.code or 0)
+
+
+def result_of(place: Folders) -> TimeResult:
+    path = place.models / "metrics" / "studies" / "time.json"
+    return build(TimeResult, json.loads(path.read_text()), str(path), InputError)
+
+
+def test_shadows_are_paid_by_those_that_take_them() -> None:
+    assert _needs("plus", None, {"plus"}) == ("inputs", "illumination", "visibility", "plus")
+    assert _needs("plus", None, ()) == ("inputs", "illumination", "plus")
+    assert _needs("unet", None, {"plus"}) == ("inputs", "illumination", "unet")
+    assert _needs("hybrid", None, {"plus"}) == ("inputs", "samples", "hybrid")
+
+
+def test_the_study_from_end_to_end_and_again(
+    place: Folders,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    asked = ("--views", "1", "--repeats", "1", "--max-spp", "9", "--reference-spp", "256")
+    assert run(place, *asked) == 0
+    said = capsys.readouterr().out
+    assert "the paper: 10.2 s" in said and "time.json: all figures" in said
+    result = result_of(place)
+    assert (result.views, result.size, result.dataset_spp) == (1, (48, 40), 4)
+    points = {(point.method, point.spp): point for point in result.points}
+    ladder = {spp for method, spp in points if method == "mitsuba"}
+    assert ladder == {1, 2, 4, 8}, "powers of two up to 9"
+    assert {method for method, spp in points if spp is None} == {"pbrnet", "product", "unet"}
+    # One view, one turn: the seconds of a way are the sum of its parts'.
+    parts = {name: spent.seconds for name, spent in result.parts.items()}
+    inputs = parts["inputs"] + parts["illumination"]
+    for method, own in {
+        "pbrnet": parts["shading"] + parts["composition"],
+        "product": parts["shading"] + parts["product"],
+        "unet": parts["unet"],
+    }.items():
+        assert points[method, None].seconds == pytest.approx(inputs + own)
+    # More samples are nearer to the reference, and denoising helps the fewest of them.
+    assert points["mitsuba", 8].flip < points["mitsuba", 1].flip
+    assert points["mitsuba", 8].ssim > points["mitsuba", 1].ssim
+    assert points["mitsuba_denoised", 1].flip < points["mitsuba", 1].flip
+    assert points["mitsuba_denoised", 1].seconds > points["mitsuba", 1].seconds
+    assert 0 < result.reference_noise < 0.2
+    png = (place.models / "metrics" / "studies" / "time.png").read_bytes()
+    assert read_picture(png).shape[:2] == (520, 1200)
+    every = tuple(replace(points["unet", None], method=name) for name in METHODS)
+    figure = time_figure(replace(result, points=result.points + every))
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    low, high = legend.get_window_extent().get_points()
+    assert (low > 0).all() and (high < figure.bbox.size).all(), "every method's name is readable"
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise AssertionError("the reference was there")
+
+    monkeypatch.setattr(study.Renders, "render", refuse)
+    assert run(place, *asked) == 0
+
+    metrics = tmp_path / "metrics"
+    shutil.copytree(place.models / "metrics", metrics)
+    places = Places(tmp_path / "data", place.models, metrics, tmp_path, tmp_path)
+    write_report(places, PARAMS, tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text()
+    assert "Equal time" in page and "10.2 s" in page and "its own relative standard error" in page
+    (metrics / "studies" / "time.json").write_text('{"seed": 0}')
+    notes = write_report(places, PARAMS, tmp_path / "report.html")
+    assert any("time.json" in note and "pbrnet study time" in note for note in notes)
+
+
+def test_another_size_is_rendered_and_predicted(place: Folders) -> None:
+    asked = ("--size", "64x40", "--views", "1", "--repeats", "1", "--max-spp", "1")
+    assert run(place, *asked) == 0
+    result = result_of(place)
+    assert result.size == (64, 40) and result.reference_spp == 16
+    assert (place.data / "studies" / "time" / "64x40" / "color").is_dir()
+
+
+def test_what_cannot_be_is_refused(
+    place: Folders, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(place, "--reference-spp", "100") == 2
+    assert "--reference-spp: 100 is not allowed" in capsys.readouterr().err
+    assert run(place, "--size", "large") == 2
+    assert "--size" in capsys.readouterr().err
+    assert run(place, "--size", "640x8") == 2
+    assert "at least 16 pixels" in capsys.readouterr().err
+    nowhere = Folders(place.data, tmp_path)
+    assert run(nowhere) == 3
+    assert "pbrnet train shading" in capsys.readouterr().err
+
+
+def test_a_point_is_beaten_only_by_what_is_better_in_no_more_time() -> None:
+    ours = Point("pbrnet", None, 1.0, 0.4, 0.8)
+    rivals = (
+        Point("mitsuba", 1, 0.5, 0.5, 0.5),
+        Point("mitsuba", 8, 2.0, 0.1, 0.9),
+        Point("unet", None, 0.1, 0.1, 0.9),
+    )
+    assert beaten_by(ours, (ours, *rivals)) is None
+    better = Point("mitsuba_denoised", 2, 0.9, 0.2, 0.9)
+    faster = Point("mitsuba_denoised", 1, 0.6, 0.3, 0.9)
+    assert beaten_by(ours, (ours, *rivals, better, faster)) == faster
+
+
+def test_medians_of_turns_and_means_of_views() -> None:
+    outcomes = [
+        Outcome({"shading": [1.0, 9.0, 2.0], "composition": [1.0, 1.0, 1.0]}, {}, 0.1),
+        Outcome({"shading": [4.0, 4.0, 7.0], "composition": [3.0, 3.0, 3.0]}, {}, 0.1),
+    ]
+    spent = study._parts(outcomes)["shading"]
+    assert (spent.seconds, spent.low, spent.high) == (3.0, 2.5, 8.0)
+
+
+def test_samples_of_a_rung_fit_into_blocks() -> None:
+    for spp in (1, 2, 3, 7, 16, 24, 1024):
+        truth = with_samples(PARAMS, spp, denoise=False).groundtruth
+        assert truth.spp == spp and spp % truth.block_spp == 0 and truth.noise == 0
+
+
+def test_both_networks_stand_beside_the_papers_figure(place: Folders) -> None:
+    assert run(place, "--views", "1", "--repeats", "1", "--max-spp", "1", "--clock", "cpu") == 0
+    result = result_of(place)
+    assert result.clock == "cpu"
+    rows = {row["name"]: row for row in part_rows(result)}
+    assert rows["networks"]["paper"] == PAPER["networks"] == 0.145
+    parts = result.parts
+    assert rows["networks"]["spent"].seconds == pytest.approx(
+        parts["shading"].seconds + parts["composition"].seconds
+    )

@@ -1,0 +1,277 @@
+"""Noisy frames: unbiased, independent of the truth, made and kept like all others, packed if asked.
+
+Nothing that was there before depends on them: neither fingerprints nor the dataset.
+"""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from pipeline.costs.ledger import read_ledger
+from pipeline.dataset.pack import pack_dataset
+from pipeline.frames import Frame, frame_path, read_frame
+from pipeline.params import (
+    CameraParams,
+    FarmParams,
+    GroundTruthParams,
+    ImageParams,
+    NoisyParams,
+    Params,
+)
+from pipeline.passes.denoise import denoiser_version
+from pipeline.passes.registry import (
+    PASSES,
+    frame_fingerprint,
+    pass_seed,
+    render_noisy,
+    render_truths,
+)
+from pipeline.render.scene import RenderScene, open_scene, set_variant
+from pipeline.stages.stages import run_cameras, run_groundtruth
+from pipeline.views import View, load_cameras
+from scenes.contract import load_scene
+from scenes.files import digest_folder
+from scenes.seeds import derive
+from tests.fixtures.dataset import box_frames, make_data, make_view, small_params, write_view
+from tests.fixtures.stages import write_room
+
+PARAMS = Params(
+    image=ImageParams(32, 24),
+    farm=FarmParams(workers=2, batch=2, retries=1),
+    cameras=CameraParams(views_per_room=2),
+    groundtruth=GroundTruthParams(spp=4, block_spp=2, max_depth=3),
+    noisy=NoisyParams(spp=2),
+)
+WITHOUT = replace(PARAMS, noisy=NoisyParams())
+SHADING = ("shading.R", "shading.G", "shading.B")
+IMAGES = {
+    "noisy_color": ("R", "G", "B"),
+    "noisy_shading": SHADING,
+    "denoised_color": ("denoised.R", "denoised.G", "denoised.B"),
+    "denoised_shading": ("denoised.shading.R", "denoised.shading.G", "denoised.shading.B"),
+}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two rooms with truths and noisy frames, made by two workers."""
+    data = tmp_path_factory.mktemp("noisy") / "data"
+    write_room(data / "scenes" / "alpha")
+    write_room(data / "scenes" / "beta", size=(4.4, 3.2, 2.5))
+    run_cameras(data, PARAMS)
+    assert run_groundtruth(data, PARAMS).made == 12
+    return data
+
+
+@pytest.fixture
+def data(finished: Path, tmp_path: Path) -> Path:
+    """A copy of it to meddle with."""
+    shutil.copytree(finished, tmp_path / "data")
+    return tmp_path / "data"
+
+
+@pytest.fixture(scope="module")
+def room(finished: Path) -> tuple[RenderScene, View]:
+    """A room, opened, and a view of it."""
+    set_variant()
+    return open_scene(load_scene(finished / "scenes" / "alpha")), views_of(finished)[0]
+
+
+def views_of(data: Path) -> list[View]:
+    return [v for path in sorted((data / "cameras").glob("*")) for v in load_cameras(path).views]
+
+
+def files_of(data: Path, *kinds: str) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(data)): path.read_bytes()
+        for kind in kinds or ("shading", "color", "noisy")
+        for path in sorted((data / kind).rglob("*.exr"))
+    }
+
+
+def both(channels: dict[str, np.ndarray]) -> np.ndarray:
+    """Colour and shading, float64 (H, W, 6)."""
+    return np.stack([channels[name] for name in (*"RGB", *SHADING)], -1).astype(np.float64)
+
+
+def traced(room: tuple[RenderScene, View], spp: int, seed: int) -> np.ndarray:
+    params = replace(PARAMS, noisy=NoisyParams(spp=spp))
+    return both(render_noisy(*room, params, seed)[0])
+
+
+def truth_of(room: tuple[RenderScene, View], spp: int, seed: int) -> np.ndarray:
+    settings = replace(PARAMS.groundtruth, spp=spp, block_spp=spp)
+    found = render_truths(*room, replace(PARAMS, groundtruth=settings), seed)
+    return np.concatenate(
+        [Frame(found[kind][0], {}).rgb for kind in ("color", "shading")], axis=-1
+    ).astype(np.float64)
+
+
+def test_noisy_frames_are_unbiased_and_have_nothing_of_the_truths_noise(
+    room: tuple[RenderScene, View],
+) -> None:
+    _, view = room
+    seeds = {kind: pass_seed(kind, view, 0) for kind in ("noisy", "color", "shading")}
+    assert seeds["color"] == seeds["shading"] != seeds["noisy"]
+    settled = truth_of(room, 2048, derive(0, "settled"))
+    images = np.stack([traced(room, 2, derive(k, "noisy")) for k in range(48)])
+    means = images.mean(axis=(1, 2))
+    error = means.std(axis=0, ddof=1) / np.sqrt(len(means))
+    assert (error < 0.02 * settled.mean(axis=(0, 1))).all(), "a bias could hide"
+    assert (abs(means.mean(axis=0) - settled.mean(axis=(0, 1))) < 4.5 * error).all()
+
+    noisy = traced(room, 2, seeds["noisy"]) - settled
+    truth = truth_of(room, 2, seeds["color"]) - settled
+    own = traced(room, 2, seeds["color"]) - settled  # what the seed of its own is there to avoid
+    chance = 4 / np.sqrt(view.width * view.height)
+    for channel in range(6):
+        alike = [
+            np.corrcoef(image[..., channel].ravel(), truth[..., channel].ravel())[0, 1]
+            for image in (noisy, own)
+        ]
+        assert abs(alike[0]) < chance
+        assert alike[1] > 0.99, "of the truth's own seed they would be the truth's samples"
+
+
+def test_colour_and_shading_lie_in_one_frame_that_describes_itself(finished: Path) -> None:
+    names = ("stage", "scene_id", "view_id")
+    rows = {tuple(row[name] for name in names) for row in read_ledger(finished).to_pylist()}
+    for view in views_of(finished):
+        frame = read_frame(frame_path(finished, "noisy", view))
+        assert (frame.meta["spp"], frame.meta["seed"]) == (2, pass_seed("noisy", view, 0))
+        assert frame.meta["denoiser"] == denoiser_version()
+        for bands in IMAGES.values():
+            assert frame.stack(*bands).mean() > 0
+        assert ("noisy", view.scene_id, view.view_id) in rows
+
+
+def test_the_denoised_are_nearer_to_the_truth(room: tuple[RenderScene, View]) -> None:
+    settled = truth_of(room, 1024, derive(0, "settled"))
+    channels, _ = render_noisy(*room, PARAMS, 3)
+    images = {name: np.stack([channels[b] for b in bands], -1) for name, bands in IMAGES.items()}
+    for name, truth in (("color", settled[..., :3]), ("shading", settled[..., 3:])):
+        errors = [abs(images[f"{state}_{name}"] - truth).mean() for state in ("noisy", "denoised")]
+        assert errors[1] < 0.5 * errors[0]
+
+
+def test_one_worker_and_a_resumed_run_give_the_same_bytes(data: Path, tmp_path: Path) -> None:
+    before = files_of(data)
+    alone = tmp_path / "alone"
+    shutil.copytree(data / "scenes", alone / "scenes")
+    shutil.copytree(data / "cameras", alone / "cameras")
+    run_groundtruth(alone, replace(PARAMS, farm=FarmParams(workers=1, batch=1)))
+    assert files_of(alone) == before
+    paths = sorted((data / "noisy").rglob("*.exr"))
+    paths[0].unlink()
+    paths[1].write_bytes(paths[1].read_bytes()[:-9])
+    summary = run_groundtruth(data, PARAMS)
+    assert (summary.made, summary.kept) == (2, 10)
+    assert files_of(data) == before
+
+
+def test_asking_for_them_or_not_leaves_the_truth_alone(data: Path) -> None:
+    before = files_of(data, "shading", "color")
+    view = views_of(data)[0]
+    for kind in PASSES:
+        marks = {
+            frame_fingerprint(kind, view, replace(PARAMS, noisy=NoisyParams(spp=spp)), "d", "r")
+            for spp in (0, 1, 4)
+        }
+        assert len(marks) == (3 if kind == "noisy" else 1)
+    more = replace(PARAMS, groundtruth=replace(PARAMS.groundtruth, spp=8))
+    assert frame_fingerprint("noisy", view, more, "d", "r") == frame_fingerprint(
+        "noisy", view, PARAMS, "d", "r"
+    )
+    summary = run_groundtruth(data, WITHOUT)
+    assert (summary.made, summary.kept, summary.removed) == (0, 8, 4)
+    assert files_of(data) == before
+    assert list((data / "noisy").iterdir()) == []
+    summary = run_groundtruth(data, PARAMS)
+    assert (summary.made, summary.kept) == (4, 8)
+
+
+def test_each_alone_where_the_variant_traces_them_apart(room: tuple[RenderScene, View]) -> None:
+    apart = replace(PARAMS, groundtruth=replace(PARAMS.groundtruth, joint=False))
+    one, stats = render_noisy(*room, apart, 5)
+    assert stats["spp"] == 2
+    means = [image.mean(axis=(0, 1)) for image in (both(one), traced(room, 64, 6))]
+    np.testing.assert_allclose(*means, rtol=0.2)
+
+
+def box_data(folder: Path, noisy: bool) -> Path:
+    data = make_data(folder, small_params(), scenes=3, views=2)
+    if noisy:
+        for index in range(3):
+            for number in range(2):
+                add_noisy(data, make_view(small_params(), f"home-{index:04d}", number))
+    return data
+
+
+def add_noisy(data: Path, view: View, **meta: object) -> Path:
+    frames = box_frames(view, small_params())
+    rng = np.random.default_rng(number_of(view))
+    grain = rng.exponential(1, (view.height, view.width))
+    channels = {band: frames["color"][band] * grain for band in "RGB"}
+    channels |= {name: frames["shading"][name[-1]] * grain for name in SHADING}
+    channels |= {name: frames["color"][name[-1]] for name in IMAGES["denoised_color"]}
+    channels |= {name: frames["shading"][name[-1]] for name in IMAGES["denoised_shading"]}
+    return write_view(data, "noisy", channels, view, **{"spp": 2, "noise": 0.99, **meta})
+
+
+def number_of(view: View) -> int:
+    return sum(map(ord, view.scene_id + view.view_id))
+
+
+def test_the_dataset_has_them_only_where_asked_and_is_else_the_same(tmp_path: Path) -> None:
+    params = small_params()
+    plain, noisy = box_data(tmp_path / "a", noisy=False), box_data(tmp_path / "b", noisy=True)
+    pack_dataset(plain, params)
+    pack_dataset(noisy, params)
+    assert digest_folder(plain / "dataset") == digest_folder(noisy / "dataset")
+    pack_dataset(noisy, replace(params, noisy=NoisyParams(spp=2)))
+    for shard in sorted((plain / "dataset").glob("*.parquet")):
+        old, new = pq.read_table(shard), pq.read_table(noisy / "dataset" / shard.name)
+        extra = [*IMAGES, "noisy_spp"]
+        assert new.column_names == [*old.column_names, *extra]
+        assert new.drop_columns(extra).equals(old)
+        for row in new.to_pylist():
+            view = make_view(params, row["scene_id"], int(row["view_id"]))
+            frame = read_frame(frame_path(noisy, "noisy", view))
+            for name, bands in IMAGES.items():
+                expected = np.stack([frame.channels[band] for band in bands], -1)
+                assert np.array(row[name], np.float16).tobytes() == expected.tobytes()
+            assert row["noisy_spp"] == 2
+    assert "noisy_color" in (noisy / "dataset" / "README.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason", "words"),
+    [
+        ("remove", "missing", "no noisy frame"),
+        ("lost", "not_finite", "noisy: 3 pixels without any finite sample"),
+        ("other view", "stale", "noisy: its view_id"),
+    ],
+)
+def test_a_view_whose_noisy_frame_is_no_use_is_rejected(
+    tmp_path: Path, spoil: str, reason: str, words: str
+) -> None:
+    params = replace(small_params(), noisy=NoisyParams(spp=2))
+    data = box_data(tmp_path, noisy=True)
+    view = make_view(params, "home-0001", 1)
+    path = frame_path(data, "noisy", view)
+    if spoil == "remove":
+        path.unlink()
+    elif spoil == "lost":
+        add_noisy(data, view, lost_pixels=3)
+    else:
+        shutil.copy(frame_path(data, "noisy", make_view(params, "home-0001", 0)), path)
+    pack_dataset(data, params)
+    lines = (data / "dataset" / "rejected.csv").read_text().splitlines()[1:]
+    assert len(lines) == 1 and lines[0].startswith(f"home-0001,001,{reason},")
+    assert words in lines[0]

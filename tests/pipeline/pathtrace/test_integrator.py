@@ -1,0 +1,257 @@
+"""Two images from one trace of paths: each is what a render of its own would be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from pipeline.params import GroundTruthParams
+from pipeline.passes.groundtruth import render_both, render_truth
+from pipeline.pathtrace.integrator import Branch, JointPath, Scattering, available
+from pipeline.render.scene import open_scene, set_variant
+from scenes.errors import InputError
+from tests.fixtures.joint import (
+    ALBEDO,
+    FAITHFUL,
+    MAX_DEPTH,
+    PARTING,
+    deviations,
+    joined,
+    plain,
+    region_means,
+    shelf,
+)
+from tests.fixtures.render import ball, diffuse, make_view, room_walls, write_scene
+
+COPIES, SPP = 16, 20
+SUSPECT_SPP = 64
+
+
+@pytest.fixture(autouse=True, scope="module")
+def variant() -> str:
+    name = set_variant()
+    if not available():
+        pytest.skip("the scalar variant traces colour and shading apart")
+    return name
+
+
+def stacked(truth: tuple[dict[str, np.ndarray], dict[str, Any]]) -> np.ndarray:
+    return np.stack([truth[0][band] for band in "RGB"], axis=-1).astype(np.float64)
+
+
+def test_shading_depends_on_no_colour(tmp_path: Path) -> None:
+    """To the bit, roulette and all, where the twins do not part."""
+    others = {"0.8,0.1,0.05": "0.1,0.6,0.9", "black.png": "checks.png", '"Au"': '"Ag"'}
+    repainted = {}
+    for name, text in FAITHFUL.items():
+        for before, after in others.items():
+            text = text.replace(before, after)
+        repainted[name] = text
+    pairs = []
+    for folder, materials in (("one", FAITHFUL), ("other", repainted)):
+        scene, view, _ = shelf(tmp_path / folder, materials)
+        pairs.append(joined(scene, view, 2, SPP, 2, 7))
+    assert np.array_equal(pairs[0][1], pairs[1][1])
+    assert not np.array_equal(pairs[0][0], pairs[1][0])
+
+
+def test_without_roulette_both_images_are_paths_own(tmp_path: Path) -> None:
+    scene, view, regions = shelf(tmp_path, FAITHFUL)
+    pair = joined(scene, view, MAX_DEPTH + 1, 16, 2, 5)
+    for got, albedo in zip(pair, (None, ALBEDO), strict=True):
+        wanted = plain(scene, view, albedo, MAX_DEPTH + 1, 16, 2, 5)
+        same = np.isclose(got, wanted, rtol=1e-3, atol=1e-5).all(axis=-1)
+        for name, pixels in regions.items():
+            assert same[:, pixels].mean() > 0.99, name
+            np.testing.assert_allclose(
+                got[:, pixels].mean(), wanted[:, pixels].mean(), rtol=5e-3, err_msg=name
+            )
+    assert abs(pair[0] - pair[1]).mean() > 0.1 * pair[0].mean()
+
+
+@pytest.mark.parametrize("materials", [FAITHFUL, PARTING], ids=["faithful", "parting"])
+def test_each_image_is_unbiased(tmp_path: Path, materials: dict[str, str]) -> None:
+    scene, view, regions = shelf(tmp_path, materials)
+    pair = joined(scene, view, 2, SPP, COPIES, 1)
+    for seed, (images, albedo) in enumerate(zip(pair, (None, ALBEDO), strict=True)):
+        others = plain(scene, view, albedo, 2, SPP, COPIES, 2 + seed)
+        ours, theirs = region_means(images, regions), region_means(others, regions)
+        off = abs(deviations(ours, theirs))
+        for name, worst in zip(regions, off.max(axis=-1), strict=True):
+            assert worst < 4.5, (name, albedo)
+        lit = theirs.mean(axis=0) > 0
+        error = (ours.std(axis=0, ddof=1) / np.sqrt(COPIES))[lit] / theirs.mean(axis=0)[lit]
+        assert np.median(error) < 0.02  # so that a bias of a few per cent cannot hide
+
+
+@pytest.mark.parametrize(
+    ("materials", "most"), [(FAITHFUL, 1.05), (PARTING, 1.15)], ids=["faithful", "parting"]
+)
+def test_company_costs_little(tmp_path: Path, materials: dict[str, str], most: float) -> None:
+    """At the default depth of roulette; partings cost samples."""
+    scene, view, _ = shelf(tmp_path, materials)
+    rr_depth = GroundTruthParams().rr_depth
+    pair = joined(scene, view, rr_depth, SPP, COPIES, 1)
+    for seed, (images, albedo) in enumerate(zip(pair, (None, ALBEDO), strict=True)):
+        others = plain(scene, view, albedo, rr_depth, SPP, COPIES, 2 + seed)
+        ours, theirs = (
+            np.log(each.std(axis=0, ddof=1).mean(axis=-1) + 1e-9) for each in (images, others)
+        )
+        assert np.mean(ours - theirs) < np.log(most)
+
+
+class NoCosine(JointPath):
+    def scatter(self, bsdf: Any, si: Any, wo: Any, *rest: Any) -> Scattering:
+        got = super().scatter(bsdf, si, wo, *rest)
+        got.weight = got.weight * dr.abs(mi.Frame3f.cos_theta(got.sample.wo))
+        return got
+
+
+class NoDelta(JointPath):
+    def scatter(self, *arguments: Any) -> Scattering:
+        got = super().scatter(*arguments)
+        delta = mi.has_flag(got.sample.sampled_type, mi.BSDFFlags.DeltaReflection)
+        got.weight = dr.select(delta, 0, got.weight)
+        return got
+
+
+class LightCountedTwice(JointPath):
+    def lit(self, scattering: Scattering, ds: Any) -> Any:
+        return scattering.value
+
+
+class DensityOfTheOther(JointPath):
+    def choose(self, colour: Branch, grey: Branch, *rest: Any) -> Any:
+        chosen = super().choose(colour, grey, *rest)
+        grey.pdf = 0.3 * colour.pdf
+        return chosen
+
+
+class CoinNotPaidFor(JointPath):
+    def choose(self, colour: Branch, grey: Branch, one: Any, other: Any, random: Any) -> Any:
+        before = mi.Color3f(colour.throughput), mi.Color3f(grey.throughput)
+        chosen = super().choose(colour, grey, one, other, random)
+        for branch, old, scattering in zip((colour, grey), before, (one, other), strict=True):
+            branch.throughput = dr.minimum(branch.throughput, old * scattering.weight)
+        return chosen
+
+
+class ColourLeads(JointPath):
+    """Follows the colour's direction always, as if the twin had chosen it."""
+
+    def choose(self, colour: Branch, grey: Branch, one: Any, other: Any, random: Any) -> Any:
+        grey.throughput = grey.throughput * other.weight
+        colour.throughput = colour.throughput * one.weight
+        for branch, scattering in ((colour, one), (grey, other)):
+            branch.pdf = scattering.sample.pdf
+            branch.delta = mi.has_flag(scattering.sample.sampled_type, mi.BSDFFlags.Delta)
+        return one.sample.wo, one.sample.eta, random
+
+
+class RouletteOfColour(JointPath):
+    def roulette(self, colour: Branch, grey: Branch, eta: Any, depth: Any) -> Any:
+        return super().roulette(colour, colour, eta, depth)
+
+
+class RouletteNotPaidFor(JointPath):
+    def roulette(self, *arguments: Any) -> Any:
+        return super().roulette(*arguments)[0], mi.Float(1)
+
+
+WRONG = [
+    NoCosine,
+    NoDelta,
+    LightCountedTwice,
+    DensityOfTheOther,
+    CoinNotPaidFor,
+    ColourLeads,
+    RouletteOfColour,
+    RouletteNotPaidFor,
+]
+
+
+@pytest.fixture(scope="module")
+def suspects(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """A small room, and what two plain renders make of it."""
+    chosen = {name: {**FAITHFUL, **PARTING}[name] for name in ("black texture", "gold", "plastic")}
+    chosen["polished plastic"] = PARTING["rough plastic"].replace("0.2", "0.05")
+    scene, view, regions = shelf(tmp_path_factory.mktemp("suspects"), chosen, wide=True)
+    wanted = [
+        region_means(plain(scene, view, albedo, 1, SUSPECT_SPP, COPIES, 3), regions)
+        for albedo in (None, ALBEDO)
+    ]
+    return scene, view, regions, wanted
+
+
+def worst(suspects: Any, kind: type[JointPath]) -> float:
+    scene, view, regions, wanted = suspects
+    pair = joined(scene, view, 1, SUSPECT_SPP, COPIES, 4, kind)
+    return max(
+        float(abs(deviations(region_means(images, regions), theirs)).max())
+        for images, theirs in zip(pair, wanted, strict=True)
+    )
+
+
+def test_the_comparison_passes_what_is_right(suspects: Any) -> None:
+    assert worst(suspects, JointPath) < 4.5
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_the_comparison_finds_what_is_wrong(suspects: Any, kind: type[JointPath]) -> None:
+    assert worst(suspects, kind) > 6
+
+
+def test_bounces_in_a_closed_room_are_the_geometric_series(tmp_path: Path) -> None:
+    emit = '<emitter type="area"><rgb name="radiance" value="0.5"/></emitter>'
+    walls, _ = room_walls(diffuse("0.2,0.5,0.9") + emit)
+    scene = open_scene(write_scene(tmp_path / "closed", walls))
+    view = make_view(size=(32, 24))
+    for depth in (1, 2, 6):
+        params = GroundTruthParams(spp=64, max_depth=depth, rr_depth=2)
+        both = render_both(scene, view, params, 0.7, 3)
+        for truth, reflectances in ((both.color, (0.2, 0.5, 0.9)), (both.shading, (0.7,) * 3)):
+            means = stacked(truth).mean(axis=(0, 1))
+            series = [0.5 * (1 - r**depth) / (1 - r) for r in reflectances]
+            np.testing.assert_allclose(means, series, rtol=0.02)
+
+
+def test_a_white_furnace_is_white_in_both(tmp_path: Path) -> None:
+    sky = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
+    body = ball("s", (0, 2, 1.5), 1.0, diffuse(1.0)) + sky
+    scene = open_scene(write_scene(tmp_path / "furnace", body))
+    both = render_both(scene, make_view(size=(16, 16)), GroundTruthParams(spp=256), 1.0, 3)
+    for truth in (both.color, both.shading):
+        assert stacked(truth).mean() == pytest.approx(1, rel=2e-3)
+
+
+def test_black_things_have_shading(tmp_path: Path) -> None:
+    walls, _ = room_walls(diffuse(0))
+    lamp = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
+    scene = open_scene(write_scene(tmp_path / "black", walls.replace('z="3"', 'z="4"') + lamp))
+    params = GroundTruthParams(spp=64, max_depth=6, rr_depth=1)
+    view = make_view(size=(16, 12))
+    both = render_both(scene, view, params, 0.5, 0)
+    alone = stacked(render_truth(scene.neutral(0.5), view, params, 1))
+    assert stacked(both.shading).mean() == pytest.approx(alone.mean(), rel=0.03)
+
+
+def test_equal_seeds_repeat_and_others_do_not(tmp_path: Path) -> None:
+    scene, view, _ = shelf(tmp_path, {"plastic": PARTING["plastic"]})
+    params = GroundTruthParams(spp=8, block_spp=4)
+    first, again, other = (render_both(scene, view, params, 0.5, seed) for seed in (1, 1, 2))
+    for image in ("color", "shading"):
+        one, two, three = (stacked(getattr(each, image)) for each in (first, again, other))
+        np.testing.assert_array_equal(one, two)
+        assert (one != three).any()
+
+
+def test_materials_without_a_twin_are_named(tmp_path: Path) -> None:
+    body = ball("s", (0, 2, 1.5), 0.5, '<bsdf type="hair"/>')
+    scene = open_scene(write_scene(tmp_path / "hair", body))
+    with pytest.raises(InputError, match="hair"):
+        render_both(scene, make_view(), GroundTruthParams(spp=1), 0.5, 0)

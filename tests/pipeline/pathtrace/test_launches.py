@@ -1,0 +1,178 @@
+"""Launches that are repeated give what launches made anew give, whatever happened in between."""
+
+from __future__ import annotations
+
+import gc
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipeline.params import GroundTruthParams
+from pipeline.passes.groundtruth import render_both, render_truth, tracer_of
+from pipeline.pathtrace import launches
+from pipeline.pathtrace.integrator import available
+from pipeline.render.scene import RenderScene, free_memory, open_scene, set_variant
+from pipeline.views import View
+from tests.fixtures.render import (
+    WINDOW,
+    ball,
+    diffuse,
+    glow,
+    make_view,
+    quad,
+    room_walls,
+    write_scene,
+)
+
+PARAMS = GroundTruthParams(spp=8, block_spp=4)
+SIZE = (24, 18)
+VIEWS = [
+    make_view((0, -1.8, 1.5), (0.2, 1, -0.1), size=SIZE),
+    make_view((0.5, 1.2, 1.2), (-0.3, -1, -0.2), size=SIZE),
+    make_view((-1.0, 0.0, 1.8), (1, 0.3, -0.4), size=SIZE),
+]
+LAMP = quad("lamp", (-1.2, 0.5, 2.9), (0, 0, -1), (0.15, 0.15), glow("8,6,4"), (0, 1, 0))
+SKY = (
+    '<emitter type="sunsky"><vector name="sun_direction" x="-0.3" y="0.7" z="0.5"/>'
+    '<float name="sun_scale" value="0.02"/><float name="sky_scale" value="4"/></emitter>'
+)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def variant() -> str:
+    name = set_variant()
+    if not available():
+        pytest.skip("the scalar variant records nothing")
+    return name
+
+
+def room(folder: Path, *things: str, wall: str = "0.6,0.5,0.4") -> RenderScene:
+    walls, _ = room_walls(diffuse(wall), window=True)
+    scene = folder / f"room{len(list(folder.iterdir()))}"
+    return open_scene(write_scene(scene, walls + LAMP + "".join(things), portals=[WINDOW]))
+
+
+def reopened(scene: RenderScene) -> RenderScene:
+    return open_scene(scene.scene)
+
+
+def both(scene: RenderScene, view: View, albedo: float = 0.5, seed: int = 1, **params: Any) -> Any:
+    """Colour and shading, (2, H, W, 3)."""
+    truths = render_both(scene, view, replace(PARAMS, **params), albedo, seed)
+    return np.stack(
+        [[channels[band] for band in "RGB"] for channels, _ in (truths.color, truths.shading)]
+    )
+
+
+def recordings(scene: RenderScene) -> int:
+    return tracer_of(scene).recordings
+
+
+def test_views_of_a_scene_share_a_recording(tmp_path: Path) -> None:
+    scene = room(tmp_path, ball("ball", (0.5, 1.0, 0.5), 0.5, diffuse("0.2,0.6,0.3")), SKY)
+    seen = [both(scene, view, seed=seed) for seed, view in enumerate(VIEWS)]
+    kinds = recordings(scene)
+    again = [both(scene, view, seed=seed) for seed, view in enumerate(VIEWS)]
+    assert recordings(scene) == kinds < len(VIEWS)
+    for seed, view in enumerate(VIEWS):
+        np.testing.assert_array_equal(seen[seed], again[seed])
+        np.testing.assert_array_equal(seen[seed], both(reopened(scene), view, seed=seed))
+    assert abs(both(scene, VIEWS[0], seed=5) - seen[0]).max() > 0
+
+
+def test_the_second_launch_is_a_repeated_one(tmp_path: Path) -> None:
+    # Dr.Jit records again now and then though nothing has changed: seldom, not five times of five.
+    counts = []
+    for _ in range(5):
+        scene = room(tmp_path)
+        both(scene, VIEWS[0])
+        both(scene, VIEWS[0], seed=2)
+        counts.append(recordings(scene))
+    assert min(counts) == 1
+
+
+def test_what_happens_to_the_scene_in_between_is_noticed(tmp_path: Path) -> None:
+    scene = room(tmp_path)
+    wide = replace(VIEWS[1], K=make_view(size=SIZE, focal=9.0).K)
+    large = make_view((0, -1.8, 1.5), (0.2, 1, -0.1), size=(30, 20))
+    both(scene, VIEWS[0])
+    cases: list[tuple[View, dict[str, Any]]] = [
+        (wide, {}),  # another lens, the same size
+        (large, {}),
+        (VIEWS[1], {"spp": 16}),  # more blocks at once
+        (VIEWS[1], {"spp": 4, "block_spp": 4, "max_depth": 3}),
+        (VIEWS[1], {"lights": "uniform"}),
+        (VIEWS[1], {"albedo": 0.2}),  # grey twins made anew
+        (VIEWS[1], {}),  # and once more
+    ]
+    for view, options in cases:
+        np.testing.assert_array_equal(
+            both(scene, view, **options), both(reopened(scene), view, **options)
+        )
+
+
+def test_views_of_two_sizes_may_alternate(tmp_path: Path) -> None:
+    scene = room(tmp_path)
+    large = make_view((0, -1.8, 1.5), (0.2, 1, -0.1), size=(30, 20))
+    wide = make_view((0, -1.8, 1.5), (0.2, 1, -0.1), size=(18, 24))
+    for view in (VIEWS[0], large, wide) * 3:
+        image = both(scene, view)
+        assert image.shape == (2, 3, view.height, view.width)
+        np.testing.assert_array_equal(image, both(reopened(scene), view))
+
+
+def test_a_change_of_clothes_in_between_is_harmless(tmp_path: Path) -> None:
+    scene = room(tmp_path)
+    before = both(scene, VIEWS[0])
+    for grey in (None, 0.5, 0.8):  # the last is still worn when 0.5 is asked for
+        render_truth(scene.neutral(grey), VIEWS[0], PARAMS, 1)
+    np.testing.assert_array_equal(both(scene, VIEWS[0]), before)
+
+
+def test_scenes_that_come_and_go_in_between_are_harmless(tmp_path: Path) -> None:
+    shiny = '<bsdf type="roughconductor"><float name="alpha" value="0.2"/></bsdf>'
+    first, second = room(tmp_path, wall="0.2,0.3,0.8"), room(tmp_path, SKY)
+    both(first, VIEWS[0])
+    seen = [both(second, view) for view in VIEWS]
+    del first
+    gc.collect()
+    np.testing.assert_array_equal(both(second, VIEWS[0]), seen[0])
+    third = room(tmp_path, ball("metal", (0.5, 1.0, 0.5), 0.5, shiny), wall="0.1,0.9,0.1")
+    np.testing.assert_array_equal(both(second, VIEWS[1]), seen[1])
+    other = both(third, VIEWS[1])
+    np.testing.assert_array_equal(both(second, VIEWS[2]), seen[2])
+    np.testing.assert_array_equal(both(third, VIEWS[1]), other)
+    np.testing.assert_array_equal(other, both(reopened(third), VIEWS[1]))
+
+
+def test_kernels_that_go_with_a_closed_scene_come_back(tmp_path: Path) -> None:
+    first, second = room(tmp_path, wall="0.2,0.3,0.8"), room(tmp_path, SKY)
+    seen = [both(scene, view) for scene in (first, second) for view in VIEWS]
+    del first
+    free_memory()
+    for view, image in zip(VIEWS, seen[len(VIEWS) :], strict=True):
+        np.testing.assert_array_equal(both(second, view), image)
+        free_memory()  # between views as well
+    np.testing.assert_array_equal(both(reopened(second), VIEWS[0]), seen[len(VIEWS)])
+
+
+def test_a_recording_with_another_sensor_would_be_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The trap that `FrozenTracer` avoids: a virtual call meets an object it was not recorded with.
+    scene = room(tmp_path)
+    seen = both(scene, VIEWS[0])
+    launch = launches.FrozenTracer.launch
+    kept = []  # lest a new sensor take an old one's place
+
+    def with_a_new_sensor(self: Any, *args: Any) -> Any:
+        kept.append(self._sensors)
+        self._sensors = {}
+        return launch(self, *args)
+
+    monkeypatch.setattr(launches.FrozenTracer, "launch", with_a_new_sensor)
+    images = [both(scene, VIEWS[0]) for _ in range(4)]
+    assert any(not np.array_equal(image, seen) for image in images) or recordings(scene) > 1

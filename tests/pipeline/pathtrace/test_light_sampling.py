@@ -1,0 +1,460 @@
+"""Which light is asked: never a bias, and less noise where most lights do not reach the view."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from PIL import Image
+
+from pipeline.params import GroundTruthParams
+from pipeline.passes.groundtruth import render_both
+from pipeline.pathtrace.guiding import plan_bounces
+from pipeline.pathtrace.integrator import available
+from pipeline.pathtrace.light_pilot import LAMPS, LightPlan, panes_of, plan_lights
+from pipeline.pathtrace.light_sampling import PlannedLights
+from pipeline.render.raycast import vector
+from pipeline.render.scene import RenderScene, open_scene, set_variant
+from scenes.contract import Portal
+from tests.fixtures.joint import (
+    ALBEDO,
+    FAITHFUL,
+    PARTING,
+    deviations,
+    joined,
+    plain,
+    region_means,
+    shelf,
+)
+from tests.fixtures.render import (
+    WINDOW,
+    ball,
+    diffuse,
+    glow,
+    make_view,
+    quad,
+    room_walls,
+    write_scene,
+)
+
+SPP, COPIES = 64, 16
+VIEW = make_view((0, -1.8, 1.5), (0.2, 1, -0.1), size=(24, 18))
+LAMP = quad("lamp", (-1.2, 0.5, 2.9), (0, 0, -1), (0.15, 0.15), glow("8,6,4"), (0, 1, 0))
+SUN = (
+    '<emitter type="sunsky"><vector name="sun_direction" x="-0.3" y="0.7" z="0.5"/>'
+    '<float name="sun_scale" value="0.02"/><float name="sky_scale" value="4"/></emitter>'
+)
+SKY = SUN.replace('y="0.7"', 'y="-0.7"')  # the sun stands behind the house
+# Lamps in a second room, behind the wall y = 2 and beside the window: none reaches the view.
+HIDDEN = "".join(
+    ball(f"far{index}", (3.0 + 0.3 * index, 0.5, 1.5), 0.1, glow(20)) for index in range(8)
+)
+# Ground before the window, which lies in the sun.
+GROUND = quad("ground", (0, 8, -0.5), (0, 0, 1), (8, 5.9), diffuse(0.8), (0, 1, 0))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def variant() -> str:
+    name = set_variant()
+    if not available():
+        pytest.skip("the scalar variant lets Mitsuba choose")
+    return name
+
+
+def room(folder: Path, *things: str, wall: str = "0.6,0.5,0.4") -> RenderScene:
+    walls, _ = room_walls(diffuse(wall), window=True)
+    balls = ball("ball", (0.5, 1.0, 0.5), 0.5, diffuse("0.2,0.6,0.3"))
+    return open_scene(
+        write_scene(folder / "room", walls + balls + "".join(things), portals=[WINDOW])
+    )
+
+
+def planned(scene: RenderScene, kind: type[PlannedLights] = PlannedLights) -> PlannedLights:
+    return kind(scene.mitsuba, plan_lights(scene.mitsuba, VIEW, scene.scene.portals, 3))
+
+
+def led(scene: RenderScene, kind: type[PlannedLights] = PlannedLights) -> PlannedLights:
+    """The same, and with it the plan of where paths go on."""
+    plan = plan_lights(scene.mitsuba, VIEW, scene.scene.portals, 3)
+    lights = kind(scene.mitsuba, plan, plan_bounces(scene.mitsuba, plan, 3))
+    assert lights.guide is not None
+    return lights
+
+
+def off_by(scene: RenderScene, lights: Any) -> np.ndarray:
+    """Standard errors between our images' regions and Mitsuba's own, (regions, 3)."""
+    regions = {
+        f"row{row}": np.arange(18)[:, None] // 6 == np.full((18, 24), row) for row in range(3)
+    }
+    ours, _ = joined(scene, VIEW, 3, SPP, COPIES, 1, lights=lights)
+    theirs = plain(scene, VIEW, None, 3, 4 * SPP, COPIES, 2)
+    return deviations(region_means(ours, regions), region_means(theirs, regions))
+
+
+@pytest.mark.parametrize(
+    "things", [(LAMP, SUN), (LAMP, HIDDEN, SUN), (LAMP, HIDDEN)], ids=["sun", "all", "night"]
+)
+def test_planned_light_is_unbiased(things: tuple[str, ...], tmp_path: Path) -> None:
+    scene = room(tmp_path, *things)
+    assert abs(off_by(scene, planned(scene))).max() < 4.5
+
+
+def test_every_material_is_unbiased_under_it(tmp_path: Path) -> None:
+    scene, view, regions = shelf(tmp_path, FAITHFUL)
+    lights = PlannedLights(scene.mitsuba, plan_lights(scene.mitsuba, view, (WINDOW,), 3))
+    assert lights.outdoors is not None and not lights.outdoors.asked
+    ours, _ = joined(scene, view, 3, SPP, COPIES, 1, lights=lights)
+    theirs = plain(scene, view, None, 3, SPP, COPIES, 2)
+    off = abs(deviations(region_means(ours, regions), region_means(theirs, regions)))
+    assert off.max() < 4.5
+
+
+def every_way(plan: LightPlan) -> LightPlan:
+    """The plan with a third of the choice for the environment's own sampling, too."""
+    emitters = plan.emitters.copy()
+    emitters[emitters == 0] = 0.5
+    total = emitters.sum() + plan.windows.sum() + plan.sunlight
+    return replace(
+        plan,
+        emitters=emitters / total,
+        windows=plan.windows / total,
+        sunlight=plan.sunlight / total,
+        strengths=None,  # by these shares everywhere
+    )
+
+
+class EveryWay(PlannedLights):
+    """Asks the environment itself, too: the same directions come by three ways."""
+
+    def __init__(self, scene: Any, plan: LightPlan) -> None:
+        super().__init__(scene, every_way(plan))
+        assert self.outdoors is not None and self.outdoors.asked
+
+
+class WaysForgotten(EveryWay):
+    """Takes the density of the one way that was used, as if the others did not exist."""
+
+    def __init__(self, scene: Any, plan: LightPlan) -> None:
+        super().__init__(scene, plan)
+        assert self.outdoors is not None
+        self.outdoors.asked = False
+
+
+class ChoiceForgotten(PlannedLights):
+    """Takes no account of how likely an emitter was to be asked."""
+
+    def _ask(self, *given: Any) -> tuple[Any, Any]:
+        ds, light = super()._ask(*given)
+        return ds, light * 0.8
+
+
+class DensityDoubled(PlannedLights):
+    """Takes its directions for twice as likely as they are, where a material found a light."""
+
+    def density(self, scene: Any, before: Any, ds: Any, active: Any) -> Any:
+        return 2 * super().density(scene, before, ds, active)
+
+
+@pytest.mark.parametrize("kind", [WaysForgotten, ChoiceForgotten, DensityDoubled])
+def test_mistakes_would_be_found(kind: type[PlannedLights], tmp_path: Path) -> None:
+    wide = quad("wide", (0, 0, 2.95), (0, 0, -1), (1.6, 1.6), glow("3,2,1"), (0, 1, 0))
+    outdoors = issubclass(kind, EveryWay)
+    scene = room(tmp_path, LAMP if outdoors else wide, SUN)
+    faithful = EveryWay if outdoors else PlannedLights
+    assert abs(off_by(scene, planned(scene, faithful))).max() < 4.5
+    assert abs(off_by(scene, planned(scene, kind))).max() > 6
+
+
+def test_less_noise_where_lamps_are_hidden_and_the_sky_is_behind_walls(tmp_path: Path) -> None:
+    """Mean squared error, the brightest thousandth left out, at equal samples."""
+    for name, things, most in (("night", (LAMP, HIDDEN), 0.3), ("sky", (SKY,), 0.75)):
+        scene = room(tmp_path / name, *things)
+        images = {}
+        for lights in (None, planned(scene)):
+            copies, _ = joined(scene, VIEW, 5, 16, COPIES, 5, lights=lights)
+            images[lights is None] = copies
+        reference = (images[True].mean(axis=0) + images[False].mean(axis=0)) / 2
+        errors = {
+            uniform: np.quantile((copies - reference) ** 2, np.linspace(0, 0.999, 1000)).mean()
+            for uniform, copies in images.items()
+        }
+        assert errors[False] < most * errors[True], name
+
+
+def test_the_plan_asks_what_lights_the_view(tmp_path: Path) -> None:
+    scene = room(tmp_path, LAMP, HIDDEN, SKY)
+    plan = plan_lights(scene.mitsuba, VIEW, scene.scene.portals, 0)
+    assert plan.emitters.sum() + plan.windows.sum() + plan.sunlight == pytest.approx(1)
+    assert len(plan.windows) == 1 and 0.05 < plan.windows.sum() < 0.95
+    shares = np.sort(plan.emitters)
+    assert shares[0] == 0  # the environment's own sampling: window and sun are all there is
+    alike = 0.05 / 11  # nine lamps, the window, the sun
+    np.testing.assert_allclose(shares[1:9], alike, rtol=0.01)  # the hidden lamps
+    assert plan.sunlight == pytest.approx(alike, rel=0.01)  # behind the house
+    assert shares[9] > 0.02
+
+
+@pytest.mark.parametrize(
+    "turned", ["", '<transform name="to_world"><rotate z="1" angle="70"/></transform>']
+)
+def test_the_sun_is_found_where_it_stands_and_as_large_as_it_is(
+    turned: str, tmp_path: Path
+) -> None:
+    sun = SUN.replace("</emitter>", turned + "</emitter>")
+    scene = room(tmp_path, LAMP, sun)
+    plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 0)
+    assert plan.sun is not None
+    if not turned:
+        wanted = np.array([-0.3, 0.7, 0.5])
+        np.testing.assert_allclose(plan.sun.towards, wanted / np.linalg.norm(wanted), atol=1e-6)
+    beyond = dr.zeros(mi.SurfaceInteraction3f, 2)
+    aside = plan.sun.towards + np.array([0.0, 0.0, 0.02])  # a degree higher
+    directions = np.stack([plan.sun.towards, aside / np.linalg.norm(aside)])
+    beyond.wi = vector(mi.Vector3f, -directions)
+    shown = np.array(scene.mitsuba.environment().eval(beyond))[1]
+    assert shown[0] > 20 * shown[1]
+    # Mitsuba's sun spans 0.5358 degrees; ours a little more.
+    assert 0.2679 < np.degrees(np.arccos(plan.sun.cosine)) < 0.29
+
+
+def test_other_environments_keep_their_own_sampling_where_they_are_uneven(tmp_path: Path) -> None:
+    """A constant sky comes through the window evenly; of a picture nobody knows."""
+    constant = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
+    plan = plan_lights(room(tmp_path / "a", LAMP, constant).mitsuba, VIEW, (WINDOW,), 0)
+    assert plan.emitters.min() == 0 and plan.sun is None and plan.sunlight == 0
+    Image.fromarray(np.full((8, 16, 3), 200, dtype=np.uint8)).save(tmp_path / "sky.png")
+    picture = (
+        f'<emitter type="envmap"><string name="filename" value="{tmp_path}/sky.png"/></emitter>'
+    )
+    plan = plan_lights(room(tmp_path / "b", LAMP, picture).mitsuba, VIEW, (WINDOW,), 0)
+    assert plan.emitters.min() > 0 and plan.windows.sum() > 0
+
+
+def test_the_plan_depends_on_no_colour_and_repeats(tmp_path: Path) -> None:
+    plans = [
+        plan_lights(room(tmp_path / wall, LAMP, SUN, wall=wall).mitsuba, VIEW, (WINDOW,), 3)
+        for wall in ("0.9", "0.1,0.2,0.5", "0.1,0.2,0.5")
+    ]
+    for plan in plans[1:]:
+        np.testing.assert_array_equal(plan.emitters, plans[0].emitters)
+        np.testing.assert_array_equal(plan.windows, plans[0].windows)
+        assert plan.sunlight == plans[0].sunlight
+
+
+def test_densities_through_panes_integrate_to_one(tmp_path: Path) -> None:
+    """Over all directions from a point before them; each pane counts by its share."""
+    scene = room(tmp_path, SUN)
+    second = replace(WINDOW, polygon=((-2, -1, 0.5), (-2, 1, 0.5), (-2, 1, 2), (-2, -1, 2)))
+    west = Portal("west", "window", second.polygon, (-1, 0, 0), True)
+    panes = panes_of((WINDOW, west))
+    np.testing.assert_allclose(panes.area, [1.0, 3.0])
+    plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 0)
+    plan = replace(plan, panes=panes, windows=np.array([0.3, 0.7]), strengths=None)
+    outdoors = PlannedLights(scene.mitsuba, plan).outdoors
+    assert outdoors is not None and outdoors.panes is not None
+    sampler = outdoors.panes
+    random = np.random.default_rng(0).normal(size=(1 << 20, 3))
+    random /= np.linalg.norm(random, axis=1, keepdims=True)
+    towards = vector(mi.Vector3f, random)
+    density = np.array(sampler.density(mi.Point3f(0.4, -0.5, 1.2), towards, sampler.shares))
+    assert 4 * np.pi * density.mean() == pytest.approx(1, rel=0.02)
+    north = random[:, 1] * 2.5 > abs(random[:, 0]) * 2.5
+    assert 4 * np.pi * (density * north).mean() == pytest.approx(0.3, rel=0.05)
+    outside = np.array(sampler.density(mi.Point3f(0, 3, 1.5), towards, sampler.shares))
+    assert outside[random[:, 1] > 0].max() == 0 or (outside > 0).mean() < 0.2
+
+
+def chances_at(
+    lights: PlannedLights, place: tuple[float, float, float], normal: tuple[float, float, float]
+) -> np.ndarray:
+    """Of each weighed lamp, of all others, of each pane, of the sun."""
+    found = lights.chances(mi.Point3f(*map(float, place)), mi.Normal3f(*map(float, normal)))
+    return np.array([float(np.array(chance).ravel()[0]) for chance in found])
+
+
+def test_each_vertex_asks_what_is_near_and_faces_it(tmp_path: Path) -> None:
+    east, west = (ball(name, (x, 0, 2.5), 0.05, glow(9)) for name, x in (("e", 1.5), ("w", -1.5)))
+    lights = planned(room(tmp_path, east, west))
+    assert lights.outdoors is None and lights.lamps is not None and lights.lamps.slots == 2
+    below = [chances_at(lights, (x, 0, 0), (0, 0, 1)) for x in (1.5, -1.5)]
+    for chances in below:
+        assert chances.sum() == pytest.approx(1) and chances.min() >= 0
+        # Alike strong: 1 to (2.5 / 3.9)^2 times the cosine 2.5 / 3.9 or a little more.
+        assert 0.6 < max(chances) < 0.8
+    assert np.argmax(below[0]) != np.argmax(below[1])
+
+
+def test_the_sun_is_asked_where_it_can_shine(tmp_path: Path) -> None:
+    scene = room(tmp_path, LAMP, SUN)  # it stands at (-0.3, 0.7, 0.5), beyond the window in y = 2
+    indoors = np.array([[-2.0, -2, 0], [2, 2, 3]])
+    plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 3, indoors)
+    assert plan.strengths is not None and plan.strengths.sunlight > 0
+    lights = PlannedLights(scene.mitsuba, plan)
+    middle = np.mean(WINDOW.polygon, axis=0)
+    down = middle - middle[2] / 0.5 * np.array([-0.3, 0.7, 0.5])  # where its rays meet the floor
+    lit, dark = (
+        chances_at(lights, (*place, 0.0), (0, 0, 1))[-1] for place in (down[:2], (1.8, 1.9))
+    )
+    assert dark <= 0.2 * plan.sunlight + 1e-6
+    assert lit > 3 * dark
+    outside = chances_at(lights, (0, 9.0, 0), (0, 0, 1))[-1]
+    assert outside > 3 * dark, "nothing stands between"
+
+
+def test_without_strengths_the_views_shares_decide(tmp_path: Path) -> None:
+    scene = room(tmp_path, LAMP, HIDDEN, SUN)
+    plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 3)
+    lights = PlannedLights(scene.mitsuba, replace(plan, strengths=None))
+    chances = chances_at(lights, (0, 0, 0), (0, 0, 1))
+    assert chances[0] == pytest.approx(plan.emitters.sum())
+    assert chances[-1] == pytest.approx(plan.sunlight)
+    assert chances[1:-1].sum() == pytest.approx(plan.windows.sum())
+    assert abs(off_by(scene, lights)).max() < 4.5
+
+
+def test_more_lamps_than_are_weighed_are_asked_by_the_views_shares(tmp_path: Path) -> None:
+    row = [ball(f"b{i}", (-1.6 + 0.2 * i, 0.5, 2.6), 0.04, glow(9)) for i in range(LAMPS + 4)]
+    scene = room(tmp_path, *row, SUN)
+    lights = planned(scene)
+    assert lights.lamps is not None and lights.lamps.slots == LAMPS
+    assert chances_at(lights, (0, 0, 0), (0, 0, 1)).sum() == pytest.approx(1)
+    assert abs(off_by(scene, lights)).max() < 4.5
+
+
+def test_the_parameter_switches_it_and_both_agree(tmp_path: Path) -> None:
+    scene = room(tmp_path, LAMP, SUN)
+    params = GroundTruthParams(spp=256, block_spp=32)
+    images = []
+    for lights in ("planned", "uniform"):
+        truths = render_both(scene, VIEW, replace(params, lights=lights), 0.5, 1)  # type: ignore[arg-type]
+        images.append(np.stack([truths.shading[0][band] for band in "RGB"], axis=-1))
+    assert (images[0] != images[1]).any()
+    np.testing.assert_allclose(np.median(images[0]), np.median(images[1]), rtol=0.1)
+
+
+def test_a_scene_without_rooms_is_lit_all_the_same(tmp_path: Path) -> None:
+    scene = room(tmp_path, LAMP, SUN)
+    bare = replace(scene, scene=replace(scene.scene, rooms=()))
+    truths = render_both(bare, VIEW, GroundTruthParams(spp=4, block_spp=2), 0.5, 1)
+    assert truths.color[1]["black"] < 1
+
+
+def test_a_scene_without_lights_is_black(tmp_path: Path) -> None:
+    """Also beside another that has some, whose objects the renderer knows."""
+    lit = room(tmp_path / "lit", LAMP)
+    params = GroundTruthParams(spp=4, block_spp=2)
+    assert render_both(lit, VIEW, params, 0.5, 1).color[1]["black"] < 1
+    truths = render_both(room(tmp_path), VIEW, params, 0.5, 1)
+    assert truths.color[1]["black"] == 1
+
+
+@pytest.mark.parametrize("things", [(SUN, GROUND), (LAMP, SUN, GROUND), (LAMP, HIDDEN)])
+def test_paths_that_are_led_are_unbiased(things: tuple[str, ...], tmp_path: Path) -> None:
+    scene = room(tmp_path, *things)
+    assert abs(off_by(scene, led(scene))).max() < 4.5
+
+
+@pytest.mark.parametrize("materials", [FAITHFUL, PARTING], ids=["faithful", "parting"])
+def test_every_material_is_unbiased_when_paths_are_led(
+    tmp_path: Path, materials: dict[str, str]
+) -> None:
+    scene, view, regions = shelf(tmp_path, materials, more=GROUND)
+    plan = plan_lights(scene.mitsuba, view, (WINDOW,), 3)
+    lights = PlannedLights(scene.mitsuba, plan, plan_bounces(scene.mitsuba, plan, 3))
+    assert lights.guide is not None
+    pair = joined(scene, view, 3, SPP, COPIES, 1, lights=lights)
+    for seed, (images, albedo) in enumerate(zip(pair, (None, ALBEDO), strict=True)):
+        theirs = plain(scene, view, albedo, 3, SPP, COPIES, 2 + seed)
+        off = abs(deviations(region_means(images, regions), region_means(theirs, regions)))
+        assert off.max() < 4.5, albedo
+
+
+class LedForNothing(PlannedLights):
+    """Takes directions for the material's own, though some of them were led."""
+
+    def guidance(self, si: Any, active: Any) -> Any:
+        found = super().guidance(si, active)
+        assert found is not None
+        found.mixed = lambda pdf, direction: pdf  # type: ignore[method-assign]
+        return found
+
+
+def test_paths_led_for_nothing_would_be_found(tmp_path: Path) -> None:
+    scene = room(tmp_path, LAMP, SUN, GROUND)
+    assert abs(off_by(scene, led(scene, LedForNothing))).max() > 6
+
+
+DARK_SKY = SUN.replace('value="0.02"', 'value="1"')
+
+
+@pytest.mark.parametrize(
+    ("things", "most"),
+    [
+        ((DARK_SKY.replace('y="0.7"', 'y="-0.2"'), GROUND), 0.5),  # no sun comes in
+        ((ball("bulb", (1.7, 1.2, 2.85), 0.02, glow(2000)),), 0.8),  # in a corner
+    ],
+    ids=["sunlit ground", "corner"],
+)
+def test_less_noise_where_something_glows(
+    things: tuple[str, ...], most: float, tmp_path: Path
+) -> None:
+    scene = room(tmp_path, *things)
+    lights = led(scene)
+    noise: dict[bool, list[float]] = {}
+    for guide in (lights.guide, None):
+        lights.guide = guide
+        noise[guide is not None] = [
+            float(np.quantile(image.var(axis=0), np.linspace(0, 0.99, 100)).mean())
+            for image in joined(scene, VIEW, 5, 16, COPIES, 5, lights=lights)
+        ]
+    for guided, alone in zip(noise[True], noise[False], strict=True):
+        assert guided < most * alone
+
+
+def test_glows_are_where_the_light_falls(tmp_path: Path) -> None:
+    scene = room(tmp_path, DARK_SKY, GROUND)  # the sun stands at (-0.3, 0.7, 0.5)
+    plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 3)
+    found = plan_bounces(scene.mitsuba, plan, 3)
+    assert found is not None and len(found.strengths) > 4
+    glows = found.glows
+    through = glows.normal @ [0, 1, 0] > 0.99
+    np.testing.assert_allclose(glows.centre[through & (glows.area > 0.9)], [[0, 2, 1.5]], atol=1e-6)
+    # Each point of the window, 1 to 2 m above the floor, is to be found on the floor.
+    patch = glows.centre[(glows.normal @ [0, 0, -1] > 0.99) & (abs(glows.centre[:, 2]) < 0.01)]
+    height = (2 - patch[:, 1]) / 0.7 * 0.5
+    aside = patch[:, 0] - height / 0.5 * 0.3
+    assert len(patch) > 2 and (abs(height - 1.5) < 0.52).all() and (abs(aside) < 0.52).all()
+
+
+def test_nothing_glows_without_sun_lamps_and_ground(tmp_path: Path) -> None:
+    sky = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
+    scene = room(tmp_path, sky)
+    plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 3)
+    assert plan_bounces(scene.mitsuba, plan, 3) is None
+
+
+def test_how_many_paths_are_led(tmp_path: Path) -> None:
+    lights = led(room(tmp_path, SUN, GROUND))
+    si = dr.zeros(mi.SurfaceInteraction3f, 3)
+    si.p = mi.Point3f([0, 0, 0], [0, 1.0, 40], [0.01, 0.01, 1])  # two on the floor, one far away
+    si.n, si.wi = mi.Normal3f(0, 0, 1), mi.Vector3f(0, 0, 1)
+    advice = lights.guidance(si, mi.Bool(True, True, True))
+    assert advice is not None
+    share = np.array(advice.share)
+    assert (share[:2] > 0.05).all() and (share < 0.4).all() and share[2] < 0.02
+    chances = np.array(sum(advice.chances))
+    np.testing.assert_allclose(chances[:2], 1, rtol=1e-5)
+
+
+def test_shading_depends_on_no_colour_when_paths_are_led(tmp_path: Path) -> None:
+    images = []
+    for number, wall in enumerate(("0.6,0.5,0.4", "0.1,0.3,0.9")):
+        scene = room(tmp_path / str(number), SUN, GROUND, wall=wall)
+        truths = render_both(scene, VIEW, GroundTruthParams(spp=8, block_spp=4), 0.5, 1)
+        images.append(np.stack([truths.shading[0][band] for band in "RGB"]))
+    np.testing.assert_array_equal(images[0], images[1])

@@ -1,0 +1,121 @@
+"""Every command explains itself; every failure is one message and an exit code."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import get_args
+
+import click
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from pipeline.cli import COMMANDS, cli, main
+from pipeline.commands import setup
+from pipeline.commands.setup import examine
+from pipeline.params import Baseline
+from tests.fixtures.paths import ROOT
+
+
+def walk() -> list[tuple[str, click.Command]]:
+    """Every command, those inside groups too, with its full name."""
+    found = []
+    for name in COMMANDS:
+        command = cli.get_command(click.Context(cli), name)
+        assert command is not None
+        if isinstance(command, click.Group):
+            found += [(f"{name} {inner}", item) for inner, item in command.commands.items()]
+        else:
+            found.append((name, command))
+    return found
+
+
+@pytest.mark.parametrize(("name", "command"), walk(), ids=[name for name, _ in walk()])
+def test_every_command_has_help_an_example_and_a_seed(name: str, command: click.Command) -> None:
+    result = CliRunner().invoke(cli, [*name.split(), "--help"])
+    assert result.exit_code == 0
+    assert f"pbrnet {name}" in result.output.split("Usage:")[1].split("\n", 1)[1]
+    assert any("--seed" in option.opts for option in command.params)
+
+
+def test_every_stage_of_dvc_is_a_command() -> None:
+    stages = yaml.safe_load((ROOT / "dvc.yaml").read_text())["stages"]
+    names = [name for name, _ in walk()]
+    for stage in stages.values():
+        items = get_args(Baseline) if "matrix" in stage else [""]
+        for item in items:
+            command = stage["cmd"].replace("${item.name}", item)
+            assert command.removeprefix("pbrnet ") in names
+
+
+def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "pipeline.cli", *arguments],
+        cwd=cwd, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+
+
+def test_bad_parameters_exit_with_2_before_any_work(tmp_path: Path) -> None:
+    (tmp_path / "params.yaml").write_text("image: {width: 3}")
+    done = run("scenes", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "image.width: 3 is not allowed" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["params.yaml"]
+
+
+def test_missing_parameters_say_how_to_get_them(tmp_path: Path) -> None:
+    done = run("cameras", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "pbrnet preset quick" in done.stderr
+
+
+def test_an_unknown_command_exits_with_2(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["rendr"])
+    assert stop.value.code == 2
+    assert "rendr" in capsys.readouterr().err
+
+
+def test_presets_replace_each_other_but_not_own_changes(tmp_path: Path) -> None:
+    presets = str(ROOT / "params")
+    target = tmp_path / "params.yaml"
+    for name in ("quick", "paper"):
+        assert run("preset", name, "--presets", presets, cwd=tmp_path).returncode == 0
+        assert target.read_text() == (ROOT / "params" / f"{name}.yaml").read_text()
+    target.write_text(target.read_text().replace("seed: 0", "seed: 5"))
+    refused = run("preset", "quick", "--presets", presets, cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "--force" in refused.stderr
+    assert "seed: 5" in target.read_text()
+    assert run("preset", "quick", "--force", "--presets", presets, cwd=tmp_path).returncode == 0
+    assert run("preset", "slow", "--presets", presets, cwd=tmp_path).returncode == 2
+
+
+def test_params_yaml_is_the_quick_preset() -> None:
+    assert (ROOT / "params.yaml").read_text() == (ROOT / "params" / "quick.yaml").read_text()
+
+
+def test_doctor_reports(tmp_path: Path) -> None:
+    done = run("doctor", "--json", cwd=tmp_path)
+    assert done.returncode == 0
+    topics = [finding["topic"] for finding in yaml.safe_load(done.stdout)]
+    assert {"LLVM", "GPU", "threads", "memory", "VGG-19", "catalogues"} <= set(topics)
+
+
+def test_doctor_names_the_pretrained_networks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(setup, "PACKED", tmp_path / "weights")
+
+    def said() -> str:
+        return next(one.state for one in examine() if one.topic == "pretrained")
+
+    assert said() == f"no networks in {tmp_path}/weights"
+    (tmp_path / "weights").mkdir()
+    for name in ("composition", "shading"):
+        (tmp_path / "weights" / f"{name}.safetensors").touch()
+    assert said() == f"shading, composition, in {tmp_path}/weights"

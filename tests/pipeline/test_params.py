@@ -1,0 +1,90 @@
+"""Parameters are refused with key, value and what is allowed, before any work starts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from pipeline.params import Params, load_params
+from scenes.checked import build, plain
+from scenes.errors import ParameterError
+from tests.fixtures.paths import ROOT
+
+PRESETS = sorted((ROOT / "params").glob("*.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("sed: 1", ["sed", "unknown key", "'seed'"]),
+        ("seed: -1", ["seed", "-1", "at least 0"]),
+        ("seed: true", ["seed", "True", "whole number"]),
+        ("seed: 1.5", ["seed", "1.5"]),
+        ("image: 3", ["image", "3", "mapping"]),
+        ("image: {width: 1}", ["image.width", "1", "16"]),
+        ("image: {width: wide}", ["image.width", "'wide'", "whole number"]),
+        ("scenes: {lighting: [noon]}", ["scenes.lighting[0]", "'noon'", "'night'"]),
+        ("scenes: {lighting: []}", ["scenes.lighting"]),
+        ("scenes: {rooms_min: 5, rooms_max: 2}", ["rooms_min", "5", "2"]),
+        ("scenes: {homes: 0}", ["homes"]),
+        ("groundtruth: {spp: 33}", ["groundtruth.spp", "33"]),
+        ("groundtruth: {spp: .nan}", ["groundtruth.spp"]),
+        ("cameras: {grid: .inf}", ["cameras.grid", "inf"]),
+        ("illumination: {width: 161}", ["illumination.width", "161", "odd"]),
+        ("train: {learning_rate: 0}", ["train.learning_rate", "above 0"]),
+        ("train: {loss: {part: [1, 2]}}", ["train.loss.part", "2"]),
+        ("train: {exposure: mine}", ["train.exposure", "'mine'", "'own'", "'shared'"]),
+        ("farm: {variant: fast}", ["farm.variant", "'fast'"]),
+        ("seed: [", ["not valid YAML"]),
+        ("- 1", ["mapping"]),
+    ],
+)
+def test_bad_parameters_name_key_value_and_what_is_allowed(
+    tmp_path: Path, text: str, words: list[str]
+) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text(text)
+    with pytest.raises(ParameterError) as caught:
+        load_params(path)
+    for word in [str(path), *words]:
+        assert word in str(caught.value)
+
+
+def test_a_missing_file_says_how_to_get_one(tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match="pbrnet preset quick"):
+        load_params(tmp_path / "params.yaml")
+
+
+def test_seed_zero_is_a_seed(tmp_path: Path) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text("seed: 7")
+    assert load_params(path).seed == 7
+    assert load_params(path, seed=0).seed == 0
+
+
+@pytest.mark.parametrize("path", PRESETS, ids=lambda path: path.stem)
+def test_presets_are_valid_and_complete(path: Path) -> None:
+    """DVC tracks parameters by key, so every preset names every key."""
+    written = yaml.safe_load(path.read_text())
+    assert _keys(written) == _keys(plain(load_params(path)))
+
+
+def _keys(tree: object, prefix: str = "") -> set[str]:
+    if not isinstance(tree, dict):
+        return {prefix}
+    return {key for name, item in tree.items() for key in _keys(item, f"{prefix}.{name}")}
+
+
+def test_plain_and_build_are_inverse() -> None:
+    params = Params(seed=3)
+    assert build(Params, plain(params)) == params
+
+
+def test_paper_preset_holds_the_papers_figures() -> None:
+    params = load_params(next(path for path in PRESETS if path.stem == "paper"))
+    assert (params.image.width, params.image.height) == (480, 360)
+    assert (params.train.shading.epochs, params.train.composition.epochs) == (14, 12)
+    assert params.train.shading.steps_per_epoch == params.train.composition.steps_per_epoch == 20000
+    assert (params.train.batch, params.train.learning_rate) == (1, 1e-4)

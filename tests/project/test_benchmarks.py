@@ -1,0 +1,285 @@
+"""The benchmark program: rows computed on clocks that are known, and what it writes."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import cycles, farm
+from benchmarks.bench import SMALL, Bench, Reference
+from benchmarks.clay import windows_of
+from benchmarks.cycles import BlenderMissing, blender_python, cycles_rows, run_step
+from benchmarks.results import Results, page_of
+from benchmarks.rows import Row, at_least, at_most, missing
+from benchmarks.run import measure
+from benchmarks.shards import read_columns, read_view, views_of
+from benchmarks.strategies import _BOTH, _SHOWN, Tried, _gain, summary
+from benchmarks.timing import Spent, Spread, by_turns, ratio, spread
+from model.data.reader import IMAGES, OPTIONAL_IMAGES, Dataset
+from pipeline.dataset.pack import pack_dataset
+from pipeline.params import SplitParams
+from pipeline.render.scene import set_variant
+from scenes.contract import Portal
+from tests.fixtures.dataset import make_data, small_params
+
+
+class FakeClock:
+    """Time that passes only when told to; the processor's runs twice as fast as the wall's."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self.log: list[str] = []
+
+    def __call__(self) -> Spent:
+        return Spent(2 * self.seconds, self.seconds)
+
+    def work(self, name: str, *seconds: float) -> Callable[[], None]:
+        """Work that takes so long the first, second ... time."""
+        left = iter(seconds)
+
+        def do() -> None:
+            self.log.append(name)
+            self.seconds += next(left)
+
+        return do
+
+
+@pytest.fixture(autouse=True)
+def variant() -> str:
+    return set_variant()
+
+
+def test_ways_take_turns_and_the_first_turn_does_not_count() -> None:
+    clock = FakeClock()
+    ways = {"a": clock.work("a", 100, 1, 2, 6), "b": clock.work("b", 50, 2, 2, 2)}
+    spent = by_turns(ways, 3, clock=clock)
+    assert clock.log == ["a", "b"] * 4
+    assert [s.wall for s in spent["a"]] == [1, 2, 6]
+    assert [s.cpu for s in spent["a"]] == [2, 4, 12]
+    assert ratio(spent["a"], spent["b"], "wall") == Spread(1.0, 0.5, 3.0, 3)
+
+
+def test_ratios_are_taken_turn_by_turn() -> None:
+    """A machine that slows down in the middle changes no ratio."""
+    slow = [Spent(0, 1), Spent(0, 10), Spent(0, 2)]
+    fast = [Spent(0, 0.5), Spent(0, 5), Spent(0, 1)]
+    assert ratio(slow, fast, "wall") == Spread(2.0, 2.0, 2.0, 3)
+
+
+def test_no_repeats_are_refused() -> None:
+    with pytest.raises(ValueError, match="no repeats"):
+        spread([])
+
+
+def test_the_farm_rows_compare_the_stage_with_both_loops(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, allowed = FakeClock(), os.sched_getaffinity(0)
+    seconds = {"plain": 10.0, "joint": 6.0, "1": 12.0, "2": 6.3}
+
+    def python(*words: str) -> None:
+        if "groundtruth" in words:
+            way = words[words.index("--workers") + 1]
+            assert len(os.sched_getaffinity(0)) == min(int(way), len(allowed))
+        else:
+            way = "joint" if "--joint" in words else "plain"
+        clock.seconds += seconds[way]
+
+    monkeypatch.setattr(farm, "python", python)
+    monkeypatch.setattr(farm, "by_turns", partial(by_turns, clock=clock))
+    monkeypatch.setattr(farm.integrator, "available", lambda: True)
+    bench = Bench(tmp_path, SMALL, tmp_path)
+    bench.__dict__["views"] = {"home": []}
+    rows = {row.name: row for row in farm.farm_rows(bench)}
+    assert os.sched_getaffinity(0) == allowed
+    figures = {name: row.spread.value for name, row in rows.items() if row.spread}
+    assert figures == pytest.approx(
+        {
+            "ground truth stage / plain loop": 0.63,
+            "ground truth stage / joint loop (wall)": 1.05,
+            "ground truth stage / joint loop (cpu)": 1.05,
+            "two workers / one": 12 / 6.3,
+        }
+    )
+    assert rows["two workers / one"].verdict == ">= 1.9: met"
+
+
+@pytest.mark.parametrize(
+    ("goal", "value", "verdict"),
+    [
+        (at_most(1.25), 1.25, "<= 1.25: met"),
+        (at_most(1.25), 1.26, "<= 1.25: MISSED"),
+        (at_least(10), 1.3, ">= 10: MISSED"),
+        (at_least(1.9), 1.95, ">= 1.9: met"),
+        (None, 1.0, ""),
+    ],
+)
+def test_a_goal_is_met_or_missed(goal: object, value: float, verdict: str) -> None:
+    row = Row("row", "what it means", Spread(value, value, value, 1), goal=goal)  # type: ignore[arg-type]
+    assert row.verdict == verdict
+    assert row.plain().get("met") == (None if goal is None else verdict.endswith(": met"))
+
+
+def test_efficiency_is_error_times_seconds() -> None:
+    plain = [Tried(2.0, {"color": 0.4}), Tried(3.0, {"shading": 0.2})]
+    both = Tried(2.5, {"color": 0.1, "shading": 0.1})
+    assert _gain(plain[:1], both, ("color",)) == pytest.approx(0.8 / 0.25)
+    assert _gain(plain, both, ("color", "shading")) == pytest.approx(5 * 0.3 / 0.25)
+
+
+def test_homes_are_summed_up_by_their_geometric_mean() -> None:
+    def home(gain: float) -> dict[str, Spread]:
+        return {name: Spread(gain, gain, gain, 2) for name in (*_SHOWN, _BOTH)}
+
+    rows = list(summary([home(2.0), home(8.0)], 64))
+    assert [row.name for row in rows[:-2]] == list(_SHOWN.values())
+    assert all(row.spread == Spread(pytest.approx(4.0), 2.0, 8.0, 2) for row in rows[:-2])
+    for row in rows[-2:]:
+        assert row.spread == Spread(pytest.approx(0.25), 0.125, 0.5, 2)
+        assert row.verdict == "<= 0.4: met"
+    (alone,) = list(summary([home(2.0)], 64))[-1:]
+    assert alone.verdict == "<= 0.4: MISSED"
+
+
+def test_a_references_own_error_is_taken_off() -> None:
+    random = np.random.default_rng(5)
+    truth = random.uniform(1, 2, (200, 200, 3))
+
+    def noisy(sigma: float) -> np.ndarray:
+        return truth + random.normal(0, sigma, truth.shape)
+
+    reference = Reference(noisy(0.1), noisy(0.1))
+    wanted = 0.1**2 / truth.mean() ** 2
+    assert reference.error(noisy(0.1)) == pytest.approx(wanted, rel=0.05)
+    assert reference.own == pytest.approx(wanted / 2, rel=0.05)
+
+
+def run_topic(results: Results, rows: list[Row], fails: bool = False) -> None:
+    def topic(bench: Bench) -> Iterator[Row]:
+        yield from rows
+        if fails:
+            raise KeyboardInterrupt
+
+    bench = Bench(results.path.parent, SMALL, results.path.parent)
+    measure("shards", topic, bench, results)
+
+
+def fresh(folder: Path, sizes: str = "full") -> Results:
+    return Results(folder / "results.json", folder / "page.md", sizes)
+
+
+ROWS = [
+    Row("reading", "rows a second", Spread(1.3, 1.2, 1.44, 5), clock="wall", goal=at_least(10)),
+    Row("speed", "views", Spread(1234.5, 1000, 2000, 3), "/s", "cpu"),
+    missing("other", "what the other does", "it is not here", at_least(2.5)),
+]
+
+
+def test_the_page_tells_figures_ranges_goals_and_what_is_missing(tmp_path: Path) -> None:
+    run_topic(fresh(tmp_path), ROWS)
+    page = (tmp_path / "page.md").read_text()
+    assert "| reading | 1.3 | 1.2 to 1.44 | wall | >= 10, **missed** |" in page
+    assert "| speed | 1,234/s | 1,000/s to 2,000/s | processor |  |" in page
+    assert "| other | not measured: it is not here | | | >= 2.5 |" in page
+    assert "- **reading**: rows a second." in page
+    assert "**Not complete**: render, variant" in page
+    assert "trial" not in page
+    kept = json.loads((tmp_path / "results.json").read_text())["topics"]["shards"]
+    assert kept["complete"] and [row.get("met") for row in kept["rows"]] == [False, None, None]
+
+
+def test_an_interrupted_run_leaves_its_rows_and_says_so(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        run_topic(fresh(tmp_path), ROWS[:2], fails=True)
+    record = json.loads((tmp_path / "results.json").read_text())
+    assert len(record["topics"]["shards"]["rows"]) == 2
+    assert "shards" in record["unfinished"]
+    assert "Not complete." in page_of(record)
+    resumed = fresh(tmp_path)
+    resumed.resume()
+    assert not resumed.complete("shards")
+    run_topic(resumed, ROWS)
+    assert resumed.complete("shards")
+
+
+def test_results_of_another_kind_of_run_are_not_kept(tmp_path: Path) -> None:
+    run_topic(fresh(tmp_path), ROWS)
+    small = fresh(tmp_path, "small")
+    small.resume()
+    assert not small.topics
+    (tmp_path / "results.json").write_text("{")
+    broken = fresh(tmp_path)
+    broken.resume()
+    assert not broken.topics
+
+
+def test_a_trial_run_is_called_one(tmp_path: Path) -> None:
+    run_topic(fresh(tmp_path, "small"), ROWS)
+    assert "its figures mean nothing" in (tmp_path / "page.md").read_text()
+
+
+def test_without_blender_the_row_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(command: list[str]) -> None:
+        raise BlenderMissing("bpy cannot be installed: no matching distribution")
+
+    monkeypatch.setattr(cycles, "run_step", refused)
+    monkeypatch.setattr(cycles.integrator, "available", lambda: True)
+    (row,) = cycles_rows(Bench(tmp_path, SMALL, tmp_path))
+    assert row.spread is None
+    assert "no matching distribution" in row.missing
+    assert row.verdict == ">= 2.5: not measured"
+
+
+def test_an_interpreter_without_bpy_is_not_taken(tmp_path: Path) -> None:
+    with pytest.raises(BlenderMissing, match="worse luck"):
+        run_step([sys.executable, "-c", "raise SystemExit('worse luck')"])
+    python = tmp_path / "bpy" / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.symlink_to(sys.executable)
+    assert not cycles.has_bpy(python)
+    assert blender_python(tmp_path, Path(sys.executable)) == Path(sys.executable)
+
+
+def test_windows_are_rectangles_that_face_inwards() -> None:
+    corners = ((0, 0, 1), (2, 0, 1), (2, 0, 2), (0, 0, 2))
+    ((corner, first, second, inward),) = windows_of(
+        (Portal("window", "window", corners, (0, -1, 0), True),)
+    )
+    across, along = np.subtract(first, corner), np.subtract(second, corner)
+    assert np.linalg.norm(np.cross(across, along)) == pytest.approx(2)
+    assert np.dot(across, along) == pytest.approx(0)
+    assert inward == [0, 1, 0]
+    middle = np.array(corner) + (across + along) / 2
+    assert middle == pytest.approx([1, 0, 1.5])
+
+
+def test_shards_and_frames_are_read_to_the_same_images(tmp_path: Path) -> None:
+    """The comparison of speeds is one of equal results."""
+    params = small_params(row_group=2, splits=SplitParams(validation=0, test=0))
+    data = make_data(tmp_path, params)
+    pack_dataset(data, params)
+    examples = {example.name: example for example in Dataset(data / "dataset", "train").ordered()}
+    count = 0
+    for view in views_of(data):
+        example = examples[f"{view.scene_id}/{view.view_id}"]
+        for name, image in read_view(data, view).items():
+            assert np.array_equal(image, getattr(example, name)), name
+            count += image.size
+    assert examples and read_columns(data / "dataset") == count
+    assert set(read_view(data, view)) == {*IMAGES, *OPTIONAL_IMAGES}
+
+
+def test_the_command_names_its_topics() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.run", "--help"], capture_output=True, text=True
+    )
+    assert done.returncode == 0
+    assert "--only" in done.stdout and "cycles" in done.stdout

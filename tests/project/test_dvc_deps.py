@@ -1,0 +1,103 @@
+"""Stages in dvc.yaml depend on all the code that they run."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.fixtures.paths import ROOT
+
+STAGES = yaml.safe_load((ROOT / "dvc.yaml").read_text())["stages"]
+_TRAINING = ("model/training/train.py",)
+ENTRIES: dict[str, tuple[str, ...]] = {
+    "assets": ("pipeline/stages/assets.py",),
+    "scenes": ("pipeline/stages/scene_jobs.py", "pipeline/stages/scene_work.py"),
+    "cameras": ("pipeline/stages/view_sampling.py",),
+    "inputs": ("pipeline/passes/inputs.py",),
+    "illumination": ("pipeline/passes/illumination.py", "pipeline/passes/visibility.py"),
+    "groundtruth": ("pipeline/passes/groundtruth.py", "pipeline/passes/denoise.py"),
+    "dataset": ("pipeline/dataset/pack.py",),
+    "backbone": ("model/training/backbone.py",),
+    "train_shading": _TRAINING,
+    "train_composition": _TRAINING,
+    "train_baselines": _TRAINING,
+    "evaluate": ("model/evaluation/evaluate.py",),
+    "report": ("model/report/page.py",),
+}
+# Code that decides no byte of a stage's output, or only through parameters that the stage names:
+# parameters and their checks, errors, progress, the farm, and the jobs that call a pass.
+PLUMBING = (
+    "pipeline/farm",
+    "pipeline/params.py",
+    "pipeline/progress.py",
+    "pipeline/records.py",
+    "pipeline/stages/render_jobs.py",
+    "pipeline/versions.py",
+    "scenes/checked.py",
+    "scenes/errors.py",
+    "scenes/files.py",
+    "scenes/import_options.py",
+    "scenes/params.py",
+)
+# Code of other methods than the stage trains.
+OTHER_METHODS = ("model/baselines", "model/networks/hybrid.py", "model/networks/plus.py")
+# Features are a dependency as files: models/backbone.safetensors.
+FEATURES = ("model/training/backbone.py",)
+LEFT_OUT = {
+    "train_shading": OTHER_METHODS + FEATURES,
+    "train_composition": OTHER_METHODS + FEATURES,
+    "train_baselines": FEATURES,
+    "evaluate": FEATURES,
+}
+
+
+def imported(path: Path) -> Iterator[Path]:
+    """Modules of the project that a module imports, relative to the project."""
+    for node in ast.walk(ast.parse((ROOT / path).read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            folder = Path(*node.module.split("."))
+            for name in node.names:
+                within = folder / f"{name.name}.py"
+                yield within if (ROOT / within).is_file() else folder.with_suffix(".py")
+
+
+def reached(entries: tuple[str, ...], left_out: tuple[str, ...]) -> set[Path]:
+    """The modules that the entries import, those that they import, and so on, in all packages."""
+    excluded = {Path(one) for one in left_out}
+    found: set[Path] = set()
+    waiting = [Path(entry) for entry in entries]
+    while waiting:
+        path = waiting.pop()
+        if path in found or not (ROOT / path).is_file() or excluded & {path, *path.parents}:
+            continue
+        found.add(path)
+        waiting += imported(path)
+    return found
+
+
+def test_every_stage_has_an_entry() -> None:
+    assert set(ENTRIES) == set(STAGES)
+
+
+@pytest.mark.parametrize("stage", ENTRIES)
+def test_a_stage_depends_on_all_code_that_it_runs(stage: str) -> None:
+    closure = reached(ENTRIES[stage], PLUMBING + LEFT_OUT.get(stage, ()))
+    parts = {Path(one) for one in STAGES[stage]["deps"]}
+    missing = {path for path in closure if not parts & {path, *path.parents}}
+    assert not missing, f"not in dvc.yaml: {sorted(map(str, missing))}"
+    assert closure > {Path(entry) for entry in ENTRIES[stage]}
+
+
+def test_the_code_that_stages_depend_on_is_there() -> None:
+    code = [
+        dep
+        for one in STAGES.values()
+        for dep in one["deps"]
+        if dep.startswith(("scenes/", "pipeline/", "model/"))
+    ]
+    assert len(code) > 50
+    assert [dep for dep in code if not (ROOT / dep).exists()] == []

@@ -1,0 +1,152 @@
+"""Mitsuba scenes as other people write them, in the words of each version: all of them come in."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mitsuba as mi
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+
+from pipeline.render.leaks import find_leaks
+from pipeline.render.scene import open_scene, set_variant
+from scenes.contract import Scene
+from scenes.errors import InputError
+from scenes.registry import import_scene
+from tests.fixtures import mitsuba_files as files
+
+BITMAP = (
+    '<texture type="bitmap" name="{}"><string name="filename" value="textures/a.png"/>{}</texture>'
+)
+# The materials of the scenes on Benedikt Bitterli's page and of Mitsuba's documentation.
+MATERIALS = {
+    "floor": '<bsdf type="twosided"><bsdf type="roughplastic"><float name="alpha" value="0.1"/>'
+    '<string name="distribution" value="ggx"/><float name="intIOR" value="1.5"/>'
+    '<boolean name="nonlinear" value="true"/>'
+    + BITMAP.format("diffuseReflectance", '<string name="filterType" value="trilinear"/>'
+                    '<float name="uscale" value="4"/><string name="gamma" value="srgb"/>')
+    + "</bsdf></bsdf>",
+    "leaf": '<bsdf type="mask">' + BITMAP.format("opacity", "")
+    + '<bsdf type="twosided"><bsdf type="diffuse"/></bsdf></bsdf>',
+    "veil": '<bsdf type="twosided"><bsdf type="mask"><float name="opacity" value="0.4"/>'
+    '<bsdf type="diffuse"/></bsdf></bsdf>',
+    "tap": '<bsdf type="roughconductor"><string name="material" value="Cu"/></bsdf>',
+    "pan": '<bsdf type="twosided"><bsdf type="conductor"><string name="material" value="none"/>'
+    '<rgb name="specularReflectance" value="0.9"/></bsdf></bsdf>',
+    "steel": '<bsdf type="roughconductor"><float name="extEta" value="1"/>'
+    '<rgb name="eta" value="1.65746, 0.880369, 0.521229"/>'
+    '<rgb name="k" value="9.22387, 6.26952, 4.837"/></bsdf>',
+    "glass": '<bsdf type="dielectric"><string name="intIOR" value="bk7"/></bsdf>',
+    "paint": '<bsdf type="plastic"><spectrum name="diffuseReflectance" '
+    'value="400:0.1, 550:0.4, 700:0.8"/></bsdf>',
+    "bump": '<bsdf type="bumpmap"><float name="scale" value="3"/>' + BITMAP.format("map", "")
+    + '<bsdf type="twosided"><bsdf type="diffuse"/></bsdf></bsdf>',
+    "old gloss": '<bsdf type="phong"><float name="exponent" value="50"/></bsdf>',
+    "brushed": '<bsdf type="ward"><float name="alphaU" value="0.1"/>'
+    '<float name="alphaV" value="0.2"/></bsdf>',
+    "curtain": '<bsdf type="difftrans"><rgb name="transmittance" value="0.5"/></bsdf>',
+    "mixed": '<bsdf type="blendbsdf"><float name="weight" value="0.3"/><bsdf type="diffuse"/>'
+    '<bsdf type="roughconductor"/></bsdf>',
+    "xyz": '<bsdf type="diffuse"><xyz name="reflectance" value="0.3 0.4 0.2"/></bsdf>',
+}  # fmt: skip
+LIGHTS = {
+    "sky": '<emitter type="sunsky"><float name="turbidity" value="3"/>'
+    '<vector name="sunDirection" x="0.3" y="0.7" z="0.2"/></emitter>',
+    "map": '<emitter type="envmap"><string name="filename" value="textures/sky.exr"/></emitter>',
+    "lamp that hangs": '<emitter type="spot"><transform name="toWorld">'
+    '<lookat origin="2,2,-1" target="2,0,-1"/></transform>'
+    '<spectrum name="intensity" value="400:2, 700:4"/></emitter>',
+    "even": '<emitter type="constant"><blackbody name="radiance" temperature="5000K"/></emitter>',
+}
+FRAME = (
+    '<default name="spp" value="64"/><integrator type="volpath">'
+    '<integer name="maxDepth" value="65"/></integrator><sensor type="thinlens">'
+    '<float name="fov" value="60"/><float name="apertureRadius" value="0.01"/>'
+    '<float name="focusDistance" value="2"/><transform name="toWorld">'
+    '<lookat origin="3.5, 1.5, -0.5" target="1, 1, -2.5" up="0, 1, 0"/></transform>'
+    '<sampler type="ldsampler"><integer name="sampleCount" value="$spp"/></sampler>'
+    '<film type="ldrfilm"><integer name="width" value="64"/><integer name="height" value="48"/>'
+    '<string name="fileFormat" value="png"/><float name="gamma" value="2.2"/>'
+    '<rfilter type="tent"/></film></sensor>'
+)
+
+
+def modern(text: str) -> str:
+    """Names in the words of version 2 and 3."""
+    return re.sub(
+        r'(?:name|value)="([a-z]+(?:[A-Z]\w*)+)"',
+        lambda found: re.sub("([A-Z])", lambda one: "_" + one[1].lower(), found[0]),
+        text,
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("mitsuba")
+    (made / "textures").mkdir()
+    noise = np.random.default_rng(0).integers(0, 255, (8, 8, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(made / "textures" / "a.png")
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, {"RGB": np.full((8, 16, 3), 0.5, np.float32)}) as file:
+        file.write(str(made / "textures" / "sky.exr"))
+    return made
+
+
+def bring(folder: Path, body: str, version: str, name: str) -> Scene:
+    """The room of 4 x 3 m with `body` in it, which is drawn in the words of 0.6."""
+    inside = f"{FRAME}{files.room()}{body}"
+    text = inside if version.startswith("0") else modern(inside)
+    path = folder / f"{name}.xml"
+    path.write_text(f'<scene version="{version}">{text}</scene>')
+    return import_scene(path, folder / name)
+
+
+@pytest.mark.parametrize("version", ["0.4.0", "0.5.0", "0.6.0", "2.1.0", "3.0.0"])
+def test_materials_of_every_version(folder: Path, version: str) -> None:
+    """All of them in one room, each on a card of its own, and it renders."""
+    set_variant("auto")
+    cards = "".join(
+        f'<shape type="rectangle" id="card_{place}"><transform name="toWorld"><scale value="0.2"/>'
+        f'<translate x="{0.3 + 0.25 * place}" y="1" z="-1"/></transform>{bsdf}</shape>'
+        for place, bsdf in enumerate(MATERIALS.values())
+    )
+    scene = bring(folder, cards + LIGHTS["even"], version, f"all-{version}")
+    assert len(scene.rooms) == 1
+    shown = {name for thing in scene.objects for name in thing.shapes}
+    assert len([name for name in shown if name.startswith("card")]) == len(MATERIALS)
+    loaded = mi.load_file(str(scene.xml), optimize=False, parallel=False)
+    image = np.asarray(mi.render(loaded, spp=1))
+    assert np.isfinite(image).all()
+
+
+@pytest.mark.parametrize("name", LIGHTS)
+@pytest.mark.parametrize("version", ["0.5.0", "0.6.0", "3.0.0"])
+def test_lights_of_every_version(folder: Path, name: str, version: str) -> None:
+    light = LIGHTS[name]
+    scene = bring(folder, light, version, f"light-{version}")
+    assert scene.lights
+    assert len(scene.rooms) == 1
+
+
+def test_a_lamp_that_looks_down_needs_no_up(folder: Path) -> None:
+    scene = bring(folder, LIGHTS["lamp that hangs"], "0.6.0", "down")
+    root = ElementTree.parse(scene.xml).getroot()
+    (matrix,) = root.iterfind("emitter[@type='spot']/transform/matrix")
+    values = np.array(matrix.get("value", "").split(), dtype=float).reshape(4, 4)
+    assert values[:3, 2] == pytest.approx([0, 0, -1], abs=1e-6)
+    assert values[:3, 3] == pytest.approx([2, 1, 2], abs=1e-6)
+
+
+def test_an_up_along_the_view_is_still_refused(folder: Path) -> None:
+    light = LIGHTS["lamp that hangs"].replace('target="2,0,-1"', 'target="2,0,-1" up="0,1,0"')
+    with pytest.raises(InputError, match="span no camera frame"):
+        bring(folder, light, "0.6.0", "bad")
+
+
+def test_the_room_is_dark(folder: Path) -> None:
+    set_variant("auto")
+    assert find_leaks(open_scene(bring(folder, LIGHTS["even"], "0.6.0", "dark")), walks=500) == []

@@ -1,0 +1,741 @@
+"""Procedural homes: statements about their geometry, light and materials, checked on the files."""
+
+from __future__ import annotations
+
+import math
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import defusedxml.ElementTree
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+import shapely
+from PIL import Image
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from shapely.geometry import MultiPoint, Point, Polygon
+
+from pipeline.render.scene import set_variant
+from pipeline.tonemap import decode_srgb
+from scenes.contract import Scene, SceneObject, load_scene
+from scenes.files import digest_file, digest_folder
+from scenes.params import SceneParams
+from scenes.photometry import LUMEN
+from scenes.procedural.furnishing.placement import furnish
+from scenes.procedural.furniture import make_style
+from scenes.procedural.home import make_home
+from scenes.procedural.lighting import emitter
+from scenes.procedural.materials import WHITEST, texture_image
+from scenes.procedural.patterns import pattern
+from scenes.procedural.piece import Material, Part
+from scenes.procedural.plan import SIZES, Plan, make_plan
+from scenes.seeds import generator
+from tests.fixtures.geometry import hits
+
+SMALL = SceneParams(texture_size=64)
+SEEDS = (0, 1, 2, 3, 4, 5, 6, 7)
+SETTINGS = ("day", "evening", "night", "mixed")
+
+
+@dataclass(frozen=True)
+class Home:
+    """A written home and the plan it was made from."""
+
+    seed: int
+    folder: Path
+    scene: Scene
+    plan: Plan
+
+    @cached_property
+    def bodies(self) -> dict[str, list[tuple[Polygon, float, float]]]:
+        """Object id -> connected bodies of its meshes: (footprint's hull, lowest, highest z)."""
+        return {
+            thing.id: [body for shape in thing.shapes for body in self._bodies(shape)]
+            for thing in self.scene.objects
+        }
+
+    def triangles(self, thing: SceneObject) -> np.ndarray:
+        """Corners (N, 3, 3) of all triangles of a thing, metres."""
+        meshes = [read_ply(self.folder / "meshes" / f"{shape}.ply") for shape in thing.shapes]
+        return np.concatenate([vertices[faces] for vertices, faces, _ in meshes])
+
+    def _bodies(self, shape: str) -> list[tuple[Polygon, float, float]]:
+        vertices, faces, _ = read_ply(self.folder / "meshes" / f"{shape}.ply")
+        _, welded = np.unique(np.round(vertices, 4) + 0.0, axis=0, return_inverse=True)
+        corners = welded.reshape(-1)[faces]
+        count = int(corners.max()) + 1
+        links = coo_array(
+            (np.ones(2 * len(corners)), (corners[:, :2].ravel(), corners[:, 1:].ravel())),
+            shape=(count, count),
+        )
+        labels = connected_components(links, directed=False)[1][welded.reshape(-1)]
+        order = np.argsort(labels, kind="stable")
+        groups = np.split(vertices[order], np.flatnonzero(np.diff(labels[order])) + 1)
+        return [
+            (
+                MultiPoint(group[:, :2]).convex_hull,
+                float(group[:, 2].min()),
+                float(group[:, 2].max()),
+            )
+            for group in groups
+        ]
+
+
+def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(positions (V, 3), faces (F, 3), uvs (V, 2)) by the file's own header."""
+    data = path.read_bytes()
+    head, body = data.split(b"end_header\n", 1)
+    names = re.findall(rb"property float (\w+)", head)
+    vertices = int(re.search(rb"element vertex (\d+)", head).group(1))  # type: ignore[union-attr]
+    faces = int(re.search(rb"element face (\d+)", head).group(1))  # type: ignore[union-attr]
+    table = np.frombuffer(body, "<f4", vertices * len(names)).reshape(vertices, -1)
+    corners = np.frombuffer(
+        body, np.dtype([("n", "u1"), ("i", "<i4", 3)]), faces, 4 * vertices * len(names)
+    )
+    assert len(body) == 4 * vertices * len(names) + 13 * faces
+    return table[:, :3].astype(float), corners["i"].astype(int), table[:, -2:].astype(float)
+
+
+@pytest.fixture(scope="session")
+def homes(tmp_path_factory: pytest.TempPathFactory) -> list[Home]:
+    root = tmp_path_factory.mktemp("homes")
+    return [_home(root, seed) for seed in SEEDS]
+
+
+def _home(root: Path, seed: int) -> Home:
+    folder = root / f"home-{seed}"
+    make_home(folder, folder.name, SMALL, seed, SETTINGS[seed % 4])
+    plan = make_plan(generator(seed, "plan"), SMALL.rooms_min, SMALL.rooms_max)
+    return Home(seed, folder, load_scene(folder), plan)
+
+
+def furniture_of(home: Home) -> list[SceneObject]:
+    return [thing for thing in home.scene.objects if not thing.is_structure]
+
+
+# -- the folder -----------------------------------------------------------------------------
+
+
+def test_every_file_is_used_and_every_reference_exists(homes: list[Home]) -> None:
+    for home in homes:
+        root = defusedxml.ElementTree.parse(home.folder / "scene.xml").getroot()
+        named = {
+            node.get("value") for node in root.iter("string") if node.get("name") == "filename"
+        }
+        present = {
+            path.relative_to(home.folder).as_posix()
+            for sub in ("meshes", "textures")
+            for path in (home.folder / sub).iterdir()
+        }
+        assert named == present
+        shapes = [node.get("id") for node in root.iter("shape")]
+        assert sorted(shapes) == sorted(id for thing in home.scene.objects for id in thing.shapes)
+        assert len(shapes) <= 600
+
+
+def test_meshes_are_sound(homes: list[Home]) -> None:
+    for home in homes:
+        triangles = 0
+        for path in sorted((home.folder / "meshes").iterdir()):
+            vertices, faces, uvs = read_ply(path)
+            assert np.isfinite(vertices).all() and np.isfinite(uvs).all(), path.name
+            assert faces.min() >= 0 and faces.max() < len(vertices), path.name
+            triangles += len(faces)
+        assert triangles < 400_000
+
+
+def test_equal_seeds_give_equal_bytes(homes: list[Home], tmp_path: Path) -> None:
+    home = homes[3]
+    again = tmp_path / home.folder.name
+    make_home(again, again.name, SMALL, home.seed, home.scene.lighting)
+    assert digest_folder(again) == digest_folder(home.folder)
+
+
+def test_light_settings_share_plan_and_furniture(homes: list[Home], tmp_path: Path) -> None:
+    home = homes[2]  # made by night
+    scene = make_home(tmp_path / "day", "day", SMALL, home.seed, "day")
+    assert scene.plan == home.scene.plan
+    assert [thing.bbox_min for thing in scene.objects] == [
+        thing.bbox_min for thing in home.scene.objects
+    ]
+    windows = {portal.room for portal in scene.portals if portal.clear}
+    assert not [light for light in scene.lights if light.kind == "area" and light.room in windows]
+    assert [light for light in home.scene.lights if light.kind == "area"]
+
+
+def test_homes_differ(homes: list[Home]) -> None:
+    floors = {str([room.floor for room in home.scene.rooms]) for home in homes}
+    walls = {digest_file(home.folder / "meshes" / "facade.0.ply") for home in homes}
+    assert len(floors) == len(walls) == len({home.scene.plan for home in homes}) == len(homes)
+
+
+def test_mitsuba_loads_homes_without_a_warning(homes: list[Home]) -> None:
+    set_variant("auto")
+
+    class Collector(mi.Appender):
+        def __init__(self) -> None:
+            super().__init__()
+            self.lines: list[str] = []
+
+        def append(self, level: Any, text: str) -> None:
+            if level >= mi.LogLevel.Warn:
+                self.lines.append(text)
+
+        def log_progress(self, *args: Any) -> None:
+            pass
+
+    collector = Collector()
+    mi.logger().add_appender(collector)
+    try:
+        for home in homes[:4]:
+            mi.load_file(str(home.scene.xml), optimize=False, parallel=False)
+    finally:
+        mi.logger().remove_appender(collector)
+    assert collector.lines == []
+
+
+def test_the_plain_mitsuba_command_renders_a_home(homes: list[Home], tmp_path: Path) -> None:
+    command = Path(sys.executable).with_name("mitsuba")
+    if not command.is_file():
+        pytest.skip("the mitsuba command is not installed beside this Python")
+    folder = tmp_path / "home"
+    shutil.copytree(homes[4].folder, folder)
+    text = (folder / "scene.xml").read_text()
+    text = text.replace('name="sample_count" value="64"', 'name="sample_count" value="1"')
+    text = text.replace('"width" value="480"', '"width" value="32"')
+    text = text.replace('"height" value="360"', '"height" value="24"')
+    (folder / "scene.xml").write_text(text)
+    run = [str(command), "-m", "scalar_rgb", "-o", str(tmp_path / "out.exr"), "scene.xml"]
+    done = subprocess.run(run, cwd=folder, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (tmp_path / "out.exr").stat().st_size > 100
+
+
+# -- plans ----------------------------------------------------------------------------------
+
+
+def test_plans_keep_the_rules_of_living() -> None:
+    outlines = set()
+    for seed in range(60):
+        plan = make_plan(generator(seed, "plan"), 1, 6)
+        shapes = [room.shape for room in plan.rooms]
+        inner, outline = Polygon(plan.inner), Polygon(plan.outline)
+        outlines.add(len(plan.outline))
+        for room, shape in zip(plan.rooms, shapes, strict=True):
+            assert shape.is_valid and shape.exterior.is_ccw
+            assert 0.75 * SIZES[room.type][0] <= shape.area <= 60
+            assert inner.buffer(1e-4).covers(shape)
+            assert room.type == "bathroom" or any(
+                opening.rooms == (room.id,) and opening.kind in ("window", "patio")
+                for opening in plan.openings
+            ), f"seed {seed}: {room.type} without a window"
+        for index, first in enumerate(shapes):
+            for second in shapes[index + 1 :]:
+                assert first.distance(second) > 0.9 * plan.partition
+        assert outline.exterior.distance(inner) == pytest.approx(plan.outer_thickness, abs=1e-3)
+        assert sum(opening.kind == "entrance" for opening in plan.openings) == 1
+        joined = [{room.id} for room in plan.rooms]
+        for opening in plan.openings:
+            if not opening.is_outer:
+                one = [group for group in joined if group & set(opening.rooms)]
+                joined = [group for group in joined if group not in one] + [set().union(*one)]
+        assert len(joined) == 1, f"seed {seed}: not all rooms can be reached"
+    assert outlines >= {4, 6}  # rectangles and L shapes at least
+
+
+def test_openings_pierce_walls_from_face_to_face() -> None:
+    for seed in range(40):
+        plan = make_plan(generator(seed, "plan"), 1, 6)
+        rooms = shapely.union_all([room.shape for room in plan.rooms])
+        solid = Polygon(plan.outline).difference(rooms)
+        holes = [opening.footprint for opening in plan.openings]
+        for opening, hole in zip(plan.openings, holes, strict=True):
+            assert solid.buffer(1e-3).covers(hole), f"seed {seed}: {opening.id}"
+            for room_id in opening.rooms:
+                assert plan.room(room_id).shape.distance(hole) < 1e-3
+            assert opening.z1 < plan.height
+        for index, first in enumerate(holes):
+            assert all(first.distance(second) > 0.05 for second in holes[index + 1 :])
+
+
+# -- light ----------------------------------------------------------------------------------
+
+
+def test_portals_lie_in_outer_walls_and_look_out(homes: list[Home]) -> None:
+    for home in homes:
+        wall = Polygon(home.plan.outline).difference(Polygon(home.plan.inner)).buffer(1e-3)
+        rooms = {room.id: Polygon(room.floor) for room in home.scene.rooms}
+        assert any(portal.clear for portal in home.scene.portals)
+        for portal in home.scene.portals:
+            corners = np.array(portal.polygon)
+            normal = np.array(portal.normal)
+            assert np.linalg.norm(normal) == pytest.approx(1)
+            assert np.ptp(corners @ normal) < 1e-4
+            assert all(wall.covers(Point(corner)) for corner in corners[:, :2])
+            outside = corners[:, :2].mean(axis=0) + home.plan.outer_thickness * normal[:2]
+            assert not Polygon(home.plan.outline).contains(Point(outside))
+            assert rooms[portal.room or ""].distance(Point(corners[0])) < home.plan.outer_thickness
+            around = np.cross(corners[1] - corners[0], corners[2] - corners[1])
+            assert abs(around @ normal) == pytest.approx(np.linalg.norm(around))
+
+
+def test_light_enters_a_home_through_portals_only(homes: list[Home]) -> None:
+    """Rays in all directions from inside leave only through portals: blocked, all is dark."""
+    set_variant("auto")
+    for home in homes[: 4 if mi.variant().startswith("scalar") else len(homes)]:
+        scene = mi.load_file(str(home.scene.xml), optimize=False, parallel=False)
+        outdoors = {
+            shape
+            for thing in home.scene.objects
+            if thing.id.startswith("outside")
+            for shape in thing.shapes
+        }
+        rng = generator(home.seed, "leaks")
+        origins, directions = _rays_inside(home, rng, 400 if mi.variant()[0] == "s" else 20_000)
+        distance, names = _trace(scene, origins, directions)
+        left = [name is None or name in outdoors for name in names]
+        through = np.zeros(len(origins), dtype=bool)
+        for portal in home.scene.portals:
+            through |= _crosses(origins, directions, distance, portal) & portal.clear
+        escaped = np.flatnonzero(np.array(left) & ~through)
+        assert len(escaped) == 0, [
+            (origins[k].tolist(), directions[k].tolist(), names[k]) for k in escaped[:3]
+        ]
+        assert np.array(left).any(), "no ray found a window: the test sees nothing"
+
+
+def _rays_inside(home: Home, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Half of them aimed at the seams between walls, floors and ceilings."""
+    origins, directions = [], []
+    each = count // len(home.scene.rooms)
+    for room in home.scene.rooms:
+        x, y = Polygon(room.floor).representative_point().coords[0]
+        origin = np.array([x, y, 0.5 * (room.floor_z + room.ceiling_z)])
+        free = rng.normal(size=(each // 2, 3))
+        corners = np.array(room.floor)
+        which = rng.integers(len(corners), size=each // 2)
+        along = rng.random((each // 2, 1))
+        seam = corners[which] * (1 - along) + corners[(which + 1) % len(corners)] * along
+        heights = rng.choice([room.floor_z, room.ceiling_z], size=each // 2)
+        upright = rng.random(each // 2) < 0.3  # the vertical edges between walls too
+        seam = np.where(upright[:, None], corners[which], seam)
+        heights = np.where(upright, rng.uniform(room.floor_z, room.ceiling_z, each // 2), heights)
+        aimed = np.column_stack([seam, heights]) - origin + rng.normal(0, 3e-4, (each // 2, 3))
+        block = np.concatenate([free, aimed])
+        origins.append(np.broadcast_to(origin, block.shape))
+        directions.append(block / np.linalg.norm(block, axis=1, keepdims=True))
+    return np.concatenate(origins), np.concatenate(directions)
+
+
+def _trace(scene: Any, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, list]:
+    """(distance, id of the shape hit or None) of each ray."""
+    shapes = [shape.id() for shape in scene.shapes()]
+    if mi.variant().startswith("scalar"):
+        hits = [
+            scene.ray_intersect(mi.Ray3f(mi.Point3f(*o), mi.Vector3f(*d)))
+            for o, d in zip(origins.tolist(), directions.tolist(), strict=True)
+        ]
+        found = [hit.is_valid() for hit in hits]
+        names = [hit.shape.id() if ok else None for hit, ok in zip(hits, found, strict=True)]
+        return np.array(
+            [hit.t if ok else np.inf for hit, ok in zip(hits, found, strict=True)]
+        ), names
+    ray = mi.Ray3f(mi.Point3f(origins.T), mi.Vector3f(directions.T))
+    hit = scene.ray_intersect(ray)
+    valid = np.array(hit.is_valid())
+    pointers = np.array(dr.reinterpret_array(mi.UInt32, hit.shape))
+    table = {
+        int(np.array(dr.reinterpret_array(mi.UInt32, pointer))[0]): name
+        for pointer, name in zip(
+            (mi.ShapePtr(shape) for shape in scene.shapes()), shapes, strict=True
+        )
+    }
+    return np.where(valid, np.array(hit.t), np.inf), [
+        table[int(pointer)] if ok else None for pointer, ok in zip(pointers, valid, strict=True)
+    ]
+
+
+def _crosses(
+    origins: np.ndarray, directions: np.ndarray, distance: np.ndarray, portal: Any
+) -> np.ndarray:
+    corners, normal = np.array(portal.polygon), np.array(portal.normal)
+    facing = directions @ normal
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = ((corners[0] - origins) @ normal) / facing
+    points = origins + np.where(np.isfinite(t), t, 0)[:, None] * directions
+    low, high = corners.min(axis=0) - 2e-3, corners.max(axis=0) + 2e-3
+    within = ((points >= low) & (points <= high)).all(axis=1)
+    return np.asarray((facing > 0) & (t > 0) & (t < distance) & within)
+
+
+def test_lamps_emit_their_lumens(homes: list[Home]) -> None:
+    # A disc of 2 m^2 facing up: flux = pi x area x radiance, Rec. 709 luminance of it the lumens.
+    part = Part(
+        "disc",
+        np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0.0]]),
+        np.array([[0, 1, 2], [0, 2, 3]]),
+        np.zeros((4, 2)),
+        Material("paper", (0.8, 0.8, 0.8)),
+        lumens=1500.0,
+        kelvin=3000.0,
+    )
+    found = re.search(r'radiance" value="([^"]+)"', emitter(part))
+    assert found is not None
+    radiance = np.array([float(word) for word in found.group(1).split()])
+    flux = math.pi * 2.0 * float(radiance @ [0.2126, 0.7152, 0.0722])
+    assert flux == pytest.approx(1500 * LUMEN, rel=1e-4)
+    assert radiance[0] > radiance[1] > radiance[2]  # 3000 K is warm
+    for home in homes:
+        lamps = [light for light in home.scene.lights if light.kind == "area"]
+        lit = {lamp.room for lamp in lamps}
+        windows = {portal.room for portal in home.scene.portals if portal.clear}
+        if home.scene.lighting == "day":
+            assert not lit & windows
+        assert lit | windows == {room.id for room in home.scene.rooms}  # no room is dark
+        assert all(150 <= (lamp.lumens or 0) <= 6000 for lamp in lamps)
+        if home.scene.lighting == "night":
+            assert lit == {room.id for room in home.scene.rooms}
+
+
+# -- variants -------------------------------------------------------------------------------
+
+
+def test_a_variant_keeps_the_plan_and_differs_in_what_may_vary(
+    homes: list[Home], tmp_path: Path
+) -> None:
+    home = homes[0]
+
+    def variant(number: int, *vary: str) -> Scene:
+        folder = tmp_path / "-".join([str(number), *vary])
+        params = replace(SMALL, vary=vary)
+        return make_home(folder, "twin", params, home.seed, home.scene.lighting, number)
+
+    def furniture(scene: Scene) -> list[Any]:
+        return [(thing.id, thing.bbox_min) for thing in scene.objects if not thing.is_structure]
+
+    def outdoors(scene: Scene) -> list[Any]:
+        return [(t.id, t.bbox_min) for t in scene.objects if t.id.startswith("outside")]
+
+    def materials(scene: Scene) -> str:
+        text = (scene.folder / "scene.xml").read_text()
+        return "".join(re.findall(r"<bsdf.*?</bsdf>", text, re.DOTALL))
+
+    plain = variant(0, "finishes", "furniture", "light", "outdoors")
+    assert furniture(plain) == furniture(home.scene) and materials(plain) == materials(home.scene)
+    for one in (
+        variant(1, "finishes", "furniture", "light", "outdoors"),
+        variant(2, "finishes", "furniture", "light", "outdoors"),
+    ):
+        assert one.plan == home.scene.plan
+        assert [room.floor for room in one.rooms] == [room.floor for room in home.scene.rooms]
+        assert one.portals == home.scene.portals
+        assert furniture(one) != furniture(plain) and outdoors(one) != outdoors(plain)
+        assert materials(one) != materials(plain)
+        assert one.source["light"] != plain.source["light"]
+        assert one.source["varied"] == ["finishes", "furniture", "light", "outdoors"]
+    light = variant(1, "light")
+    assert furniture(light) == furniture(plain) and outdoors(light) == outdoors(plain)
+    assert materials(light) == materials(plain)
+    assert light.source["light"] != plain.source["light"]
+    outside = variant(1, "outdoors")
+    assert furniture(outside) == furniture(plain) and outdoors(outside) != outdoors(plain)
+    assert outside.source["light"] == plain.source["light"]
+
+
+# -- furniture ------------------------------------------------------------------------------
+
+
+def test_rooms_are_furnished(homes: list[Home]) -> None:
+    for home in homes:
+        for room in home.scene.rooms:
+            inside = [thing for thing in furniture_of(home) if thing.room == room.id]
+            assert len(inside) >= 5, f"seed {home.seed}: {room.name} has {len(inside)} things"
+            shape = Polygon(room.floor).buffer(2e-3)
+            for thing in inside:
+                for footprint, low, high in home.bodies[thing.id]:
+                    assert low > -2e-3 and high < room.ceiling_z + 2e-3, thing.id
+                    in_bay = thing.bbox_min[2] > 0.2
+                    assert in_bay or shape.covers(footprint), f"seed {home.seed}: {thing.id}"
+
+
+def test_nothing_intersects(homes: list[Home]) -> None:
+    for home in homes:
+        things = [
+            thing
+            for thing in home.scene.objects
+            if not thing.is_structure or thing.category in ("door", "window")
+        ]
+        for index, first in enumerate(things):
+            for second in things[index + 1 :]:
+                if first.is_structure and second.is_structure:
+                    continue
+                if _boxes_meet(first, second):
+                    # Cloth sinks into upholstery.
+                    soft = {first.category, second.category} & {"textile", "cushion"}
+                    deep = _overlap(
+                        home.bodies[first.id], home.bodies[second.id], 0.02 if soft else 0.004
+                    )
+                    if deep is not None and _cross(home, first, second):
+                        pytest.fail(f"seed {home.seed}: {first.id} in {second.id} by {deep}")
+
+
+def test_furniture_leaves_room_for_skirting(homes: list[Home]) -> None:
+    for home in homes:
+        for room in home.scene.rooms:
+            trim = [thing for thing in home.scene.objects if thing.id == f"trim-{room.id}"]
+            if not trim or trim[0].bbox_min[2] > 0.1:
+                continue
+            high = min(top for _, low, top in home.bodies[trim[0].id] if low < 0.1)
+            clear = Polygon(room.floor).buffer(-0.013, join_style="mitre")
+            for thing in furniture_of(home):
+                for footprint, low, _ in home.bodies[thing.id]:
+                    if thing.room == room.id and low < high - 0.005:
+                        assert clear.covers(footprint), f"seed {home.seed}: {thing.id}"
+
+
+def _boxes_meet(first: SceneObject, second: SceneObject) -> bool:
+    low = np.maximum(first.bbox_min, second.bbox_min)
+    high = np.minimum(first.bbox_max, second.bbox_max)
+    return bool((high - low > 3e-3).all())
+
+
+def _overlap(first: list, second: list, least: float) -> tuple[float, float] | None:
+    """(m^2 of shared footprint, m of shared height) of the first pair that truly overlaps."""
+    for a, low_a, high_a in first:
+        for b, low_b, high_b in second:
+            tall = min(high_a, high_b) - max(low_a, low_b)
+            if tall > least and a.intersects(b):
+                shared = a.intersection(b)
+                if shared.buffer(-3e-3).area > 1e-5:
+                    return float(shared.area), tall
+    return None
+
+
+def _cross(home: Home, first: SceneObject, second: SceneObject) -> bool:
+    """Whether the surfaces cross, or one lies within the other, also if moved up or down by 4 mm.
+
+    The bodies above are convex hulls: a book on a tray is within the hull of the tray's rim.
+    """
+    one = home.triangles(first)
+    return all(
+        _pierces(one, other) or _pierces(other, one) or _holds(one, other) or _holds(other, one)
+        for other in (home.triangles(second) + np.array([0, 0, shift]) for shift in (-0.004, 0.004))
+    )
+
+
+def _pierces(one: np.ndarray, other: np.ndarray) -> bool:
+    starts = one.reshape(-1, 3)
+    ways = np.roll(one, -1, axis=1).reshape(-1, 3) - starts
+    lengths = np.linalg.norm(ways, axis=1)
+    return any(
+        ((reach > 3e-3) & (reach < length - 3e-3)).any()
+        for start, way, length in zip(starts, ways, lengths, strict=True)
+        if length > 6e-3
+        for reach in [hits(start, way / length, other)]
+    )
+
+
+def _holds(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether `one` has the middle of `other` within: a ray from there leaves it once more."""
+    found = hits(other.mean(axis=(0, 1)), np.array([0.48, 0.36, 0.8]), one)
+    return len(np.unique(np.round(found[found > 0], 5))) % 2 == 1
+
+
+def test_nothing_floats(homes: list[Home]) -> None:
+    """Each thing stands on the floor or on another, hangs from the ceiling, or is on a wall.
+
+    Cloth sinks up to 2 cm into a cushion.
+    """
+    for home in homes:
+        for room in home.scene.rooms:
+            walls = Polygon(room.floor).exterior
+            solid = [
+                thing
+                for thing in home.scene.objects
+                if thing.room == room.id and (not thing.is_structure or thing.category == "window")
+            ]
+            for thing in solid:
+                if thing.is_structure:
+                    continue
+                low, high = thing.bbox_min[2], thing.bbox_max[2]
+                footprint = shapely.box(*thing.bbox_min[:2], *thing.bbox_max[:2])
+                held = (
+                    low < 0.003
+                    or high > room.ceiling_z - 0.003
+                    or (low > 0.005 and walls.distance(footprint) < 0.004)
+                    or any(
+                        -0.02 < low - top < 0.012 and footprint.intersects(below)
+                        for other in solid
+                        if other.id != thing.id
+                        for below, _, top in home.bodies[other.id]
+                    )
+                )
+                assert held, f"seed {home.seed}: {thing.id} floats at {low:.3f}"
+
+
+def test_rooms_can_be_walked(homes: list[Home]) -> None:
+    """All doors of a room are joined by floor on which a person 0.4 m wide can walk."""
+    for home in homes:
+        for room in home.plan.rooms:
+            things = [thing for thing in furniture_of(home) if thing.room == room.id]
+            standing = [
+                footprint
+                for thing in things
+                for footprint, low, high in home.bodies[thing.id]
+                if high > 0.07 and low < 1.7
+            ]
+            blocked = shapely.union_all(standing).buffer(0.2) if standing else Polygon()
+            free = room.shape.buffer(-0.2, join_style="mitre").difference(blocked)
+            patches = list(getattr(free, "geoms", [free]))
+            doors = [
+                _before(home.plan, room.id, opening)
+                for opening in home.plan.openings
+                if room.id in opening.rooms and opening.kind != "window"
+            ]
+            reached = [
+                {k for k, patch in enumerate(patches) if patch.distance(door) < 0.45}
+                for door in doors
+            ]
+            assert not reached or set.intersection(*reached), f"seed {home.seed}: {room.id}"
+            assert max(patch.area for patch in patches) > 0.06 * room.shape.area
+
+
+def _before(plan: Plan, room_id: str, opening: Any) -> Point:
+    depth = 0.35 if opening.rooms[0] == room_id else -opening.thickness - 0.35
+    return Point(opening.edge.at(opening.width / 2, depth))
+
+
+# -- materials ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "kind", ["wood", "planks", "fabric", "carpet", "leather", "plaster", "stone", "grass", "soil"]
+)
+def test_a_texture_reflects_its_material_on_average(kind: str) -> None:
+    for variant in (1, 17, 900):
+        material = Material(kind, (0.45, 0.3, 0.2), accent=(0.2, 0.12, 0.08), variant=variant)
+        linear = decode_srgb(texture_image(material, 128) / 255.0)
+        assert linear.mean(axis=(0, 1)) == pytest.approx([0.45, 0.3, 0.2], rel=0.03)
+        white = Material(kind, (1.0, 1.0, 1.0), variant=variant)
+        assert decode_srgb(texture_image(white, 64) / 255.0).mean() < WHITEST + 0.02
+
+
+@pytest.mark.parametrize("kind", ["wood", "planks", "tiles", "fabric", "plaster", "stone", "brick"])
+def test_textures_tile(kind: str) -> None:
+    """Across the seam neighbours differ no more than elsewhere."""
+    image = texture_image(Material(kind, (0.5, 0.4, 0.3), variant=5), 128).astype(float)
+    for axis in (0, 1):
+        steps = np.abs(np.diff(image, axis=axis)).mean(axis=(1 - axis, 2))
+        seam = np.abs(np.take(image, 0, axis) - np.take(image, -1, axis)).mean()
+        assert seam <= steps.max() * 1.05 + 1
+
+
+def test_tiles_are_as_large_as_they_claim() -> None:
+    """Grout every 0.3 m: 4 lines in the 1.2 m of the pattern, a few millimetres wide."""
+    drawn = pattern("tiles", 3, 1024)
+    row = drawn.mix[1024 // 8]  # through the middle of tiles
+    lines = np.flatnonzero(np.diff((row > 0.5).astype(int)) == 1)
+    pitch = np.diff(lines) * drawn.metres / 1024
+    assert pitch == pytest.approx(0.3, abs=0.003)
+    assert (row > 0.5).mean() * 0.3 == pytest.approx(0.004, abs=0.002)
+
+
+def test_floors_and_walls_are_textured_in_real_scale(homes: list[Home]) -> None:
+    """One unit of uv is one repeat: so many metres as the pattern is wide, everywhere alike."""
+    sides = {"tiles": (0.4, 2.8), "planks": (1.6, 3.2), "carpet": (0.3, 3), "plaster": (0.3, 3)}
+    seen = set()
+    for home in homes[:3]:
+        text = (home.folder / "scene.xml").read_text()
+        assert "to_uv" not in text
+        for name in [f"floor-{room.id}.0" for room in home.scene.rooms] + ["walls-room-0.0"]:
+            vertices, faces, uvs = read_ply(home.folder / "meshes" / f"{name}.ply")
+            a, b, c = (vertices[faces[:, k]] for k in range(3))
+            ua, ub, uc = (uvs[faces[:, k]] for k in range(3))
+            area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+            e, f = ub - ua, uc - ua
+            flat = np.abs(e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0])
+            shown = area > 0
+            if name.startswith("floor"):  # the sides of the slab are hidden in the walls
+                shown = np.abs(np.cross(b - a, c - a)[:, 2]) > 0.5 * area
+            metres = np.sqrt(area[shown].sum() / flat[shown].sum())
+            assert flat[shown] * metres**2 == pytest.approx(area[shown], rel=2e-3, abs=1e-6)
+            kind = re.search(rf'id="{name}".*?<ref id="([a-z]+)-', text)[1]  # type: ignore[index]
+            low, high = sides.get(kind, (0.2, 3.0))
+            assert low * 0.999 <= metres <= high * 1.001, (name, kind, metres)
+            seen.add(kind)
+    assert {"tiles", "planks"} & seen
+
+
+def test_textures_keep_their_top_up(homes: list[Home]) -> None:
+    """Mitsuba shows the last row of a PNG at v = 0, where our patterns begin."""
+    home = homes[0]
+    planks = next((home.folder / "textures").glob("p*.png"))
+    assert np.asarray(Image.open(planks)).ndim == 3
+    set_variant("auto")
+    ruler = np.zeros((4, 4, 3), np.uint8)
+    ruler[0] = 255  # top row of the file
+    texture = mi.load_dict(
+        {
+            "type": "bitmap",
+            "bitmap": mi.Bitmap(ruler),
+            "raw": True,
+            "filter_type": "nearest",
+        }
+    )
+    si = dr.zeros(mi.SurfaceInteraction3f)
+    si.uv = mi.Point2f(0.5, 0.95)
+    top = float(np.array(texture.eval(si)).ravel()[0])
+    si.uv = mi.Point2f(0.5, 0.05)
+    bottom = float(np.array(texture.eval(si)).ravel()[0])
+    assert (top, bottom) == (0.0, 1.0) or (top, bottom) == (1.0, 0.0)
+    assert bottom == 1.0, "rows run the other way: materials must not flip images"
+
+
+# -- many homes -----------------------------------------------------------------------------
+
+
+def test_many_seeds_find_a_plan_and_furniture() -> None:
+    for seed in range(100, 112):
+        plan = make_plan(generator(seed, "plan"), 1, 6)
+        style = make_style(generator(seed, "style"))
+        things = furnish(generator(seed, "furniture"), plan, style)
+        assert len({thing.id for thing in things}) == len(things) > 5 * len(plan.rooms)
+
+
+@pytest.mark.slow
+def test_forty_homes_are_made(tmp_path: Path) -> None:
+    for seed in range(200, 240):
+        folder = tmp_path / "home"
+        scene = make_home(folder, f"home-{seed}", SMALL, seed, SETTINGS[seed % 4])
+        assert scene.rooms and scene.lights and scene.portals
+        shutil.rmtree(folder)
+
+
+@pytest.mark.check
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("first", range(1000, 2000, 50))
+def test_a_thousand_homes_keep_the_rules(first: int, tmp_path: Path) -> None:
+    """None fails, none is like another, nothing intersects or floats, all can be walked."""
+    seen = set()
+    for seed in range(first, first + 50):
+        home = _home(tmp_path, seed)
+        for rule in (
+            test_meshes_are_sound,
+            test_rooms_are_furnished,
+            test_nothing_intersects,
+            test_furniture_leaves_room_for_skirting,
+            test_nothing_floats,
+            test_rooms_can_be_walked,
+        ):
+            rule([home])
+        seen.add(tuple((thing.category, thing.bbox_min) for thing in home.scene.objects))
+        shutil.rmtree(home.folder)
+    assert len(seen) == 50

@@ -1,0 +1,304 @@
+"""Homes that are damaged or made to harm: a clear error or a note, quickly, and nothing outside."""
+
+from __future__ import annotations
+
+import io
+import math
+import struct
+import time
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from scenes.contract import Scene
+from scenes.errors import InputError, ParameterError
+from scenes.formats.archive import HomeArchive
+from scenes.formats.model_parts import UnreadableModel
+from scenes.formats.obj_parts import read_obj
+from scenes.registry import import_scene
+from scenes.sweethome.building.cutouts import UnreadablePath, path_region
+from tests.fixtures import sweethome as draw
+
+SECONDS = 10.0
+
+
+@pytest.fixture(autouse=True)
+def quick() -> Iterator[None]:
+    started = time.process_time()
+    yield
+    assert time.process_time() - started < SECONDS
+
+
+def bring(folder: Path, xml: str | bytes, members: dict[str, str | bytes] | None = None) -> Scene:
+    return import_scene(draw.pack(folder / "test.sh3d", xml, members), folder / "out")
+
+
+def refused(folder: Path, path: Path, words: str) -> None:
+    """The import fails with `words`, and leaves nothing behind."""
+    before = sorted(folder.iterdir())
+    with pytest.raises(InputError, match=words):
+        import_scene(path, folder / "out")
+    assert sorted(folder.iterdir()) == before
+
+
+def huge_png() -> bytes:
+    """A PNG that claims to be a billion pixels."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return (struct.pack(">I", len(data)) + kind + data
+                + struct.pack(">I", zlib.crc32(kind + data)))  # fmt: skip
+
+    head = struct.pack(">IIBBBBB", 40_000, 25_000, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"\0"))
+
+
+def test_not_a_zip(tmp_path: Path) -> None:
+    path = tmp_path / "test.sh3d"
+    path.write_bytes(b"GIF89a" + bytes(1000))
+    refused(tmp_path, path, "not a Sweet Home 3D file")
+
+
+def test_empty_file(tmp_path: Path) -> None:
+    path = tmp_path / "test.sh3d"
+    path.write_bytes(b"")
+    refused(tmp_path, path, "not a Sweet Home 3D file")
+
+
+@pytest.mark.parametrize("share", [0.3, 0.7, 0.99])
+def test_truncated(tmp_path: Path, share: float) -> None:
+    path = draw.pack(tmp_path / "test.sh3d", draw.usual())
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    refused(tmp_path, path, "not a Sweet Home 3D file|damaged")
+
+
+def test_damaged_member(tmp_path: Path) -> None:
+    path = draw.pack(tmp_path / "test.sh3d", draw.usual())
+    data = bytearray(path.read_bytes())
+    data[60:90] = bytes(30)
+    path.write_bytes(bytes(data))
+    refused(tmp_path, path, "damaged")
+
+
+def test_old_homes_are_refused_with_a_remedy(tmp_path: Path) -> None:
+    path = tmp_path / "test.sh3d"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("Home", b"\xac\xed\x00\x05")
+    refused(tmp_path, path, "save it again")
+
+
+def test_some_other_zip(tmp_path: Path) -> None:
+    path = tmp_path / "test.sh3d"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("word/document.xml", "<a/>")
+    refused(tmp_path, path, "no Home.xml")
+
+
+@pytest.mark.parametrize("name", ["../evil", "/etc/evil", "a/../../evil", "..\\evil", "C:evil"])
+def test_paths_that_lead_out(tmp_path: Path, name: str) -> None:
+    path = draw.pack(tmp_path / "test.sh3d", draw.usual(), {name: "x"})
+    refused(tmp_path, path, "leads out")
+
+
+def test_zip_bomb(tmp_path: Path) -> None:
+    path = draw.pack(tmp_path / "test.sh3d", b"<home>" + b" " * (30 * 2**20) + b"</home>")
+    refused(tmp_path, path, "zip bombs")
+
+
+def test_home_that_is_too_large(tmp_path: Path) -> None:
+    path = draw.pack(tmp_path / "test.sh3d", b"<home>" + b" " * (40 * 2**20) + b"</home>")
+    refused(tmp_path, path, "at most")
+
+
+def test_lying_sizes(tmp_path: Path) -> None:
+    path = draw.pack(tmp_path / "test.sh3d", draw.usual())
+    data = path.read_bytes()
+    size = struct.pack("<I", len(draw.usual()))
+    path.write_bytes(data.replace(size, struct.pack("<I", 100)))
+    refused(tmp_path, path, "damaged|not of the size")
+
+
+def test_too_many_members(tmp_path: Path) -> None:
+    members: dict[str, str | bytes] = {str(number): "" for number in range(20_001)}
+    path = draw.pack(tmp_path / "test.sh3d", draw.usual(), members)
+    refused(tmp_path, path, "files inside")
+
+
+def test_encrypted(tmp_path: Path) -> None:
+    path = draw.pack(tmp_path / "test.sh3d", draw.usual())
+    data = bytearray(path.read_bytes())
+    data[6] |= 1  # the flag in the member's own header
+    at = data.index(b"PK\x01\x02")
+    data[at + 8] |= 1
+    path.write_bytes(bytes(data))
+    refused(tmp_path, path, "damaged or encrypted")
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("<!DOCTYPE a [<!ENTITY b 'c'><!ENTITY d '&b;&b;&b;'>]><home>&d;</home>", "refused"),
+        ("<!DOCTYPE a [<!ENTITY b SYSTEM 'file:///etc/passwd'>]><home>&b;</home>", "refused"),
+        ("<home><wall></home>", "damaged"),
+        ("", "damaged"),
+        ("<building/>", "root is <building>"),
+        ("<home version='new'/>", "version='new'"),
+        ("<?xml version='1.0' encoding='no-such'?><home/>", "damaged"),
+    ],
+)
+def test_bad_xml(tmp_path: Path, text: str, words: str) -> None:
+    refused(tmp_path, draw.pack(tmp_path / "test.sh3d", text), words)
+
+
+def test_too_many_elements(tmp_path: Path) -> None:
+    text = "<home>" + "<a/>" * 1_100_000 + "</home>"
+    path = tmp_path / "test.sh3d"
+    with zipfile.ZipFile(path, "w") as archive:  # stored, or it would be taken for a bomb
+        archive.writestr("Home.xml", text)
+    refused(tmp_path, path, "elements")
+
+
+@pytest.mark.parametrize(
+    "body, words",
+    [
+        (draw.wall("w", (0, 0), (100, 0), thickness="nan"), "thickness='nan'"),
+        (draw.wall("w", (0, 0), (1e30, 0)), "xEnd"),
+        (draw.wall("w", (0, 0), (100, 0), thickness=-5), "0 or more"),
+        (draw.wall("w", (0, 0), (100, 0), leftSideColor="red"), "a colour"),
+        (draw.wall("w", (0, 0), (100, 0), arcExtent=100), "arcExtent"),
+        ("<wall id='w'/>", "xStart"),
+        (draw.piece(model="m", width="inf"), "width"),
+        (draw.piece(model="m", modelRotation="1 0 0"), "9 numbers"),
+        (draw.piece(model="m", angle="1;2"), "angle"),
+        ("<level id='a' name='a' elevation='x' floorThickness='1' height='1'/>", "elevation"),
+        ("<room><point x='0'/></room>", "y=None"),
+        ("<room>" + "<point x='0' y='0'/>" * 5001 + "</room>", "points"),
+        ("<furnitureGroup name='g'>" * 40 + "</furnitureGroup>" * 40, "groups"),
+        ("", "empty"),
+    ],
+)
+def test_bad_values_are_named(tmp_path: Path, body: str, words: str) -> None:
+    refused(tmp_path, draw.pack(tmp_path / "test.sh3d", draw.home(body)), words)
+
+
+def said(scene: Scene) -> str:
+    return " ".join(scene.changes)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        draw.wall("w", (0, 0), (0, 0)),
+        draw.wall("w", (0, 0), (100, 0), thickness=0),
+        draw.wall("w", (0, 0), (100, 0), wallAtStart="w", wallAtEnd="w"),
+        draw.wall("w", (0, 0), (100, 0), wallAtEnd="nowhere", level="nowhere"),
+        draw.wall("a", (0, 0), (100, 0), wallAtEnd="a", wallAtStart="a") * 2,
+        draw.wall("w", (0, 0), (100, 0), arcExtent=2 * math.pi),
+        draw.wall("w", (0, 0), (100, 0), arcExtent=6.28),
+        draw.wall("w", (0, 0), (100, 0), height=-100),
+        "<room><point x='0' y='0'/><point x='9' y='9'/></room>",
+        "<room><point x='0' y='0'/><point x='300' y='300'/><point x='300' y='0'/>"
+        "<point x='0' y='300'/></room>",
+        draw.window(x=100, y=0, cutOutShape="M0,0 lots of nonsense"),
+        draw.window(x=100, y=0, cutOutShape="M0,0 L9,9 Z"),
+        draw.window(x=100, y=0, wallWidth=0),
+        draw.window(x=100, y=0, width=0),
+        draw.piece(model="m", x=100, y=100, width=0),
+        draw.piece(model="m", x=100, y=100, modelRotation="0 0 0 0 0 0 0 0 0"),
+        draw.piece(model="m", x=100, y=100, staircaseCutOutShape="no shape"),
+        draw.piece("pieceOfFurniture",
+                   "<transformation name='sweethome3d_hinge_1' matrix='0 0 0 0 0 0 0 0 0 0 0 0'/>",
+                   model="m", x=100, y=100),
+        draw.lamp(x=100, y=100, power=7),
+        "<compass x='0' y='0' diameter='1' latitude='1.57' longitude='0' timeZone='../../etc'/>",
+        "<observerCamera attribute='observerCamera' x='0' y='0' z='0' yaw='0' pitch='1.5708' "
+        "fieldOfView='99' time='9007199254740000'/>",
+    ],
+)  # fmt: skip
+def test_odd_homes_come_in(tmp_path: Path, body: str) -> None:
+    scene = bring(tmp_path, draw.usual(body), {"m": draw.BOX})
+    assert len(scene.rooms) >= 1
+
+
+@pytest.mark.parametrize(
+    "data, words",
+    [
+        ("v 0 0 0\nf 1 2 3\n", "does not exist"),
+        ("v 0 0 0\nv 1 0 0\nv nan 0 1\nf 1 2 3\n", "finite"),
+        ("v 0 0 0\nv 1 0 0\nv 0 x 1\nf 1 2 3\n", "not a number"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/a 2 3\n", "corner"),
+        ("# nothing\n", "no faces"),
+        (b"MM\0\0" + bytes(64), "damaged 3DS"),
+        (b"<?xml version='1.0'?><COLLADA/>", "no faces"),
+        (b"PK\x03\x04", "damaged zip"),
+        (bytes(100), "binary"),
+    ],
+)
+def test_bad_models_are_left_out_and_named(tmp_path: Path, data: str | bytes, words: str) -> None:
+    scene = bring(tmp_path, draw.usual(draw.piece(model="m", x=100, y=100)), {"m": data})
+    assert words in said(scene)
+    assert "thing" not in {one.name for one in scene.objects}
+
+
+def test_endless_polygons() -> None:
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf " + "1 2 3 " * 3000
+    with pytest.raises(UnreadableModel, match="triangles"):
+        read_obj(text.encode(), lambda name: {})
+
+
+@pytest.mark.parametrize("data", [huge_png(), b"GIF89a", b"", b"\x89PNG\r\n\x1a\n" + bytes(50)])
+def test_bad_images_give_way_to_colour(tmp_path: Path, data: bytes) -> None:
+    texture = "<texture attribute='floorTexture' name='t' width='10' height='10' image='t'/>"
+    xml = draw.home(draw.box_walls(0, 0, 420, 320) + draw.room(10, 10, 400, 300, texture))
+    scene = bring(tmp_path, xml, {"t": data})
+    assert "plain colour" in said(scene)
+    assert not list((scene.folder / "textures").iterdir())
+
+
+def test_missing_image(tmp_path: Path) -> None:
+    texture = ("<texture attribute='floorTexture' name='t' width='10' height='10' "
+               "image='../../../etc/hostname'/>")  # fmt: skip
+    xml = draw.home(draw.box_walls(0, 0, 420, 320) + draw.room(10, 10, 400, 300, texture))
+    assert "missing" in said(bring(tmp_path, xml))
+
+
+def test_material_files_stay_inside(tmp_path: Path) -> None:
+    model = "mtllib ../../../etc/passwd\n" + draw.BOX
+    scene = bring(tmp_path, draw.usual(draw.piece(model="3/box.obj", x=100, y=100)),
+                  {"3/box.obj": model})  # fmt: skip
+    assert "material files of models are missing" in said(scene)
+
+
+@pytest.mark.parametrize("text", ["", "1 2 3", "M0,0", "M0,0 L", "M0,0 A1,1 0", "M" + "0 " * 30000])
+def test_bad_paths(text: str) -> None:
+    with pytest.raises(UnreadablePath):
+        path_region(text)
+
+
+@pytest.mark.parametrize(
+    "options, error",
+    [
+        ({"levels": ("Attic",)}, InputError),
+        ({"time": "noon"}, ParameterError),
+        ({"time": "25:00"}, ParameterError),
+    ],
+)
+def test_bad_options(tmp_path: Path, options: dict, error: type[Exception]) -> None:
+    path = draw.pack(tmp_path / "test.sh3d", draw.usual())
+    with pytest.raises(error):
+        import_scene(path, tmp_path / "out", **options)
+    assert not (tmp_path / "out").exists()
+
+
+def test_members_are_found_only_beside_their_model(tmp_path: Path) -> None:
+    members: dict[str, str | bytes] = {"1/Oak.JPG": "a", "2/oak.jpg": "b", "3/deep/x.png": "c"}
+    with HomeArchive(draw.pack(tmp_path / "t.sh3d", "<home/>", members)) as archive:
+        find: Callable[[str, str], str | None] = archive.beside
+        assert find("1/model.mtl", "C:\\textures\\oak.jpg") == "1/Oak.JPG"
+        assert find("2/model.mtl", "oak.jpg") == "2/oak.jpg"
+        assert find("3/model.mtl", "x.png") == "3/deep/x.png"
+        assert find("3/model.mtl", "../1/Oak.JPG") is None
+        assert io.BytesIO(archive.read("1/Oak.JPG")).read() == b"a"

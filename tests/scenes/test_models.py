@@ -1,0 +1,734 @@
+"""glTF, GLB and OBJ: places, textures, materials and lights come out as their formats say."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import resource
+import struct
+import time
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+import pytest
+from PIL import Image
+
+from pipeline.render import raycast
+from pipeline.render.scene import open_scene, set_variant
+from scenes.contract import Scene
+from scenes.errors import InputError
+from scenes.geometry.mesh import face_areas, read_ply
+from scenes.importing.changes import Changes
+from scenes.importing.mtl_materials import map_of
+from scenes.importing.sandbox import Sandbox
+from scenes.importing.textures import TextureStore
+from scenes.models.gltf import read_gltf
+from scenes.models.gltf_container import open_asset
+from scenes.models.gltf_images import Images, texture_matrix
+from scenes.models.model import Model
+from scenes.photometry import LUMEN
+from scenes.registry import import_scene
+from tests.fixtures.gltf import SQUARE, SQUARE_FACES, SQUARE_UV, Builder, square
+
+HALF = math.sqrt(0.5)
+
+
+def read(builder: Builder, folder: Path, suffix: str = ".glb") -> Model:
+    """What a file holds, in its own axes."""
+    path = builder.save(folder / f"model{suffix}")
+    (folder / "textures").mkdir(exist_ok=True)
+    changes = Changes()
+    asset = open_asset(path, Sandbox(folder))
+    images = Images(asset, folder / "textures", changes)
+    return read_gltf(asset, images, TextureStore(folder / "textures", changes), changes)
+
+
+def imported(builder: Builder, folder: Path, **options: object) -> Scene:
+    """A file through the whole import."""
+    return import_scene(builder.save(folder / "in" / "model.glb"), folder / "out", **options)
+
+
+def values(scene: Scene, kind: str, name: str) -> list[list[float]]:
+    """All colours called `name` in plugins of this kind in `scene.xml`."""
+    root = ElementTree.parse(scene.xml).getroot()
+    return [
+        [float(word) for word in item.get("value", "").split()]
+        for plugin in root.iter()
+        if plugin.get("type") == kind
+        for item in plugin
+        if item.get("name") == name
+    ]
+
+
+def look_down(scene: Scene, points: list[tuple[float, float]]) -> npt.NDArray[np.float64]:
+    """Reflectance (N, 3) of what rays straight down from 1 m meet at these (x, y)."""
+    set_variant("auto")
+    target = open_scene(scene).target
+    eyes = np.array([[x, y, 1.0] for x, y in points])
+    hits = [raycast.surfaces(target, eye, np.array([[0.0, 0, -1]])) for eye in eyes]
+    return np.array([hit.reflectance[0] for hit in hits], dtype=np.float64)
+
+
+# Places
+
+
+def test_transforms_of_nodes_multiply_down_the_tree(tmp_path: Path) -> None:
+    made = Builder()
+    leaf = made.node(root=False, mesh=made.mesh(), scale=[2, 2, 2])
+    # A quarter turn about +Y takes +Z to +X and +X to -Z.
+    turned = made.node(root=False, children=[leaf], rotation=[0, HALF, 0, HALF])
+    made.node(children=[turned], translation=[1, 2, 3])
+    (shape,) = read(made, tmp_path).shapes
+    # (0, 0, 1) * 2 = (0, 0, 2), turned (2, 0, 0), moved (3, 2, 3); (1, 0, 0) -> (1, 2, 1).
+    expected = np.array([[1, 2, 3], [3, 2, 3], [3, 2, 1], [1, 2, 1]])
+    assert np.allclose(shape.mesh.vertices, expected, atol=1e-6)
+
+
+def test_a_matrix_is_stored_column_by_column(tmp_path: Path) -> None:
+    made = Builder()
+    made.node(mesh=made.mesh(), matrix=[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 5, 6, 7, 1])
+    (shape,) = read(made, tmp_path).shapes
+    assert np.allclose(shape.mesh.vertices, SQUARE + np.array([5, 6, 7]))
+
+
+@pytest.mark.parametrize("scale", [[1, 1, 1], [-1, 1, 1], [1, 1, -1], [-1, 1, -1]])
+def test_a_mirrored_node_keeps_its_front(tmp_path: Path, scale: list[int]) -> None:
+    made = Builder()
+    made.node(mesh=made.mesh(), scale=scale)
+    (shape,) = read(made, tmp_path).shapes
+    _, normals = face_areas(shape.mesh.corners)
+    assert np.allclose(normals, [0, 1, 0])
+
+
+def test_y_up_becomes_z_up_in_metres(tmp_path: Path) -> None:
+    made = square()
+    made.node(mesh=made.mesh(np.array([[0.0, 3, 0], [1, 3, 0], [0, 3, -2]]), [0, 1, 2]), name="up")
+    scene = imported(made, tmp_path)
+    mesh = read_ply(scene.folder / "meshes" / "up.ply")
+    assert np.allclose(sorted(map(tuple, mesh.vertices)), [(0, 0, 3), (0, 2, 3), (1, 0, 3)])
+
+
+@pytest.mark.parametrize(("mode", "faces"), [(4, [0, 1, 2, 0, 2, 3]), (5, [0, 1, 3, 2]),
+                                             (6, [0, 1, 2, 3])])  # fmt: skip
+def test_lists_strips_and_fans_of_triangles_face_alike(
+    tmp_path: Path, mode: int, faces: list[int]
+) -> None:
+    made = Builder()
+    made.node(mesh=made.mesh(faces=faces, mode=mode))
+    (shape,) = read(made, tmp_path).shapes
+    areas, normals = face_areas(shape.mesh.corners)
+    assert np.isclose(areas.sum(), 1) and np.allclose(normals, [0, 1, 0])
+
+
+def test_interleaved_sparse_and_quantised_accessors(tmp_path: Path) -> None:
+    made = Builder()
+    mixed = np.hstack([SQUARE, np.full((4, 3), 9.0)]).astype("<f4")
+    view = made.view(mixed.tobytes())
+    made.json["bufferViews"][view]["byteStride"] = 24
+    points = made.add(
+        "accessors", {"bufferView": view, "componentType": 5126, "count": 4, "type": "VEC3"}
+    )
+    made.add("meshes", {"primitives": [{"attributes": {"POSITION": points}, "mode": 6}]})
+    made.node(mesh=0)
+    sparse = {
+        "count": 1,
+        "indices": {"bufferView": made.view(b"\2\0"), "componentType": 5123},
+        "values": {"bufferView": made.view(np.array([7, 8, 9], "<f4").tobytes())},
+    }
+    base = made.accessor(SQUARE)
+    made.json["accessors"][base]["sparse"] = sparse
+    made.add("meshes", {"primitives": [{"attributes": {"POSITION": base}, "mode": 6}]})
+    made.node(mesh=1)
+    small = made.accessor(np.round(SQUARE * 32767), "i2", normalized=True)
+    # Three shorts are 6 bytes; a vertex must start at a multiple of 4 only when interleaved.
+    made.add("meshes", {"primitives": [{"attributes": {"POSITION": small}, "mode": 6}]})
+    made.node(mesh=2)
+    made.json["extensionsRequired"] = ["KHR_mesh_quantization"]
+    first, second, third = (shape.mesh.vertices for shape in read(made, tmp_path).shapes)
+    assert np.allclose(first, SQUARE)
+    assert np.allclose(second[2], [7, 8, 9]) and np.allclose(second[[0, 1, 3]], SQUARE[[0, 1, 3]])
+    assert np.allclose(third, SQUARE, atol=1e-4)
+
+
+def test_a_camera_looks_along_its_minus_z(tmp_path: Path) -> None:
+    made = square()
+    made.add("cameras", {"type": "perspective", "perspective": {"yfov": 0.8, "aspectRatio": 1.5,
+                                                                "znear": 0.1}})  # fmt: skip
+    made.node(camera=0, translation=[4, 1.5, 6], name="eye")
+    scene = imported(made, tmp_path)
+    (view,) = scene.source["views"]
+    pose = np.array(view["camera_to_world"])
+    assert np.allclose(pose[:3, 3], [4, -6, 1.5])
+    # Right stays +x, image down is the world's -z, ahead is the file's -z: our +y.
+    assert np.allclose(pose[:3, :3].T, [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-6)
+    assert math.isclose(math.tan(view["half_fov_x"]), 1.5 * math.tan(0.4), rel_tol=1e-6)
+
+
+# Textures
+
+
+def ruler() -> npt.NDArray[np.uint8]:
+    """Red top left, green top right, blue bottom left, white bottom right."""
+    pixels = np.zeros((4, 4, 3), dtype=np.uint8)
+    pixels[:2, :2] = (255, 0, 0)
+    pixels[:2, 2:] = (0, 255, 0)
+    pixels[2:, :2] = (0, 0, 255)
+    pixels[2:, 2:] = 255
+    return pixels
+
+
+CORNERS = [(1.0, -1.0), (7.0, -1.0), (1.0, -7.0), (7.0, -7.0)]  # (x, y) near each corner
+RULED = [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]]
+
+
+def test_a_ruler_texture_lies_the_right_way_round(tmp_path: Path) -> None:
+    made = square(pbrMetallicRoughness={"baseColorTexture": {"index": 0}, "metallicFactor": 0})
+    made.texture(ruler(), magFilter=9728)
+    # v = 0 is the image's top row, here at z = 0, the far edge: our y = 0.
+    assert np.allclose(look_down(imported(made, tmp_path), CORNERS), RULED, atol=0.01)
+
+
+def test_a_texture_is_multiplied_by_its_factor(tmp_path: Path) -> None:
+    made = square(pbrMetallicRoughness={"baseColorTexture": {"index": 0},
+                                        "baseColorFactor": [0.5, 0.25, 1, 1]})  # fmt: skip
+    made.texture(ruler())
+    seen = look_down(imported(made, tmp_path), CORNERS)
+    assert np.allclose(seen, np.array(RULED) * [0.5, 0.25, 1], atol=0.01)
+
+
+def test_samplers_clamp_and_repeat(tmp_path: Path) -> None:
+    for wrap, expected in ((33071, RULED[3]), (10497, RULED[0])):
+        made = Builder()
+        made.add("materials", {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}})
+        made.texture(ruler(), wrapS=wrap, wrapT=wrap, magFilter=9728)
+        made.node(mesh=made.mesh(8 * SQUARE, uv=SQUARE_UV + 1.0, material=0))
+        folder = tmp_path / str(wrap)
+        assert np.allclose(look_down(imported(made, folder), CORNERS[:1]), expected, atol=0.01)
+
+
+def test_a_texture_transform_scales_then_turns_then_shifts(tmp_path: Path) -> None:
+    moved = {"offset": [0.1, 0.2], "rotation": math.pi / 2, "scale": [2, 3]}
+    # (0.5, 0.1) scaled is (1, 0.3); a quarter turn to the left in a plane whose v points down
+    # takes (u, v) to (v, -u): (0.3, -1); shifted (0.4, -0.8).
+    found = texture_matrix(moved, "here") @ np.array([0.5, 0.1, 0, 1])
+    assert np.allclose(found[:2], [0.3 + 0.1, -1 + 0.2])
+    made = square(
+        pbrMetallicRoughness={
+            "baseColorTexture": {
+                "index": 0,
+                "extensions": {"KHR_texture_transform": {"offset": [0.5, 0]}},
+            }
+        }
+    )
+    made.texture(ruler(), magFilter=9728)
+    seen = look_down(imported(made, tmp_path), CORNERS)
+    assert np.allclose(seen, [RULED[1], RULED[0], RULED[3], RULED[2]], atol=0.01)
+
+
+@pytest.mark.parametrize(("alpha", "seen"), [(100, False), (160, True)])
+def test_a_mask_cuts_at_its_threshold(tmp_path: Path, alpha: int, seen: bool) -> None:
+    made = square(pbrMetallicRoughness={"baseColorTexture": {"index": 0}}, alphaMode="MASK")
+    pixels = np.full((2, 2, 4), 255, dtype=np.uint8)
+    pixels[..., 3] = alpha  # of 255; the threshold is one half
+    made.texture(pixels)
+    set_variant("auto")
+    scene = imported(made, tmp_path, sky=False)
+    target = open_scene(scene).target
+    (shape,) = raycast.surfaces(target, np.array([4.0, -4, 1]), np.array([[0.0, 0, -1]])).position
+    assert (abs(float(shape[2])) < 1e-3) == seen  # else the ground below, added with the sky
+
+
+# Materials
+
+
+def test_metalness_and_roughness_go_over_as_they_are(tmp_path: Path) -> None:
+    paint = {"baseColorFactor": [0.2, 0.4, 0.6, 1], "roughnessFactor": 0.35, "metallicFactor": 0.75}
+    made = square(pbrMetallicRoughness=paint)
+    scene = imported(made, tmp_path)
+    assert values(scene, "principled", "base_color") == [[0.2, 0.4, 0.6]]
+    assert values(scene, "principled", "roughness") == [[0.35]]
+    assert values(scene, "principled", "metallic") == [[0.75]]
+    assert values(scene, "principled", "specular") == [[0.5]]  # F0 = 0.04 of ior 1.5
+
+
+def test_green_is_roughness_and_blue_is_metalness(tmp_path: Path) -> None:
+    made = square(
+        pbrMetallicRoughness={"metallicRoughnessTexture": {"index": 0}, "roughnessFactor": 0.5}
+    )
+    made.texture(np.full((2, 2, 3), (10, 200, 60), dtype=np.uint8))
+    scene = imported(made, tmp_path)
+    files = {
+        Path(item.get("value", "")).name: item
+        for item in ElementTree.parse(scene.xml).getroot().iter("string")
+        if item.get("name") == "filename" and "png" in item.get("value", "")
+    }
+    means = {
+        name: np.asarray(Image.open(scene.folder / "textures" / name)).mean() for name in files
+    }
+    assert sorted(means.values()) == [60.0, 100.0]  # blue as it is, green by one half
+
+
+def test_index_of_refraction_sets_the_reflectance_at_normal_incidence(tmp_path: Path) -> None:
+    scene = imported(square(extensions={"KHR_materials_ior": {"ior": 2.0}}), tmp_path)
+    # ((2 - 1) / (2 + 1))^2 = 0.111; `specular` 1 stands for 8 %.
+    assert values(scene, "principled", "specular") == [[1.0]]
+    scene = imported(square(extensions={"KHR_materials_ior": {"ior": 1.33}}), tmp_path / "w")
+    assert np.isclose(values(scene, "principled", "specular")[0][0], 0.020059 / 0.08, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("more", "roughness", "kind"),
+    [({}, 0.0, "thindielectric"), ({"KHR_materials_volume": {"thicknessFactor": 0.01}}, 0.0,
+     "dielectric"), ({}, 0.5, "principledthin"),
+     ({"KHR_materials_volume": {"thicknessFactor": 0.01}}, 0.5, "roughdielectric")],
+)  # fmt: skip
+def test_transmission_becomes_glass(
+    tmp_path: Path, more: dict[str, Any], roughness: float, kind: str
+) -> None:
+    made = square(
+        pbrMetallicRoughness={"roughnessFactor": roughness},
+        extensions={"KHR_materials_transmission": {"transmissionFactor": 1}, **more},
+    )
+    scene = imported(made, tmp_path)
+    root = ElementTree.parse(scene.xml).getroot()
+    assert next(bsdf.get("type") for bsdf in root.findall("bsdf")) == kind
+
+
+def test_draco_is_refused_by_name(tmp_path: Path) -> None:
+    made = square()
+    made.json["extensionsRequired"] = ["KHR_draco_mesh_compression"]
+    with pytest.raises(InputError, match=r"Draco.*KHR_draco_mesh_compression.*export"):
+        read(made, tmp_path)
+
+
+# Lights
+
+
+@pytest.mark.parametrize("kind", ["point", "spot"])
+def test_candela_become_our_radiant_intensity(tmp_path: Path, kind: str) -> None:
+    made = square()
+    light = {"type": kind, "intensity": 100.0, "color": [1, 0.5, 0.25]}
+    made.json["extensions"] = {"KHR_lights_punctual": {"lights": [light]}}
+    made.node(extensions={"KHR_lights_punctual": {"light": 0}}, translation=[1, 2, 3])
+    scene = imported(made, tmp_path)
+    # 100 cd at 1.6e-5 of our units a lumen.
+    assert np.allclose(values(scene, kind, "intensity"), [[1.6e-3, 0.8e-3, 0.4e-3]])
+    assert [item.kind for item in scene.lights] == [kind]
+
+
+def test_a_point_light_of_known_candela_gives_the_illuminance_of_its_law(tmp_path: Path) -> None:
+    made = square()
+    made.json["extensions"] = {
+        "KHR_lights_punctual": {"lights": [{"type": "point", "intensity": 80.0}]}
+    }
+    made.node(extensions={"KHR_lights_punctual": {"light": 0}}, translation=[4, 2, 4])
+    set_variant("auto")
+    scene = mi.load_file(str(imported(made, tmp_path).xml), optimize=False, parallel=False)
+    si = scene.ray_intersect(mi.Ray3f([4.0, -4.0, 1.0], [0.0, 0.0, -1.0]))
+    _, spectrum = scene.sample_emitter_direction(si, mi.Point2f(0.5, 0.5))
+    # 80 cd at 2 m is 20 lx.
+    assert np.allclose(np.array(spectrum).ravel(), 20 * LUMEN, rtol=1e-4)
+
+
+def test_a_directional_light_shines_along_its_minus_z_in_lux(tmp_path: Path) -> None:
+    made = square()
+    made.json["extensions"] = {
+        "KHR_lights_punctual": {"lights": [{"type": "directional", "intensity": 5000}]}
+    }
+    # A quarter turn about +X takes -Z to +Y: turn the other way to shine down.
+    made.node(extensions={"KHR_lights_punctual": {"light": 0}}, rotation=[-HALF, 0, 0, HALF])
+    scene = imported(made, tmp_path)
+    assert np.allclose(values(scene, "directional", "irradiance"), 5000 * LUMEN)
+    (way,) = values(scene, "directional", "direction")
+    assert np.allclose(way, [0, 0, -1], atol=1e-6)
+
+
+def test_emissive_strength_is_luminance(tmp_path: Path) -> None:
+    made = square(
+        emissiveFactor=[1, 0.5, 0],
+        extensions={"KHR_materials_emissive_strength": {"emissiveStrength": 2000}},
+    )
+    scene = imported(made, tmp_path)
+    assert np.allclose(values(scene, "area", "radiance"), [[0.032, 0.016, 0]])
+    assert [light.kind for light in scene.lights] == ["area"]
+
+
+def test_emission_in_display_units_is_raised_and_said(tmp_path: Path) -> None:
+    scene = imported(square(emissiveFactor=[1, 1, 1]), tmp_path)
+    assert np.allclose(values(scene, "area", "radiance"), 1000 * LUMEN)
+    assert any("1000 cd/m^2" in change for change in scene.changes)
+
+
+# Objects and rooms
+
+
+def test_a_single_object_stands_on_the_floor_of_a_room_of_its_own(tmp_path: Path) -> None:
+    made = Builder()
+    box = np.array([[x, y, z] for x in (0, 1) for y in (5, 6.2) for z in (0, 0.8)], dtype=float)
+    faces = [0, 1, 3, 0, 3, 2, 4, 6, 7, 4, 7, 5, 0, 4, 5, 0, 5, 1, 2, 3, 7, 2, 7, 6, 0, 2, 6, 0,
+             6, 4, 1, 5, 7, 1, 7, 3]  # fmt: skip
+    made.node(mesh=made.mesh(box, faces), name="Cupboard")
+    scene = imported(made, tmp_path)
+    (room,) = scene.rooms
+    (cupboard,) = [thing for thing in scene.objects if thing.name == "Cupboard"]
+    assert cupboard.category == "cabinet" and cupboard.room == room.id
+    assert np.allclose(cupboard.bbox_min, [-0.5, -0.4, 0])
+    assert np.allclose(cupboard.bbox_max, [0.5, 0.4, 1.2])
+    assert room.floor_z == pytest.approx(0, abs=1e-5)
+    assert room.ceiling_z - room.floor_z == pytest.approx(2.6, abs=0.01)
+    (portal,) = scene.portals
+    assert portal.kind == "window" and portal.room == room.id
+    assert np.allclose(portal.normal, [0, -1, 0], atol=1e-6)
+    kinds = {thing.category for thing in scene.objects if thing.is_structure}
+    assert {"floor", "ceiling", "wall"} <= kinds
+    assert len(scene.source["views"]) == 4
+
+
+def a_box(made: Builder, low: float, name: str, **node: Any) -> None:
+    box = np.array([[x, low + y, z] for x in (0, 0.5) for y in (0, 0.4) for z in (0, 0.4)])
+    faces = [0, 1, 3, 0, 3, 2, 4, 6, 7, 4, 7, 5, 0, 4, 5, 0, 5, 1, 2, 3, 7, 2, 7, 6, 0, 2, 6, 0,
+             6, 4, 1, 5, 7, 1, 7, 3]  # fmt: skip
+    made.node(mesh=made.mesh(box, faces), name=name, **node)
+
+
+@pytest.mark.parametrize(
+    "file, nodes, expected",
+    [
+        # The file says what it is: all of it is that one thing.
+        ("WoodenChair_02", ("Object_1", "cushion"), {("WoodenChair_02", "chair")}),
+        # The nodes say it: each is what it is called.
+        ("export", ("Desk.001", "TableLamp"), {("Desk.001", "desk"), ("TableLamp", "lamp")}),
+        # Some say it, and what says nothing is one thing by the file's name.
+        ("thing7", ("Sofa", "Cube", "Cube.001"), {("Sofa", "sofa"), ("thing7", "other")}),
+    ],
+)
+def test_a_single_object_is_named_for_its_file_or_nodes(
+    tmp_path: Path, file: str, nodes: tuple[str, ...], expected: set[tuple[str, str]]
+) -> None:
+    made = Builder()
+    for number, name in enumerate(nodes):
+        a_box(made, 0.6 * number, name)
+    scene = import_scene(made.save(tmp_path / "in" / f"{file}.glb"), tmp_path / "out")
+    things = [thing for thing in scene.objects if not thing.is_structure]
+    found = {(thing.name, thing.category) for thing in things if thing.name != "room_lamp"}
+    assert found == expected
+
+
+@pytest.mark.parametrize(
+    "scale, up, height", [(0.01, "y", 0.8), (0.01, "z", 0.6), (0.0254, "x", 1.27)]
+)
+def test_units_and_axis_are_those_that_were_given(
+    tmp_path: Path, scale: float, up: str, height: float
+) -> None:
+    text = "".join(f"v {x} {y} {z}\n" for x in (0, 50) for y in (0, 80) for z in (0, 60))
+    text += "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n"
+    (tmp_path / "chair.obj").write_text(text)
+    scene = import_scene(tmp_path / "chair.obj", tmp_path / "out", scale=scale, up=up)
+    (chair,) = [thing for thing in scene.objects if thing.category == "chair"]
+    assert chair.bbox_max[2] - chair.bbox_min[2] == pytest.approx(height)
+    assert chair.bbox_min[2] == pytest.approx(0, abs=1e-6)
+
+
+def test_a_chair_of_many_triangles_comes_in_quickly(tmp_path: Path) -> None:
+    made = Builder()
+    side = 224  # 2 x 223^2: about 100,000 triangles
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, side), np.linspace(0, np.pi, side))
+    ball = 0.5 * np.stack([np.cos(u) * np.sin(v), np.cos(v), np.sin(u) * np.sin(v)], axis=-1)
+    first = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
+    faces = np.concatenate(
+        [
+            np.stack([first, first + 1, first + side], axis=1),
+            np.stack([first + 1, first + side + 1, first + side], axis=1),
+        ]
+    )
+    mesh = {"POSITION": made.accessor(ball.reshape(-1, 3))}
+    item = {"attributes": mesh, "indices": made.accessor(faces.ravel(), "u4")}
+    made.node(mesh=made.add("meshes", {"primitives": [item]}), name="chair")
+    path = made.save(tmp_path / "in" / "chair.glb")
+    started = time.process_time()
+    scene = import_scene(path, tmp_path / "out")
+    assert time.process_time() - started < 5.0
+    (chair,) = [thing for thing in scene.objects if thing.category == "chair"]
+    stored = read_ply(scene.folder / "meshes" / f"{chair.shapes[0]}.ply")
+    assert len(stored.faces) == pytest.approx(2 * 223**2, rel=0.02)
+
+
+def test_a_building_keeps_its_own_rooms(tmp_path: Path) -> None:
+    made = Builder()
+    corners = np.array([[x, y, z] for x in (0, 5) for y in (0, 2.7) for z in (0, 4)], dtype=float)
+    faces = [0, 3, 1, 0, 2, 3, 4, 7, 6, 4, 5, 7, 0, 5, 4, 0, 1, 5, 2, 7, 3, 2, 6, 7, 0, 6, 2, 0,
+             4, 6, 1, 7, 5, 1, 3, 7]  # fmt: skip
+    made.node(mesh=made.mesh(corners, faces), name="shell")
+    made.node(mesh=made.mesh(0.5 * SQUARE + [2, 0.7, 2]), name="Desk")
+    scene = imported(made, tmp_path)
+    (room,) = scene.rooms
+    assert room.ceiling_z - room.floor_z == pytest.approx(2.7, abs=0.01)
+    assert not any("single object" in change for change in scene.changes)
+    assert any(thing.category == "desk" and thing.room == room.id for thing in scene.objects)
+
+
+# OBJ
+
+
+OBJ = """mtllib some thing.mtl
+o Table
+v 0 0 0\nv 8 0 0\nv 8 0 -8\nv 0 0 -8
+vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1
+usemtl ruled
+f 1/1 2/2 3/3 4/4
+o Lamp
+v 1 2 0\nv 2 2 0\nv 2 2 -1\nv 1 2 -1
+usemtl glow
+f -4/1 -3/2 -2/3 -1/4
+"""
+MTL = """newmtl ruled
+Kd 0 0 0
+map_Kd -s 1 1 1 C:\\old\\place\\my ruler.png
+newmtl glow
+Kd 0.5 0.5 0.5
+Ke 100 200 300
+"""
+
+
+def test_an_obj_brings_its_materials_and_objects(tmp_path: Path) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    (folder / "model.obj").write_text(OBJ)
+    (folder / "some thing.mtl").write_text(MTL)
+    Image.fromarray(ruler()).save(folder / "my ruler.png")
+    scene = import_scene(folder / "model.obj", tmp_path / "out", up="y")
+    # v = 0 is an OBJ image's bottom row, here at z = 0: our y = 0; black Kd is no factor.
+    seen = look_down(scene, [(1.0, 1.0), (7.0, 1.0), (1.0, 7.0), (7.0, 7.0)])
+    assert np.allclose(seen, [RULED[2], RULED[3], RULED[0], RULED[1]], atol=0.01)
+    names = {thing.name: thing.category for thing in scene.objects}
+    assert names["Lamp"] == "lamp"
+    assert np.allclose(values(scene, "area", "radiance"), [[0.0016, 0.0032, 0.0048]])
+
+
+def test_missing_libraries_and_textures_are_named(tmp_path: Path) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    (folder / "model.obj").write_text(OBJ)
+    scene = import_scene(folder / "model.obj", tmp_path / "out")
+    assert any("some thing.mtl" in change for change in scene.changes)
+    (folder / "some thing.mtl").write_text(MTL)
+    scene = import_scene(folder / "model.obj", tmp_path / "out")
+    assert any("my ruler.png" in change for change in scene.changes)
+
+
+@pytest.mark.parametrize(
+    ("line", "name"),
+    [("map_Kd wood.png", "wood.png"), ("map_Kd -o 0 0 0 -s 2 2 my wood.png", "my wood.png"),
+     ("map_Kd -clamp on a.png", "a.png"), ("map_Kd", "")],
+)  # fmt: skip
+def test_options_before_a_map_are_skipped(line: str, name: str) -> None:
+    assert map_of(line).name == name
+
+
+def test_options_of_a_map_move_the_coordinates() -> None:
+    found = map_of("map_Kd -s 2 4 1 -o 0.1 0.2 0 -clamp on a.png")
+    assert found.clamp and found.to_uv is not None
+    # OBJ: (0.5, 0.25) scaled (1, 1), shifted (1.1, 1.2); from the top that is v = 1 - 1.2, and
+    # the point itself stands at v = 0.75 from the top.
+    assert np.allclose((found.to_uv @ [0.5, 0.75, 0, 1])[:2], [1.1, -0.2])
+
+
+# Hostile files
+
+
+def _edited(**changed: Any) -> Any:
+    def edit(made: Builder, folder: Path) -> None:
+        made.json.update(changed)
+
+    return edit
+
+
+def _cycle(made: Builder, folder: Path) -> None:
+    made.json["nodes"][0]["children"] = [1]
+    made.json["nodes"].append({"children": [0]})
+
+
+def _chain(made: Builder, folder: Path) -> None:
+    made.json["nodes"] = [{"children": [i + 1]} for i in range(2000)] + [{}]
+
+
+def _beyond(made: Builder, folder: Path) -> None:
+    made.json["bufferViews"][0]["byteLength"] = 10**6
+
+
+def _overrun(made: Builder, folder: Path) -> None:
+    made.json["accessors"][0]["count"] = 50_000_000
+
+
+def _index(made: Builder, folder: Path) -> None:
+    made.json["meshes"][0]["primitives"][0]["indices"] = made.accessor([0, 1, 99], "u2")
+
+
+def _nan(made: Builder, folder: Path) -> None:
+    bad = SQUARE.copy()
+    bad[1, 1] = np.nan
+    made.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = made.accessor(bad)
+
+
+def _climb(made: Builder, folder: Path) -> None:
+    made.json["buffers"] = [{"byteLength": 4, "uri": "../../../../etc/passwd"}]
+
+
+def _climb_coded(made: Builder, folder: Path) -> None:
+    made.json["buffers"] = [{"byteLength": 4, "uri": "..%2f..%2f..%2fetc%2fpasswd"}]
+
+
+def _net(made: Builder, folder: Path) -> None:
+    made.json["buffers"] = [{"byteLength": 4, "uri": "https://example.org/a.bin"}]
+
+
+def _short_data(made: Builder, folder: Path) -> None:
+    made.json["buffers"] = [{"byteLength": 10**8, "uri": "data:;base64,AAAA"}]
+
+
+def _bad_base64(made: Builder, folder: Path) -> None:
+    made.json["buffers"] = [{"byteLength": 4, "uri": "data:;base64,####"}]
+
+
+def _rotation(made: Builder, folder: Path) -> None:
+    made.json["nodes"][0]["rotation"] = [0, 0, 0, 0]
+
+
+def _texture_index(made: Builder, folder: Path) -> None:
+    made.json["materials"][0]["pbrMetallicRoughness"] = {"baseColorTexture": {"index": 7}}
+
+
+def _instanced(made: Builder, folder: Path) -> None:
+    made.json["nodes"] = [{"mesh": 0} for _ in range(99_000)]
+    made.json["scenes"][0]["nodes"] = list(range(99_000)) * 2
+
+
+HOSTILE: dict[str, tuple[Any, str]] = {
+    "cycle": (_cycle, "tree"),
+    "a chain of 2000 nodes": (_chain, "deep"),
+    "view beyond the buffer": (_beyond, "truncated or damaged"),
+    "accessor beyond the view": (_overrun, "end at byte"),
+    "index beyond the vertices": (_index, "does not exist"),
+    "NaN": (_nan, "not a finite number"),
+    "a path that climbs": (_climb, "outside"),
+    "a coded path that climbs": (_climb_coded, "outside"),
+    "a buffer on the net": (_net, "lies elsewhere"),
+    "a short data URI": (_short_data, "are declared"),
+    "a damaged data URI": (_bad_base64, "data URI"),
+    "a quaternion of zero": (_rotation, "quaternion"),
+    "a texture that is not there": (_texture_index, "whole number"),
+    "version 1": (_edited(asset={"version": "1.0"}), "version"),
+    "no asset": (_edited(asset=None), "no 'asset'"),
+    "an unknown extension": (_edited(extensionsRequired=["VENDOR_x"]), "VENDOR_x"),
+    "meshopt": (_edited(extensionsRequired=["EXT_meshopt_compression"]), "meshopt"),
+    "basis": (_edited(extensionsRequired=["KHR_texture_basisu"]), "Basis"),
+    "nodes that are no list": (_edited(nodes={"a": 1}), "list of objects"),
+    "a scene number that is text": (_edited(scene="x"), "whole number"),
+    "an empty file of nodes": (_edited(nodes=[], scenes=[{"nodes": []}]), "no surfaces"),
+    "a node many times": (_instanced, "reached twice"),
+}
+
+
+def _refused(path: Path, tmp_path: Path, message: str) -> None:
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    started = time.process_time()
+    with pytest.raises(InputError, match=message):
+        import_scene(path, tmp_path / "out")
+    assert time.process_time() - started < 10
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**20
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["in"]
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_gltf_is_refused_with_a_reason(tmp_path: Path, name: str) -> None:
+    edit, message = HOSTILE[name]
+    made = square()
+    edit(made, tmp_path)
+    _refused(made.save(tmp_path / "in" / "model.gltf"), tmp_path, message)
+
+
+def _glb(*chunks: tuple[int, bytes], length: int | None = None) -> bytes:
+    body = b"".join(struct.pack("<II", len(data), kind) + data for kind, data in chunks)
+    return b"glTF" + struct.pack("<II", 2, length or 12 + len(body)) + body
+
+
+RAW = {
+    "empty.gltf": (b"", "JSON is damaged"),
+    "text.gltf": (b"hello", "JSON is damaged"),
+    "nan.gltf": (b'{"asset":{"version":"2.0"},"x":NaN}', "NaN"),
+    "deep.gltf": (b"[" * 200_000 + b"]" * 200_000, "JSON is damaged"),
+    "short.glb": (b"glTF\2\0\0\0", "truncated"),
+    "long.glb": (_glb((0x4E4F534A, b"{}  "), length=10**6), "truncated"),
+    "chunk.glb": (b"glTF" + struct.pack("<IIII", 2, 24, 10**6, 0x4E4F534A) + b"{}  ", "beyond"),
+    "binary.glb": (_glb((0x004E4942, b"0000")), "not JSON"),
+    "empty.obj": (b"", "without faces"),
+    "beyond.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "does not exist"),
+    "nan.obj": (b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "not a finite number"),
+    "two.obj": (b"v 0 0 0\nv 1 0 0\nf 1 2\n", "fewer than three"),
+    "climb.obj": (b"mtllib ../../../etc/passwd\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "outside"),
+    "words.obj": (b"v a b c\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "damaged"),
+}
+
+
+@pytest.mark.parametrize("name", RAW)
+def test_damaged_files_are_refused_with_a_reason(tmp_path: Path, name: str) -> None:
+    content, message = RAW[name]
+    (tmp_path / "in").mkdir()
+    path = tmp_path / "in" / name
+    path.write_bytes(content)
+    _refused(path, tmp_path, message)
+
+
+def test_a_file_of_nothing_but_clear_glass_is_refused(tmp_path: Path) -> None:
+    made = square(alphaMode="BLEND", pbrMetallicRoughness={"baseColorFactor": [1, 1, 1, 0]})
+    with pytest.raises(InputError, match="nothing of it is visible"):
+        import_scene(made.save(tmp_path / "glass.glb"), tmp_path / "out")
+
+
+def test_an_image_of_a_billion_pixels_is_not_decoded(tmp_path: Path) -> None:
+    header = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + b"IHDR"
+    header += struct.pack(">IIBBBBB", 40_000, 40_000, 8, 2, 0, 0, 0)
+    bomb = header + struct.pack(">I", 0) + struct.pack(">I", 0) + b"IDAT" + struct.pack(">I", 0)
+    uri = "data:image/png;base64," + base64.b64encode(bomb).decode()
+    made = square(pbrMetallicRoughness={"baseColorTexture": {"index": 0}})
+    made.json["images"] = [{"uri": uri}]
+    made.json["textures"] = [{"source": 0}]
+    imported(square(), tmp_path / "warm")  # what is slow only once in a process
+    started = time.monotonic()
+    scene = imported(made, tmp_path)
+    assert time.monotonic() - started < 10
+    assert any("damaged texture" in change for change in scene.changes)
+
+
+def test_a_damaged_library_is_refused_by_line(tmp_path: Path) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    (folder / "model.obj").write_text("mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (folder / "m.mtl").write_text("newmtl a\nKd 1 nan 0\n")
+    with pytest.raises(InputError, match=r"m\.mtl:2: Kd"):
+        import_scene(folder / "model.obj", tmp_path / "out")
+
+
+def test_the_same_file_gives_the_same_bytes(tmp_path: Path) -> None:
+    for turn in ("a", "b"):
+        made = square(pbrMetallicRoughness={"baseColorTexture": {"index": 0}})
+        made.texture(ruler())
+        imported(made, tmp_path / turn)
+    for file in sorted((tmp_path / "a" / "out").rglob("*")):
+        if file.is_file():
+            twin = tmp_path / "b" / "out" / file.relative_to(tmp_path / "a" / "out")
+            assert file.read_bytes() == twin.read_bytes(), file.name
+
+
+def test_json_and_binary_files_hold_the_same(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+    one, two = read(square(), tmp_path / "a", ".gltf"), read(square(), tmp_path / "b", ".glb")
+    assert np.array_equal(one.shapes[0].mesh.vertices, two.shapes[0].mesh.vertices)
+    assert json.loads((tmp_path / "a" / "model.gltf").read_text())["asset"]["version"] == "2.0"
+    assert len(one.shapes[0].mesh.faces) == len(SQUARE_FACES) // 3
