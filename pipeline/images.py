@@ -16,7 +16,8 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
-from pipeline.tonemap import Exposure, encode_srgb, to_bytes, tonemap
+from pipeline.tonemap import Exposure, to_bytes, tonemap
+from scenes.color import encode_srgb
 
 Picture = npt.NDArray[np.uint8]
 Array = npt.NDArray[np.floating]

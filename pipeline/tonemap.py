@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.params import ToneParams
-from scenes.photometry import REC709
+from scenes.color import decode_srgb, encode_srgb, luminance
 
 Image = npt.NDArray[np.floating]
 
@@ -25,11 +25,6 @@ class Exposure:
 
     scale: float
     white: float
-
-
-def luminance(image: Image) -> Image:
-    """Rec. 709 luminance (..., ) of linear RGB (..., 3)."""
-    return image @ REC709.astype(image.dtype)
 
 
 def exposure_of(image: Image, tone: ToneParams) -> Exposure:
@@ -79,20 +74,6 @@ def untonemap(display: Image, exposure: Exposure) -> npt.NDArray[np.float32]:
     scaled = lum / np.maximum(half + np.sqrt(half**2 + inverse_white2 * lum), 1e-12)
     ratio = np.where(lum > 0, scaled / np.maximum(lum, 1e-12), 1.0)
     return (compressed * ratio / exposure.scale).astype(np.float32)
-
-
-def encode_srgb(linear: Image) -> npt.NDArray[np.float32]:
-    """Linear [0, 1] to sRGB [0, 1] (IEC 61966-2-1)."""
-    linear = np.asarray(linear, dtype=np.float32)
-    high = 1.055 * np.maximum(linear, 0.0031308) ** np.float32(1 / 2.4) - 0.055
-    return np.where(linear <= 0.0031308, 12.92 * linear, high).astype(np.float32)
-
-
-def decode_srgb(display: Image) -> npt.NDArray[np.float32]:
-    """sRGB [0, 1] to linear [0, 1]."""
-    display = np.asarray(display, dtype=np.float32)
-    high = ((np.maximum(display, 0.04045) + 0.055) / 1.055) ** np.float32(2.4)
-    return np.where(display <= 0.04045, display / 12.92, high).astype(np.float32)
 
 
 def to_bytes(display: Image) -> npt.NDArray[np.uint8]:

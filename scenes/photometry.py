@@ -11,12 +11,12 @@ import math
 
 import numpy as np
 
-Color = tuple[float, float, float]  # linear Rec. 709 RGB
-REC709 = np.array([0.2126, 0.7152, 0.0722])  # luminance of linear RGB
+from scenes.color import REC709, XYZ_TO_RGB, Color
+
 LUMEN = 1.6e-5  # radiometric power, in `sunsky`'s units x m^2, of one lumen of white light
 
 
-def lamp_radiance(lumens: float, area: float, kelvin: float) -> tuple[float, float, float]:
+def lamp_radiance(lumens: float, area: float, kelvin: float) -> Color:
     """RGB radiance of a Lambertian emitter of `lumens` over `area` square metres (one side)."""
     if area <= 0:
         raise ValueError(f"a lamp needs an area, got {area}")
@@ -25,7 +25,7 @@ def lamp_radiance(lumens: float, area: float, kelvin: float) -> tuple[float, flo
     return (luminance * red, luminance * green, luminance * blue)
 
 
-def blackbody(kelvin: float) -> tuple[float, float, float]:
+def blackbody(kelvin: float) -> Color:
     """Linear Rec. 709 RGB of a black body, scaled to luminance 1, clipped to be non-negative.
 
     Chromaticity by Kim et al.'s cubic fit of the Planckian locus, 1667 K to 25000 K.
@@ -42,13 +42,22 @@ def blackbody(kelvin: float) -> tuple[float, float, float]:
     else:
         y = 3.0817580 * x**3 - 5.87338670 * x**2 + 3.75112997 * x - 0.37001483
     xyz = np.array([x / y, 1.0, (1 - x - y) / y])
-    to_rgb = np.array(
-        [
-            [3.2404542, -1.5371385, -0.4985314],
-            [-0.9692660, 1.8760108, 0.0415560],
-            [0.0556434, -0.2040259, 1.0572252],
-        ]
-    )
-    rgb = np.maximum(to_rgb @ xyz, 0)
+    rgb = np.maximum(XYZ_TO_RGB @ xyz, 0)
     rgb /= rgb @ REC709
     return (float(rgb[0]), float(rgb[1]), float(rgb[2]))
+
+
+def color_temperature(rgb: Color) -> float:
+    """Correlated colour temperature in kelvins, from 2000 to 8000, of linear Rec. 709 RGB.
+
+    McCamy, "Correlated color temperature as an explicit function of chromaticity coordinates"
+    (1992).
+    """
+    red, green, blue = rgb
+    x = 0.4124 * red + 0.3576 * green + 0.1805 * blue
+    y = 0.2126 * red + 0.7152 * green + 0.0722 * blue
+    z = 0.0193 * red + 0.1192 * green + 0.9505 * blue
+    total = max(x + y + z, 1e-12)
+    n = (x / total - 0.3320) / (0.1858 - y / total)
+    kelvin = 449 * n**3 + 3525 * n**2 + 6823.3 * n + 5520.33
+    return float(np.clip(kelvin, 2000, 8000))

@@ -9,7 +9,7 @@ import torch
 from torch.nn import functional
 
 from pipeline.params import ToneParams
-from scenes.photometry import REC709
+from scenes.color import REC709
 
 BLOCK = 8  # pixels a side over which the log average takes means, as `pipeline.tonemap` has it
 

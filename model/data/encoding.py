@@ -17,7 +17,8 @@ import torch
 from model.data.direct_light import panorama_radiance, pixel_directions, seen_sources, surface_light
 from model.data.reader import Array, Example
 from pipeline.params import ToneParams
-from pipeline.tonemap import Exposure, encode_srgb, exposure_of, luminance, tonemap
+from pipeline.tonemap import Exposure, exposure_of, tonemap
+from scenes.color import encode_srgb, luminance
 from scenes.errors import InputError
 
 Value = TypeVar("Value", Array, torch.Tensor)

@@ -13,7 +13,8 @@ import numpy as np
 from model.data.reader import Array
 from model.training.store import ModelCard
 from pipeline.params import ToneParams
-from pipeline.tonemap import Exposure, encode_srgb, exposure_of, tonemap, untonemap
+from pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
+from scenes.color import encode_srgb
 
 
 def product(reflectance: Array, shading: Array, exposure: Exposure, card: ModelCard) -> Array:

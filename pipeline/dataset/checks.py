@@ -31,8 +31,8 @@ from pipeline.frames import (
     read_frame,
 )
 from pipeline.params import CheckParams
-from pipeline.tonemap import luminance
 from pipeline.views import View
+from scenes.color import luminance
 from scenes.errors import InputError
 from scenes.files import read_json
 

@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 from scipy import ndimage
 
-from pipeline.tonemap import luminance
+from scenes.color import luminance
 from scenes.errors import InputError
 
 Floats = npt.NDArray[np.float64]

@@ -26,8 +26,9 @@ from pipeline.passes.denoise import denoise
 from pipeline.passes.registry import PASSES
 from pipeline.render.scene import open_scene, set_variant
 from pipeline.stages.view_sampling import sample_cameras
-from pipeline.tonemap import encode_srgb, exposure_of, to_bytes
+from pipeline.tonemap import exposure_of, to_bytes
 from pipeline.views import View, as_matrix
+from scenes.color import encode_srgb
 from scenes.contract import Room, Scene, load_scene
 from scenes.formats.ply import write_ply
 from scenes.geometry.mesh import Mesh, read_ply

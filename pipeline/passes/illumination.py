@@ -29,9 +29,10 @@ from pipeline.params import IlluminationParams
 from pipeline.render import raycast
 from pipeline.render.lights import Lights
 from pipeline.render.scene import RenderScene
-from pipeline.tonemap import luminance
 from pipeline.views import View
+from scenes.color import luminance
 from scenes.contract import Portal
+from scenes.geometry.directions import unit
 
 REVISION = 2
 _NARROW = 1.5  # pixels: sources of less mean width are sampled from the light's side
@@ -163,7 +164,7 @@ class Panorama:
         """Pixels that a cone around the world direction `centre` touches, (H x W,), generous."""
         if angle >= math.pi:
             return np.ones(self.size, dtype=bool)
-        axis = raycast.unit(centre)
+        axis = unit(centre)
         reach: npt.NDArray[np.bool_] = self.middles @ axis >= math.cos(
             min(angle + self.pitch, math.pi)
         )
@@ -335,8 +336,8 @@ def _open_pixels(
     wanted = np.zeros(panorama.size, dtype=bool)
     for portal in render_scene.scene.portals:
         corners = np.array(portal.polygon) - eye
-        middle = raycast.unit(corners.mean(axis=0))
-        facing = np.clip(raycast.unit(corners) @ middle, -1, 1)
+        middle = unit(corners.mean(axis=0))
+        facing = np.clip(unit(corners) @ middle, -1, 1)
         wanted |= panorama.cone(middle, float(np.arccos(facing.min())))
     coarse = Panorama(min(panorama.width, _PROBE_WIDTH), panorama.turn)
     shape, _ = raycast.nearest(render_scene.target, eye, coarse.middles)

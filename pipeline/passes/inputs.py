@@ -14,6 +14,7 @@ from pipeline.frames import Channels
 from pipeline.render import raycast
 from pipeline.render.scene import RenderScene
 from pipeline.views import View
+from scenes.geometry.directions import pixel_directions, unit
 
 REVISION = 1
 
@@ -27,8 +28,8 @@ def render_inputs(render_scene: RenderScene, view: View) -> Channels:
     in `scene.objects` + 1, 0 for none.
     """
     turn, eye = view.pose[:3, :3], view.eye
-    local = raycast.pixel_directions(view.intrinsics, view.width, view.height)
-    directions = raycast.unit(local.reshape(-1, 3)) @ turn.T
+    local = pixel_directions(view.intrinsics, view.width, view.height)
+    directions = unit(local.reshape(-1, 3)) @ turn.T
     hits = raycast.surfaces(render_scene.target, eye, directions)
     shape = (view.height, view.width)
     valid = hits.shape >= 0
@@ -54,7 +55,7 @@ def facing(hits: raycast.Hits, directions: npt.NDArray[np.float64]) -> npt.NDArr
     geometric, shading = hits.geometric.astype(np.float64), hits.shading.astype(np.float64)
     shading = np.where(_dots(shading, geometric) < 0, -shading, shading)
     shading = np.where(_dots(geometric, directions) > 0, -shading, shading)
-    return raycast.unit(shading - np.maximum(_dots(shading, directions), 0) * directions)
+    return unit(shading - np.maximum(_dots(shading, directions), 0) * directions)
 
 
 def _dots(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.tonemap import luminance
+from scenes.color import luminance
 
 CELLS = (32, 64)  # sources are gathered into so many cells of the sphere, rows and columns
 NEAREST = 0.15  # metres: nearer to a source nothing gets brighter; sources are no points

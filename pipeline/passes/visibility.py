@@ -21,8 +21,9 @@ from pipeline.passes.inputs import facing
 from pipeline.passes.panorama_lights import sources, unshadowed
 from pipeline.render import raycast
 from pipeline.render.scene import RenderScene
-from pipeline.tonemap import luminance
 from pipeline.views import View
+from scenes.color import luminance
+from scenes.geometry.directions import pixel_directions, unit
 
 REVISION = 1
 _LIFT = 1e-3  # metres: how far off the surface rays begin
@@ -79,8 +80,8 @@ def render_visibility(
 def _looked_at(render_scene: RenderScene, view: View) -> tuple[Array, Array, Array]:
     """Of each pixel, row by row, whether it shows a surface (P,), and that surface's place and
     normal, (P, 3) each, world."""
-    local = raycast.pixel_directions(view.intrinsics, view.width, view.height)
-    directions = raycast.unit(local.reshape(-1, 3)) @ view.pose[:3, :3].T
+    local = pixel_directions(view.intrinsics, view.width, view.height)
+    directions = unit(local.reshape(-1, 3)) @ view.pose[:3, :3].T
     hits = raycast.surfaces(render_scene.target, view.eye, directions, colors=False)
     return hits.shape >= 0, hits.position.astype(np.float64), facing(hits, directions)
 
@@ -88,10 +89,10 @@ def _looked_at(render_scene: RenderScene, view: View) -> tuple[Array, Array, Arr
 def _held_by(inputs: Channels, view: View) -> tuple[Array, Array, Array]:
     """The same, from a view's rasterised inputs."""
     turn = view.pose[:3, :3].T
-    local = raycast.pixel_directions(view.intrinsics, view.width, view.height)
+    local = pixel_directions(view.intrinsics, view.width, view.height)
     points = (local * inputs["Z"].astype(np.float64)[..., None]).reshape(-1, 3) @ turn + view.eye
     normals = np.stack([inputs[f"N.{axis}"].astype(np.float64) for axis in "XYZ"], axis=-1)
-    return inputs["valid"].ravel() > 0, points, raycast.unit(normals.reshape(-1, 3)) @ turn
+    return inputs["valid"].ravel() > 0, points, unit(normals.reshape(-1, 3)) @ turn
 
 
 def _arriving(

@@ -34,7 +34,7 @@ from pipeline.pathtrace.light_pilot import (
     towards_panes,
 )
 from pipeline.render.raycast import column, vector
-from pipeline.tonemap import luminance
+from scenes.color import luminance
 from scenes.seeds import generator
 
 GLOWS = 12  # at most so many in a view

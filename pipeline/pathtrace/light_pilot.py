@@ -27,8 +27,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.render.raycast import column, vector
-from pipeline.tonemap import luminance
 from pipeline.views import View
+from scenes.color import luminance
 from scenes.contract import Portal
 from scenes.seeds import generator
 

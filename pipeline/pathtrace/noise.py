@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.ndimage import maximum_filter, median_filter
 
 from pipeline.frames import HALF_MAX, RGB, Channels
-from pipeline.tonemap import luminance
+from scenes.color import luminance
 
 _FIREFLY_RATIO = 8.0  # times the median of the 5 x 5 pixels around
 _FIREFLY_DOUBT = 0.5  # relative error from which a bright pixel is chance, not a small lamp

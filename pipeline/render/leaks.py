@@ -18,6 +18,7 @@ from shapely.geometry import Polygon
 from pipeline.render import raycast
 from pipeline.render.scene import RenderScene
 from scenes.contract import Room
+from scenes.geometry.directions import unit
 from scenes.reconstruction.light_walks import blocked, bounce, places
 from scenes.seeds import generator
 
@@ -58,7 +59,7 @@ def find_leaks(
     for room in scene.scene.rooms:
         rng = generator(seed, "leaks", room.id)
         origins = places(Polygon(room.floor), room.floor_z, room.ceiling_z, walks, rng)
-        way = raycast.unit(rng.normal(size=(walks, 3)))
+        way = unit(rng.normal(size=(walks, 3)))
         kept_origin, kept_way = origins.copy(), way.copy()  # of the last stretch from indoors
         alive, escaped = np.arange(walks), []
         for _ in range(bounces):
@@ -67,7 +68,7 @@ def find_leaks(
             stopped = blocked(scene.scene.portals, origins[alive], way[alive], distance)
             escaped += alive[~stopped & np.isinf(distance)].tolist()
             going = ~stopped & np.isfinite(distance)
-            normals, alive = raycast.unit(hits.geometric[going]), alive[going]
+            normals, alive = unit(hits.geometric[going]), alive[going]
             if not len(alive):
                 break
             origins[alive], way[alive] = bounce(

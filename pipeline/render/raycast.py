@@ -17,6 +17,8 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
+from scenes.geometry.directions import pixel_directions, unit
+
 LAYERS = 16  # clear surfaces that one ray may pass: a glass cabinet before a glass door and so on
 CHUNK = 1 << 21  # rays in flight, which bounds memory
 
@@ -61,20 +63,6 @@ class Hits:
 def is_scalar() -> bool:
     """Whether the current variant has no wavefront arrays."""
     return str(mi.variant()).startswith("scalar")
-
-
-def pixel_directions(intrinsics: npt.ArrayLike, width: int, height: int) -> npt.NDArray[np.float64]:
-    """Directions through all pixel centres, camera frame (OpenCV), (H, W, 3), z = 1."""
-    inverse = np.linalg.inv(np.asarray(intrinsics, dtype=np.float64))
-    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    return np.stack([x, y, np.ones_like(x)], axis=-1) @ inverse.T
-
-
-def unit(vectors: Array) -> npt.NDArray[np.float64]:
-    """Vectors (..., 3) scaled to length 1; zero stays zero."""
-    vectors = np.asarray(vectors, dtype=np.float64)
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return vectors / np.where(length > 0, length, 1)
 
 
 def nearest(

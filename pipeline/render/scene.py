@@ -25,6 +25,7 @@ from pipeline.render.neutral import has_mask, passes_light, reflectance_twin
 from pipeline.render.scenegraph import Graph, create, parse, shapes_of
 from scenes.contract import Scene
 from scenes.errors import InputError, MachineError
+from scenes.geometry.directions import unit
 
 REVISION = 1
 _SCALAR_WARNING = (
@@ -194,7 +195,7 @@ def cast(
     no object. Clear glass stops these rays unless `through_glass`.
     """
     shape, distance = raycast.nearest(
-        render_scene.target, origins, raycast.unit(np.asarray(directions)), through_glass
+        render_scene.target, origins, unit(np.asarray(directions)), through_glass
     )
     return distance, np.append(render_scene.target.objects, -1)[shape].astype(np.int32)
 

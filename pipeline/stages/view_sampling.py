@@ -32,6 +32,7 @@ from pipeline.render.scene import RenderScene, cast, render_ids
 from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look
 from scenes.contract import Room, Scene
 from scenes.errors import InputError
+from scenes.geometry.directions import fibonacci_sphere
 from scenes.seeds import generator
 
 REVISION = 2
@@ -201,7 +202,7 @@ def _surroundings(
     """For each eye (N, 3): is something within `clearance`; is it inside a piece of furniture."""
     if not len(eyes):
         return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
-    directions = _sphere(_RAYS)
+    directions = fibonacci_sphere(_RAYS)
     distance, thing = cast(
         render_scene, np.repeat(eyes, _RAYS, axis=0), np.tile(directions, (len(eyes), 1))
     )
@@ -212,15 +213,6 @@ def _surroundings(
         values, counts = np.unique(row[~structure[row]], return_counts=True)
         enclosed[index] = len(values) > 0 and counts.max() > _ENCLOSED * _RAYS
     return distance.min(axis=1) < clearance, enclosed
-
-
-def _sphere(count: int) -> npt.NDArray[np.float64]:
-    """Directions (count, 3) spread evenly over the sphere: a Fibonacci spiral."""
-    index = np.arange(count)
-    z = 1 - (2 * index + 1) / count
-    angle = index * math.pi * (3 - math.sqrt(5))
-    radius = np.sqrt(1 - z * z)
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
 
 
 def _look_around(

@@ -16,9 +16,9 @@ from typing import Literal
 from scenes.assets.free_space import Level
 from scenes.assets.piece import CataloguePiece
 from scenes.checked import build, plain
+from scenes.color import Color
 from scenes.errors import InputError
 from scenes.files import read_json, write_json
-from scenes.photometry import Color
 
 SCHEMA = 1
 INDEX = "catalogue.json"

@@ -13,6 +13,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from scenes.color import Color
 from scenes.errors import InputError
 from scenes.geometry.mesh import Floats, Ints
 from scenes.importing.changes import Changes
@@ -20,7 +21,6 @@ from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import Surface
 from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin
-from scenes.photometry import Color
 
 _MAX_MTL = 16 * 2**20
 _MAX_MATERIALS = 20_000

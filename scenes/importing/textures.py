@@ -12,6 +12,7 @@ import numpy.typing as npt
 import OpenEXR
 from PIL import Image
 
+from scenes.color import decode_srgb, encode_srgb
 from scenes.errors import InputError
 from scenes.importing.changes import Changes
 
@@ -118,9 +119,7 @@ class TextureStore:
         return f"{self.folder.name}/{name}.png"
 
     def _save_rgb(self, linear: npt.NDArray[np.floating], name: str) -> str:
-        high = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
-        display = np.where(linear <= 0.0031308, 12.92 * linear, high)
-        pixels = np.rint(display * 255).astype(np.uint8)
+        pixels = np.rint(encode_srgb(linear) * 255).astype(np.uint8)
         Image.fromarray(pixels).save(self.folder / f"{name}.png")
         return f"{self.folder.name}/{name}.png"
 
@@ -246,9 +245,7 @@ def _to_rgb8(image: Image.Image) -> npt.NDArray[np.uint8]:
 
 
 def _decode(pixels: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
-    display = pixels.astype(np.float32) / 255
-    high = ((np.maximum(display, 0.04045) + 0.055) / 1.055) ** np.float32(2.4)
-    return np.where(display <= 0.04045, display / 12.92, high).astype(np.float32)
+    return decode_srgb(pixels.astype(np.float32) / 255)
 
 
 def _is_exr(path: Path) -> bool:

@@ -8,6 +8,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from scenes.color import Color
 from scenes.geometry.mesh import Floats
 from scenes.importing.shape import Emitter, Kind
 from scenes.importing.textures import UnreadableImage
@@ -15,7 +16,6 @@ from scenes.importing.xml_elements import plugin, prop
 from scenes.mitsuba.materials import Materials
 from scenes.mitsuba.reader import Node, unresolved
 from scenes.mitsuba.values import Properties, Scope
-from scenes.photometry import Color
 
 _SKY_FILL: Color = (1.0, 1.0, 1.0)  # where an environment map is missing
 

@@ -15,12 +15,12 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from scenes.color import REC709, Color
 from scenes.importing.shape import Surface
 from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin, prop
 from scenes.mitsuba.reader import Node, unresolved
 from scenes.mitsuba.values import Properties, Scope
-from scenes.photometry import REC709, Color
 
 GREY: Color = (0.5, 0.5, 0.5)
 _MAX_NESTING = 16

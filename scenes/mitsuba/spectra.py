@@ -5,13 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-_XYZ_TO_RGB = np.array(
-    [
-        [3.2404542, -1.5371385, -0.4985314],
-        [-0.9692660, 1.8760108, 0.0415560],
-        [0.0556434, -0.2040259, 1.0572252],
-    ]
-)
+from scenes.color import XYZ_TO_RGB
+
 _GRID = np.arange(380.0, 781.0, 2.0)
 
 
@@ -44,8 +39,8 @@ def spectrum_to_rgb(
     """
     sampled = np.interp(_GRID, wavelengths, values, left=0.0, right=0.0)
     observer = color_matching(_GRID)
-    rgb = _XYZ_TO_RGB @ (sampled @ observer)
-    white = _XYZ_TO_RGB @ observer.sum(axis=0)
+    rgb = XYZ_TO_RGB @ (sampled @ observer)
+    white = XYZ_TO_RGB @ observer.sum(axis=0)
     return np.maximum(rgb / white, 0.0)
 
 

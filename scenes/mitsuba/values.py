@@ -11,19 +11,15 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from scenes.color import XYZ_TO_RGB, Color, decode_srgb
 from scenes.geometry.transforms import look_at
 from scenes.importing.changes import Changes
 from scenes.importing.sandbox import Sandbox
 from scenes.mitsuba.reader import Node, unresolved
 from scenes.mitsuba.spectra import blackbody_radiance, spectrum_to_rgb
-from scenes.photometry import Color, blackbody
+from scenes.photometry import blackbody
 
 T = TypeVar("T")
-# From CIE XYZ to linear Rec. 709 (ITU-R BT.709, D65).
-_FROM_XYZ = np.array(
-    [[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560],
-     [0.0556434, -0.2040259, 1.0572252]]
-)  # fmt: skip
 Matrix4 = npt.NDArray[np.float64]
 
 _MAX_REFERENCES = 32
@@ -228,14 +224,12 @@ def read_color(node: Node, scope: Scope, emission: bool = False) -> Color | Node
             raise node.error(f"a colour has 3 values, not {rgb.size}")
         rgb = np.broadcast_to(rgb, 3).astype(float)
         if node.tag == "srgb":
-            rgb = np.where(
-                rgb <= 0.04045, rgb / 12.92, ((np.maximum(rgb, 0) + 0.055) / 1.055) ** 2.4
-            )
+            rgb = decode_srgb(rgb)
     elif node.tag == "xyz":
         rgb = np.array(_numbers(node, text))
         if rgb.size != 3:
             raise node.error(f"a colour has 3 values, not {rgb.size}")
-        rgb = np.maximum(_FROM_XYZ @ rgb, 0)
+        rgb = np.maximum(XYZ_TO_RGB @ rgb, 0)
     elif node.tag in ("float", "integer"):
         rgb = np.full(3, _number(node, text))
     elif node.tag == "blackbody":

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from scenes.color import Color
 from scenes.errors import InputError
 from scenes.geometry.mesh import Floats, Ints, Mesh, cleaned
 from scenes.importing.assembly import Camera
@@ -21,7 +22,6 @@ from scenes.models.gltf_container import Asset, extensions, number, numbers, obj
 from scenes.models.gltf_images import Images
 from scenes.models.gltf_materials import GltfMaterials
 from scenes.models.model import Model, Punctual
-from scenes.photometry import Color
 
 MAX_DEPTH = 256
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6

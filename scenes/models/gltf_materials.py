@@ -12,6 +12,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from scenes.color import Color
 from scenes.importing.changes import Changes
 from scenes.importing.shape import Surface
 from scenes.importing.textures import TextureStore, UnreadableImage
@@ -19,7 +20,6 @@ from scenes.importing.xml_elements import plugin, prop
 from scenes.models.gltf_container import Asset, extensions, number, numbers
 from scenes.models.gltf_images import Image, Images
 from scenes.models.model import Glow
-from scenes.photometry import Color
 
 CLEAR_ROUGHNESS = 0.1  # up to which one sees through glass as through a window
 _WHITE: Color = (1.0, 1.0, 1.0)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from scenes.color import REC709
 from scenes.contract import Credit, Scene, SceneObject, load_scene, writing_scene
 from scenes.errors import InputError
 from scenes.geometry.mesh import Floats
@@ -32,7 +33,7 @@ from scenes.models.gltf_images import Images
 from scenes.models.model import Glow, Model, Punctual
 from scenes.models.obj import read_model
 from scenes.models.showroom import showroom
-from scenes.photometry import LUMEN, REC709
+from scenes.photometry import LUMEN
 from scenes.reconstruction.orientation import up_from_geometry, upright
 from scenes.reconstruction.raycast import RayCaster
 from scenes.reconstruction.rooms import FoundRoom, find_rooms

@@ -8,10 +8,10 @@ from typing import Literal
 
 import numpy as np
 
+from scenes.color import Color
 from scenes.geometry.mesh import Floats
 from scenes.importing.assembly import Camera
 from scenes.importing.shape import Shape
-from scenes.photometry import Color
 
 
 @dataclass(frozen=True)

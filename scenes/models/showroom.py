@@ -7,13 +7,14 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from scenes.color import Color
 from scenes.geometry.mesh import Floats, Mesh
 from scenes.geometry.primitives import cube
 from scenes.geometry.transforms import look_at
 from scenes.importing.assembly import Camera
 from scenes.importing.shape import Shape, Surface
 from scenes.importing.xml_elements import plugin
-from scenes.photometry import Color, lamp_radiance
+from scenes.photometry import lamp_radiance
 
 _Box = tuple[tuple[float, ...], tuple[float, ...]]  # lowest and highest corner
 

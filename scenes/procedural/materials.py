@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from scenes.photometry import Color
+from scenes.color import Color, encode_srgb
 from scenes.procedural.patterns import SEEDS, has_pattern, pattern, picture
 from scenes.procedural.piece import BoughtMaterial, Material
 from scenes.seeds import generator
@@ -190,9 +190,7 @@ def _encoded(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
 
 def _srgb_table() -> npt.NDArray[np.uint8]:
     """8-bit sRGB of linear values 0, 1/4095 ... 1 (IEC 61966-2-1)."""
-    linear = np.arange(4096) / 4095
-    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.rint(encoded * 255).astype(np.uint8)
+    return np.rint(encode_srgb(np.arange(4096) / 4095) * 255).astype(np.uint8)
 
 
 _SRGB = _srgb_table()

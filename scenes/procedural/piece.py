@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from scenes.photometry import Color
+from scenes.color import Color
 
 MaterialKind = Literal[
     "wood",  # grain along u

@@ -12,7 +12,6 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-import numpy.typing as npt
 
 from scenes.formats.ply import write_ply
 from scenes.geometry.mesh import Floats, Ints, Mesh
@@ -77,12 +76,3 @@ class RayCaster:
         distances = np.array([hit.t for hit in hits], dtype=np.float64)
         triangles = np.array([hit.prim_index for hit in hits], dtype=np.int64)
         return distances, np.where(np.isfinite(distances), triangles, -1)
-
-
-def sphere_directions(count: int) -> npt.NDArray[np.float64]:
-    """`count` directions spread evenly over the sphere (a Fibonacci spiral), (N, 3)."""
-    index = np.arange(count) + 0.5
-    z = 1 - 2 * index / count
-    angle = np.pi * (1 + 5**0.5) * index
-    radius = np.sqrt(1 - z * z)
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)

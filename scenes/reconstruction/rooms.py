@@ -20,9 +20,10 @@ from scipy import ndimage
 from shapely.geometry import MultiPolygon, Point, Polygon
 from shapely.ops import unary_union
 
+from scenes.geometry.directions import fibonacci_sphere
 from scenes.geometry.mesh import Floats, face_areas
 from scenes.reconstruction.orientation import crossings
-from scenes.reconstruction.raycast import RayCaster, sphere_directions
+from scenes.reconstruction.raycast import RayCaster
 
 _MAX_COLUMNS = 250_000  # of rays from below that look for ceilings
 MIN_HEIGHT, MAX_HEIGHT = 1.9, 8.0
@@ -169,7 +170,7 @@ def _sees_out(rays: RayCaster, room: FoundRoom) -> bool:
                 for share in (0.3, 0.8):
                     z = room.floor_z + share * (room.ceiling_z - room.floor_z)
                     places.append(np.array([point.x, point.y, z]))
-    directions = sphere_directions(2048)
+    directions = fibonacci_sphere(2048)
     for place in places:
         distance, _ = rays.cast(place, directions)
         if np.isinf(distance).any():
@@ -231,7 +232,7 @@ def _reaches_sky(
     rays: RayCaster, grid: Floats, cells: npt.NDArray[np.bool_], outward: Floats
 ) -> npt.NDArray[np.bool_]:
     """Of the open cells, those from which some of 24 directions outwards hit nothing."""
-    fan = sphere_directions(48)
+    fan = fibonacci_sphere(48)
     fan = fan[fan @ outward > 0.05]
     points = grid[cells] + 0.02 * outward
     origins = np.repeat(points, len(fan), axis=0)

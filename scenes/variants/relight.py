@@ -9,9 +9,10 @@ from xml.etree.ElementTree import Element
 import defusedxml.ElementTree
 import numpy as np
 
+from scenes.color import REC709
 from scenes.contract import Light, Scene
 from scenes.params import LightSetting
-from scenes.photometry import REC709, blackbody
+from scenes.photometry import blackbody
 from scenes.procedural.lighting import Lamp, choose_lit, draw_cooler, draw_sky
 from scenes.seeds import generator
 

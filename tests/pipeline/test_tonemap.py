@@ -6,15 +6,8 @@ import numpy as np
 import pytest
 
 from pipeline.params import ToneParams
-from pipeline.tonemap import (
-    Exposure,
-    decode_srgb,
-    encode_srgb,
-    exposure_of,
-    luminance,
-    tonemap,
-    untonemap,
-)
+from pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
+from scenes.color import decode_srgb, encode_srgb, luminance
 
 TONE = ToneParams()
 

@@ -10,6 +10,7 @@ import pytest
 from pipeline.render import raycast
 from pipeline.render.leaks import find_leaks
 from pipeline.render.scene import set_variant
+from scenes.geometry.directions import unit
 from tests.fixtures.leak import (
     ROOM,
     Corner,
@@ -87,7 +88,7 @@ def test_a_stage_without_a_wall_gets_no_shell(tmp_path: Path) -> None:
     """Light is meant to come in there."""
     scene = built(tmp_path, box_quads((0, 0, 0), ROOM, "w"))
     assert "shell" not in {thing.name for thing in scene.scene.objects}
-    ways = raycast.unit(np.random.default_rng(0).normal(size=(1000, 3)))
+    ways = unit(np.random.default_rng(0).normal(size=(1000, 3)))
     ways = ways[(ways[:, 0] < -0.9) & (ways[:, 2] > 0)]  # not to the ground
     hits = raycast.surfaces(scene.target, np.full_like(ways, 1.3), ways, colors=False)
     assert (hits.shape < 0).all()

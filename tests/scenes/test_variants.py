@@ -15,11 +15,12 @@ from pipeline.cli import cli
 from pipeline.params import load_params
 from pipeline.render.scene import set_variant
 from pipeline.stages.stages import run_scenes
+from scenes.color import REC709
 from scenes.contract import Scene, load_scene
 from scenes.files import digest_folder
 from scenes.geometry.mesh import Mesh, face_areas, read_ply
 from scenes.params import SceneParams
-from scenes.photometry import REC709, blackbody
+from scenes.photometry import blackbody
 from scenes.procedural.patterns import has_pattern
 from scenes.registry import import_scene
 from scenes.variants.refinish import with_metric_uvs

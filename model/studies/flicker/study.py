@@ -32,6 +32,7 @@ from pipeline.tonemap import to_bytes, tonemap
 from pipeline.views import View, as_matrix
 from scenes.contract import load_scene
 from scenes.errors import InputError
+from scenes.geometry.directions import pixel_directions
 
 SAME_DEPTH = 0.02  # relative: nearer than this, two depths are of the same surface
 AIR = 0.1  # metres that the camera keeps from what is in its way
@@ -138,7 +139,7 @@ def match(before: Example, after: Example, pose_before: Array, pose_after: Array
     surfaces, and what is there is at its depth, within `SAME_DEPTH`.
     """
     height, width = after.depth.shape
-    ahead = raycast.pixel_directions(after.intrinsics, width, height)
+    ahead = pixel_directions(after.intrinsics, width, height)
     world = (ahead * after.depth[..., None]) @ pose_after[:3, :3].T + pose_after[:3, 3]
     camera = (world - pose_before[:3, 3]) @ pose_before[:3, :3]
     z = camera[..., 2]

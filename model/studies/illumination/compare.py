@@ -21,7 +21,8 @@ from model.evaluation.product import linear_product
 from model.studies.illumination.agreement import agreement, block_means, log_change, sums
 from model.studies.illumination.results import Change
 from pipeline.params import ToneParams
-from pipeline.tonemap import Exposure, exposure_of, luminance, untonemap
+from pipeline.tonemap import Exposure, exposure_of, untonemap
+from scenes.color import luminance
 from scenes.seeds import derive
 
 ROWS = 2  # of the picture, for every kind of change

@@ -11,6 +11,7 @@ import shapely
 from pipeline.render.scene import RenderScene, cast
 from pipeline.views import View
 from scenes.contract import Point3
+from scenes.geometry.directions import fibonacci_sphere
 
 RADIUS = 0.1  # metres
 _AIR = 0.05  # metres of free air around it
@@ -41,7 +42,7 @@ def left_rear(render_scene: RenderScene, view: View) -> Point3 | None:
     places = places[_in_sight(render_scene, view.eye, places)][:_TRIED]
     if not len(places):
         return None
-    around = _sphere(_RAYS)
+    around = fibonacci_sphere(_RAYS)
     origins = np.repeat(places, _RAYS, axis=0)
     distance, _ = cast(render_scene, origins, np.tile(around, (len(places), 1)))
     free = (distance.reshape(-1, _RAYS) > RADIUS + _AIR).all(axis=1)
@@ -89,11 +90,3 @@ def _in_sight(render_scene: RenderScene, eye: Floats, places: Floats) -> npt.NDA
     free = distance.reshape(-1, len(rim)) > np.linalg.norm(targets, axis=2)
     seen: npt.NDArray[np.bool_] = free.all(axis=1)
     return seen
-
-
-def _sphere(count: int) -> Floats:
-    """Unit directions (count, 3), spread evenly: Fibonacci's spiral."""
-    height = 1 - (2 * np.arange(count) + 1) / count
-    turn = np.arange(count) * math.pi * (3 - math.sqrt(5))
-    flat = np.sqrt(1 - height**2)
-    return np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)

@@ -25,7 +25,7 @@ from scipy.ndimage import binary_opening, maximum_filter, median_filter
 from model.data.direct_light import pixel_directions, seen_sources
 from model.data.reader import Array, Example
 from model.evaluation.metrics import flip_map, psnr
-from pipeline.tonemap import luminance
+from scenes.color import luminance
 
 LIMIT = 0.4  # of the natural logarithm
 FLOOR = 0.03  # of the log-average shading: darker light makes no difference

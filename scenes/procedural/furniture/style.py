@@ -7,14 +7,14 @@ from typing import Literal
 
 import numpy as np
 
-from scenes.photometry import Color
+from scenes.color import Color, decode_srgb_value
 from scenes.procedural.piece import Material
 
 
 def tone(code: str) -> Color:
     """Linear Rec. 709 RGB of an sRGB colour written as "#rrggbb"."""
     channels = [int(code[start : start + 2], 16) / 255 for start in (1, 3, 5)]
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+    linear = [decode_srgb_value(channel) for channel in channels]
     return (linear[0], linear[1], linear[2])
 
 

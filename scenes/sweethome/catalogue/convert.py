@@ -20,6 +20,7 @@ from scenes.assets import preview
 from scenes.assets.free_space import Level, covering_boxes, levels_of
 from scenes.assets.index import PREVIEW, Asset, AssetPart, Checks, Point3, Provenance, save_asset
 from scenes.assets.piece import CataloguePiece
+from scenes.color import REC709, encode_srgb
 from scenes.errors import InputError
 from scenes.files import atomic_directory, digest_bytes
 from scenes.formats.archive import HomeArchive
@@ -27,7 +28,7 @@ from scenes.formats.model_parts import Model, UnreadableModel
 from scenes.formats.ply import write_ply
 from scenes.geometry.mesh import Floats, Mesh, creased, read_ply
 from scenes.importing.changes import Changes
-from scenes.photometry import LUMEN
+from scenes.photometry import LUMEN, color_temperature
 from scenes.sweethome import home
 from scenes.sweethome.catalogue.library import Unusable
 from scenes.sweethome.furnishing import furniture
@@ -42,7 +43,6 @@ _SIZE_TOLERANCE = 0.01  # of a side
 _THINNEST = 0.001  # metres; flat things are no thicker than their own description says
 _POWER = 0.5  # of a lamp, the application's usual one
 _OPAL = Finish(color=(0.8, 0.79, 0.76))
-_LUMINANCE = (0.2126, 0.7152, 0.0722)
 _UNREADABLE = (
     InputError,
     OSError,
@@ -112,8 +112,7 @@ def _draw(folder: Path, asset: Asset) -> None:
                 small.thumbnail((preview.SIZE, preview.SIZE), Image.Resampling.BOX)
                 texture = np.asarray(small)
         linear = np.array(part.color)
-        display = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-        parts.append((read_ply(folder / part.mesh), display, texture))
+        parts.append((read_ply(folder / part.mesh), encode_srgb(linear), texture))
     Image.fromarray(preview.draw(parts)).save(folder / PREVIEW, compress_level=6)
 
 
@@ -242,26 +241,10 @@ def _light(part: Part, mesh: Mesh) -> tuple[float, float]:
     """Lumens and colour temperature of a part's glow, 0 and 0 where it has none."""
     if part.radiance is None:
         return 0.0, 0.0
-    luminance = float(np.dot(part.radiance, _LUMINANCE))
+    luminance = float(np.dot(part.radiance, REC709))
     # An octahedron stood for the bulb until here: its flux was reckoned for the sphere.
     surface = area(mesh) if part.ball is None else 4 * np.pi * part.ball[1] ** 2
-    return round(luminance * np.pi * surface / LUMEN, 2), round(temperature(part.radiance))
-
-
-def temperature(rgb: tuple[float, float, float]) -> float:
-    """Correlated colour temperature in kelvins, from 2000 to 8000, of linear Rec. 709 RGB.
-
-    McCamy, "Correlated color temperature as an explicit function of chromaticity coordinates"
-    (1992).
-    """
-    red, green, blue = rgb
-    x = 0.4124 * red + 0.3576 * green + 0.1805 * blue
-    y = 0.2126 * red + 0.7152 * green + 0.0722 * blue
-    z = 0.0193 * red + 0.1192 * green + 0.9505 * blue
-    total = max(x + y + z, 1e-12)
-    n = (x / total - 0.3320) / (0.1858 - y / total)
-    kelvin = 449 * n**3 + 3525 * n**2 + 6823.3 * n + 5520.33
-    return float(np.clip(kelvin, 2000, 8000))
+    return round(luminance * np.pi * surface / LUMEN, 2), round(color_temperature(part.radiance))
 
 
 class _Images:

@@ -14,13 +14,13 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from scenes.color import REC709, Color, decode_srgb_value
 from scenes.errors import InputError
 from scenes.formats.archive import HomeArchive
 from scenes.geometry.mesh import Floats
 from scenes.importing.changes import Changes
 from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin, prop
-from scenes.photometry import REC709, Color
 from scenes.sweethome.furnishing.items import Finish
 from scenes.sweethome.home import Surface, Texture
 
@@ -34,9 +34,8 @@ _MAX_IMAGE = 64 * 2**20  # bytes
 
 
 def linear(value: float) -> float:
-    """A linear value in [0, 1] of an sRGB one in [0, 1] (IEC 61966-2-1)."""
-    value = min(max(value, 0.0), 1.0)
-    return value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4
+    """A linear value of an sRGB one, clipped to [0, 1]."""
+    return decode_srgb_value(min(max(value, 0.0), 1.0))
 
 
 def paint(display: tuple[float, float, float]) -> Color:

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scenes.color import Color
 from scenes.formats.model_parts import Model, ModelMaterial, ModelPart
 from scenes.geometry.mesh import Floats, Mesh
 from scenes.importing.changes import Changes
-from scenes.photometry import Color
 from scenes.sweethome.furnishing.finishes import (
     WHITE,
     glossy,

@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
+from scenes.color import Color
 from scenes.geometry.mesh import Floats, Mesh, face_areas
-from scenes.photometry import Color
 
 
 @dataclass(frozen=True)

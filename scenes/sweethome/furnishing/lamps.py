@@ -11,10 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from scenes.color import REC709, Color
+from scenes.geometry.directions import fibonacci_sphere
 from scenes.geometry.mesh import Floats, Mesh
 from scenes.importing.changes import Changes
-from scenes.photometry import LUMEN, Color
-from scenes.reconstruction.raycast import RayCaster, sphere_directions
+from scenes.photometry import LUMEN
+from scenes.reconstruction.raycast import RayCaster
 from scenes.sweethome.furnishing.finishes import linear
 from scenes.sweethome.furnishing.items import Finish, Part, area
 from scenes.sweethome.home import Bulb, Piece
@@ -112,14 +114,13 @@ def _radiance(lumens: float, surface: float, tint: Color) -> Color:
 
 def _luminance(color: int) -> float:
     """Luminance of a source's colour as the application uses it, values taken as linear."""
-    red, green, blue = ((color >> shift) & 255 for shift in (16, 8, 0))
-    return (0.2126 * red + 0.7152 * green + 0.0722 * blue) / 255
+    return float(np.array([(color >> shift) & 255 for shift in (16, 8, 0)]) @ REC709) / 255
 
 
 def _tint(color: int) -> Color:
     """A source's chromaticity, linear, of luminance 1; white for black."""
     bands = [linear(((color >> shift) & 255) / 255) for shift in (16, 8, 0)]
-    luminance = 0.2126 * bands[0] + 0.7152 * bands[1] + 0.0722 * bands[2]
+    luminance = float(np.array(bands) @ REC709)
     if luminance < 1e-6:
         return (1.0, 1.0, 1.0)
     return (bands[0] / luminance, bands[1] / luminance, bands[2] / luminance)
@@ -132,7 +133,7 @@ def _around(parts: list[Part], centre: Floats) -> tuple[np.ndarray, float]:
         return np.full(_DIRECTIONS, -1), np.inf
     owner = np.concatenate([np.full(len(part.mesh.faces), number) for number, part in solid])
     caster = RayCaster(np.concatenate([part.mesh.corners for _, part in solid]))
-    distances, triangles = caster.cast(centre, sphere_directions(_DIRECTIONS))
+    distances, triangles = caster.cast(centre, fibonacci_sphere(_DIRECTIONS))
     return np.where(triangles >= 0, owner[triangles], -1), float(distances.min())
 
 

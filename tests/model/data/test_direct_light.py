@@ -12,7 +12,8 @@ from model.data.direct_light import direct_shading, panorama_radiance, pixel_dir
 from model.data.encoding import encode, solid_angles
 from model.data.reader import Dataset, Example, mirrored
 from pipeline.passes.panorama_lights import panorama_directions, sources
-from pipeline.tonemap import Exposure, luminance
+from pipeline.tonemap import Exposure
+from scenes.color import luminance
 from tests.fixtures.model import box_dataset
 
 SIZE = (60, 80)  # rows, columns

@@ -14,7 +14,7 @@ import pytest
 from model.data.direct_light import panorama_radiance
 from model.data.encoding import encode
 from model.data.reader import Dataset, coin_flips, mirrored
-from pipeline.tonemap import encode_srgb
+from scenes.color import encode_srgb
 from scenes.errors import InputError
 from tests.fixtures.model import box_dataset, box_rows, box_view, write_shard
 

@@ -37,8 +37,9 @@ from pipeline.params import (
     ToneParams,
     TrainParams,
 )
-from pipeline.tonemap import Exposure, decode_srgb, tonemap
+from pipeline.tonemap import Exposure, tonemap
 from pipeline.views import View, as_matrix, intrinsics_of
+from scenes.color import decode_srgb
 from scenes.contract import load_scene
 from scenes.errors import InputError
 from tests.fixtures.model import box_dataset, box_rows, write_shard

@@ -16,7 +16,8 @@ from model.evaluation.product import linear_product
 from model.networks.pbrnet import Architecture
 from model.networks.plus import LightColor, PlusNet, multiplied
 from pipeline.params import ToneParams
-from pipeline.tonemap import Exposure, encode_srgb, exposure_of, luminance, tonemap, untonemap
+from pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
+from scenes.color import encode_srgb, luminance
 from tests.fixtures.model import box_dataset
 
 

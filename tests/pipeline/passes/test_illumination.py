@@ -15,8 +15,8 @@ from pipeline.passes.groundtruth import render_truth
 from pipeline.passes.illumination import Panorama, render_illumination
 from pipeline.render.scene import open_scene, set_variant
 from pipeline.views import View
+from scenes.color import REC709
 from scenes.contract import Portal
-from scenes.photometry import REC709
 from tests.fixtures.render import (
     WINDOW,
     ball,

@@ -19,10 +19,10 @@ from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
 from pipeline.passes.registry import frame_fingerprint
 from pipeline.passes.visibility import choose, render_visibility, shared
-from pipeline.render.raycast import pixel_directions
 from pipeline.render.scene import RenderScene, open_scene, set_variant
 from pipeline.views import View
 from scenes.contract import Portal
+from scenes.geometry.directions import pixel_directions
 from tests.fixtures.render import (
     WINDOW,
     ball,

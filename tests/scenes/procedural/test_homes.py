@@ -24,7 +24,7 @@ from scipy.sparse.csgraph import connected_components
 from shapely.geometry import MultiPoint, Point, Polygon
 
 from pipeline.render.scene import set_variant
-from pipeline.tonemap import decode_srgb
+from scenes.color import decode_srgb
 from scenes.contract import Scene, SceneObject, load_scene
 from scenes.files import digest_file, digest_folder
 from scenes.params import SceneParams

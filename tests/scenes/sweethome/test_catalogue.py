@@ -30,10 +30,10 @@ from scenes.files import digest_folder
 from scenes.formats.ply import write_ply
 from scenes.geometry.mesh import Mesh, read_ply
 from scenes.params import AssetParams, SceneParams
-from scenes.photometry import blackbody
+from scenes.photometry import blackbody, color_temperature
 from scenes.procedural.furnishing.asset_sampler import open_stock
 from scenes.procedural.home import make_home
-from scenes.sweethome.catalogue.convert import convert, temperature
+from scenes.sweethome.catalogue.convert import convert
 from scenes.sweethome.catalogue.library import Unusable, read_library
 from scenes.sweethome.catalogue.properties import parse_properties
 from scenes.sweethome.furnishing.lamps import USUAL
@@ -234,7 +234,7 @@ def test_a_lamp_keeps_its_clear_shade_as_opal_glass(library: Path, tmp_path: Pat
 
 def test_colour_temperatures_of_black_bodies_are_their_own() -> None:
     for kelvin in (2400, 3000, 4000, 6500):
-        assert temperature(blackbody(kelvin)) == pytest.approx(kelvin, rel=0.04)
+        assert color_temperature(blackbody(kelvin)) == pytest.approx(kelvin, rel=0.04)
 
 
 def test_models_that_cannot_be_used_are_refused(library: Path, tmp_path: Path) -> None:
