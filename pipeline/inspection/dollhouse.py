@@ -30,8 +30,8 @@ from pipeline.tonemap import exposure_of, to_bytes
 from pipeline.views import View, as_matrix
 from scenes.color import encode_srgb
 from scenes.contract import Room, Scene, load_scene
-from scenes.formats.ply import write_ply
-from scenes.geometry.mesh import Mesh, read_ply
+from scenes.formats.ply import read_ply, write_ply
+from scenes.geometry.mesh import Mesh
 from scenes.seeds import derive
 
 _WIDTH = 640  # pixels

@@ -8,20 +8,18 @@ from pathlib import Path
 import numpy as np
 
 from scenes.errors import InputError
+from scenes.formats.obj import distinct_rows, read_obj
+from scenes.formats.ply import read_ply
+from scenes.formats.serialized import read_serialized
 from scenes.geometry import primitives
 from scenes.geometry.mesh import (
     Floats,
     Mesh,
     cleaned,
     creased,
-    obj_lines,
-    read_obj,
-    read_obj_parts,
-    read_ply,
-    read_serialized,
     smooth_normals,
 )
-from scenes.importing.mtl_materials import MtlLibrary, obj_parts
+from scenes.importing.mtl_materials import MtlLibrary
 from scenes.importing.names import Names
 from scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape, Surface
 from scenes.mitsuba.materials import Materials
@@ -179,9 +177,11 @@ class ShapeReader:
         path = self.scope.sandbox.find(properties.text("filename", ""), node.place)
         if path is None:
             return None
-        lines = obj_lines(path)
-        found = obj_parts(lines)
-        materials = [material for _, material in found.owners]
+        try:
+            found = read_obj(path)
+        except InputError as error:
+            raise InputError(f"{node.place}: {error}") from None
+        materials = [run.material for run in found.runs]
         wanted = properties.boolean("load_materials", True) and found.libraries
         if not any(materials) or not (wanted or named):
             return None
@@ -191,7 +191,9 @@ class ShapeReader:
         distinct = list(dict.fromkeys(materials))
         part_of = np.array([distinct.index(material) for material in materials])
         try:
-            parts = read_obj_parts(path, lines, part_of[found.part_of_face])
+            parts = {
+                part: found.mesh(faces) for part, faces in distinct_rows(part_of[found.run_of_face])
+            }
         except InputError as error:
             raise InputError(f"{node.place}: {error}") from None
         pieces: list[tuple[Mesh, str, Surface | None]] = []
@@ -269,7 +271,7 @@ class ShapeReader:
         if key not in self._cache:
             try:
                 if node.type == "obj":
-                    mesh = read_obj(path, flip_v)
+                    mesh = read_obj(path).mesh(flip_v=flip_v)
                 elif node.type == "ply":
                     mesh = read_ply(path)
                 else:

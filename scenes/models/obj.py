@@ -7,10 +7,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from scenes.errors import InputError
-from scenes.geometry.mesh import cleaned, creased, obj_lines, read_obj_parts
+from scenes.formats.obj import distinct_rows, read_obj
+from scenes.geometry.mesh import cleaned, creased
 from scenes.importing.changes import Changes
-from scenes.importing.mtl_materials import MtlLibrary, obj_parts
+from scenes.importing.mtl_materials import MtlLibrary
 from scenes.importing.names import Names
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import MAX_SHAPES, Shape
@@ -22,19 +25,21 @@ _CREASE = 44.0  # degrees: smooth up to this where a file brings no normals
 
 def read_model(path: Path, sandbox: Sandbox, textures: TextureStore, changes: Changes) -> Model:
     """All shapes of an OBJ file; `InputError` names what is damaged."""
-    lines = obj_lines(path)
-    found = obj_parts(lines)
-    for kind, count in found.lost.items():
+    found = read_obj(path)
+    for kind, count in found.without_faces.items():
         changes.note(f"{count} lines of kind {kind!r} (curves, points) were left out")
-    if not len(found.part_of_face):
+    if not len(found.sizes):
         raise InputError(f"{path}: an OBJ without faces")
-    if len(found.owners) > MAX_SHAPES:
+    parts = list(dict.fromkeys((run.owner, run.material) for run in found.runs))
+    if len(parts) > MAX_SHAPES:
         raise InputError(f"{path}: more than {MAX_SHAPES:,} parts; refused")
     library = MtlLibrary(path, sandbox, textures, changes)
     library.load(found.libraries)
     model, names = Model(kind="obj"), Names()
-    for part, mesh in read_obj_parts(path, lines, found.part_of_face).items():
-        owner, material = found.owners[part]
+    part_of_run = np.array([parts.index((run.owner, run.material)) for run in found.runs])
+    for part, faces in distinct_rows(part_of_run[found.run_of_face]):
+        owner, material = parts[part]
+        mesh = found.mesh(faces)
         finish = library.finish(material)
         mesh, dropped = cleaned(mesh, f"{path}: {owner or material}")
         if dropped:

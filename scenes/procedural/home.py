@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from scenes.contract import Credit, Light, Room, Scene, SceneObject, save_scene, writing_scene
+from scenes.formats.ply import write_ply
+from scenes.geometry.mesh import Mesh
 from scenes.params import Aspect, SceneParams
 from scenes.procedural.finishes import make_finishes
 from scenes.procedural.furnishing.asset_sampler import Shop, open_stock
@@ -31,7 +33,6 @@ from scenes.procedural.outdoors import build_outdoors
 from scenes.procedural.piece import Credit as Bought
 from scenes.procedural.piece import Part
 from scenes.procedural.plan import Plan, make_plan
-from scenes.procedural.ply import write_ply
 from scenes.procedural.scene_item import Thing
 from scenes.procedural.structure import build_structure
 from scenes.seeds import generator
@@ -156,7 +157,7 @@ def _write_shapes(
         for part in _merged(thing.parts, thing.id in lit):
             shape = f"{thing.id}.{len(ids)}"
             ids.append(shape)
-            write_ply(folder / "meshes" / f"{shape}.ply", part, library.tile(part.material))
+            write_ply(folder / "meshes" / f"{shape}.ply", _mesh(part, library.tile(part.material)))
             light = ""
             if part.lumens > 0:
                 glowing.append(shape)
@@ -184,6 +185,12 @@ def _write_shapes(
         if glowing:
             lights.append(Light(thing.id, "area", tuple(glowing), thing.room, round(lumens, 1)))
     return objects, lights, shapes
+
+
+def _mesh(part: Part, tile: float) -> Mesh:
+    """A part's mesh; its uvs, metres, become repeats of a texture of `tile` metres."""
+    # Facetted parts carry no normals; their shape asks Mitsuba for `face_normals`.
+    return Mesh(part.vertices, part.faces, part.normals if part.smooth else None, part.uvs / tile)
 
 
 def _merged(parts: Sequence[Part], lit: bool) -> list[Part]:

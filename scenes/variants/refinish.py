@@ -14,8 +14,8 @@ import shapely
 from shapely.geometry import Polygon
 
 from scenes.contract import Room, Scene, SceneObject
-from scenes.formats.ply import write_ply
-from scenes.geometry.mesh import Floats, Mesh, face_areas, read_ply
+from scenes.formats.ply import read_ply, write_ply
+from scenes.geometry.mesh import Floats, Mesh, face_areas
 from scenes.importing.xml_elements import prop
 from scenes.procedural.finishes import Finishes, RoomFinish, make_finishes
 from scenes.procedural.furniture.style import Style, make_style

@@ -22,9 +22,10 @@ from pipeline.render import raycast
 from pipeline.render.scene import open_scene, set_variant
 from scenes.contract import Scene
 from scenes.errors import InputError
-from scenes.geometry.mesh import face_areas, read_ply
+from scenes.formats.mtl import MtlMap, read_mtl
+from scenes.formats.ply import read_ply
+from scenes.geometry.mesh import face_areas
 from scenes.importing.changes import Changes
-from scenes.importing.mtl_materials import map_of
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.textures import TextureStore
 from scenes.models.gltf import read_gltf
@@ -519,6 +520,10 @@ def test_missing_libraries_and_textures_are_named(tmp_path: Path) -> None:
     (folder / "some thing.mtl").write_text(MTL)
     scene = import_scene(folder / "model.obj", tmp_path / "out")
     assert any("my ruler.png" in change for change in scene.changes)
+
+
+def map_of(line: str) -> MtlMap:
+    return read_mtl(f"newmtl a\n{line}\n".encode(), "a.mtl")["a"].maps["map_Kd"]
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,8 @@ from pipeline.stages.stages import run_scenes
 from scenes.color import REC709
 from scenes.contract import Scene, load_scene
 from scenes.files import digest_folder
-from scenes.geometry.mesh import Mesh, face_areas, read_ply
+from scenes.formats.ply import read_ply
+from scenes.geometry.mesh import Mesh, face_areas
 from scenes.params import SceneParams
 from scenes.photometry import blackbody
 from scenes.procedural.patterns import has_pattern

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from scenes.assets.index import INDEX, Asset, AssetPart, Index, Usable, load_asset, load_index
-from scenes.geometry.mesh import read_ply
+from scenes.formats.ply import read_ply
 from scenes.params import SceneParams
 from scenes.procedural.furnishing.asset_rules import WARES, Ware
 from scenes.procedural.piece import BoughtMaterial, Credit, Part, Piece, Surface

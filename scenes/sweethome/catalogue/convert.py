@@ -25,8 +25,8 @@ from scenes.errors import InputError
 from scenes.files import atomic_directory, digest_bytes
 from scenes.formats.archive import HomeArchive
 from scenes.formats.model_parts import Model, UnreadableModel
-from scenes.formats.ply import write_ply
-from scenes.geometry.mesh import Floats, Mesh, creased, read_ply
+from scenes.formats.ply import read_ply, write_ply
+from scenes.geometry.mesh import Floats, Mesh, creased
 from scenes.importing.changes import Changes
 from scenes.photometry import LUMEN, color_temperature
 from scenes.sweethome import home

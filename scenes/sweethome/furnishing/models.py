@@ -11,11 +11,11 @@ from scenes.formats.archive import HomeArchive
 from scenes.formats.collada import read_dae
 from scenes.formats.max3ds import read_3ds
 from scenes.formats.model_parts import Model, ModelMaterial, UnreadableModel
-from scenes.formats.obj_parts import read_mtl, read_obj
+from scenes.formats.mtl import MAX_MTL
+from scenes.formats.obj_model import read_model_materials, read_obj_model
 from scenes.importing.changes import Changes
 from scenes.sweethome.furnishing.missing import ABSENT
 
-_MAX_MTL = 4 * 2**20
 _SUFFIXES = (".obj", ".dae", ".3ds")  # of models in a zip; the first is preferred
 
 
@@ -59,11 +59,11 @@ def read_model(archive: HomeArchive, member: str, changes: Changes) -> Model:
             changes.note("material files of models are missing: {}", f"{name} of {member}")
             return {}
         try:
-            text = archive.read(found, _MAX_MTL).decode("utf-8", "replace")
+            data = archive.read(found, MAX_MTL)
+            return read_model_materials(data, found, lambda image: archive.beside(found, image))
         except InputError as error:
             changes.note("material files of models cannot be read: {}", str(error))
             return {}
-        return read_mtl(text, lambda image: archive.beside(found, image))
 
     def image(name: str) -> str | None:
         found = archive.beside(member, name)
@@ -72,7 +72,7 @@ def read_model(archive: HomeArchive, member: str, changes: Changes) -> Model:
         return found
 
     if kind == "OBJ":
-        return read_obj(data, library)
+        return read_obj_model(data, member, library)
     if kind == "COLLADA":
         return read_dae(data, image, lambda lost: changes.note(f"{lost}: {{}}", member))
     if kind == "3DS":

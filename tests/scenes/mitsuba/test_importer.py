@@ -20,7 +20,9 @@ from pipeline.cli import cli
 from pipeline.render.scene import set_variant
 from scenes.contract import Scene, load_scene
 from scenes.errors import InputError
-from scenes.geometry.mesh import Mesh, cleaned, creased, read_obj, read_ply, smooth_normals
+from scenes.formats.obj import read_obj
+from scenes.formats.ply import read_ply
+from scenes.geometry.mesh import Mesh, cleaned, creased, smooth_normals
 from scenes.geometry.primitives import cube, cylinder, disk, sphere
 from scenes.importing.textures import read_rgbe
 from scenes.mitsuba.spectra import spectrum_to_rgb
@@ -203,7 +205,7 @@ def test_primitives_face_where_their_normals_point(made: Mesh) -> None:
 def test_obj_polygons_negative_indices_and_absent_parts(tmp_path: Path) -> None:
     path = tmp_path / "p.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nf -4//1 -3//-1 -2//1 -1//1\n")
-    mesh = read_obj(path)
+    mesh = read_obj(path).mesh()
     assert mesh.faces.shape == (2, 3) and mesh.uvs is None
     assert np.allclose(mesh.normals, [0, 0, 1])
     areas = np.cross(*(mesh.corners[:, i] - mesh.corners[:, 0] for i in (1, 2)))[:, 2] / 2
@@ -225,7 +227,7 @@ def test_obj_corners_of_every_form_are_the_same_square(tmp_path: Path, faces: st
     path = tmp_path / "square.obj"
     tables = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvn 0 0 1\n"
     path.write_text(tables + faces)
-    mesh = read_obj(path, flip_v=False)
+    mesh = read_obj(path).mesh(flip_v=False)
     square = np.array([[[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]])
     assert np.array_equal(mesh.corners[..., :2], square)
     uniform = len({word.count("/") for word in faces.replace("f ", "").split()}) == 1

@@ -27,8 +27,8 @@ from scenes.assets.piece import CataloguePiece
 from scenes.contract import Room, Scene, SceneObject, load_scene, scene_folders
 from scenes.errors import InputError, MachineError
 from scenes.files import digest_folder
-from scenes.formats.ply import write_ply
-from scenes.geometry.mesh import Mesh, read_ply
+from scenes.formats.ply import read_ply, write_ply
+from scenes.geometry.mesh import Mesh
 from scenes.params import AssetParams, SceneParams
 from scenes.photometry import blackbody, color_temperature
 from scenes.procedural.furnishing.asset_sampler import open_stock

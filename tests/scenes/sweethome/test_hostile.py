@@ -17,7 +17,7 @@ from scenes.contract import Scene
 from scenes.errors import InputError, ParameterError
 from scenes.formats.archive import HomeArchive
 from scenes.formats.model_parts import UnreadableModel
-from scenes.formats.obj_parts import read_obj
+from scenes.formats.obj_model import read_obj_model
 from scenes.registry import import_scene
 from scenes.sweethome.building.cutouts import UnreadablePath, path_region
 from tests.fixtures import sweethome as draw
@@ -246,7 +246,7 @@ def test_bad_models_are_left_out_and_named(tmp_path: Path, data: str | bytes, wo
 def test_endless_polygons() -> None:
     text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf " + "1 2 3 " * 3000
     with pytest.raises(UnreadableModel, match="triangles"):
-        read_obj(text.encode(), lambda name: {})
+        read_obj_model(text.encode(), "ring.obj", lambda name: {})
 
 
 @pytest.mark.parametrize("data", [huge_png(), b"GIF89a", b"", b"\x89PNG\r\n\x1a\n" + bytes(50)])

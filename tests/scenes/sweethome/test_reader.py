@@ -14,7 +14,7 @@ from shapely.geometry import Point
 
 from scenes.contract import Scene
 from scenes.files import digest_folder
-from scenes.formats.obj_parts import read_mtl, read_obj
+from scenes.formats.obj_model import read_model_materials, read_obj_model
 from scenes.importing.categories import category_of, room_type
 from scenes.importing.changes import Changes
 from scenes.photometry import LUMEN
@@ -417,7 +417,7 @@ def test_views_look_where_the_camera_looks() -> None:
 
 
 def test_models_without_a_library_use_the_built_in_materials() -> None:
-    model = read_obj(draw.BOX.encode(), lambda name: {})
+    model = read_obj_model(draw.BOX.encode(), "box.obj", lambda name: {})
     (part,) = model.parts
     assert part.material.color == (0.5755, 0.2678, 0)
     assert len(part.mesh.faces) == 12
@@ -427,7 +427,7 @@ def test_models_without_a_library_use_the_built_in_materials() -> None:
 def test_concave_polygons_keep_their_area() -> None:
     # An L of area 3 in a tilted plane.
     ell = "v 0 0 0\nv 2 0 2\nv 2 1 2\nv 1 1 1\nv 1 2 1\nv 0 2 0\nf 1 2 3 4 5 6\n"
-    (part,) = read_obj(ell.encode(), lambda name: {}).parts
+    (part,) = read_obj_model(ell.encode(), "ell.obj", lambda name: {}).parts
     corners = part.mesh.corners
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert 0.5 * np.linalg.norm(cross, axis=1).sum() == pytest.approx(3 * math.sqrt(2))
@@ -436,9 +436,17 @@ def test_concave_polygons_keep_their_area() -> None:
 
 def test_mtl() -> None:
     text = "newmtl glass\nKd 1 1 1\nd 0.3\nnewmtl wood\nKd 0 0 0\nmap_Kd -s 1 1 1 C:\\a\\Oak.JPG\n"
-    made = read_mtl(text, lambda name: "3/oak.jpg" if name.lower().endswith("oak.jpg") else None)
+    found = {"Oak.JPG": "3/oak.jpg"}
+    made = read_model_materials(text.encode(), "a.mtl", lambda name: found.get(name[-7:]))
     assert made["glass"].opacity == 0.3
     assert made["wood"].image == "3/oak.jpg"
+
+
+def test_damaged_lines_of_an_mtl_leave_the_defaults() -> None:
+    data = b"newmtl a\nKd red\nNs nan\nd\nKs 0.5 0.5 0.5\n"
+    material = read_model_materials(data, "a.mtl", lambda name: None)["a"]
+    assert (material.color, material.exponent, material.opacity) == ((1, 1, 1), 0, 1)
+    assert material.highlight == 0.5
 
 
 def test_same_home_same_bytes(tmp_path: Path) -> None:
