@@ -217,8 +217,11 @@ def _table(rows: list[bytes], columns: int, least: int, place: str) -> Floats:
             values = [float(word) for word in row.split()[:columns]]
             table[number, : len(values)] = values
         return table
-    except ValueError as error:
-        raise InputError(f"{place}: a damaged line of numbers ({error})") from None
+    except ValueError:
+        word = next(word for row in rows for word in row.split()[:columns] if not _is_number(word))
+        raise InputError(
+            f"{place}: a damaged line of numbers: {_shown(word)} is not a number"
+        ) from None
 
 
 def _corners(found: _Lines, place: str) -> tuple[Ints, Ints]:
@@ -238,7 +241,7 @@ def _corners(found: _Lines, place: str) -> tuple[Ints, Ints]:
                 rows += [_corner(token, counts) for token in tokens]
             corners = np.array(rows, dtype=np.int64).reshape(-1, 3)
     except (ValueError, OverflowError) as error:
-        raise InputError(f"{place}: a damaged face ({error})") from None
+        raise InputError(f"{place}: a damaged corner of a face ({error})") from None
     return corners, sizes
 
 
@@ -273,6 +276,14 @@ def _corner(token: bytes, counts: tuple[int, ...]) -> list[int]:
             if parts[column] < 1:
                 raise ValueError(f"{_shown(token)} counts back too far")
     return parts
+
+
+def _is_number(word: bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def _shown(data: bytes) -> str:

@@ -20,7 +20,7 @@ from scenes.geometry.mesh import Floats
 from scenes.geometry.transforms import look_at
 from scenes.importing.changes import Changes
 from scenes.importing.daylight import ground
-from scenes.importing.objects import bounds_of, group_objects, room_type
+from scenes.importing.objects import bounds_of, group_objects, type_of_room
 from scenes.importing.panes import frosted_openings, is_flat, remove_panes
 from scenes.importing.sealing_shapes import filler_shape, part_of_building
 from scenes.importing.shape import Emitter, Shape
@@ -122,8 +122,8 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
         rooms=tuple(
             Room(
                 id=name,
-                name=f"{room_type(objects, name, draft.hint)} {index}",
-                type=room_type(objects, name, draft.hint if len(rooms) == 1 else ""),
+                name=f"{type_of_room(objects, name, draft.hint)} {index}",
+                type=type_of_room(objects, name, draft.hint if len(rooms) == 1 else ""),
                 floor=tuple((float(x), float(y)) for x, y in list(room.floor.exterior.coords)[:-1]),
                 floor_z=room.floor_z,
                 ceiling_z=room.ceiling_z,

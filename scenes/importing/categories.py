@@ -1,4 +1,4 @@
-"""What pieces and rooms are, from their names: the categories that all scene sources share.
+"""Categories of things and types of rooms by their names: one table for all scene sources.
 
 Names in homes are in any language; the catalogue's identifiers are mostly English, so both are
 read. Words of the large European languages are known, too.
@@ -9,82 +9,97 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Iterable
+from itertools import pairwise
 
-# The first category with a word that occurs; order matters ("bedside table" before "bed").
-_PIECES: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("rug", ("rug", "carpet", "tapis", "teppich", "alfombra", "tappeto")),
-    ("curtain", ("curtain", "curtains", "drape", "drapes", "blind", "blinds", "shutter", "rideau",
-                 "rideaux", "vorhang", "cortina", "tenda")),
+# The first category with a word that occurs; order matters ("bedside table" before "bed"). Words
+# are singular; two words of a name may be one here ("wash basin").
+_CATEGORIES: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("rug", ("rug", "carpet", "mat", "tapis", "teppich", "alfombra", "tappeto")),
+    ("curtain", ("curtain", "drape", "blind", "shutter", "rideau", "rideaux", "vorhang", "cortina",
+                 "tenda")),
     ("lamp", ("lamp", "light", "uplight", "downlight", "spotlight", "chandelier", "lantern",
               "sconce", "lampe", "lustre", "leuchte", "lampara", "lampada", "bulb")),
     ("wash basin", ("washbasin", "basin", "lavabo", "waschbecken", "lavandino", "lavatory")),
-    ("toilet", ("toilet", "wc", "bidet", "toilettes", "toilette", "inodoro", "urinal")),
-    ("bath", ("bath", "bathtub", "tub", "jacuzzi", "baignoire", "badewanne", "banera", "vasca")),
+    ("toilet", ("toilet", "wc", "bidet", "toilette", "inodoro", "urinal")),
     ("shower", ("shower", "douche", "dusche", "ducha", "doccia")),
+    ("towel rail", ("towelrail", "towelrack")),
+    ("bath", ("bath", "bathtub", "tub", "jacuzzi", "baignoire", "badewanne", "banera", "vasca")),
     ("washing machine", ("washer", "dryer", "laundry", "washingmachine", "waschmaschine",
                          "lavadora", "lavatrice")),
     ("dishwasher", ("dishwasher", "geschirrspuler", "lavastoviglie")),
-    ("microwave", ("microwave",)),
-    ("stove", ("cooker", "stove", "oven", "hob", "cooktop", "cuisiniere", "four",
-               "herd", "backofen", "cocina", "horno", "forno")),
+    ("microwave", ("microwave", "mikrowelle", "microonda")),
+    ("stove", ("cooker", "stove", "oven", "hob", "cooktop", "cuisiniere", "herd", "backofen",
+               "cocina", "horno", "forno")),
     ("extractor hood", ("hood", "hotte", "dunstabzug")),
     ("fridge", ("fridge", "refrigerator", "freezer", "frigo", "kuhlschrank", "nevera",
                 "frigorifero")),
-    ("sink", ("sink", "evier", "spule", "fregadero")),
+    ("sink", ("sink", "tap", "faucet", "evier", "spule", "fregadero")),
     ("night table", ("bedside", "nightstand", "nighttable", "chevet", "nachttisch", "comodino")),
     ("cushion", ("pillow", "cushion", "coussin", "oreiller", "kissen")),
-    ("bed", ("bed", "bunk", "mattress", "crib", "cradle", "lit", "bett", "cama", "letto")),
+    ("bed", ("bed", "bunk", "mattress", "duvet", "blanket", "headboard", "bedframe", "crib",
+             "cradle", "lit", "bett", "cama", "letto")),
     ("armchair", ("armchair", "fauteuil", "sessel", "sillon", "poltrona", "recliner")),
     ("sofa", ("sofa", "couch", "settee", "loveseat", "canape", "divano", "chaise")),
     ("stool", ("stool", "pouf", "tabouret", "hocker", "ottoman", "taburete", "sgabello")),
     ("bench", ("bench", "banc", "bank", "banco")),
-    ("chair", ("chair", "chairs", "seat", "stuhl", "silla", "sedia", "chaises")),
-    ("desk", ("desk", "workstation", "schreibtisch", "escritorio", "scrivania")),
-    ("picture", ("painting", "picture", "poster", "frame", "photo", "canvas", "tableau",
+    ("chair", ("chair", "seat", "seating", "stuhl", "silla", "sedia", "chaises")),
+    ("desk", ("desk", "workstation", "workplace", "schreibtisch", "escritorio", "scrivania")),
+    ("picture", ("painting", "picture", "poster", "photo", "canvas", "artwork", "tableau",
                  "bild", "cuadro", "quadro")),
     ("mirror", ("mirror", "miroir", "spiegel", "espejo", "specchio")),
-    ("tv stand", ("tvunit", "tvstand", "tvcabinet")),
+    ("tv stand", ("tvunit", "tvstand", "tvcabinet", "tvtable")),
     ("television", ("tv", "television", "fernseher", "televisor")),
     ("monitor", ("monitor", "screen", "imac")),
     ("laptop", ("laptop", "notebook", "macbook")),
     ("computer", ("computer", "keyboard", "printer", "ordinateur", "pc")),
     ("wardrobe", ("wardrobe", "closet", "armoire", "schrank", "kleiderschrank", "armario",
                   "armadio")),
-    ("bookshelf", ("bookcase", "bookshelf", "bibliotheque", "estanteria", "libreria")),
-    ("shelf", ("shelf", "shelves", "rack", "etagere", "regal", "scaffale")),
-    ("kitchen unit", ("kitchencabinet", "kitchenuppercabinet", "kitchenunit", "worktop",
-                      "counter", "countertop")),
-    ("chest", ("chest", "drawer", "drawers", "dresser", "commode", "kommode", "comoda")),
+    ("bookshelf", ("bookcase", "bookshelf", "bookshelve", "bibliotheque", "estanteria",
+                   "libreria")),
+    ("shelf", ("shelf", "shelve", "shelving", "rack", "etagere", "regal", "scaffale")),
+    ("kitchen unit", ("kitchencabinet", "kitchenuppercabinet", "kitchenunit", "kitchenset",
+                      "worktop", "counter", "countertop")),
+    ("chest", ("chest", "drawer", "dresser", "commode", "kommode", "comoda")),
     ("sideboard", ("sideboard", "buffet", "credenza")),
     ("cabinet", ("cabinet", "cupboard", "unit")),
-    ("table", ("table", "tables", "tisch", "mesa", "tavolo")),
-    ("books", ("book", "books", "magazine", "livre", "livres", "buch")),
-    ("plant", ("plant", "plants", "flower", "flowers", "tree", "bush", "bonsai", "cactus", "fern",
-               "palm", "plante", "fleur", "fleurs", "pflanze", "blume", "planta", "pianta",
-               "grass", "hedge")),
-    ("fireplace", ("fireplace", "chimney", "hearth", "cheminee", "kamin", "chimenea", "camino")),
+    ("table", ("table", "tisch", "mesa", "tavolo")),
+    ("books", ("book", "magazine", "livre", "buch", "bucher", "libro")),
+    ("vase", ("vase", "jarron", "vaso")),
+    ("plant", ("plant", "flower", "tree", "bush", "bonsai", "cactus", "fern", "palm", "leaf",
+               "leave", "branch", "stem", "soil", "dirt", "plante", "fleur", "pflanze", "blume",
+               "planta", "pianta", "grass", "hedge")),
+    ("fireplace", ("fireplace", "chimney", "hearth", "mantel", "cheminee", "kamin", "chimenea",
+                   "camino")),
     ("radiator", ("radiator", "heater", "radiateur", "heizkorper", "radiador")),
     ("piano", ("piano", "organ", "keyboardpiano", "klavier")),
-    ("stairs", ("stairs", "staircase", "stair", "stairway", "ladder", "steps", "escalier",
-                "treppe", "escalera", "scala")),
+    ("stairs", ("stair", "staircase", "stairway", "ladder", "step", "escalier", "treppe",
+                "escalera", "scala")),
     ("railing", ("railing", "banister", "balustrade", "fence", "rail", "handrail")),
-    ("vase", ("vase", "jarron", "vaso")),
     ("pot", ("pot", "pan")),
     ("kettle", ("kettle", "teapot")),
-    ("glass", ("glass", "wineglass", "bottle", "carafe")),
+    ("glass", ("glass", "wineglass", "bottle", "bottlecap", "decanter", "carafe")),
     ("bowl", ("bowl",)),
     ("crockery", ("cup", "mug", "plate", "cutlery", "dish", "fork", "knife", "spoon")),
     ("clock", ("clock", "horloge", "uhr", "reloj", "orologio")),
+    ("candle", ("candle", "candlestick", "bougie", "kerze")),
     ("vehicle", ("car", "bicycle", "motorcycle", "truck", "bike", "scooter")),
     ("person", ("woman", "man", "person", "mannequin", "boy", "girl", "human", "people", "child")),
     ("animal", ("dog", "cat", "bird", "horse", "fish")),
     ("toy", ("toy", "doll", "teddy", "ball", "game")),
-    ("instrument", ("guitar", "violin", "drum", "drums")),
+    ("instrument", ("guitar", "violin", "drum")),
     ("bin", ("basket", "bin", "trash", "dustbin", "hamper")),
+    ("box", ("box", "carton", "schachtel", "caja", "scatola")),
     ("switch", ("switch", "outlet", "socket", "plug")),
     ("door", ("door", "gate", "porte", "tur", "puerta", "porta", "garagedoor")),
-    ("window", ("window", "hatch", "fenetre", "fenster", "ventana", "finestra")),
+    ("window", ("window", "sash", "glazing", "hatch", "fenetre", "fenster", "ventana",
+                "finestra")),
 )  # fmt: skip
+CATEGORIES = tuple(category for category, _ in _CATEGORIES)
+_CATEGORY_OF = {
+    hint: (rank, category)
+    for rank, (category, hints) in reversed(list(enumerate(_CATEGORIES)))
+    for hint in (category.replace(" ", ""), *hints)
+}
 _DOORS = ("door", "doors", "gate", "porte", "tur", "puerta", "porta", "doorway", "doorframe",
           "garage")  # fmt: skip
 _BUILDING = ("stairs", "railing")
@@ -109,30 +124,38 @@ _TELLING = (
     ("bathroom", ("toilet", "bath", "shower")),
     ("bedroom", ("bed",)),
     ("kitchen", ("stove", "fridge")),
-    ("living", ("sofa", "television", "armchair")),
+    ("living", ("sofa", "television", "armchair", "fireplace")),
     ("study", ("desk",)),
     ("dining", ("table",)),
 )
 
 
-def category_of(kind: str, name: str, catalog_id: str, model: str = "") -> tuple[str, bool]:
-    """The category of a piece and whether it is part of the building.
+def category_of(*labels: str) -> str:
+    """The category that the first telling name has; "other" where none says anything."""
+    for label in labels:
+        ranked = [_CATEGORY_OF[word] for word in _words(label) if word in _CATEGORY_OF]
+        if ranked:
+            return min(ranked)[1]
+    return "other"
+
+
+def category_of_piece(kind: str, name: str, catalog_id: str, model: str = "") -> tuple[str, bool]:
+    """The category of a home's piece and whether it is part of the building.
 
     `kind` is the element's name; `model` a file name that may tell more.
     """
     identifier = catalog_id.rpartition("#")[2]
-    words = _words(identifier) | _words(name)
     if kind == "doorOrWindow":
+        words = _words(identifier) | _words(name)
         return ("door" if words & set(_DOORS) else "window"), True
     if kind == "light":
         return "lamp", False
     for text in (identifier, name, model):
-        found = _words(text)
-        if found & set(_WHOLE_BUILDING):
+        if _words(text) & set(_WHOLE_BUILDING):
             return "structure", True
-        for category, hints in _PIECES:
-            if found & set(hints):
-                return category, category in _BUILDING
+        category = category_of(text)
+        if category != "other":
+            return category, category in _BUILDING
     return "other", False
 
 
@@ -143,6 +166,10 @@ def room_type(name: str, things: Iterable[str]) -> str:
     for kind, hints in _ROOMS:
         if words & set(hints) or any(" " in hint and hint in plain for hint in hints):
             return kind
+    squeezed = "".join(re.findall(r"[a-z]+", plain))
+    for kind, _ in _ROOMS:
+        if kind in squeezed:
+            return kind
     inside = set(things)
     for kind, tells in _TELLING:
         if inside & set(tells):
@@ -151,11 +178,22 @@ def room_type(name: str, things: Iterable[str]) -> str:
 
 
 def _words(text: str) -> set[str]:
-    """Lower-case words without accents; humps and figures separate words, too."""
+    """Lower-case words without accents, pairs of neighbours as one word, and their singulars.
+
+    Humps and figures separate words, too.
+    """
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
-    words = {word for part in (text, spaced) for word in re.findall(r"[a-z]+", _plain(part))}
-    # "kitchen cabinet", "kitchenCabinet" and "kitchencabinet" are one word, too.
-    return words | {"".join(re.findall(r"[a-z]+", _plain(text)))}
+    found: set[str] = set()
+    for part in (text, spaced):
+        words = re.findall(r"[a-z]+", _plain(part))
+        found.update(words, map("".join, pairwise(words)), ["".join(words)])
+    return found | {one for word in found for one in _singulars(word)}
+
+
+def _singulars(word: str) -> tuple[str, ...]:
+    if len(word) < 4 or not word.endswith("s") or word.endswith("ss"):
+        return ()
+    return (word[:-1], word[:-2]) if word.endswith("es") else (word[:-1],)
 
 
 def _plain(text: str) -> str:

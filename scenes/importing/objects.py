@@ -11,6 +11,7 @@ from shapely.geometry import Polygon
 
 from scenes.contract import SceneObject
 from scenes.geometry.mesh import Floats, face_areas
+from scenes.importing.categories import category_of, room_type
 from scenes.importing.shape import Shape
 from scenes.reconstruction.rooms import FoundRoom
 
@@ -20,6 +21,8 @@ _TOUCHING = 0.02
 _NICHE = 0.8  # metres behind the room's outline (window bays) where a named thing is still in it
 _STANDING = (
     "sofa",
+    "armchair",
+    "stool",
     "chair",
     "desk",
     "table",
@@ -31,50 +34,8 @@ _STANDING = (
     "rug",
 )
 
-# The first category with a word in the shape's or the material's name.
-_WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("window", ("window", "sash", "glazing")),
-    ("door", ("door",)),
-    ("curtain", ("curtain", "drape", "blind", "shutter")),
-    ("lamp", ("lamp", "light", "bulb", "chandelier", "lantern", "sconce", "lustre")),
-    ("plant", ("plant", "leaf", "leaves", "branch", "branches", "dirt", "soil", "flower", "tree",
-               "stem", "grass", "fern")),
-    ("picture", ("painting", "picture", "poster", "canvas", "photo", "artwork")),
-    ("mirror", ("mirror",)),
-    ("sofa", ("sofa", "couch", "settee", "armchair")),
-    ("cushion", ("pillow", "cushion")),
-    ("chair", ("chair", "stool", "bench", "seat")),
-    ("desk", ("desk",)),
-    ("table", ("table",)),
-    ("bed", ("bed", "mattress", "duvet", "blanket", "headboard", "bedframe")),
-    ("wardrobe", ("wardrobe", "closet", "armoire")),
-    ("shelf", ("shelf", "shelves", "bookcase", "bookshelf")),
-    ("book", ("book", "books", "magazine")),
-    ("cabinet", ("cabinet", "cupboard", "drawer", "drawers", "dresser", "sideboard", "chest")),
-    ("rug", ("rug", "carpet", "mat")),
-    ("television", ("tv", "television", "monitor", "screen")),
-    ("fireplace", ("fireplace", "hearth", "mantel")),
-    ("toilet", ("toilet", "wc")),
-    ("bath", ("bath", "bathtub", "tub", "shower")),
-    ("sink", ("sink", "basin", "washbasin", "tap", "faucet")),
-    ("stove", ("stove", "oven", "hob", "cooker", "microwave")),
-    ("fridge", ("fridge", "refrigerator", "freezer")),
-    ("vase", ("vase",)),
-    ("bottle", ("bottle", "bottlecap", "decanter")),
-    ("glassware", ("glass", "wineglass", "cup", "mug", "plate", "bowl")),
-    ("clock", ("clock",)),
-)  # fmt: skip
 _WALL_WORDS = ("wall", "walls", "ceiling", "floor", "roof", "skirting", "baseboard", "beam",
                "molding", "moulding", "cornice", "plinth", "pillar", "column", "slab")  # fmt: skip
-# Which rooms certain things make, in order of how telling they are.
-_ROOM_TYPES = (
-    ("bathroom", ("toilet", "bath")),
-    ("bedroom", ("bed",)),
-    ("kitchen", ("stove", "fridge")),
-    ("living", ("sofa", "television", "fireplace")),
-    ("study", ("desk",)),
-    ("dining", ("table",)),
-)
 
 
 @dataclass(frozen=True)
@@ -84,19 +45,9 @@ class _Sample:
     area: float
 
 
-def category_of(shape: Shape) -> str:
-    """A guess from the names of the shape and of its material; "other" if they say nothing."""
-    return named_category(shape.name, shape.surface.name)
-
-
-def named_category(*labels: str) -> str:
-    """A guess from names, the first that says something; "other" if none does."""
-    for label in labels:
-        words = _words(label)
-        for category, hints in _WORDS:
-            if words & set(hints):
-                return category
-    return "other"
+def category_of_shape(shape: Shape) -> str:
+    """The category by the names of the shape and of its material."""
+    return category_of(shape.name, shape.surface.name)
 
 
 def group_objects(
@@ -107,7 +58,7 @@ def group_objects(
     categories = {
         shape.id: structure[shape.id]
         or ("lamp" if shape.emitter is not None else "")
-        or category_of(shape)
+        or category_of_shape(shape)
         for shape in shapes
     }
     objects = []
@@ -133,17 +84,10 @@ def group_objects(
     return tuple(objects)
 
 
-def room_type(objects: tuple[SceneObject, ...], room: str, hint: str) -> str:
+def type_of_room(objects: tuple[SceneObject, ...], room: str, hint: str) -> str:
     """The type of a room from the scene's name, else from what stands in it."""
-    words = _words(hint)
-    for kind in ("bathroom", "bedroom", "kitchen", "living", "study", "dining"):
-        if kind in words or kind in hint.lower().replace("-", "").replace("_", ""):
-            return kind
-    inside = {thing.category for thing in objects if thing.room == room and not thing.is_structure}
-    for kind, tells in _ROOM_TYPES:
-        if inside & set(tells):
-            return kind
-    return "other"
+    inside = [thing.category for thing in objects if thing.room == room and not thing.is_structure]
+    return room_type(hint, inside)
 
 
 def structural_kind(shape: Shape, rooms: list[FoundRoom]) -> str:
@@ -153,7 +97,7 @@ def structural_kind(shape: Shape, rooms: list[FoundRoom]) -> str:
     """
     sample = _sample(shape)
     low, high = shape.mesh.bounds
-    if category_of(shape) not in ("other", "window", "door") and any(
+    if category_of_shape(shape) not in ("other", "window", "door") and any(
         room.holds(0.5 * (low + high), _NICHE) for room in rooms
     ):
         return ""

@@ -20,6 +20,7 @@ import shapely
 from scenes.contract import SceneObject
 from scenes.errors import InputError
 from scenes.geometry.mesh import Floats, Mesh
+from scenes.importing.categories import category_of
 from scenes.importing.changes import Changes
 from scenes.importing.objects import bounds_of, room_of
 from scenes.importing.shape import Shape
@@ -35,42 +36,7 @@ _CATEGORIES = "ModelCategoryMappingNewActive.csv"
 _WALLPAPER = "wallp_0.jpg"
 _NODE = re.compile(r"(?P<kind>[A-Za-z]+)#(?P<rest>[\w#]+?)_mesh")
 _MODEL = re.compile(r"(?P<id>(?:s__)?\d+)(?:_\d+)?")
-_OWN_WORDS = {
-    "armchair": "chair",
-    "refrigerator": "fridge",
-    "fridge": "fridge",
-    "stove": "stove",
-    "range_oven": "stove",
-    "range_oven_with_hood": "stove",
-    "microwave": "stove",
-    "television": "television",
-    "tv": "television",
-    "wardrobe_cabinet": "wardrobe",
-    "shelving": "shelf",
-    "indoor_lamp": "lamp",
-    "outdoor_lamp": "lamp",
-    "kitchen_cabinet": "cabinet",
-    "hanging_kitchen_cabinet": "cabinet",
-    "shoes_cabinet": "cabinet",
-    "stand": "cabinet",
-    "tv_stand": "cabinet",
-    "dresser": "cabinet",
-    "kitchen_set": "cabinet",
-    "dressing_table": "table",
-    "table_and_chair": "table",
-    "workplace": "desk",
-    "bench_chair": "chair",
-    "ottoman": "chair",
-    "outdoor_seating": "chair",
-    "storage_bench": "chair",
-    "bathtub": "bath",
-    "shower": "bath",
-    "picture_frame": "picture",
-    "pillow": "cushion",
-    "books": "book",
-    "magazines": "book",
-    "garage_door": "door",
-}  # fine or coarse class of the release -> the word that other sources use
+_CLASSES = {"stand": "cabinet", "table_and_chair": "table", "mailbox": "other"}  # that mislead
 
 
 @dataclass(frozen=True)
@@ -343,8 +309,8 @@ def _parts(
     known = release.classes.get(thing.model)
     if known is None:
         return [(thing.node, "other", False, members)]
-    word = _OWN_WORDS.get(known.fine) or _OWN_WORDS.get(known.coarse) or known.coarse
-    return [(thing.node, word, known.structure, members)]
+    category = _CLASSES.get(known.fine) or category_of(known.fine, known.coarse)
+    return [(thing.node, category, known.structure, members)]
 
 
 def _cameras(folder: Path, changes: Changes) -> tuple[ReleaseCamera, ...]:

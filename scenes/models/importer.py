@@ -19,10 +19,11 @@ from scenes.contract import Credit, Scene, SceneObject, load_scene, writing_scen
 from scenes.errors import InputError
 from scenes.geometry.mesh import Floats
 from scenes.importing.assembly import Camera, Draft, assemble, moved
+from scenes.importing.categories import category_of
 from scenes.importing.changes import Changes
 from scenes.importing.credits import find_credit
 from scenes.importing.daylight import daylight
-from scenes.importing.objects import bounds_of, named_category, room_of, structural_kind
+from scenes.importing.objects import bounds_of, room_of, structural_kind
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import Emitter, Shape
 from scenes.importing.textures import TextureStore, UnreadableImage
@@ -44,7 +45,19 @@ _LARGEST_GUESS = 60.0  # up to which a thing without a room may well be in metre
 _LEAST_SCENE, _LARGEST_SCENE = 1.5, 200.0  # metres, of what may hold rooms
 _UNITS = {1.0: "metres", 0.01: "centimetres", 0.0254: "inches", 0.001: "millimetres"}
 _TOUCHING = 0.02  # metres
-_JOINED = ("table", "desk", "bed", "wardrobe", "shelf", "cabinet", "plant", "sofa")
+_JOINED = (
+    "table",
+    "desk",
+    "bed",
+    "wardrobe",
+    "shelf",
+    "bookshelf",
+    "cabinet",
+    "chest",
+    "plant",
+    "sofa",
+    "armchair",
+)
 _Y = np.array([0.0, 1.0, 0.0])
 # Emission is candela per square metre, but many files mean "as bright as white paper" by 1.
 _DISPLAY_LIKE = 50.0  # a file whose brightest surface stays below this is one of those
@@ -297,7 +310,7 @@ def _objects(
     groups: dict[str, list[Shape]] = {}
     kinds: dict[str, tuple[str, str, bool]] = {}  # category, name, is structure
     reach = _reach(owners)
-    whole = named_category(alone)
+    whole = category_of(alone)
     for shape in shapes:
         names = owners.get(shape.id, ())
         part = bool(alone) and shape.id in own
@@ -380,12 +393,12 @@ def _owner(
     else of the innermost."""
     for depth in range(1, len(names) + 1):
         label = names[depth - 1].partition(":")[2]
-        category = named_category(label)
+        category = category_of(label)
         if category != "other" and (reach[names[:depth]] < total or depth == len(names)):
             return "/".join(names[:depth]), category, label
     label = names[-1].partition(":")[2] if names else shape.name
     key = "/".join(names) if names else shape.id
-    return key, named_category(shape.name, shape.surface.name), label or shape.name
+    return key, category_of(shape.name, shape.surface.name), label or shape.name
 
 
 def _renamed(shape: Shape, taken: set[str]) -> Shape:

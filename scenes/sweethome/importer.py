@@ -20,7 +20,7 @@ from scenes.errors import InputError
 from scenes.formats.archive import HomeArchive
 from scenes.formats.model_parts import UnreadableModel
 from scenes.geometry.mesh import Floats
-from scenes.importing.categories import category_of, room_type
+from scenes.importing.categories import category_of_piece, room_type
 from scenes.importing.changes import Changes
 from scenes.importing.textures import TextureStore
 from scenes.sweethome.building.levels import Storey, storeys
@@ -230,7 +230,7 @@ def _furnish(
             if min(piece.width, piece.height, piece.depth) <= 0:
                 changes.note("pieces without size were left out: {}", piece.name or piece.id)
                 continue
-            category, is_structure = category_of(
+            category, is_structure = category_of_piece(
                 piece.kind, piece.name, piece.catalog_id, piece.model or ""
             )
             elevation = level.storey.elevation
@@ -355,7 +355,7 @@ def _portals(
                     continue
                 room = sides[0] or sides[1]
                 outward = way.normal if sides[0] is None else -way.normal
-                kind, _ = category_of(
+                kind, _ = category_of_piece(
                     opening.piece.kind, opening.piece.name, opening.piece.catalog_id
                 )
                 polygon = way.polygon if sides[0] is None else way.polygon[::-1]

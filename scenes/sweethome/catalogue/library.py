@@ -10,7 +10,7 @@ from pathlib import Path
 from scenes.assets.piece import CataloguePiece, LightSource, OpeningRule
 from scenes.errors import InputError
 from scenes.formats.archive import HomeArchive
-from scenes.importing.categories import category_of
+from scenes.importing.categories import category_of_piece
 from scenes.sweethome.catalogue.properties import parse_properties
 from scenes.sweethome.credits import licence_in
 
@@ -150,7 +150,7 @@ def _piece(row: _Row, key: str, archive: HomeArchive, licence: str) -> Catalogue
         id=identifier,
         name=name,
         group=row.text("category"),
-        category=category_of(kind, name, identifier, model.rpartition("/")[2])[0],
+        category=category_of_piece(kind, name, identifier, model.rpartition("/")[2])[0],
         tags=tuple(tag for part in row.text("tags").split(",") if (tag := part.strip())),
         creator=row.text("creator") or "unknown",
         licence=_licence(_own_licence(archive, model), licence),

@@ -15,7 +15,7 @@ from shapely.geometry import Point
 from scenes.contract import Scene
 from scenes.files import digest_folder
 from scenes.formats.obj_model import read_model_materials, read_obj_model
-from scenes.importing.categories import category_of, room_type
+from scenes.importing.categories import category_of_piece, room_type
 from scenes.importing.changes import Changes
 from scenes.photometry import LUMEN
 from scenes.reconstruction.raycast import RayCaster
@@ -383,13 +383,16 @@ def test_lamp_lumens() -> None:
 
 
 def test_categories_and_rooms() -> None:
-    assert category_of("pieceOfFurniture", "Table de chevet", "eTeks#bedsideTable") == (
+    assert category_of_piece("pieceOfFurniture", "Table de chevet", "eTeks#bedsideTable") == (
         "night table", False)  # fmt: skip
-    assert category_of("pieceOfFurniture", "Kitchen cabinet", "eTeks#kitchenCabinet")[0] == (
+    assert category_of_piece("pieceOfFurniture", "Kitchen cabinet", "eTeks#kitchenCabinet")[0] == (
         "kitchen unit")  # fmt: skip
-    assert category_of("pieceOfFurniture", "Canapé", "Someone#123") == ("sofa", False)
-    assert category_of("doorOrWindow", "Front door", "eTeks#frontDoor") == ("door", True)
-    assert category_of("doorOrWindow", "Round window", "eTeks#roundWindow") == ("window", True)
+    assert category_of_piece("pieceOfFurniture", "Canapé", "Someone#123") == ("sofa", False)
+    assert category_of_piece("doorOrWindow", "Front door", "eTeks#frontDoor") == ("door", True)
+    assert category_of_piece("doorOrWindow", "Round window", "eTeks#roundWindow") == (
+        "window",
+        True,
+    )
     assert room_type("Salle de bains", []) == "bathroom"
     assert room_type("Bedroom #2", []) == "bedroom"
     assert room_type("", ["sofa", "table"]) == "living"
