@@ -7,7 +7,6 @@ import sys
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +16,7 @@ from pipeline.passes.groundtruth import Truth
 from pipeline.render.scene import RenderScene, open_scene
 from pipeline.stages.stages import run_cameras, run_scenes
 from pipeline.views import View, as_matrix, intrinsics_of, load_cameras
+from scenes.arrays import AnyArray, Float64Array
 from scenes.contract import load_scene, scene_folders
 from scenes.files import write_text
 
@@ -123,7 +123,7 @@ def python(*words: str) -> None:
         raise RuntimeError(f"{' '.join(words)} failed:\n{done.stderr[-2000:]}")
 
 
-def pixels(truth: Truth) -> npt.NDArray[np.float64]:
+def pixels(truth: Truth) -> Float64Array:
     """The image of a truth, (H, W, 3)."""
     return np.stack([truth[0][band] for band in "RGB"], axis=-1).astype(np.float64)
 
@@ -148,6 +148,6 @@ class Reference:
         error is taken off."""
         return max(self._squares(np.asarray(image, np.float64), self.image) - self.own, 1e-12)
 
-    def _squares(self, first: npt.NDArray[Any], second: npt.NDArray[Any]) -> float:
+    def _squares(self, first: AnyArray, second: AnyArray) -> float:
         apart = np.minimum(first, self.limit) - np.minimum(second, self.limit)
         return float(np.mean(apart**2)) / self.scale

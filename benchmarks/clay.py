@@ -16,11 +16,11 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-import numpy.typing as npt
 
 from pipeline.pathtrace.light_pilot import panes_of
 from pipeline.render.scene import RenderScene
 from pipeline.views import View
+from scenes.arrays import Float64Array
 from scenes.contract import Light, Portal, Scene, load_scene, save_scene, writing_scene
 from scenes.files import write_json
 from scenes.formats.ply import write_ply
@@ -97,7 +97,7 @@ def _description(
 def windows_of(portals: tuple[Portal, ...]) -> list[list[list[float]]]:
     """Rectangles around the portals: a corner, its two neighbours, the normal that points in."""
     panes = panes_of(portals)
-    rows: list[list[npt.NDArray[np.float64]]] = [
+    rows: list[list[Float64Array]] = [
         [corner, corner + first, corner + second, -normal]
         for corner, first, second, normal in zip(
             panes.corner, *panes.edges, panes.normal, strict=True

@@ -32,17 +32,17 @@ from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
 import numpy as np
-import numpy.typing as npt
 import OpenEXR
 
 from pipeline.params import Params
 from pipeline.views import View
+from scenes.arrays import AnyArray, Float32Array
 from scenes.checked import plain
 from scenes.errors import InputError, MachineError
 from scenes.files import atomic_file, digest_bytes
 
 Kind = Literal["inputs", "illumination", "visibility", "shading", "color", "noisy"]
-Channels = dict[str, npt.NDArray[Any]]
+Channels = dict[str, AnyArray]
 
 RGB = ("R", "G", "B")
 TINT = ("tint.R", "tint.G", "tint.B")
@@ -77,12 +77,12 @@ class Frame:
     channels: Channels
     meta: dict[str, Any]
 
-    def stack(self, *names: str) -> npt.NDArray[np.float32]:
+    def stack(self, *names: str) -> Float32Array:
         """Several channels as float32 (H, W, len(names))."""
         return np.stack([self.channels[name].astype(np.float32) for name in names], axis=-1)
 
     @property
-    def rgb(self) -> npt.NDArray[np.float32]:
+    def rgb(self) -> Float32Array:
         """`R`, `G`, `B` as float32 (H, W, 3)."""
         return self.stack(*RGB)
 

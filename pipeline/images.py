@@ -17,23 +17,23 @@ from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
 from pipeline.tonemap import Exposure, to_bytes, tonemap
+from scenes.arrays import FloatingArray, UInt8Array
 from scenes.color import encode_srgb
 
-Picture = npt.NDArray[np.uint8]
-Array = npt.NDArray[np.floating]
+Picture = UInt8Array
 
 _CHUNK = "pbrnet"  # of a PNG: what the picture shows
 NOTHING = np.array([38, 38, 42], dtype=np.uint8)  # where there is no surface or no light
 
 
-def color_map(values: Array, low: float, high: float, name: str = "viridis") -> Picture:
+def color_map(values: FloatingArray, low: float, high: float, name: str = "viridis") -> Picture:
     """Scalars (H, W) through one of matplotlib's colour maps, `low` to `high`."""
     span = high - low if high > low else 1.0
     unit = np.clip((np.asarray(values, dtype=np.float64) - low) / span, 0, 1)
     return to_bytes(matplotlib.colormaps[name](unit)[..., :3])
 
 
-def depth_picture(depth: Array, valid: npt.NDArray[np.generic] | None = None) -> Picture:
+def depth_picture(depth: FloatingArray, valid: npt.NDArray[np.generic] | None = None) -> Picture:
     """Depth (H, W), metres, logarithmic: near is bright, far is violet, no surface is grey."""
     depth = np.asarray(depth, dtype=np.float64)
     there = depth > 0 if valid is None else np.asarray(valid) > 0
@@ -48,7 +48,7 @@ def depth_picture(depth: Array, valid: npt.NDArray[np.generic] | None = None) ->
     return picture
 
 
-def normal_picture(normal: Array, valid: npt.NDArray[np.generic] | None = None) -> Picture:
+def normal_picture(normal: FloatingArray, valid: npt.NDArray[np.generic] | None = None) -> Picture:
     """Unit normals (H, W, 3) in camera axes: red right, green up, blue towards the camera."""
     normal = np.asarray(normal, dtype=np.float32)
     there = (normal != 0).any(axis=-1) if valid is None else np.asarray(valid) > 0
@@ -57,12 +57,12 @@ def normal_picture(normal: Array, valid: npt.NDArray[np.generic] | None = None) 
     return picture
 
 
-def reflectance_picture(reflectance: Array) -> Picture:
+def reflectance_picture(reflectance: FloatingArray) -> Picture:
     """Linear reflectance (H, W, 3) in [0, 1]."""
     return to_bytes(encode_srgb(np.clip(np.asarray(reflectance, dtype=np.float32), 0, 1)))
 
 
-def intensity_picture(intensity: Array, decades: float = 4.0) -> Picture:
+def intensity_picture(intensity: FloatingArray, decades: float = 4.0) -> Picture:
     """Panorama luminance (h, w), logarithmic over the `decades` below its maximum."""
     intensity = np.asarray(intensity, dtype=np.float64)
     top = float(intensity.max(initial=0.0))
@@ -76,12 +76,12 @@ def intensity_picture(intensity: Array, decades: float = 4.0) -> Picture:
     return picture
 
 
-def distance_picture(distance: Array) -> Picture:
+def distance_picture(distance: FloatingArray) -> Picture:
     """Panorama distance (h, w), metres to the light source: near is bright, none is grey."""
     return depth_picture(distance)
 
 
-def tint_picture(tint: Array) -> Picture:
+def tint_picture(tint: FloatingArray) -> Picture:
     """Colours of light (h, w, 3), of luminance 1, each as bright as can be; none is grey."""
     tint = np.asarray(tint, dtype=np.float32)
     strongest = tint.max(axis=-1, keepdims=True)
@@ -90,17 +90,17 @@ def tint_picture(tint: Array) -> Picture:
     return picture
 
 
-def share_picture(share: Array) -> Picture:
+def share_picture(share: FloatingArray) -> Picture:
     """Shares (H, W) in [0, 1]: 0 is black, 1 is white."""
     return to_bytes(np.repeat(np.asarray(share, dtype=np.float32)[..., None], 3, axis=-1))
 
 
-def tone_picture(image: Array, exposure: Exposure) -> Picture:
+def tone_picture(image: FloatingArray, exposure: Exposure) -> Picture:
     """Linear HDR (H, W, 3) through the photographic operator."""
     return to_bytes(tonemap(image, exposure))
 
 
-def error_picture(error: Array, high: float = 1.0) -> Picture:
+def error_picture(error: FloatingArray, high: float = 1.0) -> Picture:
     """Errors (H, W), 0 to `high`: dark is right, bright is wrong."""
     return color_map(error, 0.0, high, "magma")
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from pipeline.params import ToneParams
+from scenes.arrays import Float32Array, FloatingArray, UInt8Array
 from scenes.color import decode_srgb, encode_srgb, luminance
 
-Image = npt.NDArray[np.floating]
+Image = FloatingArray
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def _block_means(values: Image, side: int = 8) -> Image:
     return sums / np.outer(heights, widths)
 
 
-def tonemap(image: Image, exposure: Exposure) -> npt.NDArray[np.float32]:
+def tonemap(image: Image, exposure: Exposure) -> Float32Array:
     """Linear HDR (..., 3) to display values: compressed, sRGB-encoded, float32 in [0, 1]."""
     scaled = np.maximum(np.asarray(image, dtype=np.float32), 0) * np.float32(exposure.scale)
     lum = luminance(scaled)[..., None]
@@ -64,7 +64,7 @@ def tonemap(image: Image, exposure: Exposure) -> npt.NDArray[np.float32]:
     return encode_srgb(np.clip(scaled * factor, 0, 1))
 
 
-def untonemap(display: Image, exposure: Exposure) -> npt.NDArray[np.float32]:
+def untonemap(display: Image, exposure: Exposure) -> Float32Array:
     """The inverse of `tonemap` up to its clipping: display values to linear HDR, float32."""
     compressed = decode_srgb(np.clip(np.asarray(display, dtype=np.float32), 0, 1))
     lum = luminance(compressed)[..., None].astype(np.float64)
@@ -76,6 +76,6 @@ def untonemap(display: Image, exposure: Exposure) -> npt.NDArray[np.float32]:
     return (compressed * ratio / exposure.scale).astype(np.float32)
 
 
-def to_bytes(display: Image) -> npt.NDArray[np.uint8]:
+def to_bytes(display: Image) -> UInt8Array:
     """Display values in [0, 1] to 8 bits."""
     return np.clip(np.rint(np.asarray(display) * 255), 0, 255).astype(np.uint8)

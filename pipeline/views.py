@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from pipeline.params import ImageParams
+from scenes.arrays import Float64Array
 from scenes.checked import build, plain
 from scenes.errors import InputError
 from scenes.files import read_json, write_json
 
 Matrix = tuple[tuple[float, ...], ...]
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -52,17 +51,17 @@ class View:
             raise ValueError(f"{where}.K: focal lengths must be positive")
 
     @property
-    def pose(self) -> FloatArray:
+    def pose(self) -> Float64Array:
         """`camera_to_world` as float64 (4, 4)."""
         return np.array(self.camera_to_world, dtype=np.float64)
 
     @property
-    def intrinsics(self) -> FloatArray:
+    def intrinsics(self) -> Float64Array:
         """`K` as float64 (3, 3)."""
         return np.array(self.K, dtype=np.float64)
 
     @property
-    def eye(self) -> FloatArray:
+    def eye(self) -> Float64Array:
         """Camera position in the world, metres, float64 (3,)."""
         return self.pose[:3, 3]
 
@@ -78,7 +77,7 @@ class CameraFile:
     fingerprint: str = ""
 
 
-def look(eye: Any, towards: Any, up: Any = (0.0, 0.0, 1.0)) -> FloatArray:
+def look(eye: Any, towards: Any, up: Any = (0.0, 0.0, 1.0)) -> Float64Array:
     """`camera_to_world` (4, 4) of a camera at `eye` that looks along `towards`, OpenCV axes."""
     forward = np.asarray(towards, dtype=np.float64)
     forward = forward / np.linalg.norm(forward)
@@ -90,7 +89,7 @@ def look(eye: Any, towards: Any, up: Any = (0.0, 0.0, 1.0)) -> FloatArray:
     return pose
 
 
-def intrinsics_of(image: ImageParams) -> FloatArray:
+def intrinsics_of(image: ImageParams) -> Float64Array:
     """`K` (3, 3) in pixels with square pixels: the half-angle in x fixes the focal length."""
     focal = 0.5 * image.width / math.tan(image.half_fov_x)
     return np.array(
@@ -98,7 +97,7 @@ def intrinsics_of(image: ImageParams) -> FloatArray:
     )
 
 
-def as_matrix(array: FloatArray) -> Matrix:
+def as_matrix(array: Float64Array) -> Matrix:
     """A 2-D array as nested tuples of Python floats."""
     return tuple(tuple(float(value) for value in row) for row in array)
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
+
+from scenes.arrays import AnyArray
 
 Color = tuple[float, float, float]  # linear Rec. 709 RGB
 REC709 = np.array([0.2126, 0.7152, 0.0722])  # luminance of linear RGB
@@ -16,7 +15,7 @@ XYZ_TO_RGB = np.array(  # CIE XYZ to linear Rec. 709 RGB (ITU-R BT.709, D65)
         [0.0556434, -0.2040259, 1.0572252],
     ]
 )
-Image = npt.NDArray[Any]  # any floating dtype
+Image = AnyArray  # any floating dtype
 
 
 def luminance(image: Image) -> Image:

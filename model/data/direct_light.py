@@ -8,13 +8,13 @@ tell: bounces, lamps hidden from the camera, and shadows, but for those that the
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from model.data.reader import Array, Example
+from model.data.reader import Example
 from pipeline.passes.panorama_lights import sources, unshadowed
+from scenes.arrays import AnyArray, Float32Array
 
 
-def direct_shading(example: Example, albedo: float) -> npt.NDArray[np.float32]:
+def direct_shading(example: Example, albedo: float) -> Float32Array:
     """Radiance of a grey matte copy of the view under its panorama's sources, (H, W, 3).
 
     What `surface_light` says, and added to it what a pixel sees of the sources themselves, which
@@ -24,7 +24,7 @@ def direct_shading(example: Example, albedo: float) -> npt.NDArray[np.float32]:
     return surface_light(example, albedo) + seen_sources(panorama_radiance(example), directions)
 
 
-def surface_light(example: Example, albedo: float) -> npt.NDArray[np.float32]:
+def surface_light(example: Example, albedo: float) -> Float32Array:
     """Radiance (H, W, 3) that surfaces of the reflectance `albedo` return.
 
     With the shadows of the view's `visibility`, without any where it is not known.
@@ -39,20 +39,20 @@ def surface_light(example: Example, albedo: float) -> npt.NDArray[np.float32]:
     return lit if example.visibility is None else lit * example.visibility[..., None]
 
 
-def panorama_radiance(example: Example) -> npt.NDArray[np.float32]:
+def panorama_radiance(example: Example) -> Float32Array:
     """Linear RGB (h, w, 3) of a panorama's sources; grey where their colour is not known."""
     tint = np.ones(3, np.float32) if example.tint is None else example.tint
     return np.asarray(example.intensity[..., None] * tint, dtype=np.float32)
 
 
-def pixel_directions(intrinsics: Array, shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
+def pixel_directions(intrinsics: AnyArray, shape: tuple[int, ...]) -> Float32Array:
     """Camera rays (H, W, 3) through the pixel centres, scaled to z = 1."""
     y, x = np.mgrid[: shape[0], : shape[1]] + 0.5
     pixels = np.stack([x, y, np.ones_like(x)], axis=-1)
     return np.asarray(pixels @ np.linalg.inv(intrinsics).T, dtype=np.float32)
 
 
-def seen_sources(panorama: Array, directions: Array) -> npt.NDArray[np.float32]:
+def seen_sources(panorama: AnyArray, directions: AnyArray) -> Float32Array:
     """What the panorama's nearest pixel holds, along directions (H, W, 3) of any length.
 
     `panorama` is (h, w) or (h, w, 3), and so is the result, (H, W) or (H, W, 3).
@@ -66,7 +66,7 @@ def seen_sources(panorama: Array, directions: Array) -> npt.NDArray[np.float32]:
     return np.asarray(panorama[row, column], dtype=np.float32)
 
 
-def _irradiance(points: Array, normals: Array, places: Array, power: Array) -> Array:
+def _irradiance(points: AnyArray, normals: AnyArray, places: AnyArray, power: AnyArray) -> AnyArray:
     """Irradiance (P, 3) at points (P, 3) with unit normals from point sources, unshadowed."""
     irradiance = np.zeros((len(points), 3), np.float32)
     for some, brought in unshadowed(points, normals, places):

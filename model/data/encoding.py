@@ -15,13 +15,14 @@ import numpy as np
 import torch
 
 from model.data.direct_light import panorama_radiance, pixel_directions, seen_sources, surface_light
-from model.data.reader import Array, Example
+from model.data.reader import Example
 from pipeline.params import ToneParams
 from pipeline.tonemap import Exposure, exposure_of, tonemap
+from scenes.arrays import AnyArray
 from scenes.color import encode_srgb, luminance
 from scenes.errors import InputError
 
-Value = TypeVar("Value", Array, torch.Tensor)
+Value = TypeVar("Value", AnyArray, torch.Tensor)
 Policy = Literal["own", "shared"]
 Tensors = dict[str, torch.Tensor]
 
@@ -107,7 +108,7 @@ def color_exposure(example: Example, policy: Policy) -> Exposure:
     return example.exposure_shading if policy == "shared" else example.exposure_color
 
 
-def see_through(example: Example, grey: float) -> Array:
+def see_through(example: Example, grey: float) -> AnyArray:
     """Reflectance with `grey` where there is no surface, float32 (H, W, 3).
 
     What is seen through a window looks alike in shading and in colour, as a surface does whose
@@ -116,7 +117,7 @@ def see_through(example: Example, grey: float) -> Array:
     return np.where(example.valid[..., None], example.reflectance, np.float32(grey))
 
 
-def interreflection(example: Example) -> Array:
+def interreflection(example: Example) -> AnyArray:
     """How much more light than a room of `GREY` this one holds by its bounces, (1, 1, 3).
 
     Light that a surface passes on meets the next: of reflectance m each time, with `RETURNED` of
@@ -130,7 +131,7 @@ def interreflection(example: Example) -> Array:
     return gain.astype(np.float32).reshape(1, 1, 3)
 
 
-def light_color(lit: Array) -> Array:
+def light_color(lit: AnyArray) -> AnyArray:
     """The mean colour of direct light (H, W, 3) on surfaces: linear RGB of luminance 1, (1, 1, 3).
 
     White in the dark. No band is below `FAINTEST`, so that light can be divided by it.
@@ -146,29 +147,29 @@ def centred(display: Value) -> Value:
     return 2 * display - 1
 
 
-def to_image(batch: torch.Tensor) -> Array:
+def to_image(batch: torch.Tensor) -> AnyArray:
     """The first of (N, 3, H, W) network outputs as display values float32 (H, W, 3), [0, 1]."""
     return batch[0].detach().float().clamp(0, 1).permute(1, 2, 0).cpu().numpy()
 
 
-def to_batch(image: Array) -> torch.Tensor:
+def to_batch(image: AnyArray) -> torch.Tensor:
     """An image (H, W, 3) as (1, 3, H, W): `to_image` backwards."""
     return _stack([image])
 
 
-def solid_angles(height: int, width: int) -> Array:
+def solid_angles(height: int, width: int) -> AnyArray:
     """Steradians of each pixel of an equirectangular image, float32 (height, 1)."""
     edges = np.cos(np.linspace(0, np.pi, height + 1))
     return ((edges[:-1] - edges[1:]) * (2 * np.pi / width)).astype(np.float32)[:, None]
 
 
-def _depth(example: Example) -> Array:
+def _depth(example: Example) -> AnyArray:
     log = np.log(np.clip(example.depth, NEAR, FAR) / MIDDLE)
     valid = example.valid.astype(np.float32)
     return np.stack([log * valid, valid], axis=-1)
 
 
-def _direct(example: Example) -> dict[str, Array]:
+def _direct(example: Example) -> dict[str, AnyArray]:
     """`encode`'s inputs of networks that are given the direct light, images (H, W, C)."""
     lit = surface_light(example, GREY)
     tint, gain = light_color(lit), interreflection(example)
@@ -187,22 +188,22 @@ def _direct(example: Example) -> dict[str, Array]:
     }
 
 
-def _brightness(example: Example, gain: Array) -> Array:
+def _brightness(example: Example, gain: AnyArray) -> AnyArray:
     held = see_through(example, GREY) * np.where(example.valid[..., None], gain, np.float32(1))
     return np.array([[[ToneParams().key / exposure_of(held, ToneParams()).scale / GREY]]])
 
 
-def _both(example: Example, color: Array | None, shading: Array | None) -> Array:
+def _both(example: Example, color: AnyArray | None, shading: AnyArray | None) -> AnyArray:
     if color is None or shading is None:
         raise InputError(f"{example.name}: comes without the noisy samples that the network takes")
     return np.concatenate([color, shading], axis=-1)
 
 
-def _intensity(intensity: Array) -> Array:
+def _intensity(intensity: AnyArray) -> AnyArray:
     mean = float((intensity * solid_angles(*intensity.shape)).sum() / (4 * np.pi))
     return (intensity / mean if mean > 0 else np.zeros_like(intensity))[..., None]
 
 
-def _stack(images: Sequence[Array]) -> torch.Tensor:
+def _stack(images: Sequence[AnyArray]) -> torch.Tensor:
     batch = np.stack(images).astype(np.float32).transpose(0, 3, 1, 2)
     return torch.from_numpy(np.ascontiguousarray(batch))

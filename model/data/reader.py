@@ -15,16 +15,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pipeline.tonemap import Exposure
+from scenes.arrays import AnyArray
 from scenes.errors import InputError
 from scenes.files import digest_bytes, digest_file
 from scenes.seeds import generator
 
-Array = npt.NDArray[Any]
 Split = Literal["train", "validation", "test"]
 
 # Image columns and the number of channels of each; None: a plain (H, W) image.
@@ -66,23 +65,25 @@ class Example:
 
     scene_id: str
     view_id: str
-    depth: Array  # float32 (H, W), z-depth in metres, 0 where there is no surface
-    normal: Array  # float32 (H, W, 3), unit, facing the camera
-    reflectance: Array  # float32 (H, W, 3), linear, [0, 1]
-    valid: Array  # bool (H, W), whether there is a surface
-    intensity: Array  # float32 (h, w = 2h), luminance of visible light sources, 0 elsewhere
-    distance: Array  # float32 (h, w), metres to them, 0 elsewhere
-    intrinsics: Array  # float64 (3, 3), pixel centres at +0.5
-    shading: Array  # float32 (H, W, 3), linear HDR radiance without textures and colours
-    color: Array  # float32 (H, W, 3), linear HDR radiance
+    depth: AnyArray  # float32 (H, W), z-depth in metres, 0 where there is no surface
+    normal: AnyArray  # float32 (H, W, 3), unit, facing the camera
+    reflectance: AnyArray  # float32 (H, W, 3), linear, [0, 1]
+    valid: AnyArray  # bool (H, W), whether there is a surface
+    intensity: AnyArray  # float32 (h, w = 2h), luminance of visible light sources, 0 elsewhere
+    distance: AnyArray  # float32 (h, w), metres to them, 0 elsewhere
+    intrinsics: AnyArray  # float64 (3, 3), pixel centres at +0.5
+    shading: AnyArray  # float32 (H, W, 3), linear HDR radiance without textures and colours
+    color: AnyArray  # float32 (H, W, 3), linear HDR radiance
     exposure_shading: Exposure  # by shading's own log-average luminance
     exposure_color: Exposure  # by color's own
-    noisy_color: Array | None = None  # as color, of few samples of their own; None: not read
-    noisy_shading: Array | None = None  # as shading, of the same paths
-    denoised_color: Array | None = None  # what the denoiser makes of noisy_color
-    denoised_shading: Array | None = None  # and of noisy_shading
-    tint: Array | None = None  # float32 (h, w, 3), the lights' colour, luminance 1; None: white
-    visibility: Array | None = None  # float32 (H, W), share of that light that arrives; None: all
+    noisy_color: AnyArray | None = None  # as color, of few samples of their own; None: not read
+    noisy_shading: AnyArray | None = None  # as shading, of the same paths
+    denoised_color: AnyArray | None = None  # what the denoiser makes of noisy_color
+    denoised_shading: AnyArray | None = None  # and of noisy_shading
+    tint: AnyArray | None = None  # float32 (h, w, 3), the lights' colour, luminance 1; None: white
+    visibility: AnyArray | None = (
+        None  # float32 (H, W), share of that light that arrives; None: all
+    )
 
     @property
     def name(self) -> str:
@@ -340,7 +341,7 @@ def _shape(path: Path, field: pa.Field, channels: int | None) -> tuple[int, ...]
     return plain
 
 
-def _pixels(path: Path, column: pa.ChunkedArray, shape: tuple[int, ...]) -> Array:
+def _pixels(path: Path, column: pa.ChunkedArray, shape: tuple[int, ...]) -> AnyArray:
     values = column.combine_chunks()
     if isinstance(values, pa.ChunkedArray):
         values = values.chunk(0)

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from model.data.encoding import color_exposure
-from model.data.reader import Array, Dataset, Example
+from model.data.reader import Dataset, Example
 from model.evaluation.inference import PREDICTABLE, PRODUCTS, Networks, load_networks
 from model.evaluation.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
 from model.methods import BASELINES, trained_baselines
@@ -28,6 +28,7 @@ from pipeline.images import error_picture, png_bytes
 from pipeline.params import Params
 from pipeline.progress import Progress
 from pipeline.tonemap import to_bytes, tonemap
+from scenes.arrays import AnyArray
 from scenes.checked import plain
 from scenes.errors import InputError
 from scenes.files import atomic_directory, write_json, write_text
@@ -191,7 +192,7 @@ def refuse_leaks(dataset: Dataset, cards: Mapping[str, ModelCard]) -> None:
                 )
 
 
-def true_color(example: Example, networks: Networks) -> Array:
+def true_color(example: Example, networks: Networks) -> AnyArray:
     """The truth as the networks' policy displays it, float32 (H, W, 3)."""
     return tonemap(example.color, color_exposure(example, networks.card.exposure))
 
@@ -243,7 +244,9 @@ def renderer_seconds(data: Path, scores: Sequence[Score]) -> dict[str, float]:
     return {stage: mean(times) for stage, times in sorted(found.items())}
 
 
-def image_of(method: str, example: Example, shading: Array | None, networks: Networks) -> Array:
+def image_of(
+    method: str, example: Example, shading: AnyArray | None, networks: Networks
+) -> AnyArray:
     """A method's picture of a view, float32 (H, W, 3), display values.
 
     `shading` is the predicted one, if it is there already; baselines and the ceiling do without.
@@ -258,7 +261,7 @@ def image_of(method: str, example: Example, shading: Array | None, networks: Net
     return networks.predict(method, example, shading).color
 
 
-def _images(example: Example, networks: Networks) -> dict[str, Array]:
+def _images(example: Example, networks: Networks) -> dict[str, AnyArray]:
     """Every method's picture of a view, and `shading`, the predicted shading."""
     shading = networks.shading(example)
     methods = ["pbrnet", "ceiling", *PRODUCTS, *networks.baselines]

@@ -23,13 +23,14 @@ from model.data.encoding import (
     to_batch,
     to_image,
 )
-from model.data.reader import Array, Example
+from model.data.reader import Example
 from model.evaluation.product import linear_product, product, product_linear
 from model.methods import BASELINES, METHODS
 from model.networks.tiles import margin, tiled
 from model.training.store import ModelCard, load_model
 from pipeline.params import ToneParams
 from pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
+from scenes.arrays import AnyArray
 from scenes.errors import InputError
 
 PRODUCTS = {"product": product, "product_linear": product_linear}
@@ -43,18 +44,20 @@ class Prediction:
     """A method's picture: display values, float32 (H, W, 3), [0, 1]."""
 
     method: str
-    shading: Array | None  # None of methods that go straight to colour
-    color: Array
-    linear: tuple[Array, Array] | None = None  # shading and colour of methods that predict radiance
+    shading: AnyArray | None  # None of methods that go straight to colour
+    color: AnyArray
+    linear: tuple[AnyArray, AnyArray] | None = (
+        None  # shading and colour of methods that predict radiance
+    )
 
 
 @dataclass(frozen=True)
 class Radiance:
     """Linear HDR of a prediction, float32 (H, W, 3); see docs/use.md."""
 
-    color: Array
-    shading: Array | None
-    clipped: Array  # bool (H, W): where a band of what was inverted is at white; a lower bound
+    color: AnyArray
+    shading: AnyArray | None
+    clipped: AnyArray  # bool (H, W): where a band of what was inverted is at white; a lower bound
     exposure: Exposure  # that colour was taken to have
     known: bool  # whether it is the true one, so that the unit is the scene's
 
@@ -78,11 +81,11 @@ class Networks:
         """The methods that are one network of their own."""
         return [method for method in self.methods if method in BASELINES]
 
-    def shading(self, example: Example) -> Array:
+    def shading(self, example: Example) -> AnyArray:
         """What the shading network makes of a view: display values float32 (H, W, 3)."""
         return to_image(self._run("shading", self.modules["shading"], encode([example])))
 
-    def predict(self, method: str, example: Example, shading: Array | None = None) -> Prediction:
+    def predict(self, method: str, example: Example, shading: AnyArray | None = None) -> Prediction:
         """A view by a method; its truth is not looked at, but for its exposure.
 
         `shading`: what a method of two steps goes on from, if not from the shading network.
@@ -117,7 +120,7 @@ class Networks:
             nowhere = np.zeros(color.shape[:2], bool)
             return Radiance(color, light, nowhere, color_by, known=True)
         display = made.color
-        shading: Array | None = None
+        shading: AnyArray | None = None
         if made.shading is not None:
             shading = untonemap(made.shading, example.exposure_shading)
         if made.method in PRODUCTS and made.shading is not None:
@@ -145,7 +148,9 @@ class Networks:
             return self._displayed(name, example, pixels[..., :3].copy(), pixels[..., 3:].copy())
         return Prediction(name, to_image(both[:, :3]), to_image(both[:, 3:]))
 
-    def _displayed(self, name: str, example: Example, shading: Array, color: Array) -> Prediction:
+    def _displayed(
+        self, name: str, example: Example, shading: AnyArray, color: AnyArray
+    ) -> Prediction:
         """Radiance, displayed as the truth is, or by its own log average if that is not known."""
         if not example.color.any():
             tone = ToneParams(**self.card.tone)

@@ -17,8 +17,8 @@ import torch
 from skimage.metrics import structural_similarity
 from torch import nn
 
-from model.data.reader import Array
 from model.training.backbone import hub_folder
+from scenes.arrays import AnyArray
 from scenes.errors import InputError
 from scenes.seeds import generator
 
@@ -37,7 +37,7 @@ class Interval:
     high: float | None
 
 
-def ssim(truth: Array, image: Array) -> float:
+def ssim(truth: AnyArray, image: AnyArray) -> float:
     """Structural similarity (Wang et al. 2004): Gaussian window, sigma 1.5, mean over RGB."""
     if min(truth.shape[:2]) < 11:
         raise ValueError(f"SSIM needs at least 11x11 pixels, got {truth.shape[1]}x{truth.shape[0]}")
@@ -54,13 +54,13 @@ def ssim(truth: Array, image: Array) -> float:
     )
 
 
-def psnr(truth: Array, image: Array) -> float:
+def psnr(truth: AnyArray, image: AnyArray) -> float:
     """Peak signal-to-noise ratio in decibels, peak 1; 100 for images equal to 1e-10."""
     error = float(np.mean((truth.astype(np.float64) - image.astype(np.float64)) ** 2))
     return 10 * float(np.log10(1 / max(error, 1e-10)))
 
 
-def flip_map(truth: Array, image: Array) -> Array:
+def flip_map(truth: AnyArray, image: AnyArray) -> AnyArray:
     """LDR-FLIP (Andersson et al. 2020), 67 pixels a degree: float32 (H, W), 0 where equal."""
     errors, _, _ = flip_evaluator.evaluate(
         np.ascontiguousarray(truth, np.float32),
@@ -71,7 +71,9 @@ def flip_map(truth: Array, image: Array) -> Array:
     return np.asarray(errors, np.float32).reshape(truth.shape[:2])
 
 
-def measure(truth: Array, image: Array, lpips: Lpips | None = None) -> dict[str, float | None]:
+def measure(
+    truth: AnyArray, image: AnyArray, lpips: Lpips | None = None
+) -> dict[str, float | None]:
     """All metrics by name."""
     return {
         "ssim": ssim(truth, image),
@@ -112,7 +114,7 @@ class Lpips:
         self.spread = torch.tensor(self.scale).view(1, 3, 1, 1)
 
     @torch.no_grad()
-    def __call__(self, truth: Array, image: Array) -> float:
+    def __call__(self, truth: AnyArray, image: AnyArray) -> float:
         """Distance of two display images; 0 for equal ones."""
         total = 0.0
         pairs = zip(self._unit_maps(truth), self._unit_maps(image), self.heads, strict=True)
@@ -120,7 +122,7 @@ class Lpips:
             total += float(((ours - theirs) ** 2 * head.view(1, -1, 1, 1)).sum(dim=1).mean())
         return total
 
-    def _unit_maps(self, image: Array) -> list[torch.Tensor]:
+    def _unit_maps(self, image: AnyArray) -> list[torch.Tensor]:
         x = torch.from_numpy(np.ascontiguousarray(image, np.float32)).permute(2, 0, 1)[None]
         x = (2 * x - 1 - self.centre) / self.spread
         maps = []

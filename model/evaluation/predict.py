@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from model.data.encoding import color_exposure
-from model.data.reader import Array, Example
+from model.data.reader import Example
 from model.evaluation.inference import Networks, Prediction
 from model.evaluation.metrics import flip_map, measure
 from model.training.store import ModelCard
@@ -41,6 +41,7 @@ from pipeline.passes.visibility import render_visibility
 from pipeline.render.scene import RenderScene, open_scene, set_variant
 from pipeline.tonemap import Exposure, exposure_of, to_bytes, tonemap
 from pipeline.views import View, as_matrix, load_cameras, look
+from scenes.arrays import AnyArray
 from scenes.checked import build, plain
 from scenes.contract import load_scene
 from scenes.errors import InputError
@@ -180,7 +181,7 @@ def find_views(
     return found
 
 
-def placed_view(scene: Path, eye: Array, towards: Array, intrinsics: Array) -> View:
+def placed_view(scene: Path, eye: AnyArray, towards: AnyArray, intrinsics: AnyArray) -> View:
     """A camera of the user's own, named `camera`: `eye` and `towards` (3,), world, metres.
 
     The image's centre is the principal point. Raises `InputError` if it looks straight up or down.
@@ -368,5 +369,5 @@ def _channels(frames: tuple[Frame, Frame]) -> tuple[Channels, Channels]:
     return frames[0].channels, frames[1].channels
 
 
-def _stack(channels: Channels, names: tuple[str, ...]) -> Array:
+def _stack(channels: Channels, names: tuple[str, ...]) -> AnyArray:
     return np.stack([channels[name].astype(np.float32) for name in names], axis=-1)

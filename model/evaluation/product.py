@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from model.data.reader import Array
 from model.training.store import ModelCard
 from pipeline.params import ToneParams
 from pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
+from scenes.arrays import AnyArray
 from scenes.color import encode_srgb
 
 
-def product(reflectance: Array, shading: Array, exposure: Exposure, card: ModelCard) -> Array:
+def product(
+    reflectance: AnyArray, shading: AnyArray, exposure: Exposure, card: ModelCard
+) -> AnyArray:
     """Reflectance x shading under Reinhard's operator, display values float32 (H, W, 3).
 
     `reflectance` is linear; `shading` holds display values of exposure `exposure`. A surface of
@@ -29,8 +31,8 @@ def product(reflectance: Array, shading: Array, exposure: Exposure, card: ModelC
 
 
 def product_linear(
-    reflectance: Array, shading: Array, exposure: Exposure, card: ModelCard
-) -> Array:
+    reflectance: AnyArray, shading: AnyArray, exposure: Exposure, card: ModelCard
+) -> AnyArray:
     """The same product, projected linearly: 0 to black, Reinhard's white point to white.
 
     What is brighter is clipped; display values float32 (H, W, 3).
@@ -41,13 +43,13 @@ def product_linear(
 
 
 def linear_product(
-    reflectance: Array, shading: Array, exposure: Exposure, card: ModelCard
-) -> Array:
+    reflectance: AnyArray, shading: AnyArray, exposure: Exposure, card: ModelCard
+) -> AnyArray:
     """Linear radiance float32 (H, W, 3), in shading's own unit."""
     return untonemap(shading, exposure) * (reflectance / card.albedo)
 
 
-def product_exposure(linear: Array, shading: Exposure, card: ModelCard) -> Exposure:
+def product_exposure(linear: AnyArray, shading: Exposure, card: ModelCard) -> Exposure:
     """The exposure of a linear product under the card's policy."""
     if card.exposure == "shared":
         return shading

@@ -11,8 +11,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup, escape
+
+from scenes.arrays import Float64Array
 
 Points = Sequence[tuple[float, float]]
 Box = tuple[float, float, float, float]  # x, y, width, height
@@ -271,7 +272,7 @@ def strip_plot(groups: Mapping[str, Sequence[float]], label: str) -> Markup:
 
 
 def panorama_guide(
-    image: str, size: tuple[int, int], intrinsics: npt.NDArray[np.float64], frame: tuple[int, int]
+    image: str, size: tuple[int, int], intrinsics: Float64Array, frame: tuple[int, int]
 ) -> Markup:
     """A panorama (data URI, shown at `size`) with its directions and the image's outline in it.
 

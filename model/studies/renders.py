@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from model.data.reader import Array, Dataset, Example
+from model.data.reader import Dataset, Example
 from pipeline.frames import Channels, Frame, Kind, frame_path, holds, read_frame, write_frame
 from pipeline.params import Params
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.registry import TRUTHS, camera_of, frame_fingerprint, pass_seed, render_truths
 from pipeline.render.scene import RenderScene, renderer_version
 from pipeline.views import View, load_cameras
+from scenes.arrays import AnyArray
 from scenes.contract import Scene, load_scene
 from scenes.errors import InputError
 
@@ -95,7 +96,7 @@ def scene_of(data: Path, scene_id: str) -> Scene:
 
 
 def refuse_other_scene(
-    opened: RenderScene, folder: Path, view: View, packed: Array, params: Params
+    opened: RenderScene, folder: Path, view: View, packed: AnyArray, params: Params
 ) -> None:
     """Raise `InputError` unless the opened scene, that in `folder`, is the dataset's.
 

@@ -19,6 +19,7 @@ import pyarrow as pa
 from scipy.optimize import nnls
 
 from pipeline.params import Params
+from scenes.arrays import BoolArray, Float64Array
 from scenes.errors import InputError
 from scenes.seeds import generator
 
@@ -32,8 +33,6 @@ _HALVES = 100  # draws of half of the scenes
 _FEWEST = 4  # scenes that can be halved to any purpose
 
 Rows = list[dict[str, Any]]
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -68,11 +67,11 @@ class Measured:
     """The rows of a stage: which scene, whether its first, how many samples, core-seconds."""
 
     scene: npt.NDArray[np.intp]
-    first: Floats
-    samples: Floats
-    seconds: Floats
+    first: Float64Array
+    samples: Float64Array
+    seconds: Float64Array
 
-    def part(self, of: Flags) -> Measured:
+    def part(self, of: BoolArray) -> Measured:
         """Rows of the scenes for which `of` is true."""
         chosen = of[self.scene]
         return Measured(
@@ -168,7 +167,7 @@ def _fit(stage: str, rows: Measured) -> tuple[float, float, float]:
     return found[0], found[-1] if varies else 0.0, sample
 
 
-def _predict(stage: str, seen: Measured, wanted: Measured) -> Floats:
+def _predict(stage: str, seen: Measured, wanted: Measured) -> Float64Array:
     """Core-seconds of each wanted row."""
     scene, view, sample = _fit(stage, seen)
     if stage in SCENE_STAGES:

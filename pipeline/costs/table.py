@@ -5,16 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 from matplotlib.figure import Figure
 
 from pipeline.costs.ledger import SCHEMA
+from scenes.arrays import Float64Array
 
 _ORDER = ("scenes", "cameras", "inputs", "illumination", "visibility", "shading", "color")
 _COLOR = "#3b76af"
-
-Floats = npt.NDArray[np.float64]
 
 
 def is_ledger(schema: pa.Schema) -> bool:
@@ -74,14 +72,14 @@ def _by_stage(ledger: pa.Table) -> list[tuple[str, pa.Table]]:
     return [(name, ledger.filter(pa.array(stages == name))) for name in names]
 
 
-def _column(rows: pa.Table, name: str) -> Floats:
+def _column(rows: pa.Table, name: str) -> Float64Array:
     """The values that are there."""
     return np.array(rows[name].drop_null().to_pylist(), dtype=np.float64)
 
 
-def _mean(values: Floats) -> float:
+def _mean(values: Float64Array) -> float:
     return float(values.mean()) if len(values) else 0.0
 
 
-def _quantile(values: Floats, share: float) -> float:
+def _quantile(values: Float64Array, share: float) -> float:
     return float(np.quantile(values, share)) if len(values) else 0.0

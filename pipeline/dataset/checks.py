@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from pipeline.frames import (
     DENOISED,
@@ -32,6 +31,7 @@ from pipeline.frames import (
 )
 from pipeline.params import CheckParams
 from pipeline.views import View
+from scenes.arrays import Float32Array
 from scenes.color import luminance
 from scenes.errors import InputError
 from scenes.files import read_json
@@ -143,17 +143,17 @@ def check_frames(
     )
 
 
-def black_share(image: npt.NDArray[np.float32]) -> float:
+def black_share(image: Float32Array) -> float:
     """Share of pixels of linear RGB (H, W, 3) at exactly zero."""
     return float((image == 0).all(axis=-1).mean())
 
 
-def blown_share(image: npt.NDArray[np.float32]) -> float:
+def blown_share(image: Float32Array) -> float:
     """Share of pixels of linear RGB (H, W, 3) with a channel at half's largest value."""
     return float((image >= HALF_MAX).any(axis=-1).mean())
 
 
-def firefly_share(image: npt.NDArray[np.float32]) -> float:
+def firefly_share(image: Float32Array) -> float:
     """Share of pixels of linear RGB (H, W, 3) that stand alone: 16 times brighter than all but
     two of their eight neighbours, and than half the image's mean.
 
@@ -222,7 +222,7 @@ def _not_finite(frames: Mapping[Kind, Frame]) -> Rejection | None:
     return None
 
 
-def _noisy_images(frames: Mapping[Kind, Frame]) -> dict[str, npt.NDArray[np.float32]]:
+def _noisy_images(frames: Mapping[Kind, Frame]) -> dict[str, Float32Array]:
     noisy = frames.get("noisy")
     images = {"noisy": RGB, "noisy shading": NOISY_SHADING}
     images |= {"denoised": DENOISED, "denoised shading": DENOISED_SHADING}
@@ -230,7 +230,7 @@ def _noisy_images(frames: Mapping[Kind, Frame]) -> dict[str, npt.NDArray[np.floa
 
 
 def _negative(
-    inputs: Channels, panorama: Channels, renders: Mapping[str, npt.NDArray[np.float32]]
+    inputs: Channels, panorama: Channels, renders: Mapping[str, Float32Array]
 ) -> Rejection | None:
     for kind, image in renders.items():
         if image.min() < 0:
@@ -265,7 +265,7 @@ def _few_surfaces(inputs: Channels, least: float) -> Rejection | None:
 def _over(
     reason: str,
     what: str,
-    renders: Mapping[str, npt.NDArray[np.float32]],
+    renders: Mapping[str, Float32Array],
     measure: Any,
     limit: float,
 ) -> Rejection | None:

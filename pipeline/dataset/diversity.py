@@ -14,15 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 from scipy import ndimage
 
+from scenes.arrays import AnyArray, BoolArray, Float64Array
 from scenes.color import luminance
 from scenes.errors import InputError
 
-Floats = npt.NDArray[np.float64]
 _COLUMNS = ("source", "objects", "depth", "valid", "color", "reflectance", "intensity")
 _BINS = 24
 
@@ -72,7 +71,7 @@ def view_figures(row: dict[str, Any]) -> dict[str, float]:
     }
 
 
-def count_lights(shining: npt.NDArray[np.bool_]) -> int:
+def count_lights(shining: BoolArray) -> int:
     """Connected regions (also by corners) of an equirectangular mask (h, w)."""
     labels, count = ndimage.label(shining, structure=np.ones((3, 3)))
     # Regions that touch across the seam are one: union by walking their pairs.
@@ -94,7 +93,7 @@ def count_lights(shining: npt.NDArray[np.bool_]) -> int:
     return len({root(label) for label in range(1, count + 1)})
 
 
-def dataset_figures(shards: Sequence[Path]) -> dict[str, dict[str, Floats]]:
+def dataset_figures(shards: Sequence[Path]) -> dict[str, dict[str, Float64Array]]:
     """Source -> quantity -> its values over all views; reads one row group at a time.
 
     Raises `InputError` for shards that lack a column, such as those of an older version.
@@ -122,7 +121,7 @@ def dataset_figures(shards: Sequence[Path]) -> dict[str, dict[str, Floats]]:
     }
 
 
-def summary_table(figures: dict[str, dict[str, Floats]]) -> list[dict[str, Any]]:
+def summary_table(figures: dict[str, dict[str, Float64Array]]) -> list[dict[str, Any]]:
     """One row a source and quantity: views, the 5 %, 50 % and 95 % points, and mean."""
     return [
         {
@@ -144,7 +143,7 @@ def summary_table(figures: dict[str, dict[str, Floats]]) -> list[dict[str, Any]]
     ]
 
 
-def draw_figures(figures: dict[str, dict[str, Floats]]) -> Figure:
+def draw_figures(figures: dict[str, dict[str, Float64Array]]) -> Figure:
     """Histograms of every quantity, one outline a source, as shares of that source's views."""
     page = Figure(figsize=(12, 6.5), dpi=100, layout="constrained")
     colors = ("#3b76af", "#c9682d", "#4f9a54", "#a5435e", "#7a5ea8", "#6b6b6b")
@@ -169,7 +168,7 @@ def draw_figures(figures: dict[str, dict[str, Floats]]) -> Figure:
     return page
 
 
-def _edges(quantity: Quantity, values: Floats) -> Floats:
+def _edges(quantity: Quantity, values: Float64Array) -> Float64Array:
     low, high = np.quantile(values, (0.005, 0.995))
     if quantity.whole:
         return np.arange(np.floor(values.min()), np.ceil(high) + 2) - 0.5
@@ -179,7 +178,7 @@ def _edges(quantity: Quantity, values: Floats) -> Floats:
     return np.linspace(low, max(high, low + 1e-6), _BINS + 1)
 
 
-def _images(table: Any, name: str) -> npt.NDArray[Any]:
+def _images(table: Any, name: str) -> AnyArray:
     field = table.schema.field(name)
     shape = json.loads(field.metadata[b"shape"])
     column = table[name].combine_chunks()

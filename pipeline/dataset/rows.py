@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from pipeline.dataset.card import attribution_of, licence_of
 from pipeline.dataset.checks import Frames, noise_of
@@ -15,6 +14,7 @@ from pipeline.images import fit, png_bytes, tone_picture
 from pipeline.params import ToneParams
 from pipeline.tonemap import exposure_of
 from pipeline.views import View
+from scenes.arrays import AnyArray
 from scenes.contract import Scene
 
 
@@ -86,7 +86,7 @@ def _objects_in(view: View, scene: Scene) -> int:
     return sum(pixels > least for name, pixels in view.seen.items() if name in furniture)
 
 
-def _interleave(channels: Mapping[str, npt.NDArray[Any]], *names: str) -> npt.NDArray[Any]:
+def _interleave(channels: Mapping[str, AnyArray], *names: str) -> AnyArray:
     """Planes (H, W) as (H, W, C), in the planes' own precision."""
     return np.stack([channels[name] for name in names], axis=-1)
 

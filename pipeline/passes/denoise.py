@@ -15,16 +15,16 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from pipeline.frames import RGB, Channels
 from pipeline.passes.inputs import render_inputs
 from pipeline.render.scene import RenderScene
 from pipeline.views import View, as_matrix
+from scenes.arrays import Float32Array
 
 SUBPIXELS = 3  # per axis, in the guides
 
-Image = npt.NDArray[np.float32]
+Image = Float32Array
 
 
 def denoiser_version() -> str:

@@ -17,7 +17,6 @@ from weakref import WeakKeyDictionary
 
 import mitsuba as mi
 import numpy as np
-import numpy.typing as npt
 
 from pipeline.frames import Channels
 from pipeline.params import GroundTruthParams
@@ -31,6 +30,7 @@ from pipeline.render.material_sets import Wardrobe
 from pipeline.render.scene import RenderScene
 from pipeline.render.sensors import make_sensor
 from pipeline.views import View
+from scenes.arrays import Float64Array
 from scenes.contract import Room
 from scenes.seeds import derive32
 
@@ -116,7 +116,7 @@ def tracer_of(render_scene: RenderScene) -> FrozenTracer:
     return _TRACERS.setdefault(render_scene.wardrobe, FrozenTracer())
 
 
-def _box_of(rooms: tuple[Room, ...]) -> npt.NDArray[np.float64]:
+def _box_of(rooms: tuple[Room, ...]) -> Float64Array:
     """Lowest and highest coordinates of all rooms, (2, 3), world metres; infinite without any."""
     if not rooms:
         return EVERYWHERE

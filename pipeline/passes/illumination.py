@@ -19,10 +19,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from pipeline.frames import TINT, Channels
 from pipeline.params import IlluminationParams
@@ -30,6 +28,7 @@ from pipeline.render import raycast
 from pipeline.render.lights import Lights
 from pipeline.render.scene import RenderScene
 from pipeline.views import View
+from scenes.arrays import BoolArray, Float64Array, Int64Array
 from scenes.color import luminance
 from scenes.contract import Portal
 from scenes.geometry.directions import unit
@@ -39,8 +38,6 @@ _NARROW = 1.5  # pixels: sources of less mean width are sampled from the light's
 _MOST_SHARES = 64  # times `light_samples` points at most for one long, thin source
 _PROBE_WIDTH = 128  # columns of the coarse look for openings
 _GOLDEN = (0.7548776662466927, 0.5698402909980532)  # R2 sequence: 1/g, 1/g^2, g^3 = g + 1
-
-Float64 = npt.NDArray[Any]
 
 
 def render_illumination(
@@ -84,7 +81,7 @@ class Gathered:
         self.energy = np.zeros((size, 3))
         self.weighted = np.zeros(size)
 
-    def add(self, pixels: npt.NDArray[np.int64], light: Float64, metres: Float64) -> None:
+    def add(self, pixels: Int64Array, light: Float64Array, metres: Float64Array) -> None:
         """Light (N, 3), as `energy`, from `metres` (N,) away into pixels (N,)."""
         size = len(self.weighted)
         for band in range(3):
@@ -97,7 +94,7 @@ class Panorama:
     """Equirectangular pixels around a camera whose axes are the columns of `turn` (3, 3)."""
 
     width: int
-    turn: Float64
+    turn: Float64Array
 
     @property
     def height(self) -> int:
@@ -113,16 +110,16 @@ class Panorama:
         return 2 * math.pi / self.width
 
     @property
-    def solid_angles(self) -> Float64:
+    def solid_angles(self) -> Float64Array:
         """Steradians of a pixel in each row, (H,)."""
         return self.pitch * -np.diff(np.sin(self._elevations(self.height)))
 
     @cached_property
-    def middles(self) -> Float64:
+    def middles(self) -> Float64Array:
         """World directions (H x W, 3) through the middles of all pixels."""
         return self.directions(np.arange(self.size), 1)[:, 0]
 
-    def directions(self, pixels: npt.NDArray[np.int64], per_axis: int) -> Float64:
+    def directions(self, pixels: Int64Array, per_axis: int) -> Float64Array:
         """World directions (len(pixels), per_axis^2, 3) to the centres of equal parts of pixels.
 
         Parts have equal solid angles, so equal weights; they run row by row.
@@ -132,14 +129,16 @@ class Panorama:
         return self._directions(pixels, inner, inner)
 
     def finer(
-        self, pixels: npt.NDArray[np.int64], part: npt.NDArray[np.int64], per_axis: int, steps: int
-    ) -> Float64:
+        self, pixels: Int64Array, part: Int64Array, per_axis: int, steps: int
+    ) -> Float64Array:
         """World directions (N, steps^2, 3) within part `part[i]` of `directions`' parts."""
         row, column = np.divmod(part[:, None], per_axis)
         inner = (np.arange(steps) + 0.5) / steps
         return self._directions(pixels, (row + inner) / per_axis, (column + inner) / per_axis)
 
-    def _directions(self, pixels: npt.NDArray[np.int64], down: Float64, across: Float64) -> Float64:
+    def _directions(
+        self, pixels: Int64Array, down: Float64Array, across: Float64Array
+    ) -> Float64Array:
         """Every pairing of `down` (N, A) and `across` (N, B), shares of each pixel: (N, A B, 3)."""
         row, column = np.divmod(pixels, self.width)
         sines = np.sin(self._elevations(self.height))
@@ -152,7 +151,7 @@ class Panorama:
         local[..., 2] = flat * np.cos(azimuth)[:, None, :]
         return local.reshape(len(pixels), -1, 3) @ self.turn.T
 
-    def pixels(self, directions: Float64) -> npt.NDArray[np.int64]:
+    def pixels(self, directions: Float64Array) -> Int64Array:
         """The pixel in which each world direction (N, 3), of length 1, falls."""
         x, y, z = (directions @ self.turn).T
         column = np.floor((np.arctan2(x, z) / (2 * math.pi) + 0.5) * self.width).astype(np.int64)
@@ -160,24 +159,22 @@ class Panorama:
         row = np.clip(row, 0, self.height - 1).astype(np.int64)
         return row * self.width + column % self.width
 
-    def cone(self, centre: Float64, angle: float) -> npt.NDArray[np.bool_]:
+    def cone(self, centre: Float64Array, angle: float) -> BoolArray:
         """Pixels that a cone around the world direction `centre` touches, (H x W,), generous."""
         if angle >= math.pi:
             return np.ones(self.size, dtype=bool)
         axis = unit(centre)
-        reach: npt.NDArray[np.bool_] = self.middles @ axis >= math.cos(
-            min(angle + self.pitch, math.pi)
-        )
+        reach: BoolArray = self.middles @ axis >= math.cos(min(angle + self.pitch, math.pi))
         return reach
 
     @staticmethod
-    def _elevations(height: int) -> Float64:
+    def _elevations(height: int) -> Float64Array:
         return math.pi / 2 - np.arange(height + 1) * (math.pi / height)
 
 
 def outside_distance(
-    eye: Float64, directions: Float64, portals: tuple[Portal, ...], bbox: Float64
-) -> Float64:
+    eye: Float64Array, directions: Float64Array, portals: tuple[Portal, ...], bbox: Float64Array
+) -> Float64Array:
     """Metres along each ray (N, 3) to the outermost portal it leaves through, else to `bbox`."""
     with np.errstate(divide="ignore", invalid="ignore"):
         exits = np.where(directions > 0, bbox[1] - eye, bbox[0] - eye) / directions
@@ -195,7 +192,7 @@ def outside_distance(
     return np.where(through > 0, through, np.maximum(far, 0))
 
 
-def _in_polygon(points: Float64, polygon: Float64, normal: Float64) -> npt.NDArray[np.bool_]:
+def _in_polygon(points: Float64Array, polygon: Float64Array, normal: Float64Array) -> BoolArray:
     """Whether points (N, 3) of a polygon's plane lie in it, by counting crossings."""
     keep = [axis for axis in range(3) if axis != int(np.argmax(np.abs(normal)))]
     flat, corners = points[:, keep], polygon[:, keep]
@@ -208,14 +205,14 @@ def _in_polygon(points: Float64, polygon: Float64, normal: Float64) -> npt.NDArr
     return inside
 
 
-def _sequence(count: int) -> Float64:
+def _sequence(count: int) -> Float64Array:
     """The first `count` points of the R2 low-discrepancy sequence in [0, 1)^2 (Roberts 2018)."""
     return (0.5 + np.arange(1, count + 1)[:, None] * np.array(_GOLDEN)) % 1
 
 
 def _narrow_lamps(
-    lights: Lights, eye: Float64, panorama: Panorama
-) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
+    lights: Lights, eye: Float64Array, panorama: Panorama
+) -> tuple[BoolArray, Int64Array]:
     """Which lamps are sampled from the light's side, and with how many times the samples."""
     count, tries = len(lights.lamps), 64
     if not count:
@@ -239,11 +236,11 @@ def _narrow_lamps(
 def _add_narrow(
     render_scene: RenderScene,
     lights: Lights,
-    eye: Float64,
+    eye: Float64Array,
     panorama: Panorama,
     params: IlluminationParams,
-    narrow: npt.NDArray[np.bool_],
-    shares: npt.NDArray[np.int64],
+    narrow: BoolArray,
+    shares: Int64Array,
     gathered: Gathered,
 ) -> None:
     counts = np.where(narrow, shares * params.light_samples, 0)
@@ -268,10 +265,10 @@ def _add_narrow(
 def _add_wide(
     render_scene: RenderScene,
     lights: Lights,
-    eye: Float64,
+    eye: Float64Array,
     panorama: Panorama,
     params: IlluminationParams,
-    narrow: npt.NDArray[np.bool_],
+    narrow: BoolArray,
     gathered: Gathered,
 ) -> None:
     target = render_scene.target
@@ -309,9 +306,9 @@ def _sky_light(
     lights: Lights,
     panorama: Panorama,
     params: IlluminationParams,
-    pixels: npt.NDArray[np.int64],
-    escaped: npt.NDArray[np.int64],
-) -> Float64:
+    pixels: Int64Array,
+    escaped: Int64Array,
+) -> Float64Array:
     """Mean light (N, 3) of the environment over the part of a pixel that each ray stands for.
 
     `escaped` numbers the rays, `supersampling`^2 to a pixel. A part is looked up as often as it
@@ -329,9 +326,7 @@ def _sky_light(
     return light
 
 
-def _open_pixels(
-    render_scene: RenderScene, eye: Float64, panorama: Panorama
-) -> npt.NDArray[np.bool_]:
+def _open_pixels(render_scene: RenderScene, eye: Float64Array, panorama: Panorama) -> BoolArray:
     """Pixels that may show the environment: around portals, and where coarse probes escape."""
     wanted = np.zeros(panorama.size, dtype=bool)
     for portal in render_scene.scene.portals:

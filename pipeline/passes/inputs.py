@@ -8,12 +8,12 @@ it mirrors), bump and normal maps (the normal is the interpolated vertex normal)
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from pipeline.frames import Channels
 from pipeline.render import raycast
 from pipeline.render.scene import RenderScene
 from pipeline.views import View
+from scenes.arrays import Float64Array
 from scenes.geometry.directions import pixel_directions, unit
 
 REVISION = 1
@@ -46,7 +46,7 @@ def render_inputs(render_scene: RenderScene, view: View) -> Channels:
     return channels
 
 
-def facing(hits: raycast.Hits, directions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def facing(hits: raycast.Hits, directions: Float64Array) -> Float64Array:
     """Shading normals (N, 3) turned to the side from which each ray (N, 3) arrives.
 
     The side is the true (geometric) surface's. An interpolated normal that still points away,
@@ -58,5 +58,5 @@ def facing(hits: raycast.Hits, directions: npt.NDArray[np.float64]) -> npt.NDArr
     return unit(shading - np.maximum(_dots(shading, directions), 0) * directions)
 
 
-def _dots(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _dots(a: Float64Array, b: Float64Array) -> Float64Array:
     return (a * b).sum(axis=-1, keepdims=True)

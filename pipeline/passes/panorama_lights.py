@@ -8,21 +8,18 @@ by the cosine with its normal and the square of its distance from there, not of 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from scenes.arrays import AnyArray
 from scenes.color import luminance
 
 CELLS = (32, 64)  # sources are gathered into so many cells of the sphere, rows and columns
 NEAREST = 0.15  # metres: nearer to a source nothing gets brighter; sources are no points
 _CHUNK = 1 << 22  # points x sources held at once
 
-Array = npt.NDArray[Any]
 
-
-def sources(radiance: Array, distance: Array) -> tuple[Array, Array]:
+def sources(radiance: AnyArray, distance: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Places (S, 3) in camera axes and radiant intensities (S, 3) of a panorama's sources.
 
     `radiance` is linear RGB (h, w, 3), `distance` metres (h, w). Pixels are gathered into `CELLS`;
@@ -49,7 +46,7 @@ def sources(radiance: Array, distance: Array) -> tuple[Array, Array]:
     return centre.astype(np.float32), light.astype(np.float32)
 
 
-def panorama_directions(height: int, width: int) -> Array:
+def panorama_directions(height: int, width: int) -> AnyArray:
     """Unit directions (height, width, 3) of a panorama's pixel centres in camera axes."""
     polar = (np.arange(height) + 0.5)[:, None] / height * np.pi  # from the top row, which is up
     azimuth = ((np.arange(width) + 0.5)[None] / width * 2 - 1) * np.pi  # from straight ahead
@@ -57,7 +54,9 @@ def panorama_directions(height: int, width: int) -> Array:
     return np.stack([x, np.broadcast_to(-np.cos(polar), x.shape), z], axis=-1)
 
 
-def unshadowed(points: Array, normals: Array, places: Array) -> Iterator[tuple[slice, Array]]:
+def unshadowed(
+    points: AnyArray, normals: AnyArray, places: AnyArray
+) -> Iterator[tuple[slice, AnyArray]]:
     """Irradiance per radiant intensity (p, S) that each place (S, 3) brings each point, 1/m^2.
 
     `points` and unit `normals` are (P, 3), in the axes of `places`; handed out for some points at

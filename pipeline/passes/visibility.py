@@ -9,10 +9,7 @@ does not know, lamps hidden from the camera and light that bounces, this does no
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
 from pipeline.frames import TINT, Channels
 from pipeline.params import IlluminationParams
@@ -22,6 +19,7 @@ from pipeline.passes.panorama_lights import sources, unshadowed
 from pipeline.render import raycast
 from pipeline.render.scene import RenderScene
 from pipeline.views import View
+from scenes.arrays import AnyArray
 from scenes.color import luminance
 from scenes.geometry.directions import pixel_directions, unit
 
@@ -32,8 +30,6 @@ _WINDOW = (0.5, 1.0, 1.0, 1.0, 0.5)
 _ALIKE = 0.9  # cosine between the normals of one surface
 _FLAT = 0.01  # of the depth: how far off a pixel's plane its surface may lie
 _SLACK = 0.02  # metres before a source's mean place that count as arrived
-
-Array = npt.NDArray[Any]
 
 
 def render_visibility(
@@ -77,7 +73,7 @@ def render_visibility(
     return {"visibility.Y": lent.astype(np.float32)}
 
 
-def _looked_at(render_scene: RenderScene, view: View) -> tuple[Array, Array, Array]:
+def _looked_at(render_scene: RenderScene, view: View) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Of each pixel, row by row, whether it shows a surface (P,), and that surface's place and
     normal, (P, 3) each, world."""
     local = pixel_directions(view.intrinsics, view.width, view.height)
@@ -86,7 +82,7 @@ def _looked_at(render_scene: RenderScene, view: View) -> tuple[Array, Array, Arr
     return hits.shape >= 0, hits.position.astype(np.float64), facing(hits, directions)
 
 
-def _held_by(inputs: Channels, view: View) -> tuple[Array, Array, Array]:
+def _held_by(inputs: Channels, view: View) -> tuple[AnyArray, AnyArray, AnyArray]:
     """The same, from a view's rasterised inputs."""
     turn = view.pose[:3, :3].T
     local = pixel_directions(view.intrinsics, view.width, view.height)
@@ -97,12 +93,12 @@ def _held_by(inputs: Channels, view: View) -> tuple[Array, Array, Array]:
 
 def _arriving(
     render_scene: RenderScene,
-    points: Array,
-    normals: Array,
-    places: Array,
-    power: Array,
-    strata: Array,
-) -> Array:
+    points: AnyArray,
+    normals: AnyArray,
+    places: AnyArray,
+    power: AnyArray,
+    strata: AnyArray,
+) -> AnyArray:
     """Share of the rays (P, K) from points (P, 3) to sources (S, 3) that meet nothing, (P,)."""
     chosen = np.zeros(strata.shape, dtype=np.int64)
     some = np.zeros(len(points), dtype=bool)
@@ -122,7 +118,7 @@ def _arriving(
     return share
 
 
-def choose(weights: Array, strata: Array) -> tuple[Array, Array]:
+def choose(weights: AnyArray, strata: AnyArray) -> tuple[AnyArray, AnyArray]:
     """For each of P points the numbers (P, K) of K sources, drawn by `weights` (P, S).
 
     `strata` (P, K) in [0, 1) says where in the cumulated weights each stands. Also (P,): whether
@@ -138,7 +134,7 @@ def choose(weights: Array, strata: Array) -> tuple[Array, Array]:
     return np.clip(number, 0, weights.shape[1] - 1), total[:, 0] > 0
 
 
-def _strata(view: View, count: int) -> Array:
+def _strata(view: View, count: int) -> AnyArray:
     """Where the rays of each pixel stand in [0, 1): (H, W, count), one to each equal part.
 
     Of any 4x4 pixels each stands elsewhere in its parts, at one of sixteen equal steps.
@@ -148,7 +144,7 @@ def _strata(view: View, count: int) -> Array:
     return (np.arange(count) + shift[..., None]) / count
 
 
-def shared(share: Array, points: Array, normals: Array, seen: Array) -> Array:
+def shared(share: AnyArray, points: AnyArray, normals: AnyArray, seen: AnyArray) -> AnyArray:
     """Each pixel's mean (H, W) with those of the 5x5 around it that lie on its surface.
 
     `points`, from the camera, and unit `normals` are (H, W, 3); `seen` (H, W): where there is a
@@ -175,6 +171,6 @@ def shared(share: Array, points: Array, normals: Array, seen: Array) -> Array:
     return np.where(seen & (weight > 0), total / np.where(weight > 0, weight, 1), share)
 
 
-def _dot(one: Array, other: Array) -> Array:
+def _dot(one: AnyArray, other: AnyArray) -> AnyArray:
     """Of vectors whose components come first, (3, H, W): (H, W)."""
     return np.asarray(one[0] * other[0] + one[1] * other[1] + one[2] * other[2])

@@ -21,7 +21,6 @@ import numpy as np
 from pipeline.pathtrace.light_pilot import (
     ALBEDO,
     LIFT,
-    Floats,
     LightPlan,
     Panes,
     first_hits,
@@ -34,6 +33,7 @@ from pipeline.pathtrace.light_pilot import (
     towards_panes,
 )
 from pipeline.render.raycast import column, vector
+from scenes.arrays import Float64Array
 from scenes.color import luminance
 from scenes.seeds import generator
 
@@ -55,7 +55,7 @@ class BouncePlan:
     to a place."""
 
     glows: Panes
-    strengths: Floats
+    strengths: Float64Array
 
 
 def plan_bounces(scene: Any, plan: LightPlan, seed: int) -> BouncePlan | None:
@@ -87,7 +87,9 @@ def plan_bounces(scene: Any, plan: LightPlan, seed: int) -> BouncePlan | None:
     return BouncePlan(glows.take(best), rms(brought[:, best]) / rms(reached[:, best]))
 
 
-def _reached(points: Floats, normals: Floats, glows: Panes) -> tuple[Floats, Floats]:
+def _reached(
+    points: Float64Array, normals: Float64Array, glows: Panes
+) -> tuple[Float64Array, Float64Array]:
     """`reach` times the cosine at the glow, (P, G), and the distances, (P, G)."""
     towards = glows.centre[None] - points[:, None]
     squared = (towards**2).sum(axis=-1)
@@ -108,8 +110,12 @@ def _joined(one: Panes, other: Panes) -> Panes:
 
 
 def _from_outdoors(
-    scene: Any, points: Floats, normals: Floats, plan: LightPlan, random: np.random.Generator
-) -> Floats:
+    scene: Any,
+    points: Float64Array,
+    normals: Float64Array,
+    plan: LightPlan,
+    random: np.random.Generator,
+) -> Float64Array:
     """One estimate of what surfaces beyond each pane, lit by sun and sky, send to each point,
     (P, K)."""
     panes, count = plan.panes, len(plan.panes.area)
@@ -130,8 +136,13 @@ def _from_outdoors(
 
 
 def _from_spots(
-    scene: Any, points: Floats, normals: Floats, spots: Floats, facing: Floats, flux: Floats
-) -> tuple[Floats, Floats]:
+    scene: Any,
+    points: Float64Array,
+    normals: Float64Array,
+    spots: Float64Array,
+    facing: Float64Array,
+    flux: Float64Array,
+) -> tuple[Float64Array, Float64Array]:
     """What the light that falls on each spot brings to each point, (P, C), and from how far."""
     count = len(flux)
     if not count:
@@ -153,10 +164,10 @@ def _from_spots(
 def _lit_cells(
     scene: Any,
     plan: LightPlan,
-    points: Floats,
-    normals: Floats,
+    points: Float64Array,
+    normals: Float64Array,
     random: np.random.Generator,
-) -> tuple[Panes, Floats]:
+) -> tuple[Panes, Float64Array]:
     """Patches that lamps and the sun light indoors, those that bring some of the points (P, 3) the
     most; and the light that falls on each, (C,)."""
     spots, facing, light = (
@@ -188,7 +199,9 @@ def _lit_cells(
     return Panes(corner, (first, second), normal), flux[chosen]
 
 
-def _rectangle(spots: Floats, facing: Floats, light: Floats) -> tuple[Floats, ...]:
+def _rectangle(
+    spots: Float64Array, facing: Float64Array, light: Float64Array
+) -> tuple[Float64Array, ...]:
     """Corner, edges and the normal, inwards, of the rectangle that is lit as wide as the spots."""
     share = light / light.sum()
     normal = share @ facing
@@ -203,7 +216,9 @@ def _rectangle(spots: Floats, facing: Floats, light: Floats) -> tuple[Floats, ..
     return centre - halves[0] - halves[1], 2 * halves[0], 2 * halves[1], -normal
 
 
-def _lit_by_lamps(scene: Any, random: np.random.Generator) -> tuple[Floats, Floats, Floats]:
+def _lit_by_lamps(
+    scene: Any, random: np.random.Generator
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Where rays from the lamps fall: places and normals (R, 3), and light (R,)."""
     lamps = [emitter for emitter in scene.emitters() if not emitter.is_environment()]
     if not lamps:
@@ -231,7 +246,7 @@ def _lit_by_lamps(scene: Any, random: np.random.Generator) -> tuple[Floats, Floa
 
 def _lit_by_sun(
     scene: Any, plan: LightPlan, random: np.random.Generator
-) -> tuple[Floats, Floats, Floats]:
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """The same of the sun's rays through the panes."""
     panes, count = plan.panes, len(plan.panes.area)
     if plan.sun is None or not count:

@@ -28,6 +28,7 @@ import numpy.typing as npt
 
 from pipeline.render.raycast import column, vector
 from pipeline.views import View
+from scenes.arrays import BoolArray, Float64Array, Int64Array
 from scenes.color import luminance
 from scenes.contract import Portal
 from scenes.seeds import generator
@@ -52,8 +53,7 @@ _AREA = 1e-4  # square metres: smaller openings are left to the sky's own sampli
 
 OUTDOORS = 0.05  # metres beyond the box around the rooms
 
-Floats = npt.NDArray[np.float64]
-EVERYWHERE: Floats = np.array([[-np.inf] * 3, [np.inf] * 3])  # a box
+EVERYWHERE: Float64Array = np.array([[-np.inf] * 3, [np.inf] * 3])  # a box
 
 
 @dataclass(frozen=True)
@@ -61,27 +61,27 @@ class Panes:
     """Rectangles that the sky may shine through: a corner (K, 3), two edges (K, 3), the normal
     that points outdoors (K, 3)."""
 
-    corner: Floats
-    edges: tuple[Floats, Floats]
-    normal: Floats
+    corner: Float64Array
+    edges: tuple[Float64Array, Float64Array]
+    normal: Float64Array
 
     @property
-    def area(self) -> Floats:
+    def area(self) -> Float64Array:
         """Square metres, (K,)."""
         lengths = [np.linalg.norm(edge, axis=1) for edge in self.edges]
         return np.asarray(lengths[0] * lengths[1])
 
     @property
-    def centre(self) -> Floats:
+    def centre(self) -> Float64Array:
         """Their middles, (K, 3)."""
         return np.asarray(self.corner + 0.5 * (self.edges[0] + self.edges[1]))
 
     @property
-    def spread(self) -> Floats:
+    def spread(self) -> Float64Array:
         """Metres, the rms distance of their points from the middle, (K,)."""
         return np.asarray(np.sqrt(sum((edge**2).sum(axis=1) for edge in self.edges) / 12))
 
-    def take(self, chosen: npt.NDArray[np.int64]) -> Panes:
+    def take(self, chosen: Int64Array) -> Panes:
         """Some of them."""
         first, second = self.edges
         return Panes(self.corner[chosen], (first[chosen], second[chosen]), self.normal[chosen])
@@ -91,7 +91,7 @@ class Panes:
 class Sun:
     """A disc in the sky: its centre, a unit vector (3,), and the cosine of its angular radius."""
 
-    towards: Floats
+    towards: Float64Array
     cosine: float
 
     @property
@@ -108,9 +108,9 @@ class Pilot:
     P is that of every view: kernels are compiled for the number of rays.
     """
 
-    points: Floats
-    normals: Floats
-    hit: npt.NDArray[np.bool_]
+    points: Float64Array
+    normals: Float64Array
+    hit: BoolArray
 
 
 @dataclass(frozen=True)
@@ -118,16 +118,18 @@ class Places:
     """Where emitters are: the mean of their points (N, 3), and those points' rms distance from
     it (N,), metres."""
 
-    centre: Floats
-    spread: Floats
+    centre: Float64Array
+    spread: Float64Array
 
 
 @dataclass(frozen=True)
 class Strengths:
     """How strong each light is: times `reach` it is about what the light brings to a place."""
 
-    emitters: Floats  # (2, N): to places indoors, and to those outside the box around the rooms
-    windows: Floats  # (K,)
+    emitters: (
+        Float64Array  # (2, N): to places indoors, and to those outside the box around the rooms
+    )
+    windows: Float64Array  # (K,)
     sunlight: float
 
 
@@ -142,12 +144,12 @@ class LightPlan:
     to a surface in view, W/m^2, and `pilot` where all this was asked.
     """
 
-    emitters: Floats
-    windows: Floats
+    emitters: Float64Array
+    windows: Float64Array
     panes: Panes
     sunlight: float = 0.0
     sun: Sun | None = None
-    indoors: Floats = field(default_factory=lambda: EVERYWHERE)
+    indoors: Float64Array = field(default_factory=lambda: EVERYWHERE)
     places: Places | None = None
     strengths: Strengths | None = None
     bounced: float = 0.0
@@ -179,7 +181,7 @@ def plan_lights(
     return replace(plan, places=places, strengths=strengths, bounced=bounced, pilot=pilot)
 
 
-def rms(values: Floats) -> Floats:
+def rms(values: Float64Array) -> Float64Array:
     """Root mean square over the first axis."""
     return np.asarray(np.sqrt((values**2).mean(axis=0)))
 
@@ -197,17 +199,17 @@ def _blind(count: int, panes: Panes) -> LightPlan:
 
 
 def _strengths(
-    brought: Floats,
-    points: Floats,
-    normals: Floats,
+    brought: Float64Array,
+    points: Float64Array,
+    normals: Float64Array,
     places: Places,
     plan: LightPlan,
-    best: npt.NDArray[np.int64],
+    best: Int64Array,
 ) -> Strengths:
     """By root mean squares over the pilot's points of what was brought and of `reach`."""
     count = len(places.spread)
 
-    def reached(centre: Floats, spread: Floats) -> tuple[Floats, Floats]:
+    def reached(centre: Float64Array, spread: Float64Array) -> tuple[Float64Array, Float64Array]:
         towards = centre[None] - points[:, None]
         squared = (towards**2).sum(axis=-1)
         towards /= np.sqrt(squared + 1e-12)[..., None]
@@ -228,13 +230,13 @@ def _strengths(
     )
 
 
-def is_outside(points: Floats, indoors: Floats) -> npt.NDArray[np.bool_]:
+def is_outside(points: Float64Array, indoors: Float64Array) -> BoolArray:
     """Which points (P, 3) lie beyond the box (2, 3) around the rooms."""
     low, high = indoors
     return np.asarray(((points < low - OUTDOORS) | (points > high + OUTDOORS)).any(axis=1))
 
 
-def _may_see(sun: Floats, points: Floats, plan: LightPlan) -> npt.NDArray[np.bool_]:
+def _may_see(sun: Float64Array, points: Float64Array, plan: LightPlan) -> BoolArray:
     """Whether the sun may shine on each point (P, 3): through a pane, or from the open sky."""
     outside = is_outside(points, plan.indoors)
     through = _densities(plan.panes, points, np.broadcast_to(sun, points.shape)) > 0
@@ -251,9 +253,7 @@ class _Sky:
     even: bool
 
 
-def _plan(
-    shares: Floats, panes: Panes, sky: _Sky | None
-) -> tuple[LightPlan, npt.NDArray[np.int64]]:
+def _plan(shares: Float64Array, panes: Panes, sky: _Sky | None) -> tuple[LightPlan, Int64Array]:
     """From what each adds: emitters (N,), panes (K,) and the sun (1,); and the panes taken."""
     count = len(shares) - len(panes.area) - 1
     emitters, windows, sunlight = shares[:count], shares[count:-1], float(shares[-1])
@@ -296,7 +296,7 @@ def _sky_of(scene: Any) -> _Sky | None:
     return _Sky(row, None, float(params["sun_scale"]) == 0)
 
 
-def _disc_about(environment: Any, towards: Floats) -> Sun | None:
+def _disc_about(environment: Any, towards: Float64Array) -> Sun | None:
     """The sun around `towards`, as wide as the sky is bright there; None if it shines not there."""
     aside = perpendicular(towards)
     angles = np.radians(np.arange(0, _WIDEST, _STEP))
@@ -311,7 +311,7 @@ def _disc_about(environment: Any, towards: Floats) -> Sun | None:
     return Sun(towards, float(np.cos(_MARGIN * angles[edge + 1])))
 
 
-def perpendicular(direction: Floats) -> Floats:
+def perpendicular(direction: Float64Array) -> Float64Array:
     """A unit vector at right angles to `direction` (3,): level, unless that points up or down."""
     aside = np.cross(direction, [0.0, 0.0, 1.0] if abs(direction[2]) < 0.9 else [0.0, 1.0, 0.0])
     return np.asarray(aside / np.linalg.norm(aside))
@@ -360,8 +360,8 @@ def _pilot(scene: Any, view: View, seed: int) -> Pilot:
 
 
 def first_hits(
-    scene: Any, origins: Floats, directions: Floats
-) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
+    scene: Any, origins: Float64Array, directions: Float64Array
+) -> tuple[Float64Array, Float64Array, BoolArray]:
     """Points, normals, and which rays hit; for those that did not, their own origin and the way
     back."""
     ray = mi.Ray3f(vector(mi.Point3f, origins), vector(mi.Vector3f, directions))
@@ -374,8 +374,13 @@ def first_hits(
 
 
 def _asked(
-    scene: Any, points: Floats, normals: Floats, panes: Panes, sky: _Sky | None, seed: int
-) -> tuple[Floats, Places]:
+    scene: Any,
+    points: Float64Array,
+    normals: Float64Array,
+    panes: Panes,
+    sky: _Sky | None,
+    seed: int,
+) -> tuple[Float64Array, Places]:
     """Luminance that each light brings to each point, (P, N + K + 1): emitters, panes, the sun; and
     where the emitters are.
 
@@ -397,12 +402,12 @@ def _asked(
 
 def _from_emitters(
     scene: Any,
-    places: Floats,
-    facing: Floats,
+    places: Float64Array,
+    facing: Float64Array,
     panes: Panes,
     sky: _Sky | None,
     random: np.random.Generator,
-) -> tuple[Floats, Places]:
+) -> tuple[Float64Array, Places]:
     """One estimate of each emitter's light at each place, (N, Q); and where the emitters are."""
     emitters = mi.EmitterPtr(list(scene.emitters()))
     count = len(emitters)
@@ -426,7 +431,7 @@ def _from_emitters(
     return np.nan_to_num(brought), _places_of(scene, spots)
 
 
-def _places_of(scene: Any, spots: Floats) -> Places:
+def _places_of(scene: Any, spots: Float64Array) -> Places:
     """From points (N, Q, 3) on the emitters; what is infinitely far is everywhere alike."""
     far = [mi.has_flag(one.flags(), mi.EmitterFlags.Infinite) for one in scene.emitters()]
     fine = np.where(np.isfinite(spots), spots, 0)
@@ -435,7 +440,7 @@ def _places_of(scene: Any, spots: Floats) -> Places:
     return Places(centre, np.where(far, _FLAT, np.maximum(spread, _LEAST)))
 
 
-def in_disc(sun: Sun | None, directions: Floats) -> npt.NDArray[np.bool_]:
+def in_disc(sun: Sun | None, directions: Float64Array) -> BoolArray:
     if sun is None:
         return np.zeros(directions.shape[:-1], dtype=bool)
     return np.asarray(directions @ sun.towards > sun.cosine)
@@ -443,12 +448,12 @@ def in_disc(sun: Sun | None, directions: Floats) -> npt.NDArray[np.bool_]:
 
 def _through_panes(
     scene: Any,
-    places: Floats,
-    facing: Floats,
+    places: Float64Array,
+    facing: Float64Array,
     panes: Panes,
     sky: _Sky | None,
     random: np.random.Generator,
-) -> Floats:
+) -> Float64Array:
     """One estimate of the sky's light through each pane at each place, (K, Q)."""
     count = len(panes.area)
     if not count or sky is None:
@@ -460,8 +465,8 @@ def _through_panes(
 
 
 def towards_panes(
-    places: Floats, facing: Floats, panes: Panes, random: np.random.Generator
-) -> tuple[Floats, Floats]:
+    places: Float64Array, facing: Float64Array, panes: Panes, random: np.random.Generator
+) -> tuple[Float64Array, Float64Array]:
     """From each place a direction to a point on each pane, (K, Q, 3), and the irradiance that
     radiance 1 from there would bring, over the point's density, (K, Q)."""
     spots = random.random((len(panes.area), len(places), 2, 1))
@@ -475,8 +480,12 @@ def towards_panes(
 
 
 def from_sun(
-    scene: Any, places: Floats, facing: Floats, sun: Sun | None, random: np.random.Generator
-) -> Floats:
+    scene: Any,
+    places: Float64Array,
+    facing: Float64Array,
+    sun: Sun | None,
+    random: np.random.Generator,
+) -> Float64Array:
     """One estimate of the sun's light at each place, (1, Q)."""
     if sun is None:
         return np.zeros((1, len(places)))
@@ -488,7 +497,7 @@ def from_sun(
     return (seen(scene, places, towards) * cosine / sun.density)[None]
 
 
-def seen(scene: Any, places: Floats, directions: Floats) -> Floats:
+def seen(scene: Any, places: Float64Array, directions: Float64Array) -> Float64Array:
     """Luminance of the environment in directions (Q, 3) from places (Q, 3), 0 where hidden."""
     beyond = dr.zeros(mi.SurfaceInteraction3f, len(places))
     beyond.wi = vector(mi.Vector3f, -directions)
@@ -498,13 +507,13 @@ def seen(scene: Any, places: Floats, directions: Floats) -> Floats:
     return np.asarray(luminance(shown), dtype=np.float64)
 
 
-def _surface(places: Floats, normals: Floats) -> Any:
+def _surface(places: Float64Array, normals: Float64Array) -> Any:
     si = dr.zeros(mi.SurfaceInteraction3f, len(places))
     si.p, si.n = vector(mi.Point3f, places), vector(mi.Normal3f, normals)
     return si
 
 
-def _densities(panes: Panes, places: Floats, towards: Floats) -> Floats:
+def _densities(panes: Panes, places: Float64Array, towards: Float64Array) -> Float64Array:
     """Density of each direction through each pane, (Q, K)."""
     slope = towards @ panes.normal.T
     away = ((panes.corner[None] - places[:, None]) * panes.normal[None]).sum(axis=-1)
@@ -517,7 +526,7 @@ def _densities(panes: Panes, places: Floats, towards: Floats) -> Floats:
     return np.where(fine, metres**2 / (panes.area * np.where(fine, slope, 1)), 0)
 
 
-def _shares(brought: Floats, seen: int) -> Floats:
+def _shares(brought: Float64Array, seen: int) -> Float64Array:
     """Root mean square of what each light adds, (N + K + 1,), relative to the pixels' brightness.
 
     The first `seen` points are in the image: there a light's share counts. The others are a

@@ -9,16 +9,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import maximum_filter, median_filter
 
 from pipeline.frames import HALF_MAX, RGB, Channels
+from scenes.arrays import BoolArray, Float64Array
 from scenes.color import luminance
 
 _FIREFLY_RATIO = 8.0  # times the median of the 5 x 5 pixels around
 _FIREFLY_DOUBT = 0.5  # relative error from which a bright pixel is chance, not a small lamp
-
-Float64 = npt.NDArray[Any]
 
 
 class Tally:
@@ -33,7 +31,7 @@ class Tally:
         self.mean = np.zeros((height, width))
         self.squares = np.zeros((height, width))
 
-    def add(self, pixels: Float64) -> None:
+    def add(self, pixels: Float64Array) -> None:
         """Add a block's mean radiance, (H, W, 3)."""
         sound = np.asarray(np.isfinite(pixels).all(axis=-1))
         pixels = np.where(sound[..., None], pixels, 0)
@@ -45,7 +43,7 @@ class Tally:
         self.mean += step / np.maximum(self.finite, 1)
         self.squares += step * np.where(sound, lum - self.mean, 0)
 
-    def relative_error(self) -> Float64:
+    def relative_error(self) -> Float64Array:
         """Relative standard error of each pixel's mean luminance, (H, W).
 
         sqrt(s² / B) / (m + δ), where m and s² are mean and variance of the pixel's B finite
@@ -91,20 +89,20 @@ class Tally:
             "firefly_light": firefly_light(lum, fireflies),
         }
 
-    def _mean(self) -> Float64:
+    def _mean(self) -> Float64Array:
         return np.asarray(self.total / np.maximum(self.finite, 1)[..., None])
 
 
-def fireflies_in(lum: Float64, error: Float64) -> npt.NDArray[np.bool_]:
+def fireflies_in(lum: Float64Array, error: Float64Array) -> BoolArray:
     """Pixels far brighter than all around, (H, W), that are so by chance: their `error`, relative,
     is large."""
     around = median_filter(lum, size=5, mode="nearest")
     floor = 0.01 * lum.mean()
-    bright: npt.NDArray[np.bool_] = lum > _FIREFLY_RATIO * (around + floor)
+    bright: BoolArray = lum > _FIREFLY_RATIO * (around + floor)
     return bright & (error > _FIREFLY_DOUBT)
 
 
-def firefly_light(lum: Float64, fireflies: npt.NDArray[np.bool_]) -> float:
+def firefly_light(lum: Float64Array, fireflies: BoolArray) -> float:
     """Share of all light in the brightest fireflies: little in grain, all of it where a material
     or a path goes wrong and outshines the room."""
     few = -(-lum.size // 1000)

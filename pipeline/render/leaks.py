@@ -11,12 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from shapely.geometry import Polygon
 
 from pipeline.render import raycast
 from pipeline.render.scene import RenderScene
+from scenes.arrays import BoolArray, Float64Array
 from scenes.contract import Room
 from scenes.geometry.directions import unit
 from scenes.reconstruction.light_walks import blocked, bounce, places
@@ -24,9 +24,6 @@ from scenes.seeds import generator
 
 WALKS = 4096  # a room
 BOUNCES = 8
-
-Floats = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -86,7 +83,7 @@ def find_leaks(
     return found
 
 
-def _within(rooms: tuple[Room, ...], points: Floats) -> Mask:
+def _within(rooms: tuple[Room, ...], points: Float64Array) -> BoolArray:
     inside = np.zeros(len(points), dtype=bool)
     for room in rooms:
         level = (points[:, 2] > room.floor_z - 0.05) & (points[:, 2] < room.ceiling_z + 0.05)
@@ -94,6 +91,6 @@ def _within(rooms: tuple[Room, ...], points: Floats) -> Mask:
     return inside
 
 
-def _triple(values: Floats) -> tuple[float, float, float]:
+def _triple(values: Float64Array) -> tuple[float, float, float]:
     x, y, z = (float(value) for value in values)
     return x, y, z

@@ -8,10 +8,10 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-import numpy.typing as npt
 
 from pipeline.render.raycast import Target
 from pipeline.render.scenegraph import Graph
+from scenes.arrays import BoolArray, Float64Array, Int32Array
 
 _SUN_AND_SKY = ("sunsky", "timed_sunsky")
 _ENVIRONMENTS = ("constant", "envmap", *_SUN_AND_SKY)
@@ -29,10 +29,10 @@ class Lights:
     """
 
     lamps: tuple[Any, ...]
-    shape: npt.NDArray[np.int32]
-    centre: npt.NDArray[np.float64]
-    radius: npt.NDArray[np.float64]
-    distant: npt.NDArray[np.bool_]
+    shape: Int32Array
+    centre: Float64Array
+    radius: Float64Array
+    distant: BoolArray
     environment: Any | None
     texel: float
 
@@ -41,7 +41,7 @@ def collect_lights(graph: Graph, target: Target) -> Lights:
     """The lights of a loaded scene; of a sky with a sun, one twin for each alone."""
     lamps: list[Any] = []
     shapes: list[int] = []
-    centres: list[npt.NDArray[np.float64]] = []
+    centres: list[Float64Array] = []
     radii: list[float] = []
     distant: list[bool] = []
 

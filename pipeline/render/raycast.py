@@ -17,14 +17,11 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
+from scenes.arrays import AnyArray, BoolArray, Float32Array, Float64Array, Int32Array
 from scenes.geometry.directions import pixel_directions, unit
 
 LAYERS = 16  # clear surfaces that one ray may pass: a glass cabinet before a glass door and so on
 CHUNK = 1 << 21  # rays in flight, which bounds memory
-
-Array = npt.NDArray[Any]
-Floats = npt.NDArray[np.float32]
-Ints = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -37,9 +34,9 @@ class Target:
 
     scene: Any  # mi.Scene
     shapes: tuple[Any, ...]
-    objects: Ints
-    clear: npt.NDArray[np.bool_]
-    masked: npt.NDArray[np.bool_]
+    objects: Int32Array
+    clear: BoolArray
+    masked: BoolArray
     reflectances: tuple[Any, ...]  # reflectance twin of each shape's BSDF
 
 
@@ -52,12 +49,12 @@ class Hits:
     `reflectance` (N, 3) is linear RGB in [0, 1].
     """
 
-    shape: Ints
-    distance: Floats
-    position: Floats
-    geometric: Floats
-    shading: Floats
-    reflectance: Floats
+    shape: Int32Array
+    distance: Float32Array
+    position: Float32Array
+    geometric: Float32Array
+    shading: Float32Array
+    reflectance: Float32Array
 
 
 def is_scalar() -> bool:
@@ -67,7 +64,7 @@ def is_scalar() -> bool:
 
 def nearest(
     target: Target, origins: npt.ArrayLike, directions: npt.ArrayLike, through: bool = True
-) -> tuple[Ints, Floats]:
+) -> tuple[Int32Array, Float32Array]:
     """Index of the first shape each ray sees (-1: none) and the distance to it (infinite: none).
 
     `origins` (N, 3) or (3,), `directions` (N, 3) of length 1. With `through=False` clear
@@ -91,13 +88,13 @@ def surfaces(
 
 def reached(
     target: Target, origin: npt.ArrayLike, directions: npt.ArrayLike, distances: npt.ArrayLike
-) -> npt.NDArray[np.bool_]:
+) -> BoolArray:
     """Whether nothing but clear surfaces lies within `distances` (N,) of `origin` (3,)."""
     _, free = nearest(target, origin, directions)
     limit = np.asarray(distances, dtype=np.float64)
     # Float32 hit points on either side of a surface differ by about 1e-6 of the coordinates;
     # this tolerance is far above that and far below the thickness of a lampshade.
-    reach: npt.NDArray[np.bool_] = free >= limit - np.maximum(2e-4 * limit, 2e-4)
+    reach: BoolArray = free >= limit - np.maximum(2e-4 * limit, 2e-4)
     return reach
 
 
@@ -125,8 +122,8 @@ def ids(
 
 
 def emitted(
-    target: Target, origin: npt.ArrayLike, directions: Array, glowing: Array
-) -> tuple[Ints, Floats, npt.NDArray[np.float64]]:
+    target: Target, origin: npt.ArrayLike, directions: AnyArray, glowing: AnyArray
+) -> tuple[Int32Array, Float32Array, Float64Array]:
     """First shape each ray sees, the distance to it and the light (N, 3) it emits to `origin`.
 
     Only shapes marked in `glowing`, bool by shape index, are asked for light; others give 0.
@@ -136,7 +133,7 @@ def emitted(
     return shape, distance, _light(light)
 
 
-def sky(emitter: Any, directions: Array) -> npt.NDArray[np.float64]:
+def sky(emitter: Any, directions: AnyArray) -> Float64Array:
     """Linear RGB of an environment emitter seen along `directions` (N, 3), float64 (N, 3)."""
     if is_scalar():
         light = np.zeros((len(directions), 3))
@@ -153,10 +150,10 @@ def sky(emitter: Any, directions: Array) -> npt.NDArray[np.float64]:
 
 def towards_lights(
     emitters: tuple[Any, ...],
-    which: Array,
+    which: AnyArray,
     eye: npt.ArrayLike,
-    samples: Array,
-) -> tuple[npt.NDArray[np.float64], Floats, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    samples: AnyArray,
+) -> tuple[Float64Array, Float32Array, Float64Array, Float64Array]:
     """Points on lights as seen from `eye` (3,), ignoring what is in between.
 
     Sample i lies on `emitters[which[i]]`, chosen there by `samples[i]` in [0, 1)^2. Returns
@@ -194,16 +191,16 @@ def registry_id(thing: Any, pointer: Any) -> int:
     return int(dr.reinterpret_array(mi.UInt32, pointer(thing))[0])
 
 
-def _light(rgb: Array) -> npt.NDArray[np.float64]:
+def _light(rgb: AnyArray) -> Float64Array:
     """Spectra of a renderer as linear RGB, float64, none of it negative."""
     return np.maximum(rgb.astype(np.float64), 0)
 
 
 def _in_chunks(
-    trace: Callable[[Array, Array], tuple[Array, ...]],
+    trace: Callable[[AnyArray, AnyArray], tuple[AnyArray, ...]],
     origins: npt.ArrayLike,
     directions: npt.ArrayLike,
-) -> list[Array]:
+) -> list[AnyArray]:
     """`trace` over rays, `CHUNK` at a time; its arrays joined."""
     d = np.asarray(directions, dtype=np.float64).reshape(-1, 3)
     o = np.broadcast_to(np.asarray(origins, dtype=np.float64), d.shape)
@@ -217,11 +214,11 @@ def _in_chunks(
 # Wavefront variants
 
 
-def _wave_ray(origins: Array, directions: Array) -> Any:
+def _wave_ray(origins: AnyArray, directions: AnyArray) -> Any:
     return mi.Ray3f(vector(mi.Point3f, origins), vector(mi.Vector3f, directions))
 
 
-def vector(kind: Any, rows: Array) -> Any:
+def vector(kind: Any, rows: AnyArray) -> Any:
     """Rows (N, D) as a Dr.Jit vector, component by component.
 
     Dr.Jit's own conversion of a matrix would compile N into every kernel that uses it.
@@ -229,7 +226,7 @@ def vector(kind: Any, rows: Array) -> Any:
     return kind(*(column(mi.Float, rows[:, axis]) for axis in range(rows.shape[1])))
 
 
-def column(kind: Any, values: Array) -> Any:
+def column(kind: Any, values: AnyArray) -> Any:
     """Values (N,) as a Dr.Jit array, in memory so aligned that one kernel serves all."""
     dtype = np.dtype(np.float32 if kind is mi.Float else np.uint32)
     room = np.empty(len(values) + 16, dtype=dtype)
@@ -239,7 +236,7 @@ def column(kind: Any, values: Array) -> Any:
     return kind(aligned)
 
 
-def _arrays(*values: Any) -> tuple[Array, ...]:
+def _arrays(*values: Any) -> tuple[AnyArray, ...]:
     """Dr.Jit arrays and vectors, computed together, as arrays (N,) and (N, D)."""
     dr.eval(*values)
     return tuple(
@@ -250,7 +247,7 @@ def _arrays(*values: Any) -> tuple[Array, ...]:
     )
 
 
-def _wave_camera_rays(poses: Array, local: Array) -> Any:
+def _wave_camera_rays(poses: AnyArray, local: AnyArray) -> Any:
     """Rays of every pose (N, 4, 4) through every local direction (P, 3), pose by pose."""
     count = len(local)
     index = dr.arange(mi.UInt32, len(poses) * count)
@@ -317,8 +314,8 @@ def _wave_passes(target: Target, tables: dict[str, Any], hit: Any, ray: Any, any
 
 
 def _wave_surfaces(
-    target: Target, colors: bool, origins: Array, directions: Array
-) -> tuple[Array, ...]:
+    target: Target, colors: bool, origins: AnyArray, directions: AnyArray
+) -> tuple[AnyArray, ...]:
     shape, distance, hit, ray = _wave_first(target, _wave_ray(origins, directions), True)
     valid = shape >= 0
     si = hit.compute_surface_interaction(ray, mi.RayFlags.All, valid)
@@ -339,14 +336,14 @@ def _wave_surfaces(
 
 
 def _wave_nearest(
-    target: Target, through: bool, origins: Array, directions: Array
-) -> tuple[Array, ...]:
+    target: Target, through: bool, origins: AnyArray, directions: AnyArray
+) -> tuple[AnyArray, ...]:
     return _arrays(*_wave_first(target, _wave_ray(origins, directions), through)[:2])
 
 
 def _wave_emitted(
-    target: Target, glowing: Array, origins: Array, directions: Array
-) -> tuple[Array, ...]:
+    target: Target, glowing: AnyArray, origins: AnyArray, directions: AnyArray
+) -> tuple[AnyArray, ...]:
     shape, distance, hit, ray = _wave_first(target, _wave_ray(origins, directions), True)
     if not glowing.any():
         return (*_arrays(shape, distance), np.zeros((len(directions), 3)))
@@ -420,7 +417,7 @@ def _passing(shape: Any, ray: Any, hit: Any, active: Any) -> Any:
 # The scalar variant
 
 
-def _scalar_ray(origin: Array, direction: Array) -> Any:
+def _scalar_ray(origin: AnyArray, direction: AnyArray) -> Any:
     return mi.Ray3f(mi.ScalarPoint3f(origin), mi.ScalarVector3f(direction))
 
 
@@ -457,8 +454,8 @@ def _scalar_numbers(target: Target) -> dict[int, int]:
 
 
 def _scalar_nearest(
-    target: Target, through: bool, origins: Array, directions: Array
-) -> tuple[Array, ...]:
+    target: Target, through: bool, origins: AnyArray, directions: AnyArray
+) -> tuple[AnyArray, ...]:
     count = len(directions)
     shapes, distances = np.full(count, -1, np.int32), np.full(count, np.inf, np.float32)
     for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
@@ -467,8 +464,8 @@ def _scalar_nearest(
 
 
 def _scalar_surfaces(
-    target: Target, colors: bool, origins: Array, directions: Array
-) -> tuple[Array, ...]:
+    target: Target, colors: bool, origins: AnyArray, directions: AnyArray
+) -> tuple[AnyArray, ...]:
     count = len(directions)
     hits = Hits(
         np.full(count, -1, np.int32),
@@ -490,8 +487,8 @@ def _scalar_surfaces(
 
 
 def _scalar_emitted(
-    target: Target, glowing: Array, origins: Array, directions: Array
-) -> tuple[Array, ...]:
+    target: Target, glowing: AnyArray, origins: AnyArray, directions: AnyArray
+) -> tuple[AnyArray, ...]:
     count = len(directions)
     shapes, distances = np.full(count, -1, np.int32), np.full(count, np.inf, np.float32)
     light = np.zeros((count, 3))
@@ -505,10 +502,10 @@ def _scalar_emitted(
 
 def _scalar_towards_lights(
     emitters: tuple[Any, ...],
-    which: Array,
+    which: AnyArray,
     eye: npt.ArrayLike,
-    samples: Array,
-) -> tuple[npt.NDArray[np.float64], Floats, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    samples: AnyArray,
+) -> tuple[Float64Array, Float32Array, Float64Array, Float64Array]:
     count = len(which)
     directions, light = np.zeros((count, 3)), np.zeros((count, 3))
     distances, density = np.zeros(count, np.float32), np.zeros(count)

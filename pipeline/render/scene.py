@@ -23,6 +23,7 @@ from pipeline.render.lights import Lights, collect_lights
 from pipeline.render.material_sets import Wardrobe
 from pipeline.render.neutral import has_mask, passes_light, reflectance_twin
 from pipeline.render.scenegraph import Graph, create, parse, shapes_of
+from scenes.arrays import Float32Array, Float64Array, Int32Array
 from scenes.contract import Scene
 from scenes.errors import InputError, MachineError
 from scenes.geometry.directions import unit
@@ -76,7 +77,7 @@ class RenderScene:
     scene: Scene
     target: raycast.Target
     lights: Lights
-    bbox: npt.NDArray[np.float64]  # (2, 3) world metres
+    bbox: Float64Array  # (2, 3) world metres
     wardrobe: Wardrobe
     albedo: float | None = None
 
@@ -187,7 +188,7 @@ def cast(
     origins: npt.ArrayLike,
     directions: npt.ArrayLike,
     through_glass: bool = False,
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]:
+) -> tuple[Float32Array, Int32Array]:
     """Distance to the first surface along each ray and the index of its object.
 
     `origins` (N, 3) or (3,), `directions` (N, 3), world, any length but zero. Distances are

@@ -8,7 +8,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.views import FloatArray, View
+from pipeline.views import View
+from scenes.arrays import Float64Array
 from scenes.errors import InputError
 
 _NEAR, _FAR = 1e-3, 1e5  # metres
@@ -68,6 +69,6 @@ def move_sensor(sensor: Any, view: View) -> None:
     params.update()
 
 
-def _to_world(view: View) -> FloatArray:
+def _to_world(view: View) -> Float64Array:
     """Mitsuba's camera has x to the left and y up."""
     return np.asarray(view.pose @ np.diag([-1.0, -1.0, 1.0, 1.0]))

@@ -30,6 +30,7 @@ from shapely.geometry import Polygon
 from pipeline.params import CameraParams, ImageParams, Params
 from pipeline.render.scene import RenderScene, cast, render_ids
 from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look
+from scenes.arrays import BoolArray, Float64Array
 from scenes.contract import Room, Scene
 from scenes.errors import InputError
 from scenes.geometry.directions import fibonacci_sphere
@@ -62,7 +63,7 @@ class Candidate:
 
     room: Room
     sector: int
-    pose: npt.NDArray[np.float64]  # camera_to_world (4, 4)
+    pose: Float64Array  # camera_to_world (4, 4)
 
 
 @dataclass(frozen=True)
@@ -178,7 +179,7 @@ def _room_candidates(
 
 def _grid(
     bounds: tuple[float, float, float, float], options: CameraParams, rng: np.random.Generator
-) -> npt.NDArray[np.float64]:
+) -> Float64Array:
     """Eyes (N, 3), one jittered in each cell over `bounds`; z is height above the floor."""
     low_x, low_y, high_x, high_y = bounds
     across = max(1, math.ceil((high_x - low_x) / options.grid))
@@ -189,16 +190,16 @@ def _grid(
     return np.column_stack([cells * options.grid + (low_x, low_y), heights])
 
 
-def _azimuths(count: int, sectors: int, rng: np.random.Generator) -> npt.NDArray[np.float64]:
+def _azimuths(count: int, sectors: int, rng: np.random.Generator) -> Float64Array:
     """One direction in each sector for each eye, radians from +X towards +Y, (count, sectors)."""
     spread = rng.random((count, sectors))
-    azimuths: npt.NDArray[np.float64] = (np.arange(sectors) + spread) * (2 * math.pi / sectors)
+    azimuths: Float64Array = (np.arange(sectors) + spread) * (2 * math.pi / sectors)
     return azimuths
 
 
 def _surroundings(
-    render_scene: RenderScene, eyes: npt.NDArray[np.float64], clearance: float
-) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    render_scene: RenderScene, eyes: Float64Array, clearance: float
+) -> tuple[BoolArray, BoolArray]:
     """For each eye (N, 3): is something within `clearance`; is it inside a piece of furniture."""
     if not len(eyes):
         return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
@@ -218,7 +219,7 @@ def _surroundings(
 def _look_around(
     render_scene: RenderScene,
     scene: Scene,
-    poses: list[npt.NDArray[np.float64]],
+    poses: list[Float64Array],
     params: Params,
     half_fov_x: float | None = None,
 ) -> Iterator[Sight]:
@@ -244,10 +245,10 @@ def _look_around(
 
 def _nearness(
     render_scene: RenderScene,
-    poses: npt.NDArray[np.float64],
+    poses: Float64Array,
     image: ImageParams,
     near: float,
-) -> npt.NDArray[np.float64]:
+) -> Float64Array:
     """Share (N,) of each view, on a coarse raster, that shows something nearer than `near`."""
     across, down = 12, 9
     slope = math.tan(image.half_fov_x)
@@ -259,7 +260,7 @@ def _nearness(
     directions = np.einsum("nij,pj->npi", poses[:, :3, :3], local).reshape(-1, 3)
     origins = np.repeat(poses[:, :3, 3], len(local), axis=0)
     distance, _ = cast(render_scene, origins, directions, through_glass=True)
-    share: npt.NDArray[np.float64] = (distance.reshape(len(poses), -1) < near).mean(axis=1)
+    share: Float64Array = (distance.reshape(len(poses), -1) < near).mean(axis=1)
     return share
 
 
@@ -350,7 +351,7 @@ def _view(
     scene: Scene,
     image: ImageParams,
     view_id: str,
-    pose: npt.NDArray[np.float64],
+    pose: Float64Array,
     sight: Sight,
     room: Room | None,
 ) -> View:

@@ -9,12 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from scenes.arrays import BoolArray, Float64Array, Int64Array
 from scenes.geometry.mesh import face_areas
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 MAX_BOXES = 160
 _MAX_TRIANGLES = 1_000_000
@@ -38,7 +35,7 @@ class Level:
     headroom: float
 
 
-def diced(corners: Floats, size: float) -> tuple[Floats, Ints]:
+def diced(corners: Float64Array, size: float) -> tuple[Float64Array, Int64Array]:
     """Triangles (F, 3, 3) cut up until none is longer than `size` along any axis.
 
     Returns the small triangles (N, 3, 3) and which one each was cut from. Stops before there are
@@ -77,11 +74,11 @@ def diced(corners: Floats, size: float) -> tuple[Floats, Ints]:
     return np.concatenate([part for part, _ in done]), np.concatenate([own for _, own in done])
 
 
-def _squares(vectors: Floats) -> Floats:
+def _squares(vectors: Float64Array) -> Float64Array:
     return vectors[:, 0] ** 2 + vectors[:, 1] ** 2 + vectors[:, 2] ** 2
 
 
-def covering_boxes(corners: Floats) -> Floats:
+def covering_boxes(corners: Float64Array) -> Float64Array:
     """Boxes (N, 2, 3) that together hold all of the triangles (F, 3, 3); few rather than tight."""
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     cell = float(np.clip((high - low).max() / 40, 0.02, 0.5))
@@ -92,7 +89,7 @@ def covering_boxes(corners: Floats) -> Floats:
         cell *= 1.5
 
 
-def _filled(corners: Floats, low: Floats, high: Floats, cell: float) -> npt.NDArray[np.bool_]:
+def _filled(corners: Float64Array, low: Float64Array, high: Float64Array, cell: float) -> BoolArray:
     shape = np.maximum(np.ceil((high - low) / cell - 1e-9).astype(int), 1)
     small, _ = diced(corners, 0.5 * cell)
     a, b, c = (small[:, corner] for corner in range(3))
@@ -105,7 +102,7 @@ def _filled(corners: Floats, low: Floats, high: Floats, cell: float) -> npt.NDAr
     return filled
 
 
-def _merged(filled: npt.NDArray[np.bool_]) -> Floats:
+def _merged(filled: BoolArray) -> Float64Array:
     """Filled cells as boxes (N, 2, 3) in cells, each grown along x, then y, then z."""
     left = filled.copy()
     boxes = []
@@ -124,7 +121,7 @@ def _merged(filled: npt.NDArray[np.bool_]) -> Floats:
     return np.array(boxes, dtype=np.float64).reshape(-1, 2, 3)
 
 
-def levels_of(corners: Floats, drop: float | None) -> tuple[Level, ...]:
+def levels_of(corners: Float64Array, drop: float | None) -> tuple[Level, ...]:
     """Where things can stand on a piece of triangles (F, 3, 3): at `drop` metres first.
 
     None where the catalogue says that nothing stands on it, or where nothing is flat and wide
@@ -158,13 +155,13 @@ def levels_of(corners: Floats, drop: float | None) -> tuple[Level, ...]:
 
 
 def _level(
-    heights: Floats,
-    cells: Ints,
-    is_flat: npt.NDArray[np.bool_],
+    heights: Float64Array,
+    cells: Int64Array,
+    is_flat: BoolArray,
     z: float,
-    shape: Ints,
+    shape: Int64Array,
     cell: float,
-    low: Floats,
+    low: Float64Array,
 ) -> Level | None:
     """The largest free rectangle about height `z`, of the columns `cells` on a grid.
 
@@ -200,7 +197,7 @@ def _level(
     return Level(float(centre[0]), float(centre[1]), top, float(half[0]), float(half[1]), headroom)
 
 
-def _largest_rectangle(free: npt.NDArray[np.bool_]) -> tuple[int, int, int, int]:
+def _largest_rectangle(free: BoolArray) -> tuple[int, int, int, int]:
     """x0, x1, y0, y1 of the largest all-true rectangle of a grid; empty: zeros."""
     best, where = 0, (0, 0, 0, 0)
     run = np.zeros(free.shape[1], dtype=int)

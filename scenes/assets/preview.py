@@ -6,20 +6,20 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from scenes.arrays import Float64Array, Int64Array, UInt8Array
 from scenes.assets.free_space import diced
-from scenes.geometry.mesh import Floats, Mesh, face_areas
+from scenes.geometry.mesh import Mesh, face_areas
 
 SIZE = 112  # pixels a side
 _AZIMUTH, _ELEVATION = math.radians(32), math.radians(24)  # of the eye, from the front
 _PAPER = 0.93  # behind the piece, display value
 _MARGIN = 6  # pixels
 
-Picture = npt.NDArray[np.uint8]
+Picture = UInt8Array
 
 
-def draw(parts: Sequence[tuple[Mesh, Floats, Picture | None]]) -> Picture:
+def draw(parts: Sequence[tuple[Mesh, Float64Array, Picture | None]]) -> Picture:
     """Parts (mesh, display colour (3,) in [0, 1], texture or None) seen from the front right.
 
     Returns uint8 (SIZE, SIZE, 3), sRGB. Parallel projection; light comes from above the eye.
@@ -53,7 +53,7 @@ def draw(parts: Sequence[tuple[Mesh, Floats, Picture | None]]) -> Picture:
     return np.rint(picture.reshape(side, side, 3) * 255).astype(np.uint8)
 
 
-def _axes() -> tuple[Floats, Floats, Floats]:
+def _axes() -> tuple[Float64Array, Float64Array, Float64Array]:
     """Right and up of the picture, and the way towards the eye, in the piece's frame."""
     flat = math.cos(_ELEVATION)
     towards = np.array(
@@ -63,7 +63,7 @@ def _axes() -> tuple[Floats, Floats, Floats]:
     return right, np.cross(towards, right), towards
 
 
-def _texels(mesh: Mesh, texture: Picture, points: Floats, owner: npt.NDArray[np.int64]) -> Floats:
+def _texels(mesh: Mesh, texture: Picture, points: Float64Array, owner: Int64Array) -> Float64Array:
     """The texture's display values (N, 3) at points on triangles `owner` of the mesh."""
     assert mesh.uvs is not None
     a, b, c = (mesh.corners[owner, corner] for corner in range(3))

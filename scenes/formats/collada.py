@@ -26,6 +26,7 @@ from collada.triangleset import TriangleSet
 from defusedxml import DefusedXmlException
 from defusedxml import ElementTree as SafeElementTree
 
+from scenes.arrays import Float64Array, Int64Array
 from scenes.formats.model_parts import (
     MAX_TRIANGLES,
     Model,
@@ -36,7 +37,6 @@ from scenes.formats.model_parts import (
     make_part,
     triangulated,
 )
-from scenes.geometry.mesh import Floats, Ints
 
 _CREASE = 90.0  # degrees, where there are no normals
 _DEPTH = 64  # of nodes below each other
@@ -158,7 +158,9 @@ def _parts(document: Any, find: Callable[[str], str | None]) -> Iterator[ModelPa
                 yield ModelPart(part.group, name, material, mesh)
 
 
-def _instances(roots: list[Any], base: Floats) -> Iterator[tuple[str, Floats, GeometryNode]]:
+def _instances(
+    roots: list[Any], base: Float64Array
+) -> Iterator[tuple[str, Float64Array, GeometryNode]]:
     """Every geometry in the scene with its node's name and its matrix."""
     stack = [(node, base, 0) for node in reversed(roots)]
     seen = 0
@@ -217,7 +219,7 @@ def _part(group: str, name: str, material: ModelMaterial, primitive: Any) -> Mod
     )
 
 
-def _by_size(primitive: Any, corners: Ints) -> Iterator[Ints]:
+def _by_size(primitive: Any, corners: Int64Array) -> Iterator[Int64Array]:
     """The polygons (P, size, 3) of a list, size by size."""
     counts = np.asarray(primitive.vcounts, dtype=np.int64)
     starts = np.cumsum(counts) - counts

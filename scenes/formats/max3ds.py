@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from scenes.arrays import Float64Array, Int64Array
 from scenes.formats.model_parts import (
     MAX_TRIANGLES,
     Model,
@@ -22,7 +23,7 @@ from scenes.formats.model_parts import (
     check_points,
     make_part,
 )
-from scenes.geometry.mesh import Floats, Ints, Mesh, face_areas
+from scenes.geometry.mesh import Mesh, face_areas
 
 _MAIN, _EDITOR, _KEYFRAMER = 0x4D4D, 0x3D3D, 0xB000
 _CREASE = 89.0  # degrees, of faces without smoothing groups
@@ -40,12 +41,12 @@ class _Object:
     """A mesh as its chunks give it; `frame` is its own, in the world."""
 
     name: str
-    vertices: Floats = field(default_factory=lambda: np.zeros((0, 3)))
-    uvs: Floats = field(default_factory=lambda: np.zeros((0, 2)))
-    faces: Ints = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
-    materials: list[tuple[str, Ints]] = field(default_factory=list)  # name -> faces
-    smoothing: Ints | None = None  # (F,), a bit a group
-    frame: Floats = field(default_factory=lambda: np.eye(4))
+    vertices: Float64Array = field(default_factory=lambda: np.zeros((0, 3)))
+    uvs: Float64Array = field(default_factory=lambda: np.zeros((0, 2)))
+    faces: Int64Array = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    materials: list[tuple[str, Int64Array]] = field(default_factory=list)  # name -> faces
+    smoothing: Int64Array | None = None  # (F,), a bit a group
+    frame: Float64Array = field(default_factory=lambda: np.eye(4))
 
 
 @dataclass
@@ -54,7 +55,7 @@ class _Node:
 
     name: str = ""
     parent: int = -1
-    place: Floats = field(default_factory=lambda: np.eye(4))
+    place: Float64Array = field(default_factory=lambda: np.eye(4))
 
 
 def read_3ds(data: bytes, find: Callable[[str], str | None]) -> Model:
@@ -237,7 +238,7 @@ def _key(content: bytes, count: int) -> tuple[float, ...]:
     return struct.unpack_from(f"<{count}f", content, _FLAGS + 2 + 4 * (flags & 31).bit_count())
 
 
-def _rotation(angle: float, axis: Floats) -> Floats:
+def _rotation(angle: float, axis: Float64Array) -> Float64Array:
     """Rodrigues' rotation (3, 3) about `axis`; none about an axis without length."""
     length = float(np.linalg.norm(axis))
     if length < 1e-9:
@@ -247,9 +248,9 @@ def _rotation(angle: float, axis: Floats) -> Floats:
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
 
 
-def _places(nodes: list[_Node]) -> dict[str, list[Floats]]:
+def _places(nodes: list[_Node]) -> dict[str, list[Float64Array]]:
     """Where each object stands, once or several times, by the keyframer's nodes."""
-    made: dict[str, list[Floats]] = {}
+    made: dict[str, list[Float64Array]] = {}
     for node in nodes:
         matrix, parent = node.place, node.parent
         for _ in range(_DEPTH):
@@ -261,7 +262,7 @@ def _places(nodes: list[_Node]) -> dict[str, list[Floats]]:
 
 
 def _parts(
-    thing: _Object, place: Floats, materials: dict[str, ModelMaterial]
+    thing: _Object, place: Float64Array, materials: dict[str, ModelMaterial]
 ) -> Iterator[ModelPart]:
     """The mesh by material, where `place` puts it."""
     corners = np.stack([thing.faces] * 3, axis=-1)  # one index for positions, uvs, normals
@@ -293,7 +294,7 @@ def _parts(
             yield replace(part, mesh=mesh)
 
 
-def _smoothed(thing: _Object) -> Floats:
+def _smoothed(thing: _Object) -> Float64Array:
     """Normals (3 F, 3) of all corners: smooth among faces that share a smoothing group."""
     assert thing.smoothing is not None
     areas, normals = face_areas(Mesh(thing.vertices, thing.faces).corners)

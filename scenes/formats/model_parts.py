@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import mapbox_earcut
 import numpy as np
 
+from scenes.arrays import Float64Array, Int64Array
 from scenes.errors import InputError
-from scenes.geometry.mesh import Floats, Ints, Mesh, cleaned, creased
+from scenes.geometry.mesh import Mesh, cleaned, creased
 
 MAX_TRIANGLES = 2_000_000  # of one model
 _FAR = 1e12  # units that no vertex lies from the origin
@@ -52,7 +53,7 @@ class Model:
     header: str = ""  # the comment at the file's start, where authors put their terms
 
     @property
-    def bounds(self) -> Floats:
+    def bounds(self) -> Float64Array:
         """Axis-aligned bounds (2, 3) in the model's units."""
         bounds = np.array([part.mesh.bounds for part in self.parts])
         return np.stack([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
@@ -62,10 +63,10 @@ def make_part(
     group: str,
     material_name: str,
     material: ModelMaterial,
-    corners: Ints,
-    positions: Floats,
-    uvs: Floats,
-    normals: Floats,
+    corners: Int64Array,
+    positions: Float64Array,
+    uvs: Float64Array,
+    normals: Float64Array,
     crease: float,
 ) -> ModelPart | None:
     """A part of triangles; None where none has any area.
@@ -102,13 +103,13 @@ def make_part(
     return ModelPart(group, material_name, material, mesh)
 
 
-def check_points(points: Floats) -> None:
+def check_points(points: Float64Array) -> None:
     """Raises `UnreadableModel` unless all coordinates are finite and of likely size."""
     if points.size and not (np.isfinite(points).all() and np.abs(points).max() <= _FAR):
         raise UnreadableModel("a coordinate is not a finite number")
 
 
-def triangulated(groups: Iterable[Ints], positions: Floats) -> Ints:
+def triangulated(groups: Iterable[Int64Array], positions: Float64Array) -> Int64Array:
     """Corner triples (T, 3, 3) of polygons: convex ones as fans, others by ear clipping.
 
     Each of `groups` (P, size, 3) are polygons of equal size.
@@ -130,7 +131,7 @@ def triangulated(groups: Iterable[Ints], positions: Floats) -> Ints:
     return np.concatenate(made) if made else np.zeros((0, 3, 3), dtype=np.int64)
 
 
-def _ears(corners: np.ndarray, points: Floats, normal: Floats) -> np.ndarray:
+def _ears(corners: np.ndarray, points: Float64Array, normal: Float64Array) -> np.ndarray:
     """Triangles (T, 3, 3) of one polygon of any shape, facing as it does."""
     plane = [axis for axis in range(3) if axis != int(np.argmax(np.abs(normal)))]
     flat = np.ascontiguousarray(points[:, plane])

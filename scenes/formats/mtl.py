@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.errors import InputError
 from scenes.formats.obj import decode_text
-from scenes.geometry.mesh import Floats
 
 MAX_MTL = 16 * 2**20  # bytes
 _MAX_MATERIALS = 20_000
@@ -34,7 +34,7 @@ class MtlMap:
     """An image that a material names; `to_uv` for coordinates whose v points down, or None."""
 
     name: str
-    to_uv: Floats | None = None
+    to_uv: Float64Array | None = None
     clamp: bool = False
 
 

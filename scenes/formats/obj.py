@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from scenes.arrays import Float64Array, Int64Array
 from scenes.errors import InputError
-from scenes.geometry.mesh import MAX_TRIANGLES, Floats, Ints, Mesh
+from scenes.geometry.mesh import MAX_TRIANGLES, Mesh
 
 MAX_BYTES = 512 * 2**20
 _COLUMNS = {b"v": 3, b"vt": 1, b"vn": 3}  # values that a line needs
@@ -46,18 +46,18 @@ class Obj:
     """
 
     place: str  # for messages
-    positions: Floats
-    uvs: Floats
-    normals: Floats
-    corners: Ints
-    sizes: Ints
+    positions: Float64Array
+    uvs: Float64Array
+    normals: Float64Array
+    corners: Int64Array
+    sizes: Int64Array
     runs: list[ObjRun]
-    run_of_face: Ints
+    run_of_face: Int64Array
     libraries: list[str]  # as `mtllib` lines name them, each once
     without_faces: dict[str, int]  # kinds of lines of curves and points, and how many
     header: str  # comments at the file's start, where authors put their terms
 
-    def mesh(self, faces: Ints | None = None, flip_v: bool = True) -> Mesh:
+    def mesh(self, faces: Int64Array | None = None, flip_v: bool = True) -> Mesh:
         """The mesh of some faces (indices), of all by default; polygons become fans.
 
         Normals where all corners have them, else None; texture coordinates alike. `flip_v`
@@ -74,7 +74,7 @@ class Obj:
             raise InputError(f"{self.place}: an OBJ without faces")
         return self._mesh(corners.copy(), sizes, flip_v)
 
-    def _mesh(self, corners: Ints, sizes: Ints, flip_v: bool) -> Mesh:
+    def _mesh(self, corners: Int64Array, sizes: Int64Array, flip_v: bool) -> Mesh:
         tables = ((self.positions, "vertex"), (self.uvs, "vt"), (self.normals, "vn"))
         for column, (table, kind) in enumerate(tables):
             values = corners[:, column]
@@ -201,7 +201,7 @@ def _changed(run: ObjRun, word: bytes, name: str) -> ObjRun:
     return ObjRun(run.object, run.group, run.material, name not in ("off", "0", ""))
 
 
-def _table(rows: list[bytes], columns: int, least: int, place: str) -> Floats:
+def _table(rows: list[bytes], columns: int, least: int, place: str) -> Float64Array:
     """Lines of numbers as (N, columns); what a line lacks beyond `least` values is 0."""
     if not rows:
         return np.zeros((0, columns))
@@ -224,7 +224,7 @@ def _table(rows: list[bytes], columns: int, least: int, place: str) -> Floats:
         ) from None
 
 
-def _corners(found: _Lines, place: str) -> tuple[Ints, Ints]:
+def _corners(found: _Lines, place: str) -> tuple[Int64Array, Int64Array]:
     """All corners as one-based rows of (v, vt, vn), 0 where absent, and each face's count."""
     words = [face.split() for face in found.faces]
     sizes = np.array([len(word) for word in words], dtype=np.int64)
@@ -245,7 +245,7 @@ def _corners(found: _Lines, place: str) -> tuple[Ints, Ints]:
     return corners, sizes
 
 
-def _like_corners(text: bytes, count: int) -> Ints | None:
+def _like_corners(text: bytes, count: int) -> Int64Array | None:
     """`count` corners, words in `text`, if all are written alike; none of them negative."""
     if not count:
         return None
@@ -290,7 +290,7 @@ def _shown(data: bytes) -> str:
     return repr(data[:60].decode("ascii", "replace"))
 
 
-def distinct_rows(values: npt.NDArray[np.int64]) -> list[tuple[int, Ints]]:
+def distinct_rows(values: Int64Array) -> list[tuple[int, Int64Array]]:
     """Each value that occurs, in order of size, with the indices where it stands."""
     order = np.argsort(values, kind="stable")
     numbers, first = np.unique(values[order], return_index=True)

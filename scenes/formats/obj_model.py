@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from scenes.arrays import Int64Array
 from scenes.errors import InputError
 from scenes.formats.default_materials import DEFAULT_MATERIALS
 from scenes.formats.model_parts import (
@@ -20,7 +21,6 @@ from scenes.formats.model_parts import (
 )
 from scenes.formats.mtl import Mtl, read_mtl
 from scenes.formats.obj import Obj, distinct_rows, parse_obj
-from scenes.geometry.mesh import Ints
 
 _MAX_CORNERS = 4096  # of one polygon
 _CREASE = 44.0  # degrees: Java 3D's default
@@ -86,7 +86,11 @@ def _material(mtl: Mtl, find: Callable[[str], str | None]) -> ModelMaterial:
 
 
 def _part(
-    obj: Obj, number: int, faces: Ints, starts: Ints, materials: dict[str, ModelMaterial]
+    obj: Obj,
+    number: int,
+    faces: Int64Array,
+    starts: Int64Array,
+    materials: dict[str, ModelMaterial],
 ) -> ModelPart | None:
     run = obj.runs[number]
     sizes = obj.sizes[faces]

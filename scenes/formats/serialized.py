@@ -7,8 +7,8 @@ import zlib
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from scenes.arrays import Float64Array
 from scenes.errors import InputError
 from scenes.geometry.mesh import MAX_TRIANGLES, Mesh, smooth_normals
 
@@ -70,7 +70,7 @@ def _unpack_serialized(where: str, packed: bytes, named: bool) -> Mesh:
     if len(data) < needed:
         raise InputError(f"{where}: truncated; {needed:,} bytes expected, {len(data):,} found")
 
-    def take(width: int, dtype: np.dtype, rows: int) -> npt.NDArray[np.float64]:
+    def take(width: int, dtype: np.dtype, rows: int) -> Float64Array:
         nonlocal at
         found = np.frombuffer(data, dtype, rows * width, at).reshape(rows, width)
         at += found.nbytes

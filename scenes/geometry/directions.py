@@ -7,15 +7,17 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from scenes.arrays import Float64Array
 
-def unit(vectors: npt.ArrayLike) -> npt.NDArray[np.float64]:
+
+def unit(vectors: npt.ArrayLike) -> Float64Array:
     """Vectors (..., 3) scaled to length 1; zero stays zero."""
     vectors = np.asarray(vectors, dtype=np.float64)
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(length > 0, length, 1)
 
 
-def fibonacci_sphere(count: int) -> npt.NDArray[np.float64]:
+def fibonacci_sphere(count: int) -> Float64Array:
     """Unit vectors (count, 3) spread evenly over the sphere, on a Fibonacci spiral about z."""
     index = np.arange(count)
     z = 1 - (2 * index + 1) / count
@@ -24,7 +26,7 @@ def fibonacci_sphere(count: int) -> npt.NDArray[np.float64]:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
 
 
-def pixel_directions(intrinsics: npt.ArrayLike, width: int, height: int) -> npt.NDArray[np.float64]:
+def pixel_directions(intrinsics: npt.ArrayLike, width: int, height: int) -> Float64Array:
     """Directions (H, W, 3) through the pixel centres, z = 1, in the camera frame of OpenCV."""
     inverse = np.linalg.inv(np.asarray(intrinsics, dtype=np.float64))
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)

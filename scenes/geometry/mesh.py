@@ -9,16 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from scenes.arrays import BoolArray, Float64Array, Int64Array
 from scenes.errors import InputError
 
 FARTHEST = 1e12  # units from the origin that a vertex may lie
 FARTHEST_UV = 1e5  # beyond, float32 has no texels left and textures return nonsense, even 1e9
 MAX_TRIANGLES = 10_000_000  # of one mesh; the whole scene has a limit of its own
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -29,22 +26,22 @@ class Mesh:
     `normals` unit float64 (V, 3), or None for flat facets; `uvs` float64 (V, 2) or None.
     """
 
-    vertices: Floats
-    faces: Ints
-    normals: Floats | None = None
-    uvs: Floats | None = None
+    vertices: Float64Array
+    faces: Int64Array
+    normals: Float64Array | None = None
+    uvs: Float64Array | None = None
 
     @property
-    def corners(self) -> Floats:
+    def corners(self) -> Float64Array:
         """The triangles' corner positions, (F, 3, 3)."""
         return self.vertices[self.faces]
 
     @property
-    def bounds(self) -> Floats:
+    def bounds(self) -> Float64Array:
         """Axis-aligned bounds, (2, 3)."""
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
-    def transformed(self, matrix: Floats) -> Mesh:
+    def transformed(self, matrix: Float64Array) -> Mesh:
         """The mesh under an affine map; a mirroring one keeps the front at the front."""
         linear = matrix[:3, :3]
         vertices = self.vertices @ linear.T + matrix[:3, 3]
@@ -60,7 +57,7 @@ class Mesh:
         normals = None if self.normals is None else -self.normals
         return replace(self, faces=self.faces[:, ::-1], normals=normals)
 
-    def subset(self, keep: npt.NDArray[np.bool_]) -> Mesh:
+    def subset(self, keep: BoolArray) -> Mesh:
         """Only the faces where `keep` (F,) holds, and the vertices they use."""
         faces = self.faces[keep]
         used, inverse = np.unique(faces, return_inverse=True)
@@ -72,7 +69,7 @@ class Mesh:
         )
 
 
-def face_areas(corners: Floats) -> tuple[Floats, Floats]:
+def face_areas(corners: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Areas (F,) and unit normals (F, 3; zero where degenerate) of triangles (F, 3, 3)."""
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(cross, axis=1)
@@ -113,7 +110,7 @@ def cleaned(mesh: Mesh, where: str) -> tuple[Mesh, int]:
     return (mesh.subset(keep) if dropped else mesh), dropped
 
 
-def smooth_normals(vertices: Floats, faces: Ints) -> Floats:
+def smooth_normals(vertices: Float64Array, faces: Int64Array) -> Float64Array:
     """Vertex normals weighted by the angle at each corner (Thürmer and Wüthrich 1998)."""
     corners = vertices[faces]
     _, face = face_areas(corners)
@@ -162,14 +159,14 @@ def creased(mesh: Mesh, degrees: float) -> Mesh:
     )
 
 
-def _corner_angle(corners: Floats, corner: int) -> Floats:
+def _corner_angle(corners: Float64Array, corner: int) -> Float64Array:
     here = corners[:, corner]
     one = _unit(corners[:, (corner + 1) % 3] - here)
     two = _unit(corners[:, (corner + 2) % 3] - here)
     return np.arccos(np.clip((one * two).sum(axis=1), -1, 1))
 
 
-def _unit(vectors: Floats) -> Floats:
+def _unit(vectors: Float64Array) -> Float64Array:
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     fallback = np.zeros_like(vectors)
     fallback[..., 2] = 1.0

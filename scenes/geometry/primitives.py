@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.geometry.mesh import Floats, Mesh
+from scenes.arrays import Float64Array
+from scenes.geometry.mesh import Mesh
 
 SIDES = 96
 
@@ -45,7 +46,7 @@ def disk() -> Mesh:
     return Mesh(vertices, faces, None, uvs)
 
 
-def cylinder(start: Floats, end: Floats, radius: float) -> Mesh:
+def cylinder(start: Float64Array, end: Float64Array, radius: float) -> Mesh:
     """An open tube from `start` to `end`, facing outwards; u is the angle, v the length."""
     axis = end - start
     frame = _frame(axis / np.linalg.norm(axis))
@@ -89,7 +90,7 @@ def sphere() -> Mesh:
     return Mesh(vertices, faces[area > 1e-12], vertices.copy(), uvs)
 
 
-def _frame(normal: Floats) -> Floats:
+def _frame(normal: Float64Array) -> Float64Array:
     """A rotation (3, 3) whose last column is `normal`, the one Mitsuba takes.
 
     Duff et al., *Building an Orthonormal Basis, Revisited* (2017).

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
+
+from scenes.arrays import Float64Array
 
 
 def look_at(
-    origin: npt.NDArray[np.float64],
-    target: npt.NDArray[np.float64],
-    up: npt.NDArray[np.float64],
-) -> npt.NDArray[np.float64]:
+    origin: Float64Array,
+    target: Float64Array,
+    up: Float64Array,
+) -> Float64Array:
     """Mitsuba's camera frame, (4, 4) camera to world: x to the left, y up, z towards the target.
 
     Raises `ValueError` if the three span no frame.

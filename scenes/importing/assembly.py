@@ -14,9 +14,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from shapely.geometry import box
 
+from scenes.arrays import Float64Array
 from scenes.contract import Credit, Light, Portal, Room, Scene, SceneObject, save_scene
 from scenes.errors import InputError
-from scenes.geometry.mesh import Floats
 from scenes.geometry.transforms import look_at
 from scenes.importing.changes import Changes
 from scenes.importing.daylight import ground
@@ -41,7 +41,7 @@ class Camera:
     """A pinhole camera, before it is written as a stored view."""
 
     name: str
-    to_world: Floats  # Mitsuba's frame: x left, y up, z forward
+    to_world: Float64Array  # Mitsuba's frame: x left, y up, z forward
     half_fov_x: float
     width: int
     height: int
@@ -142,7 +142,7 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
     save_scene(folder, scene)
 
 
-def moved(camera: Camera, frame: Floats, changes: Changes) -> Camera:
+def moved(camera: Camera, frame: Float64Array, changes: Changes) -> Camera:
     """The camera in our world, its axes made rigid."""
     matrix = frame @ camera.to_world
     axes = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
@@ -158,7 +158,9 @@ def moved(camera: Camera, frame: Floats, changes: Changes) -> Camera:
     return replace(camera, to_world=rigid)
 
 
-def guessed_scale(corners: Floats, cameras: list[Camera], turn: Floats, changes: Changes) -> float:
+def guessed_scale(
+    corners: Float64Array, cameras: list[Camera], turn: Float64Array, changes: Changes
+) -> float:
     """Metres per unit from the height between floor and ceiling, around the camera if any."""
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     rays = RayCaster(corners)
@@ -249,7 +251,7 @@ def _unused(name: str, taken: set[str]) -> str:
     return next(each for each in chain([name], numbered) if each not in taken)
 
 
-def _solid_corners(shapes: list[Shape]) -> Floats:
+def _solid_corners(shapes: list[Shape]) -> Float64Array:
     """The triangles (F, 3, 3) that stop light; all of them if none does."""
     solid = [
         shape.mesh.corners
@@ -320,7 +322,7 @@ def _portals(
     return tuple(portals)
 
 
-def _room_at(point: Floats, rooms: list[FoundRoom], room_ids: list[str]) -> str | None:
+def _room_at(point: Float64Array, rooms: list[FoundRoom], room_ids: list[str]) -> str | None:
     for room, name in zip(rooms, room_ids, strict=True):
         if room.holds(point, 0.15):
             return name

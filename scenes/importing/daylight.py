@@ -6,8 +6,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.contract import SceneObject
-from scenes.geometry.mesh import Floats, Mesh
+from scenes.geometry.mesh import Mesh
 from scenes.importing.shape import Emitter, Shape, Surface
 from scenes.importing.xml_elements import plugin
 
@@ -27,7 +28,7 @@ def daylight(scale: float = 1.0) -> Emitter:
     return Emitter(made, ("sky", "sun"))
 
 
-def ground(low: Floats, high: Floats) -> tuple[Shape, SceneObject]:
+def ground(low: Float64Array, high: Float64Array) -> tuple[Shape, SceneObject]:
     """A plain just below what lies between `low` and `high` (3,), as a shape and as an object."""
     middle, z = 0.5 * (low + high)[:2], float(low[2]) - 0.02
     corners = middle + _REACH * np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])

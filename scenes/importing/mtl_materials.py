@@ -9,10 +9,10 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.color import Color
 from scenes.errors import InputError
 from scenes.formats.mtl import MAX_MTL, Mtl, MtlMap, read_mtl
-from scenes.geometry.mesh import Floats
 from scenes.importing.changes import Changes
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import Surface
@@ -30,7 +30,7 @@ class Finish:
     surface: Surface
     light: Color | None = None
     light_image: Path | None = None
-    light_to_uv: Floats | None = None
+    light_to_uv: Float64Array | None = None
 
 
 @dataclass

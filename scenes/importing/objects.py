@@ -9,8 +9,9 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
+from scenes.arrays import Float64Array
 from scenes.contract import SceneObject
-from scenes.geometry.mesh import Floats, face_areas
+from scenes.geometry.mesh import face_areas
 from scenes.importing.categories import category_of, room_type
 from scenes.importing.shape import Shape
 from scenes.reconstruction.rooms import FoundRoom
@@ -40,8 +41,8 @@ _WALL_WORDS = ("wall", "walls", "ceiling", "floor", "roof", "skirting", "baseboa
 
 @dataclass(frozen=True)
 class _Sample:
-    points: Floats
-    normals: Floats
+    points: Float64Array
+    normals: Float64Array
     area: float
 
 
@@ -137,7 +138,9 @@ def structural_kind(shape: Shape, rooms: list[FoundRoom]) -> str:
     return ""
 
 
-def _on_hull(sample: _Sample, near: np.ndarray, room: FoundRoom, low: Floats, high: Floats) -> str:
+def _on_hull(
+    sample: _Sample, near: np.ndarray, room: FoundRoom, low: Float64Array, high: Float64Array
+) -> str:
     points, normals = sample.points[near], sample.normals[near]
     edge = shapely.distance(room.floor.exterior, shapely.points(points[:, :2]))
     outside = ~shapely.contains_xy(room.floor, points[:, 0], points[:, 1])
@@ -221,7 +224,7 @@ def _sample(shape: Shape) -> _Sample:
     return _Sample(points, normals[picks], total)
 
 
-def _halton(base: int) -> Floats:
+def _halton(base: int) -> Float64Array:
     index = np.arange(1, _SAMPLES + 1)
     result, fraction = np.zeros(_SAMPLES), 1.0
     while index.any():
@@ -231,13 +234,15 @@ def _halton(base: int) -> Floats:
     return result
 
 
-def bounds_of(shapes: list[Shape]) -> tuple[Floats, Floats]:
+def bounds_of(shapes: list[Shape]) -> tuple[Float64Array, Float64Array]:
     """Lowest and highest corner (3,) of shapes together."""
     bounds = np.array([shape.mesh.bounds for shape in shapes])
     return bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
 
 
-def room_of(centre: Floats, low: Floats, rooms: list[FoundRoom], ids: list[str]) -> str | None:
+def room_of(
+    centre: Float64Array, low: Float64Array, rooms: list[FoundRoom], ids: list[str]
+) -> str | None:
     """The room that holds a thing with this centre and lowest corner; niches count."""
     foot = np.array([centre[0], centre[1], low[2]])
     for place, margin in ((centre, 0.1), (foot, 0.1), (centre, _NICHE)):
@@ -247,7 +252,7 @@ def room_of(centre: Floats, low: Floats, rooms: list[FoundRoom], ids: list[str])
     return None
 
 
-def _on_floor(low: Floats, rooms: list[FoundRoom]) -> bool:
+def _on_floor(low: Float64Array, rooms: list[FoundRoom]) -> bool:
     return not rooms or any(abs(low[2] - room.floor_z) < 0.35 for room in rooms)
 
 
@@ -258,5 +263,5 @@ def _words(label: str) -> set[str]:
     }
 
 
-def _triple(values: Floats) -> tuple[float, float, float]:
+def _triple(values: Float64Array) -> tuple[float, float, float]:
     return (float(values[0]), float(values[1]), float(values[2]))

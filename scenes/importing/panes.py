@@ -10,7 +10,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from shapely.geometry import MultiPoint, Polygon
 
-from scenes.geometry.mesh import Floats, Mesh
+from scenes.arrays import Float64Array
+from scenes.geometry.mesh import Mesh
 from scenes.importing.shape import Shape
 from scenes.reconstruction.rooms import FoundOpening
 
@@ -32,7 +33,7 @@ def remove_panes(
     those with a pane moved to its plane."""
     kept: list[Shape] = []
     touched: list[str] = []
-    panes: dict[int, list[Floats]] = {}
+    panes: dict[int, list[Float64Array]] = {}
     for shape in shapes:
         if not shape.surface.see_through or shape.sphere is not None or shape.emitter is not None:
             kept.append(shape)
@@ -70,7 +71,7 @@ def frosted_openings(shapes: list[Shape], openings: list[FoundOpening]) -> set[i
     return found
 
 
-def _opening_of(points: Floats, openings: list[FoundOpening]) -> int | None:
+def _opening_of(points: Float64Array, openings: list[FoundOpening]) -> int | None:
     """The opening that a thin sheet of these points stands in, parallel to it; else None."""
     extents = _extents(points)
     if extents[0] > _THIN or extents[1] < _LARGE:
@@ -89,7 +90,7 @@ def _opening_of(points: Floats, openings: list[FoundOpening]) -> int | None:
     return None
 
 
-def _at_pane(opening: FoundOpening, sheets: list[Floats], touched: list[str]) -> FoundOpening:
+def _at_pane(opening: FoundOpening, sheets: list[Float64Array], touched: list[str]) -> FoundOpening:
     """The opening in its pane's plane, at least as large as pane and opening."""
     points = np.concatenate(sheets)
     depth = float(np.median((points - opening.polygon[0]) @ opening.normal))
@@ -103,7 +104,7 @@ def _at_pane(opening: FoundOpening, sheets: list[Floats], touched: list[str]) ->
     return replace(opening, polygon=polygon, panes=list(touched), seeds=seeds)
 
 
-def _frame(opening: FoundOpening) -> Floats:
+def _frame(opening: FoundOpening) -> Float64Array:
     """Two axes (2, 3) of the opening's plane, right-handed with its normal."""
     first = opening.polygon[1] - opening.polygon[0]
     first = first / np.linalg.norm(first)
@@ -123,7 +124,7 @@ def _pieces(mesh: Mesh) -> np.ndarray:
     return dense.reshape(-1)
 
 
-def _extents(points: Floats) -> Floats:
+def _extents(points: Float64Array) -> Float64Array:
     """Sizes along the principal axes, smallest first."""
     centred = points - points.mean(axis=0)
     _, axes = np.linalg.eigh(centred.T @ centred)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.contract import SceneObject
-from scenes.geometry.mesh import Floats, Mesh
+from scenes.geometry.mesh import Mesh
 from scenes.importing.shape import Shape, Surface
 from scenes.importing.xml_elements import plugin
 
 _GREY = (0.5, 0.5, 0.5)
 
 
-def filler_shape(name: str, corners: Floats) -> Shape:
+def filler_shape(name: str, corners: Float64Array) -> Shape:
     """Triangles (F, 3, 3) as a matt shape."""
     matt = plugin("bsdf", "diffuse", reflectance=_GREY)
     surface = Surface(plugin("bsdf", "twosided", bsdf=matt), double=True, name=name)

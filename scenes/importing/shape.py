@@ -6,10 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 from xml.etree.ElementTree import Element
 
-from scenes.geometry.mesh import (
-    Floats,
-    Mesh,
-)
+from scenes.arrays import Float64Array
+from scenes.geometry.mesh import Mesh
 
 
 @dataclass(frozen=True)
@@ -26,10 +24,10 @@ class Shape:
     mesh: Mesh
     surface: Surface
     emitter: Any = None
-    sphere: Floats | None = None
+    sphere: Float64Array | None = None
     inside_out: bool = False  # of a sphere
 
-    def transformed(self, matrix: Floats) -> Shape:
+    def transformed(self, matrix: Float64Array) -> Shape:
         """The shape under a similarity."""
         return replace(
             self,

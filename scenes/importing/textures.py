@@ -8,10 +8,10 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import OpenEXR
 from PIL import Image
 
+from scenes.arrays import Float32Array, Float64Array, FloatingArray, UInt8Array
 from scenes.color import decode_srgb, encode_srgb
 from scenes.errors import InputError
 from scenes.importing.changes import Changes
@@ -51,7 +51,7 @@ class TextureStore:
             path, f"channel{index}", lambda source, name: self._write_channel(source, name, index)
         )
 
-    def scaled(self, path: Path, factor: npt.NDArray[np.float64]) -> str:
+    def scaled(self, path: Path, factor: Float64Array) -> str:
         """Store the image with its linear values times `factor` (3,), clipped to [0, 1]."""
 
         def write(source: Path, name: str) -> str:
@@ -118,28 +118,28 @@ class TextureStore:
         image.getchannel(index).save(self.folder / f"{name}.png")
         return f"{self.folder.name}/{name}.png"
 
-    def _save_rgb(self, linear: npt.NDArray[np.floating], name: str) -> str:
+    def _save_rgb(self, linear: FloatingArray, name: str) -> str:
         pixels = np.rint(encode_srgb(linear) * 255).astype(np.uint8)
         Image.fromarray(pixels).save(self.folder / f"{name}.png")
         return f"{self.folder.name}/{name}.png"
 
-    def _save_grey(self, pixels: npt.NDArray[np.floating], name: str) -> str:
+    def _save_grey(self, pixels: FloatingArray, name: str) -> str:
         Image.fromarray(np.rint(pixels).astype(np.uint8)).save(self.folder / f"{name}.png")
         return f"{self.folder.name}/{name}.png"
 
-    def _save_exr(self, pixels: npt.NDArray[np.float32], name: str) -> str:
+    def _save_exr(self, pixels: Float32Array, name: str) -> str:
         header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
         with OpenEXR.File(header, {"RGB": np.ascontiguousarray(pixels)}) as file:
             file.write(str(self.folder / f"{name}.exr"))
         return f"{self.folder.name}/{name}.exr"
 
 
-def read_rgb(path: Path) -> npt.NDArray[np.uint8]:
+def read_rgb(path: Path) -> UInt8Array:
     """An 8-bit image as sRGB (H, W, 3)."""
     return _to_rgb8(_open(path))
 
 
-def read_radiance(path: Path) -> npt.NDArray[np.float32]:
+def read_radiance(path: Path) -> Float32Array:
     """EXR, Radiance HDR or an ordinary image as linear RGB float32 (H, W, 3), non-negative."""
     if _is_exr(path):
         pixels = read_exr(path)
@@ -152,7 +152,7 @@ def read_radiance(path: Path) -> npt.NDArray[np.float32]:
     return np.maximum(pixels, 0).astype(np.float32)
 
 
-def read_exr(path: Path) -> npt.NDArray[np.float32]:
+def read_exr(path: Path) -> Float32Array:
     """An EXR's colour as float32 (H, W, 3); grey images are widened."""
     try:
         with OpenEXR.File(str(path), header_only=True) as file:
@@ -176,7 +176,7 @@ def read_exr(path: Path) -> npt.NDArray[np.float32]:
     return np.stack([np.asarray(band, dtype=np.float32) for band in bands], axis=-1)
 
 
-def read_rgbe(path: Path) -> npt.NDArray[np.float32]:
+def read_rgbe(path: Path) -> Float32Array:
     """A Radiance HDR file as linear RGB float32 (H, W, 3); flat or run-length coded.
 
     Ward, *Real Pixels* (Graphics Gems II, 1991).
@@ -238,13 +238,13 @@ def _open(path: Path) -> Image.Image:
     return image
 
 
-def _to_rgb8(image: Image.Image) -> npt.NDArray[np.uint8]:
+def _to_rgb8(image: Image.Image) -> UInt8Array:
     if image.mode.startswith("I"):  # 16 bits a channel
         return np.repeat((np.asarray(image) >> 8).astype(np.uint8)[..., None], 3, axis=2)
     return np.asarray(image.convert("RGB"))
 
 
-def _decode(pixels: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+def _decode(pixels: UInt8Array) -> Float32Array:
     return decode_srgb(pixels.astype(np.float32) / 255)
 
 

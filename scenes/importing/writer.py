@@ -6,8 +6,8 @@ import copy
 from pathlib import Path
 from xml.etree.ElementTree import Element, ElementTree, indent
 
+from scenes.arrays import Float64Array
 from scenes.formats.ply import write_ply
-from scenes.geometry.mesh import Floats
 from scenes.importing.shape import Emitter, Shape
 from scenes.importing.xml_elements import plugin, prop
 
@@ -65,7 +65,7 @@ def write_scene_xml(
     ElementTree(root).write(folder / "scene.xml", encoding="utf-8", xml_declaration=True)
 
 
-def sensor_element(to_world: Floats, fov_x: float, width: int, height: int) -> Element:
+def sensor_element(to_world: Float64Array, fov_x: float, width: int, height: int) -> Element:
     """A sensor so that the `mitsuba` command has a picture to make; `to_world` is Mitsuba's."""
     made = plugin("sensor", "perspective", fov=fov_x, fov_axis="x", to_world=to_world)
     made.append(prop("near_clip", 0.01))

@@ -8,8 +8,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.color import Color
-from scenes.geometry.mesh import Floats
 from scenes.importing.shape import Emitter, Kind
 from scenes.importing.textures import UnreadableImage
 from scenes.importing.xml_elements import plugin, prop
@@ -31,7 +31,7 @@ class Emitters:
         self,
         scope: Scope,
         materials: Materials,
-        frame: Floats,
+        frame: Float64Array,
         stand_in: Callable[[float], Emitter] | None = None,
     ) -> None:
         self.scope, self.materials, self.frame = scope, materials, frame
@@ -82,7 +82,7 @@ class Emitters:
         properties.ignore("id", "sampling_weight", "cache")
         return properties
 
-    def _rotation(self, matrix: Floats) -> Floats:
+    def _rotation(self, matrix: Float64Array) -> Float64Array:
         """The frame's rotation times a transform's: directions only, scale 1."""
         turned = np.eye(4)
         turned[:3, :3] = self.frame[:3, :3] / self.scale @ matrix[:3, :3]

@@ -10,9 +10,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.contract import Credit, Scene, load_scene, writing_scene
 from scenes.errors import InputError
-from scenes.geometry.mesh import Floats
 from scenes.geometry.transforms import look_at
 from scenes.importing.assembly import Camera, Draft, assemble, guessed_scale, moved
 from scenes.importing.changes import Changes
@@ -220,7 +220,7 @@ def _release_camera(camera: ReleaseCamera, root: Node) -> Camera:
 
 def _frame(
     shapes: list[Shape], cameras: list[Camera], root: Node, scope: Scope, options: MitsubaOptions
-) -> Floats:
+) -> Float64Array:
     """The similarity from the file's world to ours: upright, in metres."""
     corners = np.concatenate([shape.mesh.corners for shape in shapes])
     if options.up != "auto":

@@ -17,9 +17,10 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+from scenes.arrays import Float64Array
 from scenes.contract import SceneObject
 from scenes.errors import InputError
-from scenes.geometry.mesh import Floats, Mesh
+from scenes.geometry.mesh import Mesh
 from scenes.importing.categories import category_of
 from scenes.importing.changes import Changes
 from scenes.importing.objects import bounds_of, room_of
@@ -44,9 +45,9 @@ class ReleaseCamera:
     """One line of `room_camera.txt`, in the house's own Y-up axes, metres."""
 
     name: str  # room and sector, such as "Room#0_1_2"
-    eye: Floats
-    towards: Floats
-    up: Floats
+    eye: Float64Array
+    towards: Float64Array
+    up: Float64Array
     half_fov: tuple[float, float]  # radians, in x and y
     score: float
 

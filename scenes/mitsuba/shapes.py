@@ -7,18 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.errors import InputError
 from scenes.formats.obj import distinct_rows, read_obj
 from scenes.formats.ply import read_ply
 from scenes.formats.serialized import read_serialized
 from scenes.geometry import primitives
-from scenes.geometry.mesh import (
-    Floats,
-    Mesh,
-    cleaned,
-    creased,
-    smooth_normals,
-)
+from scenes.geometry.mesh import Mesh, cleaned, creased, smooth_normals
 from scenes.importing.mtl_materials import MtlLibrary
 from scenes.importing.names import Names
 from scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape, Surface
@@ -70,7 +65,7 @@ class ShapeReader:
             )
         return sizes[id(node)]
 
-    def _add(self, node: Node, above: Floats, depth: int, prefix: str | None) -> None:
+    def _add(self, node: Node, above: Float64Array, depth: int, prefix: str | None) -> None:
         if depth > _MAX_GROUP_DEPTH:
             raise node.error("instances nested too deep, or inside themselves")
         properties = Properties(node, self.scope)
@@ -99,7 +94,7 @@ class ShapeReader:
         self._add_one(node, properties, to_world, prefix)
 
     def _add_one(
-        self, node: Node, properties: Properties, to_world: Floats, prefix: str | None
+        self, node: Node, properties: Properties, to_world: Float64Array, prefix: str | None
     ) -> None:
         pieces = self._obj_pieces(node, properties)
         if pieces is None:
@@ -114,7 +109,7 @@ class ShapeReader:
         self,
         node: Node,
         properties: Properties,
-        to_world: Floats,
+        to_world: Float64Array,
         prefix: str | None,
         mesh: Mesh,
         label: str,
@@ -288,7 +283,9 @@ class ShapeReader:
                 self.scope.changes.note("triangles without area were dropped from {}", path.name)
         return self._cache[key]
 
-    def _sphere(self, node: Node, properties: Properties, to_world: Floats) -> Floats | None:
+    def _sphere(
+        self, node: Node, properties: Properties, to_world: Float64Array
+    ) -> Float64Array | None:
         matrix = to_world @ _sphere_frame(properties)
         gram = matrix[:3, :3].T @ matrix[:3, :3]
         if np.allclose(gram, gram[0, 0] * np.eye(3), rtol=1e-4, atol=1e-4 * gram[0, 0]):
@@ -297,7 +294,7 @@ class ShapeReader:
         return None
 
 
-def _sphere_frame(properties: Properties) -> Floats:
+def _sphere_frame(properties: Properties) -> Float64Array:
     centre, radius = properties.vector("center"), properties.number("radius", 1.0)
     if radius <= 0:
         raise properties.node.error("a sphere needs a positive radius")

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from scenes.arrays import Float64Array
 from scenes.color import XYZ_TO_RGB
 
 _GRID = np.arange(380.0, 781.0, 2.0)
 
 
-def color_matching(wavelengths: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def color_matching(wavelengths: Float64Array) -> Float64Array:
     """CIE 1931 observer at `wavelengths` (N,) in nm, (N, 3).
 
     Multi-lobe fit of Wyman, Sloan and Shirley, *Simple Analytic Approximations to the CIE XYZ
     Color Matching Functions* (2013).
     """
 
-    def lobe(mean: float, below: float, above: float) -> npt.NDArray[np.float64]:
+    def lobe(mean: float, below: float, above: float) -> Float64Array:
         offset = wavelengths - mean
         width = np.where(offset < 0, below, above)
         return np.asarray(np.exp(-0.5 * (offset / width) ** 2))
@@ -29,9 +29,7 @@ def color_matching(wavelengths: npt.NDArray[np.float64]) -> npt.NDArray[np.float
     return np.stack([x, y, z], axis=1)
 
 
-def spectrum_to_rgb(
-    wavelengths: npt.NDArray[np.float64], values: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def spectrum_to_rgb(wavelengths: Float64Array, values: Float64Array) -> Float64Array:
     """Linear Rec. 709 RGB (3,) of a spectrum sampled at increasing `wavelengths` in nm.
 
     Balanced so that a constant spectrum is grey of the same value; outside its samples a

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
+from scenes.arrays import Float64Array
 from scenes.color import XYZ_TO_RGB, Color, decode_srgb
 from scenes.geometry.transforms import look_at
 from scenes.importing.changes import Changes
@@ -20,7 +20,7 @@ from scenes.mitsuba.spectra import blackbody_radiance, spectrum_to_rgb
 from scenes.photometry import blackbody
 
 T = TypeVar("T")
-Matrix4 = npt.NDArray[np.float64]
+Matrix4 = Float64Array
 
 _MAX_REFERENCES = 32
 _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
@@ -108,7 +108,7 @@ class Properties:
         """A string."""
         return self._read(name, default, lambda node, text: text)
 
-    def vector(self, name: str) -> npt.NDArray[np.float64] | None:
+    def vector(self, name: str) -> Float64Array | None:
         """A point or vector, float64 (3,)."""
         node = self.child(name)
         if node is None or self._missing(node):
@@ -203,7 +203,7 @@ def read_transform(node: Node, scope: Scope) -> Matrix4:
     return matrix
 
 
-def rotation(axis: npt.NDArray[np.float64], angle: float, node: Node) -> npt.NDArray[np.float64]:
+def rotation(axis: Float64Array, angle: float, node: Node) -> Float64Array:
     """The 3x3 rotation by `angle` radians about `axis` (Rodrigues)."""
     length = float(np.linalg.norm(axis))
     if length == 0:
@@ -248,7 +248,7 @@ def read_color(node: Node, scope: Scope, emission: bool = False) -> Color | Node
     return (float(rgb[0]), float(rgb[1]), float(rgb[2]))
 
 
-def _spectrum(node: Node, text: str, scope: Scope, emission: bool) -> npt.NDArray[np.float64]:
+def _spectrum(node: Node, text: str, scope: Scope, emission: bool) -> Float64Array:
     if "filename" in node.attributes:
         path = scope.sandbox.find(node.attributes["filename"], node.place)
         if path is None:
@@ -278,14 +278,14 @@ def _spectrum(node: Node, text: str, scope: Scope, emission: bool) -> npt.NDArra
     return spectrum_to_rgb(wavelengths, values)
 
 
-def _blackbody(node: Node, kelvin: float, scope: Scope) -> npt.NDArray[np.float64]:
+def _blackbody(node: Node, kelvin: float, scope: Scope) -> Float64Array:
     if not 100 <= kelvin <= 100_000:
         raise node.error(f"a black body of {kelvin:g} K; from 100 to 100000 can be read")
     scope.changes.note("a blackbody spectrum became its linear RGB colour")
     return np.array(blackbody(kelvin)) * blackbody_radiance(kelvin)
 
 
-def _spectrum_plugin(node: Node, scope: Scope, emission: bool) -> npt.NDArray[np.float64]:
+def _spectrum_plugin(node: Node, scope: Scope, emission: bool) -> Float64Array:
     """Spectra of Mitsuba 2 and 3 that are plugins of their own, such as `<spectrum type="d65">`."""
     properties = Properties(node, scope)
     properties.ignore("id")
@@ -343,13 +343,13 @@ def _look_at(node: Node) -> Matrix4:
         raise node.error(str(error)) from error
 
 
-def _some_up(forward: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _some_up(forward: Float64Array) -> Float64Array:
     """What is up where a file does not say: +y, or +x for what looks along y, as lamps do."""
     upright = np.linalg.norm(forward[[0, 2]]) > 1e-6 * np.linalg.norm(forward)
     return np.array([0.0, 1, 0] if upright else [1.0, 0, 0])
 
 
-def _triple(node: Node, default: float) -> npt.NDArray[np.float64]:
+def _triple(node: Node, default: float) -> Float64Array:
     attributes = node.attributes
     if "value" in attributes:
         values = _numbers(node, attributes["value"])
@@ -380,7 +380,7 @@ def _boolean(node: Node, text: str) -> bool:
         raise node.error(f"{text!r} is neither true nor false") from None
 
 
-def _hex(node: Node, text: str) -> npt.NDArray[np.float64]:
+def _hex(node: Node, text: str) -> Float64Array:
     if not re.fullmatch(r"#[0-9a-fA-F]{6}", text):
         raise node.error(f"{text!r} is not a colour such as #a0b0c0")
     return np.array([int(text[index : index + 2], 16) / 255 for index in (1, 3, 5)])

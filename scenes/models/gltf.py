@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from scenes.arrays import Float64Array, Int64Array
 from scenes.color import Color
 from scenes.errors import InputError
-from scenes.geometry.mesh import Floats, Ints, Mesh, cleaned
+from scenes.geometry.mesh import Mesh, cleaned
 from scenes.importing.assembly import Camera
 from scenes.importing.changes import Changes
 from scenes.importing.names import Names
@@ -32,7 +33,7 @@ _LIGHTS = "KHR_lights_punctual"
 class _Node:
     index: int
     node: dict[str, Any]
-    matrix: Floats  # to the file's world
+    matrix: Float64Array  # to the file's world
     names: tuple[str, ...]  # of the nodes from the root to this one
 
 
@@ -79,7 +80,7 @@ class _Reader:
         """Every node of the scene once, parents first; refuses circles and shared children."""
         nodes = self.asset.items("nodes")
         seen: set[int] = set()
-        stack: list[tuple[int, Floats, tuple[str, ...]]] = [
+        stack: list[tuple[int, Float64Array, tuple[str, ...]]] = [
             (root, np.eye(4), ()) for root in reversed(self._roots(nodes))
         ]
         while stack:
@@ -182,7 +183,7 @@ class _Reader:
         else:
             corners = np.arange(len(points))
         faces = _triangles(corners, mode)
-        optional: dict[str, Floats | None] = {}
+        optional: dict[str, Float64Array | None] = {}
         for name, width in (("NORMAL", 3), (f"TEXCOORD_{uv}", 2)):
             optional[name] = None
             if name in attributes:
@@ -242,7 +243,7 @@ class _Reader:
         )
 
 
-def local_matrix(node: dict[str, Any], place: str) -> Floats:
+def local_matrix(node: dict[str, Any], place: str) -> Float64Array:
     """A node's own transform, float64 (4, 4), on column vectors: its matrix, or T R S."""
     if "matrix" in node:
         values = numbers(node["matrix"], 16, f"{place}.matrix")
@@ -268,7 +269,7 @@ def local_matrix(node: dict[str, Any], place: str) -> Floats:
     return matrix
 
 
-def _triangles(corners: Ints, mode: int) -> Ints:
+def _triangles(corners: Int64Array, mode: int) -> Int64Array:
     if mode == _TRIANGLES:
         return corners[: len(corners) // 3 * 3].reshape(-1, 3)
     if len(corners) < 3:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from scenes.arrays import AnyArray, Float64Array, Int64Array
 from scenes.errors import InputError
 from scenes.models.gltf_container import Asset, whole
 
@@ -22,7 +22,7 @@ _COMPONENTS: dict[Any, np.dtype[Any]] = {
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
-def read_floats(asset: Asset, index: Any, width: int, where: str) -> npt.NDArray[np.float64]:
+def read_floats(asset: Asset, index: Any, width: int, where: str) -> Float64Array:
     """Accessor `index` as float64 (N, width); normalised integers become [0, 1] or [-1, 1]."""
     raw, normalized = _read(asset, index, where)
     if raw.shape[1] != width:
@@ -35,7 +35,7 @@ def read_floats(asset: Asset, index: Any, width: int, where: str) -> npt.NDArray
     return values
 
 
-def read_colors(asset: Asset, index: Any, where: str) -> npt.NDArray[np.float64]:
+def read_colors(asset: Asset, index: Any, where: str) -> Float64Array:
     """Vertex colours as linear RGB float64 (N, 3)."""
     raw, _ = _read(asset, index, where)
     values = raw.astype(np.float64)
@@ -46,7 +46,7 @@ def read_colors(asset: Asset, index: Any, where: str) -> npt.NDArray[np.float64]
     return np.nan_to_num(np.clip(values[:, :3], 0, 1))
 
 
-def read_indices(asset: Asset, index: Any, where: str) -> npt.NDArray[np.int64]:
+def read_indices(asset: Asset, index: Any, where: str) -> Int64Array:
     """Accessor `index` of unsigned integers as int64 (N,)."""
     raw, _ = _read(asset, index, where)
     if raw.dtype.kind != "u" or raw.shape[1] != 1:
@@ -54,7 +54,7 @@ def read_indices(asset: Asset, index: Any, where: str) -> npt.NDArray[np.int64]:
     return raw[:, 0].astype(np.int64)
 
 
-def _read(asset: Asset, index: Any, where: str) -> tuple[npt.NDArray[Any], bool]:
+def _read(asset: Asset, index: Any, where: str) -> tuple[AnyArray, bool]:
     accessor = asset.item("accessors", index, where)
     label = f"accessors[{index}]"
     place = f"{asset.path}: {label}"
@@ -85,7 +85,7 @@ def _read(asset: Asset, index: Any, where: str) -> tuple[npt.NDArray[Any], bool]
 
 def _strided(
     data: bytes, offset: int, stride: int, count: int, width: int, dtype: np.dtype[Any], place: str
-) -> npt.NDArray[Any]:
+) -> AnyArray:
     size = width * dtype.itemsize
     stride = stride or size
     if stride < size:
@@ -98,9 +98,7 @@ def _strided(
     return np.ndarray((count, width), dtype, data, offset, (stride, dtype.itemsize)).copy()
 
 
-def _patched(
-    asset: Asset, values: npt.NDArray[Any], sparse: dict[str, Any], label: str
-) -> npt.NDArray[Any]:
+def _patched(asset: Asset, values: AnyArray, sparse: dict[str, Any], label: str) -> AnyArray:
     place = f"{asset.path}: {label}.sparse"
     count = whole(sparse.get("count"), f"{place}.count", 1, len(values))
     parts = []

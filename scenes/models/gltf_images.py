@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.errors import InputError
-from scenes.geometry.mesh import Floats
 from scenes.importing.changes import Changes
 from scenes.models.gltf_container import Asset, extensions, number, numbers, whole
 
@@ -26,7 +26,7 @@ class Image:
     wrap: str = "repeat"
     nearest: bool = False
     texcoord: int = 0
-    to_uv: Floats | None = None  # 4x4, as Mitsuba takes it
+    to_uv: Float64Array | None = None  # 4x4, as Mitsuba takes it
 
 
 @dataclass
@@ -106,7 +106,7 @@ class Images:
         return path
 
 
-def texture_matrix(moved: dict[str, Any], where: str) -> Floats:
+def texture_matrix(moved: dict[str, Any], where: str) -> Float64Array:
     """The matrix of KHR_texture_transform: scale, then turn counter-clockwise, then shift.
 
     v points down in an image, so the turn's signs are those of a left-handed plane.

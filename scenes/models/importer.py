@@ -14,10 +14,10 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from scenes.arrays import Float64Array
 from scenes.color import REC709
 from scenes.contract import Credit, Scene, SceneObject, load_scene, writing_scene
 from scenes.errors import InputError
-from scenes.geometry.mesh import Floats
 from scenes.importing.assembly import Camera, Draft, assemble, moved
 from scenes.importing.categories import category_of
 from scenes.importing.changes import Changes
@@ -172,7 +172,7 @@ def _placed(
     )
 
 
-def _up(model: Model, options: ModelOptions) -> Floats:
+def _up(model: Model, options: ModelOptions) -> Float64Array:
     """The axis that points up in the file, as a unit vector (3,)."""
     if options.up != "auto":
         return np.eye(3)["xyz".index(options.up)]
@@ -181,7 +181,7 @@ def _up(model: Model, options: ModelOptions) -> Floats:
     return up_from_geometry(np.concatenate([shape.mesh.corners for shape in model.shapes]), _Y)
 
 
-def _scale_of_rooms(model: Model, up: Floats, options: ModelOptions) -> float | None:
+def _scale_of_rooms(model: Model, up: Float64Array, options: ModelOptions) -> float | None:
     """Metres per unit such that closed rooms of usual height are found; None if there are none."""
     turn = upright(up)
     corners = np.concatenate([shape.mesh.corners for shape in model.shapes]) @ turn.T
@@ -217,7 +217,7 @@ def _scale_of_size(model: Model, options: ModelOptions, changes: Changes) -> tup
     return 1.0, False
 
 
-def _say_frame(up: Floats, scale: float, options: ModelOptions, changes: Changes) -> None:
+def _say_frame(up: Float64Array, scale: float, options: ModelOptions, changes: Changes) -> None:
     if up[2] != 1:
         name = "+" + "XYZ"[int(np.argmax(up))]
         changes.note(f"the scene was turned so that its {name} axis points up (Z)")
@@ -259,7 +259,7 @@ def _radiance(
     return (red, green, blue)
 
 
-def _punctual(light: Punctual, frame: Floats) -> Emitter:
+def _punctual(light: Punctual, frame: Float64Array) -> Emitter:
     """Candela times LUMEN is radiant intensity, lux times LUMEN irradiance, in our units."""
     pose = frame @ light.pose
     axes = pose[:3, :3] / np.linalg.norm(pose[:3, :3], axis=0)

@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.color import Color
-from scenes.geometry.mesh import Floats
 from scenes.importing.assembly import Camera
 from scenes.importing.shape import Shape
 
@@ -20,7 +20,7 @@ class Glow:
 
     color: Color
     image: Path | None = None
-    to_uv: Floats | None = None
+    to_uv: Float64Array | None = None
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Punctual:
     kind: Literal["point", "spot", "directional"]
     color: Color
     intensity: float
-    pose: Floats  # (4, 4), file's world
+    pose: Float64Array  # (4, 4), file's world
     inner: float = 0.0
     outer: float = 0.25 * np.pi
 

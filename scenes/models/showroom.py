@@ -7,8 +7,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.color import Color
-from scenes.geometry.mesh import Floats, Mesh
+from scenes.geometry.mesh import Mesh
 from scenes.geometry.primitives import cube
 from scenes.geometry.transforms import look_at
 from scenes.importing.assembly import Camera
@@ -39,10 +40,10 @@ class Showroom:
     shapes: list[Shape]
     area: dict[str, Element]
     cameras: list[Camera]
-    move: Floats  # (4, 4)
+    move: Float64Array  # (4, 4)
 
 
-def showroom(low: Floats, high: Floats) -> Showroom:
+def showroom(low: Float64Array, high: Float64Array) -> Showroom:
     """A room for an object with bounds `low` and `high` (3,), metres, Z up.
 
     The object comes to stand on the floor in the middle; the window is in the south wall

@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image
 
+from scenes.arrays import Float32Array, UInt8Array
 from scenes.color import Color, encode_srgb
 from scenes.procedural.patterns import SEEDS, has_pattern, pattern, picture
 from scenes.procedural.piece import BoughtMaterial, Material
@@ -148,14 +148,14 @@ class MaterialLibrary:
     def _side(self, material: Material) -> int:
         return max(64, self.texture_size // _SHARE.get(material.kind, 1))
 
-    def _save(self, image: npt.NDArray[np.uint8], name: str) -> None:
+    def _save(self, image: UInt8Array, name: str) -> None:
         path = self.folder / "textures" / f"{name}.png"
         # Mitsuba puts v = 0 at the top row of an image, we at the bottom.
         # Grain hardly repeats: looking for matches would cost time and save nothing.
         Image.fromarray(image[::-1]).save(path, compress_type=zlib.Z_HUFFMAN_ONLY)
 
 
-def texture_image(material: Material, size: int) -> npt.NDArray[np.uint8]:
+def texture_image(material: Material, size: int) -> UInt8Array:
     """sRGB texture (size, size, 3), row 0 at v = 0, whose linear mean is the material's colour.
 
     Where accent areas are structural (grout, mortar) the mean is that of the rest.
@@ -178,17 +178,17 @@ def texture_image(material: Material, size: int) -> npt.NDArray[np.uint8]:
     return _encoded(linear)
 
 
-def _picture_image(material: Material, size: int) -> npt.NDArray[np.uint8]:
+def _picture_image(material: Material, size: int) -> UInt8Array:
     return _encoded(picture(generator(material.variant, "picture"), size))
 
 
-def _encoded(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+def _encoded(linear: Float32Array) -> UInt8Array:
     """Planes of linear RGB (3, size, size) as an sRGB image (size, size, 3)."""
     steps = np.clip(linear * 4095 + 0.5, 0, 4095).astype(np.uint16)
     return np.ascontiguousarray(_SRGB[steps].transpose(1, 2, 0))
 
 
-def _srgb_table() -> npt.NDArray[np.uint8]:
+def _srgb_table() -> UInt8Array:
     """8-bit sRGB of linear values 0, 1/4095 ... 1 (IEC 61966-2-1)."""
     return np.rint(encode_srgb(np.arange(4096) / 4095) * 255).astype(np.uint8)
 

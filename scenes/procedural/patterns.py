@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
+from scenes.arrays import Float32Array
 from scenes.seeds import generator
 
-Field = npt.NDArray[np.float32]
 SEEDS = 12  # distinct draws of each pattern; a home's materials pick from these
 
 
@@ -24,8 +23,8 @@ SEEDS = 12  # distinct draws of each pattern; a home's materials pick from these
 class Pattern:
     """See the module; `metres` is the side of the square that repeats."""
 
-    mix: Field
-    shade: Field
+    mix: Float32Array
+    shade: Float32Array
     metres: float
 
 
@@ -47,7 +46,7 @@ def noise(
     falloff: float,
     stretch: tuple[float, float] = (1.0, 1.0),
     low: float = 1.0,
-) -> Field:
+) -> Float32Array:
     """Wrapping noise of mean 0 and deviation 1 whose amplitude falls with frequency ** -falloff.
 
     `stretch` lengthens it along (u, v); waves longer than 1/`low` of the tile are left out.
@@ -67,7 +66,9 @@ def noise(
 
 
 @lru_cache(maxsize=48)
-def _amplitude(reach: int, falloff: float, stretch: tuple[float, float], low: float) -> Field:
+def _amplitude(
+    reach: int, falloff: float, stretch: tuple[float, float], low: float
+) -> Float32Array:
     """Of the waves along v (2 reach rows, as the FFT orders them) and u (reach + 1 columns)."""
     frequency_v = np.fft.fftfreq(2 * reach, 1 / (2 * reach)).astype(np.float32)[:, None]
     frequency_u = np.arange(reach + 1, dtype=np.float32)[None, :]
@@ -75,19 +76,19 @@ def _amplitude(reach: int, falloff: float, stretch: tuple[float, float], low: fl
     return np.where(radius >= low, 1 / np.maximum(radius, 1e-6) ** falloff, 0)
 
 
-def _axes(size: int) -> tuple[Field, Field]:
+def _axes(size: int) -> tuple[Float32Array, Float32Array]:
     """(u, v) of the pixel centres in [0, 1)."""
     ramp = (np.arange(size, dtype=np.float32) + 0.5) / size
     u, v = np.meshgrid(ramp, ramp)
     return u.astype(np.float32), v.astype(np.float32)
 
 
-def _smooth(low: float, high: float, x: Field) -> Field:
+def _smooth(low: float, high: float, x: Float32Array) -> Float32Array:
     t = np.clip((x - low) / (high - low), 0, 1)
     return (t * t * (3 - 2 * t)).astype(np.float32)
 
 
-def _grain(rng: np.random.Generator, size: int) -> tuple[Field, Field]:
+def _grain(rng: np.random.Generator, size: int) -> tuple[Float32Array, Float32Array]:
     """Wood along u: (growth rings in [0, 1], fine pores around 0)."""
     _, v = _axes(size)
     bend = noise(rng, size, 2.2, (5.0, 1.0))
@@ -288,7 +289,7 @@ _MAKERS: dict[str, Callable[[np.random.Generator, int], Pattern]] = {
 }
 
 
-def picture(rng: np.random.Generator, size: int) -> Field:
+def picture(rng: np.random.Generator, size: int) -> Float32Array:
     """An abstract painting, planes of linear RGB float32 (3, size, size); row 0 is its bottom."""
     u, v = _axes(size)
     palette = rng.uniform(0.02, 0.75, (6, 3)).astype(np.float32)
@@ -298,7 +299,7 @@ def picture(rng: np.random.Generator, size: int) -> Field:
     image[:] = palette[0][:, None, None]
     kind = int(rng.integers(4))
 
-    def lay(mask: Field, color: npt.NDArray[np.float32]) -> None:
+    def lay(mask: Float32Array, color: Float32Array) -> None:
         low, high = np.flatnonzero(mask.any(axis=1))[[0, -1]] if mask.any() else (0, -1)
         rows = slice(low, high + 1)  # most shapes cover a small part
         image[:, rows] *= 1 - mask[rows]

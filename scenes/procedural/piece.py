@@ -13,10 +13,10 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from scenes.arrays import Float64Array, Int64Array
 from scenes.color import Color
 
 MaterialKind = Literal[
@@ -97,17 +97,17 @@ class Part:
     """
 
     name: str
-    vertices: npt.NDArray[np.float64]
-    faces: npt.NDArray[np.int64]
-    uvs: npt.NDArray[np.float64]
+    vertices: Float64Array
+    faces: Int64Array
+    uvs: Float64Array
     material: Material | BoughtMaterial
     smooth: bool = False
     lumens: float = 0.0  # above 0: this part emits, lit when the home's lamps are on
     kelvin: float = 2800.0  # colour temperature of what it emits
-    given: npt.NDArray[np.float64] | None = None  # unit vertex normals that came with the mesh
+    given: Float64Array | None = None  # unit vertex normals that came with the mesh
 
     @property
-    def normals(self) -> npt.NDArray[np.float64]:
+    def normals(self) -> Float64Array:
         """Unit vertex normals (V, 3): those given, else weighted by area and angle.
 
         Vertices at one place share theirs where the surface turns by less than 50 degrees, so
@@ -164,17 +164,17 @@ class Piece:
     side_clearance: float = 0.0
     surfaces: tuple[Surface, ...] = ()
     mount_height: float = 0.0  # on_wall: height of the origin above the floor
-    boxes: npt.NDArray[np.float64] | None = None  # (N, 2, 3): hold all of it; None: see `bodies`
+    boxes: Float64Array | None = None  # (N, 2, 3): hold all of it; None: see `bodies`
     credit: Credit | None = None  # of a piece from a catalogue
 
     @cached_property
-    def bounds(self) -> npt.NDArray[np.float64]:
+    def bounds(self) -> Float64Array:
         """Axis-aligned bounds in its own frame, (2, 3) metres."""
         points = np.concatenate([part.vertices for part in self.parts])
         return np.stack([points.min(axis=0), points.max(axis=0)])
 
     @cached_property
-    def bodies(self) -> npt.NDArray[np.float64]:
+    def bodies(self) -> Float64Array:
         """Boxes (N, 2, 3) in its own frame that hold all of it, apart where it leaves room.
 
         Those given, else the axis-aligned bounds of each connected body of its meshes.
@@ -184,7 +184,7 @@ class Piece:
         return np.concatenate([_body_bounds(part) for part in self.parts])
 
 
-def _places(points: npt.NDArray[np.float64], apart: float) -> npt.NDArray[np.int64]:
+def _places(points: Float64Array, apart: float) -> Int64Array:
     """A number for each point (N, 3), equal for those that round to one multiple of `apart`."""
     # One well-mixed 64-bit key a point sorts ten times faster than rows of three.
     cells = np.round(points / apart).astype(np.int64).view(np.uint64)
@@ -194,7 +194,7 @@ def _places(points: npt.NDArray[np.float64], apart: float) -> npt.NDArray[np.int
     return np.unique(keys, return_inverse=True)[1].reshape(-1)
 
 
-def _body_bounds(part: Part) -> npt.NDArray[np.float64]:
+def _body_bounds(part: Part) -> Float64Array:
     # Vertices are split at creases: weld what lies within 0.1 mm, then follow the triangles.
     welded = _places(part.vertices, 1e-4)
     a, b, c = (welded[part.faces[:, k]] for k in range(3))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from scenes.arrays import Float64Array
 from scenes.procedural.furniture.geometry import Mesh, merge
 from scenes.procedural.piece import Credit, Material, Part, Piece
 
@@ -24,7 +24,7 @@ class Thing:
     credit: Credit | None = None
 
     @property
-    def bounds(self) -> npt.NDArray[np.float64]:
+    def bounds(self) -> Float64Array:
         """Axis-aligned bounds (2, 3), metres."""
         points = np.concatenate([part.vertices for part in self.parts])
         return np.stack([points.min(axis=0), points.max(axis=0)])
@@ -42,14 +42,14 @@ class Pose:
     z: float
     turn: float
 
-    def apply(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def apply(self, points: Float64Array) -> Float64Array:
         """Points (N, 3) of the piece's frame in the world; quarter turns are exact."""
         sine, cosine = _sine_cosine(self.turn)
         x = self.x + cosine * points[:, 0] - sine * points[:, 1]
         y = self.y + sine * points[:, 0] + cosine * points[:, 1]
         return np.stack([x, y, points[:, 2] + self.z], axis=1)
 
-    def turned(self, directions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def turned(self, directions: Float64Array) -> Float64Array:
         """Directions (N, 3) of the piece's frame in the world."""
         return replace(self, x=0.0, y=0.0, z=0.0).apply(directions)
 

@@ -11,10 +11,10 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from shapely.geometry import MultiPolygon, Polygon
 
+from scenes.arrays import Int64Array
 from scenes.contract import Point2, Portal
 from scenes.procedural.finishes import Finishes, RoomFinish
 from scenes.procedural.furniture.geometry import Mesh, bar, cylinder, merge, prism, span
@@ -132,7 +132,7 @@ def _face(
     return Mesh(vertices, _quad_faces(len(quads)), np.stack([-flat[:, 0], flat[:, 1]], axis=1))
 
 
-def _quad_faces(count: int) -> npt.NDArray[np.int64]:
+def _quad_faces(count: int) -> Int64Array:
     corners = np.array([[0, 1, 2], [0, 2, 3]])
     return (4 * np.arange(count)[:, None, None] + corners).reshape(-1, 3).astype(np.int64)
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from shapely.geometry import Polygon, box
 
-from scenes.geometry.mesh import Floats, face_areas
+from scenes.arrays import BoolArray, Float64Array
+from scenes.geometry.mesh import face_areas
 from scenes.reconstruction.rooms import FoundOpening, slice_segments
 
 DEPTHS = np.arange(-0.03, 0.95, 0.04)  # metres outwards from a wall's face
@@ -34,20 +34,20 @@ _LARGEST = 200_000  # segments of a cut; more are noise of vegetation, not a wal
 class Frame:
     """A plane with axes `u` and `v` (unit, 3), right-handed with `normal`, through `origin`."""
 
-    origin: Floats
-    u: Floats
-    v: Floats
+    origin: Float64Array
+    u: Float64Array
+    v: Float64Array
 
     @property
-    def normal(self) -> Floats:
+    def normal(self) -> Float64Array:
         """Unit, on the side that larger depths lie."""
         return np.cross(self.u, self.v)
 
-    def local(self, points: Floats) -> Floats:
+    def local(self, points: Float64Array) -> Float64Array:
         """World points (..., 3) as u, v and depth."""
         return (points - self.origin) @ np.stack([self.u, self.v, self.normal], axis=1)
 
-    def world(self, plane: Floats, depth: float) -> Floats:
+    def world(self, plane: Float64Array, depth: float) -> Float64Array:
         """Points (N, 2) of the cut at `depth` in the world, (N, 3)."""
         return self.origin + plane @ np.stack([self.u, self.v]) + depth * self.normal
 
@@ -56,14 +56,14 @@ class Frame:
 class Cuts:
     """Cuts through triangles `corners` (F, 3, 3)."""
 
-    corners: Floats
-    _low: Floats = field(init=False)
-    _high: Floats = field(init=False)
+    corners: Float64Array
+    _low: Float64Array = field(init=False)
+    _high: Float64Array = field(init=False)
 
     def __post_init__(self) -> None:
         self._low, self._high = _extremes(self.corners)
 
-    def near(self, frame: Frame, low: Floats, high: Floats) -> Floats:
+    def near(self, frame: Frame, low: Float64Array, high: Float64Array) -> Float64Array:
         """The triangles near the box from `low` to `high` (3,) of the frame, in its axes."""
         edges = np.stack([low, high])
         points = np.array([[edges[i, 0], edges[j, 1], edges[k, 2]]
@@ -74,7 +74,9 @@ class Cuts:
         return local[_meeting(*_extremes(local), low, high)]
 
 
-def _meeting(lowest: Floats, highest: Floats, low: Floats, high: Floats) -> npt.NDArray[np.bool_]:
+def _meeting(
+    lowest: Float64Array, highest: Float64Array, low: Float64Array, high: Float64Array
+) -> BoolArray:
     """Which of the boxes from `lowest` to `highest` (F, 3) meet the box from `low` to `high`."""
     meets = np.ones(len(lowest), dtype=bool)
     for axis in range(3):  # not `all(axis=1)`: that takes ten times as long on rows of three
@@ -82,14 +84,16 @@ def _meeting(lowest: Floats, highest: Floats, low: Floats, high: Floats) -> npt.
     return meets
 
 
-def _extremes(corners: Floats) -> tuple[Floats, Floats]:
+def _extremes(corners: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Lowest and highest coordinates (F, 3) of triangles (F, 3, 3)."""
     first, second, third = corners[:, 0], corners[:, 1], corners[:, 2]
     low = np.minimum(np.minimum(first, second), third)
     return low, np.maximum(np.maximum(first, second), third)
 
 
-def air(local: Floats, depth: float, seeds: Floats, around: float = _AROUND) -> list[Polygon]:
+def air(
+    local: Float64Array, depth: float, seeds: Float64Array, around: float = _AROUND
+) -> list[Polygon]:
     """The closed-in parts of the air in a cut that hold any of `seeds` (K, 2).
 
     `local` are triangles in the frame's axes. Air that reaches `around` metres past the seeds
@@ -116,7 +120,7 @@ def air(local: Floats, depth: float, seeds: Floats, around: float = _AROUND) -> 
     ]
 
 
-def outline_of(parts: list[Polygon]) -> Floats:
+def outline_of(parts: list[Polygon]) -> Float64Array:
     """A counter-clockwise outline (N, 2) around holes and the bars between them, reaching into
     what closes them in."""
     whole = shapely.union_all(parts).buffer(_GAP + _OVERLAP, join_style="mitre")
@@ -156,7 +160,7 @@ def seated(cuts: Cuts, opening: FoundOpening) -> FoundOpening:
     return replace(opening, polygon=frame.world(outline_of(good[depth]), depth))
 
 
-def _coarse(lines: Floats) -> Floats:
+def _coarse(lines: Float64Array) -> Float64Array:
     """Segments (N, 2, 2) with ends on a grid, each once: leaves of plants in a cut are thousands
     of segments that one line of the grid's width shows as well."""
     ends = np.round(lines / _GRID).astype(np.int64)
@@ -165,11 +169,11 @@ def _coarse(lines: Floats) -> Floats:
         (ends[:, 0, 0] == ends[:, 1, 0]) & (ends[:, 0, 1] > ends[:, 1, 1])
     )
     ends[turn] = ends[turn][:, ::-1]
-    kept: Floats = np.unique(ends.reshape(-1, 4), axis=0).reshape(-1, 2, 2) * _GRID
+    kept: Float64Array = np.unique(ends.reshape(-1, 4), axis=0).reshape(-1, 2, 2) * _GRID
     return kept
 
 
-def _sheets(local: Floats) -> list[float]:
+def _sheets(local: Float64Array) -> list[float]:
     """Depths of the largest surfaces parallel to a cut: a hole in one has no depth itself."""
     areas, _ = face_areas(local)
     lowest, highest = _extremes(local)

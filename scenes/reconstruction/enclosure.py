@@ -18,7 +18,8 @@ from scipy import ndimage
 from shapely.geometry import Polygon, box
 from shapely.geometry.polygon import orient
 
-from scenes.geometry.mesh import Floats, Ints, face_areas
+from scenes.arrays import Float64Array, Int64Array
+from scenes.geometry.mesh import face_areas
 from scenes.reconstruction.aperture_sections import Frame
 from scenes.reconstruction.hidden_openings import Walker
 from scenes.reconstruction.light_walks import blocked, places
@@ -88,14 +89,14 @@ class _Side:
 
 
 def shell(
-    corners: Floats, rays: RayCaster, rooms: list[FoundRoom], openings: list[FoundOpening]
-) -> tuple[Floats, list[FoundOpening]]:
+    corners: Float64Array, rays: RayCaster, rooms: list[FoundRoom], openings: list[FoundOpening]
+) -> tuple[Float64Array, list[FoundOpening]]:
     """Triangles (F, 3, 3) around a building that leaks, and the openings that it leaves open.
 
     No triangles if none are wanted or none fit. Closed are openings that no wall holds: those
     up a fireplace. `corners` are the triangles that stop light as it is, `rays` cast at them.
     """
-    without: tuple[Floats, list[FoundOpening]] = (np.empty((0, 3, 3)), openings)
+    without: tuple[Float64Array, list[FoundOpening]] = (np.empty((0, 3, 3)), openings)
     if not rooms or any(room.guessed for room in rooms):
         return without
     normals = face_areas(corners)[1]
@@ -117,7 +118,7 @@ def shell(
 
 
 def _sides(
-    rooms: list[FoundRoom], openings: list[FoundOpening], met: Floats, stray: int
+    rooms: list[FoundRoom], openings: list[FoundOpening], met: Float64Array, stray: int
 ) -> tuple[list[_Side], list[FoundOpening]]:
     """The shell's sides, and the openings that have holes in them.
 
@@ -151,7 +152,7 @@ def _sides(
     return sides, kept
 
 
-def _ring(rooms: list[FoundRoom]) -> Floats:
+def _ring(rooms: list[FoundRoom]) -> Float64Array:
     """Corners (N, 2) of the outline of all rooms with the walls between them, anticlockwise."""
     grown = [room.floor.buffer(0.5 * _WALL, join_style="mitre") for room in rooms]
     plan = shapely.union_all(grown).buffer(-0.5 * _WALL, join_style="mitre").simplify(0.01)
@@ -160,7 +161,7 @@ def _ring(rooms: list[FoundRoom]) -> Floats:
     return np.array(orient(Polygon(plan.exterior)).exterior.coords)[:-1]
 
 
-def _walls(ring: Floats, floor: float, ceiling: float) -> list[_Side]:
+def _walls(ring: Float64Array, floor: float, ceiling: float) -> list[_Side]:
     walls = []
     for start, end in zip(ring, np.roll(ring, -1, axis=0), strict=True):
         length = float(np.linalg.norm(end - start))
@@ -181,7 +182,7 @@ def _hang(opening: FoundOpening, sides: list[_Side]) -> bool:
     return True
 
 
-def _nearest_wall(ring: Floats, points: Floats) -> Ints:
+def _nearest_wall(ring: Float64Array, points: Float64Array) -> Int64Array:
     """Of points (N, 2) outside a ring the number of the nearest edge, (N,); inside -1."""
     edges = np.stack([ring, np.roll(ring, -1, axis=0)], axis=1)
     away = [shapely.distance(edge, shapely.points(points)) for edge in shapely.linestrings(edges)]
@@ -189,7 +190,7 @@ def _nearest_wall(ring: Floats, points: Floats) -> Ints:
     return np.where(inside, -1, np.argmin(away, axis=0))
 
 
-def _set_back(side: _Side, local: Floats, stray: int) -> None:
+def _set_back(side: _Side, local: Float64Array, stray: int) -> None:
     """Put a side's main sheet behind the first of its openings, else behind the relief of its
     wall, and what is deeper into boxes.
 
@@ -239,7 +240,7 @@ def _joined(boxes: list[_Sheet]) -> list[_Sheet]:
     return apart
 
 
-def _recesses(local: Floats, stray: int) -> list[_Sheet]:
+def _recesses(local: Float64Array, stray: int) -> list[_Sheet]:
     """The ends of boxes around what is seen behind a sheet, (N, 3) in its side's axes."""
     if len(local) <= stray:
         return []
@@ -257,7 +258,7 @@ def _recesses(local: Floats, stray: int) -> list[_Sheet]:
     return found
 
 
-def _moved_out(ring: Floats, depths: list[float]) -> Floats:
+def _moved_out(ring: Float64Array, depths: list[float]) -> Float64Array:
     """The corners (N, 2) of a ring whose edges move outwards by their depths."""
     ways = np.roll(ring, -1, axis=0) - ring
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
@@ -275,7 +276,7 @@ def _moved_out(ring: Floats, depths: list[float]) -> Floats:
     return moved
 
 
-def _triangles(side: _Side) -> list[Floats]:
+def _triangles(side: _Side) -> list[Float64Array]:
     """A side's sheets with the collars of openings and the walls of boxes, (F, 3, 3) each."""
     made, ends = [], []
     for sheet in side.boxes:
@@ -288,7 +289,7 @@ def _triangles(side: _Side) -> list[Floats]:
     return [*made, *_holed(side, side.main, ends)]
 
 
-def _holed(side: _Side, sheet: _Sheet, holes: list[Polygon]) -> list[Floats]:
+def _holed(side: _Side, sheet: _Sheet, holes: list[Polygon]) -> list[Float64Array]:
     """A sheet around `holes` and its openings, with the collars that lead to these."""
     made, holes = [], list(holes)
     for opening in sheet.openings:
@@ -307,7 +308,7 @@ def _holed(side: _Side, sheet: _Sheet, holes: list[Polygon]) -> list[Floats]:
     return [*made, *_flat(side.frame, plane, sheet.depth)]
 
 
-def _flat(frame: Frame, outline: Polygon, depth: float) -> list[Floats]:
+def _flat(frame: Frame, outline: Polygon, depth: float) -> list[Float64Array]:
     made = []
     for part in shapely.get_parts(outline).tolist():
         if not isinstance(part, Polygon) or part.area < _TINY:
@@ -317,7 +318,7 @@ def _flat(frame: Frame, outline: Polygon, depth: float) -> list[Floats]:
     return made
 
 
-def _band(frame: Frame, one: Polygon, depth: float, other: Polygon, far: float) -> Floats:
+def _band(frame: Frame, one: Polygon, depth: float, other: Polygon, far: float) -> Float64Array:
     """Between the rims of two outlines, of as many corners each, at two depths."""
     plain = all(isinstance(each, Polygon) and not each.is_empty for each in (one, other))
     if not plain or len(one.exterior.coords) != len(other.exterior.coords):
@@ -331,7 +332,7 @@ def _band(frame: Frame, one: Polygon, depth: float, other: Polygon, far: float) 
 
 
 def _cuts(
-    made: Floats, rays: RayCaster, rooms: list[FoundRoom], openings: list[FoundOpening]
+    made: Float64Array, rays: RayCaster, rooms: list[FoundRoom], openings: list[FoundOpening]
 ) -> bool:
     """Whether a shell stands before more than cracks, for who looks around indoors.
 

@@ -16,7 +16,8 @@ import shapely
 import trimesh
 from shapely.geometry import Polygon, box
 
-from scenes.geometry.mesh import Floats, face_areas
+from scenes.arrays import Float64Array
+from scenes.geometry.mesh import face_areas
 from scenes.reconstruction.aperture_sections import Cuts, Frame
 from scenes.reconstruction.hidden_openings import Escape, Walker
 from scenes.reconstruction.light_walks import places
@@ -51,12 +52,12 @@ class _Slab:
     frame: Frame  # depth 0 is the surface beside the crack
     plan: Polygon
 
-    def stops(self, stretch: Floats) -> bool:
+    def stops(self, stretch: Float64Array) -> bool:
         """Whether it lies across a straight way (2, 3)."""
         point = _crossing(stretch, self.frame)
         return point is not None and bool(shapely.contains_xy(self.plan, *point))
 
-    def corners(self) -> Floats:
+    def corners(self) -> Float64Array:
         """Its triangles, (F, 3, 3)."""
         solid = trimesh.creation.extrude_polygon(self.plan, _THICK, engine="earcut")
         local = np.asarray(solid.vertices)[np.asarray(solid.faces)]
@@ -65,8 +66,8 @@ class _Slab:
 
 
 def caulk(
-    corners: Floats, rays: RayCaster, rooms: list[FoundRoom], openings: list[FoundOpening]
-) -> tuple[Floats, int]:
+    corners: Float64Array, rays: RayCaster, rooms: list[FoundRoom], openings: list[FoundOpening]
+) -> tuple[Float64Array, int]:
     """Triangles (F, 3, 3) that close what cracks walks of light find, and how many slabs they are.
 
     `corners` are the triangles that stop light as it is, `rays` cast at them.
@@ -121,12 +122,12 @@ def _close_to(known: list[Escape], walker: Walker, rng: np.random.Generator) -> 
 
 
 def _slab_for(
-    stretch: Floats,
+    stretch: Float64Array,
     rays: RayCaster,
     cuts: Cuts,
-    normals: Floats,
+    normals: Float64Array,
     openings: list[FoundOpening],
-    witnesses: Floats,
+    witnesses: Float64Array,
 ) -> _Slab | None:
     """A slab behind one of the surfaces beside a way out that stops it and is not seen."""
     for frame in _beside(stretch, rays, normals, cuts):
@@ -140,7 +141,9 @@ def _slab_for(
     return None
 
 
-def _beside(stretch: Floats, rays: RayCaster, normals: Floats, cuts: Cuts) -> Iterator[Frame]:
+def _beside(
+    stretch: Float64Array, rays: RayCaster, normals: Float64Array, cuts: Cuts
+) -> Iterator[Frame]:
     """The planes of what rays close to a way out hit, the closest first."""
     start, end = stretch
     way = (end - start) / np.linalg.norm(end - start)
@@ -167,7 +170,7 @@ def _beside(stretch: Floats, rays: RayCaster, normals: Floats, cuts: Cuts) -> It
 
 
 def _plan(
-    stretch: Floats, cuts: Cuts, frame: Frame, reach: float, openings: list[FoundOpening]
+    stretch: Float64Array, cuts: Cuts, frame: Frame, reach: float, openings: list[FoundOpening]
 ) -> Polygon | None:
     """The air around a way out in the cut just behind a surface."""
     point = _crossing(stretch, frame)
@@ -190,13 +193,13 @@ def _plan(
     return grown if isinstance(grown, Polygon) and not grown.is_empty else None
 
 
-def _crossing(stretch: Floats, frame: Frame) -> Floats | None:
+def _crossing(stretch: Float64Array, frame: Frame) -> Float64Array | None:
     """Where a way (2, 3) crosses the middle of a slab behind the frame's plane outwards, (2,)."""
     depth = _BEHIND + 0.5 * _THICK
     start, end = frame.local(stretch)
     if not start[2] < depth < end[2]:
         return None
-    point: Floats = (start + (depth - start[2]) / (end[2] - start[2]) * (end - start))[:2]
+    point: Float64Array = (start + (depth - start[2]) / (end[2] - start[2]) * (end - start))[:2]
     return point
 
 
@@ -208,7 +211,7 @@ def _shadow(opening: FoundOpening, frame: Frame) -> Polygon:
     return shapely.convex_hull(shapely.multipoints(local[:, :2]))
 
 
-def _witnesses(rooms: list[FoundRoom]) -> Floats:
+def _witnesses(rooms: list[FoundRoom]) -> Float64Array:
     """Places indoors, (N, 3)."""
     rng = generator(0, "witnesses")
     made = []
@@ -219,7 +222,7 @@ def _witnesses(rooms: list[FoundRoom]) -> Floats:
     return np.concatenate(made)
 
 
-def _is_seen(slab: _Slab, rays: RayCaster, witnesses: Floats) -> bool:
+def _is_seen(slab: _Slab, rays: RayCaster, witnesses: Float64Array) -> bool:
     """Whether more of the slab's face than a crack shows is in sight from indoors."""
     rng = generator(0, "slab")
     low, high = np.array(slab.plan.bounds).reshape(2, 2)

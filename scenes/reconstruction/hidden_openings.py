@@ -15,7 +15,8 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
-from scenes.geometry.mesh import Floats, Ints, face_areas
+from scenes.arrays import Float64Array, Int64Array
+from scenes.geometry.mesh import face_areas
 from scenes.reconstruction.aperture_sections import DEPTHS, Cuts, Frame, air, outline_of
 from scenes.reconstruction.light_walks import blocked, bounce, places
 from scenes.reconstruction.raycast import RayCaster
@@ -41,7 +42,7 @@ class Escape:
     """A walk that got out of room number `room`: where it turned, (K, 3), its end outdoors."""
 
     room: int
-    points: Floats
+    points: Float64Array
 
 
 @dataclass(frozen=True)
@@ -65,14 +66,16 @@ class Walker:
     """Walks of light among triangles with unit `normals` (F, 3), stopped by `openings`."""
 
     rays: RayCaster
-    normals: Floats
+    normals: Float64Array
     openings: list[FoundOpening]
 
     def escapes(self, rooms: list[FoundRoom], count: int, seed: int) -> list[Escape]:
         """Of `count` walks in each of `rooms` those that get out."""
         return self.walks(rooms, count, seed)[0]
 
-    def walks(self, rooms: list[FoundRoom], count: int, seed: int) -> tuple[list[Escape], Floats]:
+    def walks(
+        self, rooms: list[FoundRoom], count: int, seed: int
+    ) -> tuple[list[Escape], Float64Array]:
         """Of `count` walks in each of `rooms` those that get out, and where all of them met
         something, (N, 3)."""
         found, met = [], [np.empty((0, 3))]
@@ -87,8 +90,8 @@ class Walker:
         return found, np.concatenate(met)
 
     def follow(
-        self, room: int, origins: Floats, ways: Floats, rng: np.random.Generator
-    ) -> tuple[list[Escape], list[Floats]]:
+        self, room: int, origins: Float64Array, ways: Float64Array, rng: np.random.Generator
+    ) -> tuple[list[Escape], list[Float64Array]]:
         """Those of the walks that begin at `origins` (N, 3) along `ways` that get out, and where
         the walks turned, (M, 3) each time."""
         found = []
@@ -201,12 +204,12 @@ def _least(area: float, walks: int, room: FoundRoom) -> float:
     return max(_FEWEST, _BUSY * walks * min(1.0, _BOUNCES * area / surface))
 
 
-Limits = tuple[Floats, Floats] | None  # of a cut, lowest and highest (u, v)
+Limits = tuple[Float64Array, Float64Array] | None  # of a cut, lowest and highest (u, v)
 
 
 def _families(
     escapes: list[Escape], rooms: list[FoundRoom]
-) -> Iterator[tuple[Frame, Floats, Limits]]:
+) -> Iterator[tuple[Frame, Float64Array, Limits]]:
     """Planes across which a way out may be: along walls, and level, seen from below and above."""
     up = np.array([0.0, 0.0, 1.0])
     for number in sorted({escape.room for escape in escapes}):
@@ -229,8 +232,8 @@ def _families(
 
 
 def _crossings(
-    escapes: list[Escape], frame: Frame, depths: Floats, limits: Limits
-) -> Iterator[tuple[float, Ints, Floats]]:
+    escapes: list[Escape], frame: Frame, depths: Float64Array, limits: Limits
+) -> Iterator[tuple[float, Int64Array, Float64Array]]:
     """Cuts that walks cross outwards: depth, which walks, and where they do so last, (M, 2)."""
     tracks = [frame.local(escape.points) for escape in escapes]
     for depth in depths.tolist():

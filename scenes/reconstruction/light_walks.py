@@ -15,12 +15,11 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry import Polygon
 
+from scenes.arrays import BoolArray, Float64Array
+
 _OFF = 1e-4  # metres that a bounce starts above its surface
 _STEEP = 0.01  # cosine below which it starts less high
 _EDGE = 2e-3  # metres by which a portal's blocker overlaps its frame
-
-Floats = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 
 class Hole(Protocol):
@@ -33,7 +32,9 @@ class Hole(Protocol):
     def normal(self) -> Any: ...
 
 
-def blocked(holes: Sequence[Hole], origins: Floats, directions: Floats, distances: Floats) -> Mask:
+def blocked(
+    holes: Sequence[Hole], origins: Float64Array, directions: Float64Array, distances: Float64Array
+) -> BoolArray:
     """Which stretches (N,) from `origins` (N, 3) along unit `directions` cross a hole.
 
     A stretch ends after its distance (N,), infinite where it hits nothing.
@@ -61,7 +62,7 @@ def blocked(holes: Sequence[Hole], origins: Floats, directions: Floats, distance
 
 def places(
     floor: Polygon, floor_z: float, ceiling_z: float, count: int, rng: np.random.Generator
-) -> Floats:
+) -> Float64Array:
     """Random places (count, 3) in the lower half of a room's air, a little off floor and walls.
 
     A room's ceiling height is that of most of it: under a roof its upper half may be outdoors.
@@ -70,7 +71,7 @@ def places(
     if inner.is_empty:
         inner = floor
     west, south, east, north = inner.bounds
-    made: list[Floats] = []
+    made: list[Float64Array] = []
     while sum(map(len, made)) < count:
         drawn = rng.uniform((west, south), (east, north), (4 * count, 2))
         made.append(drawn[shapely.contains_xy(inner, drawn[:, 0], drawn[:, 1])])
@@ -81,8 +82,12 @@ def places(
 
 
 def bounce(
-    origins: Floats, ways: Floats, distances: Floats, normals: Floats, rng: np.random.Generator
-) -> tuple[Floats, Floats]:
+    origins: Float64Array,
+    ways: Float64Array,
+    distances: Float64Array,
+    normals: Float64Array,
+    rng: np.random.Generator,
+) -> tuple[Float64Array, Float64Array]:
     """How walks go on from where they hit something: origins and unit directions, (N, 3) each.
 
     They came from `origins` along unit `ways` and met, after `distances` (N,), matt surfaces of
@@ -96,7 +101,7 @@ def bounce(
     return origins + (distances - back)[:, None] * ways, onward
 
 
-def _unit(vectors: npt.ArrayLike) -> Floats:
+def _unit(vectors: npt.ArrayLike) -> Float64Array:
     """Vectors (..., 3) scaled to length 1; zero stays zero."""
     rows = np.asarray(vectors, dtype=np.float64)
     length = np.linalg.norm(rows, axis=-1, keepdims=True)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.geometry.mesh import Floats, face_areas
+from scenes.arrays import Float64Array
+from scenes.geometry.mesh import face_areas
 from scenes.reconstruction.raycast import RayCaster
 
 ROOM_HEIGHTS = (2.0, 6.5)  # metres between floor and ceiling that need no explanation
@@ -20,7 +21,7 @@ _UNITS = {
 _MAX_CROSSINGS = 48
 
 
-def signed_axis(vector: Floats) -> Floats:
+def signed_axis(vector: Float64Array) -> Float64Array:
     """The coordinate axis, with its sign, nearest to `vector`."""
     axis = np.zeros(3)
     largest = int(np.argmax(np.abs(vector)))
@@ -28,7 +29,7 @@ def signed_axis(vector: Floats) -> Floats:
     return axis
 
 
-def up_from_geometry(corners: Floats, usual: Floats) -> Floats:
+def up_from_geometry(corners: Float64Array, usual: Float64Array) -> Float64Array:
     """The axis with the most area of floor-like triangles at both ends; `usual` if undecided."""
     areas, normals = face_areas(corners)
     centres = corners.mean(axis=1)
@@ -48,7 +49,7 @@ def up_from_geometry(corners: Floats, usual: Floats) -> Floats:
     return np.eye(3)[best]
 
 
-def upright(up: Floats) -> Floats:
+def upright(up: Float64Array) -> Float64Array:
     """A rotation (3, 3) that takes the axis `up` to +Z; Y up gives (x, y, z) -> (x, -z, y)."""
     axis = int(np.argmax(np.abs(up)))
     sign = 1.0 if up[axis] > 0 else -1.0
@@ -62,7 +63,7 @@ def upright(up: Floats) -> Floats:
     return turn
 
 
-def crossings(rays: RayCaster, points: Floats, low: float, high: float) -> list[Floats]:
+def crossings(rays: RayCaster, points: Float64Array, low: float, high: float) -> list[Float64Array]:
     """For each column (x, y) of `points` (N, 2), the heights where a vertical line meets a surface,
     from below upwards."""
     step = 1e-5 * max(high - low, 1e-6)
@@ -83,7 +84,7 @@ def crossings(rays: RayCaster, points: Floats, low: float, high: float) -> list[
     return [np.array(column) for column in heights]
 
 
-def tallest_gaps(columns: list[Floats], through: float | None) -> Floats:
+def tallest_gaps(columns: list[Float64Array], through: float | None) -> Float64Array:
     """Each column's tallest free interval (low, high), or the one that holds height `through`."""
     gaps = []
     for column in columns:

@@ -13,8 +13,9 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from scenes.arrays import Float64Array, Int64Array
 from scenes.formats.ply import write_ply
-from scenes.geometry.mesh import Floats, Ints, Mesh
+from scenes.geometry.mesh import Mesh
 
 _VARIANT = "scalar_rgb"
 # Robust: else one ray in 200 that is aimed at an edge slips between the triangles that share it,
@@ -30,7 +31,7 @@ class RayCaster:
     The base's triangles count first. To sort a whole scene takes long; a few more do not.
     """
 
-    def __init__(self, corners: Floats, base: RayCaster | None = None) -> None:
+    def __init__(self, corners: Float64Array, base: RayCaster | None = None) -> None:
         self._base = base
         self.count: int = len(corners) + (base.count if base is not None else 0)
         faces = np.arange(3 * len(corners)).reshape(-1, 3)
@@ -45,7 +46,9 @@ class RayCaster:
             mi.parser.transform_all(config, state)
             self._scene = mi.parser.instantiate(config, state)
 
-    def cast(self, origins: Floats, directions: Floats) -> tuple[Floats, Ints]:
+    def cast(
+        self, origins: Float64Array, directions: Float64Array
+    ) -> tuple[Float64Array, Int64Array]:
         """Distances (N,), infinite where nothing is hit, and triangle numbers (N,), there -1.
 
         `origins` and `directions` broadcast to (N, 3); directions are unit vectors.
@@ -58,14 +61,20 @@ class RayCaster:
         return self._cast(origins, directions)
 
     def _nearer(
-        self, distances: Floats, triangles: Ints, origins: Floats, directions: Floats
-    ) -> tuple[Floats, Ints]:
+        self,
+        distances: Float64Array,
+        triangles: Int64Array,
+        origins: Float64Array,
+        directions: Float64Array,
+    ) -> tuple[Float64Array, Int64Array]:
         assert self._base is not None
         own, number = self._cast(origins, directions)
         here = own < distances
         return np.where(here, own, distances), np.where(here, self._base.count + number, triangles)
 
-    def _cast(self, origins: Floats, directions: Floats) -> tuple[Floats, Ints]:
+    def _cast(
+        self, origins: Float64Array, directions: Float64Array
+    ) -> tuple[Float64Array, Int64Array]:
         intersect, ray = self._scene.ray_intersect_preliminary, self._ray
         point, vector = mi.scalar_rgb.Point3f, mi.scalar_rgb.Vector3f
         hits: list[Any] = [

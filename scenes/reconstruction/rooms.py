@@ -14,14 +14,14 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from scipy import ndimage
 from shapely.geometry import MultiPolygon, Point, Polygon
 from shapely.ops import unary_union
 
+from scenes.arrays import BoolArray, Float64Array
 from scenes.geometry.directions import fibonacci_sphere
-from scenes.geometry.mesh import Floats, face_areas
+from scenes.geometry.mesh import face_areas
 from scenes.reconstruction.orientation import crossings
 from scenes.reconstruction.raycast import RayCaster
 
@@ -50,12 +50,12 @@ class FoundRoom:
     guessed: bool = False
 
     @property
-    def centre(self) -> Floats:
+    def centre(self) -> Float64Array:
         """A point well inside, at eye height."""
         point = shapely.maximum_inscribed_circle(self.floor).coords[0]
         return np.array([*point, self.floor_z + 0.55 * (self.ceiling_z - self.floor_z)])
 
-    def holds(self, point: Floats, margin: float = 0.0) -> bool:
+    def holds(self, point: Float64Array, margin: float = 0.0) -> bool:
         """Whether a point (3,) lies inside, or within `margin` metres of it."""
         inside = self.floor_z - margin <= point[2] <= self.ceiling_z + margin
         return bool(inside and self.floor.buffer(margin).contains(Point(point[0], point[1])))
@@ -66,24 +66,24 @@ class FoundOpening:
     """An opening to the outside: a planar polygon (N, 3) in the plane of the wall."""
 
     room: int
-    polygon: Floats
-    normal: Floats  # points outdoors
+    polygon: Float64Array
+    normal: Float64Array  # points outdoors
     wall_share: float  # of the wall's area
     overhead: bool = False
     panes: list[str] = field(default_factory=list)
     hidden: bool = False  # found by walks of light, not by looking straight out
     # Points (K, 3) in its plane from which light goes straight out.
-    seeds: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    seeds: Float64Array = field(default_factory=lambda: np.empty((0, 3)))
 
 
-def find_rooms(rays: RayCaster, corners: Floats, eye: Floats | None) -> list[FoundRoom]:
+def find_rooms(rays: RayCaster, corners: Float64Array, eye: Float64Array | None) -> list[FoundRoom]:
     """All rooms with a level ceiling; else the space that is seen from `eye`; else nothing.
 
     `corners` (F, 3, 3) are the triangles that `rays` casts against.
     """
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     step = float(np.clip(np.max(high - low)[None] / 100, 0.2, 2.0)[0])
-    columns: list[Floats] = []
+    columns: list[Float64Array] = []
     if float(np.prod(np.ceil((high - low)[:2] / step))) <= _MAX_COLUMNS:
         xs = np.arange(low[0] + 0.37 * step, high[0], step)
         ys = np.arange(low[1] + 0.41 * step, high[1], step)
@@ -180,14 +180,14 @@ def _sees_out(rays: RayCaster, room: FoundRoom) -> bool:
 
 def _open_parts(
     rays: RayCaster,
-    origin: Floats,
-    u: Floats,
-    v: Floats,
+    origin: Float64Array,
+    u: Float64Array,
+    v: Float64Array,
     width: float,
     height: float,
-    outward: Floats,
+    outward: Float64Array,
     within: Polygon | None = None,
-) -> list[tuple[Floats, float, Floats]]:
+) -> list[tuple[Float64Array, float, Float64Array]]:
     """Outlines (N, 3) of the open parts of a rectangle, their shares of its area, and the points
     (K, 3) in them from which rays get out."""
     columns, rows = max(2, round(width / _CELL)), max(2, round(height / _CELL))
@@ -229,8 +229,8 @@ def _open_parts(
 
 
 def _reaches_sky(
-    rays: RayCaster, grid: Floats, cells: npt.NDArray[np.bool_], outward: Floats
-) -> npt.NDArray[np.bool_]:
+    rays: RayCaster, grid: Float64Array, cells: BoolArray, outward: Float64Array
+) -> BoolArray:
     """Of the open cells, those from which some of 24 directions outwards hit nothing."""
     fan = fibonacci_sphere(48)
     fan = fan[fan @ outward > 0.05]
@@ -243,7 +243,7 @@ def _reaches_sky(
     return found
 
 
-def _outline(cells: npt.NDArray[np.bool_], du: float, dv: float) -> Floats:
+def _outline(cells: BoolArray, du: float, dv: float) -> Float64Array:
     """The cells' outline in metres: their bounding rectangle where they nearly fill it, else a
     simplified polygon. Larger by a cell, by which the opening's edge is known, so that nothing
     gets out beside it."""
@@ -263,7 +263,7 @@ def _outline(cells: npt.NDArray[np.bool_], du: float, dv: float) -> Floats:
     return ring if Polygon(ring).exterior.is_ccw else ring[::-1]
 
 
-def _ceiling_levels(columns: list[Floats], step: float) -> list[float]:
+def _ceiling_levels(columns: list[Float64Array], step: float) -> list[float]:
     """Heights of level ceilings with at least a small room's area below them, highest first."""
     tops = []
     for column in columns:
@@ -277,7 +277,7 @@ def _ceiling_levels(columns: list[Floats], step: float) -> list[float]:
     return [float(np.median(group)) for group in reversed(groups) if len(group) * step**2 > 1.0]
 
 
-def _free_below(corners: Floats, level: float) -> list[Polygon]:
+def _free_below(corners: Float64Array, level: float) -> list[Polygon]:
     """The free areas in a cut below the ceiling at height `level`, bounded by that ceiling."""
     cover = _cover(corners, level)
     if cover.is_empty:
@@ -300,7 +300,7 @@ def _free_below(corners: Floats, level: float) -> list[Polygon]:
     return polygons
 
 
-def slice_segments(corners: Floats, height: float) -> Floats:
+def slice_segments(corners: Float64Array, height: float) -> Float64Array:
     """Where the plane z = `height` cuts the triangles: segments (N, 2, 2) in x and y."""
     # Columns, not `min(axis=1)`: that takes ten times as long on rows of three.
     first, second, third = corners[:, 0, 2], corners[:, 1, 2], corners[:, 2, 2]
@@ -323,7 +323,7 @@ def slice_segments(corners: Floats, height: float) -> Floats:
     return ends[np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) > 1e-6]
 
 
-def _cover(corners: Floats, level: float) -> Polygon:
+def _cover(corners: Float64Array, level: float) -> Polygon:
     """The plan of all level triangles at the ceiling's height."""
     _, normals = face_areas(corners)
     z = corners[:, :, 2]
@@ -356,7 +356,7 @@ def _confirm(rays: RayCaster, polygon: Polygon, level: float) -> FoundRoom | Non
     return FoundRoom(polygon, floor, level)
 
 
-def _lowest_common(heights: Floats) -> float:
+def _lowest_common(heights: Float64Array) -> float:
     """The floor among heights that are partly furniture: the lowest level that a tenth share."""
     ordered = np.sort(heights)
     window = max(1, len(ordered) // 10)
@@ -380,7 +380,7 @@ def _enclosure(rays: RayCaster, polygon: Polygon, floor: float, ceiling: float) 
     return hits / (3 * 72)
 
 
-def _inside_points(polygon: Polygon, count: int) -> Floats:
+def _inside_points(polygon: Polygon, count: int) -> Float64Array:
     """About `count` points on a grid inside the polygon, kept off its edge."""
     inner = polygon.buffer(-0.1)
     inner = polygon if inner.is_empty else inner
@@ -391,7 +391,9 @@ def _inside_points(polygon: Polygon, count: int) -> Floats:
     return grid[shapely.contains_xy(inner, grid[:, 0], grid[:, 1])]
 
 
-def _seen_from(rays: RayCaster, eye: Floats, low: Floats, high: Floats) -> FoundRoom | None:
+def _seen_from(
+    rays: RayCaster, eye: Float64Array, low: Float64Array, high: Float64Array
+) -> FoundRoom | None:
     """The space around a camera, for scenes without a level ceiling or proper walls."""
     vertical, _ = rays.cast(np.stack([eye, eye]), np.array([[0.0, 0, -1], [0, 0, 1]]))
     floor = eye[2] - vertical[0] if np.isfinite(vertical[0]) else low[2]

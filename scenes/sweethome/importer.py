@@ -15,11 +15,11 @@ import shapely
 from shapely.geometry import Point
 from shapely.ops import unary_union
 
+from scenes.arrays import Float64Array
 from scenes.contract import Light, Portal, Room, Scene, load_scene, save_scene, writing_scene
 from scenes.errors import InputError
 from scenes.formats.archive import HomeArchive
 from scenes.formats.model_parts import UnreadableModel
-from scenes.geometry.mesh import Floats
 from scenes.importing.categories import category_of_piece, room_type
 from scenes.importing.changes import Changes
 from scenes.importing.textures import TextureStore
@@ -311,7 +311,10 @@ def _rooms(levels: list[_Level]) -> tuple[list[Room], list[tuple[Any, int]]]:
 
 
 def _room_at(
-    point: Sequence[float] | Floats, rooms: list[Room], inside: list[tuple[Any, int]], margin: float
+    point: Sequence[float] | Float64Array,
+    rooms: list[Room],
+    inside: list[tuple[Any, int]],
+    margin: float,
 ) -> str | None:
     """The room that holds a point (3,); of overlapping ones the last."""
     for room, (region, _) in zip(reversed(rooms), reversed(inside), strict=True):

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.contract import Room
-from scenes.geometry.mesh import Floats
 from scenes.importing.changes import Changes
 from scenes.sweethome.home import Home, StoredCamera
 
@@ -24,14 +24,14 @@ class Camera:
     """A pinhole; `camera_to_world` has OpenCV's axes: x right, y down, z forward."""
 
     name: str
-    camera_to_world: Floats
+    camera_to_world: Float64Array
     half_fov_x: float
     width: int
     height: int
     is_visitor: bool = False  # where the home's visitor stands, which nobody stored
 
     @property
-    def eye(self) -> Floats:
+    def eye(self) -> Float64Array:
         """Where it stands (3,), metres."""
         return self.camera_to_world[:3, 3]
 
@@ -46,7 +46,7 @@ class Camera:
         }
 
     @property
-    def for_mitsuba(self) -> Floats:
+    def for_mitsuba(self) -> Float64Array:
         """The pose in Mitsuba's axes: x left, y up, z forward."""
         return self.camera_to_world @ np.diag([-1.0, -1, 1, 1])
 
@@ -95,7 +95,7 @@ def _camera(camera: StoredCamera, width: int, height: int) -> Camera:
     )
 
 
-def own_camera(rooms: list[Room], middle: Floats) -> Camera:
+def own_camera(rooms: list[Room], middle: Float64Array) -> Camera:
     """A look across the largest room, or over the home, for files without a camera."""
     if rooms:
         room = max(rooms, key=_area)
@@ -109,7 +109,7 @@ def own_camera(rooms: list[Room], middle: Floats) -> Camera:
     return Camera("own", _pose(eye, forward), _HALF_FOV, 480, 360)
 
 
-def _pose(eye: Floats, forward: Floats) -> Floats:
+def _pose(eye: Float64Array, forward: Float64Array) -> Float64Array:
     forward = forward / np.linalg.norm(forward)
     right = np.cross(forward, [0.0, 0, 1])
     right /= np.linalg.norm(right)

@@ -13,9 +13,10 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
+from scenes.arrays import Float64Array
 from scenes.contract import Room, Scene, SceneObject
 from scenes.formats.ply import read_ply, write_ply
-from scenes.geometry.mesh import Floats, Mesh, face_areas
+from scenes.geometry.mesh import Mesh, face_areas
 from scenes.importing.xml_elements import prop
 from scenes.procedural.finishes import Finishes, RoomFinish, make_finishes
 from scenes.procedural.furniture.style import Style, make_style
@@ -232,7 +233,7 @@ def _cover(
         shape.append(prop("face_normals", True))
 
 
-def _normals(mesh: Mesh) -> Floats:
+def _normals(mesh: Mesh) -> Float64Array:
     corners = mesh.corners
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return cross / np.maximum(np.linalg.norm(cross, axis=1), 1e-300)[:, None]

@@ -37,6 +37,7 @@ PLUMBING = (
     "pipeline/records.py",
     "pipeline/stages/render_jobs.py",
     "pipeline/versions.py",
+    "scenes/arrays.py",  # types for annotations
     "scenes/checked.py",
     "scenes/errors.py",
     "scenes/files.py",

@@ -14,12 +14,12 @@ from xml.etree import ElementTree
 
 import mitsuba as mi
 import numpy as np
-import numpy.typing as npt
 import pytest
 from PIL import Image
 
 from pipeline.render import raycast
 from pipeline.render.scene import open_scene, set_variant
+from scenes.arrays import Float64Array, UInt8Array
 from scenes.contract import Scene
 from scenes.errors import InputError
 from scenes.formats.mtl import MtlMap, read_mtl
@@ -66,7 +66,7 @@ def values(scene: Scene, kind: str, name: str) -> list[list[float]]:
     ]
 
 
-def look_down(scene: Scene, points: list[tuple[float, float]]) -> npt.NDArray[np.float64]:
+def look_down(scene: Scene, points: list[tuple[float, float]]) -> Float64Array:
     """Reflectance (N, 3) of what rays straight down from 1 m meet at these (x, y)."""
     set_variant("auto")
     target = open_scene(scene).target
@@ -173,7 +173,7 @@ def test_a_camera_looks_along_its_minus_z(tmp_path: Path) -> None:
 # Textures
 
 
-def ruler() -> npt.NDArray[np.uint8]:
+def ruler() -> UInt8Array:
     """Red top left, green top right, blue bottom left, white bottom right."""
     pixels = np.zeros((4, 4, 3), dtype=np.uint8)
     pixels[:2, :2] = (255, 0, 0)

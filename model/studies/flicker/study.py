@@ -18,7 +18,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from model.data.encoding import color_exposure
-from model.data.reader import Array, Example
+from model.data.reader import Example
 from model.evaluation.inference import Networks
 from model.evaluation.predict import example_of, lit, sampled, trace
 from model.studies.flicker.results import Flicker, Move
@@ -30,6 +30,7 @@ from pipeline.render import raycast
 from pipeline.render.scene import RenderScene, open_scene, set_variant
 from pipeline.tonemap import to_bytes, tonemap
 from pipeline.views import View, as_matrix
+from scenes.arrays import AnyArray
 from scenes.contract import load_scene
 from scenes.errors import InputError
 from scenes.geometry.directions import pixel_directions
@@ -74,7 +75,7 @@ def measure_move(
     sampling = next((one for one in cards if one.training.get("noisy_spp")), card)
     examples: list[Example] = []
     methods = {method: each for each in networks for method in each.methods}
-    images: dict[str, list[Array]] = {
+    images: dict[str, list[AnyArray]] = {
         name: [] for name in (*methods, "renderer", "renderer_one_exposure")
     }
     with Progress(len(views), "flicker", "frames") as progress:
@@ -131,7 +132,7 @@ def moved(view: View, wish: Wish) -> list[View]:
     return views
 
 
-def match(before: Example, after: Example, pose_before: Array, pose_after: Array) -> Any:
+def match(before: Example, after: Example, pose_before: AnyArray, pose_after: AnyArray) -> Any:
     """Where each pixel of `after` was in `before`: (row, column) and whether both see the point.
 
     Returns float64 (2, H, W) array indices, 0 the first pixel's centre, and bool (H, W). Poses
@@ -159,7 +160,7 @@ def match(before: Example, after: Example, pose_before: Array, pose_after: Array
     return places, seen
 
 
-def flicker(images: Sequence[Array], matches: Sequence[Any]) -> Flicker:
+def flicker(images: Sequence[AnyArray], matches: Sequence[Any]) -> Flicker:
     """Mean absolute difference of images (H, W, 3) to the one before, by `match`'s results."""
     pairs = []
     for before, after, (places, seen) in zip(images[:-1], images[1:], matches, strict=True):
@@ -174,7 +175,7 @@ def flicker(images: Sequence[Array], matches: Sequence[Any]) -> Flicker:
     return Flicker(float(np.mean(pairs)), tuple(pairs))
 
 
-def _snapped(values: Array) -> Array:
+def _snapped(values: AnyArray) -> AnyArray:
     near = np.rint(values)
     return np.where(np.abs(values - near) < 1e-4, near, values)
 
@@ -194,7 +195,7 @@ def _refuse_collisions(scene: RenderScene, views: Sequence[View]) -> None:
         )
 
 
-def _sheet(images: dict[str, list[Array]]) -> Picture:
+def _sheet(images: dict[str, list[AnyArray]]) -> Picture:
     """First, middle and last frame of every method, a row each."""
     count = len(next(iter(images.values())))
     chosen = sorted({0, count // 2, count - 1})

@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from model.data.reader import Array
 from model.evaluation.metrics import RESAMPLES
 from model.studies.illumination.results import Agreement, Figure
+from scenes.arrays import AnyArray
 from scenes.seeds import generator
 
 BLOCK = 8  # pixels a side
@@ -23,22 +23,22 @@ LEAST = 0.05  # rendered changes below this are too small to have a direction
 _COUNT, _T, _P, _TT, _PP, _TP, _CTT, _CPP, _CTP, _CLEAR, _AGREE = range(11)
 
 
-def block_means(luminance: Array, side: int = BLOCK) -> Array:
+def block_means(luminance: AnyArray, side: int = BLOCK) -> AnyArray:
     """Means over whole blocks of `side` x `side` pixels of (H, W), float64; a rest is left out."""
     rows, columns = (size // side for size in luminance.shape)
     whole = luminance[: rows * side, : columns * side].astype(np.float64)
-    means: Array = whole.reshape(rows, side, columns, side).mean(axis=(1, 3))
+    means: AnyArray = whole.reshape(rows, side, columns, side).mean(axis=(1, 3))
     return means
 
 
-def log_change(before: Array, after: Array) -> Array:
+def log_change(before: AnyArray, after: AnyArray) -> AnyArray:
     """ln(after / before) of block means; not a number where either is not above 0."""
     dark = (before <= 0) | (after <= 0)
     ratio = np.where(dark, 1.0, after) / np.where(dark, 1.0, before)
     return np.where(dark, np.nan, np.log(ratio))
 
 
-def sums(true: Array, predicted: Array) -> Array:
+def sums(true: AnyArray, predicted: AnyArray) -> AnyArray:
     """What all measures need of one view: float64 (11,), to be added up over views.
 
     Count of blocks, sums, squares and products of both changes; the same squares and products with
@@ -61,7 +61,7 @@ def sums(true: Array, predicted: Array) -> Array:
     )
 
 
-def agreement(views: Mapping[str, Sequence[Array]], seed: int) -> Agreement | None:
+def agreement(views: Mapping[str, Sequence[AnyArray]], seed: int) -> Agreement | None:
     """All measures over `views`: scene -> `sums` of each of its views; None without a block.
 
     Intervals are 95 %, from drawing whole scenes anew, as views of one scene are no independent
@@ -84,7 +84,7 @@ def agreement(views: Mapping[str, Sequence[Array]], seed: int) -> Agreement | No
     )
 
 
-def _correlation(s: Array) -> Array:
+def _correlation(s: AnyArray) -> AnyArray:
     """Pearson's, over all blocks."""
     n = s[..., _COUNT]
     across = s[..., _TP] - s[..., _T] * s[..., _P] / n
@@ -93,36 +93,36 @@ def _correlation(s: Array) -> Array:
     return _cosine(across, true, predicted, n)
 
 
-def _pattern(s: Array) -> Array:
+def _pattern(s: AnyArray) -> AnyArray:
     """Pearson's with every view's own mean change taken off: where it gets brighter."""
     return _cosine(s[..., _CTP], s[..., _CTT], s[..., _CPP], s[..., _COUNT])
 
 
-def _cosine(across: Array, true: Array, predicted: Array, count: Array) -> Array:
+def _cosine(across: AnyArray, true: AnyArray, predicted: AnyArray, count: AnyArray) -> AnyArray:
     # A change that is the same everywhere has no pattern; what is left of it is rounding.
     even = np.minimum(true, predicted) <= 1e-9 * count
     return np.where(even, np.nan, across / np.sqrt(np.where(even, 1.0, true * predicted)))
 
 
-def _sign(s: Array) -> Array:
+def _sign(s: AnyArray) -> AnyArray:
     """The share of clear rendered changes whose sign is predicted."""
     return _divided(s[..., _AGREE], s[..., _CLEAR])
 
 
-def _gain(s: Array) -> Array:
+def _gain(s: AnyArray) -> AnyArray:
     """How many times the rendered change is predicted: the slope of a line through no change."""
     return _divided(s[..., _TP], s[..., _TT])
 
 
-def _true(s: Array) -> Array:
+def _true(s: AnyArray) -> AnyArray:
     return _divided(s[..., _T], s[..., _COUNT])
 
 
-def _predicted(s: Array) -> Array:
+def _predicted(s: AnyArray) -> AnyArray:
     return _divided(s[..., _P], s[..., _COUNT])
 
 
-def _divided(above: Array, below: Array) -> Array:
+def _divided(above: AnyArray, below: AnyArray) -> AnyArray:
     return np.where(below > 0, above / np.where(below > 0, below, 1.0), np.nan)
 
 
@@ -136,7 +136,7 @@ _MEASURES = {
 }
 
 
-def _figure(total: Array, resampled: Array, measure: object, scenes: int) -> Figure | None:
+def _figure(total: AnyArray, resampled: AnyArray, measure: object, scenes: int) -> Figure | None:
     assert callable(measure)
     value = float(measure(total))
     if not np.isfinite(value):

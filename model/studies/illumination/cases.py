@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from model.data.encoding import solid_angles
 from model.studies.illumination.lamp_position import RADIUS, left_rear
@@ -15,6 +14,7 @@ from pipeline.passes.illumination import render_illumination
 from pipeline.render.lights import Lights
 from pipeline.render.scene import RenderScene
 from pipeline.views import View
+from scenes.arrays import BoolArray
 
 _SEEN = 0.01  # share of the panorama's light from which on a source counts as seen
 _REACH = 2.0  # metres: where the added lamp's strength is said
@@ -119,7 +119,7 @@ def _light(scene: RenderScene, view: View, params: IlluminationParams, lights: L
     return float((panorama * solid_angles(*panorama.shape)).sum())
 
 
-def _only(lights: Lights, chosen: npt.NDArray[np.bool_], environment: bool) -> Lights:
+def _only(lights: Lights, chosen: BoolArray, environment: bool) -> Lights:
     return Lights(
         tuple(lamp for lamp, wanted in zip(lights.lamps, chosen, strict=True) if wanted),
         lights.shape[chosen],

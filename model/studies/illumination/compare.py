@@ -15,18 +15,19 @@ import numpy as np
 
 from model.data.direct_light import direct_shading
 from model.data.encoding import GREY, see_through
-from model.data.reader import Array, Example
+from model.data.reader import Example
 from model.evaluation.inference import Networks
 from model.evaluation.product import linear_product
 from model.studies.illumination.agreement import agreement, block_means, log_change, sums
 from model.studies.illumination.results import Change
 from pipeline.params import ToneParams
 from pipeline.tonemap import Exposure, exposure_of, untonemap
+from scenes.arrays import AnyArray
 from scenes.color import luminance
 from scenes.seeds import derive
 
 ROWS = 2  # of the picture, for every kind of change
-Images = dict[str, Array]  # method -> linear radiance (H, W, 3)
+Images = dict[str, AnyArray]  # method -> linear radiance (H, W, 3)
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,12 @@ class Lit:
     """A view in one light: its panorama, and what was rendered of it, if anything was."""
 
     original: Example  # the dataset's row, whose exposure is kept
-    intensity: Array
-    distance: Array
-    tint: Array | None = None
-    visibility: Array | None = None
-    shading: Array | None = None  # linear float32 (H, W, 3)
-    color: Array | None = None
+    intensity: AnyArray
+    distance: AnyArray
+    tint: AnyArray | None = None
+    visibility: AnyArray | None = None
+    shading: AnyArray | None = None  # linear float32 (H, W, 3)
+    color: AnyArray | None = None
 
     @property
     def example(self) -> Example:
@@ -60,8 +61,8 @@ class Compared:
     name: str
     original: Example
     reference: str  # what `true` is: "rendered", or the "direct light" of the panorama
-    true: dict[str, Array]  # of "shading" and "color"
-    predicted: dict[str, Array]  # by method
+    true: dict[str, AnyArray]  # of "shading" and "color"
+    predicted: dict[str, AnyArray]  # by method
     before: Lit
     after: Lit
     images: tuple[Images, Images]  # predicted radiance, in the unit of what was rendered
@@ -71,7 +72,7 @@ class Tally:
     """Gathers what all views say, and a few of them to be shown."""
 
     def __init__(self) -> None:
-        self._sums: dict[str, dict[str, dict[str, list[Array]]]] = defaultdict(
+        self._sums: dict[str, dict[str, dict[str, list[AnyArray]]]] = defaultdict(
             lambda: defaultdict(lambda: defaultdict(list))
         )
         self._views: Counter[str] = Counter()
@@ -174,12 +175,12 @@ def predictions(networks: Networks, example: Example, scale: float) -> Images:
     return {name: image * np.float32(scale) for name, image in images.items()}
 
 
-def direct_image(example: Example) -> Array:
+def direct_image(example: Example) -> AnyArray:
     """The panorama's direct light on the view, (H, W, 3): what no network is needed for."""
     return direct_shading(example, GREY)
 
 
-def level(direct: Array) -> float:
+def level(direct: AnyArray) -> float:
     """How bright a view is as a whole, by its panorama: the log average of its direct light.
 
     `direct_shading` sends the light of the sources in the panorama to every pixel, with its
@@ -188,5 +189,5 @@ def level(direct: Array) -> float:
     return 1 / exposure_of(direct, ToneParams(key=1.0)).scale if direct.any() else 0.0
 
 
-def _change(before: Array, after: Array) -> Array:
+def _change(before: AnyArray, after: AnyArray) -> AnyArray:
     return log_change(block_means(before), block_means(after))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from pipeline.render.scene import RenderScene, cast
 from pipeline.views import View
+from scenes.arrays import BoolArray, Float64Array
 from scenes.contract import Point3
 from scenes.geometry.directions import fibonacci_sphere
 
@@ -21,8 +21,6 @@ _RISES = np.array([0.5, 0.35, 0.2, 0.05, -0.1])  # metres above the eye
 _BEST = (math.radians(135.0), 1.5, 0.35)
 _TRIED = 64  # spots in sight whose air is looked at
 _RAYS = 96
-
-Floats = npt.NDArray[np.float64]
 
 
 def left_rear(render_scene: RenderScene, view: View) -> Point3 | None:
@@ -50,7 +48,7 @@ def left_rear(render_scene: RenderScene, view: View) -> Point3 | None:
     return (float(chosen[0, 0]), float(chosen[0, 1]), float(chosen[0, 2])) if len(chosen) else None
 
 
-def _places(view: View) -> Floats:
+def _places(view: View) -> Float64Array:
     """Candidates (N, 3), the best first."""
     right = view.pose[:3, 0] * [1, 1, 0]
     right /= np.linalg.norm(right)
@@ -61,23 +59,23 @@ def _places(view: View) -> Floats:
     away = np.abs(azimuth - _BEST[0]) + np.abs(reach - _BEST[1]) + np.abs(rise - _BEST[2])
     flat = np.cos(azimuth)[:, None] * ahead - np.sin(azimuth)[:, None] * right
     offset = reach[:, None] * flat + rise[:, None] * [0, 0, 1]
-    places: Floats = view.eye + offset[np.argsort(away, kind="stable")]
+    places: Float64Array = view.eye + offset[np.argsort(away, kind="stable")]
     return places
 
 
-def _in_room(render_scene: RenderScene, view: View, places: Floats) -> npt.NDArray[np.bool_]:
+def _in_room(render_scene: RenderScene, view: View, places: Float64Array) -> BoolArray:
     room = next((room for room in render_scene.scene.rooms if room.id == view.room), None)
     if room is None:
         return np.ones(len(places), dtype=bool)
     margin = RADIUS + _AIR
     floor = shapely.Polygon(room.floor).buffer(-margin)
-    inside: npt.NDArray[np.bool_] = shapely.contains_xy(floor, places[:, 0], places[:, 1])
+    inside: BoolArray = shapely.contains_xy(floor, places[:, 0], places[:, 1])
     return (
         inside & (places[:, 2] > room.floor_z + margin) & (places[:, 2] < room.ceiling_z - margin)
     )
 
 
-def _in_sight(render_scene: RenderScene, eye: Floats, places: Floats) -> npt.NDArray[np.bool_]:
+def _in_sight(render_scene: RenderScene, eye: Float64Array, places: Float64Array) -> BoolArray:
     """Whether the middle and the rim of the sphere at each place are seen from `eye`."""
     offset = places - eye
     axis = offset / np.linalg.norm(offset, axis=1, keepdims=True)
@@ -88,5 +86,5 @@ def _in_sight(render_scene: RenderScene, eye: Floats, places: Floats) -> npt.NDA
     targets = np.stack(rim, axis=1) - eye
     distance, _ = cast(render_scene, eye, targets.reshape(-1, 3))
     free = distance.reshape(-1, len(rim)) > np.linalg.norm(targets, axis=2)
-    seen: npt.NDArray[np.bool_] = free.all(axis=1)
+    seen: BoolArray = free.all(axis=1)
     return seen

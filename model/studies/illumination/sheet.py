@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from model.data.reader import Array
 from model.studies.illumination.agreement import BLOCK
 from model.studies.illumination.compare import Compared
 from pipeline.images import (
@@ -18,6 +17,7 @@ from pipeline.images import (
     intensity_picture,
     tone_picture,
 )
+from scenes.arrays import AnyArray
 
 _WIDTH = 240  # pixels of a picture, at most
 _SPAN = np.log(2.0)  # change at the ends of the colours
@@ -65,7 +65,7 @@ def _row(found: Compared) -> list[Picture]:
     ]
 
 
-def change_picture(change: Array) -> Picture:
+def change_picture(change: AnyArray) -> Picture:
     """Logarithmic changes (rows, columns) beside their mean: red brighter, blue darker, 2 times
     either way at the ends."""
     known = np.isfinite(change)
@@ -75,6 +75,6 @@ def change_picture(change: Array) -> Picture:
     return picture.repeat(BLOCK, axis=0).repeat(BLOCK, axis=1)
 
 
-def _mean(change: Array) -> str:
+def _mean(change: AnyArray) -> str:
     known = change[np.isfinite(change)]
     return f"{known.mean():+.2f}" if known.size else "unknown"

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from model.data.reader import Array, Example
+from model.data.reader import Example
 from model.evaluation.evaluate import open_split
 from model.evaluation.inference import Networks
 from model.methods import trained_baselines
@@ -44,6 +44,7 @@ from pipeline.passes.visibility import render_visibility
 from pipeline.progress import Progress
 from pipeline.render.scene import RenderScene, renderer_version, set_variant
 from pipeline.views import View
+from scenes.arrays import AnyArray
 from scenes.checked import plain
 from scenes.contract import Scene
 from scenes.files import atomic_file, sweep, write_json
@@ -257,7 +258,7 @@ def _lit(case: Case, params: Params, renders: Path) -> Lit:
     )
 
 
-def _shadows(store: Renders, view: View) -> Array | None:
+def _shadows(store: Renders, view: View) -> AnyArray | None:
     if not store.params.illumination.shadow_rays:
         return None
     return store.read("visibility", view).channels["visibility.Y"].astype(np.float32)

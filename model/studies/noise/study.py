@@ -19,7 +19,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from model.data.reader import Array, Dataset, Example
+from model.data.reader import Dataset, Example
 from model.studies.relight import LightChange, open_changed
 from model.studies.renders import Renders, refuse_other_scene, scene_of, views_of, with_samples
 from model.studies.trials.packs import TRUTHS, Truth, pack
@@ -30,6 +30,7 @@ from pipeline.passes.registry import finished, pass_seed, render_truths
 from pipeline.progress import Progress
 from pipeline.render.scene import set_variant
 from pipeline.views import View
+from scenes.arrays import AnyArray
 from scenes.checked import plain
 from scenes.files import digest_bytes, sweep
 
@@ -88,7 +89,7 @@ class NoisyTruths:
         self.truths: Mapping[str, NoisyTruth] = {t.name: t for t in truths_of(samples)}
         self.fingerprint = Dataset(data / "dataset", "train").fingerprint()
         self.digests = {name: scene_digest(scene_of(data, name).folder) for name in sorted(scenes)}
-        self.panoramas: dict[str, tuple[str, Array]] = {}  # of each scene's first view
+        self.panoramas: dict[str, tuple[str, AnyArray]] = {}  # of each scene's first view
         self.views: dict[tuple[str, str], View] = {}
         for view in views_of(data, self._examples(scenes)):
             self.views[view.scene_id, view.view_id] = view

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from model.data.reader import Array, Example
+from model.data.reader import Example
 from model.evaluation.evaluate import open_split, true_color
 from model.evaluation.inference import Networks
 from model.evaluation.metrics import flip_map, ssim
@@ -48,6 +48,7 @@ from pipeline.progress import Progress
 from pipeline.render.scene import RenderScene, renderer_version, set_variant
 from pipeline.tonemap import tonemap
 from pipeline.views import View
+from scenes.arrays import AnyArray
 from scenes.checked import plain
 from scenes.contract import Scene
 from scenes.errors import ParameterError
@@ -256,7 +257,7 @@ class Bench:
         )
         return both.color[0]
 
-    def _shown(self, image: Channels) -> Array:
+    def _shown(self, image: Channels) -> AnyArray:
         """Display values under the truth's exposure."""
         example = self.example
         shared = self.networks.card.exposure == "shared"
@@ -269,7 +270,7 @@ class Bench:
         self.seconds[part].append(self.now() - began)
         return made
 
-    def _note(self, method: str, spp: int | None, image: Array) -> None:
+    def _note(self, method: str, spp: int | None, image: AnyArray) -> None:
         """How far a picture is from the truth; every turn makes the same one."""
         if (method, spp) not in self.errors:
             flip = float(flip_map(self.truth, image).mean())

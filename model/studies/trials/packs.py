@@ -15,14 +15,15 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from model.data.reader import IMAGES, SCALARS, Array, Dataset, Split
+from model.data.reader import IMAGES, SCALARS, Dataset, Split
 from pipeline.frames import Kind
 from pipeline.params import ToneParams
 from pipeline.tonemap import exposure_of
+from scenes.arrays import AnyArray
 from scenes.files import atomic_directory, sweep, write_text
 
 TRUTHS: tuple[Kind, ...] = ("shading", "color")
-Truth = dict[str, Array]  # `shading` and `color`, linear, (H, W, 3)
+Truth = dict[str, AnyArray]  # `shading` and `color`, linear, (H, W, 3)
 Find = Callable[[str, str], Truth]  # by scene and view
 _KEPT = (*SCALARS, *IMAGES, "licence", "attribution")
 

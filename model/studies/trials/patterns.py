@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal.windows import hann
 
-from model.data.reader import Array
+from scenes.arrays import AnyArray
 
 TILE = 32
 PERIOD = 8  # pixels; a pattern of 4 or 2 repeats after 8 too
@@ -22,7 +22,7 @@ _SPACING = TILE // PERIOD  # bins between two multiples of 1 / PERIOD
 _ROUNDING = 1 / 255 / np.sqrt(12)  # what storing a picture in 8 bits adds to it, RMS
 
 
-def detail(truth: Array, image: Array) -> float | None:
+def detail(truth: AnyArray, image: AnyArray) -> float | None:
     """Power of the fine detail of `image` relative to that of `truth`, in decibels.
 
     0: as much as the truth has; below: blurred; above: noise or sharpening. Counted are waves
@@ -38,7 +38,7 @@ def detail(truth: Array, image: Array) -> float | None:
     return 10 * float(np.log10(ours / theirs))
 
 
-def grid(image: Array) -> float | None:
+def grid(image: AnyArray) -> float | None:
     """Strength of a pattern that repeats every 2, 4 or 8 pixels: its RMS in grey levels of 255.
 
     The power at the multiples of 1/8 cycle a pixel, as far as it stands out from the bins halfway
@@ -58,7 +58,7 @@ def grid(image: Array) -> float | None:
     return 255 * float(np.sqrt(multiples.sum()))
 
 
-def spectrum(image: Array) -> Array:
+def spectrum(image: AnyArray) -> AnyArray:
     """Power (TILE, TILE), mean over tiles and channels; bins as NumPy's FFT orders them.
 
     Normalised so that a wave in the centre of a bin has there its share of the picture's variance.
@@ -72,18 +72,18 @@ def spectrum(image: Array) -> Array:
     return np.asarray((np.abs(found) ** 2).mean(axis=(0, 1, 2)))
 
 
-def _window() -> Array:
+def _window() -> AnyArray:
     line = hann(TILE, sym=False)
     return np.outer(line, line)
 
 
-def _frequency() -> Array:
+def _frequency() -> AnyArray:
     """Cycles a pixel of every bin, along its direction."""
     line = np.fft.fftfreq(TILE)
     return np.hypot(line[:, None], line[None])
 
 
-def _between() -> Array:
+def _between() -> AnyArray:
     """The bins that no grid reaches: halfway between two multiples in one direction or both."""
     line = np.arange(TILE) % _SPACING == _SPACING // 2
     return line[:, None] | line[None]

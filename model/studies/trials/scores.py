@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from model.data.encoding import Policy, color_exposure
-from model.data.reader import Array, Dataset, Example
+from model.data.reader import Dataset, Example
 from model.evaluation.evaluate import image_of
 from model.evaluation.inference import PREDICTABLE, Networks, load_networks
 from model.evaluation.metrics import NAMES, bootstrap, find_lpips, measure
@@ -22,13 +22,14 @@ from model.training.store import ModelCard
 from pipeline.images import Picture, contact_sheet, enlarge, png_bytes, read_picture
 from pipeline.progress import Progress
 from pipeline.tonemap import to_bytes, tonemap
+from scenes.arrays import AnyArray
 from scenes.files import atomic_directory
 from scenes.seeds import derive
 
 MEASURED = (*NAMES, "detail", "grid")
 SHOWN = 320  # pixels that a picture on the sheet is about wide
 
-Painter = Callable[[Example], Array]  # display values (H, W, 3)
+Painter = Callable[[Example], AnyArray]  # display values (H, W, 3)
 Key = tuple[str, str]  # scene, view
 
 

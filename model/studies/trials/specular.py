@@ -19,12 +19,12 @@ are glossy surfaces of the grey itself, for which the product is right in spite 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import binary_opening, maximum_filter, median_filter
 
 from model.data.direct_light import pixel_directions, seen_sources
-from model.data.reader import Array, Example
+from model.data.reader import Example
 from model.evaluation.metrics import flip_map, psnr
+from scenes.arrays import AnyArray, BoolArray
 from scenes.color import luminance
 
 LIMIT = 0.4  # of the natural logarithm
@@ -33,10 +33,8 @@ LEAST = 0.005  # share of a view from which on a region is measured
 REGIONS = ("specular", "matte")
 _STRIDE = 4  # the wide median is taken of every fourth pixel
 
-Mask = npt.NDArray[np.bool_]
 
-
-def specular_mask(example: Example, albedo: float) -> Mask:
+def specular_mask(example: Example, albedo: float) -> BoolArray:
     """Where colour is not reflectance x shading / `albedo`, bool (H, W); see the module."""
     product = example.reflectance * example.shading / np.float32(albedo)
     shading = luminance(example.shading)
@@ -44,11 +42,13 @@ def specular_mask(example: Example, albedo: float) -> Mask:
     ratio = np.log((luminance(example.color) + floor) / (luminance(product) + floor))
     beyond = np.sign(ratio) * (ratio - _around(ratio))
     apart = (np.abs(ratio) > LIMIT) & (beyond > LIMIT)
-    mask: Mask = binary_opening(apart & example.valid & ~_light_sources(example), np.ones((3, 3)))
+    mask: BoolArray = binary_opening(
+        apart & example.valid & ~_light_sources(example), np.ones((3, 3))
+    )
     return mask
 
 
-def measure_apart(truth: Array, image: Array, specular: Mask) -> dict[str, float | None]:
+def measure_apart(truth: AnyArray, image: AnyArray, specular: BoolArray) -> dict[str, float | None]:
     """PSNR and FLIP within the mask and outside, by name; None for what is hardly there.
 
     `truth`, `image`: display values (H, W, 3). FLIP looks at the whole images first: it knows what
@@ -63,18 +63,18 @@ def measure_apart(truth: Array, image: Array, specular: Mask) -> dict[str, float
     return values
 
 
-def _light_sources(example: Example) -> Mask:
+def _light_sources(example: Example) -> BoolArray:
     """Pixels that look at a light source, or a pixel of the panorama past one, (H, W)."""
     directions = pixel_directions(example.intrinsics, example.depth.shape)
     nearby = maximum_filter(example.intensity, size=3, mode=("nearest", "wrap"))
-    lit: Mask = seen_sources(nearby, directions) > 0
+    lit: BoolArray = seen_sources(nearby, directions) > 0
     return lit
 
 
-def _around(ratio: Array) -> Array:
+def _around(ratio: AnyArray) -> AnyArray:
     """The median over a window of half the view, (H, W), in steps of a few pixels."""
     few = ratio[::_STRIDE, ::_STRIDE]
     height, width = few.shape
     wide = median_filter(few, size=(height // 2 | 1, width // 2 | 1), mode="nearest")
-    around: Array = wide.repeat(_STRIDE, axis=0).repeat(_STRIDE, axis=1)
+    around: AnyArray = wide.repeat(_STRIDE, axis=0).repeat(_STRIDE, axis=1)
     return around[: ratio.shape[0], : ratio.shape[1]]

@@ -12,8 +12,8 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from scenes.arrays import Float64Array
 from scenes.assets.index import INDEX, Asset, AssetPart, Index, Usable, load_asset, load_index
 from scenes.formats.ply import read_ply
 from scenes.params import SceneParams
@@ -197,7 +197,7 @@ def _opened(folder: Path, fingerprint: str) -> tuple[Asset, tuple[Part, ...]]:
 
 def _part(folder: Path, number: int, part: AssetPart) -> Part:
     mesh = read_ply(folder / part.mesh)
-    uvs: npt.NDArray[np.float64] = np.zeros((len(mesh.vertices), 2))
+    uvs: Float64Array = np.zeros((len(mesh.vertices), 2))
     return Part(
         name=f"{part.kind}_{number}",
         vertices=mesh.vertices,

@@ -18,12 +18,13 @@ from scipy import ndimage
 from shapely.geometry import Polygon, box
 from shapely.prepared import prep
 
+from scenes.arrays import BoolArray, Float64Array
 from scenes.procedural.piece import Piece
 from scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
 from scenes.procedural.scene_item import Pose, Thing, placed
 from scenes.procedural.structure import CASING, SKIRTING, leaf_footprint
 
-Boxes = npt.NDArray[np.float64]  # (N, 2, 3): low and high corners
+Boxes = Float64Array  # (N, 2, 3): low and high corners
 
 TOUCH = 1e-3  # metres that may overlap: surfaces in contact
 BODY = 0.21  # half the width of a person who passes
@@ -46,7 +47,7 @@ class Item:
     piece: Piece
     pose: Pose
     solids: Boxes
-    taken: list[list[npt.NDArray[np.float64]]] = field(default_factory=list)
+    taken: list[list[Float64Array]] = field(default_factory=list)
 
     @property
     def bounds(self) -> Boxes:
@@ -221,7 +222,7 @@ class RoomSpace:
         first, last = np.maximum(first, 0), np.maximum(last, 0)
         return slice(first[0], last[0]), slice(first[1], last[1])
 
-    def _without(self, free: npt.NDArray[np.bool_], boxes: Boxes) -> npt.NDArray[np.bool_]:
+    def _without(self, free: BoolArray, boxes: Boxes) -> BoolArray:
         free = free.copy()
         for low, high in boxes:
             if high[2] > STEP_OVER and low[2] < HEAD:
@@ -293,15 +294,15 @@ class RoomSpace:
         """The reverse of `without_blocks`."""
         self._blocked = kept
 
-    def middle(self) -> npt.NDArray[np.float64]:
+    def middle(self) -> Float64Array:
         """The point of the floor farthest from the walls."""
         return np.array(shapely.maximum_inscribed_circle(self.shape, 0.1).coords[0])
 
-    def open_middle(self) -> npt.NDArray[np.float64]:
+    def open_middle(self) -> Float64Array:
         """The point of the free floor farthest from all that stands."""
         return self.open_circle()[0]
 
-    def open_circle(self) -> tuple[npt.NDArray[np.float64], float]:
+    def open_circle(self) -> tuple[Float64Array, float]:
         """The widest circle of free floor: its middle, and its radius in metres."""
         depth = ndimage.distance_transform_edt(np.pad(self._free, 1))[1:-1, 1:-1]
         index = np.unravel_index(int(np.argmax(depth)), depth.shape)
@@ -432,7 +433,7 @@ class RoomSpace:
         kind: str,
         piece: Piece,
         *,
-        near: npt.NDArray[np.float64] | None = None,
+        near: Float64Array | None = None,
         spread: float = 0.6,
         tries: int = 40,
         turn: Callable[[float, float], float] | None = None,
@@ -530,7 +531,7 @@ def solids(piece: Piece, pose: Pose) -> Boxes:
     return np.stack([world.min(axis=1), world.max(axis=1)], axis=1)
 
 
-def _corners(bounds: Boxes) -> npt.NDArray[np.float64]:
+def _corners(bounds: Boxes) -> Float64Array:
     x, y, z = bounds.T
     return np.array([[a, b, c] for a in x for b in y for c in z])
 
@@ -548,7 +549,7 @@ def _raised(area: Polygon, z0: float, z1: float) -> Boxes:
     return np.array([[[x0, y0, z0], [x1, y1, z1]]])
 
 
-def _overlap(first: Boxes, second: Boxes) -> npt.NDArray[np.bool_]:
+def _overlap(first: Boxes, second: Boxes) -> BoolArray:
     """(N, M): which boxes share more than a touch."""
     low = np.maximum(first[:, None, 0], second[None, :, 0])
     high = np.minimum(first[:, None, 1], second[None, :, 1])

@@ -4,17 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.procedural.furniture.build import Builder
 from scenes.procedural.furniture.cabinets import feet, leg_material
-from scenes.procedural.furniture.geometry import (
-    Array,
-    Mesh,
-    box,
-    pillow,
-    rounded_box,
-    span,
-    thick_sheet,
-)
+from scenes.procedural.furniture.geometry import Mesh, box, pillow, rounded_box, span, thick_sheet
 from scenes.procedural.furniture.style import Style
 from scenes.procedural.piece import Material, Piece
 
@@ -30,7 +23,7 @@ def single_bed(rng: np.random.Generator, style: Style, width: float = 0.9) -> Pi
     return _bed(rng, style, "single bed", width, 1)
 
 
-def _drape(beyond: Array, radius: float) -> tuple[Array, Array]:
+def _drape(beyond: Float64Array, radius: float) -> tuple[Float64Array, Float64Array]:
     """Outward and downward way of cloth that has run `beyond` metres past the start of an edge."""
     arc = np.clip(beyond, 0, radius * np.pi / 2)
     hang = np.maximum(beyond - radius * np.pi / 2, 0)
@@ -50,7 +43,7 @@ class _Rumples:
         ]
         self.phases = rng.uniform(0, 6, 4)
 
-    def lift(self, s: Array, t: Array) -> Array:
+    def lift(self, s: Float64Array, t: Float64Array) -> Float64Array:
         """Height added at the cloth's coordinates s across and t along the bed."""
         up = np.zeros_like(s)
         for a, c, phase in self.waves:
@@ -61,7 +54,7 @@ class _Rumples:
             up += 1.6 * np.exp(-(((way - at) / wide) ** 2)) * np.exp(-((along / 0.6) ** 2))
         return self.height * up
 
-    def fold(self, along: Array, which: int) -> Array:
+    def fold(self, along: Float64Array, which: int) -> Float64Array:
         """Folds of what hangs, about -1.6 to 1.6, on the sides (0) or the foot (1)."""
         first, second = self.phases[2 * which : 2 * which + 2]
         return np.asarray(np.sin(9 * along + first) + 0.6 * np.sin(17 * along + second))

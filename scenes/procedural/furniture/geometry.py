@@ -15,9 +15,9 @@ from typing import Literal
 
 import mapbox_earcut
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from scenes.arrays import BoolArray, Float64Array, Int64Array
+
 Axis = Literal["x", "y", "z"]
 AXES: dict[str, int] = {"x": 0, "y": 1, "z": 2}
 CREASE = np.cos(np.radians(50))  # sharper turns of a profile stay edges
@@ -31,9 +31,9 @@ class Mesh:
     `smooth`: shaded with `Part.normals` (round or bevelled bodies) instead of plain facets.
     """
 
-    vertices: Array
-    faces: npt.NDArray[np.int64]
-    uvs: Array
+    vertices: Float64Array
+    faces: Int64Array
+    uvs: Float64Array
     smooth: bool = True
 
     def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mesh:
@@ -56,7 +56,7 @@ class Mesh:
 
 
 @lru_cache(maxsize=512)
-def _rotation(axis: Axis, degrees: float) -> Array:
+def _rotation(axis: Axis, degrees: float) -> Float64Array:
     sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
     a, b = (AXES[axis] + 1) % 3, (AXES[axis] + 2) % 3
     rotation = np.eye(3)
@@ -77,7 +77,7 @@ def merge(meshes: Iterable[Mesh]) -> Mesh:
     )
 
 
-def grid(points: Array, uvs: Array | None = None) -> Mesh:
+def grid(points: Float64Array, uvs: Float64Array | None = None) -> Mesh:
     """A quad grid `points` (n, m, 3) as triangles; outside is along d/di x d/dj.
 
     Without `uvs` (n, m, 2), u runs along j and v along i, by mean arc length. Triangles that
@@ -98,7 +98,7 @@ def grid(points: Array, uvs: Array | None = None) -> Mesh:
 
 
 @lru_cache(maxsize=512)
-def _grid_faces(n: int, m: int) -> npt.NDArray[np.int64]:
+def _grid_faces(n: int, m: int) -> Int64Array:
     index = np.arange(n * m).reshape(n, m)
     a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
     return np.concatenate(
@@ -136,7 +136,7 @@ def box(
 
 
 @lru_cache
-def _box_columns(bevelled: bool, axes: tuple[tuple[int, int], ...]) -> npt.NDArray[np.int64]:
+def _box_columns(bevelled: bool, axes: tuple[tuple[int, int], ...]) -> Int64Array:
     """Where u and v of each vertex (V, 2) lie in the flat array of a box's corners."""
     facing = _box_template(bevelled)[2]
     return 3 * np.arange(len(facing))[:, None] + np.array(axes)[facing]
@@ -145,17 +145,17 @@ def _box_columns(bevelled: bool, axes: tuple[tuple[int, int], ...]) -> npt.NDArr
 @lru_cache
 def _box_template(
     bevelled: bool,
-) -> tuple[Array, Array, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+) -> tuple[Float64Array, Float64Array, Int64Array, Int64Array]:
     """What all boxes share: of each vertex the signs of its corner (V, 3), along which axes the
     bevel draws it in (V, 3), and the axis its face lies across (V,); and the faces (F, 3).
     """
     bevel = 0.25 if bevelled else 0.0
     half = np.ones(3)
-    vertices: list[Array] = []
+    vertices: list[Float64Array] = []
     across: list[int] = []
     faces: list[list[int]] = []
 
-    def polygon(corners: Array, axis: int) -> None:
+    def polygon(corners: Float64Array, axis: int) -> None:
         first = len(across)
         vertices.append(corners)
         across.extend([axis] * len(corners))
@@ -215,7 +215,7 @@ def rounded_box(
     radius = min(radius, 0.999 * float(half.min()))
     arc = radius * np.tan(np.radians(45) * np.arange(1, steps + 1) / steps)
 
-    def stations(axis: int) -> Array:
+    def stations(axis: int) -> Float64Array:
         core = half[axis] - radius
         middle = np.linspace(-core, core, inner + 1)
         return np.concatenate([-core - arc[::-1], middle, core + arc])
@@ -281,7 +281,7 @@ def pillow(
     return mesh.moved(at[0], at[1], at[2] - float(mesh.vertices[:, 2].min()))
 
 
-def loft(rings: Array, closed: bool = True) -> Mesh:
+def loft(rings: Float64Array, closed: bool = True) -> Mesh:
     """A body through `rings` (k, m, 3), each once around, counter-clockwise from the far end.
 
     The first and last ring are closed by flat caps unless `closed` is false or they are points.
@@ -354,7 +354,7 @@ def superellipse(
     count: int = 32,
     x: float = 0.0,
     y: float = 0.0,
-) -> Array:
+) -> Float64Array:
     """A horizontal ring (count, 3) for `loft`: |x/a|^p + |y/b|^p = 1; p = 2 is an ellipse."""
     angle = 2 * np.pi * (np.arange(count) + 0.5) / count
     cosine, sine = np.cos(angle), np.sin(angle)
@@ -366,8 +366,8 @@ def superellipse(
 
 
 def tube(
-    path: Sequence[Sequence[float]] | Array,
-    radius: float | Sequence[float] | Array,
+    path: Sequence[Sequence[float]] | Float64Array,
+    radius: float | Sequence[float] | Float64Array,
     segments: int = 10,
     closed: bool = False,
 ) -> Mesh:
@@ -389,7 +389,7 @@ def tube(
     return loft(np.concatenate([rings, rings[:1]]), closed=False)
 
 
-def _carried_frames(tangents: Array) -> tuple[Array, Array]:
+def _carried_frames(tangents: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Two unit vectors across each of the `tangents` (N, 3), turning as little as they can."""
     first = tangents[0].tolist()
     least = min(range(3), key=lambda axis: abs(first[axis]))
@@ -445,10 +445,10 @@ def post(points: Sequence[Sequence[float]], sizes: Sequence[Sequence[float]]) ->
 
 
 def prism(
-    outline: Sequence[Sequence[float]] | Array,
+    outline: Sequence[Sequence[float]] | Float64Array,
     z0: float,
     z1: float,
-    holes: Sequence[Sequence[Sequence[float]] | Array] = (),
+    holes: Sequence[Sequence[Sequence[float]] | Float64Array] = (),
 ) -> Mesh:
     """A polygon (N, 2), counter-clockwise, pulled up from z0 to z1, with clockwise-free holes."""
     loops = [np.asarray(loop, dtype=float) for loop in (outline, *holes)]
@@ -472,7 +472,7 @@ def prism(
     return merge(meshes)
 
 
-def thick_sheet(points: Array, thickness: float) -> Mesh:
+def thick_sheet(points: Float64Array, thickness: float) -> Mesh:
     """A cloth of `thickness` whose outer side is the grid `points` (n, m, 3), closed all around."""
     across, along = np.gradient(points, axis=0), np.gradient(points, axis=1)
     normals = np.cross(across, along)
@@ -489,7 +489,7 @@ def thick_sheet(points: Array, thickness: float) -> Mesh:
     return merge([front, back, *rims])
 
 
-def _facets(points: Array) -> Mesh:
+def _facets(points: Float64Array) -> Mesh:
     """`grid` with each strip along i apart, so that corners stay sharp in smooth parts."""
     strips = []
     start = 0.0
@@ -500,7 +500,7 @@ def _facets(points: Array) -> Mesh:
     return merge(strips)
 
 
-def _solid(points: Array) -> npt.NDArray[np.bool_]:
+def _solid(points: Float64Array) -> BoolArray:
     """Which triangles of `_grid_faces` have an area, (F,)."""
     # Spelt out by coordinate: np.cross costs more than all the rest of a small grid.
     n, m = points.shape[:2]
@@ -515,11 +515,11 @@ def _solid(points: Array) -> npt.NDArray[np.bool_]:
     return np.asarray(nx * nx + ny * ny + nz * nz > (2 * _NO_AREA) ** 2).reshape(-1)
 
 
-def _lengths(vectors: Array) -> Array:
+def _lengths(vectors: Float64Array) -> Float64Array:
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     return np.asarray(np.sqrt(x * x + y * y + z * z))
 
 
-def _signed_area(loop: Array) -> float:
+def _signed_area(loop: Float64Array) -> float:
     x, y = loop[:, 0], loop[:, 1]
     return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) / 2)

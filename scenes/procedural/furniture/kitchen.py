@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.procedural.furniture.build import Builder
 from scenes.procedural.furniture.cabinets import BOARD, add_door, add_drawer, carcass, shelf
 from scenes.procedural.furniture.geometry import (
-    Array,
     Mesh,
     bar,
     box,
@@ -63,7 +63,7 @@ def _base(style: Style, name: str, width: float, worktop: bool = True) -> tuple[
     return b, under
 
 
-def _add_top(b: Builder, style: Style, width: float, holes: tuple[Array, ...] = ()) -> None:
+def _add_top(b: Builder, style: Style, width: float, holes: tuple[Float64Array, ...] = ()) -> None:
     outline = np.array([[-1, -0.32], [1, -0.32], [1, 0.3], [-1, 0.3]]) * [width / 2, 1]
     high = style.worktop_height
     if holes:

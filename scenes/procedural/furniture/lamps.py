@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.procedural.furniture.build import Builder
 from scenes.procedural.furniture.geometry import (
-    Array,
     bar,
     box,
     cylinder,
@@ -33,7 +33,7 @@ def _shell(
     return [*outer, *inner]
 
 
-def _ring(profile: list[tuple[float, float]], segments: int) -> Array:
+def _ring(profile: list[tuple[float, float]], segments: int) -> Float64Array:
     """Rings of a closed profile (a body with a hole through it) for `loft`."""
     closed = np.array([*profile, profile[0]])
     angle = 2 * np.pi * np.arange(segments) / segments

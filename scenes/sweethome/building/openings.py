@@ -13,7 +13,7 @@ from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 from shapely.ops import unary_union
 
-from scenes.geometry.mesh import Floats
+from scenes.arrays import Float64Array
 from scenes.importing.changes import Changes
 from scenes.sweethome.building.cutouts import UnreadablePath, path_region
 from scenes.sweethome.building.solids import polygons
@@ -35,9 +35,9 @@ class Opening:
     """
 
     piece: Piece
-    centre: Floats
-    across: Floats
-    out: Floats
+    centre: Float64Array
+    across: Float64Array
+    out: Float64Array
     shape: BaseGeometry
 
     @property
@@ -89,11 +89,11 @@ class Opening:
         )
         return solid.transform(0.01 * frame)
 
-    def at(self, along: float, depth: float) -> Floats:
+    def at(self, along: float, depth: float) -> Float64Array:
         """Plan coordinates of a place in the opening's frame."""
         return self.centre + along * self.across + depth * self.out
 
-    def _depths(self, region: Polygon) -> Floats:
+    def _depths(self, region: Polygon) -> Float64Array:
         return (np.asarray(region.exterior.coords) - self.centre) @ self.out
 
     def _strip(self, low: float, high: float) -> Polygon:
@@ -119,7 +119,7 @@ def opening_of(piece: Piece, elevation: float, changes: Changes) -> Opening | No
     cut, bottom = piece.cut, elevation + piece.elevation
     mirror = -1.0 if piece.mirrored else 1.0
 
-    def placed(points: Floats) -> Floats:
+    def placed(points: Float64Array) -> Float64Array:
         across = cut.left + cut.width * points[:, 0] - 0.5
         up = 1.0 - (cut.top + cut.height * points[:, 1])
         return np.stack([mirror * across * piece.width, bottom + up * piece.height], axis=1)

@@ -11,13 +11,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from shapely.geometry import Polygon
 from shapely.validation import make_valid
 
+from scenes.arrays import Float64Array
 from scenes.sweethome.home import Wall
 
-Floats = npt.NDArray[np.float64]
 _SHORT = 1e-5  # cm: a wall shorter than this has no direction
 _LEAST_ARC = 1e-3  # radians
 _MAX_STEPS = 256  # segments of a round wall
@@ -28,15 +27,15 @@ _PARALLEL = 4e-3  # sine of the angle below which two sides are taken as paralle
 class Outline:
     """The two sides of a wall, (N, 2) each, from start to end; N = 2 for straight walls."""
 
-    left: Floats
-    right: Floats
+    left: Float64Array
+    right: Float64Array
 
     @property
-    def middle(self) -> Floats:
+    def middle(self) -> Float64Array:
         """The line between the sides, (N, 2)."""
         return 0.5 * (self.left + self.right)
 
-    def ring(self, first: Floats, second: Floats) -> Polygon:
+    def ring(self, first: Float64Array, second: Float64Array) -> Polygon:
         """The region between two lines along the wall, as a valid polygon."""
         return polygon(np.concatenate([first, second[::-1]]))
 
@@ -46,13 +45,13 @@ class Outline:
         return self.ring(self.left, self.right)
 
 
-def polygon(points: Floats) -> Polygon:
+def polygon(points: Float64Array) -> Polygon:
     """A polygon of `points` (N, 2), mended where it crosses itself; may be empty."""
     shape = Polygon(points)
     return shape if shape.is_valid else make_valid(shape).buffer(0)
 
 
-def arc_centre(wall: Wall) -> Floats:
+def arc_centre(wall: Wall) -> Float64Array:
     """Centre (2,) of a round wall: turning the start by `arc` about it gives the end.
 
     The turn is the plan's: positive is clockwise on the screen.
@@ -153,7 +152,9 @@ def _joined_end(wall: Wall, other: Wall, at_start: bool) -> str | None:
     return back[0] if back else None
 
 
-def _meeting(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats | None:
+def _meeting(
+    a: Float64Array, b: Float64Array, c: Float64Array, d: Float64Array
+) -> Float64Array | None:
     """Where the lines a-b and c-d meet; None if they are about parallel."""
     u, v = b - a, d - c
     cross = u[0] * v[1] - u[1] * v[0]

@@ -8,7 +8,7 @@ import numpy as np
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from scenes.geometry.mesh import Floats
+from scenes.arrays import Float64Array
 from scenes.sweethome.building.openings import Opening
 from scenes.sweethome.building.solids import polygons
 from scenes.sweethome.furnishing.items import Thing
@@ -26,10 +26,10 @@ class Doorway:
     metres.
     """
 
-    polygon: Floats
-    normal: Floats
-    front: Floats
-    back: Floats
+    polygon: Float64Array
+    normal: Float64Array
+    front: Float64Array
+    back: Float64Array
     depth: float  # metres between the outermost wall faces
 
     def is_clear(self, things: list[Thing]) -> bool:
@@ -99,7 +99,7 @@ def _few_corners(part: Polygon) -> Polygon:
     return outline
 
 
-def _covered(triangles: Floats, points: Floats) -> np.ndarray:
+def _covered(triangles: Float64Array, points: Float64Array) -> np.ndarray:
     """Which points (N, 2) lie in any of the triangles (T, 3, 2)."""
     covered = np.zeros(len(points), dtype=bool)
     if not len(triangles):

@@ -12,7 +12,8 @@ from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 from shapely.ops import unary_union
 
-from scenes.geometry.mesh import Floats, Mesh
+from scenes.arrays import Float64Array
+from scenes.geometry.mesh import Mesh
 from scenes.importing.changes import Changes
 from scenes.sweethome.building.cutouts import UnreadablePath, path_region
 from scenes.sweethome.building.levels import Storey
@@ -51,8 +52,8 @@ def stairwells(pieces: list[tuple[Piece, float]], changes: Changes) -> list[Well
         cosine, sine = math.cos(piece.angle), math.sin(piece.angle)
         mirror = -1.0 if piece.mirrored else 1.0
 
-        def placed(points: Floats, piece: Piece = piece, mirror: float = mirror,
-                   cosine: float = cosine, sine: float = sine) -> Floats:  # fmt: skip
+        def placed(points: Float64Array, piece: Piece = piece, mirror: float = mirror,
+                   cosine: float = cosine, sine: float = sine) -> Float64Array:  # fmt: skip
             across = mirror * (points[:, 0] - 0.5) * piece.width
             out = (points[:, 1] - 0.5) * piece.depth
             return np.stack(
@@ -84,7 +85,7 @@ class CeilingHeights:
                 [one.top(np.concatenate([one.outline.left, one.outline.right])) for one in walls]
             )
 
-    def at(self, points: Floats) -> Floats:
+    def at(self, points: Float64Array) -> Float64Array:
         """Heights (m) at world points (N, 2)."""
         if not len(self._tops):
             return np.full(len(points), self._level)
@@ -99,7 +100,7 @@ class CeilingHeights:
             made[number] = meeting[np.abs(meeting - top) < _STEP].min()
         return 0.01 * made
 
-    def over(self, region: BaseGeometry, points: Floats) -> Floats:
+    def over(self, region: BaseGeometry, points: Float64Array) -> Float64Array:
         """Heights (m) at `points` (N, 2) of a ceiling drawn as `region`, which they may overstep.
 
         Between the corners of the region's rim heights change evenly.
@@ -182,7 +183,9 @@ def build_slabs(
     return things
 
 
-def build_ground(environment: Environment, below: list[BaseGeometry], centre: Floats) -> Thing:
+def build_ground(
+    environment: Environment, below: list[BaseGeometry], centre: Float64Array
+) -> Thing:
     """The ground around the home, open where floors lie below it."""
     x, y = centre
     region: BaseGeometry = box(x - _REACH, y - _REACH, x + _REACH, y + _REACH)
@@ -201,7 +204,7 @@ def build_ground(environment: Environment, below: list[BaseGeometry], centre: Fl
     )
 
 
-def triangulated(region: BaseGeometry) -> tuple[Floats, np.ndarray]:
+def triangulated(region: BaseGeometry) -> tuple[Float64Array, np.ndarray]:
     """Triangles of a region, holes left out: vertices (V, 2) and faces (F, 3), facing up."""
     vertices, faces, start = [], [], 0
     for part in polygons(region):
@@ -252,7 +255,7 @@ def _ceiling(
     return Mesh(points, np.arange(len(points)).reshape(-1, 3)), None
 
 
-def _creased_at(region: BaseGeometry, drawn: BaseGeometry) -> tuple[Floats, np.ndarray]:
+def _creased_at(region: BaseGeometry, drawn: BaseGeometry) -> tuple[Float64Array, np.ndarray]:
     """Triangles of a region with edges along the rim of `drawn`: vertices (V, 2), faces (F, 3).
 
     A sloping ceiling must follow the tops of walls along their inner faces, and only beyond

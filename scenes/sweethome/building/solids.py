@@ -15,15 +15,16 @@ from shapely.geometry import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
-from scenes.geometry.mesh import Floats, Mesh
+from scenes.arrays import Float64Array
+from scenes.geometry.mesh import Mesh
 
 _SPECK = 1e-6  # square metres: regions smaller than this are dropped
 _GRID = 1e-6  # metres: spikes thinner than this are dropped
 
-Heights = Callable[[Floats], Floats]  # z of points (N, 2)
+Heights = Callable[[Float64Array], Float64Array]  # z of points (N, 2)
 
 
-def to_world(points: npt.ArrayLike) -> Floats:
+def to_world(points: npt.ArrayLike) -> Float64Array:
     """Plan points (N, 2), centimetres, y down, as world points (N, 2)."""
     return np.asarray(points, dtype=np.float64) * [0.01, -0.01]
 
@@ -64,7 +65,7 @@ def prism(region: BaseGeometry, bottom: float, top: float | Heights) -> manifold
     section = manifold3d.CrossSection(contours, manifold3d.FillRule.Positive)
     solid = manifold3d.Manifold.extrude(section, 1.0)
 
-    def lift(points: Floats) -> Floats:
+    def lift(points: Float64Array) -> Float64Array:
         z = np.full(len(points), float(top)) if not callable(top) else top(points[:, :2])
         made = np.array(points, dtype=np.float64)
         made[:, 2] = bottom + points[:, 2] * (z - bottom)
@@ -94,7 +95,7 @@ def cut(solid: manifold3d.Manifold, holes: Iterable[manifold3d.Manifold]) -> man
     return manifold3d.Manifold.batch_boolean([solid, *found], manifold3d.OpType.Subtract)
 
 
-def facing(mesh: Mesh) -> Floats:
+def facing(mesh: Mesh) -> Float64Array:
     """Unit normals (F, 3) of the triangles of a mesh."""
     corners = mesh.corners
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

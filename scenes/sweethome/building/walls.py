@@ -12,7 +12,8 @@ from shapely.geometry import Point
 from shapely.geometry.base import BaseGeometry
 from shapely.ops import unary_union
 
-from scenes.geometry.mesh import Floats, Mesh, creased
+from scenes.arrays import Float64Array
+from scenes.geometry.mesh import Mesh, creased
 from scenes.importing.changes import Changes
 from scenes.sweethome.building.levels import Storey
 from scenes.sweethome.building.openings import Opening
@@ -38,7 +39,7 @@ class PlannedWall:
     top_at_start: float
     top_at_end: float
 
-    def top(self, points: Floats) -> Floats:
+    def top(self, points: Float64Array) -> Float64Array:
         """Height (cm above the ground) of the wall's top at plan points (N, 2).
 
         It changes evenly along the line from start to end, for round walls too.
@@ -127,7 +128,7 @@ def _wall_parts(one: PlannedWall, holes: list[manifold3d.Manifold]) -> list[Part
     ):
         half = world_region(one.outline.ring(line, middle))
 
-        def top(points: Floats) -> Floats:
+        def top(points: Float64Array) -> Float64Array:
             lifted = one.top(points * [100, -100]) + EMBED
             return 0.01 * np.maximum(lifted, one.bottom)
 
@@ -160,7 +161,7 @@ def _is_top(one: PlannedWall, mesh: Mesh) -> np.ndarray:
     return (facing(mesh)[:, 2] > 0.3) & (np.abs(middles[:, 2] - top) < 2e-3)
 
 
-def wall_uvs(one: PlannedWall, mesh: Mesh, texture: Texture, is_left: bool) -> Floats:
+def wall_uvs(one: PlannedWall, mesh: Mesh, texture: Texture, is_left: bool) -> Float64Array:
     """Texture coordinates of a wall's side: along the wall from its start, and up.
 
     Seen from in front an image stands upright and reads from left to right. On ends, tops and
@@ -191,7 +192,7 @@ def wall_uvs(one: PlannedWall, mesh: Mesh, texture: Texture, is_left: bool) -> F
     return np.stack([uvs[:, 0], 1 - uvs[:, 1]], axis=1)
 
 
-def _along(wall: Wall, points: Floats) -> tuple[Floats, Floats]:
+def _along(wall: Wall, points: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Distances (cm) of plan points along a wall's middle line and to its left."""
     start, end = np.array(wall.start), np.array(wall.end)
     if is_round(wall):
@@ -256,10 +257,10 @@ def _closed_gaps(walls: list[Wall]) -> list[Wall]:
     return made
 
 
-def _reach(tip: Floats, others: BaseGeometry) -> float:
+def _reach(tip: Float64Array, others: BaseGeometry) -> float:
     distance = others.distance(Point(tip))
     return distance + 1.0 if 0 <= distance < _GAP and not others.contains(Point(tip)) else 0.0
 
 
-def _pair(point: Floats) -> tuple[float, float]:
+def _pair(point: Float64Array) -> tuple[float, float]:
     return (float(point[0]), float(point[1]))

@@ -16,6 +16,7 @@ import numpy as np
 import trimesh
 from PIL import Image
 
+from scenes.arrays import Float64Array
 from scenes.assets import preview
 from scenes.assets.free_space import Level, covering_boxes, levels_of
 from scenes.assets.index import PREVIEW, Asset, AssetPart, Checks, Point3, Provenance, save_asset
@@ -26,7 +27,7 @@ from scenes.files import atomic_directory, digest_bytes
 from scenes.formats.archive import HomeArchive
 from scenes.formats.model_parts import Model, UnreadableModel
 from scenes.formats.ply import read_ply, write_ply
-from scenes.geometry.mesh import Floats, Mesh, creased
+from scenes.geometry.mesh import Mesh, creased
 from scenes.importing.changes import Changes
 from scenes.photometry import LUMEN, color_temperature
 from scenes.sweethome import home
@@ -164,7 +165,7 @@ def _standing(piece: CataloguePiece, model: Model, changes: Changes) -> list[Par
     return merged(lit)
 
 
-def _extent(parts: Sequence[Part]) -> Floats:
+def _extent(parts: Sequence[Part]) -> Float64Array:
     """Size (3,) of all parts together."""
     bounds = np.array([part.mesh.bounds for part in parts if part.ball is None])
     return np.asarray(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0))
@@ -302,7 +303,7 @@ class _Images:
         return f"{name}.png", alpha
 
 
-def _levels(piece: CataloguePiece, corners: Floats) -> tuple[Level, ...]:
+def _levels(piece: CataloguePiece, corners: Float64Array) -> tuple[Level, ...]:
     return tuple(
         Level(*(round(value, 5) for value in (
             level.x, level.y, level.z, level.half_x, level.half_y, level.headroom)))
@@ -310,7 +311,7 @@ def _levels(piece: CataloguePiece, corners: Floats) -> tuple[Level, ...]:
     )  # fmt: skip
 
 
-def _point(values: Floats) -> Point3:
+def _point(values: Float64Array) -> Point3:
     x, y, z = (round(float(value), 5) for value in values)
     return (x, y, z)
 

@@ -14,10 +14,10 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.color import REC709, Color, decode_srgb_value
 from scenes.errors import InputError
 from scenes.formats.archive import HomeArchive
-from scenes.geometry.mesh import Floats
 from scenes.importing.changes import Changes
 from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin, prop
@@ -87,7 +87,7 @@ def glossy(shininess: float) -> Finish:
     return Finish("gloss", roughness=round(roughness_of(shininess), 4))
 
 
-def laid(points: Floats, texture: Texture) -> Floats:
+def laid(points: Float64Array, texture: Texture) -> Float64Array:
     """Texture coordinates (N, 2), v up, of points (N, 2) in centimetres on the surface, y up.
 
     Shifted by the offset, turned counter-clockwise by the angle, divided by the image's size.
@@ -99,7 +99,7 @@ def laid(points: Floats, texture: Texture) -> Floats:
     return turned / size
 
 
-def relaid(uvs: Floats, texture: Texture) -> Floats:
+def relaid(uvs: Float64Array, texture: Texture) -> Float64Array:
     """The same for coordinates that are already in images, as models have them."""
     return laid(uvs, replace(texture, width=1.0, height=1.0))
 

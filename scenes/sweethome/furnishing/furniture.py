@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.color import Color
 from scenes.formats.model_parts import Model, ModelMaterial, ModelPart
-from scenes.geometry.mesh import Floats, Mesh
+from scenes.geometry.mesh import Mesh
 from scenes.importing.changes import Changes
 from scenes.sweethome.furnishing.finishes import (
     WHITE,
@@ -46,7 +47,7 @@ class Placed:
     """A piece's parts in the world, and the map from its unit box to there."""
 
     parts: tuple[Part, ...]
-    to_world: Floats  # 4x4
+    to_world: Float64Array  # 4x4
 
 
 def place(piece: Piece, model: Model, elevation: float, changes: Changes) -> Placed:
@@ -178,7 +179,7 @@ def _shown(piece: Piece, model: Model) -> list[ModelPart]:
 
 def _moved(piece: Piece, parts: list[ModelPart], changes: Changes) -> list[ModelPart]:
     """Doors ajar and drawers pulled out: parts moved as the home says."""
-    moves: dict[tuple[str, str], Floats] = {}
+    moves: dict[tuple[str, str], Float64Array] = {}
     for name, rows in piece.transformations:
         joint = _JOINT.match(name)
         if joint is None:
@@ -199,8 +200,8 @@ def _moved(piece: Piece, parts: list[ModelPart], changes: Changes) -> list[Model
 
 
 def _textured(
-    piece: Piece, part: ModelPart, finish: Finish, bounds: Floats
-) -> tuple[Finish, Floats | None]:
+    piece: Piece, part: ModelPart, finish: Finish, bounds: Float64Array
+) -> tuple[Finish, Float64Array | None]:
     """A part's finish and its texture coordinates, Mitsuba's; None for plain colour."""
     if finish.image is None:
         return finish, None
@@ -216,7 +217,7 @@ def _textured(
     return finish, np.stack([uvs[:, 0], 1 - uvs[:, 1]], axis=1)
 
 
-def _wrapped(piece: Piece, vertices: Floats, bounds: Floats) -> Floats:
+def _wrapped(piece: Piece, vertices: Float64Array, bounds: Float64Array) -> Float64Array:
     """Centimetres from the lower left of a piece's front, over its top to the back."""
     extent = np.maximum(bounds[1] - bounds[0], 0.001)
     share = (vertices - bounds[0]) / extent
@@ -225,7 +226,7 @@ def _wrapped(piece: Piece, vertices: Floats, bounds: Floats) -> Floats:
     return np.stack([across, up], axis=1)
 
 
-def _standing(mesh: Mesh, matrix: Floats) -> Mesh:
+def _standing(mesh: Mesh, matrix: Float64Array) -> Mesh:
     """The mesh in the world; a flattened piece keeps facet normals."""
     if abs(np.linalg.det(matrix[:3, :3])) < 1e-15:
         flat = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]

@@ -7,8 +7,9 @@ from typing import Literal
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.color import Color
-from scenes.geometry.mesh import Floats, Mesh, face_areas
+from scenes.geometry.mesh import Mesh, face_areas
 
 
 @dataclass(frozen=True)
@@ -55,13 +56,13 @@ class Thing:
     level: int = 0
 
     @property
-    def bounds(self) -> Floats:
+    def bounds(self) -> Float64Array:
         """Axis-aligned bounds (2, 3), metres."""
         bounds = np.array([part.mesh.bounds for part in self.parts])
         return np.stack([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
 
     @property
-    def centre(self) -> Floats:
+    def centre(self) -> Float64Array:
         """The middle of the bounds."""
         return self.bounds.mean(axis=0)
 

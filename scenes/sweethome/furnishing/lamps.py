@@ -11,9 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.color import REC709, Color
 from scenes.geometry.directions import fibonacci_sphere
-from scenes.geometry.mesh import Floats, Mesh
+from scenes.geometry.mesh import Mesh
 from scenes.importing.changes import Changes
 from scenes.photometry import LUMEN
 from scenes.reconstruction.raycast import RayCaster
@@ -36,7 +37,7 @@ def lumens_of(bulb: Bulb, power: float) -> float:
 
 
 def lit_parts(
-    piece: Piece, parts: tuple[Part, ...], to_world: Floats, changes: Changes
+    piece: Piece, parts: tuple[Part, ...], to_world: Float64Array, changes: Changes
 ) -> tuple[tuple[Part, ...], float]:
     """A lamp's parts with its light on, and its lumens.
 
@@ -98,7 +99,7 @@ def _glowing(piece: Piece, parts: tuple[Part, ...]) -> tuple[tuple[Part, ...], f
     ), total
 
 
-def _ball(piece: Piece, bulb: Bulb, to_world: Floats) -> tuple[Floats, float]:
+def _ball(piece: Piece, bulb: Bulb, to_world: Float64Array) -> tuple[Float64Array, float]:
     inside = np.array([bulb.x - 0.5, bulb.z - 0.5, 0.5 - bulb.y, 1.0])
     centre = (to_world @ inside)[:3]
     radius = _DEFAULT_RADIUS
@@ -126,7 +127,7 @@ def _tint(color: int) -> Color:
     return (bands[0] / luminance, bands[1] / luminance, bands[2] / luminance)
 
 
-def _around(parts: list[Part], centre: Floats) -> tuple[np.ndarray, float]:
+def _around(parts: list[Part], centre: Float64Array) -> tuple[np.ndarray, float]:
     """The part that each direction from `centre` meets first (-1 for none), and how near it is."""
     solid = [(number, part) for number, part in enumerate(parts) if part.ball is None]
     if not solid:
@@ -137,7 +138,7 @@ def _around(parts: list[Part], centre: Floats) -> tuple[np.ndarray, float]:
     return np.where(triangles >= 0, owner[triangles], -1), float(distances.min())
 
 
-def _ball_mesh(centre: Floats, radius: float) -> Mesh:
+def _ball_mesh(centre: Float64Array, radius: float) -> Mesh:
     """An octahedron around the ball, for its bounds."""
     tips = np.concatenate([np.eye(3), -np.eye(3)])
     faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2],

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from scenes.geometry.mesh import Floats
+from scenes.arrays import Float64Array
 from scenes.sweethome.home import Piece
 
 _LEAST = 0.001  # the application's least extent of a model, in the model's units
@@ -23,7 +23,7 @@ _TO_WORLD = 0.01 * np.array(
 )  # fmt: skip
 
 
-def normalizing(points: Floats, piece: Piece) -> Floats:
+def normalizing(points: Float64Array, piece: Piece) -> Float64Array:
     """The 4x4 map of a model's vertices (N, 3) into the unit box about the origin."""
     low, high = points.min(axis=0), points.max(axis=0)
     matrix = _translation(-0.5 * (low + high))
@@ -38,7 +38,7 @@ def normalizing(points: Floats, piece: Piece) -> Floats:
     return np.diag([*(1 / np.maximum(high - low, _LEAST)), 1.0]) @ matrix
 
 
-def placing(points: Floats, piece: Piece, elevation: float) -> Floats:
+def placing(points: Float64Array, piece: Piece, elevation: float) -> Float64Array:
     """The 4x4 map from the unit box into the world (m).
 
     `points` (N, 3) are the model's vertices in the unit box, which a piece with pitch or roll is
@@ -57,17 +57,17 @@ def placing(points: Floats, piece: Piece, elevation: float) -> Floats:
     return _TO_WORLD @ place @ _turn(-piece.angle, 2, 0) @ matrix
 
 
-def _mapped(matrix: Floats, points: Floats) -> Floats:
+def _mapped(matrix: Float64Array, points: Float64Array) -> Float64Array:
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def _translation(offset: Floats) -> Floats:
+def _translation(offset: Float64Array) -> Float64Array:
     matrix = np.eye(4)
     matrix[:3, 3] = offset
     return matrix
 
 
-def _turn(angle: float, first: int, second: int) -> Floats:
+def _turn(angle: float, first: int, second: int) -> Float64Array:
     """A rotation that takes axis `first` towards axis `second`."""
     matrix = np.eye(4)
     cosine, sine = math.cos(angle), math.sin(angle)

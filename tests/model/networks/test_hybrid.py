@@ -14,7 +14,7 @@ import torch
 from PIL import Image
 
 from model.data.encoding import encode, radiances, targets
-from model.data.reader import NOISY_IMAGES, Array, Dataset, Example, mirrored
+from model.data.reader import NOISY_IMAGES, Dataset, Example, mirrored
 from model.evaluation.evaluate import evaluate
 from model.evaluation.inference import load_networks
 from model.networks.hybrid import REACH, Exposed, HybridNet, displayed
@@ -31,6 +31,7 @@ from pipeline.passes.registry import PASSES
 from pipeline.render.scene import open_scene, set_variant
 from pipeline.tonemap import Exposure, tonemap
 from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, save_cameras
+from scenes.arrays import AnyArray
 from scenes.contract import load_scene
 from scenes.errors import InputError
 from tests.fixtures.model import box_dataset, box_rows, write_shard
@@ -104,7 +105,7 @@ def test_it_changes_light_by_a_bounded_factor(view: Example) -> None:
     assert np.exp(-REACH) * 0.999 < factor.min() < 0.1 and 10 < factor.max() < np.exp(REACH) * 1.001
 
 
-def with_light(view: Example, change: Callable[[Array], Array]) -> Example:
+def with_light(view: Example, change: Callable[[AnyArray], AnyArray]) -> Example:
     """The view with its samples changed, raw and denoised."""
     return replace(view, **{name: change(getattr(view, name)) for name in NOISY_IMAGES})
 
@@ -118,7 +119,7 @@ def test_brighter_lamps_make_the_same_picture_brighter(view: Example) -> None:
 
 @pytest.mark.parametrize("spoil", ["dark", "firefly"])
 def test_no_light_and_far_too_much_of_it(view: Example, spoil: str) -> None:
-    def change(image: Array) -> Array:
+    def change(image: AnyArray) -> AnyArray:
         samples = 0 * image
         if spoil == "firefly":
             samples[3, 4] = 65504

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from model.data.direct_light import surface_light
@@ -21,6 +20,7 @@ from pipeline.passes.registry import frame_fingerprint
 from pipeline.passes.visibility import choose, render_visibility, shared
 from pipeline.render.scene import RenderScene, open_scene, set_variant
 from pipeline.views import View
+from scenes.arrays import Float64Array
 from scenes.contract import Portal
 from scenes.geometry.directions import pixel_directions
 from tests.fixtures.render import (
@@ -59,7 +59,7 @@ def looking_at_a_wall() -> View:
     return make_view(EYE, (0, 1, 0), (80, 60), 60.0)
 
 
-def on_the_wall(view: View) -> npt.NDArray[np.float64]:
+def on_the_wall(view: View) -> Float64Array:
     """Where each pixel's ray meets the plane y = 3: x and z (H, W, 2)."""
     rays = pixel_directions(view.intrinsics, view.width, view.height) @ view.pose[:3, :3].T
     return (np.array(EYE) + rays * (3 / rays[..., 1:2]))[..., [0, 2]]
