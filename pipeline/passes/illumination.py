@@ -169,7 +169,8 @@ class Panorama:
 
     @staticmethod
     def _elevations(height: int) -> Float64Array:
-        return math.pi / 2 - np.arange(height + 1) * (math.pi / height)
+        rows = np.arange(height + 1, dtype=np.float64)
+        return math.pi / 2 - rows * (math.pi / height)
 
 
 def outside_distance(
