@@ -41,7 +41,7 @@ from scenes.errors import InputError, MachineError, PbrnetError
 from scenes.files import atomic_directory, digest_file, read_json, remove_partials, write_json
 from scenes.params import AssetParams
 from scenes.sweethome.catalogue.convert import convert, piece_fingerprint
-from scenes.sweethome.catalogue.library import Library, Unusable, read_library
+from scenes.sweethome.catalogue.library import Library, UnusablePiece, read_library
 
 INSTALLED = Path("/usr/share/sweethome3d/furniture")  # where Debian's packages put catalogues
 SUFFIX = ".sh3f"
@@ -292,7 +292,7 @@ def convert_piece(job: _PieceJob) -> dict[str, Any]:
             job.max_triangles,
             job.texture_size,
         )
-    except Unusable as reason:
+    except UnusablePiece as reason:
         return {"refused": str(reason)}
     return {"usable": entry(asset)}
 

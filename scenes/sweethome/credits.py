@@ -10,12 +10,12 @@ from scenes.formats.model_parts import Model
 from scenes.importing.changes import Changes
 from scenes.sweethome.home import Home, Texture
 
-_COMMONS = re.compile(
+_CC_URL = re.compile(
     r"creativecommons\.org/(?P<kind>licenses|publicdomain)/(?P<terms>[a-z-]+)/(?P<version>\d\.\d)"
     r"(?:/(?P<region>at|au|de|nl|us)(?![a-z]))?",  # ports that have an SPDX name of their own
     re.IGNORECASE,
 )
-_SPOKEN = re.compile(
+_CC_NAME = re.compile(
     r"\bCC[- ]?(?P<terms>BY(?:[- ](?:SA|NC|ND))*|0)\b(?:.{0,60}?\b(?P<version>\d\.\d)\b)?",
     re.IGNORECASE | re.DOTALL,
 )
@@ -26,13 +26,13 @@ _SOURCE = "Sweet Home 3D home"
 
 def licence_in(text: str) -> str:
     """An SPDX-like name for the terms that a text speaks of; "" if it speaks of none we know."""
-    commons = _COMMONS.search(text)
+    commons = _CC_URL.search(text)
     if commons:
         terms = commons["terms"].upper()
         name = "CC0" if commons["kind"].lower() == "publicdomain" else f"CC-{terms}"
         region = f"-{commons['region'].upper()}" if commons["region"] else ""
         return f"{name}-{commons['version']}{region}"
-    spoken = _SPOKEN.search(text)
+    spoken = _CC_NAME.search(text)
     if spoken:
         terms = spoken["terms"].upper().replace(" ", "-")
         if terms == "0":

@@ -125,7 +125,7 @@ class Cut:
 
 
 @dataclass(frozen=True)
-class Piece:
+class HomePiece:
     """A piece of furniture, a door or window (`cut`), or a lamp (`bulbs`)."""
 
     id: str
@@ -157,7 +157,7 @@ class Piece:
     cut: Cut | None = None
     power: float = 0.0
     bulbs: tuple[Bulb, ...] = ()
-    glowing: tuple[str, ...] = ()  # names of the lamp's materials that give its light
+    emissive_materials: tuple[str, ...] = ()  # names of the lamp's materials that give its light
 
 
 @dataclass(frozen=True)
@@ -203,4 +203,4 @@ class Home:
     levels: tuple[Level, ...]
     walls: tuple[Wall, ...]
     rooms: tuple[RoomShape, ...]
-    pieces: tuple[Piece, ...]
+    pieces: tuple[HomePiece, ...]

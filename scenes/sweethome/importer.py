@@ -26,7 +26,7 @@ from scenes.importing.textures import TextureStore
 from scenes.sweethome.building.levels import Storey, storeys
 from scenes.sweethome.building.openings import Opening, opening_of
 from scenes.sweethome.building.outlines import is_round
-from scenes.sweethome.building.portals import doorways
+from scenes.sweethome.building.portals import find_doorways
 from scenes.sweethome.building.slabs import (
     CeilingHeights,
     build_ground,
@@ -37,23 +37,23 @@ from scenes.sweethome.building.slabs import (
 from scenes.sweethome.building.spaces import Space, find_spaces
 from scenes.sweethome.building.walls import PlannedWall, build_walls, plan_walls
 from scenes.sweethome.credits import Credits
-from scenes.sweethome.furnishing.finishes import Finishes
-from scenes.sweethome.furnishing.furniture import Placed, bare, place
-from scenes.sweethome.furnishing.items import Thing, merged
+from scenes.sweethome.furnishing.finishes import BsdfWriter
+from scenes.sweethome.furnishing.furniture import PlacedModel, place_piece, place_without_model
+from scenes.sweethome.furnishing.items import PlacedItem, merge_parts
 from scenes.sweethome.furnishing.lamps import lit_parts
 from scenes.sweethome.furnishing.missing import MissingPiece, missing_piece, note_missing
 from scenes.sweethome.furnishing.models import Models
-from scenes.sweethome.home import Home, Piece
+from scenes.sweethome.home import Home, HomePiece
 from scenes.sweethome.reader import read_home
 from scenes.sweethome.sun import Sky, make_sky
-from scenes.sweethome.views import own_camera, stored_cameras
+from scenes.sweethome.views import default_camera, stored_cameras
 from scenes.sweethome.writer import write_scene
 
-_BUILT = ("wall", "floor", "ceiling", "skirting", "slab", "ground")  # ids that we give
+_RESERVED_STEMS = ("wall", "floor", "ceiling", "skirting", "slab", "ground")  # ids that we give
 MAX_TRIANGLES = 20_000_000  # of a whole home
 # Pieces stand and hang a hair above where they are drawn, neighbours by different amounts: else
 # faces that lie in floors, sills and tops of other pieces would show in patches.
-_HAIR, _HAIRS = 0.02, 8  # cm; how many different amounts
+_LIFT, _LIFT_STEPS = 0.02, 8  # cm; how many different amounts
 
 
 @dataclass(frozen=True)
@@ -90,62 +90,64 @@ def import_sweethome(path: Path, out: Path, scene_id: str, options: SweetHomeOpt
         writing_scene(out) as folder,
     ):
         home = read_home(path, archive.home_xml(), changes)
-        levels = _plan(home, options, changes)
+        levels = _planned_levels(home, options, changes)
         if not any(level.walls or level.storey.pieces for level in levels):
             raise InputError(f"{path}: the home is empty: no walls and no furniture")
-        building = _build(levels, changes)
+        building = _building_items(levels, changes)
         rooms, inside = _rooms(levels)
         models = Models(archive, changes)
         credits = Credits(home, archive, path.stem, options.licence, options.author)
-        cutting = _cutting(levels)
-        pieces, missing = _furnish(levels, models, cutting, options, credits, changes)
+        cutting_pieces = _cutting_pieces(levels)
+        pieces, missing = _furniture_items(
+            levels, models, cutting_pieces, options, credits, changes
+        )
         note_missing(missing, changes)
         below = [
             unary_union([space.floor_slab for space in level.spaces])
             for level in levels
             if level.storey.elevation < -1
         ]
-        things = [*building, *pieces]
-        bounds = np.array([thing.bounds for thing in things])
+        items = [*building, *pieces]
+        bounds = np.array([item.bounds for item in items])
         middle = 0.5 * (bounds[:, 0].min(axis=0) + bounds[:, 1].max(axis=0))
-        things.append(build_ground(home.environment, below, middle[:2]))
-        if sum(len(part.mesh.faces) for thing in things for part in thing.parts) > MAX_TRIANGLES:
+        items.append(build_ground(home.environment, below, middle[:2]))
+        if sum(len(part.mesh.faces) for item in items for part in item.parts) > MAX_TRIANGLES:
             raise InputError(f"{path}: more than {MAX_TRIANGLES:,} triangles in all")
-        things = [_in_room(thing, rooms, inside) for thing in things]
-        things = [replace(thing, parts=tuple(merged(thing.parts))) for thing in things]
+        items = [_with_room(item, rooms, inside) for item in items]
+        items = [replace(item, parts=tuple(merge_parts(item.parts))) for item in items]
         portals, lit_by_opening = _portals(levels, rooms, inside, pieces)
         lost = [(one, _room_at(one.centre, rooms, inside, 0.25)) for one in missing]
-        rooms = _described(rooms, things, lost, lit_by_opening)
-        lamps = [thing for thing in things if thing.lumens > 0]
+        rooms = _described_rooms(rooms, items, lost, lit_by_opening)
+        lamps = [item for item in items if item.lumens > 0]
         for texture in _textures(home):
             credits.texture(texture)
-        sky = make_sky(home, options.time, sum(_weight(thing) for thing in lamps), changes)
+        sky = make_sky(home, options.time, sum(_weight(item) for item in lamps), changes)
         if not rooms:
             changes.note("NO ROOM WAS FOUND: draw rooms, or close the walls, to get views")
         cameras = [
             camera
             for camera in stored_cameras(home, changes)
-            if not camera.is_visitor or _room_at(camera.eye, rooms, inside, 0.0) is not None
+            if not camera.is_observer or _room_at(camera.eye, rooms, inside, 0.0) is not None
         ]
-        finishes = Finishes(
+        finishes = BsdfWriter(
             archive, TextureStore(folder / "textures", changes), Path(unpacked), changes
         )
-        camera = cameras[0] if cameras else own_camera(rooms, middle)
-        objects = write_scene(folder, things, finishes, sky, camera, _weight)
+        camera = cameras[0] if cameras else default_camera(rooms, middle)
+        objects = write_scene(folder, items, finishes, sky, camera, _weight)
         lights = tuple(
             Light(
-                thing.id,
+                item.id,
                 "area",
                 tuple(
                     shape
-                    for shape, part in zip(entry.shapes, thing.parts, strict=True)
+                    for shape, part in zip(entry.shapes, item.parts, strict=True)
                     if part.radiance is not None
                 ),
-                thing.room,
-                round(thing.lumens, 1),
+                item.room,
+                round(item.lumens, 1),
             )
-            for thing, entry in zip(things, objects, strict=True)
-            if thing.lumens > 0
+            for item, entry in zip(items, objects, strict=True)
+            if item.lumens > 0
         )
         scene = Scene(
             scene_id=scene_id,
@@ -170,7 +172,7 @@ def import_sweethome(path: Path, out: Path, scene_id: str, options: SweetHomeOpt
     return load_scene(out)
 
 
-def _plan(home: Home, options: SweetHomeOptions, changes: Changes) -> list[_Level]:
+def _planned_levels(home: Home, options: SweetHomeOptions, changes: Changes) -> list[_Level]:
     made = []
     for storey in storeys(home, options.levels, changes):
         walls = plan_walls(storey, home.wall_height, changes)
@@ -184,20 +186,20 @@ def _plan(home: Home, options: SweetHomeOptions, changes: Changes) -> list[_Leve
     return made
 
 
-def _build(levels: list[_Level], changes: Changes) -> list[Thing]:
+def _building_items(levels: list[_Level], changes: Changes) -> list[PlacedItem]:
     wells = stairwells(
         [(piece, level.storey.elevation) for level in levels for piece in level.storey.pieces],
         changes,
     )
     openings = [opening for level in levels for opening in level.openings]
-    things: list[Thing] = []
+    items: list[PlacedItem] = []
     for level in levels:
-        things += build_walls(level.storey, level.walls, openings)
-        things += build_slabs(level.storey, level.spaces, level.heights, wells)
-    return things
+        items += build_walls(level.storey, level.walls, openings)
+        items += build_slabs(level.storey, level.spaces, level.heights, wells)
+    return items
 
 
-def _cutting(levels: list[_Level]) -> set[int]:
+def _cutting_pieces(levels: list[_Level]) -> set[int]:
     """Which openings (by identity of their pieces) cut a wall of any level."""
     walls = [(one.outline.region, is_round(one.wall)) for level in levels for one in level.walls]
     regions = [region for region, _ in walls]
@@ -213,16 +215,16 @@ def _cutting(levels: list[_Level]) -> set[int]:
     }
 
 
-def _furnish(
+def _furniture_items(
     levels: list[_Level],
     models: Models,
-    cutting: set[int],
+    cutting_pieces: set[int],
     options: SweetHomeOptions,
     credits: Credits,
     changes: Changes,
-) -> tuple[list[Thing], list[MissingPiece]]:
+) -> tuple[list[PlacedItem], list[MissingPiece]]:
     """The pieces as things, and those whose model cannot be shown."""
-    things: list[Thing] = []
+    items: list[PlacedItem] = []
     missing: list[MissingPiece] = []
     taken: set[str] = set()
     for level in levels:
@@ -235,18 +237,18 @@ def _furnish(
             )
             elevation = level.storey.elevation
             try:
-                lifted = elevation + _HAIR * (2 + len(taken) % _HAIRS)
-                placed = _placed(piece, lifted, models, credits, changes)
+                lifted = elevation + _LIFT * (2 + len(taken) % _LIFT_STEPS)
+                placed = _placed_model(piece, lifted, models, credits, changes)
             except UnreadableModel as error:
                 missing.append(missing_piece(piece, category, elevation, str(error)))
-                placed = bare(piece, elevation)
+                placed = place_without_model(piece, elevation)
             parts, lumens = placed.parts, 0.0
-            if id(piece) in cutting:
+            if id(piece) in cutting_pieces:
                 panes = [part for part in parts if part.finish.kind == "glass"]
                 if panes:
                     changes.note("clear panes of doors and windows were left out: {}", piece.name)
                     parts = tuple(part for part in parts if part.finish.kind != "glass")
-            if (piece.bulbs or piece.glowing) and options.lamps != "off":
+            if (piece.bulbs or piece.emissive_materials) and options.lamps != "off":
                 lamp = piece
                 if options.lamps == "on" and piece.power <= 0:
                     lamp = replace(piece, power=0.5)
@@ -254,8 +256,8 @@ def _furnish(
             if not parts:
                 continue
             name = _unique(piece.name or category, taken)
-            things.append(
-                Thing(
+            items.append(
+                PlacedItem(
                     name,
                     piece.name or category,
                     category,
@@ -266,16 +268,16 @@ def _furnish(
                     level.storey.number,
                 )
             )
-    return things, missing
+    return items, missing
 
 
-def _placed(
-    piece: Piece, elevation: float, models: Models, credits: Credits, changes: Changes
-) -> Placed:
+def _placed_model(
+    piece: HomePiece, elevation: float, models: Models, credits: Credits, changes: Changes
+) -> PlacedModel:
     if piece.model is None:
         raise UnreadableModel("the home names none")
     model = models.get(piece.model)
-    placed = place(piece, model, elevation, changes)
+    placed = place_piece(piece, model, elevation, changes)
     credits.model(piece.name, piece.creator, piece.model, model)
     return placed
 
@@ -326,19 +328,19 @@ def _room_at(
     return None
 
 
-def _in_room(thing: Thing, rooms: list[Room], inside: list[tuple[Any, int]]) -> Thing:
-    if thing.category in ("wall", "ground", "structure", "skirting"):
-        return thing
-    centre = thing.centre
+def _with_room(item: PlacedItem, rooms: list[Room], inside: list[tuple[Any, int]]) -> PlacedItem:
+    if item.category in ("wall", "ground", "structure", "skirting"):
+        return item
+    centre = item.centre
     for margin in (0.0, 0.25):
         room = _room_at(centre, rooms, inside, margin)
         if room is not None:
-            return replace(thing, room=room)
-    return thing
+            return replace(item, room=room)
+    return item
 
 
 def _portals(
-    levels: list[_Level], rooms: list[Room], inside: list[tuple[Any, int]], pieces: list[Thing]
+    levels: list[_Level], rooms: list[Room], inside: list[tuple[Any, int]], pieces: list[PlacedItem]
 ) -> tuple[list[Portal], set[str]]:
     """Portals to the outside, and the rooms that light comes into through some opening."""
     portals: list[Portal] = []
@@ -349,19 +351,21 @@ def _portals(
     }
     for level in levels:
         for opening in level.openings:
-            for way in doorways(opening, regions[level.storey.number]):
-                sides = [_room_at(point, rooms, inside, 0.0) for point in (way.front, way.back)]
-                is_clear = way.is_clear(pieces)
+            for doorway in find_doorways(opening, regions[level.storey.number]):
+                sides = [
+                    _room_at(point, rooms, inside, 0.0) for point in (doorway.front, doorway.back)
+                ]
+                is_clear = doorway.is_clear(pieces)
                 if is_clear:
                     lit |= {side for side in sides if side is not None}
                 if (sides[0] is None) == (sides[1] is None):
                     continue
                 room = sides[0] or sides[1]
-                outward = way.normal if sides[0] is None else -way.normal
+                outward = doorway.normal if sides[0] is None else -doorway.normal
                 kind, _ = category_of_piece(
                     opening.piece.kind, opening.piece.name, opening.piece.catalog_id
                 )
-                polygon = way.polygon if sides[0] is None else way.polygon[::-1]
+                polygon = doorway.polygon if sides[0] is None else doorway.polygon[::-1]
                 portals.append(
                     Portal(
                         id=f"portal_{len(portals)}",
@@ -375,20 +379,20 @@ def _portals(
     return portals, lit
 
 
-def _described(
+def _described_rooms(
     rooms: list[Room],
-    things: list[Thing],
+    items: list[PlacedItem],
     lost: list[tuple[MissingPiece, str | None]],
     lit: set[str],
 ) -> list[Room]:
     """The rooms with names, types and whether light comes in; `lost` pieces tell the type, too."""
     names: dict[str, int] = {}
     made = []
-    lamps = {thing.room for thing in things if thing.category == "lamp"}
+    lamps = {item.room for item in items if item.category == "lamp"}
     for room in rooms:
         kind = room_type(
             room.name,
-            [thing.category for thing in things if thing.room == room.id and not thing.is_structure]
+            [item.category for item in items if item.room == room.id and not item.is_structure]
             + [one.category for one, place in lost if place == room.id],
         )
         name = room.name or kind
@@ -409,9 +413,9 @@ def _textures(home: Home) -> list:
     return [*found, home.environment.ground_texture]
 
 
-def _weight(thing: Thing) -> float:
+def _weight(item: PlacedItem) -> float:
     """How often a lamp is sampled beside others: by its flux, a strong one not too often."""
-    return round(math.sqrt(thing.lumens / 800.0), 4)
+    return round(math.sqrt(item.lumens / 800.0), 4)
 
 
 def _light_record(sky: Sky) -> dict[str, Any]:
@@ -430,7 +434,7 @@ def _lighting(sky: Sky, has_lamps: bool) -> str:
 
 def _unique(name: str, taken: set[str]) -> str:
     stem = re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-")[:60].lower() or "piece"
-    if stem.partition("-")[0] in _BUILT:
+    if stem.partition("-")[0] in _RESERVED_STEMS:
         stem = f"piece-{stem}"
     made, count = stem, 1
     while made in taken:

@@ -20,10 +20,10 @@ from scenes.sweethome.home import (
     Cut,
     Environment,
     Home,
+    HomePiece,
     Level,
     Matrix,
     NamedMaterial,
-    Piece,
     RoomShape,
     StoredCamera,
     Surface,
@@ -40,13 +40,13 @@ _THINNEST = 0.5  # cm: walls drawn as lines are sheets, as the application shows
 _FURNITURE = ("pieceOfFurniture", "doorOrWindow", "light", "shelfUnit")
 _DEPTH = 32  # of groups in groups
 # Known inside of others, whether there is a use for them here or not.
-_INNER = ("property", "texture", "material", "transformation", "lightSource",
+_NESTED = ("property", "texture", "material", "transformation", "lightSource",
           "lightSourceMaterial", "sash", "shelf", "baseboard", "point", "textStyle", "text",
           "backgroundImage", "printedLevel", "camera", "observerCamera", *_FURNITURE,
           "furnitureGroup")  # fmt: skip
 # Known to the application, without a place in a scene of ours.
-_SILENT = ("property", "furnitureVisibleProperty", "print", "backgroundImage")
-_COUNTED = {
+_IGNORED = ("property", "furnitureVisibleProperty", "print", "backgroundImage")
+_REPORTED = {
     "polyline": "polylines on the plan were left out",
     "label": "text labels were left out",
     "dimensionLine": "dimension lines were left out",
@@ -69,7 +69,7 @@ class _Attributes:
     def text(self, name: str, default: str = "") -> str:
         return str(self._element.get(name, default))
 
-    def optional(self, name: str) -> str | None:
+    def optional_text(self, name: str) -> str | None:
         return self._element.get(name)
 
     def number(self, name: str, default: float | None = None, limit: float = _FAR) -> float:
@@ -86,7 +86,7 @@ class _Attributes:
             raise self.error(name, text, f"a number between -{limit:g} and {limit:g}")
         return value
 
-    def maybe(self, name: str, limit: float = _FAR) -> float | None:
+    def optional_number(self, name: str, limit: float = _FAR) -> float | None:
         return None if self._element.get(name) is None else self.number(name, limit=limit)
 
     def size(self, name: str) -> float:
@@ -193,22 +193,22 @@ class _Reader:
                 for child in element.findall("baseboard")
             )
         }
-        arc = get.maybe("arcExtent", 2 * math.pi)
+        arc = get.optional_number("arcExtent", 2 * math.pi)
         start, end = ((get.number(f"x{side}"), get.number(f"y{side}")) for side in ("Start", "End"))
         thickness = get.size("thickness")
         if thickness < _THINNEST:
             self.changes.note("walls drawn as lines became sheets of 5 mm: {}", get.text("id"))
         return Wall(
             id=get.text("id"),
-            level=get.optional("level"),
+            level=get.optional_text("level"),
             start=start,
             end=end,
             thickness=max(thickness, _THINNEST),
-            height=get.maybe("height"),
-            height_at_end=get.maybe("heightAtEnd"),
+            height=get.optional_number("height"),
+            height_at_end=get.optional_number("heightAtEnd"),
             arc=arc or None,
-            wall_at_start=get.optional("wallAtStart"),
-            wall_at_end=get.optional("wallAtEnd"),
+            wall_at_start=get.optional_text("wallAtStart"),
+            wall_at_end=get.optional_text("wallAtEnd"),
             left=left,
             right=right,
             top_color=get.color("topColor"),
@@ -231,7 +231,7 @@ class _Reader:
             raise get.error("point", len(points), f"a room of at most {_MAX_POINTS:,} points")
         return RoomShape(
             id=get.text("id") or f"room-{number}",
-            level=get.optional("level"),
+            level=get.optional_text("level"),
             name=get.text("name").strip(),
             points=tuple((point.number("x"), point.number("y")) for point in points),
             floor_visible=get.flag("floorVisible", True),
@@ -240,7 +240,7 @@ class _Reader:
             ceiling=self.surface(get, "ceiling", textures.get("ceilingTexture")),
         )
 
-    def pieces(self, element: Element, level: str | None, depth: int) -> list[Piece]:
+    def pieces(self, element: Element, level: str | None, depth: int) -> list[HomePiece]:
         """The visible pieces of an element; groups give their members, which know their places."""
         get = self.attributes(element)
         if not get.flag("visible", True):
@@ -249,7 +249,7 @@ class _Reader:
         if element.tag == "furnitureGroup":
             if depth > _DEPTH:
                 raise get.error("depth", depth, f"at most {_DEPTH} groups inside each other")
-            inner = get.optional("level") or level
+            inner = get.optional_text("level") or level
             return [
                 piece
                 for child in element
@@ -258,22 +258,22 @@ class _Reader:
             ]
         return [self.piece(element, get, level)]
 
-    def piece(self, element: Element, get: _Attributes, level: str | None) -> Piece:
+    def piece(self, element: Element, get: _Attributes, level: str | None) -> HomePiece:
         rotation = get.matrix("modelRotation", 3, 3)
         centered = True
         if self.version < 5500 or get.text("modelCenteredAtOrigin") == "false":
             centered = rotation is None
         opening = element.tag == "doorOrWindow" or get.flag("doorOrWindow", False)
-        staircase = get.optional("staircaseCutOutShape")
+        staircase = get.optional_text("staircaseCutOutShape")
         flags = int(get.number("modelFlags", 0.0))
-        return Piece(
+        return HomePiece(
             id=get.text("id"),
             kind=element.tag,
             name=get.text("name").strip(),
             catalog_id=get.text("catalogId"),
             creator=get.text("creator").strip(),
-            level=get.optional("level") or level,
-            model=get.optional("model") or None,
+            level=get.optional_text("level") or level,
+            model=get.optional_text("model") or None,
             x=get.number("x"),
             y=get.number("y"),
             elevation=get.number("elevation", 0.0),
@@ -289,7 +289,7 @@ class _Reader:
             hide_edges=bool(flags & 2),
             color=get.color("color"),
             texture=self.texture(element.find("texture")),
-            shininess=get.maybe("shininess"),
+            shininess=get.optional_number("shininess"),
             materials=tuple(self.material(child) for child in element.findall("material")),
             transformations=tuple(
                 (child.get("name", ""), matrix)
@@ -300,7 +300,7 @@ class _Reader:
             cut=self.cut(get) if opening else None,
             power=min(max(get.number("power", 0.5), 0.0), 1.0) if element.tag == "light" else 0.0,
             bulbs=tuple(self.bulb(child) for child in element.findall("lightSource")),
-            glowing=tuple(
+            emissive_materials=tuple(
                 child.get("name", "") for child in element.findall("lightSourceMaterial")
             ),
         )
@@ -309,15 +309,15 @@ class _Reader:
         get = self.attributes(element)
         return NamedMaterial(
             name=get.text("name"),
-            key=get.optional("key"),
+            key=get.optional_text("key"),
             color=get.color("color"),
             texture=self.texture(element.find("texture")),
-            shininess=get.maybe("shininess"),
+            shininess=get.optional_number("shininess"),
         )
 
     def cut(self, get: _Attributes) -> Cut:
         return Cut(
-            shape=get.optional("cutOutShape"),
+            shape=get.optional_text("cutOutShape"),
             left=get.number("wallLeft", 0.0),
             width=get.number("wallWidth", 1.0),
             top=get.number("wallTop", 0.0),
@@ -332,12 +332,12 @@ class _Reader:
             get.number("y"),
             get.number("z"),
             0xFFFFFF if color is None else color,
-            get.maybe("diameter"),
+            get.optional_number("diameter"),
         )
 
     def camera(self, element: Element) -> StoredCamera:
         get = self.attributes(element)
-        time = get.optional("time")
+        time = get.optional_text("time")
         if time is not None and not time.lstrip("-").isdigit():
             raise get.error("time", time, "milliseconds since 1970")
         milliseconds = None if time is None else int(time)
@@ -376,10 +376,10 @@ class _Reader:
         if element is None:
             return Compass()
         get = self.attributes(element)
-        latitude = get.maybe("latitude", math.pi / 2 + 1e-6)
+        latitude = get.optional_number("latitude", math.pi / 2 + 1e-6)
         return Compass(
             north=get.number("northDirection", 0.0),
-            longitude=get.maybe("longitude", 2 * math.pi),
+            longitude=get.optional_number("longitude", 2 * math.pi),
             latitude=latitude,
             time_zone=get.text("timeZone"),
         )
@@ -408,21 +408,21 @@ def read_home(path: Path, text: bytes, changes: Changes) -> Home:
     for tag in ("wall", "room", "level", *_FURNITURE, "furnitureGroup"):
         if counts[tag] > _MAX_ITEMS:
             raise InputError(f"{path}: Home.xml: {counts[tag]:,} <{tag}>; at most {_MAX_ITEMS:,}")
-    pieces: list[Piece] = []
+    pieces: list[HomePiece] = []
     for child in root:
         if child.tag in (*_FURNITURE, "furnitureGroup"):
             pieces += reader.pieces(child, None, 0)
             if len(pieces) > _MAX_ITEMS:
                 raise InputError(f"{path}: Home.xml: more than {_MAX_ITEMS:,} pieces")
     known = {"wall", "room", "level", "camera", "observerCamera", "environment", "compass",
-             *_FURNITURE, "furnitureGroup", *_SILENT, *_COUNTED}  # fmt: skip
-    for tag, sentence in _COUNTED.items():
+             *_FURNITURE, "furnitureGroup", *_IGNORED, *_REPORTED}  # fmt: skip
+    for tag, sentence in _REPORTED.items():
         if counts[tag]:
             changes.note(f"{sentence} ({counts[tag]})")
     unknown = Counter({tag: count for tag, count in counts.items() if tag not in known})
     for child in root:
         if child.tag in known:
-            unknown.update(one.tag for one in child.iter() if one.tag not in (child.tag, *_INNER))
+            unknown.update(one.tag for one in child.iter() if one.tag not in (child.tag, *_NESTED))
     for tag in sorted(unknown):
         changes.note("unknown elements were left out: {}", f"<{tag}> ({unknown[tag]})")
     for name, count in sorted(reader.hidden.items()):

@@ -85,7 +85,7 @@ def make_sky(home: Home, time: str | None, lamp_weight: float, changes: Changes)
     if latitude is None or longitude is None:
         latitude, longitude = _PARIS
         changes.note("the home does not say where it stands; Paris was taken")
-    when = _when(home, time, longitude, changes)
+    when = _local_datetime(home, time, longitude, changes)
     height, azimuth = sun_position(when, latitude, longitude)
     # The plan's up is north when the compass points there; its angles run clockwise.
     angle = azimuth + home.compass.north - math.pi / 2
@@ -131,7 +131,7 @@ def _emitter(
     return made, ("sky", "sun") if sun else ("sky",)
 
 
-def _when(home: Home, time: str | None, longitude: float, changes: Changes) -> datetime:
+def _local_datetime(home: Home, time: str | None, longitude: float, changes: Changes) -> datetime:
     zone = _zone(home.compass.time_zone, longitude, changes)
     stamps = [
         camera.time

@@ -28,7 +28,7 @@ class Camera:
     half_fov_x: float
     width: int
     height: int
-    is_visitor: bool = False  # where the home's visitor stands, which nobody stored
+    is_observer: bool = False  # where the home's visitor stands, which nobody stored
 
     @property
     def eye(self) -> Float64Array:
@@ -46,7 +46,7 @@ class Camera:
         }
 
     @property
-    def for_mitsuba(self) -> Float64Array:
+    def mitsuba_pose(self) -> Float64Array:
         """The pose in Mitsuba's axes: x left, y up, z forward."""
         return self.camera_to_world @ np.diag([-1.0, -1, 1, 1])
 
@@ -91,11 +91,11 @@ def _camera(camera: StoredCamera, width: int, height: int) -> Camera:
         half,
         width,
         height,
-        is_visitor=camera.attribute == "observerCamera",
+        is_observer=camera.attribute == "observerCamera",
     )
 
 
-def own_camera(rooms: list[Room], middle: Float64Array) -> Camera:
+def default_camera(rooms: list[Room], middle: Float64Array) -> Camera:
     """A look across the largest room, or over the home, for files without a camera."""
     if rooms:
         room = max(rooms, key=_area)

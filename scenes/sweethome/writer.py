@@ -13,8 +13,8 @@ from scenes.contract import Point3, SceneObject
 from scenes.formats.ply import write_ply
 from scenes.importing.writer import sensor_element
 from scenes.importing.xml_elements import number, plugin, prop
-from scenes.sweethome.furnishing.finishes import Finishes
-from scenes.sweethome.furnishing.items import Part, Thing
+from scenes.sweethome.furnishing.finishes import BsdfWriter
+from scenes.sweethome.furnishing.items import ItemPart, PlacedItem
 from scenes.sweethome.sun import Sky
 from scenes.sweethome.views import Camera
 
@@ -23,37 +23,37 @@ _MAX_DEPTH = 11
 
 def write_scene(
     folder: Path,
-    things: list[Thing],
-    finishes: Finishes,
+    items: list[PlacedItem],
+    finishes: BsdfWriter,
     sky: Sky,
     camera: Camera,
-    weight: Callable[[Thing], float],
+    weight: Callable[[PlacedItem], float],
 ) -> list[SceneObject]:
     """Write `scene.xml` and its meshes; the objects are those of `things`, in order."""
     shapes, objects = [], []
-    for thing in things:
+    for item in items:
         names = []
-        for count, part in enumerate(thing.parts):
-            name = f"{thing.id}.{count}"
+        for count, part in enumerate(item.parts):
+            name = f"{item.id}.{count}"
             names.append(name)
-            shapes.append(_shape(folder, name, part, finishes.bsdf(part.finish), weight(thing)))
-        low, high = np.round(thing.bounds, 5).tolist()
+            shapes.append(_shape(folder, name, part, finishes.bsdf(part.finish), weight(item)))
+        low, high = np.round(item.bounds, 5).tolist()
         objects.append(
             SceneObject(
-                id=thing.id,
-                name=thing.name,
-                category=thing.category,
+                id=item.id,
+                name=item.name,
+                category=item.category,
                 shapes=tuple(names),
                 bbox_min=_triple(low),
                 bbox_max=_triple(high),
-                is_structure=thing.is_structure,
-                room=thing.room,
+                is_structure=item.is_structure,
+                room=item.room,
             )
         )
     root = Element("scene", {"version": "3.0.0"})
     root.append(plugin("integrator", "path", max_depth=_MAX_DEPTH))
     fov = math.degrees(2 * camera.half_fov_x)
-    root.append(sensor_element(camera.for_mitsuba, fov, camera.width, camera.height))
+    root.append(sensor_element(camera.mitsuba_pose, fov, camera.width, camera.height))
     root.append(sky.emitter)
     for element in (*finishes.elements, *shapes):
         root.append(element)
@@ -62,9 +62,9 @@ def write_scene(
     return objects
 
 
-def _shape(folder: Path, name: str, part: Part, bsdf: str, weight: float) -> Element:
-    if part.ball is not None:
-        centre, radius = part.ball
+def _shape(folder: Path, name: str, part: ItemPart, bsdf: str, weight: float) -> Element:
+    if part.sphere is not None:
+        centre, radius = part.sphere
         made = plugin("shape", "sphere", radius=float(radius))
         x, y, z = (number(value) for value in centre)
         made.append(Element("point", {"name": "center", "x": x, "y": y, "z": z}))

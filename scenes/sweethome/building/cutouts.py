@@ -16,7 +16,7 @@ from shapely.ops import unary_union
 from shapely.validation import make_valid
 
 _TOKEN = re.compile(r"([MmLlHhVvCcSsQqTtAaZz])|([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)")
-_COUNT = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
+_ARGUMENTS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
 _STEPS = 12  # segments of a curve
 _MAX_TOKENS = 20_000
 
@@ -56,7 +56,7 @@ def _rings(text: str) -> list[list[complex]]:
         elif not command or command in "Zz":
             raise UnreadablePath("a number stands where a command should")
         kind, relative = command.upper(), command.islower()
-        count = _COUNT[kind]
+        count = _ARGUMENTS[kind]
         numbers = [float(value or "nan") for _, value in tokens[position : position + count]]
         if len(numbers) < count or not all(map(math.isfinite, numbers)):
             raise UnreadablePath(f"command {command} lacks numbers")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from scenes.errors import InputError
 from scenes.importing.changes import Changes
-from scenes.sweethome.home import Home, Level, Piece, RoomShape, Wall
+from scenes.sweethome.home import Home, HomePiece, Level, RoomShape, Wall
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Storey:
     above: float | None  # elevation of the next level that lies higher
     walls: tuple[Wall, ...]
     rooms: tuple[RoomShape, ...]
-    pieces: tuple[Piece, ...]
+    pieces: tuple[HomePiece, ...]
 
 
 def storeys(home: Home, wanted: tuple[str, ...], changes: Changes) -> list[Storey]:
@@ -80,6 +80,6 @@ def storeys(home: Home, wanted: tuple[str, ...], changes: Changes) -> list[Store
     return made
 
 
-def _level(item: Wall | RoomShape | Piece, levels: list[Level]) -> Level:
+def _level(item: Wall | RoomShape | HomePiece, levels: list[Level]) -> Level:
     """The level of an item; the lowest for items that name none or one that is not there."""
     return next((level for level in levels if level.id == item.level), levels[0])

@@ -17,7 +17,7 @@ from scenes.arrays import Float64Array
 from scenes.importing.changes import Changes
 from scenes.sweethome.building.cutouts import UnreadablePath, path_region
 from scenes.sweethome.building.solids import polygons
-from scenes.sweethome.home import Piece
+from scenes.sweethome.home import HomePiece
 
 _TOUCH = 1.0  # square centimetres of overlap that make a door cut a wall
 _PAST = 3.0  # cm by which a hole is deeper than the wall, skirting included
@@ -34,7 +34,7 @@ class Opening:
     in (distance along the width from the centre, height above the ground), cm.
     """
 
-    piece: Piece
+    piece: HomePiece
     centre: Float64Array
     across: Float64Array
     out: Float64Array
@@ -102,7 +102,7 @@ class Opening:
         return Polygon([self.at(along, depth) for along, depth in corners])
 
 
-def opening_of(piece: Piece, elevation: float, changes: Changes) -> Opening | None:
+def opening_of(piece: HomePiece, elevation: float, changes: Changes) -> Opening | None:
     """The opening that a door or window makes; `elevation` is its level's (cm)."""
     if piece.cut is None or piece.width <= 0 or piece.height <= 0:
         return None

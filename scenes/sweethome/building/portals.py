@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 from scenes.arrays import Float64Array
 from scenes.sweethome.building.openings import Opening
 from scenes.sweethome.building.solids import polygons
-from scenes.sweethome.furnishing.items import Thing
+from scenes.sweethome.furnishing.items import PlacedItem
 
 _BEYOND = 25.0  # cm in front of and behind a wall where its sides are looked at
 _MAX_CORNERS = 48
@@ -32,7 +32,7 @@ class Doorway:
     back: Float64Array
     depth: float  # metres between the outermost wall faces
 
-    def is_clear(self, things: list[Thing]) -> bool:
+    def is_clear(self, items: list[PlacedItem]) -> bool:
         """Whether sight passes most of it: nothing opaque stands in its hole.
 
         Rays through a grid of points are tested against the triangles of doors and windows.
@@ -49,13 +49,13 @@ class Doorway:
             axis=-1,
         ).reshape(-1, 2)
         hidden = np.zeros(len(grid), dtype=bool)
-        for thing in things:
-            if thing.category not in ("door", "window"):
+        for item in items:
+            if item.category not in ("door", "window"):
                 continue
-            bounds = thing.bounds
+            bounds = item.bounds
             if (bounds[1] < middle - reach).any() or (bounds[0] > middle + reach).any():
                 continue
-            for part in thing.parts:
+            for part in item.parts:
                 if part.finish.kind in ("glass", "sheer"):
                     continue
                 corners = part.mesh.corners - middle
@@ -64,7 +64,7 @@ class Doorway:
         return bool(hidden.mean() < _COVER)
 
 
-def doorways(opening: Opening, walls: list[tuple[BaseGeometry, bool]]) -> list[Doorway]:
+def find_doorways(opening: Opening, walls: list[tuple[BaseGeometry, bool]]) -> list[Doorway]:
     """The way through the walls that an opening cuts; none if it cuts none of these."""
     spans = [span for region, is_round in walls if (span := opening.depths(region, is_round))]
     if not spans:
@@ -72,7 +72,7 @@ def doorways(opening: Opening, walls: list[tuple[BaseGeometry, bool]]) -> list[D
     low, high = min(span[0] for span in spans), max(span[1] for span in spans)
     # The panes stand at the piece's own middle where that is inside the wall.
     depth = min(max(0.0, low + 4.0), high - 4.0)
-    ways = []
+    found = []
     for part in polygons(opening.shape):
         outline = _few_corners(part)
         ring = np.asarray(outline.exterior.coords)[:-1]
@@ -83,10 +83,10 @@ def doorways(opening: Opening, walls: list[tuple[BaseGeometry, bool]]) -> list[D
             for at in (high + _BEYOND, low - _BEYOND)
         ]
         normal = np.array([opening.out[0], -opening.out[1], 0.0])
-        ways.append(
+        found.append(
             Doorway(points * [0.01, -0.01, 0.01], normal, sides[0], sides[1], 0.01 * (high - low))
         )
-    return ways
+    return found
 
 
 def _few_corners(part: Polygon) -> Polygon:

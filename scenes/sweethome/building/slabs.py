@@ -20,21 +20,26 @@ from scenes.sweethome.building.levels import Storey
 from scenes.sweethome.building.solids import polygonal, polygons, prism, surface, world_region
 from scenes.sweethome.building.spaces import Space
 from scenes.sweethome.building.walls import PlannedWall
-from scenes.sweethome.furnishing.finishes import earthen, laid, paint_of, surface_finish
-from scenes.sweethome.furnishing.items import Finish, Part, Thing
-from scenes.sweethome.home import Environment, Piece, Surface
+from scenes.sweethome.furnishing.finishes import (
+    ground_reflectance,
+    reflectance_of_argb,
+    surface_finish,
+    texture_coordinates,
+)
+from scenes.sweethome.furnishing.items import ItemPart, PlacedItem, SurfaceFinish
+from scenes.sweethome.home import Environment, HomePiece, Surface
 
-Well = tuple[BaseGeometry, float, float]  # region (world), foot and top (cm)
+Stairwell = tuple[BaseGeometry, float, float]  # region (world), foot and top (cm)
 _FLOOR = 0.12  # metres: thickness of a floor on the ground
 _CEILING = 0.12  # metres: of a ceiling with nothing above
-_BEHIND = 0.02  # metres above a ceiling's face from which one slab backs all ceilings
+_BACKING_HEIGHT = 0.02  # metres above a ceiling's face from which one slab backs all ceilings
 _SAME_CORNER = 0.1  # cm between corners of walls that count as one
 _STEP = 20.0  # cm: walls at a corner that differ more are meant to
 _GROUND = -0.03  # metres: the ground lies a little below floors at 0
-_REACH = 2500.0  # metres of ground to each side
+_GROUND_EXTENT = 2500.0  # metres of ground to each side
 
 
-def stairwells(pieces: list[tuple[Piece, float]], changes: Changes) -> list[Well]:
+def stairwells(pieces: list[tuple[HomePiece, float]], changes: Changes) -> list[Stairwell]:
     """Regions (world) that stairs open in floors, with their foot and top in cm.
 
     `pieces` come with the elevation of their level (cm).
@@ -52,7 +57,7 @@ def stairwells(pieces: list[tuple[Piece, float]], changes: Changes) -> list[Well
         cosine, sine = math.cos(piece.angle), math.sin(piece.angle)
         mirror = -1.0 if piece.mirrored else 1.0
 
-        def placed(points: Float64Array, piece: Piece = piece, mirror: float = mirror,
+        def placed(points: Float64Array, piece: HomePiece = piece, mirror: float = mirror,
                    cosine: float = cosine, sine: float = sine) -> Float64Array:  # fmt: skip
             across = mirror * (points[:, 0] - 0.5) * piece.width
             out = (points[:, 1] - 0.5) * piece.depth
@@ -130,8 +135,8 @@ def build_slabs(
     storey: Storey,
     spaces: list[Space],
     heights: CeilingHeights,
-    wells: list[Well],
-) -> list[Thing]:
+    wells: list[Stairwell],
+) -> list[PlacedItem]:
     """One floor and one ceiling for each room, and a slab behind the ceilings."""
     floor_z, ceiling_z = storey.elevation, storey.elevation + storey.height
     through_floor = unary_union(
@@ -148,7 +153,7 @@ def build_slabs(
     above = _CEILING
     if storey.above is not None:
         above = min(above, max(0.01 * (storey.above - ceiling_z) - 0.02, 0.03))
-    things: list[Thing] = []
+    items: list[PlacedItem] = []
     backing: list[tuple[BaseGeometry, float]] = []
     for number, space in enumerate(spaces):
         label = space.shape.name or "room"
@@ -157,16 +162,16 @@ def build_slabs(
         if mesh is not None:
             part = _covered(mesh, space.shape.floor, -1.0)
             name = f"floor-{storey.number}-{number}"
-            things.append(
-                Thing(name, f"{label} floor", "floor", (part,), True, level=storey.number)
+            items.append(
+                PlacedItem(name, f"{label} floor", "floor", (part,), True, level=storey.number)
             )
         region = space.ceiling_slab.difference(through_ceiling)
         mesh, flat = _ceiling(region, space.ceiling, heights, above)
         if mesh is not None:
             part = _covered(mesh, space.shape.ceiling, 1.0)
             name = f"ceiling-{storey.number}-{number}"
-            things.append(
-                Thing(name, f"{label} ceiling", "ceiling", (part,), True, level=storey.number)
+            items.append(
+                PlacedItem(name, f"{label} ceiling", "ceiling", (part,), True, level=storey.number)
             )
             if flat is not None:
                 backing.append((region, flat))
@@ -174,21 +179,25 @@ def build_slabs(
         regions = [region for region, height in backing if abs(height - z) < 1e-3]
         together = unary_union([region.buffer(1e-3, join_style="mitre") for region in regions])
         together = together.buffer(-2e-3, join_style="mitre").difference(through_ceiling)
-        if above > 2 * _BEHIND:
-            mesh = surface(prism(together, z + _BEHIND, z + above - 0.005))
+        if above > 2 * _BACKING_HEIGHT:
+            mesh = surface(prism(together, z + _BACKING_HEIGHT, z + above - 0.005))
             if mesh is not None:
-                part = Part(mesh, Finish(color=(0.5, 0.5, 0.5)))
+                part = ItemPart(mesh, SurfaceFinish(color=(0.5, 0.5, 0.5)))
                 name = f"slab-{storey.number}-{number}"
-                things.append(Thing(name, "slab", "structure", (part,), True, level=storey.number))
-    return things
+                items.append(
+                    PlacedItem(name, "slab", "structure", (part,), True, level=storey.number)
+                )
+    return items
 
 
 def build_ground(
     environment: Environment, below: list[BaseGeometry], centre: Float64Array
-) -> Thing:
+) -> PlacedItem:
     """The ground around the home, open where floors lie below it."""
     x, y = centre
-    region: BaseGeometry = box(x - _REACH, y - _REACH, x + _REACH, y + _REACH)
+    region: BaseGeometry = box(
+        x - _GROUND_EXTENT, y - _GROUND_EXTENT, x + _GROUND_EXTENT, y + _GROUND_EXTENT
+    )
     if below:
         region = region.difference(unary_union(below))
     vertices, faces = triangulated(region)
@@ -196,11 +205,13 @@ def build_ground(
     texture = environment.ground_texture
     uvs = None
     if texture is not None:
-        uvs = laid(100 * vertices, texture)
+        uvs = texture_coordinates(100 * vertices, texture)
         uvs = np.stack([uvs[:, 0], 1 - uvs[:, 1]], axis=1)
-    finish = surface_finish(Surface(None, texture), earthen(paint_of(environment.ground_color)))
-    return Thing(
-        "ground", "ground", "ground", (Part(Mesh(points, faces, None, uvs), finish),), True
+    finish = surface_finish(
+        Surface(None, texture), ground_reflectance(reflectance_of_argb(environment.ground_color))
+    )
+    return PlacedItem(
+        "ground", "ground", "ground", (ItemPart(Mesh(points, faces, None, uvs), finish),), True
     )
 
 
@@ -269,7 +280,7 @@ def _creased_at(region: BaseGeometry, drawn: BaseGeometry) -> tuple[Float64Array
     return vertices, index.reshape(-1)[faces]
 
 
-def _covered(mesh: Mesh, finish: Surface, toward: float) -> Part:
+def _covered(mesh: Mesh, finish: Surface, toward: float) -> ItemPart:
     """A slab in its finish; images lie straight when seen from the room (`toward` -1 for floors).
 
     A floor's image has its top at the plan's top, a ceiling's is mirrored to read from below.
@@ -281,9 +292,9 @@ def _covered(mesh: Mesh, finish: Surface, toward: float) -> Part:
             low, high = points.min(axis=0), points.max(axis=0)
             uvs = (points - low) / np.maximum(high - low, 1e-6)
         else:
-            uvs = laid(points, texture)
+            uvs = texture_coordinates(points, texture)
         mesh = replace(mesh, uvs=np.stack([uvs[:, 0], 1 - uvs[:, 1]], axis=1))
-    return Part(mesh, surface_finish(finish))
+    return ItemPart(mesh, surface_finish(finish))
 
 
 def floor_outline(space: Space) -> Polygon | None:

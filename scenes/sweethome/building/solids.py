@@ -18,7 +18,7 @@ from shapely.geometry.polygon import orient
 from scenes.arrays import Float64Array
 from scenes.geometry.mesh import Mesh
 
-_SPECK = 1e-6  # square metres: regions smaller than this are dropped
+_SMALLEST_AREA = 1e-6  # square metres: regions smaller than this are dropped
 _GRID = 1e-6  # metres: spikes thinner than this are dropped
 
 Heights = Callable[[Float64Array], Float64Array]  # z of points (N, 2)
@@ -42,7 +42,7 @@ def polygons(region: BaseGeometry) -> list[Polygon]:
         found = list(region.geoms)
     else:
         found = [part for part in getattr(region, "geoms", []) if isinstance(part, Polygon)]
-    kept = [orient(part) for part in found if part.area > _SPECK]
+    kept = [orient(part) for part in found if part.area > _SMALLEST_AREA]
     return sorted(kept, key=lambda part: (-part.area, part.bounds))
 
 
@@ -95,7 +95,7 @@ def cut(solid: manifold3d.Manifold, holes: Iterable[manifold3d.Manifold]) -> man
     return manifold3d.Manifold.batch_boolean([solid, *found], manifold3d.OpType.Subtract)
 
 
-def facing(mesh: Mesh) -> Float64Array:
+def triangle_normals(mesh: Mesh) -> Float64Array:
     """Unit normals (F, 3) of the triangles of a mesh."""
     corners = mesh.corners
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

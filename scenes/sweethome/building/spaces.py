@@ -55,7 +55,7 @@ def find_spaces(
     storey has neither rooms nor doors.
     """
     solid = unary_union([world_region(one.outline.region) for one in walls])
-    inside = _filled(solid)
+    inside = _enclosed_region(solid)
     drawn = []
     for shape in storey.rooms:
         region = _region(shape)
@@ -97,8 +97,8 @@ def find_spaces(
                 rooms,
                 floors,
                 ceilings,
-                _grown(floors, walls, slivers, inner),
-                _grown(ceilings, walls, slivers, inner),
+                _extended_into_walls(floors, walls, slivers, inner),
+                _extended_into_walls(ceilings, walls, slivers, inner),
                 strict=True,
             )
         )
@@ -112,7 +112,7 @@ def _region(shape: RoomShape) -> BaseGeometry:
     return polygon(to_world(shape.points))
 
 
-def _filled(solid: BaseGeometry) -> BaseGeometry:
+def _enclosed_region(solid: BaseGeometry) -> BaseGeometry:
     """What walls enclose, walls included; cracks of a few centimetres count as closed."""
     closed = solid.buffer(_CRACK, join_style="mitre")
     whole = unary_union([Polygon(part.exterior) for part in polygons(closed)])
@@ -127,7 +127,7 @@ def _later_wins(regions: list[BaseGeometry]) -> list[BaseGeometry]:
     return made
 
 
-def _grown(
+def _extended_into_walls(
     regions: list[BaseGeometry],
     walls: list[PlannedWall],
     slivers: list[Polygon],

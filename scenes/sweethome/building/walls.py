@@ -18,9 +18,13 @@ from scenes.importing.changes import Changes
 from scenes.sweethome.building.levels import Storey
 from scenes.sweethome.building.openings import Opening
 from scenes.sweethome.building.outlines import Outline, arc_centre, has_length, is_round, joined
-from scenes.sweethome.building.solids import cut, facing, prism, surface, world_region
-from scenes.sweethome.furnishing.finishes import laid, paint_of, surface_finish
-from scenes.sweethome.furnishing.items import Finish, Part, Thing
+from scenes.sweethome.building.solids import cut, prism, surface, triangle_normals, world_region
+from scenes.sweethome.furnishing.finishes import (
+    reflectance_of_argb,
+    surface_finish,
+    texture_coordinates,
+)
+from scenes.sweethome.furnishing.items import ItemPart, PlacedItem, SurfaceFinish
 from scenes.sweethome.home import Baseboard, Surface, Texture, Wall
 
 EMBED = 0.5  # cm by which walls reach into floor and ceiling
@@ -56,7 +60,7 @@ def plan_walls(storey: Storey, wall_height: float, changes: Changes) -> list[Pla
     for wall in storey.walls:
         if not has_length(wall):
             changes.note("walls without length were left out: {}", wall.id)
-    usable = _closed_gaps(usable)
+    usable = _extended_to_neighbours(usable)
     by_id = {wall.id: wall for wall in usable}
     planned = []
     for wall in usable:
@@ -74,7 +78,9 @@ def plan_walls(storey: Storey, wall_height: float, changes: Changes) -> list[Pla
     return planned
 
 
-def build_walls(storey: Storey, planned: list[PlannedWall], openings: list[Opening]) -> list[Thing]:
+def build_walls(
+    storey: Storey, planned: list[PlannedWall], openings: list[Opening]
+) -> list[PlacedItem]:
     """One object for each wall and one for each skirting, openings cut out."""
     boards = {
         planned_wall.wall.id: tuple(
@@ -84,7 +90,7 @@ def build_walls(storey: Storey, planned: list[PlannedWall], openings: list[Openi
         for planned_wall in planned
     }
     by_id = {planned_wall.wall.id: planned_wall.wall for planned_wall in planned}
-    things = []
+    items = []
     for number, one in enumerate(planned):
         region = one.outline.region
         holes = []
@@ -95,7 +101,7 @@ def build_walls(storey: Storey, planned: list[PlannedWall], openings: list[Openi
         name = f"wall-{storey.number}-{number}"
         parts = _wall_parts(one, holes)
         if parts:
-            things.append(Thing(name, "wall", "wall", tuple(parts), True, level=storey.number))
+            items.append(PlacedItem(name, "wall", "wall", tuple(parts), True, level=storey.number))
         skirting = []
         thick = joined(one.wall, by_id, boards)  # type: ignore[arg-type]
         for board, inner, outer in (
@@ -106,8 +112,8 @@ def build_walls(storey: Storey, planned: list[PlannedWall], openings: list[Openi
                 strip = one.outline.ring(inner, outer)
                 skirting += _board_parts(one, board, strip, storey.elevation, holes)
         if skirting:
-            things.append(
-                Thing(
+            items.append(
+                PlacedItem(
                     f"skirting-{storey.number}-{number}",
                     "skirting",
                     "skirting",
@@ -116,11 +122,11 @@ def build_walls(storey: Storey, planned: list[PlannedWall], openings: list[Openi
                     level=storey.number,
                 )
             )
-    return things
+    return items
 
 
-def _wall_parts(one: PlannedWall, holes: list[manifold3d.Manifold]) -> list[Part]:
-    parts: list[Part] = []
+def _wall_parts(one: PlannedWall, holes: list[manifold3d.Manifold]) -> list[ItemPart]:
+    parts: list[ItemPart] = []
     middle = one.outline.middle
     for side, line, is_left in (
         (one.wall.left, one.outline.left, True),
@@ -136,29 +142,33 @@ def _wall_parts(one: PlannedWall, holes: list[manifold3d.Manifold]) -> list[Part
         mesh = surface(solid)
         if mesh is None:
             continue
-        parts += _painted(one, mesh, side, is_left)
+        parts += _half_wall_parts(one, mesh, side, is_left)
     return parts
 
 
-def _painted(one: PlannedWall, mesh: Mesh, side: Surface, is_left: bool) -> list[Part]:
+def _half_wall_parts(one: PlannedWall, mesh: Mesh, side: Surface, is_left: bool) -> list[ItemPart]:
     """A half wall's surface: its top in the top's colour, the rest in the side's."""
     finish = surface_finish(side)
     highest = _is_top(one, mesh) if one.wall.top_color is not None else np.zeros(0, dtype=bool)
     parts = []
     if highest.any() and one.wall.top_color is not None:
-        parts.append(Part(mesh.subset(highest), Finish(color=paint_of(one.wall.top_color))))
+        parts.append(
+            ItemPart(
+                mesh.subset(highest), SurfaceFinish(color=reflectance_of_argb(one.wall.top_color))
+            )
+        )
         mesh = mesh.subset(~highest)
     if side.texture is not None:
         mesh = replace(mesh, uvs=wall_uvs(one, mesh, side.texture, is_left))
     if is_round(one.wall):
         mesh = creased(mesh, _ROUND)
-    return [Part(mesh, finish), *parts]
+    return [ItemPart(mesh, finish), *parts]
 
 
 def _is_top(one: PlannedWall, mesh: Mesh) -> np.ndarray:
     middles = mesh.corners.mean(axis=1)
     top = 0.01 * (one.top(middles[:, :2] * [100, -100]) + EMBED)
-    return (facing(mesh)[:, 2] > 0.3) & (np.abs(middles[:, 2] - top) < 2e-3)
+    return (triangle_normals(mesh)[:, 2] > 0.3) & (np.abs(middles[:, 2] - top) < 2e-3)
 
 
 def wall_uvs(one: PlannedWall, mesh: Mesh, texture: Texture, is_left: bool) -> Float64Array:
@@ -174,7 +184,7 @@ def wall_uvs(one: PlannedWall, mesh: Mesh, texture: Texture, is_left: bool) -> F
     up = 100 * mesh.vertices[:, 2]
     if is_left and texture.left_to_right:
         along = -along
-    normals = np.repeat(facing(mesh), 3, axis=0)
+    normals = np.repeat(triangle_normals(mesh), 3, axis=0)
     flat = np.abs(normals[:, 2]) > 0.7
     # Ends and reveals: their normal runs along the wall.
     step = 0.5
@@ -188,7 +198,7 @@ def wall_uvs(one: PlannedWall, mesh: Mesh, texture: Texture, is_left: bool) -> F
         low, high = coordinates.min(axis=0), coordinates.max(axis=0)
         uvs = (coordinates - low) / np.maximum(high - low, 1e-6)
     else:
-        uvs = laid(coordinates, texture)
+        uvs = texture_coordinates(coordinates, texture)
     return np.stack([uvs[:, 0], 1 - uvs[:, 1]], axis=1)
 
 
@@ -219,7 +229,7 @@ def _board_parts(
     strip: BaseGeometry,
     floor: float,
     holes: list[manifold3d.Manifold],
-) -> list[Part]:
+) -> list[ItemPart]:
     top = min(floor + board.height, max(one.top_at_start, one.top_at_end))
     if top <= floor:
         return []
@@ -231,10 +241,10 @@ def _board_parts(
         mesh = replace(mesh, uvs=wall_uvs(one, mesh, board.surface.texture, False))
     if is_round(one.wall):
         mesh = creased(mesh, _ROUND)
-    return [Part(mesh, surface_finish(board.surface))]
+    return [ItemPart(mesh, surface_finish(board.surface))]
 
 
-def _closed_gaps(walls: list[Wall]) -> list[Wall]:
+def _extended_to_neighbours(walls: list[Wall]) -> list[Wall]:
     """Walls whose loose ends stop just short of another wall, pulled into it."""
     by_id = {wall.id: wall for wall in walls}
     regions = [joined(wall, by_id).region for wall in walls]

@@ -31,9 +31,9 @@ from scenes.geometry.mesh import Mesh, creased
 from scenes.importing.changes import Changes
 from scenes.photometry import LUMEN, color_temperature
 from scenes.sweethome import home
-from scenes.sweethome.catalogue.library import Unusable
+from scenes.sweethome.catalogue.library import UnusablePiece
 from scenes.sweethome.furnishing import furniture
-from scenes.sweethome.furnishing.items import Finish, Part, area, merged
+from scenes.sweethome.furnishing.items import ItemPart, SurfaceFinish, area, merge_parts
 from scenes.sweethome.furnishing.lamps import lit_parts
 from scenes.sweethome.furnishing.models import read_model
 
@@ -43,7 +43,7 @@ _MAX_IMAGE = 64 * 2**20  # bytes
 _SIZE_TOLERANCE = 0.01  # of a side
 _THINNEST = 0.001  # metres; flat things are no thicker than their own description says
 _POWER = 0.5  # of a lamp, the application's usual one
-_OPAL = Finish(color=(0.8, 0.79, 0.76))
+_FROSTED_WHITE = SurfaceFinish(color=(0.8, 0.79, 0.76))
 _UNREADABLE = (
     InputError,
     OSError,
@@ -64,7 +64,7 @@ def convert(
     max_triangles: int,
     texture_size: int,
 ) -> Asset:
-    """Write the piece as the folder `out`; raises `Unusable` with the reason if it cannot be used.
+    """Write the piece as the folder `out`; raises `UnusablePiece` with the reason.
 
     `texture_size` bounds the longer side of its images, in pixels.
     """
@@ -73,7 +73,9 @@ def convert(
         model = _model(archive, piece, changes)
         triangles = sum(len(part.mesh.faces) for part in model.parts)
         if triangles > max_triangles:
-            raise Unusable(f"{triangles:,} triangles; assets.max_triangles is {max_triangles:,}")
+            raise UnusablePiece(
+                f"{triangles:,} triangles; assets.max_triangles is {max_triangles:,}"
+            )
         parts = _standing(piece, model, changes)
         size_error = _checked(piece, parts)
         with atomic_directory(out) as folder:
@@ -122,13 +124,13 @@ def _model(archive: HomeArchive, piece: CataloguePiece, changes: Changes) -> Mod
     try:
         return read_model(archive, piece.model, changes)
     except (UnreadableModel, InputError) as error:
-        raise Unusable(f"its model {piece.model}: {error}") from None
+        raise UnusablePiece(f"its model {piece.model}: {error}") from None
 
 
-def _standing(piece: CataloguePiece, model: Model, changes: Changes) -> list[Part]:
+def _standing(piece: CataloguePiece, model: Model, changes: Changes) -> list[ItemPart]:
     """The model's parts in the local frame, by finish, lit where the piece has light sources."""
     width, depth, height = (100 * side for side in piece.size)
-    described = home.Piece(
+    described = home.HomePiece(
         id=piece.key,
         kind="light" if piece.lights else "doorOrWindow" if piece.opening else "pieceOfFurniture",
         name=piece.name,
@@ -147,27 +149,27 @@ def _standing(piece: CataloguePiece, model: Model, changes: Changes) -> list[Par
         power=_POWER if piece.lights else 0.0,
         bulbs=_bulbs(piece),
     )
-    stood = furniture.place(described, model, 0.0, changes)
+    stood = furniture.place_piece(described, model, 0.0, changes)
     if not stood.parts:
-        raise Unusable("nothing of its model is visible")
+        raise UnusablePiece("nothing of its model is visible")
     if not piece.lights:
-        return merged(stood.parts)
+        return merge_parts(stood.parts)
     lit, _ = lit_parts(described, stood.parts, stood.to_world, Changes())
     if not lit or np.abs(_extent(lit) - _extent(stood.parts)).max() > _THINNEST:
         # Clear glass around the bulb would be left out, and with it the shade: let it be opal.
         opal = [
-            replace(part, finish=_OPAL) if part.finish.kind in ("glass", "sheer") else part
+            replace(part, finish=_FROSTED_WHITE) if part.finish.kind in ("glass", "sheer") else part
             for part in stood.parts
         ]
         changes.note("the clear shade of a lamp became opal glass")
         stood = replace(stood, parts=tuple(opal))
     lit, _ = lit_parts(described, stood.parts, stood.to_world, changes)
-    return merged(lit)
+    return merge_parts(lit)
 
 
-def _extent(parts: Sequence[Part]) -> Float64Array:
+def _extent(parts: Sequence[ItemPart]) -> Float64Array:
     """Size (3,) of all parts together."""
-    bounds = np.array([part.mesh.bounds for part in parts if part.ball is None])
+    bounds = np.array([part.mesh.bounds for part in parts if part.sphere is None])
     return np.asarray(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0))
 
 
@@ -185,34 +187,34 @@ def _bulbs(piece: CataloguePiece) -> tuple[home.Bulb, ...]:
     return (replace(bulbs[0], x=0.5, y=0.5, z=middle),)
 
 
-def _checked(piece: CataloguePiece, parts: list[Part]) -> float:
-    """How far the meshes' size is from the catalogue's; raises `Unusable` for unsound meshes."""
+def _checked(piece: CataloguePiece, parts: list[ItemPart]) -> float:
+    """Return the largest relative error of the size; raises `UnusablePiece` for unsound meshes."""
     for part in parts:
         mesh = part.mesh
         tables = [table for table in (mesh.vertices, mesh.normals, mesh.uvs) if table is not None]
         if not all(np.isfinite(table).all() for table in tables):
-            raise Unusable("its model holds numbers that are not finite")
+            raise UnusablePiece("its model holds numbers that are not finite")
     size = _extent(parts)
     error = np.abs(size - np.array(piece.size))
     allowed = np.maximum(_SIZE_TOLERANCE * np.array(piece.size), _THINNEST)
     if (error > allowed).any():
         measured = " x ".join(f"{side:.3f}" for side in size)
         wanted = " x ".join(f"{side:.3f}" for side in piece.size)
-        raise Unusable(f"its model comes out at {measured} m, the catalogue says {wanted} m")
+        raise UnusablePiece(f"its model comes out at {measured} m, the catalogue says {wanted} m")
     return float(error.max())
 
 
-def _mesh(part: Part) -> Mesh:
+def _mesh(part: ItemPart) -> Mesh:
     """The part's mesh; a bulb is a real sphere, as it is part of a mesh library here."""
-    if part.ball is None:
+    if part.sphere is None:
         return part.mesh
-    centre, radius = part.ball
-    ball = trimesh.creation.icosphere(subdivisions=2, radius=radius)
-    vertices = np.asarray(ball.vertices) + centre
-    return Mesh(vertices, np.asarray(ball.faces), (vertices - centre) / radius)
+    centre, radius = part.sphere
+    sphere = trimesh.creation.icosphere(subdivisions=2, radius=radius)
+    vertices = np.asarray(sphere.vertices) + centre
+    return Mesh(vertices, np.asarray(sphere.faces), (vertices - centre) / radius)
 
 
-def _write(folder: Path, number: int, part: Part, images: _Images) -> AssetPart:
+def _write(folder: Path, number: int, part: ItemPart, images: _Images) -> AssetPart:
     mesh, finish = _mesh(part), part.finish
     if mesh.normals is None:
         mesh = creased(mesh, 0.0)
@@ -223,7 +225,7 @@ def _write(folder: Path, number: int, part: Part, images: _Images) -> AssetPart:
     write_ply(folder / name, mesh)
     lumens, kelvin = _light(part, mesh)
     # A bulb that is off is white glass; the importer's lit one is black but for its glow.
-    color = (0.8, 0.8, 0.78) if part.ball is not None else finish.color
+    color = (0.8, 0.8, 0.78) if part.sphere is not None else finish.color
     return AssetPart(
         mesh=name,
         kind=finish.kind,
@@ -238,13 +240,13 @@ def _write(folder: Path, number: int, part: Part, images: _Images) -> AssetPart:
     )
 
 
-def _light(part: Part, mesh: Mesh) -> tuple[float, float]:
+def _light(part: ItemPart, mesh: Mesh) -> tuple[float, float]:
     """Lumens and colour temperature of a part's glow, 0 and 0 where it has none."""
     if part.radiance is None:
         return 0.0, 0.0
     luminance = float(np.dot(part.radiance, REC709))
     # An octahedron stood for the bulb until here: its flux was reckoned for the sphere.
-    surface = area(mesh) if part.ball is None else 4 * np.pi * part.ball[1] ** 2
+    surface = area(mesh) if part.sphere is None else 4 * np.pi * part.sphere[1] ** 2
     return round(luminance * np.pi * surface / LUMEN, 2), round(color_temperature(part.radiance))
 
 
@@ -261,7 +263,7 @@ class _Images:
         """How many images were stored."""
         return sum(color is not None for color, _ in self._stored.values())
 
-    def of(self, finish: Finish) -> tuple[str | None, str | None]:
+    def of(self, finish: SurfaceFinish) -> tuple[str | None, str | None]:
         """Files of a finish's colour and alpha; None where it has none."""
         if finish.image is None:
             return None, None

@@ -23,7 +23,7 @@ _MAX_LIGHTS = 64
 _LICENCE_FILE = re.compile(r"licen[cs]e|copying|readme|credits", re.IGNORECASE)
 
 
-class Unusable(Exception):
+class UnusablePiece(Exception):
     """A piece cannot be used; the text says why."""
 
 
@@ -68,7 +68,7 @@ def read_library(path: Path) -> Library:
             key = f"{library}/{_unique(name, taken)}"
             try:
                 pieces.append(_piece(row, key, archive, licence))
-            except Unusable as error:
+            except UnusablePiece as error:
                 refused.append((key, row.text("name"), str(error)))
     return Library(
         key=library,
@@ -118,26 +118,26 @@ class _Row:
             try:
                 value = float(word)
             except ValueError:
-                raise Unusable(f"{name} {word[:40]!r} is not a number") from None
+                raise UnusablePiece(f"{name} {word[:40]!r} is not a number") from None
             if not math.isfinite(value) or abs(value) > 1e6:
-                raise Unusable(f"{name} {word[:40]!r} is not a sensible number")
+                raise UnusablePiece(f"{name} {word[:40]!r} is not a sensible number")
             values.append(value)
         return tuple(values)
 
     def number(self, name: str, default: float | None = None) -> float:
         values = self.numbers(name)
         if len(values) > 1 or (not values and default is None):
-            raise Unusable(f"{name} is {self.text(name)[:40]!r}; one number is needed")
+            raise UnusablePiece(f"{name} is {self.text(name)[:40]!r}; one number is needed")
         return values[0] if values else float(default or 0.0)
 
 
 def _piece(row: _Row, key: str, archive: HomeArchive, licence: str) -> CataloguePiece:
     width, depth, height = (0.01 * row.number(name) for name in ("width", "depth", "height"))
     if not all(0 < side <= _LARGEST for side in (width, depth, height)):
-        raise Unusable(f"its size is {width:g} x {depth:g} x {height:g} m")
+        raise UnusablePiece(f"its size is {width:g} x {depth:g} x {height:g} m")
     model = row.text("model").lstrip("/")
     if not model:
-        raise Unusable("it names no model")
+        raise UnusablePiece("it names no model")
     name, identifier = row.text("name"), row.text("id")
     kind = "pieceOfFurniture"
     if row.flag("doorOrWindow", False):
@@ -169,7 +169,7 @@ def _opening(row: _Row) -> OpeningRule:
     names = ("XAxis", "YAxis", "Width", "StartAngle", "EndAngle")
     columns = [row.numbers(f"doorOrWindowSash{name}") for name in names]
     if len({len(column) for column in columns}) > 1:
-        raise Unusable("its sashes are not described alike")
+        raise UnusablePiece("its sashes are not described alike")
     depth, width = row.number("depth"), row.number("width")
     shares = (width, depth, width, 1.0, 1.0)
     return OpeningRule(
@@ -188,7 +188,7 @@ def _rotation(row: _Row) -> tuple[tuple[float, ...], ...] | None:
     if not values:
         return None
     if len(values) != 9:
-        raise Unusable(f"modelRotation has {len(values)} numbers; nine are needed")
+        raise UnusablePiece(f"modelRotation has {len(values)} numbers; nine are needed")
     return (values[:3], values[3:6], values[6:])
 
 
@@ -197,13 +197,13 @@ def _lights(row: _Row, size: tuple[float, float, float]) -> tuple[LightSource, .
     colors = row.text("lightSourceColor").split()
     diameters = row.numbers("lightSourceDiameter")
     if not len(x) == len(y) == len(z) == len(colors) or len(diameters) not in (0, len(x)):
-        raise Unusable("its light sources are not described alike")
+        raise UnusablePiece("its light sources are not described alike")
     if len(x) > _MAX_LIGHTS:
-        raise Unusable(f"{len(x)} light sources; at most {_MAX_LIGHTS}")
+        raise UnusablePiece(f"{len(x)} light sources; at most {_MAX_LIGHTS}")
     made = []
     for number, color in enumerate(colors):
         if not re.fullmatch(r"#[0-9A-Fa-f]{6}", color):
-            raise Unusable(f"lightSourceColor {color[:40]!r} is not a colour")
+            raise UnusablePiece(f"lightSourceColor {color[:40]!r} is not a colour")
         made.append(
             LightSource(
                 x=0.01 * x[number] / size[0],

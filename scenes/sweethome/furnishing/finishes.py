@@ -21,34 +21,34 @@ from scenes.formats.archive import HomeArchive
 from scenes.importing.changes import Changes
 from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin, prop
-from scenes.sweethome.furnishing.items import Finish
+from scenes.sweethome.furnishing.items import SurfaceFinish
 from scenes.sweethome.home import Surface, Texture
 
 WHITEST = 0.82  # no paint reflects more
 DARKEST = 0.03  # nor less, in any colour: its surface alone reflects as much
-_EARTH = 0.15  # luminance: grass, soil and gravel outdoors reflect hardly more
-_VIVID = 0.35  # of an outdoor colour's strongest band: its weakest is no less
+_GROUND_LUMINANCE = 0.15  # luminance: grass, soil and gravel outdoors reflect hardly more
+_LEAST_BAND = 0.35  # of an outdoor colour's strongest band: its weakest is no less
 WHITE: Color = (WHITEST, WHITEST, WHITEST)
 _MATT = 1 / 128  # shininess up to which a surface has no highlight worth a lobe
 _MAX_IMAGE = 64 * 2**20  # bytes
 
 
-def linear(value: float) -> float:
+def decode_clipped(value: float) -> float:
     """A linear value of an sRGB one, clipped to [0, 1]."""
     return decode_srgb_value(min(max(value, 0.0), 1.0))
 
 
-def paint(display: tuple[float, float, float]) -> Color:
+def reflectance_of_display(display: tuple[float, float, float]) -> Color:
     """Linear reflectance of a display colour; its hue is kept where it is whiter than paint.
 
     No band is darker than paint either.
     """
-    red, green, blue = (linear(value) for value in display)
+    red, green, blue = (decode_clipped(value) for value in display)
     scale = min(1.0, WHITEST / max(red, green, blue, 1e-9))
     return tuple(max(value * scale, DARKEST) for value in (red, green, blue))  # type: ignore[return-value]
 
 
-def earthen(color: Color) -> Color:
+def ground_reflectance(color: Color) -> Color:
     """The reflectance of ground that is drawn in `color` (linear): its hue, on grass or soil.
 
     Homes mark their ground with signal colours, which no lawn or yard has.
@@ -57,16 +57,16 @@ def earthen(color: Color) -> Color:
     # Mixed with grey of its own luminance until no band is too far from the strongest.
     grey = float(values @ REC709)
     low, high = values.min(), values.max()
-    if low < _VIVID * high:
-        share = (_VIVID * high - low) / ((grey - low) + _VIVID * (high - grey))
+    if low < _LEAST_BAND * high:
+        share = (_LEAST_BAND * high - low) / ((grey - low) + _LEAST_BAND * (high - grey))
         values = values + share * (grey - values)
-    values *= min(1.0, _EARTH / float(values @ REC709))
+    values *= min(1.0, _GROUND_LUMINANCE / float(values @ REC709))
     return (float(values[0]), float(values[1]), float(values[2]))
 
 
-def paint_of(color: int) -> Color:
+def reflectance_of_argb(color: int) -> Color:
     """Linear reflectance of a colour 0xAARRGGBB."""
-    return paint(tuple(((color >> shift) & 255) / 255 for shift in (16, 8, 0)))  # type: ignore[arg-type]
+    return reflectance_of_display(tuple(((color >> shift) & 255) / 255 for shift in (16, 8, 0)))  # type: ignore[arg-type]
 
 
 def roughness_of(shininess: float) -> float:
@@ -74,20 +74,22 @@ def roughness_of(shininess: float) -> float:
     return (2 / (128 * min(max(shininess, 0.0), 1.0) + 2)) ** 0.25
 
 
-def surface_finish(surface: Surface, default: Color = WHITE) -> Finish:
+def surface_finish(surface: Surface, default: Color = WHITE) -> SurfaceFinish:
     """The finish of a wall's side, a floor or a ceiling."""
-    base = Finish() if surface.shininess <= _MATT else glossy(surface.shininess)
+    base = SurfaceFinish() if surface.shininess <= _MATT else glossy_finish(surface.shininess)
     if surface.texture is not None:
         return replace(base, image=surface.texture.image, color=WHITE)
-    return replace(base, color=default if surface.color is None else paint_of(surface.color))
+    return replace(
+        base, color=default if surface.color is None else reflectance_of_argb(surface.color)
+    )
 
 
-def glossy(shininess: float) -> Finish:
+def glossy_finish(shininess: float) -> SurfaceFinish:
     """A coated surface of that shininess."""
-    return Finish("gloss", roughness=round(roughness_of(shininess), 4))
+    return SurfaceFinish("gloss", roughness=round(roughness_of(shininess), 4))
 
 
-def laid(points: Float64Array, texture: Texture) -> Float64Array:
+def texture_coordinates(points: Float64Array, texture: Texture) -> Float64Array:
     """Texture coordinates (N, 2), v up, of points (N, 2) in centimetres on the surface, y up.
 
     Shifted by the offset, turned counter-clockwise by the angle, divided by the image's size.
@@ -99,12 +101,12 @@ def laid(points: Float64Array, texture: Texture) -> Float64Array:
     return turned / size
 
 
-def relaid(uvs: Float64Array, texture: Texture) -> Float64Array:
+def mapped_uvs(uvs: Float64Array, texture: Texture) -> Float64Array:
     """The same for coordinates that are already in images, as models have them."""
-    return laid(uvs, replace(texture, width=1.0, height=1.0))
+    return texture_coordinates(uvs, replace(texture, width=1.0, height=1.0))
 
 
-class Finishes:
+class BsdfWriter:
     """Writes each finish once as a `<bsdf>`, and its image into the scene folder."""
 
     def __init__(
@@ -112,11 +114,11 @@ class Finishes:
     ) -> None:
         self._archive, self._store, self._unpacked = archive, store, unpacked
         self._changes = changes
-        self._ids: dict[Finish, str] = {}
+        self._ids: dict[SurfaceFinish, str] = {}
         self._images: dict[str, Path | None] = {}
         self.elements: list[Element] = []
 
-    def bsdf(self, finish: Finish) -> str:
+    def bsdf(self, finish: SurfaceFinish) -> str:
         """The id of the BSDF for `finish`."""
         if finish not in self._ids:
             name = f"{finish.kind}-{len(self._ids)}"
@@ -126,7 +128,7 @@ class Finishes:
             self.elements.append(made)
         return self._ids[finish]
 
-    def _describe(self, finish: Finish) -> Element:
+    def _describe(self, finish: SurfaceFinish) -> Element:
         if finish.kind == "glass":
             return plugin("bsdf", "thindielectric")
         if finish.kind == "mirror":
@@ -150,7 +152,7 @@ class Finishes:
             made = mask
         return made
 
-    def _color(self, finish: Finish) -> tuple[Color | Element, Element | None]:
+    def _color(self, finish: SurfaceFinish) -> tuple[Color | Element, Element | None]:
         path = self._image(finish.image) if finish.image is not None else None
         if path is None:
             return finish.color, None

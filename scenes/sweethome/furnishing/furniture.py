@@ -14,16 +14,16 @@ from scenes.geometry.mesh import Mesh
 from scenes.importing.changes import Changes
 from scenes.sweethome.furnishing.finishes import (
     WHITE,
-    glossy,
-    laid,
-    paint,
-    paint_of,
-    relaid,
+    glossy_finish,
+    mapped_uvs,
+    reflectance_of_argb,
+    reflectance_of_display,
     roughness_of,
+    texture_coordinates,
 )
-from scenes.sweethome.furnishing.items import Finish, Part
-from scenes.sweethome.furnishing.placement import normalizing, placing
-from scenes.sweethome.home import NamedMaterial, Piece, Texture
+from scenes.sweethome.furnishing.items import ItemPart, SurfaceFinish
+from scenes.sweethome.furnishing.placement import model_to_unit_box, unit_box_to_world
+from scenes.sweethome.home import HomePiece, NamedMaterial, Texture
 
 _PANE = "sweethome3d_window_pane"
 _MIRROR = "sweethome3d_window_mirror"
@@ -31,7 +31,7 @@ _BULB = "sweethome3d_light"
 _EDGE = "edge_color"
 _PANE_OPACITY = 0.5  # of panes whose material does not say
 _CLEAR = 0.5  # opacity up to which something is glass
-_GONE = 1 / 255  # opacity up to which something is not there
+_INVISIBLE = 1 / 255  # opacity up to which something is not there
 _METALS = re.compile(
     r"metal|chrom|steel|inox|alumin|silver|brass|bronze|copper|gold\b|nickel|iron\b", re.IGNORECASE
 )
@@ -43,47 +43,47 @@ _FOLLOWER = re.compile(
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedModel:
     """A piece's parts in the world, and the map from its unit box to there."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[ItemPart, ...]
     to_world: Float64Array  # 4x4
 
 
-def place(piece: Piece, model: Model, elevation: float, changes: Changes) -> Placed:
+def place_piece(piece: HomePiece, model: Model, elevation: float, changes: Changes) -> PlacedModel:
     """A piece where it stands; `elevation` is its level's (cm)."""
-    shown = _moved(piece, _shown(piece, model), changes)
+    shown = _with_joints_moved(piece, _visible_parts(piece, model), changes)
     vertices = np.concatenate([part.mesh.vertices for part in shown])
-    to_box = normalizing(vertices, piece)
+    to_box = model_to_unit_box(vertices, piece)
     in_box = vertices @ to_box[:3, :3].T + to_box[:3, 3]
-    to_world = placing(in_box, piece, elevation)
+    to_world = unit_box_to_world(in_box, piece, elevation)
     whole = to_world @ to_box
     bounds = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
     parts = []
     for part in shown:
-        made = finished(piece, part)
+        made = finish_of_part(piece, part)
         if made is None:
             continue
-        finish, uvs = _textured(piece, part, made, bounds)
+        finish, uvs = _finish_and_uvs(piece, part, made, bounds)
         mesh = Mesh(part.mesh.vertices, part.mesh.faces, part.mesh.normals, uvs)
         parts.append(
-            Part(
+            ItemPart(
                 _standing(mesh, whole),
                 finish,
                 pane=_is_pane(part) and finish.kind == "glass",
-                glows=part.material_name in piece.glowing,
+                emits=part.material_name in piece.emissive_materials,
             )
         )
-    return Placed(tuple(parts), to_world)
+    return PlacedModel(tuple(parts), to_world)
 
 
-def bare(piece: Piece, elevation: float) -> Placed:
+def place_without_model(piece: HomePiece, elevation: float) -> PlacedModel:
     """A piece whose model is missing: no parts, but a place for its light sources."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-    return Placed((), placing(corners, piece, elevation))
+    return PlacedModel((), unit_box_to_world(corners, piece, elevation))
 
 
-def finished(piece: Piece, part: ModelPart) -> Finish | None:
+def finish_of_part(piece: HomePiece, part: ModelPart) -> SurfaceFinish | None:
     """The finish of a part of a piece, image aside; None where the home makes it invisible.
 
     The piece's colour comes first, then its texture, then its named materials; panes keep what
@@ -93,18 +93,18 @@ def finished(piece: Piece, part: ModelPart) -> Finish | None:
     opacity = material.opacity
     if is_pane and opacity >= 1:
         opacity = _PANE_OPACITY
-    if opacity <= _GONE and material.image is None:
+    if opacity <= _INVISIBLE and material.image is None:
         return None
     if part.group.startswith(_MIRROR):
-        return Finish("mirror", color=(0.9, 0.9, 0.9))
+        return SurfaceFinish("mirror", color=(0.9, 0.9, 0.9))
     override = override_of(piece, part)
     if override is not None and override.color is not None and override.color >> 24 == 0:
         return None
     painted: Color | None = None
     if piece.color is not None and not is_pane:
-        painted = paint_of(piece.color)
+        painted = reflectance_of_argb(piece.color)
     elif override is not None and override.color is not None:
-        painted = paint_of(override.color)
+        painted = reflectance_of_argb(override.color)
     own_texture = texture_of(piece, part)
     base = _base(material, piece, override, painted is not None or own_texture is not None)
     if own_texture is not None:
@@ -115,15 +115,15 @@ def finished(piece: Piece, part: ModelPart) -> Finish | None:
         # Images keep their own colours: many catalogues put black beside them.
         made = replace(base, color=WHITE, image=material.image)
     else:
-        made = replace(base, color=paint(material.color))
+        made = replace(base, color=reflectance_of_display(material.color))
     if opacity <= _CLEAR and made.image is None:
-        return Finish("glass")
+        return SurfaceFinish("glass")
     if opacity < 1 and made.image is None:
         return replace(made, kind="sheer", opacity=round(opacity, 3))
     return made
 
 
-def override_of(piece: Piece, part: ModelPart) -> NamedMaterial | None:
+def override_of(piece: HomePiece, part: ModelPart) -> NamedMaterial | None:
     """The named material that applies to a part; none where the piece has a colour or texture."""
     if piece.color is not None or piece.texture is not None:
         return None
@@ -133,7 +133,7 @@ def override_of(piece: Piece, part: ModelPart) -> NamedMaterial | None:
     return None
 
 
-def texture_of(piece: Piece, part: ModelPart) -> Texture | None:
+def texture_of(piece: HomePiece, part: ModelPart) -> Texture | None:
     """The home's own texture on a part, if any."""
     if piece.color is not None:
         return None
@@ -146,24 +146,24 @@ def texture_of(piece: Piece, part: ModelPart) -> Texture | None:
 
 
 def _base(
-    material: ModelMaterial, piece: Piece, override: NamedMaterial | None, is_repainted: bool
-) -> Finish:
+    material: ModelMaterial, piece: HomePiece, override: NamedMaterial | None, is_repainted: bool
+) -> SurfaceFinish:
     shininess = piece.shininess
     if override is not None and override.shininess is not None:
         shininess = override.shininess
     if shininess is not None:
-        return Finish() if shininess <= 1 / 128 else glossy(shininess)
+        return SurfaceFinish() if shininess <= 1 / 128 else glossy_finish(shininess)
     if material.highlight < 0.02 or material.exponent < 1:
-        return Finish()
+        return SurfaceFinish()
     roughness = round(roughness_of(material.exponent / 128), 4)
-    return Finish("gloss", roughness=roughness)
+    return SurfaceFinish("gloss", roughness=roughness)
 
 
 def _is_pane(part: ModelPart) -> bool:
     return part.group.startswith(_PANE)
 
 
-def _shown(piece: Piece, model: Model) -> list[ModelPart]:
+def _visible_parts(piece: HomePiece, model: Model) -> list[ModelPart]:
     """The parts that show: without the stand-ins for bulbs, and hidden edges."""
     shown = [
         part
@@ -177,7 +177,9 @@ def _shown(piece: Piece, model: Model) -> list[ModelPart]:
     return [*shown, *joints] or list(model.parts)
 
 
-def _moved(piece: Piece, parts: list[ModelPart], changes: Changes) -> list[ModelPart]:
+def _with_joints_moved(
+    piece: HomePiece, parts: list[ModelPart], changes: Changes
+) -> list[ModelPart]:
     """Doors ajar and drawers pulled out: parts moved as the home says."""
     moves: dict[tuple[str, str], Float64Array] = {}
     for name, rows in piece.transformations:
@@ -199,25 +201,29 @@ def _moved(piece: Piece, parts: list[ModelPart], changes: Changes) -> list[Model
     return made
 
 
-def _textured(
-    piece: Piece, part: ModelPart, finish: Finish, bounds: Float64Array
-) -> tuple[Finish, Float64Array | None]:
+def _finish_and_uvs(
+    piece: HomePiece, part: ModelPart, finish: SurfaceFinish, bounds: Float64Array
+) -> tuple[SurfaceFinish, Float64Array | None]:
     """A part's finish and its texture coordinates, Mitsuba's; None for plain colour."""
     if finish.image is None:
         return finish, None
     texture, uvs = texture_of(piece, part), part.mesh.uvs
     if texture is None:
         if uvs is None:  # an image without coordinates shows as its model's colour
-            return replace(finish, image=None, color=paint(part.material.color)), None
+            return replace(
+                finish, image=None, color=reflectance_of_display(part.material.color)
+            ), None
     elif piece.texture is None and uvs is not None:
-        uvs = relaid(uvs, texture)
+        uvs = mapped_uvs(uvs, texture)
     else:
-        uvs = laid(_wrapped(piece, part.mesh.vertices, bounds), texture)
+        uvs = texture_coordinates(_wrapped_coordinates(piece, part.mesh.vertices, bounds), texture)
     assert uvs is not None
     return finish, np.stack([uvs[:, 0], 1 - uvs[:, 1]], axis=1)
 
 
-def _wrapped(piece: Piece, vertices: Float64Array, bounds: Float64Array) -> Float64Array:
+def _wrapped_coordinates(
+    piece: HomePiece, vertices: Float64Array, bounds: Float64Array
+) -> Float64Array:
     """Centimetres from the lower left of a piece's front, over its top to the back."""
     extent = np.maximum(bounds[1] - bounds[0], 0.001)
     share = (vertices - bounds[0]) / extent

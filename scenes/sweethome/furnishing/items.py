@@ -13,7 +13,7 @@ from scenes.geometry.mesh import Mesh, face_areas
 
 
 @dataclass(frozen=True)
-class Finish:
+class SurfaceFinish:
     """A surface's material. `image` is a file inside the home, in place of `color`.
 
     `glass` lets sight pass straight through, `sheer` the share 1 - `opacity` of it.
@@ -27,7 +27,7 @@ class Finish:
 
 
 @dataclass(frozen=True)
-class Part:
+class ItemPart:
     """A mesh of one finish in world coordinates; uvs are Mitsuba's (v = 0 at the image's top).
 
     `radiance` makes it an area light. `ball` (centre, radius) stands for a sphere instead of
@@ -35,21 +35,21 @@ class Part:
     """
 
     mesh: Mesh
-    finish: Finish
+    finish: SurfaceFinish
     radiance: Color | None = None
-    ball: tuple[tuple[float, float, float], float] | None = None
+    sphere: tuple[tuple[float, float, float], float] | None = None
     pane: bool = False  # one of the panes of a window
-    glows: bool = False  # its material gives the light of its lamp
+    emits: bool = False  # its material gives the light of its lamp
 
 
 @dataclass(frozen=True)
-class Thing:
+class PlacedItem:
     """One object of the scene: what a person would name."""
 
     id: str
     name: str
     category: str
-    parts: tuple[Part, ...]
+    parts: tuple[ItemPart, ...]
     is_structure: bool = False
     room: str | None = None
     lumens: float = 0.0
@@ -67,17 +67,17 @@ class Thing:
         return self.bounds.mean(axis=0)
 
 
-def merged(parts: tuple[Part, ...]) -> list[Part]:
+def merge_parts(parts: tuple[ItemPart, ...]) -> list[ItemPart]:
     """Parts of equal finish joined into one mesh each; lights stay as they are."""
-    groups: dict[tuple, list[Part]] = {}
-    kept: list[Part] = []
+    groups: dict[tuple, list[ItemPart]] = {}
+    kept: list[ItemPart] = []
     for part in parts:
-        if part.radiance is not None or part.ball is not None:
+        if part.radiance is not None or part.sphere is not None:
             kept.append(part)
             continue
         key = (part.finish, part.mesh.normals is None, part.mesh.uvs is None)
         groups.setdefault(key, []).append(part)
-    return [_joined(group) for group in groups.values()] + kept
+    return [_merged_group(group) for group in groups.values()] + kept
 
 
 def area(mesh: Mesh) -> float:
@@ -85,13 +85,13 @@ def area(mesh: Mesh) -> float:
     return float(face_areas(mesh.corners)[0].sum())
 
 
-def _joined(group: list[Part]) -> Part:
+def _merged_group(group: list[ItemPart]) -> ItemPart:
     if len(group) == 1:
         return group[0]
-    return replace(group[0], mesh=join([part.mesh for part in group]))
+    return replace(group[0], mesh=join_meshes([part.mesh for part in group]))
 
 
-def join(meshes: list[Mesh]) -> Mesh:
+def join_meshes(meshes: list[Mesh]) -> Mesh:
     """One mesh out of several that have the same attributes."""
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])[:-1]
     normals = [mesh.normals for mesh in meshes if mesh.normals is not None]

@@ -18,9 +18,9 @@ from scenes.geometry.mesh import Mesh
 from scenes.importing.changes import Changes
 from scenes.photometry import LUMEN
 from scenes.reconstruction.raycast import RayCaster
-from scenes.sweethome.furnishing.finishes import linear
-from scenes.sweethome.furnishing.items import Finish, Part, area
-from scenes.sweethome.home import Bulb, Piece
+from scenes.sweethome.furnishing.finishes import decode_clipped
+from scenes.sweethome.furnishing.items import ItemPart, SurfaceFinish, area
+from scenes.sweethome.home import Bulb, HomePiece
 
 USUAL = 1000.0  # lumens of a source of colour AA9770 at power 0.5
 _USUAL_COLOR = 0xAA9770
@@ -28,7 +28,7 @@ _SMALLEST, _LARGEST = 0.008, 0.05  # metres: radii of bulbs
 _DEFAULT_RADIUS = 0.0325
 _ENCLOSED = 0.1  # share of directions left open below which the shade glows in the bulb's place
 _DIRECTIONS = 256
-_BLACK = Finish(color=(0.0, 0.0, 0.0))
+_BLACK = SurfaceFinish(color=(0.0, 0.0, 0.0))
 
 
 def lumens_of(bulb: Bulb, power: float) -> float:
@@ -37,23 +37,23 @@ def lumens_of(bulb: Bulb, power: float) -> float:
 
 
 def lit_parts(
-    piece: Piece, parts: tuple[Part, ...], to_world: Float64Array, changes: Changes
-) -> tuple[tuple[Part, ...], float]:
+    piece: HomePiece, parts: tuple[ItemPart, ...], to_world: Float64Array, changes: Changes
+) -> tuple[tuple[ItemPart, ...], float]:
     """A lamp's parts with its light on, and its lumens.
 
     Parts of a material that gives light have the flux of all bulbs, in their place. A bulb that
     its fixture closes in gives its flux to the parts around it; glass around a bulb is left out,
     as it would stop the light's shadow rays.
     """
-    if any(part.glows for part in parts):
-        return _glowing(piece, parts)
+    if any(part.emits for part in parts):
+        return _emissive_parts(piece, parts)
     total, made = 0.0, list(parts)
     for bulb in piece.bulbs:
         lumens = lumens_of(bulb, piece.power)
         if lumens < 1.0:
             continue
         total += lumens
-        centre, radius = _ball(piece, bulb, to_world)
+        centre, radius = _bulb_sphere(piece, bulb, to_world)
         clear = [part.finish.kind in ("glass", "sheer") for part in made]
         hit, nearest = _around(made, centre)
         if any(clear[number] for number in set(hit[hit >= 0].tolist())):
@@ -65,8 +65,8 @@ def lit_parts(
             radius = max(min(radius, 0.9 * nearest), 0.5 * _SMALLEST)
             surface = 4 * np.pi * radius**2
             made.append(
-                Part(
-                    _ball_mesh(centre, radius),
+                ItemPart(
+                    _octahedron(centre, radius),
                     _BLACK,
                     _radiance(lumens, surface, tint),
                     ((float(centre[0]), float(centre[1]), float(centre[2])), radius),
@@ -84,22 +84,26 @@ def lit_parts(
     return tuple(made), total
 
 
-def _glowing(piece: Piece, parts: tuple[Part, ...]) -> tuple[tuple[Part, ...], float]:
+def _emissive_parts(
+    piece: HomePiece, parts: tuple[ItemPart, ...]
+) -> tuple[tuple[ItemPart, ...], float]:
     bulbs = piece.bulbs or (Bulb(0.5, 0.5, 0.5, _USUAL_COLOR, None),)
     total = sum(lumens_of(bulb, piece.power) for bulb in bulbs)
-    surface = sum(area(part.mesh) for part in parts if part.glows)
+    surface = sum(area(part.mesh) for part in parts if part.emits)
     if total < 1.0 or surface <= 0:
         return parts, 0.0
     glow = _radiance(total, surface, _tint(bulbs[0].color))
     return tuple(
         replace(part, finish=replace(part.finish, kind="matt", image=None), radiance=glow)
-        if part.glows
+        if part.emits
         else part
         for part in parts
     ), total
 
 
-def _ball(piece: Piece, bulb: Bulb, to_world: Float64Array) -> tuple[Float64Array, float]:
+def _bulb_sphere(
+    piece: HomePiece, bulb: Bulb, to_world: Float64Array
+) -> tuple[Float64Array, float]:
     inside = np.array([bulb.x - 0.5, bulb.z - 0.5, 0.5 - bulb.y, 1.0])
     centre = (to_world @ inside)[:3]
     radius = _DEFAULT_RADIUS
@@ -120,16 +124,16 @@ def _luminance(color: int) -> float:
 
 def _tint(color: int) -> Color:
     """A source's chromaticity, linear, of luminance 1; white for black."""
-    bands = [linear(((color >> shift) & 255) / 255) for shift in (16, 8, 0)]
+    bands = [decode_clipped(((color >> shift) & 255) / 255) for shift in (16, 8, 0)]
     luminance = float(np.array(bands) @ REC709)
     if luminance < 1e-6:
         return (1.0, 1.0, 1.0)
     return (bands[0] / luminance, bands[1] / luminance, bands[2] / luminance)
 
 
-def _around(parts: list[Part], centre: Float64Array) -> tuple[np.ndarray, float]:
+def _around(parts: list[ItemPart], centre: Float64Array) -> tuple[np.ndarray, float]:
     """The part that each direction from `centre` meets first (-1 for none), and how near it is."""
-    solid = [(number, part) for number, part in enumerate(parts) if part.ball is None]
+    solid = [(number, part) for number, part in enumerate(parts) if part.sphere is None]
     if not solid:
         return np.full(_DIRECTIONS, -1), np.inf
     owner = np.concatenate([np.full(len(part.mesh.faces), number) for number, part in solid])
@@ -138,7 +142,7 @@ def _around(parts: list[Part], centre: Float64Array) -> tuple[np.ndarray, float]
     return np.where(triangles >= 0, owner[triangles], -1), float(distances.min())
 
 
-def _ball_mesh(centre: Float64Array, radius: float) -> Mesh:
+def _octahedron(centre: Float64Array, radius: float) -> Mesh:
     """An octahedron around the ball, for its bounds."""
     tips = np.concatenate([np.eye(3), -np.eye(3)])
     faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2],

@@ -14,12 +14,12 @@ from typing import Any, Literal
 
 from scenes.contract import Point3
 from scenes.importing.changes import Changes
-from scenes.sweethome.home import Piece
+from scenes.sweethome.home import HomePiece
 
 ABSENT = "missing in the file"
 _MAX_NAMES = 60  # of one sentence; `scene.json` has them all
 _MAX_REASON = 160
-_SAID = {
+_SENTENCES = {
     "nothing": "PIECES WITHOUT A MODEL WERE LEFT OUT",
     "light": "LAMPS WITHOUT A MODEL CAME IN AS BARE BULBS",
     "opening": "DOORS AND WINDOWS WITHOUT A MODEL CAME IN AS OPEN HOLES",
@@ -58,7 +58,7 @@ class MissingPiece:
         }
 
 
-def missing_piece(piece: Piece, category: str, elevation: float, reason: str) -> MissingPiece:
+def missing_piece(piece: HomePiece, category: str, elevation: float, reason: str) -> MissingPiece:
     """The record of a piece without a model; `elevation` is that of its level (cm)."""
     kept: Literal["nothing", "light", "opening"] = "nothing"
     if piece.cut is not None:
@@ -86,7 +86,7 @@ def missing_piece(piece: Piece, category: str, elevation: float, reason: str) ->
 
 def note_missing(pieces: list[MissingPiece], changes: Changes) -> None:
     """Say of every kind of missing piece how many there are, and why, in one sentence each."""
-    for kept, sentence in _SAID.items():
+    for kept, sentence in _SENTENCES.items():
         counts = Counter(
             one.name if one.reason == ABSENT else f"{one.name} ({one.reason})"
             for one in pieces

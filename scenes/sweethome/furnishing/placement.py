@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from scenes.arrays import Float64Array
-from scenes.sweethome.home import Piece
+from scenes.sweethome.home import HomePiece
 
 _LEAST = 0.001  # the application's least extent of a model, in the model's units
 
@@ -23,7 +23,7 @@ _TO_WORLD = 0.01 * np.array(
 )  # fmt: skip
 
 
-def normalizing(points: Float64Array, piece: Piece) -> Float64Array:
+def model_to_unit_box(points: Float64Array, piece: HomePiece) -> Float64Array:
     """The 4x4 map of a model's vertices (N, 3) into the unit box about the origin."""
     low, high = points.min(axis=0), points.max(axis=0)
     matrix = _translation(-0.5 * (low + high))
@@ -38,7 +38,7 @@ def normalizing(points: Float64Array, piece: Piece) -> Float64Array:
     return np.diag([*(1 / np.maximum(high - low, _LEAST)), 1.0]) @ matrix
 
 
-def placing(points: Float64Array, piece: Piece, elevation: float) -> Float64Array:
+def unit_box_to_world(points: Float64Array, piece: HomePiece, elevation: float) -> Float64Array:
     """The 4x4 map from the unit box into the world (m).
 
     `points` (N, 3) are the model's vertices in the unit box, which a piece with pitch or roll is

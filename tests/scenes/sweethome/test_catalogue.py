@@ -34,7 +34,7 @@ from scenes.photometry import blackbody, color_temperature
 from scenes.procedural.furnishing.asset_sampler import open_stock
 from scenes.procedural.home import make_home
 from scenes.sweethome.catalogue.convert import convert
-from scenes.sweethome.catalogue.library import Unusable, read_library
+from scenes.sweethome.catalogue.library import UnusablePiece, read_library
 from scenes.sweethome.catalogue.properties import parse_properties
 from scenes.sweethome.furnishing.lamps import USUAL
 from tests.fixtures import catalogue as draw
@@ -249,13 +249,13 @@ def test_models_that_cannot_be_used_are_refused(library: Path, tmp_path: Path) -
     }
     for name, (data, reason) in cases.items():
         source = draw.write_catalogue(tmp_path / f"{name}.sh3f", **{"models/table.obj": data})
-        with pytest.raises(Unusable, match=reason):
+        with pytest.raises(UnusablePiece, match=reason):
             convert(source, table, tmp_path / name, NOWHERE, "", 1000, 64)
         assert not (tmp_path / name).exists()
-    with pytest.raises(Unusable, match="max_triangles"):
+    with pytest.raises(UnusablePiece, match="max_triangles"):
         convert(library, table, tmp_path / "many", NOWHERE, "", 10, 64)
     gone = replace(table, model="models/none.obj")
-    with pytest.raises(Unusable, match=r"none\.obj"):
+    with pytest.raises(UnusablePiece, match=r"none\.obj"):
         convert(library, gone, tmp_path / "gone", NOWHERE, "", 1000, 64)
 
 
@@ -449,7 +449,7 @@ def test_homes_use_and_credit_the_catalogue(converted: Path, tmp_path: Path) -> 
             seen.update(credit.part.split(", "))
         solids = Solids(scene)
         assert crossings(solids) == []
-        assert [thing for room in scene.rooms for thing in floating(solids, room)] == []
+        assert [item for room in scene.rooms for item in floating(solids, room)] == []
     assert {"bookcase", "lamp"} <= seen and seen & {"chair", "turned chair", "zipped chair"}
 
 
@@ -468,7 +468,7 @@ def test_a_thousand_homes_with_real_catalogues(first: int, tmp_path: Path) -> No
         seconds.append(time.process_time() - started)
         solids = Solids(scene)
         crossed = crossings(solids)
-        hung = [thing for room in scene.rooms for thing in floating(solids, room)]
+        hung = [item for room in scene.rooms for item in floating(solids, room)]
         if crossed or hung:
             wrong[seed] = (crossed, hung)
         shutil.rmtree(scene.folder)
@@ -483,16 +483,16 @@ def test_the_geometry_check_finds_what_is_wrong(tmp_path: Path) -> None:
 
     def scene(lows: dict[str, tuple[float, float, float]]) -> Solids:
         (tmp_path / "meshes").mkdir(exist_ok=True)
-        things = []
+        items = []
         for name, low in lows.items():
             high = tuple(value + 0.4 for value in low)
             corners = _corners([(low, high)])  # type: ignore[list-item]
             faces = np.arange(3 * len(corners)).reshape(-1, 3)
             write_ply(tmp_path / "meshes" / f"{name}.ply", Mesh(corners.reshape(-1, 3), faces))
-            things.append(SceneObject(name, name, "box", (name,), low, high, False, "room"))  # type: ignore[arg-type]
+            items.append(SceneObject(name, name, "box", (name,), low, high, False, "room"))  # type: ignore[arg-type]
         floor = ((0.0, 0.0), (5.0, 0.0), (5.0, 5.0), (0.0, 5.0))
         room = Room("room", "room", "living", floor, 0.0, 2.5, True)
-        made = Scene("s", {}, (room,), tuple(things), (), (), ())
+        made = Scene("s", {}, (room,), tuple(items), (), (), ())
         object.__setattr__(made, "folder", tmp_path)
         return Solids(made)
 
@@ -508,7 +508,7 @@ def test_the_geometry_check_finds_what_is_wrong(tmp_path: Path) -> None:
 def test_a_lamp_of_the_catalogue_lights_the_home(converted: Path, tmp_path: Path) -> None:
     for seed in range(12):
         scene = _home(tmp_path / str(seed), seed, 1.0, converted / "assets")
-        names = {thing.id: thing.name for thing in scene.objects}
+        names = {item.id: item.name for item in scene.objects}
         lit = [light for light in scene.lights if names.get(light.id) == "lamp"]
         if lit:
             assert all(350 <= (light.lumens or 0) <= 600 for light in lit)
@@ -574,7 +574,7 @@ def test_pieces_of_the_real_package(tmp_path: Path) -> None:
     for path, piece in chosen:
         try:
             asset = convert(path, piece, tmp_path / piece.key, NOWHERE, "", 200_000, 256)
-        except Unusable as reason:
+        except UnusablePiece as reason:
             refused.append(f"{piece.key}: {reason}")
             continue
         assert asset.piece.licence.startswith("CC") and asset.checks.size_error < 0.002

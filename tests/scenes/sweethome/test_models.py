@@ -228,8 +228,8 @@ class TestKmz:
         box = draw.piece(name="box", x=200, y=150, model="1/sofa.kmz", width=200, depth=100)
         home = draw.pack(tmp_path / "a.sh3d", draw.usual(box), {"1/sofa.kmz": inside})
         scene = import_scene(home, tmp_path / "out")
-        (thing,) = [thing for thing in scene.objects if thing.name == "box"]
-        size = np.subtract(thing.bbox_max, thing.bbox_min)
+        (item,) = [item for item in scene.objects if item.name == "box"]
+        size = np.subtract(item.bbox_max, item.bbox_min)
         assert size == pytest.approx([2, 1, 0.8], abs=1e-3)
         assert "textures/" in (scene.folder / "scene.xml").read_text()
         assert not [change for change in scene.changes if "image" in change.lower()]
@@ -357,4 +357,4 @@ def test_damaged_models_are_missing_pieces(tmp_path: Path) -> None:
     missing = {one["name"]: one["reason"] for one in scene.source["missing"]}
     assert sorted(missing) == ["piece 1", "piece 2", "piece 3"]
     assert "damaged" in missing["piece 1"] and "damaged" in missing["piece 2"]
-    assert {thing.name for thing in scene.objects} >= {"piece 4", "piece 5"}
+    assert {item.name for item in scene.objects} >= {"piece 4", "piece 5"}

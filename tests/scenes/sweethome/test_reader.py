@@ -28,10 +28,15 @@ from scenes.sweethome.building.slabs import CeilingHeights, build_slabs, stairwe
 from scenes.sweethome.building.spaces import find_spaces
 from scenes.sweethome.building.walls import build_walls, plan_walls
 from scenes.sweethome.credits import licence_in
-from scenes.sweethome.furnishing.finishes import earthen, laid, paint_of, roughness_of
+from scenes.sweethome.furnishing.finishes import (
+    ground_reflectance,
+    reflectance_of_argb,
+    roughness_of,
+    texture_coordinates,
+)
 from scenes.sweethome.furnishing.lamps import lumens_of
-from scenes.sweethome.furnishing.placement import normalizing, placing
-from scenes.sweethome.home import Bulb, Home, Piece, Texture, Wall
+from scenes.sweethome.furnishing.placement import model_to_unit_box, unit_box_to_world
+from scenes.sweethome.home import Bulb, Home, HomePiece, Texture, Wall
 from scenes.sweethome.home import Surface as Side
 from scenes.sweethome.reader import read_home
 from scenes.sweethome.sun import make_sky, sun_position
@@ -53,18 +58,18 @@ def bring(folder: Path, xml: str, members: dict[str, str | bytes] | None = None,
     return import_scene(draw.pack(folder / "test.sh3d", xml, members), folder / "out", **options)
 
 
-def a_piece(**more: object) -> Piece:
+def a_piece(**more: object) -> HomePiece:
     given = {"id": "", "kind": "pieceOfFurniture", "name": "box", "catalog_id": "", "creator": "",
              "level": None, "model": None, "x": 300.0, "y": 200.0, "elevation": 10.0,
              "width": 100.0, "depth": 50.0, "height": 80.0, "angle": 0.0}  # fmt: skip
-    return Piece(**{**given, **more})  # type: ignore[arg-type]
+    return HomePiece(**{**given, **more})  # type: ignore[arg-type]
 
 
-def landed(piece: Piece, elevation: float = 0.0, point: np.ndarray = MARK) -> list[float]:
+def landed(piece: HomePiece, elevation: float = 0.0, point: np.ndarray = MARK) -> list[float]:
     """Where a corner of the box lands, metres."""
-    to_box = normalizing(CORNERS, piece)
+    to_box = model_to_unit_box(CORNERS, piece)
     in_box = CORNERS @ to_box[:3, :3].T + to_box[:3, 3]
-    whole = placing(in_box, piece, elevation) @ to_box
+    whole = unit_box_to_world(in_box, piece, elevation) @ to_box
     return (whole[:3, :3] @ point + whole[:3, 3]).round(6).tolist()
 
 
@@ -97,8 +102,8 @@ class TestPlacement:
         assert landed(turned) == [3.5, -1.75, 0.9]
 
     def test_mirrored_faces_still_face_outwards(self, tmp_path: Path) -> None:
-        thing = draw.piece(model="box", x=200, y=150, modelMirrored="true", angle=0.3)
-        scene = bring(tmp_path, draw.usual(thing), {"box": draw.BOX})
+        item = draw.piece(model="box", x=200, y=150, modelMirrored="true", angle=0.3)
+        scene = bring(tmp_path, draw.usual(item), {"box": draw.BOX})
         vertices, faces = read_ply(scene, "thing.0")
         a, b, c = (vertices[faces[:, k]] for k in range(3))
         volume = float((np.cross(a, b) * c).sum()) / 6
@@ -108,10 +113,10 @@ class TestPlacement:
         inner = draw.piece(model="box", x=200, y=150)
         group = f"<furnitureGroup name='set' angle='1' x='5' y='5'>{inner}</furnitureGroup>"
         scene = bring(tmp_path, draw.usual(group), {"box": draw.BOX})
-        (thing,) = [one for one in scene.objects if one.name == "thing"]
-        assert thing.bbox_min == pytest.approx((1.5, -1.75, 0), abs=HAIR)
-        assert thing.bbox_max == pytest.approx((2.5, -1.25, 0.8), abs=HAIR)
-        assert thing.room == "room_0"
+        (item,) = [one for one in scene.objects if one.name == "thing"]
+        assert item.bbox_min == pytest.approx((1.5, -1.75, 0), abs=HAIR)
+        assert item.bbox_max == pytest.approx((2.5, -1.25, 0.8), abs=HAIR)
+        assert item.room == "room_0"
 
     def test_deformed_parts_move(self, tmp_path: Path) -> None:
         model = draw.BOX.replace("usemtl", "g sweethome3d_opening_on_hinge_1_door\nusemtl")
@@ -179,8 +184,8 @@ class TestWalls:
         xml = draw.home(draw.wall("w", (0, 0), (400, 0), height=250, heightAtEnd=100))
         drawing, changes = read(xml)
         (storey,) = storeys(drawing, (), changes)
-        (thing,) = build_walls(storey, plan_walls(storey, 250, changes), [])
-        points = np.concatenate([part.mesh.vertices for part in thing.parts])
+        (item,) = build_walls(storey, plan_walls(storey, 250, changes), [])
+        points = np.concatenate([part.mesh.vertices for part in item.parts])
         top = points[points[:, 2] > 0.5]
         # 5 mm reach into the ceiling.
         assert top[:, 2] == pytest.approx(2.505 - (1.5 / 4) * top[:, 0], abs=1e-6)
@@ -197,13 +202,13 @@ class TestWalls:
         planned = plan_walls(storey, 250, changes)
         opening = opening_of(storey.pieces[0], 0, changes)
         assert opening is not None
-        (thing,) = build_walls(storey, planned, [opening])
-        red, blue = paint_of(0xFFFF0000), paint_of(0xFF0000FF)
-        areas = {part.finish.color: facing_area(part.mesh, axis=1) for part in thing.parts}
+        (item,) = build_walls(storey, planned, [opening])
+        red, blue = reflectance_of_argb(0xFFFF0000), reflectance_of_argb(0xFF0000FF)
+        areas = {part.finish.color: facing_area(part.mesh, axis=1) for part in item.parts}
         # North (+y) is left. Each side: 4 x 2.51 m (both embeds) less the hole of 1 m^2.
         assert areas[red][0] == pytest.approx(4 * 2.51 - 1, rel=1e-6)
         assert areas[blue][1] == pytest.approx(4 * 2.51 - 1, rel=1e-6)
-        assert paint_of(0xFF00FF00) in areas
+        assert reflectance_of_argb(0xFF00FF00) in areas
 
     def test_doors_leave_no_wall_in_the_floor(self) -> None:
         xml = draw.home(draw.wall("w", (0, 0), (400, 0)) + draw.window(x=100, elevation=0))
@@ -211,8 +216,8 @@ class TestWalls:
         (storey,) = storeys(drawing, (), changes)
         opening = opening_of(storey.pieces[0], 0, changes)
         assert opening is not None
-        (thing,) = build_walls(storey, plan_walls(storey, 250, changes), [opening])
-        for part in thing.parts:
+        (item,) = build_walls(storey, plan_walls(storey, 250, changes), [opening])
+        for part in item.parts:
             corners = part.mesh.corners
             level = np.ptp(corners[:, :, 2], axis=1) < 1e-6
             in_floor = np.abs(corners[:, :, 2].mean(axis=1)) < 1e-3
@@ -254,8 +259,8 @@ def slab_areas(xml: str) -> dict[str, tuple[float, float]]:
     for storey in found:
         walls = plan_walls(storey, drawing.wall_height, changes)
         spaces = find_spaces(storey, walls, [], changes)
-        for thing in build_slabs(storey, spaces, CeilingHeights(storey, walls), wells):
-            areas[thing.id] = facing_area(thing.parts[0].mesh, axis=2)
+        for item in build_slabs(storey, spaces, CeilingHeights(storey, walls), wells):
+            areas[item.id] = facing_area(item.parts[0].mesh, axis=2)
     return areas
 
 
@@ -283,7 +288,7 @@ def test_levels_are_chosen_and_heights_follow() -> None:
 def test_pieces_share_no_face_with_floors_or_each_other(tmp_path: Path) -> None:
     boxes = draw.piece(model="box", x=200, y=150) + draw.piece(model="box", x=230, y=150)
     scene = bring(tmp_path, draw.usual(boxes), {"box": draw.BOX})
-    lows = [thing.bbox_min[2] for thing in scene.objects if not thing.is_structure]
+    lows = [item.bbox_min[2] for item in scene.objects if not item.is_structure]
     assert len(lows) == 2 and all(1e-4 < low < HAIR for low in lows)
     assert abs(lows[0] - lows[1]) > 1e-4
 
@@ -342,23 +347,26 @@ class TestSun:
 
 class TestFinishes:
     def test_colours_are_linearised(self) -> None:
-        assert paint_of(0xFF808080) == pytest.approx((0.2158605,) * 3, rel=1e-6)
-        assert paint_of(0xFFFFFFFF) == pytest.approx((0.82,) * 3)
-        red = paint_of(0xFFFF8080)
+        assert reflectance_of_argb(0xFF808080) == pytest.approx((0.2158605,) * 3, rel=1e-6)
+        assert reflectance_of_argb(0xFFFFFFFF) == pytest.approx((0.82,) * 3)
+        red = reflectance_of_argb(0xFFFF8080)
         assert red == pytest.approx((0.82, 0.82 * 0.2158605, 0.82 * 0.2158605))
 
     def test_no_paint_is_darker_than_its_surface(self) -> None:
-        assert paint_of(0xFF000000) == (0.03, 0.03, 0.03)
+        assert reflectance_of_argb(0xFF000000) == (0.03, 0.03, 0.03)
 
     @pytest.mark.parametrize("color", [0xFFA8FF00, 0xFF00FF00, 0xFF0000FF, 0xFFFFFFFF])
     def test_ground_is_no_signal_colour(self, color: int) -> None:
-        drawn, ground = np.array(paint_of(color)), np.array(earthen(paint_of(color)))
+        drawn, ground = (
+            np.array(reflectance_of_argb(color)),
+            np.array(ground_reflectance(reflectance_of_argb(color))),
+        )
         assert ground @ [0.2126, 0.7152, 0.0722] <= 0.15 + 1e-9
         assert ground.min() >= 0.35 * ground.max() - 1e-9
         assert np.argmax(ground) == np.argmax(drawn)
 
     def test_soil_stays_as_it_is(self) -> None:
-        assert earthen((0.12, 0.10, 0.07)) == pytest.approx((0.12, 0.10, 0.07))
+        assert ground_reflectance((0.12, 0.10, 0.07)) == pytest.approx((0.12, 0.10, 0.07))
 
     def test_gloss(self) -> None:
         assert roughness_of(0.0) == pytest.approx(1.0)
@@ -366,11 +374,13 @@ class TestFinishes:
 
     def test_textures_are_shifted_turned_and_scaled(self) -> None:
         tile = Texture("t", "t", 50.0, 25.0)
-        assert laid(np.array([[50.0, 50.0]]), tile).tolist() == [[1.0, 2.0]]
-        assert laid(np.array([[50.0, 50.0]]), replace(tile, scale=2.0)).tolist() == [[0.5, 1.0]]
-        shifted = laid(np.array([[50.0, 50.0]]), replace(tile, x_offset=0.5))
+        assert texture_coordinates(np.array([[50.0, 50.0]]), tile).tolist() == [[1.0, 2.0]]
+        assert texture_coordinates(np.array([[50.0, 50.0]]), replace(tile, scale=2.0)).tolist() == [
+            [0.5, 1.0]
+        ]
+        shifted = texture_coordinates(np.array([[50.0, 50.0]]), replace(tile, x_offset=0.5))
         assert shifted.tolist() == [[0.5, 2.0]]
-        turned = laid(np.array([[50.0, 0.0]]), replace(tile, angle=math.pi / 2))
+        turned = texture_coordinates(np.array([[50.0, 0.0]]), replace(tile, angle=math.pi / 2))
         assert turned[0].tolist() == pytest.approx([0.0, 2.0])
 
 

@@ -39,8 +39,8 @@ def bring(folder: Path, xml: str | bytes) -> Scene:
     return import_scene(draw.pack(folder / "test.sh3d", xml, MEMBERS), folder / "out")
 
 
-def things(scene: Scene) -> int:
-    return sum(not thing.is_structure for thing in scene.objects)
+def items(scene: Scene) -> int:
+    return sum(not item.is_structure for item in scene.objects)
 
 
 BOX = draw.piece(model="0/box.obj", x=100, y=100)
@@ -148,7 +148,7 @@ def test_it_comes_in(tmp_path: Path, name: str) -> None:
     xml, rooms, count = HOMES[name]
     scene = bring(tmp_path, xml)
     assert len(scene.rooms) == rooms
-    assert things(scene) == count
+    assert items(scene) == count
     assert scene.xml.is_file()
 
 
@@ -164,7 +164,7 @@ def test_its_rooms_are_dark_with_portals_closed(tmp_path: Path, name: str) -> No
 
 def test_walls_as_lines_stand_where_they_are_drawn(tmp_path: Path) -> None:
     scene = bring(tmp_path, HOMES["walls as lines"][0])
-    walls = [thing for thing in scene.objects if thing.category == "wall"]
+    walls = [item for item in scene.objects if item.category == "wall"]
     low = np.min([wall.bbox_min for wall in walls], axis=0)
     high = np.max([wall.bbox_max for wall in walls], axis=0)
     assert low[:2] == pytest.approx([0, -3.2], abs=0.006)
