@@ -19,6 +19,7 @@ from PIL.PngImagePlugin import PngInfo
 from pipeline.tonemap import Exposure, to_bytes, tonemap
 from scenes.arrays import FloatingArray, UInt8Array
 from scenes.color import encode_srgb
+from scenes.image_files import open_image
 
 Picture = UInt8Array
 
@@ -181,7 +182,7 @@ def png_bytes(picture: Picture, facts: Mapping[str, Any] | None = None) -> bytes
 
 def png_facts(source: bytes) -> dict[str, Any] | None:
     """The facts that `png_bytes` put into a picture; None if it holds none."""
-    with Image.open(io.BytesIO(source)) as image:
+    with open_image(source) as image:
         text = image.info.get(_CHUNK)
     facts = json.loads(text) if isinstance(text, str) else None
     return facts if isinstance(facts, dict) else None
@@ -196,7 +197,7 @@ def jpeg_bytes(picture: Picture, quality: int = 85) -> bytes:
 
 def read_picture(source: bytes) -> Picture:
     """PNG or JPEG bytes as uint8 (H, W, 3)."""
-    with Image.open(io.BytesIO(source)) as image:
+    with open_image(source) as image:
         return np.asarray(image.convert("RGB"))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.params import ImageParams
 from scenes.arrays import Float64Array
-from scenes.checked import build, plain
+from scenes.checked import build, check_name, plain
 from scenes.errors import InputError
 from scenes.files import read_json, write_json
 
@@ -40,7 +40,9 @@ class View:
     seen: dict[str, int] = field(default_factory=dict)  # object id -> pixels in the id render
 
     def verify(self, where: str) -> None:
-        """Shapes, rigidity and focal lengths; raises ValueError."""
+        """Check names, shapes, rigidity and focal lengths; raises ValueError."""
+        check_name(self.scene_id, "a scene's id", where, ValueError)
+        check_name(self.view_id, "a view's id", where, ValueError)
         pose, intrinsics = np.array(self.camera_to_world), np.array(self.K)
         if pose.shape != (4, 4) or intrinsics.shape != (3, 3):
             raise ValueError(f"{where}: camera_to_world must be 4x4 and K 3x3")
@@ -110,6 +112,7 @@ def save_cameras(path: Path, cameras: CameraFile) -> None:
 def load_cameras(path: Path) -> CameraFile:
     """Read and check a camera file; `InputError` names what is wrong."""
     cameras = build(CameraFile, read_json(path), str(path), InputError)
+    check_name(cameras.scene_id, "a scene's id", str(path), InputError)
     names = [view.view_id for view in cameras.views]
     if len(set(names)) != len(names):
         raise InputError(f"{path}: a view_id is used twice")

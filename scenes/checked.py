@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+import re
 import types
 import typing
 from collections.abc import Callable
@@ -32,6 +33,22 @@ def within(
         "check": lambda value: low <= value <= high and value > above,
         "allowed": " and ".join(words),
     }
+
+
+def check_name(
+    name: str, what: str, where: str = "", error: type[Exception] = ParameterError
+) -> str:
+    """Return a name from outside that becomes part of a path, or raise `error`.
+
+    Letters, digits, '.', '_' and '-', at most 128, not beginning with one of the signs: so no
+    name climbs out of its folder, is hidden or is taken for an option.
+    """
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}", name):
+        raise error(
+            f"{f'{where}: ' if where else ''}{name[:200]!r} cannot be {what}: use letters, digits, "
+            "'.', '_' and '-' only, a letter or digit first, at most 128"
+        )
+    return name
 
 
 def build(cls: type[T], data: Any, where: str = "", error: type[PbrnetError] = ParameterError) -> T:

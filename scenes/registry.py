@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from scenes.checked import check_name
 from scenes.contract import Scene, load_scene, save_scene, writing_scene
 from scenes.errors import InputError
 from scenes.files import copy_files
@@ -25,10 +25,7 @@ def import_scene(path: Path, out: Path, scene_id: str | None = None, **options: 
     """
     path, out = Path(path), Path(out)
     scene_id = scene_id or out.name
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}", scene_id):
-        raise InputError(
-            f"{scene_id!r} cannot be a scene's id: letters, digits, '.', '_' and '-' only"
-        )
+    check_name(scene_id, "a scene's id", error=InputError)
     if (
         out.exists()
         and not (out / "scene.json").is_file()

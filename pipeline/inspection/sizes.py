@@ -6,10 +6,9 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from PIL import Image
-
 from scenes.contract import Scene
 from scenes.errors import InputError
+from scenes.image_files import UnreadableImage, open_image
 
 _CORNER = 3 * 4  # bytes of a triangle's indices; its vertices count as they lie in the file
 _TREE = 64  # bytes of a triangle in the structure that rays are traced through, about
@@ -73,11 +72,11 @@ def _textures(folder: Path) -> dict[str, Any]:
             memory += path.stat().st_size
             continue
         try:
-            with Image.open(path) as image:
+            with open_image(path, load=False) as image:
                 count = image.width * image.height
                 pixels += count
                 memory += count * len(image.getbands()) * _TEXEL
-        except (OSError, ValueError, Image.DecompressionBombError) as error:
+        except UnreadableImage as error:
             raise InputError(f"{path}: not a readable image ({error})") from None
     return {
         "what": "textures",

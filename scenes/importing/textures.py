@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -14,15 +13,11 @@ from PIL import Image
 from scenes.arrays import Float32Array, Float64Array, FloatingArray, UInt8Array
 from scenes.color import decode_srgb, encode_srgb
 from scenes.errors import InputError
+from scenes.image_files import MAX_PIXELS, UnreadableImage, open_image
 from scenes.importing.changes import Changes
 
-MAX_PIXELS = 100_000_000
 _COPIED = {"JPEG": (".jpg", ("RGB", "L")), "PNG": (".png", ("RGB", "L", "RGBA", "LA"))}
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
-
-
-class UnreadableImage(Exception):
-    """The file is not an image, is damaged, or too large."""
 
 
 class TextureStore:
@@ -40,7 +35,7 @@ class TextureStore:
         """Store an image's alpha channel as greyscale; None where it has none."""
         if _is_exr(path):
             return None
-        image = _open(path)
+        image = open_image(path)
         if "A" not in image.getbands() and "transparency" not in image.info:
             return None
         return self._store(path, "alpha", lambda source, name: self._write_channel(source, name, 3))
@@ -64,7 +59,9 @@ class TextureStore:
         """Store one channel times `factor`, clipped, as greyscale."""
 
         def write(source: Path, name: str) -> str:
-            band = np.asarray(_open(source).convert("RGBA").getchannel(index), dtype=np.float64)
+            band = np.asarray(
+                open_image(source).convert("RGBA").getchannel(index), dtype=np.float64
+            )
             return self._save_grey(np.clip(band * factor, 0, 255), name)
 
         return self._store(path, f"channel{index}x{factor}", write)
@@ -73,7 +70,7 @@ class TextureStore:
         """Store where alpha times `factor` reaches `cutoff` (both [0, 1]), as white on black."""
 
         def write(source: Path, name: str) -> str:
-            alpha = np.asarray(_open(source).convert("RGBA").getchannel(3), dtype=np.float64)
+            alpha = np.asarray(open_image(source).convert("RGBA").getchannel(3), dtype=np.float64)
             return self._save_grey(255.0 * (alpha * factor >= 255 * cutoff), name)
 
         return self._store(path, f"cutout{factor}-{cutoff}", write)
@@ -104,7 +101,7 @@ class TextureStore:
         if _is_exr(path):
             self.changes.note("EXR texture stored as 8-bit PNG: {}", path.name)
             return self._save_rgb(np.clip(read_exr(path), 0, 1), name)
-        image = _open(path)
+        image = open_image(path)
         suffix, modes = _COPIED.get(image.format or "", ("", ()))
         if suffix and image.mode in modes:
             shutil.copyfile(path, self.folder / (name + suffix))
@@ -114,7 +111,7 @@ class TextureStore:
         return f"{self.folder.name}/{name}.png"
 
     def _write_channel(self, path: Path, name: str, index: int) -> str:
-        image = _open(path).convert("RGBA")
+        image = open_image(path).convert("RGBA")
         image.getchannel(index).save(self.folder / f"{name}.png")
         return f"{self.folder.name}/{name}.png"
 
@@ -136,7 +133,7 @@ class TextureStore:
 
 def read_rgb(path: Path) -> UInt8Array:
     """An 8-bit image as sRGB (H, W, 3)."""
-    return _to_rgb8(_open(path))
+    return _to_rgb8(open_image(path))
 
 
 def read_radiance(path: Path) -> Float32Array:
@@ -221,21 +218,6 @@ def read_rgbe(path: Path) -> Float32Array:
                 column += length
     scale = np.ldexp(1.0, rgbe[..., 3].astype(int) - 136)
     return (rgbe[..., :3] * scale[..., None]).astype(np.float32)
-
-
-def _open(path: Path) -> Image.Image:
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            image = Image.open(path)
-            if image.width * image.height > MAX_PIXELS:
-                raise UnreadableImage(f"{image.width} x {image.height} pixels")
-            image.load()
-    except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
-        raise UnreadableImage(str(error)) from None
-    except (OSError, ValueError, SyntaxError, EOFError, MemoryError) as error:
-        raise UnreadableImage(str(error)) from None
-    return image
 
 
 def _to_rgb8(image: Image.Image) -> UInt8Array:

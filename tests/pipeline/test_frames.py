@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,15 @@ import pytest
 
 from pipeline import frames
 from pipeline.params import ImageParams
-from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, load_cameras, look
+from pipeline.views import (
+    CameraFile,
+    View,
+    as_matrix,
+    intrinsics_of,
+    load_cameras,
+    look,
+    save_cameras,
+)
 from scenes.checked import plain
 from scenes.errors import InputError, MachineError
 from scenes.files import write_json
@@ -139,4 +148,14 @@ def test_bad_camera_files_are_refused(tmp_path: Path, view: View) -> None:
     data["views"][0]["camera_to_world"][0][0] += 0.5
     write_json(path, data)
     with pytest.raises(InputError, match="rotation"):
+        load_cameras(path)
+
+
+@pytest.mark.parametrize("name", ["../../x", "/etc/x", "", ".hidden", "-option", "a/b", "x" * 129])
+def test_no_name_in_a_camera_file_leads_out_of_its_folder(
+    tmp_path: Path, view: View, name: str
+) -> None:
+    path = tmp_path / "cameras.json"
+    save_cameras(path, CameraFile("room", (replace(view, view_id=name),)))
+    with pytest.raises(InputError, match="cannot be a view's id"):
         load_cameras(path)

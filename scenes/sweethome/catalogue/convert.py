@@ -6,8 +6,6 @@ whole homes; here a piece stands alone at the origin.
 
 from __future__ import annotations
 
-import io
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -28,6 +26,7 @@ from scenes.formats.archive import HomeArchive
 from scenes.formats.model_parts import Model, UnreadableModel
 from scenes.formats.ply import read_ply, write_ply
 from scenes.geometry.mesh import Mesh, creased
+from scenes.image_files import open_image
 from scenes.importing.changes import Changes
 from scenes.photometry import LUMEN, color_temperature
 from scenes.sweethome import home
@@ -38,21 +37,11 @@ from scenes.sweethome.furnishing.lamps import lit_parts
 from scenes.sweethome.furnishing.models import read_model
 
 REVISION = 2  # counts up when the same catalogue would convert to other files
-MAX_PIXELS = 100_000_000
 _MAX_IMAGE = 64 * 2**20  # bytes
 _SIZE_TOLERANCE = 0.01  # of a side
 _THINNEST = 0.001  # metres; flat things are no thicker than their own description says
 _POWER = 0.5  # of a lamp, the application's usual one
 _FROSTED_WHITE = SurfaceFinish(color=(0.8, 0.79, 0.76))
-_UNREADABLE = (
-    InputError,
-    OSError,
-    ValueError,
-    SyntaxError,
-    MemoryError,
-    Image.DecompressionBombError,
-    Image.DecompressionBombWarning,
-)
 
 
 def convert(
@@ -110,10 +99,9 @@ def _draw(folder: Path, asset: Asset) -> None:
     for part in asset.parts:
         texture = None
         if part.texture:
-            with Image.open(folder / part.texture) as image:
-                small = image.convert("RGB")
-                small.thumbnail((preview.SIZE, preview.SIZE), Image.Resampling.BOX)
-                texture = np.asarray(small)
+            small = open_image(folder / part.texture).convert("RGB")
+            small.thumbnail((preview.SIZE, preview.SIZE), Image.Resampling.BOX)
+            texture = np.asarray(small)
         linear = np.array(part.color)
         parts.append((read_ply(folder / part.mesh), encode_srgb(linear), texture))
     Image.fromarray(preview.draw(parts)).save(folder / PREVIEW, compress_level=6)
@@ -270,7 +258,7 @@ class _Images:
         if finish.image not in self._stored:
             try:
                 self._stored[finish.image] = self._store(finish.image)
-            except _UNREADABLE as error:
+            except (InputError, OSError, ValueError, MemoryError) as error:
                 self._changes.note(
                     "images that cannot be read gave way to plain colour: {}",
                     f"{finish.image} ({error})",
@@ -280,12 +268,7 @@ class _Images:
 
     def _store(self, member: str) -> tuple[str, str | None]:
         data = self._archive.read(member, _MAX_IMAGE)
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            image = Image.open(io.BytesIO(data))
-            if image.width * image.height > MAX_PIXELS:
-                raise ValueError(f"{image.width} x {image.height} pixels")
-            image.load()
+        image = open_image(data)
         name = f"textures/{len(self._stored)}"
         small = max(image.size) <= self._size
         if image.format == "JPEG" and image.mode in ("RGB", "L") and small:

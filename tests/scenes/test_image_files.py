@@ -1,0 +1,109 @@
+"""Images from strangers: a list of formats, whatever a file is called, and nothing else."""
+
+from __future__ import annotations
+
+import ast
+import io
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from scenes.image_files import FORMATS, UnreadableImage, open_image
+from tests.fixtures.paths import ROOT
+
+EPS = b"""%!PS-Adobe-3.0 EPSF-3.0
+%%BoundingBox: 0 0 8 8
+(MARK) (w) file closefile
+showpage
+"""
+
+
+@pytest.mark.parametrize("name", ["PNG", "JPEG", "BMP", "GIF", "TGA", "TIFF", "PPM", "WEBP"])
+def test_known_formats_are_read_from_files_and_from_bytes(tmp_path: Path, name: str) -> None:
+    pixels = np.full((5, 7, 3), (200, 30, 90), np.uint8)
+    path = tmp_path / "image"
+    Image.fromarray(pixels).save(path, name)
+    for source in (path, path.read_bytes()):
+        image = open_image(source)
+        assert image.size == (7, 5) and image.format in FORMATS
+        assert np.abs(np.asarray(image.convert("RGB"), int) - pixels).max() <= 6
+
+
+def test_a_postscript_program_named_png_does_not_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pillow would start Ghostscript, which the test's own `gs` would tell of."""
+    mark = tmp_path / "ran"
+    gs = tmp_path / "bin" / "gs"
+    gs.parent.mkdir()
+    gs.write_text(f"#!/bin/sh\ntouch {mark}\n")
+    gs.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{gs.parent}:{os.environ['PATH']}")
+    assert shutil.which("gs") == str(gs)
+    path = tmp_path / "t.png"
+    path.write_bytes(EPS)
+    with pytest.raises(UnreadableImage, match="not an image of a known format"):
+        open_image(path)
+    assert not mark.exists()
+
+
+def test_a_bomb_is_refused_by_its_header() -> None:
+    data = io.BytesIO()
+    Image.new("1", (20_000, 20_000)).save(data, "PNG")
+    with pytest.raises(UnreadableImage, match="pixels"):
+        open_image(data.getvalue())
+
+
+@pytest.mark.parametrize("cut", [0, 1, 20, 60, 200])
+def test_a_cut_file_is_refused(tmp_path: Path, cut: int) -> None:
+    data = io.BytesIO()
+    Image.fromarray(np.random.default_rng(0).integers(0, 255, (40, 40, 3), np.uint8)).save(
+        data, "PNG"
+    )
+    with pytest.raises(UnreadableImage):
+        open_image(data.getvalue()[:cut])
+
+
+def test_only_regular_files_are_opened(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.png"
+    os.mkfifo(pipe)
+    for path in (pipe, Path("/dev/zero"), tmp_path):
+        with pytest.raises(UnreadableImage, match="not a regular file"):
+            open_image(path)
+    with pytest.raises(UnreadableImage):
+        open_image(tmp_path / "none.png")
+
+
+def test_nothing_else_in_the_project_opens_images() -> None:
+    """Calls of `open` on Pillow's `Image`, by any name that it is imported under."""
+    opening = []
+    for layer in ("scenes", "pipeline", "model", "benchmarks"):
+        for path in (ROOT / layer).rglob("*.py"):
+            tree = ast.parse(path.read_text())
+            names = {
+                alias.asname or alias.name
+                for node in ast.walk(tree)
+                if isinstance(node, ast.ImportFrom) and node.module == "PIL"
+                for alias in node.names
+                if alias.name == "Image"
+            }
+            assert not any(
+                alias.name.startswith("PIL")
+                for node in ast.walk(tree)
+                if isinstance(node, ast.Import)
+                for alias in node.names
+            ), path
+            opening += [
+                path.relative_to(ROOT)
+                for node in ast.walk(tree)
+                if isinstance(node, ast.Call)
+                and isinstance(node.func, ast.Attribute)
+                and node.func.attr == "open"
+                and isinstance(node.func.value, ast.Name)
+                and node.func.value.id in names
+            ]
+    assert opening == [Path("scenes/image_files.py")]
