@@ -14,7 +14,8 @@ import numpy.typing as npt
 from pipeline.params import ImageParams, Params, load_params
 from pipeline.passes.groundtruth import Truth
 from pipeline.render.scene import RenderScene, open_scene
-from pipeline.stages.stages import run_cameras, run_scenes
+from pipeline.stages.cameras import run_cameras
+from pipeline.stages.scenes import run_scenes
 from pipeline.views import View, as_matrix, intrinsics_of, load_cameras
 from scenes.arrays import AnyArray, Float64Array
 from scenes.contract import load_scene, scene_folders

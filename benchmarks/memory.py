@@ -28,13 +28,11 @@ from pipeline.params import (
     ImageParams,
     Params,
 )
-from pipeline.stages.stages import (
-    run_cameras,
-    run_groundtruth,
-    run_illumination,
-    run_inputs,
-    run_scenes,
-)
+from pipeline.stages.cameras import run_cameras
+from pipeline.stages.groundtruth import run_groundtruth
+from pipeline.stages.illumination import run_illumination
+from pipeline.stages.inputs import run_inputs
+from pipeline.stages.scenes import run_scenes
 from pipeline.views import load_cameras, save_cameras
 from scenes.contract import load_scene, save_scene, scene_folders
 from scenes.files import atomic_file

@@ -25,7 +25,10 @@ from model.data.reader import IMAGES, OPTIONAL_IMAGES, Dataset
 from pipeline.dataset.pack import pack_dataset
 from pipeline.frames import RGB, TINT, Kind, frame_path, read_frame
 from pipeline.params import ImageParams, Params
-from pipeline.stages.stages import run_cameras, run_groundtruth, run_illumination, run_inputs
+from pipeline.stages.cameras import run_cameras
+from pipeline.stages.groundtruth import run_groundtruth
+from pipeline.stages.illumination import run_illumination
+from pipeline.stages.inputs import run_inputs
 from pipeline.views import View, load_cameras
 
 KINDS: tuple[Kind, ...] = ("inputs", "illumination", "visibility", "shading", "color")

@@ -9,14 +9,12 @@ import click
 from pipeline.commands.options import common_options, farm_options
 from pipeline.params import Params
 from pipeline.stages.assets import run_assets
+from pipeline.stages.cameras import run_cameras
+from pipeline.stages.groundtruth import run_groundtruth
+from pipeline.stages.illumination import run_illumination
+from pipeline.stages.inputs import run_inputs
 from pipeline.stages.runner import Summary
-from pipeline.stages.stages import (
-    run_cameras,
-    run_groundtruth,
-    run_illumination,
-    run_inputs,
-    run_scenes,
-)
+from pipeline.stages.scenes import run_scenes
 
 
 @click.command(
@@ -105,7 +103,7 @@ def shading(params: Params, data: Path, scheduler: str | None) -> None:
 
     Where both come from one trace, one of them costs as much as both: see pbrnet groundtruth.
     """
-    _say(run_groundtruth(data, params, scheduler, parts=("shading",)))
+    _say(run_groundtruth(data, params, scheduler, truths=("shading",)))
 
 
 @click.command(epilog="Example:  pbrnet color --workers 4")
@@ -116,7 +114,7 @@ def color(params: Params, data: Path, scheduler: str | None) -> None:
 
     Where both come from one trace, one of them costs as much as both: see pbrnet groundtruth.
     """
-    _say(run_groundtruth(data, params, scheduler, parts=("color",)))
+    _say(run_groundtruth(data, params, scheduler, truths=("color",)))
 
 
 def _say(summary: Summary) -> None:

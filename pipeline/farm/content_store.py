@@ -1,11 +1,11 @@
-"""Files by content: a folder as a list of pieces, and a bounded store of pieces on a worker's disk.
+"""Content-addressed store of files on a worker's disk, of bounded size.
 
-A piece is a file, named by the SHA-256 of its bytes. It travels in parts of at most `PART` bytes,
-so that memory is bounded whatever a file's size, and enters the store by rename once its bytes
-have the digest that was asked for. Folders are put together from hard links: a piece that is
-evicted meanwhile, or that several scenes have in common, is on the disk once and stays readable.
+A file is named by the SHA-256 of its bytes. It travels in chunks of at most `CHUNK_BYTES`, so that
+memory is bounded whatever the file's size, and enters the store by rename once its digest has been
+checked. Folders are assembled from hard links: a file that is evicted meanwhile, or that several
+scenes share, is on the disk once and stays readable.
 
-Several processes may use one store: they take a lock for each folder that they fetch.
+Several processes may use one store: they hold a lock for each folder that they fetch.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from typing import IO
 from scenes.errors import InputError, MachineError
 from scenes.files import digest_file, machine_errors
 
-PART = 4 << 20  # bytes of files that travel at a time
-_FORSAKEN = 60.0  # seconds after which a folder without owner may go
+CHUNK_BYTES = 4 << 20  # bytes of files in one bundle
+_ORPHANED = 60.0  # seconds after which a folder without an owner may be removed
 
 
 @dataclass(frozen=True)
-class Piece:
-    """A file of a folder: its path there (POSIX, relative), SHA-256 and bytes."""
+class StoredFile:
+    """A file of a folder: its relative POSIX path, SHA-256 and size in bytes."""
 
     path: str
     digest: str
@@ -39,42 +39,42 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Part:
-    """Some bytes of the piece at place `index` of a list; `last` ends that piece."""
+class Chunk:
+    """Consecutive bytes of the file at `index` of a list; `last` marks the file's end."""
 
     index: int
     content: bytes
     last: bool
 
 
-Fetch = Callable[[Sequence[int]], Iterable[Sequence[Part]]]  # indices of a list -> their bytes
+Fetch = Callable[[Sequence[int]], Iterable[Sequence[Chunk]]]  # indices of a list -> bundles
 
 
-def list_pieces(folder: Path) -> list[Piece]:
-    """All files below a folder, by path."""
+def list_files(folder: Path) -> list[StoredFile]:
+    """Return all files below a folder, sorted by path."""
     files = sorted(file for file in Path(folder).rglob("*") if file.is_file())
     return [
-        Piece(file.relative_to(folder).as_posix(), digest_file(file), file.stat().st_size)
+        StoredFile(file.relative_to(folder).as_posix(), digest_file(file), file.stat().st_size)
         for file in files
     ]
 
 
-def read_parts(
-    folder: Path, pieces: Sequence[Piece], wanted: Iterable[int]
-) -> Iterator[list[Part]]:
-    """The wanted pieces in order, bundles of at most `PART` bytes in all."""
-    bundle: list[Part] = []
-    room = PART
+def read_chunks(
+    folder: Path, files: Sequence[StoredFile], wanted: Iterable[int]
+) -> Iterator[list[Chunk]]:
+    """Yield the wanted files in order, as bundles of at most `CHUNK_BYTES` bytes."""
+    bundle: list[Chunk] = []
+    room = CHUNK_BYTES
     for index in wanted:
-        with (Path(folder) / pieces[index].path).open("rb") as stream:
+        with (Path(folder) / files[index].path).open("rb") as stream:
             content = stream.read(room)
             while True:
-                following = stream.read(PART) if len(content) == room else b""
-                bundle.append(Part(index, content, not following))
+                following = stream.read(CHUNK_BYTES) if len(content) == room else b""
+                bundle.append(Chunk(index, content, not following))
                 room -= len(content)
                 if room <= 0:
                     yield bundle
-                    bundle, room = [], PART
+                    bundle, room = [], CHUNK_BYTES
                 if not following:
                     break
                 content = following
@@ -82,8 +82,8 @@ def read_parts(
         yield bundle
 
 
-class Store:
-    """Pieces below `root`, at most `limit` bytes of them once `trim` has been called."""
+class ContentStore:
+    """Files below `root`, at most `limit` bytes of them once `trim` has been called."""
 
     def __init__(self, root: Path, limit: int) -> None:
         self.root, self.limit = Path(root), limit
@@ -91,43 +91,49 @@ class Store:
             self.root.mkdir(mode=0o700, parents=True, exist_ok=True)
         if self.root.stat().st_uid != os.geteuid():
             raise MachineError(
-                f"{self.root}: belongs to somebody else; name another folder in PBRNET_CACHE"
+                f"{self.root}: belongs to another user; set PBRNET_CACHE to another folder"
             )
 
-    def folder_of(
-        self, name: str, pieces: Sequence[Piece], fetch: Fetch, sure: Callable[[Path], bool]
+    def assemble(
+        self, name: str, files: Sequence[StoredFile], fetch: Fetch, verify: Callable[[Path], bool]
     ) -> Path:
-        """A private folder with these files, from the store or else by `fetch`.
+        """Return a private folder with these files; `fetch` provides those that are missing.
 
-        `sure` reads the finished folder and says whether all is as it should be; if not, damaged
-        pieces are thrown away and fetched again. `name` names the lock. Whoever gets the folder
-        removes it. Raises `InputError` if even fresh pieces do not make it right.
+        `verify` reads the finished folder and returns whether its content is right; if not,
+        damaged files are removed and fetched again. `name` names the lock. The caller removes the
+        folder. Raises `InputError` if the content is wrong even with fresh files.
         """
         for _ in range(3):
             with self._locked(name):
-                self._complete(pieces, fetch)
-                folder = self.private()
+                self._fetch_missing(files, fetch)
+                folder = self.private_folder()
                 try:
-                    if self._assemble(pieces, folder) and sure(folder):
+                    if self._link(files, folder) and verify(folder):
                         return folder
                 except BaseException:
                     shutil.rmtree(folder, ignore_errors=True)
                     raise
                 shutil.rmtree(folder, ignore_errors=True)
-                self._drop_damaged(pieces)
-        raise InputError(f"{name}: its files do not arrive as they should be; are they changing?")
+                self._drop_damaged(files)
+        raise InputError(
+            f"{name}: its files arrive with other content than listed; do not change a scene "
+            "while a stage runs"
+        )
 
-    def private(self) -> Path:
-        """A new folder on the store's file system, for this process; gone some time after it."""
-        return Path(tempfile.mkdtemp(dir=_own_room(self.root)))
+    def private_folder(self) -> Path:
+        """Create a folder of this process on the store's file system.
+
+        A later `trim` removes it once the process has ended.
+        """
+        return Path(tempfile.mkdtemp(dir=_process_folder(self.root)))
 
     def trim(self) -> None:
-        """Evict the pieces that were not used for longest, until the rest is within the limit.
+        """Evict the least recently used files until the rest is within the limit.
 
-        Also removes what processes left that were killed.
+        Also removes the private folders of killed processes.
         """
         found = []
-        for path in self.root.glob("pieces/*/*"):
+        for path in self.root.glob("files/*/*"):
             with contextlib.suppress(FileNotFoundError):
                 stat = path.stat()
                 found.append((stat.st_mtime, stat.st_size, path))
@@ -137,35 +143,36 @@ class Store:
                 break
             path.unlink(missing_ok=True)
             total -= size
-        _remove_forsaken(self.root / "rooms")
+        _remove_orphans(self.root / "processes")
 
-    def _path(self, piece: Piece) -> Path:
-        return self.root / "pieces" / piece.digest[:2] / piece.digest
+    def path(self, file: StoredFile) -> Path:
+        """Return the path of a file in the store, whether or not it is there."""
+        return self.root / "files" / file.digest[:2] / file.digest
 
-    def _has(self, piece: Piece) -> bool:
+    def _has(self, file: StoredFile) -> bool:
         try:
-            return self._path(piece).stat().st_size == piece.size
+            return self.path(file).stat().st_size == file.size
         except FileNotFoundError:
             return False
 
-    def _complete(self, pieces: Sequence[Piece], fetch: Fetch) -> None:
-        """Fetch what is not there, each content once."""
-        first = {piece.digest: index for index, piece in reversed(list(enumerate(pieces)))}
-        missing = sorted(index for index in first.values() if not self._has(pieces[index]))
+    def _fetch_missing(self, files: Sequence[StoredFile], fetch: Fetch) -> None:
+        """Fetch the files that the store lacks, each content once."""
+        first = {file.digest: index for index, file in reversed(list(enumerate(files)))}
+        missing = sorted(index for index in first.values() if not self._has(files[index]))
         if not missing:
             return
-        with _Incoming(self, pieces) as incoming:
+        with _StoreWriter(self, files) as writer:
             for bundle in fetch(missing):
-                for part in bundle:
-                    incoming.take(part)
+                for chunk in bundle:
+                    writer.write(chunk)
 
-    def _assemble(self, pieces: Sequence[Piece], folder: Path) -> bool:
-        """Link all pieces into `folder`; False if one was evicted meanwhile."""
-        for piece in pieces:
-            inside = PurePosixPath(piece.path)
+    def _link(self, files: Sequence[StoredFile], folder: Path) -> bool:
+        """Link all files into `folder`; False if one was evicted meanwhile."""
+        for file in files:
+            inside = PurePosixPath(file.path)
             if inside.is_absolute() or ".." in inside.parts:
-                raise InputError(f"{piece.path!r} would lie outside of its folder")
-            source, target = self._path(piece), folder / inside
+                raise InputError(f"{file.path!r}: the path leads outside of its folder")
+            source, target = self.path(file), folder / inside
             target.parent.mkdir(parents=True, exist_ok=True)
             try:
                 os.utime(source)
@@ -177,17 +184,17 @@ class Store:
                 return False
         return True
 
-    def _drop_damaged(self, pieces: Iterable[Piece]) -> None:
-        for piece in pieces:
-            path = self._path(piece)
+    def _drop_damaged(self, files: Iterable[StoredFile]) -> None:
+        for file in files:
+            path = self.path(file)
             with contextlib.suppress(FileNotFoundError):
-                if digest_file(path) != piece.digest:
+                if digest_file(path) != file.digest:
                     path.unlink(missing_ok=True)
 
     @contextlib.contextmanager
     def _locked(self, name: str) -> Iterator[None]:
-        """Wait until no other process of this machine fetches the same; ends with the process."""
-        bucket = hashlib.sha256(name.encode()).hexdigest()[:2]  # so that locks are not too many
+        """Hold the lock of a folder; the system releases it when the process ends."""
+        bucket = hashlib.sha256(name.encode()).hexdigest()[:2]  # bounds the number of lock files
         path = self.root / "locks" / bucket
         with machine_errors(path):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -197,17 +204,17 @@ class Store:
             yield
 
 
-class _Incoming:
-    """Writes the parts of one piece after the other into the store."""
+class _StoreWriter:
+    """Writes the chunks of one file after the other into the store."""
 
-    def __init__(self, store: Store, pieces: Sequence[Piece]) -> None:
-        self.store, self.pieces = store, pieces
-        self.folder = store.private()
+    def __init__(self, store: ContentStore, files: Sequence[StoredFile]) -> None:
+        self.store, self.files = store, files
+        self.folder = store.private_folder()
         self.index = -1
         self.stream: IO[bytes] | None = None
         self.digest = hashlib.sha256()
 
-    def __enter__(self) -> _Incoming:
+    def __enter__(self) -> _StoreWriter:
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -215,53 +222,54 @@ class _Incoming:
             self.stream.close()
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    def take(self, part: Part) -> None:
-        """Add a part; a piece whose bytes turn out wrong is left out."""
+    def write(self, chunk: Chunk) -> None:
+        """Add a chunk; a finished file with a wrong digest is discarded."""
         partial = self.folder / "partial"
         with machine_errors(self.store.root):
-            if self.stream is None or part.index != self.index:
+            if self.stream is None or chunk.index != self.index:
                 if self.stream:
                     self.stream.close()
-                self.index, self.digest = part.index, hashlib.sha256()
+                self.index, self.digest = chunk.index, hashlib.sha256()
                 self.stream = partial.open("wb")
-            self.stream.write(part.content)
-            self.digest.update(part.content)
-            if not part.last:
+            self.stream.write(chunk.content)
+            self.digest.update(chunk.content)
+            if not chunk.last:
                 return
             self.stream.close()
             self.stream = None
-            piece = self.pieces[part.index]
-            if self.digest.hexdigest() == piece.digest:
-                path = self.store._path(piece)
+            file = self.files[chunk.index]
+            if self.digest.hexdigest() == file.digest:
+                path = self.store.path(file)
                 path.parent.mkdir(parents=True, exist_ok=True)
                 partial.replace(path)
 
 
-_rooms: dict[tuple[Path, int], tuple[Path, IO[str]]] = {}
+_process_folders: dict[tuple[Path, int], tuple[Path, IO[str]]] = {}
 
 
-def _own_room(root: Path) -> Path:
-    """This process's folder in a store: the lock on it ends with the process."""
+def _process_folder(root: Path) -> Path:
+    """Return this process's folder in a store; its lock is released when the process ends."""
     key = (root, os.getpid())
-    if key not in _rooms or not _rooms[key][0].is_dir():
+    if key not in _process_folders or not _process_folders[key][0].is_dir():
         with machine_errors(root):
-            (root / "rooms").mkdir(exist_ok=True)
-            room = Path(tempfile.mkdtemp(dir=root / "rooms"))
-            stream = (room / "lock").open("w")
+            (root / "processes").mkdir(exist_ok=True)
+            folder = Path(tempfile.mkdtemp(dir=root / "processes"))
+            stream = (folder / "lock").open("w")
         fcntl.flock(stream, fcntl.LOCK_EX)
-        _rooms[key] = (room, stream)
-    return _rooms[key][0]
+        _process_folders[key] = (folder, stream)
+    return _process_folders[key][0]
 
 
-def _remove_forsaken(rooms: Path) -> None:
-    for room in rooms.glob("*"):
+def _remove_orphans(folders: Path) -> None:
+    """Remove the folders of ended processes, by their released locks."""
+    for folder in folders.glob("*"):
         try:
-            if time.time() - room.stat().st_mtime < _FORSAKEN:
+            if time.time() - folder.stat().st_mtime < _ORPHANED:
                 continue
-            with (room / "lock").open("a") as stream:
+            with (folder / "lock").open("a") as stream:
                 fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(room, ignore_errors=True)
+                shutil.rmtree(folder, ignore_errors=True)
         except BlockingIOError:
             continue
         except FileNotFoundError:
-            shutil.rmtree(room, ignore_errors=True)
+            shutil.rmtree(folder, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""Which scene it is: a digest of all that a scene folder holds, wherever the folder lies."""
+"""Digest of the content of a scene folder, independent of the folder's path."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from pipeline.frames import fingerprint
 from scenes.contract import load_scene
 from scenes.files import digest_file
 
-STAGE_MARK = "made_by_stage"  # key in scene.json's `source`: the fingerprint, ours to replace
+STAGE_KEY = "made_by_stage"  # in scene.json's `source`: the fingerprint that the stage keeps there
 
 
 def scene_digest(folder: Path) -> str:
-    """64 hex digits over all files of a scene folder, but for the stage's own mark.
+    """Return 64 hex digits over all files of a scene folder, but for the stage's fingerprint.
 
     Raises `InputError` for a scene that cannot be read.
     """
     scene = load_scene(folder)
-    bare = replace(scene, source={k: v for k, v in scene.source.items() if k != STAGE_MARK})
+    bare = replace(scene, source={k: v for k, v in scene.source.items() if k != STAGE_KEY})
     files = sorted(file for file in folder.rglob("*") if file.is_file())
     contents = {
         file.relative_to(folder).as_posix(): digest_file(file)

@@ -1,4 +1,4 @@
-"""What is not yet handed to a worker, and who gets which of it next."""
+"""Order of the items and size of the batches that each worker is given."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Item:
-    """A piece of work: `payload` goes to the work function; `group` names the costly state
-    (an opened scene) that items share; `weight` is how long it may take, in any unit."""
+    """A unit of work.
+
+    `payload` is the argument of the work function; `group` names the costly state (an opened
+    scene) that items share; `weight` is the expected duration, in any unit.
+    """
 
     key: str
     group: str
@@ -19,12 +22,12 @@ class Item:
     weight: float = 1.0
 
 
-class Waiting:
-    """Items not yet submitted, by group: the group with most to do first, its longest items first.
+class BatchQueue:
+    """Items that are not submitted yet: the heaviest group first, its longest items first.
 
-    A worker is kept on the group it had before; a worker that has none left opens the next
-    untouched group, and at the end helps with the one that has most left. Batches shrink
-    towards the end so that all workers finish at about the same time.
+    A worker stays on its last group; once that is empty it opens the next group that no worker
+    has opened, and at the end it helps with the heaviest one left. Batches shrink towards the end
+    so that all workers finish at about the same time.
     """
 
     def __init__(self, items: Sequence[Item], batch: int, window: int) -> None:
@@ -33,33 +36,33 @@ class Waiting:
             groups.setdefault(item.group, []).append(item)
         self.weight = {name: sum(item.weight for item in group) for name, group in groups.items()}
         order = sorted(groups, key=lambda name: (-self.weight[name], name))
-        # A stable sort: items as long as each other stay in the order given.
+        # A stable sort: items of equal weight stay in the order given.
         self.groups = {
             name: deque(sorted(groups[name], key=lambda item: -item.weight)) for name in order
         }
-        self.untouched = deque(order)
+        self.unopened = deque(order)
         self.batch, self.window = batch, window
-        self.left = sum(self.weight.values())
+        self.total_weight = sum(self.weight.values())
         self.count = len(items)
-        self.home: dict[str, str] = {}  # worker -> the group it had last
+        self.last_group: dict[str, str] = {}  # by worker
 
     def __bool__(self) -> bool:
         return self.count > 0
 
     def take(self, worker: str, workers: int) -> tuple[Item, ...]:
-        """The next batch for `worker`, one of `workers`; empty when nothing is left."""
+        """Remove and return the next batch for `worker`, one of `workers`; () if none is left."""
         if not self.count:
             return ()
-        group = self.home.get(worker, "")
+        group = self.last_group.get(worker, "")
         if not self.groups.get(group):
-            while self.untouched and not self.groups[self.untouched[0]]:
-                self.untouched.popleft()
-            if self.untouched:
-                group = self.untouched.popleft()
+            while self.unopened and not self.groups[self.unopened[0]]:
+                self.unopened.popleft()
+            if self.unopened:
+                group = self.unopened.popleft()
             else:
                 group = max(self.groups, key=lambda name: self.weight[name])
-            self.home[worker] = group
-        fair = self.left / (self.window * max(1, workers))
+            self.last_group[worker] = group
+        fair = self.total_weight / (self.window * max(1, workers))
         batch = [self._pop(group)]
         load = batch[0].weight
         while self.groups[group] and len(batch) < self.batch:
@@ -71,8 +74,8 @@ class Waiting:
 
     def _pop(self, group: str) -> Item:
         item = self.groups[group].popleft()
-        self.left -= item.weight
+        self.total_weight -= item.weight
         self.count -= 1
-        # A group that is done weighs nothing, whatever rounding has left of it.
+        # An empty group must never be the heaviest, whatever rounding leaves of its weight.
         self.weight[group] = self.weight[group] - item.weight if self.groups[group] else -1.0
         return item

@@ -1,9 +1,9 @@
-"""How files of the command's machine reach workers that do not see them: through dask.
+"""Transfer of files through dask to workers that do not see the command's data folder.
 
-A worker asks by an event that the scheduler passes on to the command; the command answers with
-bundles of parts (`pipeline.farm.content_store`), each sent when the one before has been taken.
-Requests are answered in turns, a bundle each, by a few threads: the command never holds more than
-those bundles in memory.
+A worker sends a request as an event, which the scheduler passes on to the command. The command
+answers with bundles of chunks (`pipeline.farm.content_store`) and sends each bundle when the
+previous one has been taken. A few threads serve all requests in turn, one bundle at a time: the
+command never holds more than those bundles in memory.
 """
 
 from __future__ import annotations
@@ -28,54 +28,54 @@ _THREADS = 4
 Answer = Callable[[Mapping[str, Any]], Iterable[Any]]  # a request -> its bundles
 _END = "end"
 _ERROR = "error"
-_inboxes: dict[str, queue.Queue[tuple[str, Any]]] = {}  # on workers: requests that wait
+_inboxes: dict[str, queue.Queue[tuple[str, Any]]] = {}  # on workers: open requests by id
 
 
 @dataclass(frozen=True)
-class Supply:
-    """What a command offers to its workers: by which name they ask, and who answers."""
+class TransferService:
+    """Topic of the workers' requests and the function that answers them."""
 
-    line: str
+    topic: str
     answer: Answer
 
 
-class Courier:
-    """The command's side: answers requests until it is closed."""
+class TransferServer:
+    """The command's side of the transfer: answers requests until it is closed."""
 
-    def __init__(self, client: Client, supply: Supply) -> None:
-        self.client, self.supply = client, supply
-        self._turns: deque[_Request | None] = deque()
-        self._there = threading.Semaphore(0)
+    def __init__(self, client: Client, service: TransferService) -> None:
+        self.client, self.service = client, service
+        self._queue: deque[_Request | None] = deque()
+        self._available = threading.Semaphore(0)
         self._threads = [
-            threading.Thread(target=self._work, name="courier", daemon=True)
+            threading.Thread(target=self._serve, name="transfer", daemon=True)
             for _ in range(_THREADS)
         ]
         for thread in self._threads:
             thread.start()
-        client.subscribe_topic(supply.line, self._asked)
+        client.subscribe_topic(service.topic, self._on_request)
 
     def close(self) -> None:
-        """Answer no more."""
+        """Stop answering requests."""
         with contextlib.suppress(Exception):
-            self.client.unsubscribe_topic(self.supply.line)
-        self._turns.clear()
+            self.client.unsubscribe_topic(self.service.topic)
+        self._queue.clear()
         for _ in self._threads:
             self._add(None)
 
-    def _asked(self, event: tuple[float, dict[str, Any]]) -> None:
+    def _on_request(self, event: tuple[float, dict[str, Any]]) -> None:
         message = event[1]
-        bundles = iter(self.supply.answer(message["request"]))
-        self._add(_Request(message["worker"], message["ticket"], bundles))
+        bundles = iter(self.service.answer(message["request"]))
+        self._add(_Request(message["worker"], message["id"], bundles))
 
     def _add(self, request: _Request | None) -> None:
-        self._turns.append(request)
-        self._there.release()
+        self._queue.append(request)
+        self._available.release()
 
-    def _work(self) -> None:
+    def _serve(self) -> None:
         while True:
-            self._there.acquire()
+            self._available.acquire()
             try:
-                request = self._turns.popleft()
+                request = self._queue.popleft()
             except IndexError:  # closed meanwhile
                 continue
             if request is None:
@@ -83,7 +83,7 @@ class Courier:
             kind, content = request.next_message()
             try:
                 arrived = self.client.run(
-                    _deliver, request.ticket, kind, content, workers=[request.worker]
+                    _deliver, request.id, kind, content, workers=[request.worker]
                 )
             except Exception:  # the worker or the scheduler has gone: nobody waits any more
                 continue
@@ -93,10 +93,10 @@ class Courier:
 
 @dataclass(frozen=True)
 class _Request:
-    """Somebody who waits, and what is still to be sent."""
+    """A worker's open request and the bundles that are still to be sent."""
 
     worker: str
-    ticket: str
+    id: str
     bundles: Iterator[Any]
 
     def next_message(self) -> tuple[str, Any]:
@@ -104,30 +104,30 @@ class _Request:
             return "", next(self.bundles)
         except StopIteration:
             return _END, None
-        except Exception as error:  # of the command's files: it is the worker who must be told
+        except Exception as error:  # reading the command's files failed: the worker reports it
             return _ERROR, " ".join(str(error).split()) or type(error).__name__
 
 
-def ask(line: str, request: Mapping[str, Any]) -> Iterator[Any]:
-    """On a worker, inside a task: the bundles that the command answers with.
+def request_bundles(topic: str, request: Mapping[str, Any]) -> Iterator[Any]:
+    """Yield the bundles with which the command answers a request; call it on a worker, in a task.
 
-    `request` holds what msgpack can carry. Raises `PbrnetError` with the command's own words if
-    it cannot answer, or if nothing comes for `PATIENCE` seconds.
+    `request` holds what msgpack can carry. Raises `PbrnetError` with the command's message if it
+    cannot answer, or if nothing arrives for `PATIENCE` seconds.
     """
-    ticket = uuid.uuid4().hex
+    request_id = uuid.uuid4().hex
     inbox: queue.Queue[tuple[str, Any]] = queue.Queue(1)
-    _inboxes[ticket] = inbox
+    _inboxes[request_id] = inbox
     try:
         worker = get_worker()
-        message = {"worker": worker.address, "ticket": ticket, "request": dict(request)}
-        worker.log_event(line, message)
+        message = {"worker": worker.address, "id": request_id, "request": dict(request)}
+        worker.log_event(topic, message)
         while True:
             try:
                 kind, content = inbox.get(timeout=PATIENCE)
             except queue.Empty:
                 raise PbrnetError(
-                    f"the command has sent nothing for {PATIENCE:.0f} s, though it was asked for "
-                    f"{dict(request).get('scene', 'files')}"
+                    f"a worker requested {dict(request).get('scene', 'files')} and the command "
+                    f"sent nothing for {PATIENCE:.0f} s; run the same command again to resume"
                 ) from None
             if kind == _END:
                 return
@@ -135,14 +135,14 @@ def ask(line: str, request: Mapping[str, Any]) -> Iterator[Any]:
                 raise PbrnetError(content)
             yield content
     finally:
-        del _inboxes[ticket]
+        del _inboxes[request_id]
         with contextlib.suppress(queue.Empty):
-            inbox.get_nowait()  # lets a bundle in that was waiting at the door
+            inbox.get_nowait()  # unblocks a delivery that waits for room in the inbox
 
 
-async def _deliver(ticket: str, kind: str, content: Any) -> bool:
-    """Runs on a worker: whether somebody still waits for this; returns when it is taken in."""
-    inbox = _inboxes.get(ticket)
+async def _deliver(request_id: str, kind: str, content: Any) -> bool:
+    """Put a message into a request's inbox, on the worker; False if the request is closed."""
+    inbox = _inboxes.get(request_id)
     if inbox is None:
         return False
     await asyncio.to_thread(inbox.put, (kind, content))

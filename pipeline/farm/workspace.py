@@ -1,9 +1,9 @@
-"""Where a worker finds scenes and leaves what it made: in the command's data folder, or by dask.
+"""Files of a worker: read and written in the shared data folder, or transferred through dask.
 
 A worker that sees the data folder reads and writes there, and only paths travel. Any other worker
-is sent each scene once, keeps it in a store of its own machine, and hands its files back to the
-command, which writes them. `farm.transfer` says which: `shared`, `send`, or `auto`, which looks for
-a file of this run's in the data folder.
+receives each scene once, keeps it in a store on its own machine, and returns its files to the
+command, which writes them. The parameter `farm.transfer` chooses: `shared`, `send`, or `auto`,
+which looks for this run's token file in the data folder.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
-from pipeline.farm.content_store import Part, Piece, Store, list_pieces, read_parts
+from pipeline.farm.content_store import Chunk, ContentStore, StoredFile, list_files, read_chunks
 from pipeline.farm.scene_digest import scene_digest
-from pipeline.farm.transfer import Supply, ask
+from pipeline.farm.transfer import TransferService, request_bundles
 from scenes.checked import plain
 from scenes.errors import InputError, MachineError
 from scenes.files import atomic_file, digest_bytes, machine_errors
 
 Transfer = Literal["auto", "shared", "send"]
 _TOKEN = ".farm-"
-_KNOWN = 64  # scenes whose lists of files the command remembers
+_CACHED_LISTS = 64  # scenes whose lists of files the command keeps in memory
 
 
 @dataclass(frozen=True)
-class Site:
-    """What a worker must know of the command's data folder."""
+class Workspace:
+    """The command's data folder, as workers are told about it."""
 
     data: Path
     transfer: Transfer
-    token: str  # a file in the data folder that only this run's folder has
-    line: str  # by which the command answers
-    cache_mb: int  # of scenes that a machine keeps
+    token: str  # name of a file that exists only in this run's data folder
+    topic: str  # on which the command answers requests for files
+    cache_mb: int  # of received scenes that a machine keeps
 
     @property
-    def mark(self) -> Path:
-        """The token's whole path."""
+    def token_path(self) -> Path:
+        """Absolute path of the token file."""
         return self.data / self.token
 
 
@@ -56,8 +56,8 @@ class SentFile:
 
 
 @contextlib.contextmanager
-def open_site(data: Path, transfer: Transfer, cache_mb: int) -> Iterator[Site]:
-    """A site for one run over `data`, which this process has locked."""
+def open_workspace(data: Path, transfer: Transfer, cache_mb: int) -> Iterator[Workspace]:
+    """Create the workspace of one run over `data`, which this process has locked."""
     for old in data.glob(f"{_TOKEN}*"):
         old.unlink(missing_ok=True)
     data = Path(data).resolve()
@@ -66,93 +66,95 @@ def open_site(data: Path, transfer: Transfer, cache_mb: int) -> Iterator[Site]:
     with machine_errors(token):
         token.touch()
     try:
-        yield Site(data, transfer, token.name, f"pbrnet-files-{name}", cache_mb)
+        yield Workspace(data, transfer, token.name, f"pbrnet-files-{name}", cache_mb)
     finally:
         token.unlink(missing_ok=True)
 
 
-def supply(site: Site) -> Supply:
-    """What the command answers its workers: a scene's list of files, and the files themselves."""
-    lists = lru_cache(_KNOWN)(lambda scene: list_pieces(site.data / "scenes" / scene))
+def scene_service(workspace: Workspace) -> TransferService:
+    """Return the service that sends a scene's list of files, and the files, to workers."""
+    lists = lru_cache(_CACHED_LISTS)(lambda scene: list_files(workspace.data / "scenes" / scene))
 
     def answer(request: Mapping[str, Any]) -> Iterator[Any]:
         scene, wanted = request["scene"], request.get("wanted")
-        folder = site.data / "scenes" / scene
-        if folder.parent != site.data / "scenes" or not folder.is_dir():
+        folder = workspace.data / "scenes" / scene
+        if folder.parent != workspace.data / "scenes" or not folder.is_dir():
             raise InputError(f"{folder}: no such scene")
         if wanted is None:
-            yield [plain(piece) for piece in lists(scene)]
+            yield [plain(file) for file in lists(scene)]
         else:
-            yield from read_parts(folder, lists(scene), wanted)
+            yield from read_chunks(folder, lists(scene), wanted)
 
-    return Supply(site.line, answer)
-
-
-_site: Site | None = None
+    return TransferService(workspace.topic, answer)
 
 
-def use_site(site: Site | None) -> None:
-    """Set where this worker process works; None: where the jobs say."""
-    global _site
-    _site = site
+_workspace: Workspace | None = None
+
+
+def use_workspace(workspace: Workspace | None) -> None:
+    """Set the workspace of this worker process; None: the paths in the jobs are used as given."""
+    global _workspace
+    _workspace = workspace
 
 
 def shares_data() -> bool:
-    """Whether this worker works in the command's data folder.
+    """Return whether this worker reads and writes in the command's data folder.
 
-    Raises `MachineError` if it must, but does not see it.
+    Raises `MachineError` if it must, but does not see the folder.
     """
-    if _site is None or _site.transfer == "send":
-        return _site is None
-    if _site.transfer == "shared":
-        require_data(_site)
-    return _site.mark.is_file()
+    if _workspace is None or _workspace.transfer == "send":
+        return _workspace is None
+    if _workspace.transfer == "shared":
+        require_data(_workspace)
+    return _workspace.token_path.is_file()
 
 
-def require_data(site: Site) -> None:
+def require_data(workspace: Workspace) -> None:
     """Raise `MachineError` unless this worker sees the command's data folder."""
-    if not site.mark.is_file():
+    if not workspace.token_path.is_file():
         raise MachineError(
-            f"a worker does not see {site.data}: all workers need the project folder under the "
-            "same path; with farm.transfer: auto, those that render are sent what they need"
+            f"a worker does not see {workspace.data}: every worker needs the project folder under "
+            "the same path, or farm.transfer: auto, which sends scenes to those that render"
         )
 
 
 @contextlib.contextmanager
 def scene_folder(folder: Path, digest: str) -> Iterator[Path]:
-    """The scene with this digest, as a folder that this worker can read.
+    """Provide the scene with this digest as a folder that this worker can read.
 
-    `folder` is where the command has it. With `auto`, a worker that does not share the data folder
-    takes its own copy at that place if it is the same scene; else it is sent it.
+    `folder` is its path on the command's machine. With `auto`, a worker that does not share the
+    data folder uses its own copy at that path if the digest matches; otherwise it receives one.
     """
-    if shares_data() or (_site and _site.transfer == "auto" and _is_scene(folder, digest)):
+    if shares_data() or (
+        _workspace and _workspace.transfer == "auto" and _has_digest(folder, digest)
+    ):
         yield folder
     else:
-        assert _site is not None
-        copy = _sent_scene(_site, folder.name, digest)
+        assert _workspace is not None
+        copy = _received_scene(_workspace, folder.name, digest)
         try:
             yield copy
         finally:
             shutil.rmtree(copy, ignore_errors=True)
 
 
-def _sent_scene(site: Site, scene: str, digest: str) -> Path:
-    """A private folder with the scene; whatever the store lacks comes from the command."""
-    store = Store(_cache_folder(), site.cache_mb << 20)
-    (listed,) = ask(site.line, {"scene": scene})
-    pieces = [Piece(**piece) for piece in listed]
+def _received_scene(workspace: Workspace, scene: str, digest: str) -> Path:
+    """Return a private folder with the scene; requests the files that the store lacks."""
+    store = ContentStore(_cache_folder(), workspace.cache_mb << 20)
+    (listed,) = request_bundles(workspace.topic, {"scene": scene})
+    files = [StoredFile(**file) for file in listed]
 
-    def fetch(wanted: Sequence[int]) -> Iterable[Sequence[Part]]:
-        return ask(site.line, {"scene": scene, "wanted": list(wanted)})
+    def fetch(wanted: Sequence[int]) -> Iterable[Sequence[Chunk]]:
+        return request_bundles(workspace.topic, {"scene": scene, "wanted": list(wanted)})
 
-    copy = store.folder_of(digest, pieces, fetch, lambda copy: _is_scene(copy, digest))
+    copy = store.assemble(digest, files, fetch, lambda copy: _has_digest(copy, digest))
     store.trim()
     return copy
 
 
 @contextlib.contextmanager
 def writing(path: Path, sent: dict[str, SentFile], name: str) -> Iterator[Path]:
-    """Where to write what belongs at `path`: there, or at a place from which it is sent.
+    """Provide the path to write to: `path` itself, or a temporary one whose file is sent.
 
     In the second case `sent[name]` holds the file afterwards.
     """
@@ -167,7 +169,7 @@ def writing(path: Path, sent: dict[str, SentFile], name: str) -> Iterator[Path]:
 
 
 def receive(path: Path, file: SentFile) -> None:
-    """On the command's machine: write a file that a worker has sent, by rename.
+    """Write a file that a worker has sent, by rename, on the command's machine.
 
     Raises `InputError` if it was damaged on the way.
     """
@@ -177,7 +179,7 @@ def receive(path: Path, file: SentFile) -> None:
         partial.write_bytes(file.content)
 
 
-def _is_scene(folder: Path, digest: str) -> bool:
+def _has_digest(folder: Path, digest: str) -> bool:
     try:
         return scene_digest(folder) == digest
     except (InputError, OSError):
@@ -185,6 +187,6 @@ def _is_scene(folder: Path, digest: str) -> bool:
 
 
 def _cache_folder() -> Path:
-    """`PBRNET_CACHE`, or a folder of this user's on the machine's temporary disk."""
+    """Return `PBRNET_CACHE`, or a folder of this user's on the machine's temporary disk."""
     named = os.environ.get("PBRNET_CACHE")
     return Path(named) if named else Path(tempfile.gettempdir()) / f"pbrnet-cache-{os.geteuid()}"

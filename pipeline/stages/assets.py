@@ -1,7 +1,8 @@
-"""The `assets` stage: catalogues found or fetched, every piece converted once, and the index.
+"""The `assets` stage: furniture catalogues, converted piece by piece, and their index.
 
-Off by default; then the index is empty and nothing is fetched. A piece whose fingerprint holds is
-kept, so a killed run resumes and a changed catalogue or parameter never leaves stale pieces.
+Off by default; then the index is empty and nothing is fetched. A piece is kept while its
+fingerprint holds: a killed run resumes, and a changed catalogue, parameter or converter leaves no
+stale pieces.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ from typing import Any
 
 from pipeline.farm.cluster import Farm
 from pipeline.farm.scheduling import Item
-from pipeline.farm.workspace import open_site
+from pipeline.farm.workspace import open_workspace
 from pipeline.params import Params
 from pipeline.progress import Progress
 from pipeline.records import data_lock
 from pipeline.stages.render_jobs import use_code
-from pipeline.versions import code_version
+from pipeline.versions import code_version, source_revision
 from scenes.assets.index import (
     Asset,
     Index,
@@ -43,22 +44,23 @@ from scenes.params import AssetParams
 from scenes.sweethome.catalogue.convert import convert, piece_fingerprint
 from scenes.sweethome.catalogue.library import Library, UnusablePiece, read_library
 
-INSTALLED = Path("/usr/share/sweethome3d/furniture")  # where Debian's packages put catalogues
+INSTALLED = Path("/usr/share/sweethome3d/furniture")  # catalogues of Debian's packages
 SUFFIX = ".sh3f"
-_DOWNLOADS = "packages"  # below data/assets: what was fetched, so that it is fetched once
+_DOWNLOADS = "packages"  # below data/assets: fetched packages
 _PATIENCE = 900.0  # seconds for apt-get
-_SHOWN = 10  # refused pieces named on the terminal; all of them are in the index
+_SHOWN = 10  # refused pieces listed on the terminal; the index holds all of them
+_CONVERTER = "scenes.sweethome.catalogue.convert"
 
 
 class AssetError(PbrnetError):
-    """Everything else was done, but some pieces failed in a way that another run may mend."""
+    """Some pieces failed for reasons outside of them, and everything else is done."""
 
     exit_code = 1
 
 
 @dataclass(frozen=True)
 class _Source:
-    """A catalogue file and, where it was fetched, the package and version it came in."""
+    """A catalogue file, and the package and version it was fetched in, or an empty string."""
 
     path: Path
     package: str
@@ -77,7 +79,7 @@ class _PieceJob:
 
 @dataclass(frozen=True)
 class AssetSummary:
-    """What the stage did."""
+    """The new index, and numbers of pieces made, kept and removed."""
 
     index: Index
     made: int
@@ -87,7 +89,7 @@ class AssetSummary:
 
     def __str__(self) -> str:
         if not self.index.libraries:
-            return "assets: catalogues are off (assets.enabled), nothing to fetch"
+            return "assets: no furniture catalogues (assets.enabled is false)"
         total = len(self.index.pieces) + len(self.index.refused)
         lines = [
             f"assets: {self.made} made, {self.kept} kept, {self.removed} removed, "
@@ -108,8 +110,8 @@ class AssetSummary:
 def run_assets(data: Path, params: Params, scheduler: str | None = None) -> AssetSummary:
     """Fill `data/assets` and write its index.
 
-    Raises `MachineError` where catalogues are asked for and cannot be had, `InputError` where a
-    catalogue file is damaged, `AssetError` where pieces failed for other reasons than their own.
+    Raises `MachineError` if a catalogue cannot be found or fetched, `InputError` if a catalogue
+    file is damaged, `AssetError` if pieces failed for reasons outside of them.
     """
     started = time.monotonic()
     data = Path(data).resolve()
@@ -118,14 +120,14 @@ def run_assets(data: Path, params: Params, scheduler: str | None = None) -> Asse
         root.mkdir(parents=True, exist_ok=True)
         remove_partials(root)
         if not params.assets.enabled:
-            removed = _remove_strangers(root, {})
+            removed = _remove_orphans(root, {})
             save_index(root, Index())
             return AssetSummary(Index(), 0, 0, removed, time.monotonic() - started)
         sources = find_catalogues(params.assets, root)
         libraries = _read_all(sources)
         jobs, refused = _jobs(root, libraries, params.assets)
-        removed = _remove_strangers(root, jobs)
-        kept = {key: entry(asset) for key, job in jobs.items() if (asset := _held(job))}
+        removed = _remove_orphans(root, jobs)
+        kept = {key: entry(asset) for key, job in jobs.items() if (asset := _current(job))}
         work = [job for key, job in jobs.items() if key not in kept]
         made, failures = _convert_all(data, params, scheduler, work, len(kept), refused)
         index = Index(
@@ -138,17 +140,19 @@ def run_assets(data: Path, params: Params, scheduler: str | None = None) -> Asse
             named = "\n".join(f"  {failure}" for failure in failures[:_SHOWN])
             raise AssetError(
                 f"assets: {len(failures)} pieces failed, {len(made)} made, {len(kept)} kept\n"
-                f"{named}\nRun the same command again to retry."
+                f"{named}\nEverything else is done; run the same command again to retry."
             )
         return AssetSummary(index, len(made), len(kept), removed, time.monotonic() - started)
 
 
 def find_catalogues(params: AssetParams, root: Path) -> list[_Source]:
-    """The catalogue files that the parameters ask for, sorted; fetches packages where need be."""
+    """Return the catalogue files that the parameters name, sorted; fetch missing packages."""
     if params.folder:
         folder = Path(params.folder).expanduser()
         if not folder.is_dir():
-            raise MachineError(f"assets.folder: {folder} is no folder; put {SUFFIX} files there")
+            raise MachineError(
+                f"assets.folder: {folder} is not a folder; name one that holds {SUFFIX} files"
+            )
         found = [_Source(path, "") for path in _catalogues(folder)]
         if not found:
             raise MachineError(f"assets.folder: no {SUFFIX} file in {folder}")
@@ -162,8 +166,8 @@ def find_catalogues(params: AssetParams, root: Path) -> list[_Source]:
         folder = root / _DOWNLOADS / package
         if not (folder / "package.json").is_file():
             _fetch(package, folder)
-        told = read_json(folder / "package.json")
-        label = f"{package} {told.get('version', '')}".strip()
+        facts = read_json(folder / "package.json")
+        label = f"{package} {facts.get('version', '')}".strip()
         sources += [_Source(path, label) for path in _catalogues(folder)]
     return list({source.path.name: source for source in sources}.values())
 
@@ -185,7 +189,7 @@ def _installed_version(package: str) -> str:
 
 
 def _fetch(package: str, out: Path) -> None:
-    """Download a Debian package, unpack its catalogues into the folder `out`."""
+    """Download a Debian package and unpack its catalogues into the folder `out`."""
     advice = (
         f"; set assets.folder to a folder with {SUFFIX} files, install the package, "
         "or set assets.enabled to false"
@@ -195,7 +199,7 @@ def _fetch(package: str, out: Path) -> None:
         _command(["apt-get", "download", package], folder, f"cannot fetch {package}", advice)
         debs = sorted(folder.glob("*.deb"))
         if not debs:
-            raise MachineError(f"assets: apt-get left no package for {package}{advice}")
+            raise MachineError(f"assets: apt-get downloaded no package for {package}{advice}")
         unpack = ["dpkg-deb", "--extract", str(debs[0]), str(folder / "tree")]
         _command(unpack, folder, f"cannot unpack {debs[0].name}", advice)
         found = [path for path in sorted((folder / "tree").rglob(f"*{SUFFIX}")) if path.is_file()]
@@ -220,16 +224,18 @@ def _command(command: Sequence[str], folder: Path, what: str, advice: str) -> No
             command, cwd=folder, capture_output=True, text=True, timeout=_PATIENCE, check=False
         )
     except FileNotFoundError:
-        raise MachineError(f"assets: {what}: there is no {command[0]} here{advice}") from None
+        raise MachineError(f"assets: {what}: {command[0]} is not installed{advice}") from None
     except subprocess.TimeoutExpired:
-        raise MachineError(f"assets: {what}: no end after {_PATIENCE:.0f} s{advice}") from None
+        raise MachineError(
+            f"assets: {what}: not finished after {_PATIENCE:.0f} s{advice}"
+        ) from None
     if done.returncode:
-        said = (done.stderr.strip() or done.stdout.strip() or "no message").splitlines()[-1]
-        raise MachineError(f"assets: {what}: {said}{advice}")
+        message = (done.stderr.strip() or done.stdout.strip() or "no message").splitlines()[-1]
+        raise MachineError(f"assets: {what}: {message}{advice}")
 
 
 def _read_all(sources: Iterable[_Source]) -> list[tuple[_Source, str, Library]]:
-    """Each catalogue with its digest; two that would share a folder are refused."""
+    """Read each catalogue with its digest; two that would share a folder are refused."""
     libraries: list[tuple[_Source, str, Library]] = []
     for source in sources:
         library = read_library(source.path)
@@ -245,6 +251,7 @@ def _jobs(
 ) -> tuple[dict[str, _PieceJob], list[Refused]]:
     jobs: dict[str, _PieceJob] = {}
     refused: list[Refused] = []
+    revision = source_revision(_CONVERTER)
     for source, sha256, library in libraries:
         refused += [Refused(*row) for row in library.refused]
         provenance = Provenance(
@@ -261,27 +268,29 @@ def _jobs(
                 piece,
                 root / piece.key,
                 provenance,
-                piece_fingerprint(piece, sha256, params.max_triangles, params.texture_size),
+                piece_fingerprint(
+                    piece, sha256, params.max_triangles, params.texture_size, revision
+                ),
                 params.max_triangles,
                 params.texture_size,
             )
     return jobs, refused
 
 
-def _held(job: _PieceJob) -> Asset | None:
-    """The piece on disk if it is whole and was made from the same, else None."""
+def _current(job: _PieceJob) -> Asset | None:
+    """Return the piece on disk if it is complete and has the job's fingerprint, else None."""
     try:
         asset = load_asset(job.out)
     except InputError:
         return None
     files = [part.mesh for part in asset.parts]
     files += [name for part in asset.parts for name in (part.texture, part.alpha) if name]
-    whole = asset.fingerprint == job.fingerprint and all((job.out / f).is_file() for f in files)
-    return asset if whole else None
+    current = asset.fingerprint == job.fingerprint and all((job.out / f).is_file() for f in files)
+    return asset if current else None
 
 
 def convert_piece(job: _PieceJob) -> dict[str, Any]:
-    """What a worker does: convert one piece. A refusal is a result, not a failure."""
+    """Convert one piece on a worker; a refusal is a result, not a failure."""
     try:
         asset = convert(
             job.source,
@@ -305,7 +314,7 @@ def _convert_all(
     kept: int,
     refused: list[Refused],
 ) -> tuple[dict[str, Usable], list[str]]:
-    """The usable pieces among `jobs`, and failures in words; adds to `refused`."""
+    """Return the usable pieces among `jobs` and the failures; adds to `refused`."""
     made: dict[str, Usable] = {}
     failures: list[str] = []
     if not jobs:
@@ -314,12 +323,13 @@ def _convert_all(
     items = [Item(key, key.partition("/")[0], job) for key, job in by_key.items()]
     with (
         Progress(kept + len(items), "assets", "pieces") as progress,
-        open_site(data, params.farm.transfer, params.farm.cache_mb) as site,
+        open_workspace(data, params.farm.transfer, params.farm.cache_mb) as workspace,
     ):
         progress.advance(kept)
         try:
-            setup = partial(use_code, code_version(), site)
-            with Farm(params.farm, scheduler, setup, len(items), needed=site.mark) as farm:
+            setup = partial(use_code, code_version(), workspace)
+            needed = workspace.token_path
+            with Farm(params.farm, scheduler, setup, len(items), needed=needed) as farm:
                 for outcome in farm.run(convert_piece, items):
                     job = by_key[outcome.key]
                     if outcome.error:
@@ -357,11 +367,11 @@ def _entries(
     )
 
 
-def _remove_strangers(root: Path, wanted: dict[str, Any]) -> int:
-    """Remove converted pieces that nothing asks for any more; downloads stay."""
+def _remove_orphans(root: Path, wanted: dict[str, Any]) -> int:
+    """Remove converted pieces that are no longer wanted; downloads stay."""
     removed = 0
-    for marker in sorted(root.glob("*/*/piece.json")):
-        folder = marker.parent
+    for file in sorted(root.glob("*/*/piece.json")):
+        folder = file.parent
         if folder.relative_to(root).as_posix() not in wanted:
             shutil.rmtree(folder)
             removed += 1

@@ -1,7 +1,7 @@
-"""What workers do that render: sample a scene's cameras, render a frame. One function each.
+"""Work functions of the rendering stages: sample a scene's cameras, render a view's frames.
 
-A job is a small frozen dataclass that travels to the worker; the result is small, too. Pixels
-go from the worker to the disk, or where the worker does not see it, back to the command as files.
+A job is a small frozen dataclass that travels to the worker, and the result is small, too. The
+worker writes pixels to the data folder or, if it does not see that, returns them as files.
 """
 
 from __future__ import annotations
@@ -17,7 +17,14 @@ from typing import Any, cast
 import drjit as dr
 import psutil
 
-from pipeline.farm.workspace import SentFile, Site, require_data, scene_folder, use_site, writing
+from pipeline.farm.workspace import (
+    SentFile,
+    Workspace,
+    require_data,
+    scene_folder,
+    use_workspace,
+    writing,
+)
 from pipeline.frames import Channels, Kind, frame_path, write_frame
 from pipeline.params import Params, Variant
 from pipeline.passes.registry import PASSES, Result, camera_of, pass_seed, render_truths
@@ -54,7 +61,7 @@ class CameraJob:
 
 @dataclass(frozen=True)
 class FrameJob:
-    """Render one kind of frame of one view, or both of its truths."""
+    """Render one kind of frame of one view, or shading and colour together."""
 
     data: Path
     view: View
@@ -63,29 +70,30 @@ class FrameJob:
     fingerprints: dict[Kind, str]  # of the frames to write
 
 
-def use_code(code: str, site: Site, threads: int) -> None:
-    """Set-up of workers that do not render.
+def use_code(code: str, workspace: Workspace, threads: int) -> None:
+    """Set up a worker that does not render.
 
-    Raises `MachineError` if theirs is not the `code` of `pipeline.versions`, or if they do not
-    see the data folder: their scenes and models would stay with them.
+    Raises `MachineError` if its code version is not `code` (`pipeline.versions`), or if it does
+    not see the data folder, into which it must write.
     """
     require_code(code)
-    require_data(site)
+    require_data(workspace)
 
 
-def use_renderer(variant: str, renderer: str, code: str, site: Site | None, threads: int) -> None:
-    """Set-up of workers that render: the variant and the threads, once per process; and where
-    scenes are found and frames left.
+def use_renderer(
+    variant: str, renderer: str, code: str, workspace: Workspace | None, threads: int
+) -> None:
+    """Set up a worker that renders: its workspace, Mitsuba variant and number of threads.
 
-    Raises `MachineError` if this worker runs other code, cannot render with `variant`, or its
-    renderer is not the `renderer` that the fingerprints were made for.
+    Raises `MachineError` if this worker runs other code, cannot render with `variant`, or has
+    another `renderer` than the one in the fingerprints.
     """
     global _threads_set
     require_code(code)
-    use_site(site)
+    use_workspace(workspace)
     set_variant(cast(Variant, variant))
-    # Workers that compile the same kernel at the same time race for its place in Dr.Jit's cache,
-    # and one of them warns; that is harmless.
+    # Workers that compile the same kernel at the same time race for one entry of Dr.Jit's cache,
+    # and one of them prints a harmless warning.
     dr.set_log_level(dr.LogLevel.Error)
     if renderer_version() != renderer:
         raise MachineError(
@@ -109,10 +117,10 @@ def sample_scene(job: CameraJob) -> dict[str, Any]:
 
 
 def render_frames(job: FrameJob) -> dict[str, Any]:
-    """Render a job's frames and write them; returns what the ledger wants to know.
+    """Render a job's frames and write them; return costs, failures and files to send.
 
-    A frame's pixels are the same whether it is rendered alone or with its sister. Where one of
-    two cannot be rendered, the other is, and `failed` says by its kind why not.
+    Shading and colour have the same pixels whether they are rendered alone or together. If one of
+    them cannot be rendered, the other still is; `failed` holds the message by kind.
     """
     opened, opening = _opened(job.data / "scenes" / job.view.scene_id, job.scene_digest)
     rendered, failed = _rendered(opened, job)
@@ -123,7 +131,7 @@ def render_frames(job: FrameJob) -> dict[str, Any]:
 
 
 def _rendered(opened: RenderScene, job: FrameJob) -> tuple[dict[Kind, Result], dict[Kind, str]]:
-    """The frames that are wanted, and of those that cannot be, why."""
+    """Return the job's frames by kind, and the error messages of those that failed."""
     if len(job.fingerprints) > 1:
         with contextlib.suppress(InputError):
             both = render_truths(opened, job.view, job.params, _seed(job, "color"))
@@ -151,7 +159,7 @@ def _write(
     stats: dict[str, Any],
     sent: dict[str, SentFile],
 ) -> dict[str, Any]:
-    """Write one frame, or add it to what is `sent`; returns its columns of the ledger."""
+    """Write one frame, or add it to `sent`; return its columns of the ledger."""
     with writing(frame_path(job.data, kind, job.view), sent, kind) as path:
         write_frame(
             path,
@@ -174,16 +182,16 @@ def _write(
 
 
 def memory_columns() -> dict[str, float]:
-    """This process's columns of the ledger: the memory that it holds, and the most so far, MB."""
+    """Return this process's ledger columns: its memory now and its peak so far, in MB."""
     now = psutil.Process().memory_info().rss / (1 << 20)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return {"memory_mb": now, "peak_mb": max(now, peak)}
 
 
 def _opened(folder: Path, digest: str) -> tuple[RenderScene, dict[str, Any]]:
-    """The scene, from this process's few open ones if its content is the same.
+    """Return the open scene with this digest, and the ledger's columns about opening it.
 
-    Also the ledger's columns on it: `opening` seconds, and whether this is its `first` use.
+    The columns are the `opening` seconds and whether this is the process's `first` use of it.
     """
     started = time.perf_counter()
     key = (str(folder), digest)

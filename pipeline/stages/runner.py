@@ -1,7 +1,7 @@
-"""What all stages that fill the data folder do alike: a plan, the farm at work on it, its books.
+"""Execution of a stage's plan on the farm, with its ledger, failures and summary.
 
-A stage adds to its `Work` what is to be made; `carry_out` has the farm make it, and `finish`
-removes what could not be made, writes the list of failures and says what was done.
+A stage adds its outdated files to a `StagePlan`; `execute` makes them on the farm; `finish` removes
+files that could not be made again, writes the list of failures and returns the summary.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from typing import Any, TypeVar
 
 from pipeline.costs.estimates import estimator
 from pipeline.costs.ledger import Ledger, read_ledger
-from pipeline.farm.cluster import Farm, Outcome
+from pipeline.farm.cluster import Farm
 from pipeline.farm.scheduling import Item
-from pipeline.farm.transfer import Supply
-from pipeline.farm.workspace import open_site, receive, supply
+from pipeline.farm.transfer import TransferService
+from pipeline.farm.worker import Outcome
+from pipeline.farm.workspace import open_workspace, receive, scene_service
 from pipeline.params import Params
 from pipeline.progress import Progress
 from pipeline.records import Failure, save_failures
@@ -32,18 +33,18 @@ from scenes.files import remove_partials
 
 A = TypeVar("A")
 B = TypeVar("B")
-_SHOWN = 20  # failures named on the terminal; all of them are in data/failures
+_SHOWN = 20  # failures listed on the terminal; data/failures holds all of them
 
 
 class StageError(PbrnetError):
-    """Everything else was done, but some scenes or views failed; the text names them."""
+    """Some scenes or views failed, and everything else is done; the message lists them."""
 
     exit_code = 1
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What a stage did."""
+    """Numbers of files that a stage made, kept and removed, and its time in seconds."""
 
     stage: str
     made: int
@@ -59,7 +60,7 @@ class Summary:
 
 @dataclass(frozen=True)
 class Target:
-    """What an item writes: a frame, a camera file or a scene, and by what names it is listed."""
+    """A file or folder that an item writes, with its stage, scene and view in the ledger."""
 
     path: Path
     stage: str
@@ -68,54 +69,55 @@ class Target:
 
 
 @dataclass
-class Work:
-    """A stage's plan: what is to be done, how, and what is already known to fail."""
+class StagePlan:
+    """Items that a stage runs on the farm, their work function, and failures known beforehand."""
 
     stage: str
-    unit: str
+    unit: str  # plural noun for the progress bar
     work: Callable[[Any], Any]
     items: list[Item] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
     kept: int = 0
     removed: int = 0
-    renders: bool = True
-
-    targets: dict[str, list[Target]] = field(default_factory=dict)  # key -> what the item writes
+    renders: bool = True  # whether the workers need a renderer and the scenes' files
+    targets: dict[str, list[Target]] = field(default_factory=dict)  # by the item's key
 
     def add(self, job: Any, *targets: Target) -> None:
-        """Add an item; what lies at its targets now is out of date."""
+        """Add an item; the files now at its targets are out of date."""
         first = targets[0]
         key = f"{'+'.join(target.stage for target in targets)}/{first.scene_id}/{first.view_id}"
         self.items.append(Item(key, first.scene_id, job))
         self.targets[key] = list(targets)
 
 
-def carry_out(
-    data: Path, params: Params, scheduler: str | None, work: Work, renderer: str = ""
+def execute(
+    data: Path, params: Params, scheduler: str | None, plan: StagePlan, renderer: str = ""
 ) -> dict[Path, bool]:
-    """Have the farm do the work; says of each target whether it was made, and adds to the
-    work's failures."""
-    made = {target.path: False for targets in work.targets.values() for target in targets}
-    if not work.items:
+    """Run the plan's items on the farm; return for each target whether it was made.
+
+    Failures are added to the plan.
+    """
+    made = {target.path: False for targets in plan.targets.values() for target in targets}
+    if not plan.items:
         return made
     ledger = Ledger(data)
     farm_params = params.farm
     with (
-        Progress(work.kept + len(made), work.stage, work.unit) as progress,
-        open_site(data, farm_params.transfer, farm_params.cache_mb) as site,
+        Progress(plan.kept + len(made), plan.stage, plan.unit) as progress,
+        open_workspace(data, farm_params.transfer, farm_params.cache_mb) as workspace,
     ):
-        progress.advance(work.kept)
-        setup: Callable[[int], None] = partial(use_code, code_version(), site)
-        files: Supply | None = None
-        needed: Path | None = site.mark
-        if work.renders:
+        progress.advance(plan.kept)
+        setup: Callable[[int], None] = partial(use_code, code_version(), workspace)
+        service: TransferService | None = None
+        needed: Path | None = workspace.token_path
+        if plan.renders:
             variant = set_variant(farm_params.variant)
-            setup = partial(use_renderer, variant, renderer, code_version(), site)
-            files, needed = supply(site), None
+            setup = partial(use_renderer, variant, renderer, code_version(), workspace)
+            service, needed = scene_service(workspace), None
         try:
-            with Farm(farm_params, scheduler, setup, len(work.items), files, needed) as farm:
-                for outcome in farm.run(work.work, _weighed(data, work)):
-                    made.update(_record(outcome, work, renderer, ledger, progress))
+            with Farm(farm_params, scheduler, setup, len(plan.items), service, needed) as farm:
+                for outcome in farm.run(plan.work, _weighted(data, plan)):
+                    made.update(_record(outcome, plan, renderer, ledger, progress))
         finally:
             for folder in sorted({target.parent for target in made}):
                 remove_partials(folder)
@@ -123,29 +125,29 @@ def carry_out(
     return made
 
 
-def _weighed(data: Path, work: Work) -> list[Item]:
-    """The items, each with the seconds that it may take."""
+def _weighted(data: Path, plan: StagePlan) -> list[Item]:
+    """Return the items with their estimated seconds as weights."""
     estimate = estimator(read_ledger(data))
     return [
         replace(
             item,
             weight=sum(
                 estimate(target.stage, target.scene_id, target.view_id)
-                for target in work.targets[item.key]
+                for target in plan.targets[item.key]
             ),
         )
-        for item in work.items
+        for item in plan.items
     ]
 
 
 def _record(
-    outcome: Outcome, work: Work, renderer: str, ledger: Ledger, progress: Progress
+    outcome: Outcome, plan: StagePlan, renderer: str, ledger: Ledger, progress: Progress
 ) -> dict[Path, bool]:
-    """Book an outcome: failures, costs, progress; says of each of its targets whether it was made.
+    """Record an outcome's files, failures, costs and progress; return which targets were made.
 
-    Frames from one trace share its seconds evenly, so that the ledger's sum is what was spent.
+    Frames of one trace share its seconds evenly, so that the ledger's sum is the time spent.
     """
-    targets, value = work.targets[outcome.key], outcome.value or {}
+    targets, value = plan.targets[outcome.key], outcome.value or {}
     failed, costs = value.get("failed", {}), dict(value.get("costs", {}))
     frames = costs.pop("frames", {})
     errors = {target.path: outcome.error or failed.get(target.stage, "") for target in targets}
@@ -160,7 +162,7 @@ def _record(
         key = (target.stage, target.scene_id, target.view_id)
         if errors[target.path]:
             failure = Failure(*key, errors[target.path])
-            work.failures.append(failure)
+            plan.failures.append(failure)
             progress.write(f"failed: {failure}")
         else:
             ledger.add(
@@ -179,39 +181,40 @@ def _record(
 
 def finish(
     data: Path,
-    work: Work,
+    plan: StagePlan,
     made: dict[Path, bool],
     started: float,
     notes: Callable[[], Iterable[str]] = tuple,
 ) -> Summary:
-    """Remove what is out of date and could not be made again, and write the failures list.
+    """Remove out-of-date files that could not be made again and write the list of failures.
 
-    Raises `StageError` if there is anything on it. (Out-of-date files go only now, not before
-    the work: a run begun by mistake and interrupted loses nothing that it has not replaced.)
+    Raises `StageError` if there are failures. Out-of-date files are removed here and not before
+    `execute`: a run that is started by mistake and interrupted loses only files that it has
+    replaced.
     """
     for path in [path for path, fine in made.items() if not fine]:
         if path.is_dir():
             shutil.rmtree(path)
         else:
             path.unlink(missing_ok=True)
-    failures = sorted(work.failures, key=lambda f: (f.scene_id, f.view_id, f.stage))
-    save_failures(data, work.stage, failures)
+    failures = sorted(plan.failures, key=lambda f: (f.scene_id, f.view_id, f.stage))
+    save_failures(data, plan.stage, failures)
     count = sum(made.values())
     if failures:
         named = [f"  {failure}" for failure in failures[:_SHOWN]]
         if len(failures) > _SHOWN:
             named.append(f"  and {len(failures) - _SHOWN} more")
         raise StageError(
-            f"{work.stage}: {len(failures)} failed, {count} made, {work.kept} kept\n"
+            f"{plan.stage}: {len(failures)} failed, {count} made, {plan.kept} kept\n"
             + "\n".join(named)
-            + f"\nThe whole list is in {data / 'failures' / (work.stage + '.json')}; everything "
-            "else is done. Run the same command again to retry."
+            + f"\nThe whole list is in {data / 'failures' / (plan.stage + '.json')}. Everything "
+            "else is done; run the same command again to retry."
         )
     seconds = time.monotonic() - started
-    return Summary(work.stage, count, work.kept, work.removed, seconds, tuple(notes()))
+    return Summary(plan.stage, count, plan.kept, plan.removed, seconds, tuple(notes()))
 
 
 def threaded(function: Callable[[A], B], values: Sequence[A]) -> list[B]:
-    """Map over values with a few threads: the time goes into reading files."""
+    """Map a function that mostly reads files over values, with a few threads."""
     with ThreadPoolExecutor(4) as pool:
         return list(pool.map(function, values))

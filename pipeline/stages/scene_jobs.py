@@ -1,4 +1,4 @@
-"""Which scenes the parameters ask for: a job and a fingerprint each, and whose a folder is."""
+"""Jobs of the `scenes` stage, one for each home and import that the parameters ask for."""
 
 from __future__ import annotations
 
@@ -9,32 +9,40 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import scenes
-from pipeline.farm.scene_digest import STAGE_MARK
+from pipeline.farm.scene_digest import STAGE_KEY
 from pipeline.frames import fingerprint
 from pipeline.params import Params
 from pipeline.records import Failure
 from pipeline.stages.import_files import digest_import, scene_name
 from pipeline.stages.scene_work import HomeJob, ImportJob, ImportVariant
+from pipeline.versions import source_revision
 from scenes.assets.index import INDEX, load_index
 from scenes.contract import load_scene, scene_folders
 from scenes.errors import InputError
-from scenes.files import digest_bytes, digest_file
+from scenes.files import digest_file
 from scenes.import_options import ImportEntry
 from scenes.seeds import derive
 
+_HOME_CODE = ("scenes.procedural.home", "scenes.contract")
+_IMPORT_CODE = ("scenes.registry", "scenes.variants.vary", "scenes.contract")
+
 
 def home_jobs(root: Path, params: Params) -> Iterable[HomeJob]:
+    """Yield a job for each procedural home and variant, with its fingerprint.
+
+    The fingerprint covers the seed, the parameters, the furniture index and the sources of the
+    generator. Raises `InputError` if catalogue furniture is asked for and there is none.
+    """
     wanted = params.scenes
     yield from _homes(root, params, "home", wanted.homes, wanted.catalogue_share)
     yield from _homes(root, params, "furnished", wanted.furnished_homes, wanted.furnished_share)
 
 
 def _homes(root: Path, params: Params, name: str, count: int, share: float) -> Iterable[HomeJob]:
-    """Homes `name`-0000 and so on, with a share of their furniture from the catalogues."""
+    """Yield homes `name`-0000 and so on, with a share of their furniture from the catalogues."""
     wanted = replace(params.scenes, catalogue_share=share)
     assets = root.parent / "assets"
-    bought: dict[str, Any] = {}
+    catalogue: dict[str, Any] = {}
     if share > 0 and count:
         if not load_index(assets).pieces:
             option = "catalogue_share" if name == "home" else f"{name}_homes"
@@ -42,18 +50,18 @@ def _homes(root: Path, params: Params, name: str, count: int, share: float) -> I
                 f"scenes.{option}: {getattr(params.scenes, option):g}, but {assets} holds no "
                 "furniture; set assets.enabled to true and run first: pbrnet assets"
             )
-        bought = {
+        catalogue = {
             "share": share,
             "triangles": wanted.catalogue_triangles,
             "catalogue": digest_file(assets / INDEX),
         }
-    revision = _revision()
+    revision = source_revision(*_HOME_CODE)
     for index, variant in product(range(count), range(wanted.variants)):
         scene_id = f"{name}-{index:04d}" + (f"-v{variant}" if variant else "")
-        turn = index + (variant if "light" in wanted.vary else 0)
-        lighting = wanted.lighting[turn % len(wanted.lighting)]
+        setting = index + (variant if "light" in wanted.vary else 0)
+        lighting = wanted.lighting[setting % len(wanted.lighting)]
         seed = derive(params.seed, name, index)
-        mark = fingerprint(
+        expected = fingerprint(
             kind="home",
             revision=revision,
             scene_id=scene_id,
@@ -62,24 +70,15 @@ def _homes(root: Path, params: Params, name: str, count: int, share: float) -> I
             rooms=(wanted.rooms_min, wanted.rooms_max),
             texture_size=wanted.texture_size,
             varied=(variant, *sorted(wanted.vary)) if variant else (),
-            **bought,
+            **catalogue,
         )
-        yield HomeJob(root / scene_id, scene_id, wanted, seed, lighting, variant, mark, assets)
-
-
-def _revision() -> str:
-    """A digest of the sources of `scenes`: what they make is made anew when they change.
-
-    They stand for a revision: a scene is made in seconds, and frames ask for its content, not
-    for this.
-    """
-    sources = sorted(Path(scenes.__file__).parent.rglob("*.py"))
-    return digest_bytes(*(digest_file(source).encode() for source in sources))
+        yield HomeJob(root / scene_id, scene_id, wanted, seed, lighting, variant, expected, assets)
 
 
 def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable[ImportJob]:
+    """Yield a job for each import and variant; a missing file is added to `failures`."""
     wanted = params.scenes
-    revision = _revision()
+    revision = source_revision(*_IMPORT_CODE)
     for named in wanted.imports:
         entry = ImportEntry(named) if isinstance(named, str) else named
         path = Path(entry.file).expanduser().resolve()
@@ -87,20 +86,22 @@ def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable
         options = entry.options()
         missing = [one for one in (path, options.get("root", path)) if not one.exists()]
         if missing:
-            words = (
-                f"{entry.file}: no such file" if missing[0] == path else f"{missing[0]}: no root"
+            error = (
+                f"{entry.file}: no such file"
+                if missing[0] == path
+                else f"{missing[0]}: no such folder (root of {entry.file})"
             )
-            failures.append(Failure("scenes", scene_id, "", words))
+            failures.append(Failure("scenes", scene_id, "", error))
             continue
         content: dict[str, Any] = {"content": digest_import(path, entry), "revision": revision}
         if options:
             content["options"] = entry.given()
-        mark = fingerprint(kind="import", scene_id=scene_id, **content)
-        yield ImportJob(root / scene_id, scene_id, path, mark, options)
+        expected = fingerprint(kind="import", scene_id=scene_id, **content)
+        yield ImportJob(root / scene_id, scene_id, path, expected, options)
         seed = derive(params.seed, "import", scene_id)
         for variant in range(1, wanted.variants):
             own_id = f"{scene_id}-v{variant}"
-            mark = fingerprint(
+            expected = fingerprint(
                 kind="import",
                 scene_id=own_id,
                 seed=seed,
@@ -110,27 +111,28 @@ def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable
                 **content,
             )
             made = ImportVariant(scene_id, variant, wanted, seed)
-            yield ImportJob(root / own_id, own_id, path, mark, options, made)
+            yield ImportJob(root / own_id, own_id, path, expected, options, made)
 
 
-def mark_of(folder: Path) -> str | None:
-    """The fingerprint this stage left in a complete scene; None: another tool's, or none.
+def stage_fingerprint(folder: Path) -> str | None:
+    """Return the fingerprint that this stage left in a scene; None if it made no scene there.
 
-    A broken scene of ours counts as ours without fingerprint, to be made again.
+    For a scene that cannot be read it is the empty string: the stage makes it again.
     """
     if not folder.is_dir():
         return None
     try:
-        mark = load_scene(folder).source.get(STAGE_MARK)
+        found = load_scene(folder).source.get(STAGE_KEY)
     except InputError:
         return ""
-    return str(mark) if mark is not None else None
+    return str(found) if found is not None else None
 
 
 def remove_old_scenes(root: Path, wanted: set[str]) -> int:
+    """Remove the scenes of this stage that are not in `wanted`; return how many."""
     removed = 0
     for folder in scene_folders(root):
-        if folder.name not in wanted and mark_of(folder):
+        if folder.name not in wanted and stage_fingerprint(folder):
             shutil.rmtree(folder)
             removed += 1
     return removed

@@ -1,7 +1,7 @@
-"""What workers do that make scenes: a home from a seed, an import, a variant of one.
+"""Work function of the `scenes` stage: a home from a seed, an import, or a variant of an import.
 
-Apart from `pipeline.stages.render_jobs`: workers that render need not load generators and
-importers.
+Separate from `pipeline.stages.render_jobs`, so that workers that render do not load generators
+and importers.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from pipeline.farm.scene_digest import STAGE_MARK
+from pipeline.farm.scene_digest import STAGE_KEY
 from pipeline.stages.render_jobs import memory_columns
 from scenes.contract import Scene, save_scene
 from scenes.params import SceneParams
@@ -36,7 +36,7 @@ class HomeJob:
 
 @dataclass(frozen=True)
 class ImportVariant:
-    """Which variant of an imported scene is wanted: number 1 and up of the scene `of`."""
+    """A variant of the imported scene `of`; `number` is 1 or more."""
 
     of: str
     number: int
@@ -46,7 +46,7 @@ class ImportVariant:
 
 @dataclass(frozen=True)
 class ImportJob:
-    """Bring in one scene of the user's, as it is or as a variant."""
+    """Import one scene file, as it is or as a variant."""
 
     folder: Path
     scene_id: str
@@ -57,7 +57,7 @@ class ImportJob:
 
 
 def make_scene(job: HomeJob | ImportJob) -> dict[str, Any]:
-    """Write one scene folder, marked with what determined it."""
+    """Write one scene folder, with the job's fingerprint in its `scene.json`."""
     if isinstance(job, HomeJob):
         scene = make_home(
             job.folder,
@@ -72,14 +72,14 @@ def make_scene(job: HomeJob | ImportJob) -> dict[str, Any]:
         scene = import_scene(job.path, job.folder, job.scene_id, **job.options)
     else:
         scene = _make_variant(job, job.variant)
-    # Until this mark is written the folder does not hold, so a kill in between costs a repeat.
-    marked = replace(scene, source={**scene.source, STAGE_MARK: job.fingerprint})
-    save_scene(job.folder, marked)
+    # Until the fingerprint is written the folder is out of date: a kill in between costs a repeat.
+    stamped = replace(scene, source={**scene.source, STAGE_KEY: job.fingerprint})
+    save_scene(job.folder, stamped)
     return {"costs": memory_columns()}
 
 
 def _make_variant(job: ImportJob, variant: ImportVariant) -> Scene:
-    """Import the scene once more, beside the data, and vary it."""
+    """Import the scene into a temporary folder and write a variant of it."""
     with tempfile.TemporaryDirectory(prefix="pbrnet-variant-") as folder:
         base = Path(folder) / variant.of
         import_scene(job.path, base, variant.of, **job.options)

@@ -11,7 +11,7 @@ import yaml
 from pipeline.params import Params, load_params
 from pipeline.stages.import_files import digest_import, scene_name
 from pipeline.stages.runner import StageError
-from pipeline.stages.stages import run_scenes
+from pipeline.stages.scenes import run_scenes
 from scenes.contract import load_scene
 from scenes.errors import ParameterError
 from scenes.import_options import ImportEntry
@@ -65,7 +65,7 @@ def test_changed_options_make_a_scene_again(tmp_path: Path, house: str) -> None:
 
 
 def test_one_file_needs_two_names_to_come_in_twice(tmp_path: Path, house: str) -> None:
-    with pytest.raises(Exception, match="two scenes would be named 'house'"):
+    with pytest.raises(Exception, match="two scenes have the id 'house'"):
         run_scenes(tmp_path / "data", params(tmp_path, house, {"file": house, "lamps": "off"}))
 
 
@@ -99,7 +99,7 @@ def test_missing_files_and_roots_are_named(tmp_path: Path, house: str) -> None:
     wanted = params(tmp_path, "gone.sh3d", {"file": str(xml), "root": str(tmp_path / "nowhere")})
     with pytest.raises(StageError, match=r"gone\.sh3d: no such file") as raised:
         run_scenes(tmp_path / "data", wanted)
-    assert "nowhere: no root" in str(raised.value)
+    assert "nowhere: no such folder" in str(raised.value)
 
 
 def test_digests_see_every_file_that_is_named(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from pipeline.cli import cli
 from pipeline.params import load_params
 from pipeline.render.scene import set_variant
-from pipeline.stages.stages import run_scenes
+from pipeline.stages.scenes import run_scenes
 from scenes.color import REC709
 from scenes.contract import Scene, load_scene
 from scenes.files import digest_folder

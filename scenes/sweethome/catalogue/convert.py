@@ -36,7 +36,6 @@ from scenes.sweethome.furnishing.items import ItemPart, SurfaceFinish, area, mer
 from scenes.sweethome.furnishing.lamps import lit_parts
 from scenes.sweethome.furnishing.models import read_model
 
-REVISION = 2  # counts up when the same catalogue would convert to other files
 _MAX_IMAGE = 64 * 2**20  # bytes
 _SIZE_TOLERANCE = 0.01  # of a side
 _THINNEST = 0.001  # metres; flat things are no thicker than their own description says
@@ -302,8 +301,8 @@ def _point(values: Float64Array) -> Point3:
 
 
 def piece_fingerprint(
-    piece: CataloguePiece, sha256: str, max_triangles: int, texture_size: int
+    piece: CataloguePiece, sha256: str, max_triangles: int, texture_size: int, revision: str
 ) -> str:
-    """Of all that determines a converted piece."""
-    words = (REVISION, sha256, piece, max_triangles, texture_size)
-    return digest_bytes(*(repr(word).encode() for word in words))
+    """Return the fingerprint of a converted piece; `revision` is that of the converter's code."""
+    determined_by = (revision, sha256, piece, max_triangles, texture_size)
+    return digest_bytes(*(repr(value).encode() for value in determined_by))

@@ -15,10 +15,12 @@ import psutil
 import pytest
 from distributed import Future
 
-from pipeline.farm import cluster as farm_module
-from pipeline.farm.cluster import Farm, Outcome
-from pipeline.farm.recycling import Wear
-from pipeline.farm.scheduling import Item, Waiting
+from pipeline.farm import cluster
+from pipeline.farm.cluster import Farm
+from pipeline.farm.dispatch import Dispatch
+from pipeline.farm.recycling import WorkerHistory
+from pipeline.farm.scheduling import BatchQueue, Item
+from pipeline.farm.worker import Outcome
 from pipeline.params import FarmParams
 from scenes.errors import MachineError
 from tests.fixtures.dask_processes import dask_cluster, workers_of
@@ -93,9 +95,9 @@ def test_outcomes_that_die_with_their_worker_are_made_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A worker is killed when its batch is finished and its outcomes are not yet fetched."""
-    settle, killed = farm_module._Run.settle, []
+    collect, killed = Dispatch.collect, []
 
-    def kill_first(run: farm_module._Run, future: Future) -> Iterator[Outcome]:
+    def kill_first(run: Dispatch, future: Future) -> Iterator[Outcome]:
         if not killed and future.status == "finished":
             (holder,) = run.client.who_has([future])[future.key]
             killed.append(run.client.run(os.getpid, workers=[holder])[holder])
@@ -104,9 +106,9 @@ def test_outcomes_that_die_with_their_worker_are_made_again(
             while future.status == "finished":
                 assert time.monotonic() < deadline, "the loss of the outcomes was not seen"
                 time.sleep(0.01)
-        yield from settle(run, future)
+        yield from collect(run, future)
 
-    monkeypatch.setattr(farm_module._Run, "settle", kill_first)
+    monkeypatch.setattr(Dispatch, "collect", kill_first)
     slow = {f"k{index}": {"sleep": 0.5} for index in range(6)}  # made again too soon, it is missed
     outcomes = _run(_items(6, **slow), FarmParams(workers=2, batch=2))
     assert killed
@@ -128,15 +130,15 @@ def test_workers_are_replaced_after_so_many_scenes(workers: int, tmp_path: Path)
 
 
 def test_a_process_that_grew_is_replaced_but_not_for_little_or_too_early() -> None:
-    mb, wear = 1 << 20, Wear()
+    mb, history = 1 << 20, WorkerHistory()
     for number, held in enumerate((100, 900, 950, 400, 500)):
-        assert not wear.reason(f"g{number}", held * mb, 100), "settled at 400 MB"
-        wear.begins(f"g{number}", held * mb)
-    assert not wear.reason("g5", 655 * mb, 100)
-    assert wear.reason("g5", 700 * mb, 100) == "700.00 MiB of memory, 400.00 MiB at first"
-    assert not wear.reason("g4", 5000 * mb, 100), "it has this scene open"
-    assert not wear.reason("g5", 5000 * mb, 0)
-    assert "5 scenes" in wear.reason("g5", 400 * mb, 5)
+        assert not history.reason(f"g{number}", held * mb, 100), "settled at 400 MB"
+        history.begin(f"g{number}", held * mb)
+    assert not history.reason("g5", 655 * mb, 100)
+    assert history.reason("g5", 700 * mb, 100) == "700.00 MiB of memory, 400.00 MiB at first"
+    assert not history.reason("g4", 5000 * mb, 100), "it has this scene open"
+    assert not history.reason("g5", 5000 * mb, 0)
+    assert "5 scenes" in history.reason("g5", 400 * mb, 5)
 
 
 def test_a_machine_that_lacks_something_stops_the_run() -> None:
@@ -147,7 +149,7 @@ def test_a_machine_that_lacks_something_stops_the_run() -> None:
 def test_workers_that_die_while_they_start_are_started_again(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    start, failures = farm_module.LocalCluster, [2, 3]
+    start, failures = cluster.LocalCluster, [2, 3]
 
     def dying(**options: Any) -> Any:
         if failures[0]:
@@ -155,10 +157,10 @@ def test_workers_that_die_while_they_start_are_started_again(
             raise RuntimeError("Nanny failed to start.")
         return start(**options)
 
-    monkeypatch.setattr(farm_module, "LocalCluster", dying)
+    monkeypatch.setattr(cluster, "LocalCluster", dying)
     params = FarmParams(workers=1, retries=2)
     assert _run(_items(1), params)["k0"].value == "k0"
-    assert capsys.readouterr().err.count("once more") == 2
+    assert capsys.readouterr().err.count("trying again") == 2
     failures.pop(0)
     with pytest.raises(MachineError, match="could not be started"):
         _run(_items(1), params)
@@ -192,16 +194,16 @@ def test_no_scheduler_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_environment_names_the_scheduler_and_losing_it_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with dask_cluster(tmp_path) as cluster:
-        monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", cluster.address)
+    with dask_cluster(tmp_path) as theirs:
+        monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", theirs.address)
         with Farm(FarmParams(batch=2), None, no_setup, 9) as farm:
             outcomes = list(farm.run(work, _items(9)))
             assert sorted(outcome.value for outcome in outcomes) == [f"k{i}" for i in range(9)]
-            theirs = {process.pid for process in workers_of(cluster.worker)}
-            assert {int(outcome.worker.split(":")[1]) for outcome in outcomes} <= theirs
+            pids = {process.pid for process in workers_of(theirs.worker)}
+            assert {int(outcome.worker.split(":")[1]) for outcome in outcomes} <= pids
             lost = farm.run(work, _items(9, k8={"sleep": 60.0}))
             next(lost)
-            cluster.scheduler.kill()
+            theirs.scheduler.kill()
             with pytest.raises(MachineError, match="scheduler has gone"):
                 list(lost)
 
@@ -209,12 +211,12 @@ def test_the_environment_names_the_scheduler_and_losing_it_is_said(
 def test_waiting_items_keep_a_worker_on_its_scene_and_shrink_at_the_end() -> None:
     sizes = {"small": 3, "big": 20, "middle": 9}
     items = [Item(f"{g}{i}", g, None) for g, size in sizes.items() for i in range(size)]
-    waiting = Waiting(items, batch=4, window=1)
+    queue = BatchQueue(items, batch=4, window=1)
     taken: dict[str, list[tuple[str, int]]] = {"a": [], "b": []}
     seen: list[str] = []
-    while waiting:
+    while queue:
         for worker, log in taken.items():
-            batch = waiting.take(worker, 2)
+            batch = queue.take(worker, 2)
             if batch:
                 assert len({item.group for item in batch}) == 1
                 log.append((batch[0].group, len(batch)))
@@ -226,4 +228,4 @@ def test_waiting_items_keep_a_worker_on_its_scene_and_shrink_at_the_end() -> Non
         assert len(set(changes)) == len(changes)
     last = [log[-1][1] for log in taken.values()]
     assert max(last) <= 2
-    assert waiting.take("a", 2) == ()
+    assert queue.take("a", 2) == ()

@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from pipeline.params import load_params
-from pipeline.stages.stages import run_cameras
+from pipeline.stages.cameras import run_cameras
 from tests.fixtures.paths import ROOT
 from tests.fixtures.stages import write_room
 

@@ -175,7 +175,7 @@ def test_a_worker_with_other_code_is_refused(fresh: Path, tmp_path: Path) -> Non
         dask_worker(address, tmp_path / "theirs", tmp_path / "other"),
     ):
         words = _finish(_start(fresh, "inputs", "--scheduler", address), (4,))
-    assert "a worker runs pbrnet" in words and "bring the same version" in words
+    assert "a worker runs pbrnet" in words and "install the same version" in words
     assert not list(fresh.rglob("*.exr"))
 
 

@@ -10,18 +10,18 @@ import pytest
 
 from pipeline.costs.estimates import estimator
 from pipeline.costs.ledger import Ledger, read_ledger
-from pipeline.farm.scheduling import Item, Waiting
+from pipeline.farm.scheduling import BatchQueue, Item
 
 
 def _makespan(items: list[Item], seconds: dict[str, float], workers: int, opening: float) -> float:
     """Play the farm: every worker takes its next batch as soon as it is done, one in flight."""
-    waiting = Waiting(items, batch=8, window=1)
+    queue = BatchQueue(items, batch=8, window=1)
     clocks = [(0.0, f"w{index}", "") for index in range(workers)]
     done: list[str] = []
     end = 0.0
     while clocks:
         now, worker, group = heapq.heappop(clocks)
-        batch = waiting.take(worker, workers)
+        batch = queue.take(worker, workers)
         if not batch:
             end = max(end, now)
             continue
@@ -57,9 +57,9 @@ def test_with_estimates_workers_end_together(seed: int) -> None:
 def test_the_longest_of_the_largest_scene_comes_first() -> None:
     items = [Item("a0", "a", None, 1.0), Item("a1", "a", None, 1.0), Item("b0", "b", None, 1.0)]
     items += [Item("b1", "b", None, 9.0)]
-    waiting = Waiting(items, batch=1, window=1)
-    assert [waiting.take("w", 1)[0].key for _ in items] == ["b1", "b0", "a0", "a1"]
-    assert not waiting
+    queue = BatchQueue(items, batch=1, window=1)
+    assert [queue.take("w", 1)[0].key for _ in items] == ["b1", "b0", "a0", "a1"]
+    assert not queue
 
 
 def test_estimates_come_from_the_same_thing_or_from_its_scene(tmp_path: Path) -> None:

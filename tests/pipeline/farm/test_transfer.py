@@ -58,8 +58,8 @@ def _results(data: Path) -> dict[str, bytes]:
     }
 
 
-def _pieces(cache: Path) -> dict[Path, float]:
-    return {path: path.stat().st_ctime for path in cache.glob("pieces/*/*")}
+def _cached_files(cache: Path) -> dict[Path, float]:
+    return {path: path.stat().st_ctime for path in cache.glob("files/*/*")}
 
 
 @pytest.fixture(scope="module")
@@ -92,12 +92,12 @@ def test_workers_elsewhere_make_the_same_bits(fresh: Path, local: Path, tmp_path
         dask_worker(address, place, hidden=fresh, processes=2),
     ):
         _run(fresh, "cameras", "--scheduler", address)
-        there = _pieces(place / "cache")
+        there = _cached_files(place / "cache")
         scenes = [p for p in (fresh / "scenes").rglob("*") if p.is_file()]
         assert len(there) == len({path.read_bytes() for path in scenes}), "each content, once"
         for stage in STAGES[1:]:
             _run(fresh, stage, "--scheduler", address)
-        after = _pieces(place / "cache")
+        after = _cached_files(place / "cache")
         assert after.keys() == there.keys(), "nothing was sent again"
     assert _results(fresh) == _results(local)
     assert not [path for path in fresh.rglob("*") if path.name.startswith((".partial", ".farm"))]
@@ -112,14 +112,14 @@ def test_a_damaged_copy_is_found_and_sent_again(fresh: Path, local: Path, tmp_pa
     ):
         _run(fresh, "cameras", "--scheduler", address)
         xml = (fresh / "scenes" / "alpha" / "scene.xml").read_bytes()
-        (piece,) = [path for path in _pieces(place / "cache") if path.read_bytes() == xml]
-        piece.write_bytes(xml.replace(b"0.5", b"0.7", 1))
+        (cached,) = [path for path in _cached_files(place / "cache") if path.read_bytes() == xml]
+        cached.write_bytes(xml.replace(b"0.5", b"0.7", 1))
     with (  # other processes: the first may have the scene open
         dask_scheduler(tmp_path / "two") as (address, _),
         dask_worker(address, place, hidden=fresh),
     ):
         _run(fresh, "groundtruth", "--scheduler", address)
-    assert piece.read_bytes() == xml
+    assert cached.read_bytes() == xml
     whole = _results(local)
     assert all(whole[name] == pixels for name, pixels in _results(fresh).items())
 
@@ -159,7 +159,7 @@ def test_a_folder_that_must_be_shared_is_asked_for(fresh: Path, tmp_path: Path) 
         assert "does not see" in said and "farm.transfer: auto" in said
         shutil.rmtree(fresh / "scenes")
         said = _run(fresh, "scenes", "--scheduler", address)
-        assert "done by workers of this machine" in said
+        assert "runs on local workers instead" in said
     assert (fresh / "scenes" / "home-0000" / "scene.json").is_file()
 
 
@@ -173,7 +173,7 @@ def test_own_workers_can_be_sent_to(local: Path, tmp_path: Path) -> None:
         _run(data, "inputs", "--transfer", "send", "--workers", "2")
     finally:
         del os.environ["PBRNET_CACHE"]
-    assert _pieces(tmp_path / "cache")
+    assert _cached_files(tmp_path / "cache")
     whole = _results(local)
     made = {name: pixels for name, pixels in _results(data).items() if name.startswith("inputs")}
     assert made == {name: pixels for name, pixels in whole.items() if name.startswith("inputs")}

@@ -33,7 +33,8 @@ from pipeline.passes.registry import (
     render_truths,
 )
 from pipeline.render.scene import RenderScene, open_scene, set_variant
-from pipeline.stages.stages import run_cameras, run_groundtruth
+from pipeline.stages.cameras import run_cameras
+from pipeline.stages.groundtruth import run_groundtruth
 from pipeline.views import View, load_cameras
 from scenes.contract import load_scene
 from scenes.files import digest_folder

@@ -28,14 +28,12 @@ from pipeline.params import (
 )
 from pipeline.passes.registry import frame_fingerprint
 from pipeline.records import data_lock
+from pipeline.stages.cameras import run_cameras
+from pipeline.stages.groundtruth import run_groundtruth
+from pipeline.stages.illumination import run_illumination
+from pipeline.stages.inputs import run_inputs
 from pipeline.stages.runner import StageError
-from pipeline.stages.stages import (
-    run_cameras,
-    run_groundtruth,
-    run_illumination,
-    run_inputs,
-    run_scenes,
-)
+from pipeline.stages.scenes import run_scenes
 from pipeline.views import View, load_cameras, save_cameras
 from scenes.contract import load_scene
 from scenes.errors import InputError, MachineError, PbrnetError
@@ -141,7 +139,7 @@ def test_missing_truncated_and_foreign_frames_are_rendered_again(data: Path) -> 
     paths[0].unlink()
     paths[1].write_bytes(paths[1].read_bytes()[:-7])
     paths[2].write_text("not an EXR at all")
-    summary = run_groundtruth(data, PARAMS, parts=("color",))
+    summary = run_groundtruth(data, PARAMS, truths=("color",))
     assert (summary.made, summary.kept) == (3, 1)
     assert _files(data) == before
 
@@ -163,7 +161,7 @@ def test_halves_are_the_whole(data: Path) -> None:
     before = _files(data)
     for kind in ("shading", "color"):
         shutil.rmtree(data / kind)
-        assert run_groundtruth(data, PARAMS, parts=(kind,)).made == 4
+        assert run_groundtruth(data, PARAMS, truths=(kind,)).made == 4
     assert _files(data) == before
 
 
@@ -177,7 +175,7 @@ def test_without_twin_there_is_colour_but_no_shading(data: Path) -> None:
     assert len(list((data / "color" / "alpha").glob("*.exr"))) == 2
     assert not list((data / "shading" / "alpha").glob("*.exr"))
     shutil.rmtree(data / "color" / "alpha")
-    assert run_groundtruth(data, PARAMS, parts=("color",)).made == 2
+    assert run_groundtruth(data, PARAMS, truths=("color",)).made == 2
     assert _files(data, "color") == before
 
 
@@ -371,7 +369,7 @@ def test_scenes_are_made_kept_renewed_and_removed(tmp_path: Path) -> None:
     assert sorted(path.name for path in (data / "scenes").iterdir()) == ["mine", "one"]
     with pytest.raises(StageError, match=r"three: .*no such file"):
         run_scenes(data, params("one", "three"))
-    with pytest.raises(StageError, match="a scene from elsewhere"):
+    with pytest.raises(StageError, match="a scene of another tool"):
         write_room(elsewhere / "mine")
         run_scenes(data, params("mine"))
 

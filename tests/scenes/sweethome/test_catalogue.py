@@ -20,7 +20,7 @@ from pipeline.inspection.describe import inspect_path
 from pipeline.params import FarmParams, Params
 from pipeline.stages import assets as stage
 from pipeline.stages.assets import INSTALLED, run_assets
-from pipeline.stages.stages import run_scenes
+from pipeline.stages.scenes import run_scenes
 from scenes.assets.free_space import covering_boxes, diced, levels_of
 from scenes.assets.index import Asset, Provenance, load_asset, load_index
 from scenes.assets.piece import CataloguePiece
@@ -322,7 +322,9 @@ def test_levels_need_width_and_headroom() -> None:
 
 def test_off_means_an_empty_catalogue(tmp_path: Path, converted: Path, library: Path) -> None:
     summary = run_assets(tmp_path, Params())
-    assert "off" in str(summary) and load_index(tmp_path / "assets").pieces == ()
+    assert (
+        "assets.enabled is false" in str(summary) and load_index(tmp_path / "assets").pieces == ()
+    )
     shutil.copytree(converted / "assets", tmp_path / "assets", dirs_exist_ok=True)
     on = run_assets(tmp_path, _params(library.parent))
     assert (on.made, on.kept) == (0, 8)

@@ -1,0 +1,201 @@
+"""Dispatch of items to dask workers: batches in flight, retries and isolation of crashing items."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import time
+import uuid
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from typing import Any
+
+from distributed import Client, Future, KilledWorker
+from distributed.comm import CommClosedError
+
+from pipeline.farm.scheduling import BatchQueue, Item
+from pipeline.farm.worker import Outcome, run_batch
+from pipeline.params import FarmParams
+from scenes.errors import MachineError
+
+WORKER_PATIENCE = 300.0  # seconds without a single worker before the run is given up
+_FETCH = 10.0  # seconds for finished outcomes to arrive
+_RESUME = "run the same command again to resume"
+
+
+class Dispatch:
+    """One pass over a list of items on a dask client.
+
+    `setup` runs on a worker before each item with the number of `threads` it may use; `refill`
+    starts lost workers again; `external` says that other runs may use the same scheduler.
+    """
+
+    def __init__(
+        self,
+        client: Client,
+        params: FarmParams,
+        setup: Callable[[int], None],
+        threads: int,
+        work: Callable[[Any], Any],
+        items: Sequence[Item],
+        refill: Callable[[], None],
+        external: bool,
+    ) -> None:
+        self.client, self.params, self.setup, self.threads = client, params, setup, threads
+        self.work, self.refill, self.external = work, refill, external
+        self.attempts = {item.key: 0 for item in items}
+        if len(self.attempts) != len(items):
+            raise ValueError("two items have the same key")
+        self.queue = BatchQueue(items, params.batch, params.window)
+        self.retries: deque[Item] = deque()  # failed before: a batch of its own for each
+        self.suspects: deque[Item] = deque()  # were on workers that died: run in isolation, last
+        self.isolated = ""  # key of the suspect that is now the only item in flight
+        self.isolated_since = 0.0
+        self.flight: dict[Future, tuple[tuple[Item, ...], str]] = {}
+        self.done: queue.Queue[Future] = queue.Queue()
+        self.name = f"pbrnet-{uuid.uuid4().hex[:12]}"  # a shared scheduler sees other runs' keys
+        self.submitted = 0
+        self.last_worker_seen = time.monotonic()
+
+    def outcomes(self) -> Iterator[Outcome]:
+        """Yield one final outcome per item, in order of completion.
+
+        Raises `MachineError` when the scheduler or all workers are gone, or an item reports that
+        its worker's machine cannot do the work.
+        """
+        try:
+            while True:
+                self.fill_windows()
+                if not self.flight and not (self.queue or self.retries or self.suspects):
+                    return
+                future = self.next_done()
+                if future is not None and future in self.flight:
+                    yield from self.collect(future)
+        finally:
+            with contextlib.suppress(Exception):
+                if self.external and self.flight and self.client.status == "running":
+                    self.client.cancel(list(self.flight))
+
+    def fill_windows(self) -> None:
+        """Submit batches until every worker's window is full; suspects wait for an empty farm.
+
+        dask chooses the worker of a batch: the least busy one, which is nearly always the one
+        whose window had room, as long as the workers are served in turn. (A batch that is tied to
+        a worker, even loosely, waits for ever if all workers die at once.)
+        """
+        workers = self.workers()
+        load = dict.fromkeys(workers, 0)
+        for _, worker in self.flight.values():
+            if worker in load:
+                load[worker] += 1
+        while workers:
+            worker = min(workers, key=lambda name: (load[name], name))
+            if load[worker] >= self.params.window:
+                break
+            batch = self.queue.take(worker, len(workers))
+            if not batch and self.retries:
+                batch = (self.retries.popleft(),)
+            if not batch:
+                break
+            self.submit(batch, worker)
+            load[worker] += 1
+        if workers and not self.flight and self.suspects:
+            suspect = self.suspects.popleft()
+            self.isolated, self.isolated_since = suspect.key, time.monotonic()
+            self.submit((suspect,), workers[0])
+
+    def submit(self, batch: tuple[Item, ...], worker: str) -> None:
+        """Submit a batch; `worker` is the one whose window it counts against."""
+        self.submitted += 1
+        attempts = []
+        for item in batch:
+            self.attempts[item.key] += 1
+            attempts.append(self.attempts[item.key])
+        future = self.client.submit(
+            run_batch,
+            self.setup,
+            self.threads,
+            self.params.time_limit,
+            self.params.recycle,
+            self.work,
+            batch,
+            attempts,
+            key=f"{self.name}-{self.submitted}",
+            pure=False,
+        )
+        self.flight[future] = (batch, worker)
+        future.add_done_callback(self.done.put)
+
+    def next_done(self) -> Future | None:
+        """Return the next finished batch, or None after a second without one.
+
+        Raises `MachineError` when the scheduler or all workers are gone.
+        """
+        if self.client.status not in ("running", "newly-created"):
+            raise MachineError(f"the dask scheduler has gone; {_RESUME}")
+        if time.monotonic() - self.last_worker_seen > WORKER_PATIENCE:
+            advice = "start one with 'dask worker ADDRESS', then " if self.external else ""
+            raise MachineError(f"no dask worker for {WORKER_PATIENCE:.0f} s; {advice}{_RESUME}")
+        try:
+            return self.done.get(timeout=1)
+        except queue.Empty:  # dask calls back once only: not when it runs a lost batch again
+            return next((future for future in self.flight if future.done()), None)
+
+    def collect(self, future: Future) -> Iterator[Outcome]:
+        """Yield the final outcomes of a finished batch and queue its other items again."""
+        if not future.done():
+            return  # its worker died with the outcomes: dask runs it again
+        batch, worker = self.flight.pop(future)
+        isolated, self.isolated = self.isolated, ""
+        try:
+            outcomes = future.result(timeout=_FETCH)
+        except TimeoutError:  # its worker died while the outcomes were fetched
+            self.flight[future], self.isolated = (batch, worker), isolated
+            return
+        except KilledWorker:
+            if batch[0].key == isolated:
+                yield Outcome(
+                    key=batch[0].key,
+                    error=self.cause_of_death(),
+                    worker=worker,
+                    attempt=self.attempts[batch[0].key],
+                )
+            else:
+                self.suspects.extend(batch)
+            return
+        except (CancelledError, CommClosedError):
+            raise MachineError(f"the dask scheduler has gone; {_RESUME}") from None
+        except Exception as error:
+            reason = " ".join(str(error).split())
+            raise MachineError(
+                f"the dask scheduler or a worker cannot run the work function ({reason}); both "
+                "need the same version of pbrnet as this command"
+            ) from error
+        by_key = {item.key: item for item in batch}
+        for key in by_key.keys() - {outcome.key for outcome in outcomes}:
+            if not any(outcome.fatal for outcome in outcomes):  # the batch ended early
+                self.attempts[key] -= 1
+                self.retries.append(by_key[key])
+        for outcome in outcomes:
+            if outcome.fatal:
+                raise MachineError(outcome.error)
+            if outcome.error and outcome.attempt <= self.params.retries:
+                self.retries.append(by_key[outcome.key])
+            else:
+                yield outcome
+
+    def cause_of_death(self) -> str:
+        """Return why the isolated item ended its workers, as an error message."""
+        limit, tries = self.params.time_limit, self.params.retries + 1
+        if limit and time.monotonic() - self.isolated_since >= tries * limit:
+            return f"it ran longer than farm.time_limit allows ({limit} s) in every attempt"
+        return "its worker process died each time (out of memory, or a crash)"
+
+    def workers(self) -> list[str]:
+        """Return the sorted addresses of the workers, after starting lost ones again."""
+        self.refill()
+        names = sorted(self.client.scheduler_info()["workers"])
+        if names:
+            self.last_worker_seen = time.monotonic()
+        return names

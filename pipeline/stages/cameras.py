@@ -1,0 +1,102 @@
+"""The `cameras` stage: views sampled in every scene, in `data/cameras`."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+
+from pipeline.frames import fingerprint
+from pipeline.params import Params
+from pipeline.records import data_lock
+from pipeline.stages import view_sampling
+from pipeline.stages.render_jobs import CameraJob, sample_scene
+from pipeline.stages.runner import StagePlan, Summary, Target, execute, finish
+from pipeline.stages.scene_listing import active_renderer, list_scenes, scene_digests
+from pipeline.views import CameraFile, load_cameras
+from scenes.checked import plain
+from scenes.errors import InputError
+from scenes.files import remove_partials
+
+
+def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Summary:
+    """Write `data/cameras/<scene_id>.json` for every scene."""
+    started = time.monotonic()
+    data = Path(data).resolve()
+    with data_lock(data, "cameras"):
+        root = data / "cameras"
+        remove_partials(root)
+        renderer = active_renderer(params)
+        plan = StagePlan("cameras", "scenes", sample_scene)
+        scenes = list_scenes(data, plan)
+        digests = scene_digests(data, scenes)
+        unreadable = {failure.scene_id for failure in plan.failures}
+        plan.removed = _remove_old_cameras(root, {*scenes, *unreadable})
+        for scene_id in scenes:
+            path = root / f"{scene_id}.json"
+            expected = camera_fingerprint(scene_id, params, digests[scene_id], renderer)
+            if _is_current(path, expected):
+                plan.kept += 1
+            else:
+                job = CameraJob(
+                    path,
+                    data / "scenes" / scene_id,
+                    digests[scene_id],
+                    params,
+                    params.seed,
+                    expected,
+                )
+                plan.add(job, Target(path, "cameras", scene_id))
+        made = execute(data, params, scheduler, plan, renderer)
+        return finish(data, plan, made, started, lambda: _notes(root, scenes))
+
+
+def camera_fingerprint(scene_id: str, params: Params, digest: str, renderer: str) -> str:
+    """Return the fingerprint of a scene's camera file; `digest` is that of the scene."""
+    return fingerprint(
+        kind="cameras",
+        revision=view_sampling.REVISION,
+        scene_id=scene_id,
+        cameras=plain(params.cameras),
+        image=plain(params.image),
+        scene=digest,
+        renderer=renderer,
+        seed=params.seed,
+    )
+
+
+def _is_current(path: Path, expected: str) -> bool:
+    try:
+        return load_cameras(path).fingerprint == expected
+    except InputError:
+        return False
+
+
+def _notes(root: Path, scenes: Iterable[str]) -> list[str]:
+    """Lines for the terminal: the number of views, and the rejected candidates by reason."""
+    files = [load_cameras(root / f"{scene_id}.json") for scene_id in scenes]
+    rejected: Counter[str] = Counter()
+    for file in files:
+        rejected += Counter(file.rejected)
+    total = sum(len(file.views) for file in files)
+    lines = [f"{total} views of {sum(file.candidates for file in files)} candidates; rejected:"]
+    lines += [f"  {count:>8}  {reason}" for reason, count in rejected.most_common()]
+    lines += [f"no view in {file.scene_id}: {_reasons(file)}" for file in files if not file.views]
+    return lines
+
+
+def _reasons(file: CameraFile) -> str:
+    if not file.rejected:
+        return "it has no rooms"
+    reasons = sorted(file.rejected.items(), key=lambda entry: (-entry[1], entry[0]))
+    return ", ".join(f"{reason} ({count})" for reason, count in reasons)
+
+
+def _remove_old_cameras(root: Path, wanted: set[str]) -> int:
+    removed = 0
+    for file in sorted(root.glob("*.json")):
+        if file.is_file() and file.stem not in wanted:
+            file.unlink()
+            removed += 1
+    return removed

@@ -1,0 +1,32 @@
+"""The `groundtruth` stage: path-traced shading and colour of every view."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+from pipeline.frames import Kind
+from pipeline.params import Params
+from pipeline.stages.frames import run_frames
+from pipeline.stages.runner import Summary
+
+Truth = Literal["shading", "color"]
+
+
+def run_groundtruth(
+    data: Path,
+    params: Params,
+    scheduler: str | None = None,
+    truths: Sequence[Truth] = ("shading", "color"),
+) -> Summary:
+    """Render `data/shading` and `data/color`, or one of them.
+
+    With both, `noisy.spp` adds `data/noisy`; without it that folder is left empty.
+    """
+    if len(truths) == 1:
+        return run_frames(truths[0], tuple(truths), data, params, scheduler)
+    # DVC expects every output folder of a stage, also an empty one.
+    (Path(data) / "noisy").mkdir(parents=True, exist_ok=True)
+    kinds: tuple[Kind, ...] = (*truths, "noisy")
+    return run_frames("groundtruth", kinds, data, params, scheduler)

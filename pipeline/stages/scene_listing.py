@@ -1,0 +1,55 @@
+"""Scenes of a data folder as inputs of the rendering stages: ids, content digests, renderer."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from pipeline.farm.scene_digest import scene_digest
+from pipeline.params import Params
+from pipeline.records import Failure
+from pipeline.render.scene import renderer_version, set_variant
+from pipeline.stages.runner import StagePlan, threaded
+from scenes.contract import Scene, load_scene, scene_folders
+from scenes.errors import InputError
+
+SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,199}")
+
+
+def active_renderer(params: Params) -> str:
+    """Set the Mitsuba variant that the parameters choose; return renderer and variant version."""
+    set_variant(params.farm.variant)
+    return renderer_version()
+
+
+def list_scenes(data: Path, plan: StagePlan) -> dict[str, Scene]:
+    """Return all readable scenes by id; add the others to the plan's failures.
+
+    Raises `InputError` if there are none at all.
+    """
+    scenes = {}
+    for folder in scene_folders(data / "scenes"):
+        try:
+            scene = load_scene(folder)
+            if scene.scene_id != folder.name:
+                raise InputError(
+                    f"{folder}: its scene.json says {scene.scene_id!r}; rename the folder"
+                )
+            if not SAFE_NAME.fullmatch(scene.scene_id):
+                raise InputError(
+                    f"{folder}: a scene id may hold letters, digits, '.', '_' and '-' only"
+                )
+            scenes[scene.scene_id] = scene
+        except InputError as error:
+            plan.failures.append(Failure(plan.stage, folder.name, "", str(error)))
+    if not scenes and not plan.failures:
+        raise InputError(f"{data / 'scenes'}: there are no scenes; run first: pbrnet scenes")
+    return scenes
+
+
+def scene_digests(data: Path, scenes: Iterable[str]) -> dict[str, str]:
+    """Return the content digest of each scene by id."""
+    names = list(scenes)
+    digests = threaded(lambda name: scene_digest(data / "scenes" / name), names)
+    return dict(zip(names, digests, strict=True))

@@ -1,0 +1,50 @@
+"""The `scenes` stage: procedural homes and imported scenes in `data/scenes`."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from pipeline.params import Params
+from pipeline.records import Failure, data_lock
+from pipeline.stages.runner import StagePlan, Summary, Target, execute, finish
+from pipeline.stages.scene_jobs import home_jobs, import_jobs, remove_old_scenes, stage_fingerprint
+from pipeline.stages.scene_work import HomeJob, ImportJob, make_scene
+from scenes.errors import InputError
+from scenes.files import remove_partials
+
+
+def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summary:
+    """Fill `data/scenes`: homes from seeds, then the imports that the parameters name.
+
+    A scene of another tool (`pbrnet import`) is left alone and used like the others; scenes of
+    this stage that the parameters no longer ask for are removed.
+    """
+    started = time.monotonic()
+    data = Path(data).resolve()
+    with data_lock(data, "scenes"):
+        root = data / "scenes"
+        remove_partials(root)
+        plan = StagePlan("scenes", "scenes", make_scene, renders=False)
+        wanted: dict[str, HomeJob | ImportJob] = {}
+        jobs: list[HomeJob | ImportJob] = [*home_jobs(root, params)]
+        jobs += import_jobs(root, params, plan.failures)
+        for job in jobs:
+            if job.scene_id in wanted:
+                raise InputError(
+                    f"scenes.imports: two scenes have the id {job.scene_id!r}; give one of them "
+                    "another id"
+                )
+            wanted[job.scene_id] = job
+        plan.removed = remove_old_scenes(root, set(wanted))
+        for scene_id, job in wanted.items():
+            current = stage_fingerprint(job.folder)
+            if current == job.fingerprint:
+                plan.kept += 1
+            elif current is None and (job.folder / "scene.json").is_file():
+                error = f"{job.folder} holds a scene of another tool; rename or remove it"
+                plan.failures.append(Failure("scenes", scene_id, "", error))
+            else:
+                plan.add(job, Target(job.folder, "scenes", scene_id))
+        made = execute(data, params, scheduler, plan)
+        return finish(data, plan, made, started)
