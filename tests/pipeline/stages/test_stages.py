@@ -449,7 +449,7 @@ def test_commands_have_examples_and_say_what_they_did(data: Path, tmp_path: Path
         assert result.exit_code == 0 and line in result.output
     result = CliRunner().invoke(stages.assets, options[:4], catch_exceptions=False)
     assert json.loads((data / "assets" / "catalogue.json").read_text())["pieces"] == []
-    assert "off" in result.output
+    assert "assets.enabled is false" in result.output
 
 
 def test_frames_hold_only_under_their_own_fingerprint(finished: Path) -> None:
