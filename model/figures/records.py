@@ -99,7 +99,7 @@ class Records:
             return ""
         try:
             return uri(fit(read_picture(path.read_bytes()), wide), png=png)
-        except (OSError, ValueError):
+        except (InputError, OSError, ValueError):
             self.missing.append(f"{path} is damaged; make it again with: pbrnet study {name}")
             return ""
 
@@ -169,7 +169,7 @@ class Records:
             return None
         try:
             return read_picture(path.read_bytes())
-        except (OSError, ValueError):
+        except (InputError, OSError, ValueError):
             note = f"{path} is damaged; make it again with: pbrnet evaluate"
             if note not in self.missing:
                 self.missing.append(note)

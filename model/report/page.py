@@ -256,7 +256,7 @@ class _Page:
             try:
                 content = path.read_bytes()
                 facts, picture = png_facts(content), read_picture(content)
-            except (OSError, ValueError):
+            except (InputError, OSError, ValueError):
                 missing.append(f"{path} is damaged; make it again with: pbrnet predict")
                 continue
             if facts is None or "prediction" not in facts:
