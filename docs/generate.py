@@ -1,225 +1,159 @@
-"""Generated parts of the documentation: the picture of the packages and the index of modules.
+"""Generated parts of the documentation: picture of the packages, index of modules, tables.
 
-`python docs/generate.py` derives both from the imports and the docstrings of the code and writes
-`docs/images/architecture.svg` and `docs/modules.md`. With `--check` it writes nothing and exits
-with 1 if a file is not up to date.
+`make docs` runs this. The picture (`docs/images/architecture.svg`) and the index
+(`docs/modules.md`) come from the imports and docstrings of the code; tables between
+`<!-- generated: NAME -->` and `<!-- end -->` in README.md and docs/results.md come from
+`docs/data/quick-start.json` and `metrics/reference.json`. With `--check` nothing is written, and
+the exit code is 1 if a file is not up to date.
+
+After a quick start, `--quick-start REPRO TEST` records its figures: the seconds that `make repro`
+and `make test` took on a quiet machine, and the evaluation in `metrics/`.
 """
 
 from __future__ import annotations
 
 import argparse
-import ast
-import io
+import json
+import re
 import sys
-from collections import defaultdict
-from collections.abc import Iterable
-from dataclasses import dataclass
-from graphlib import TopologicalSorter
 from pathlib import Path
+from typing import Any
 
-import matplotlib as mpl
-from matplotlib.figure import Figure
-from matplotlib.patches import FancyBboxPatch, Rectangle
+from code_map import ROOT, Code, module_index, picture
 
-ROOT = Path(__file__).resolve().parent.parent
-LAYERS = ("scenes", "pipeline", "model")  # each imports only itself and those before it
-COLORS = {"scenes": "#dcebd9", "pipeline": "#dae6f3", "model": "#f3e2d5"}
-WIDTH, ROW, CELL = 13.0, 0.62, 1.62  # inches: the picture, a row of boxes, a box
-Edge = tuple[str, str]  # importer, imported
+from model.figures.results import METHODS as TITLES
 
-
-@dataclass(frozen=True)
-class Code:
-    """Modules of the project and the imports between them."""
-
-    modules: dict[str, Path]  # dotted name (a package's without `__init__`) -> file
-    edges: frozenset[Edge]
-
-    @classmethod
-    def read(cls, root: Path = ROOT) -> Code:
-        """Parse every file below the layers' folders."""
-        modules = {}
-        for layer in LAYERS:
-            for path in sorted((root / layer).rglob("*.py")):
-                parts = path.relative_to(root).with_suffix("").parts
-                modules[".".join(parts).removesuffix(".__init__")] = path
-        edges = {
-            (name, other) for name, path in modules.items() for other in _imports(path, modules)
-        }
-        return cls(modules, frozenset(edges))
-
-    def summary(self, module: str) -> str:
-        """First sentence of a module's docstring."""
-        text = ast.get_docstring(ast.parse(self.modules[module].read_text())) or ""
-        return " ".join(text.split("\n\n")[0].split())
+METRICS = {"ssim": ("SSIM", 3), "psnr": ("PSNR, dB", 1), "flip": ("FLIP (less is better)", 3)}
+QUICK_START = ROOT / "docs" / "data" / "quick-start.json"
+QUICK_METHODS = ("pbrnet", "product", "product_linear", "unet", "ceiling")
 
 
-def _imports(path: Path, modules: dict[str, Path]) -> set[str]:
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.module:
-            for name in node.names:
-                within = f"{node.module}.{name.name}"
-                found.add(within if within in modules else node.module)
-        elif isinstance(node, ast.Import):
-            found |= {name.name for name in node.names}
-    return {name for name in found if name in modules}
+def quick_start_time(found: dict[str, Any]) -> str:
+    """Sentence on the time that the two commands take."""
+    return (
+        f"On two quiet cores `make repro` takes {_duration(found['repro_seconds'])} on a machine "
+        f"that has never run it, and `make test` {_duration(found['test_seconds'])}."
+    )
 
 
-def parts_of(layer: str, code: Code) -> dict[str, set[str]]:
-    """Packages and modules directly in a layer -> those of the same layer that they import.
-
-    Imports that follow from others (a -> b -> c gives a -> c) are left out.
-    """
-    graph: dict[str, set[str]] = defaultdict(set)
-    for module in code.modules:
-        if module.startswith(f"{layer}."):
-            graph[module.split(".")[1]]
-    for importer, imported in code.edges:
-        a, b = importer.split("."), imported.split(".")
-        if a[0] == b[0] == layer and len(a) > 1 and len(b) > 1 and a[1] != b[1]:
-            graph[a[1]].add(b[1])
-    reach: dict[str, set[str]] = {}
-    for part in TopologicalSorter(graph).static_order():
-        reach[part] = graph[part].union(*(reach[other] for other in graph[part]))
-    return {
-        part: {one for one in used if not any(one in reach[other] for other in used)}
-        for part, used in sorted(graph.items())
-    }
+def _duration(seconds: float) -> str:
+    return f"{seconds / 60:.0f} minutes"
 
 
-def rows_of(graph: dict[str, set[str]]) -> list[list[str]]:
-    """Parts by level, the top level first: each imports only parts of lower rows."""
-    level: dict[str, int] = {}
-    for part in TopologicalSorter(graph).static_order():
-        level[part] = 1 + max((level[other] for other in graph[part]), default=-1)
-    rows: list[list[str]] = [[] for _ in range(max(level.values()) + 1)]
-    for part in sorted(graph):
-        rows[level[part]].append(part)
-    place = {part: 0.0 for part in graph}
-    for row in rows:  # a part stands above the middle of what it imports
-        row.sort(key=lambda part: (_mean(place[other] for other in graph[part]), part))
-        for number, part in enumerate(row):
-            place[part] = number - (len(row) - 1) / 2
-    return rows[::-1]
+def quick_start_table(found: dict[str, Any]) -> str:
+    """Table of methods of the quick start."""
+    return _method_table({name: found["methods"][name] for name in QUICK_METHODS}, {})
 
 
-def _mean(values: Iterable[float]) -> float:
-    found = list(values)
-    return sum(found) / len(found) if found else 0.0
+def reference_methods(found: dict[str, Any]) -> str:
+    """Table of methods of the reference run, with intervals over scenes."""
+    return _method_table(found["methods"], found["intervals"])
 
 
-def picture(code: Code) -> bytes:
-    """The layers with their packages and modules as SVG, importers above what they import."""
-    graphs = {layer: parts_of(layer, code) for layer in LAYERS}
-    rows = {layer: _wrapped(rows_of(graph)) for layer, graph in graphs.items()}
-    heights = {layer: ROW * len(rows[layer]) + 0.45 for layer in LAYERS}
-    total = sum(heights.values()) + 0.35 * (len(LAYERS) - 1)
-    figure = Figure(figsize=(WIDTH, total), layout=None)
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.set(xlim=(0, WIDTH), ylim=(0, total))
-    axes.axis("off")
-    top = total
-    for layer in reversed(LAYERS):
-        _draw_layer(axes, layer, rows[layer], graphs[layer], code, top, heights[layer])
-        top -= heights[layer] + 0.35
-        if layer != LAYERS[0]:
-            axes.annotate(
-                "",
-                (WIDTH / 2, top),
-                (WIDTH / 2, top + 0.35),
-                arrowprops={"arrowstyle": "-|>", "color": "#333333", "linewidth": 2},
+def reference_differences(found: dict[str, Any]) -> str:
+    """Table of view-by-view differences of the reference run."""
+    rows = [["difference", *(title for title, _ in METRICS.values()), "views improved, by FLIP"]]
+    for pair, row in found["differences"].items():
+        first, _, second = pair.partition(" - ")
+        cells = []
+        for metric, (_, digits) in METRICS.items():
+            digits = {"psnr": 2}.get(metric, digits)
+            one = row[metric]
+            cells.append(
+                f"{one['mean']:+.{digits}f} ({one['low']:+.{digits}f} to {one['high']:+.{digits}f})"
             )
-    buffer = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "pbrnet", "svg.fonttype": "none"}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    return buffer.getvalue()
+        rows.append([f"`{first}` - `{second}`", *cells, f"{row['better']} of {found['views']}"])
+    return _table(rows)
 
 
-def _wrapped(rows: list[list[str]], most: int = 7) -> list[list[str]]:
-    wrapped = []
-    for row in rows:
-        count = -(-len(row) // most)
-        size = -(-len(row) // count)
-        wrapped += [row[start : start + size] for start in range(0, len(row), size)]
-    return wrapped
+def _method_table(methods: dict[str, Any], intervals: dict[str, Any]) -> str:
+    rows = [["method", *(title for title, _ in METRICS.values()), "seconds an image"]]
+    for name in sorted(methods, key=list(TITLES).index):
+        row, cells = methods[name], []
+        for metric, (_, digits) in METRICS.items():
+            text = f"{row[metric]:.{digits}f}"
+            if name in intervals:
+                low, high = intervals[name][metric]
+                text += f" ({low:.{digits}f} to {high:.{digits}f})"
+            cells.append(text)
+        seconds = "" if row["seconds"] is None else f"{row['seconds']:.3f}"
+        rows.append([f"{TITLES[name]}, `{name}`", *cells, seconds])
+    return _table(rows)
 
 
-def _draw_layer(
-    axes: mpl.axes.Axes,
-    layer: str,
-    rows: list[list[str]],
-    graph: dict[str, set[str]],
-    code: Code,
-    top: float,
-    height: float,
-) -> None:
-    axes.add_patch(Rectangle((0.1, top - height), WIDTH - 0.2, height, color=COLORS[layer]))
-    axes.text(0.25, top - 0.1, f"{layer}/", va="top", size=13, weight="bold")
-    place = {}
-    for number, row in enumerate(rows):
-        for column, part in enumerate(row):
-            x = WIDTH / 2 + (column - (len(row) - 1) / 2) * (CELL + 0.12)
-            place[part] = (x, top - 0.5 - ROW * number)
-    for part, used in graph.items():
-        for other in sorted(used):
-            (x, y), (u, v) = place[part], place[other]
-            axes.plot((x, u), (y - 0.15, v + 0.15), color="#8a8a8a", linewidth=0.7, zorder=1)
-    for part, (x, y) in place.items():
-        package = code.modules[f"{layer}.{part}"].name == "__init__.py"
-        axes.add_patch(
-            FancyBboxPatch(
-                (x - CELL / 2 + 0.06, y - 0.15),
-                CELL - 0.12,
-                0.3,
-                boxstyle="round,pad=0.04",
-                facecolor="white" if package else COLORS[layer],
-                edgecolor="#555555" if package else "#aaaaaa",
-                linewidth=0.9,
-                zorder=2,
-            )
+def _table(rows: list[list[str]]) -> str:
+    head, *body = ("| " + " | ".join(row) + " |" for row in rows)
+    return "\n".join([head, "|" + "---|" * len(rows[0]), *body])
+
+
+def filled(path: Path, parts: dict[str, str]) -> str:
+    """Text of a file with its generated parts replaced."""
+    text = path.read_text()
+    for name, part in parts.items():
+        text, count = re.subn(
+            rf"(<!-- generated: {name} -->\n).*?(<!-- end -->)",
+            lambda found, part=part: f"{found[1]}{part}\n{found[2]}",
+            text,
+            flags=re.DOTALL,
         )
-        label = f"{part}/" if package else part
-        axes.text(x, y, label, ha="center", va="center", size=9.5, zorder=3)
+        if count != 1:
+            raise SystemExit(f"{path}: {count} places for {name}, 1 expected")
+    return text
 
 
-def module_index(code: Code) -> str:
-    """Every package and module with the first sentence of its docstring, as Markdown."""
-    lines = [
-        "# Index of modules",
-        "",
-        "Every package and module with the first sentence of its docstring. Made by `make docs`",
-        "from the code; do not edit. What the packages are for and how they fit together:",
-        "[architecture.md](architecture.md).",
-    ]
-    packages = [name for name, path in code.modules.items() if path.name == "__init__.py"]
-    for package in sorted(packages, key=lambda name: (LAYERS.index(name.split(".")[0]), name)):
-        folder = package.replace(".", "/")
-        lines += ["", f"## {folder}/", "", code.summary(package)]
-        inside = [
-            name
-            for name in code.modules
-            if name.rpartition(".")[0] == package and name not in packages
-        ]
-        if inside:
-            lines += ["", "| module | holds |", "|---|---|"]
-        for name in sorted(inside):
-            text = code.summary(name).replace("|", "\\|")
-            lines.append(f"| [`{name.rpartition('.')[2]}`](../{name.replace('.', '/')}.py) | {text} |")
-    return "\n".join(lines) + "\n"
+def record_quick_start(repro: float, test: float) -> None:
+    """Write `docs/data/quick-start.json` from the evaluation in `metrics/` and two durations."""
+    found = json.loads((ROOT / "metrics" / "evaluation.json").read_text())
+    methods = {
+        name: {metric: row[metric]["mean"] for metric in METRICS} | {"seconds": row.get("seconds")}
+        for name, row in found["methods"].items()
+    }
+    record = {
+        "repro_seconds": round(repro),
+        "test_seconds": round(test),
+        "views": found["views"],
+        "scenes": found["scenes"],
+        "methods": methods,
+    }
+    QUICK_START.write_text(json.dumps(record, indent=1) + "\n")
 
 
 def main() -> int:
     """Write the generated files, or compare them with `--check`."""
     parser = argparse.ArgumentParser(description="Make the generated parts of the documentation.")
     parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if outdated")
-    check = parser.parse_args().check
+    parser.add_argument(
+        "--quick-start", nargs=2, type=float, metavar=("REPRO", "TEST"), help="seconds to record"
+    )
+    options = parser.parse_args()
+    check = options.check
+    if options.quick_start:
+        record_quick_start(*options.quick_start)
     code = Code.read()
+    quick = json.loads(QUICK_START.read_text())
+    reference = json.loads((ROOT / "metrics" / "reference.json").read_text())
+    readme, results = ROOT / "README.md", ROOT / "docs" / "results.md"
     wanted = {
         ROOT / "docs" / "images" / "architecture.svg": picture(code),
         ROOT / "docs" / "modules.md": module_index(code).encode(),
+        readme: filled(
+            readme,
+            {
+                "quick-start-time": quick_start_time(quick),
+                "quick-start-table": quick_start_table(quick),
+            },
+        ).encode(),
+        results: filled(
+            results,
+            {
+                "reference-methods": reference_methods(reference),
+                "reference-differences": reference_differences(reference),
+            },
+        ).encode(),
     }
-    stale = [path for path, data in wanted.items() if not path.is_file() or path.read_bytes() != data]
+    stale = [
+        path for path, data in wanted.items() if not path.is_file() or path.read_bytes() != data
+    ]
     for path in stale:
         print(f"{path.relative_to(ROOT)}: {'out of date, run make docs' if check else 'written'}")
         if not check:
