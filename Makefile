@@ -3,6 +3,7 @@
 # make check   what is too long for every test run: thousands of homes
 # make bench   measured figures and their goals, to docs/benchmarks.md: half an hour on 2 quiet cores
 #              (ONLY="shards farm" for some topics; the list: python -m benchmarks.run --help)
+# make docs    generated parts of the documentation: picture and index of the code, tables
 # make lock    pin anew what pyproject.toml allows
 # make clean   remove what the pipeline made (not the environment)
 
@@ -12,7 +13,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: env repro test check bench lock clean distclean
+.PHONY: env repro test check bench docs lock clean distclean
 
 env: $(VENV)/.installed
 
@@ -40,6 +41,9 @@ check: env
 
 bench: env
 	$(BIN)/python -m benchmarks.run $(addprefix --only ,$(ONLY))
+
+docs: env
+	$(BIN)/python docs/generate.py
 
 lock:
 	$(PYTHON) -m venv build/lock
