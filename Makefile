@@ -34,10 +34,10 @@ test: env
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest -q --durations=15 --numprocesses $(PROCESSES) --dist loadfile
+	$(BIN)/python -m pytest -q --numprocesses $(PROCESSES) --dist loadfile --junitxml build/tests.xml
 
 check: env
-	$(BIN)/python -m pytest -q --durations=15 -m check
+	$(BIN)/python -m pytest -q -m check --junitxml build/check.xml
 
 bench: env
 	$(BIN)/python -m benchmarks.run $(addprefix --only ,$(ONLY))

@@ -1,4 +1,4 @@
-"""What every test shares."""
+"""Fixtures of all tests."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+pytest_plugins = ["tests.costs"]
 SHARED_SCENES = Path(__file__).resolve().parents[2] / "shared" / "scenes"
 
 
