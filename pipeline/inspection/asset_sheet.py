@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from pipeline.images import Picture, contact_sheet, enlarge, read_picture
-from scenes.assets.index import PREVIEW, Asset, Index, Usable
-from scenes.procedural.furnishing.asset_sampler import stock_of
+from scenes.assets.index import PREVIEW, Asset, AssetIndex, IndexEntry
+from scenes.procedural.furnishing.asset_sampler import build_kind_index
 
 _COLUMNS = 12
 _ROWS = 2  # of one category
 _GAP = np.array([24, 24, 27], dtype=np.uint8)  # the sheet's background
 
 
-def describe_index(index: Index) -> dict[str, Any]:
+def describe_index(index: AssetIndex) -> dict[str, Any]:
     """Libraries, pieces by category and licence, stand-ins for the generator's kinds, refusals."""
     return {
         "Libraries": [
@@ -34,7 +34,7 @@ def describe_index(index: Index) -> dict[str, Any]:
         "Categories": dict(Counter(piece.category for piece in index.pieces).most_common()),
         "Licences": dict(Counter(piece.licence for piece in index.pieces).most_common()),
         "Can stand in for": {
-            kind: len(pieces) for kind, pieces in stock_of(index).kinds.items() if pieces
+            kind: len(pieces) for kind, pieces in build_kind_index(index).kinds.items() if pieces
         },
         "Triangles": _triangles(index.pieces),
         "Refused": [
@@ -44,7 +44,7 @@ def describe_index(index: Index) -> dict[str, Any]:
     }
 
 
-def _triangles(pieces: tuple[Usable, ...]) -> dict[str, int]:
+def _triangles(pieces: tuple[IndexEntry, ...]) -> dict[str, int]:
     counts = sorted(piece.triangles for piece in pieces)
     if not counts:
         return {}
@@ -100,9 +100,9 @@ def describe_asset(asset: Asset) -> dict[str, Any]:
     }
 
 
-def draw_index(index: Index) -> Picture:
+def draw_index(index: AssetIndex) -> Picture:
     """Pieces of every category, the commonest first, a row or two of each."""
-    by_category: dict[str, list[Usable]] = {}
+    by_category: dict[str, list[IndexEntry]] = {}
     for piece in index.pieces:
         by_category.setdefault(piece.category, []).append(piece)
     strips = []

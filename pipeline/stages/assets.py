@@ -28,12 +28,12 @@ from pipeline.stages.render_jobs import use_code
 from pipeline.versions import code_version, source_revision
 from scenes.assets.index import (
     Asset,
-    Index,
+    AssetIndex,
+    IndexEntry,
     LibraryEntry,
     Provenance,
-    Refused,
-    Usable,
-    entry,
+    RefusedPiece,
+    index_entry,
     load_asset,
     save_index,
 )
@@ -81,7 +81,7 @@ class _PieceJob:
 class AssetSummary:
     """The new index, and numbers of pieces made, kept and removed."""
 
-    index: Index
+    index: AssetIndex
     made: int
     kept: int
     removed: int
@@ -121,16 +121,16 @@ def run_assets(data: Path, params: Params, scheduler: str | None = None) -> Asse
         remove_partials(root)
         if not params.assets.enabled:
             removed = _remove_orphans(root, {})
-            save_index(root, Index())
-            return AssetSummary(Index(), 0, 0, removed, time.monotonic() - started)
+            save_index(root, AssetIndex())
+            return AssetSummary(AssetIndex(), 0, 0, removed, time.monotonic() - started)
         sources = find_catalogues(params.assets, root)
         libraries = _read_all(sources)
         jobs, refused = _jobs(root, libraries, params.assets)
         removed = _remove_orphans(root, jobs)
-        kept = {key: entry(asset) for key, job in jobs.items() if (asset := _current(job))}
+        kept = {key: index_entry(asset) for key, job in jobs.items() if (asset := _current(job))}
         work = [job for key, job in jobs.items() if key not in kept]
         made, failures = _convert_all(data, params, scheduler, work, len(kept), refused)
-        index = Index(
+        index = AssetIndex(
             _entries(libraries, {**kept, **made}),
             tuple(sorted({**kept, **made}.values(), key=lambda piece: piece.key)),
             tuple(sorted(refused, key=lambda piece: piece.key)),
@@ -248,12 +248,12 @@ def _read_all(sources: Iterable[_Source]) -> list[tuple[_Source, str, Library]]:
 
 def _jobs(
     root: Path, libraries: Iterable[tuple[_Source, str, Library]], params: AssetParams
-) -> tuple[dict[str, _PieceJob], list[Refused]]:
+) -> tuple[dict[str, _PieceJob], list[RefusedPiece]]:
     jobs: dict[str, _PieceJob] = {}
-    refused: list[Refused] = []
+    refused: list[RefusedPiece] = []
     revision = source_revision(_CONVERTER)
     for source, sha256, library in libraries:
-        refused += [Refused(*row) for row in library.refused]
+        refused += [RefusedPiece(*row) for row in library.refused]
         provenance = Provenance(
             source.path.name,
             sha256,
@@ -303,7 +303,7 @@ def convert_piece(job: _PieceJob) -> dict[str, Any]:
         )
     except UnusablePiece as reason:
         return {"refused": str(reason)}
-    return {"usable": entry(asset)}
+    return {"usable": index_entry(asset)}
 
 
 def _convert_all(
@@ -312,10 +312,10 @@ def _convert_all(
     scheduler: str | None,
     jobs: Sequence[_PieceJob],
     kept: int,
-    refused: list[Refused],
-) -> tuple[dict[str, Usable], list[str]]:
+    refused: list[RefusedPiece],
+) -> tuple[dict[str, IndexEntry], list[str]]:
     """Return the usable pieces among `jobs` and the failures; adds to `refused`."""
-    made: dict[str, Usable] = {}
+    made: dict[str, IndexEntry] = {}
     failures: list[str] = []
     if not jobs:
         return made, failures
@@ -336,7 +336,7 @@ def _convert_all(
                         failures.append(f"{outcome.key}: {outcome.error}")
                     elif "refused" in outcome.value:
                         reason = outcome.value["refused"]
-                        refused.append(Refused(outcome.key, job.piece.name, reason))
+                        refused.append(RefusedPiece(outcome.key, job.piece.name, reason))
                     else:
                         made[outcome.key] = outcome.value["usable"]
                     progress.advance(1, outcome.key)
@@ -347,7 +347,7 @@ def _convert_all(
 
 
 def _entries(
-    libraries: Iterable[tuple[_Source, str, Library]], usable: dict[str, Usable]
+    libraries: Iterable[tuple[_Source, str, Library]], usable: dict[str, IndexEntry]
 ) -> tuple[LibraryEntry, ...]:
     counts = Counter(key.partition("/")[0] for key in usable)
     return tuple(

@@ -1,1 +1,1 @@
-"""Furniture catalogues (`.sh3f`): read, converted once into meshes of ours, and indexed."""
+"""Converted furniture catalogues: pieces, index, support surfaces and previews."""

@@ -1,7 +1,7 @@
-"""What a mesh leaves free: boxes that hold all of it, and the levels on which things can stand.
+"""Covering boxes and support surfaces of a mesh.
 
-Both come from its triangles cut up so small that none reaches over a whole cell of a grid.
-Local frame: metres, Z up, the footprint's centre at the origin.
+Both are computed on a grid from triangles that are subdivided until they are smaller than a cell.
+Local frame: metres, Z up, centre of the footprint at the origin.
 """
 
 from __future__ import annotations
@@ -15,33 +15,36 @@ from scenes.geometry.mesh import face_areas
 
 MAX_BOXES = 160
 _MAX_TRIANGLES = 1_000_000
-_FLAT = 0.995  # |z| of the normal of a facet that things stand on
-_LEVEL = 0.003  # metres, how uneven a level may be
-_HEADROOM = 0.1  # metres free above a level for it to carry anything
-_LEAST = 0.08  # metres, the shorter side of a level worth the name
-_MAX_LEVELS = 8
-_CLOSED = 0.3  # share of a level's front that may be hidden
+_FLAT_NORMAL = 0.995  # least |z| of the unit normals of a support surface
+_UNEVENNESS = 0.003  # metres, tolerance of its height
+_HEADROOM = 0.1  # metres, least free height above it
+_MIN_SIDE = 0.08  # metres, least length of its shorter side
+_MAX_SURFACES = 8
+_CLOSED_FRONT = 0.3  # greatest share of its front that may be covered
 
 
 @dataclass(frozen=True)
-class Level:
-    """A horizontal rectangle that carries things: centre x, y, height z, half sides, headroom."""
+class SupportSurface:
+    """A horizontal rectangle on which other pieces can stand.
+
+    Centre x, y, height z, half the sides along x and y, and free height above, metres.
+    """
 
     x: float
     y: float
     z: float
     half_x: float
     half_y: float
-    headroom: float
+    headroom: float = 10.0
 
 
-def diced(corners: Float64Array, size: float) -> tuple[Float64Array, Int64Array]:
-    """Triangles (F, 3, 3) cut up until none is longer than `size` along any axis.
+def subdivide_triangles(corners: Float64Array, size: float) -> tuple[Float64Array, Int64Array]:
+    """Subdivide triangles (F, 3, 3) until none extends more than `size` along any axis.
 
-    Returns the small triangles (N, 3, 3) and which one each was cut from. Stops before there are
-    more than a million.
+    Returns the small triangles (N, 3, 3) and the index (N,) of the original triangle of each.
+    Stops before there are more than a million.
     """
-    # Corners apart: NumPy is slow along axes of three.
+    # Separate arrays of corners: NumPy is slow along axes of length three.
     a, b, c = (np.ascontiguousarray(corners[:, corner]) for corner in range(3))
     owners = np.arange(len(corners))
     done = []
@@ -55,7 +58,7 @@ def diced(corners: Float64Array, size: float) -> tuple[Float64Array, Int64Array]
         done.append((np.stack([a[fine], b[fine], c[fine]], axis=1), owners[fine]))
         count += int(fine.sum())
         a, b, c, owners = a[large], b[large], c[large], owners[large]
-        # Turn each so that its longest edge runs from a to b, and halve that.
+        # Rotate the corners so that the longest edge is ab, and split it in the middle.
         ab, bc, ca = (_squares(end - start) for start, end in ((a, b), (b, c), (c, a)))
         by_bc = ((bc > ab) & (bc >= ca))[:, None]
         by_ca = ((ca > ab) & (ca > bc))[:, None]
@@ -79,31 +82,33 @@ def _squares(vectors: Float64Array) -> Float64Array:
 
 
 def covering_boxes(corners: Float64Array) -> Float64Array:
-    """Boxes (N, 2, 3) that together hold all of the triangles (F, 3, 3); few rather than tight."""
+    """Return at most `MAX_BOXES` boxes (N, 2, 3) that together cover the triangles (F, 3, 3)."""
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     cell = float(np.clip((high - low).max() / 40, 0.02, 0.5))
     while True:
-        boxes = _merged(_filled(corners, low, high, cell)) * cell + low
+        boxes = _merge_cells(_occupied_cells(corners, low, high, cell)) * cell + low
         if len(boxes) <= MAX_BOXES:
             return np.clip(boxes, low, high)
         cell *= 1.5
 
 
-def _filled(corners: Float64Array, low: Float64Array, high: Float64Array, cell: float) -> BoolArray:
+def _occupied_cells(
+    corners: Float64Array, low: Float64Array, high: Float64Array, cell: float
+) -> BoolArray:
     shape = np.maximum(np.ceil((high - low) / cell - 1e-9).astype(int), 1)
-    small, _ = diced(corners, 0.5 * cell)
+    small, _ = subdivide_triangles(corners, 0.5 * cell)
     a, b, c = (small[:, corner] for corner in range(3))
     ends = np.stack([np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)])
     index = np.clip(np.floor((ends - low) / cell).astype(int), 0, shape - 1)
     filled = np.zeros(shape, dtype=bool)
-    # So small a triangle lies in the cells that the corners of its box lie in.
+    # A triangle this small touches only cells that contain a corner of its bounding box.
     for x, y, z in np.ndindex(2, 2, 2):
         filled[index[x, :, 0], index[y, :, 1], index[z, :, 2]] = True
     return filled
 
 
-def _merged(filled: BoolArray) -> Float64Array:
-    """Filled cells as boxes (N, 2, 3) in cells, each grown along x, then y, then z."""
+def _merge_cells(filled: BoolArray) -> Float64Array:
+    """Merge occupied cells into boxes (N, 2, 3), in cells, grown along x, then y, then z."""
     left = filled.copy()
     boxes = []
     for i, j, k in np.argwhere(filled):
@@ -121,40 +126,40 @@ def _merged(filled: BoolArray) -> Float64Array:
     return np.array(boxes, dtype=np.float64).reshape(-1, 2, 3)
 
 
-def levels_of(corners: Float64Array, drop: float | None) -> tuple[Level, ...]:
-    """Where things can stand on a piece of triangles (F, 3, 3): at `drop` metres first.
+def support_surfaces(corners: Float64Array, drop: float | None) -> tuple[SupportSurface, ...]:
+    """Find the support surfaces of a piece with triangles (F, 3, 3); the one at `drop` is first.
 
-    None where the catalogue says that nothing stands on it, or where nothing is flat and wide
-    enough.
+    `drop` is the height in metres that the catalogue gives; None means that nothing stands on the
+    piece, and the result is empty.
     """
     if drop is None:
         return ()
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     cell = float(np.clip((high - low)[:2].max() / 60, 0.01, 0.1))
-    small, owner = diced(corners, 0.5 * cell)
+    small, owner = subdivide_triangles(corners, 0.5 * cell)
     points = (small[:, 0] + small[:, 1] + small[:, 2]) / 3
     areas, normals = face_areas(corners)
-    is_flat = np.abs(normals[:, 2]) > _FLAT
+    is_flat = np.abs(normals[:, 2]) > _FLAT_NORMAL
     heights = corners[is_flat][:, :, 2].mean(axis=1)
-    bins = np.round(heights / (2 * _LEVEL)).astype(np.int64)
+    bins = np.round(heights / (2 * _UNEVENNESS)).astype(np.int64)
     found, inverse = np.unique(bins, return_inverse=True)
     weights = np.bincount(inverse.reshape(-1), areas[is_flat], minlength=len(found))
-    worth = [k for k in np.argsort(-weights, kind="stable") if weights[k] > _LEAST**2]
-    # The catalogue's own height first, then by area.
-    worth.sort(key=lambda k: (abs(2 * _LEVEL * found[k] - drop) > 0.015, -weights[k]))
+    worth = [k for k in np.argsort(-weights, kind="stable") if weights[k] > _MIN_SIDE**2]
+    # The height from the catalogue first, then by area.
+    worth.sort(key=lambda k: (abs(2 * _UNEVENNESS * found[k] - drop) > 0.015, -weights[k]))
     shape = np.maximum(np.ceil((high - low)[:2] / cell).astype(int), 1)
     cells = np.clip(np.floor((points[:, :2] - low[:2]) / cell).astype(int), 0, shape - 1)
     flat_cell = cells[:, 0] * shape[1] + cells[:, 1]
-    made: list[Level] = []
-    for k in worth[: 2 * _MAX_LEVELS]:
-        z = float(2 * _LEVEL * found[k])
-        level = _level(points[:, 2], flat_cell, is_flat[owner], z, shape, cell, low)
-        if level is not None and all(abs(level.z - other.z) > 0.02 for other in made):
-            made.append(level)
-    return tuple(made[:_MAX_LEVELS])
+    made: list[SupportSurface] = []
+    for k in worth[: 2 * _MAX_SURFACES]:
+        z = float(2 * _UNEVENNESS * found[k])
+        surface = _surface_at(points[:, 2], flat_cell, is_flat[owner], z, shape, cell, low)
+        if surface is not None and all(abs(surface.z - other.z) > 0.02 for other in made):
+            made.append(surface)
+    return tuple(made[:_MAX_SURFACES])
 
 
-def _level(
+def _surface_at(
     heights: Float64Array,
     cells: Int64Array,
     is_flat: BoolArray,
@@ -162,22 +167,22 @@ def _level(
     shape: Int64Array,
     cell: float,
     low: Float64Array,
-) -> Level | None:
-    """The largest free rectangle about height `z`, of the columns `cells` on a grid.
+) -> SupportSurface | None:
+    """Largest free rectangle at height `z`; `cells` are the grid columns of the triangles.
 
-    None where it is too small, or hidden behind a front.
+    None if it is too small or behind a closed front.
     """
     count = int(shape.prod())
-    at_level = is_flat & (np.abs(heights - z) <= 1.5 * _LEVEL)
+    at_level = is_flat & (np.abs(heights - z) <= 1.5 * _UNEVENNESS)
     held = np.bincount(cells[at_level], minlength=count) > 0
     tops = np.full(count, -np.inf)
     np.maximum.at(tops, cells[at_level], heights[at_level])
     above = np.full(count, np.inf)
-    over = heights > z + 1.5 * _LEVEL
+    over = heights > z + 1.5 * _UNEVENNESS
     np.minimum.at(above, cells[over], heights[over])
     free = (held & (above - z > _HEADROOM)).reshape(shape)
     x0, x1, y0, y1 = _largest_rectangle(free)
-    if min(x1 - x0, y1 - y0) * cell < _LEAST:
+    if min(x1 - x0, y1 - y0) * cell < _MIN_SIDE:
         return None
     inside = np.zeros(tuple(shape), dtype=bool)
     inside[x0:x1, y0:y1] = True
@@ -186,24 +191,26 @@ def _level(
     column = cells // shape[1]
     before = (column >= x0) & (column < x1) & (cells % shape[1] < y1) & (heights > z + 0.02)
     if np.isfinite(above[chosen]).any():
-        # Covered: a closed cupboard, unless most of its front is open.
+        # Something is above: a closed cupboard, unless most of the front is open.
         before &= heights < above[chosen].min() - 0.01
-        if len(np.unique(column[before])) > _CLOSED * (x1 - x0):
+        if len(np.unique(column[before])) > _CLOSED_FRONT * (x1 - x0):
             return None
     first, last = low[:2] + cell * np.array([x0, y0]), low[:2] + cell * np.array([x1, y1])
     half = 0.5 * (last - first) - 0.25 * cell
     centre = 0.5 * (first + last)
     headroom = float(min(above[chosen].min() - top - 0.005, 10.0))
-    return Level(float(centre[0]), float(centre[1]), top, float(half[0]), float(half[1]), headroom)
+    return SupportSurface(
+        float(centre[0]), float(centre[1]), top, float(half[0]), float(half[1]), headroom
+    )
 
 
 def _largest_rectangle(free: BoolArray) -> tuple[int, int, int, int]:
-    """x0, x1, y0, y1 of the largest all-true rectangle of a grid; empty: zeros."""
+    """x0, x1, y0, y1 of the largest all-true rectangle of a grid; zeros if there is none."""
     best, where = 0, (0, 0, 0, 0)
     run = np.zeros(free.shape[1], dtype=int)
     for x in range(free.shape[0]):
         run = np.where(free[x], run + 1, 0)
-        stack: list[tuple[int, int]] = []  # first y, run length; lengths rise
+        stack: list[tuple[int, int]] = []  # (first y, run length), lengths increase
         for y, length in enumerate([*run.tolist(), 0]):
             start = y
             while stack and stack[-1][1] >= length:

@@ -1,10 +1,10 @@
-"""What a converted piece looks like on disk, and the index of them: `piece.json`, `catalogue.json`.
+"""Files of converted catalogue pieces: `piece.json` and the index `catalogue.json`.
 
-data/assets/catalogue.json                  libraries, usable pieces, refused ones with reasons
+data/assets/catalogue.json                  libraries, usable pieces, refused pieces with reasons
 data/assets/<library>/<piece>/piece.json    the `Asset` below
-data/assets/<library>/<piece>/meshes/*.ply  one for each part: metres, Z up, back towards +Y,
-                                            the footprint's centre at the origin, foot at z = 0
-data/assets/<library>/<piece>/textures/*    PNG or JPEG, colour; alpha as grey PNG of its own
+data/assets/<library>/<piece>/meshes/*.ply  one per part: metres, Z up, back towards +Y, centre of
+                                            the footprint at the origin, lower end at z = 0
+data/assets/<library>/<piece>/textures/*    colour as PNG or JPEG; alpha as a separate grey PNG
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from scenes.assets.free_space import Level
+from scenes.assets.free_space import SupportSurface
 from scenes.assets.piece import CataloguePiece
 from scenes.checked import build, plain
 from scenes.color import Color
@@ -28,10 +28,11 @@ Point3 = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class AssetPart:
-    """A mesh of one finish. `color` is linear Rec. 709; files are relative to the piece's folder.
+    """A mesh with one material; file names are relative to the piece's folder.
 
-    `kind` "sheer" lets the share 1 - `opacity` of the light straight through, "glass" all of it.
-    `lumens` above 0: the part emits when its lamp is lit, at `kelvin`.
+    `color` is linear Rec. 709 RGB. `kind` "sheer" transmits the share 1 - `opacity` of the light
+    straight through, "glass" all of it. `lumens` above 0: the part emits at `kelvin` when its
+    lamp is on.
     """
 
     mesh: str
@@ -48,25 +49,25 @@ class AssetPart:
 
 @dataclass(frozen=True)
 class Checks:
-    """What was measured when the piece was converted."""
+    """Measurements and notes of a piece's conversion."""
 
     triangles: int
-    dropped: int  # triangles without area that the model had
-    size_error: float  # greatest difference from the size the catalogue gives, metres
+    dropped: int  # degenerate triangles that were removed
+    size_error: float  # greatest difference from the size in the catalogue, metres
     textures: int
-    notes: tuple[str, ...] = ()  # what was changed or lost, a sentence each
+    notes: tuple[str, ...] = ()  # changes and losses, one sentence each
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a piece came from and on whose terms."""
+    """Origin of a piece: catalogue file, library, provider, package."""
 
     file: str  # the catalogue file
     sha256: str
     library: str
     version: str
     provider: str
-    package: str  # the Debian package and version it was fetched in; "" where a file was given
+    package: str  # Debian package and version; "" for a file from a folder
 
 
 @dataclass(frozen=True)
@@ -75,8 +76,8 @@ class Asset:
 
     piece: CataloguePiece
     parts: tuple[AssetPart, ...]
-    boxes: tuple[tuple[Point3, Point3], ...]  # hold all of its geometry
-    levels: tuple[Level, ...]
+    boxes: tuple[tuple[Point3, Point3], ...]  # together cover its geometry
+    levels: tuple[SupportSurface, ...]
     checks: Checks
     provenance: Provenance
     fingerprint: str  # of the catalogue file, the piece's description and the converter
@@ -84,13 +85,13 @@ class Asset:
 
     @property
     def lumens(self) -> float:
-        """Of all its light sources together."""
+        """Luminous flux of all light sources together."""
         return sum(part.lumens for part in self.parts)
 
 
 @dataclass(frozen=True)
-class Refused:
-    """A piece that is not used, and why."""
+class RefusedPiece:
+    """A piece that is not used, with the reason."""
 
     key: str
     name: str
@@ -98,8 +99,8 @@ class Refused:
 
 
 @dataclass(frozen=True)
-class Usable:
-    """A piece in the index: what choosing one needs."""
+class IndexEntry:
+    """Entry of a usable piece in the index: the attributes that asset rules test."""
 
     key: str
     name: str
@@ -120,7 +121,7 @@ class Usable:
 
 @dataclass(frozen=True)
 class LibraryEntry:
-    """A catalogue file in the index."""
+    """Entry of a catalogue file in the index."""
 
     key: str
     file: str
@@ -135,27 +136,27 @@ class LibraryEntry:
 
 
 @dataclass(frozen=True)
-class Index:
-    """`catalogue.json`; empty where catalogues are off."""
+class AssetIndex:
+    """Contents of `catalogue.json`; empty if catalogues are disabled."""
 
     libraries: tuple[LibraryEntry, ...] = ()
-    pieces: tuple[Usable, ...] = ()
-    refused: tuple[Refused, ...] = ()
+    pieces: tuple[IndexEntry, ...] = ()
+    refused: tuple[RefusedPiece, ...] = ()
     schema: int = SCHEMA
     folder: Path = field(default=Path(), init=False, compare=False)
 
     def verify(self, where: str) -> None:
-        """Refuse another version's index; raises ValueError."""
+        """Check the schema version; raises ValueError."""
         if self.schema != SCHEMA:
             raise ValueError(
                 f"{where}: schema {self.schema}, this version reads {SCHEMA}; run: pbrnet assets"
             )
 
 
-def entry(asset: Asset) -> Usable:
-    """An asset's line in the index."""
+def index_entry(asset: Asset) -> IndexEntry:
+    """Return the index entry of an asset."""
     piece = asset.piece
-    return Usable(
+    return IndexEntry(
         key=piece.key,
         name=piece.name,
         category=piece.category,
@@ -175,7 +176,7 @@ def entry(asset: Asset) -> Usable:
 
 
 def load_asset(folder: Path) -> Asset:
-    """Read a converted piece; `InputError` names what is missing or wrong."""
+    """Read `piece.json`; raises `InputError` if it is missing or invalid."""
     path = Path(folder) / "piece.json"
     asset = build(Asset, read_json(path), str(path), InputError)
     if asset.schema != SCHEMA:
@@ -188,14 +189,18 @@ def save_asset(folder: Path, asset: Asset) -> None:
     write_json(Path(folder) / "piece.json", plain(asset))
 
 
-def load_index(root: Path) -> Index:
-    """Read `catalogue.json` below `data/assets`; an absent one is an empty one."""
+def load_index(root: Path) -> AssetIndex:
+    """Read `catalogue.json` in `data/assets`; returns an empty index if there is none."""
     path = Path(root) / INDEX
-    index = build(Index, read_json(path), str(path), InputError) if path.is_file() else Index()
+    index = (
+        build(AssetIndex, read_json(path), str(path), InputError)
+        if path.is_file()
+        else AssetIndex()
+    )
     object.__setattr__(index, "folder", Path(root))
     return index
 
 
-def save_index(root: Path, index: Index) -> None:
+def save_index(root: Path, index: AssetIndex) -> None:
     """Write `catalogue.json`."""
     write_json(Path(root) / INDEX, plain(index))

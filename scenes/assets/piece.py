@@ -1,4 +1,4 @@
-"""A furniture piece as its catalogue describes it, in metres."""
+"""Description of a furniture piece in its catalogue, in metres."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class LightSource:
-    """A bulb: its place as fractions of width, depth and height, as the application counts them.
+    """A light source; x, y, z are fractions of the piece's width, depth and height.
 
-    `color` is sRGB 0xRRGGBB; `diameter` a fraction of the width, or None.
+    `color` is sRGB 0xRRGGBB; `diameter` is a fraction of the width, or None.
     """
 
     x: float
@@ -21,7 +21,7 @@ class LightSource:
 
 @dataclass(frozen=True)
 class OpeningRule:
-    """How a door or window sits in a wall."""
+    """Position of a door or window in its wall, and its sashes."""
 
     cut_out: str | None  # SVG-like path in the unit square; None: the whole front
     wall_thickness: float = 1.0  # share of the piece's depth that lies in the wall
@@ -32,23 +32,24 @@ class OpeningRule:
 
 @dataclass(frozen=True)
 class CataloguePiece:
-    """A piece as its catalogue describes it. Sizes in metres.
+    """A furniture piece as described by its catalogue, sizes in metres.
 
-    `key` is "library/piece", the folder it is converted to; `id` the catalogue's own name.
+    `key` is "library/piece", the folder of the converted piece; `id` is the identifier in the
+    catalogue.
     """
 
     key: str
     id: str
     name: str
     group: str  # the catalogue's category, such as "Living room"
-    category: str  # ours, shared by all scene sources: "chair", "lamp", ...
+    category: str  # of the project's own table: "chair", "lamp", ...
     tags: tuple[str, ...]
     creator: str
     licence: str  # SPDX identifier where it is known, else "unknown"
     model: str  # member of the catalogue file
     size: tuple[float, float, float]  # width, depth, height
-    elevation: float  # of its foot above the floor
-    drop: float | None  # where things put on top of it stand; None: nothing stands on it
+    elevation: float  # of its lower end above the floor
+    drop: float | None  # height at which other pieces stand on it; None: nothing stands on it
     movable: bool
     opening: OpeningRule | None
     rotation: tuple[tuple[float, ...], ...] | None
@@ -56,5 +57,5 @@ class CataloguePiece:
 
     @property
     def words(self) -> str:
-        """Name, tags and identifier in lower case, to look for words in."""
+        """Name, tags and identifier in lower case, as text for `AssetRule.words`."""
         return " ".join((self.name, *self.tags, self.id.rpartition("#")[2])).lower()

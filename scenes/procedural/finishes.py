@@ -1,4 +1,4 @@
-"""Floors, walls, doors and windows of one home: materials and profiles that go together."""
+"""Finishes of a home: materials of floors, walls, doors and windows, and moulding profiles."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenes.procedural.furniture.style import METALS, Style, tone
+from scenes.procedural.furniture.style import METALS, Style, hex_color, scaled_color
 from scenes.procedural.piece import Material
 
-# Measured paints: a fresh white wall reflects about 0.8, tinted ones 0.5 to 0.7.
+# Measured reflectances of paint: about 0.8 for fresh white, 0.5 to 0.7 for tints.
 WALLS = (
     "#e6e1d6",
     "#e9e6df",
@@ -76,24 +76,24 @@ FACADES = ("#d9d3c6", "#c9b79b", "#b9b4aa", "#d6c4b0", "#a9533c", "#8d4a36", "#c
 
 @dataclass(frozen=True)
 class RoomFinish:
-    """One room's surfaces."""
+    """Materials of one room's floor and walls."""
 
     floor: Material
     wall: Material
-    accent: Material | None  # one wall differs
+    accent: Material | None  # of a single accent wall
     wall_tiles: Material | None
-    tile_height: float  # metres of tiles from the floor up; 0 none
+    tile_height: float  # metres from the floor to the top of the wall tiles; 0: no tiles
     skirting: bool
 
 
 @dataclass(frozen=True)
 class Finishes:
-    """A home's building materials and mouldings."""
+    """Building materials and mouldings of a home."""
 
     ceiling: Material
     skirting: Material
     skirting_height: float  # metres
-    cornice: float  # metres, 0: none
+    cornice: float  # metres; 0: no cornice
     frame: Material  # of windows
     sill: Material
     door: Material
@@ -108,7 +108,7 @@ class Finishes:
 
 
 def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str]) -> Finishes:
-    """Draw finishes for `rooms` (id -> type) that suit the furniture's `style`."""
+    """Draw finishes for `rooms` (id -> type) that match the furniture's `style`."""
 
     def pick(codes: tuple[str, ...]) -> str:
         return codes[int(rng.integers(len(codes)))]
@@ -116,39 +116,39 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
     def variant() -> int:
         return int(rng.integers(1 << 30))
 
-    plank_color = tone(pick(FLOOR_WOODS))
+    plank_color = hex_color(pick(FLOOR_WOODS))
     planks = Material(
         "planks",
         plank_color,
         roughness=float(rng.uniform(0.3, 0.55)),
-        accent=_dimmed(plank_color, 0.6),
+        accent=scaled_color(plank_color, 0.6),
         scale=float(rng.choice([0.8, 1.0, 1.3])),
         variant=variant(),
     )
-    carpet = Material("carpet", tone(pick(CARPETS)), 0.95, variant=variant())
-    common_wall = Material("plaster", tone(pick(WALLS)), 0.9, variant=variant())
+    carpet = Material("carpet", hex_color(pick(CARPETS)), 0.95, variant=variant())
+    common_wall = Material("plaster", hex_color(pick(WALLS)), 0.9, variant=variant())
     frame_code, door_code = pick(FRAMES), pick(DOORS)
-    frame = Material("paint", tone(frame_code), float(rng.uniform(0.25, 0.4)))
-    door_color = tone(door_code)
+    frame = Material("paint", hex_color(frame_code), float(rng.uniform(0.25, 0.4)))
+    door_color = hex_color(door_code)
     wooden = max(door_color) / max(min(door_color), 1e-6) > 1.8
     door = (
-        Material("wood", door_color, 0.4, accent=_dimmed(door_color, 0.6), variant=variant())
+        Material("wood", door_color, 0.4, accent=scaled_color(door_color, 0.6), variant=variant())
         if wooden
         else Material("paint", door_color, 0.35)
     )
-    white = Material("paint", tone("#e8e6e0"), 0.4)
+    white = Material("paint", hex_color("#e8e6e0"), 0.4)
     metal_code, metal_roughness = METALS[int(rng.integers(len(METALS)))]
     finishes = {}
     for room, kind in rooms.items():
         wet = kind in ("bathroom", "kitchen")
         floor = planks
         if wet or (kind == "dining" and rng.random() < 0.3):
-            color = tone(pick(FLOOR_TILES))
+            color = hex_color(pick(FLOOR_TILES))
             floor = Material(
                 "tiles",
                 color,
                 roughness=float(rng.uniform(0.15, 0.45)),
-                accent=_dimmed(tone("#a09c94"), 0.8),
+                accent=scaled_color(hex_color("#a09c94"), 0.8),
                 scale=float(rng.choice([1.0, 1.0, 1.5, 2.0, 0.5 if kind == "bathroom" else 1.0])),
                 variant=variant(),
             )
@@ -158,22 +158,22 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
             floor = carpet
         wall = common_wall
         if rng.random() < 0.4:
-            wall = Material("plaster", tone(pick(WALLS)), 0.9, variant=variant())
+            wall = Material("plaster", hex_color(pick(WALLS)), 0.9, variant=variant())
         accent = None
         if not wet and rng.random() < 0.4:
-            accent = Material("plaster", tone(pick(ACCENTS)), 0.9, variant=variant())
+            accent = Material("plaster", hex_color(pick(ACCENTS)), 0.9, variant=variant())
             if rng.random() < 0.5:
-                base = tone(pick(WALLS + ACCENTS))
+                base = hex_color(pick(WALLS + ACCENTS))
                 accent = Material(
-                    "wallpaper", base, 0.9, accent=_dimmed(base, 0.62), variant=variant()
+                    "wallpaper", base, 0.9, accent=scaled_color(base, 0.62), variant=variant()
                 )
         tiles, tile_height = None, 0.0
         if kind == "bathroom":
             tiles = Material(
                 "tiles",
-                tone(pick(WALL_TILES)),
+                hex_color(pick(WALL_TILES)),
                 roughness=float(rng.uniform(0.1, 0.25)),
-                accent=tone("#c9c7c1"),
+                accent=hex_color("#c9c7c1"),
                 scale=float(rng.choice([0.35, 0.5, 0.65, 1.0])),
                 variant=variant(),
             )
@@ -186,24 +186,24 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
             tile_height=tile_height,
             skirting=kind != "bathroom",
         )
-    facade_color = tone(pick(FACADES))
+    facade_color = hex_color(pick(FACADES))
     red = facade_color[0] > 2.2 * facade_color[2]
     return Finishes(
-        ceiling=Material("plaster", tone(pick(CEILINGS)), 0.95, variant=variant()),
+        ceiling=Material("plaster", hex_color(pick(CEILINGS)), 0.95, variant=variant()),
         skirting=white if rng.random() < 0.7 else replace(style.wood, variant=variant()),
         skirting_height=float(rng.uniform(0.06, 0.12)),
         cornice=float(rng.choice([0.0, 0.0, 0.05, 0.07])),
         frame=frame,
-        sill=white if rng.random() < 0.5 else Material("stone", tone("#b9b4aa"), 0.35),
+        sill=white if rng.random() < 0.5 else Material("stone", hex_color("#b9b4aa"), 0.35),
         door=door,
         door_panels=("flat", "two", "four")[int(rng.integers(3))],
         casing=door if rng.random() < 0.5 else white,
-        handle=Material("metal", tone(metal_code), metal_roughness),
+        handle=Material("metal", hex_color(metal_code), metal_roughness),
         facade=Material(
             "brick" if red else "plaster",
             facade_color,
             0.9,
-            accent=tone("#a8a196") if red else None,
+            accent=hex_color("#a8a196") if red else None,
             variant=variant(),
         ),
         threshold=replace(style.wood, variant=variant()),
@@ -211,7 +211,3 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
         sash_width=float(rng.uniform(0.8, 1.15)),
         rooms=finishes,
     )
-
-
-def _dimmed(color: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
-    return (color[0] * factor, color[1] * factor, color[2] * factor)

@@ -1,4 +1,4 @@
-"""Light of a home: sun and sky by day and evening, lamps by night, mixes."""
+"""Lighting of a home: sky models and lamps for each light setting."""
 
 from __future__ import annotations
 
@@ -9,23 +9,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenes.contract import Light
+from scenes.geometry.mesh import face_areas
 from scenes.photometry import LUMEN, lamp_radiance
-from scenes.procedural.piece import Part
-from scenes.procedural.scene_item import Thing
+from scenes.procedural.piece import PiecePart
+from scenes.procedural.scene_item import SceneItem
 
 
 @dataclass(frozen=True)
 class Sky:
-    """What lies behind the windows: a Mitsuba emitter and its place in `scene.json`."""
+    """The environment: a Mitsuba emitter element and its entries in `scene.json`."""
 
     xml: str
     lights: tuple[Light, ...]
-    choices: dict[str, float]  # what was drawn, for the record
+    choices: dict[str, float]  # sampled parameters, recorded in `scene.json`
 
 
 @dataclass(frozen=True)
 class Lamp:
-    """Something that can be lit."""
+    """Identity and luminous flux of a lamp, for the choice of lit lamps."""
 
     id: str
     room: str | None
@@ -33,12 +34,12 @@ class Lamp:
 
 
 def draw_sky(rng: np.random.Generator, setting: str, lamp_weight: float) -> Sky:
-    """The sky of a `setting`; `lamp_weight` is the sum of the lit lamps' sampling weights.
+    """Draw the sky of a `setting`; `lamp_weight` is the sum of the lit lamps' sampling weights.
 
-    Day and mixed: sun 18-62 degrees up, or an overcast sky without sun. Evening: a sun 6-14
-    degrees up, or dusk, in clear air. Night: a faint uniform sky, as above a lit town.
+    Day and mixed: sun elevation 18-62 degrees, or an overcast sky without sun. Evening: sun
+    elevation 6-14 degrees, or dusk, in clear air. Night: a faint uniform sky, as above a town.
     """
-    # Sky and lamps share the samples evenly where both matter (see FIELD-NOTES on variance).
+    # Give sky and lamps about the same share of the emitter samples, to lower the variance.
     weight = max(1.0, lamp_weight)
     if setting == "night":
         lux = float(rng.uniform(0.3, 3.0))
@@ -53,7 +54,7 @@ def draw_sky(rng: np.random.Generator, setting: str, lamp_weight: float) -> Sky:
     azimuth = float(rng.uniform(0, 360))
     if setting == "evening":
         dusk = rng.random() < 0.45
-        # In haze the sky model turns deep yellow towards a low sun (red to blue 5 to 1).
+        # In haze the sky model turns deep yellow near a low sun (red to blue 5 to 1).
         turbidity = 2.0 + 0.4 * (turbidity - 2.5)
         elevation = 4.0 if dusk else float(rng.uniform(6, 14))
         sun_scale, sky_scale = (0.0, float(rng.uniform(0.05, 0.3))) if dusk else (1.0, 1.0)
@@ -89,23 +90,23 @@ def draw_sky(rng: np.random.Generator, setting: str, lamp_weight: float) -> Sky:
     return Sky(xml, tuple(lights), choices)
 
 
-def lamps_of(things: Sequence[Thing]) -> list[Thing]:
-    """Things that can be lit."""
-    return [thing for thing in things if any(part.lumens > 0 for part in thing.parts)]
+def lamp_items(items: Sequence[SceneItem]) -> list[SceneItem]:
+    """Return the items with a light source."""
+    return [item for item in items if any(part.lumens > 0 for part in item.parts)]
 
 
-def as_lamps(things: Sequence[Thing]) -> list[Lamp]:
-    """What matters of `lamps_of(things)` when some are chosen to burn."""
-    return [Lamp(thing.id, thing.room, _lumens(thing)) for thing in lamps_of(things)]
+def lamp_descriptions(items: Sequence[SceneItem]) -> list[Lamp]:
+    """Return a `Lamp` for each item with a light source."""
+    return [Lamp(item.id, item.room, _lumens(item)) for item in lamp_items(items)]
 
 
-def choose_lit(
+def choose_lit_lamps(
     rng: np.random.Generator, setting: str, lamps: Sequence[Lamp], windowless: Collection[str]
 ) -> set[str]:
-    """Ids of the lamps that burn.
+    """Choose the lamps that are on; returns their ids.
 
-    By night and in the evening at least one in each room that has any; by day none, except in
-    the rooms without a window.
+    At night and in the evening at least one lamp is on in every room that has lamps; by day
+    only rooms without a window have one on.
     """
     share = {"day": 0.0, "evening": 0.6, "night": 0.75, "mixed": 0.55}[setting]
     lit: set[str] = set()
@@ -122,29 +123,28 @@ def choose_lit(
     return lit
 
 
-def draw_cooler(rng: np.random.Generator) -> float:
-    """Kelvins by which a home's lamps look cooler than their nominal colour temperature.
+def draw_kelvin_offset(rng: np.random.Generator) -> float:
+    """Draw the kelvins added to the nominal colour temperature of all lamps of a home.
 
-    Frames are not white-balanced but for daylight; eyes and cameras adapt at least in part to
-    lamplight, and some lamps are white LEDs.
+    Frames are white-balanced for daylight only; the offset stands for the partial adaptation of
+    eyes and cameras to lamplight, and for white LEDs.
     """
     return float(rng.choice([800.0, 1500.0, 2200.0, 3000.0], p=[0.25, 0.3, 0.3, 0.15]))
 
 
-def sampling_weight(part: Part) -> float:
-    """How often a lamp is sampled beside others: by its flux, a strong one not too often."""
+def sampling_weight(part: PiecePart) -> float:
+    """Sampling weight of a lamp's emitter: the square root of its flux relative to 800 lm."""
     return round(math.sqrt(part.lumens / 800.0), 4)
 
 
-def emitter(part: Part, cooler: float = 0.0) -> str:
-    """The area light of a part that burns: its flux spread over its surface.
+def area_emitter(part: PiecePart, kelvin_offset: float = 0.0) -> str:
+    """Return the `<emitter>` element of a lit part: its flux spread evenly over its surface.
 
-    `cooler` kelvins are added to its colour temperature.
+    `kelvin_offset` is added to its colour temperature.
     """
-    a, b, c = (part.vertices[part.faces[:, corner]] for corner in range(3))
-    area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+    area = float(face_areas(part.vertices[part.faces])[0].sum())
     radiance = " ".join(
-        f"{value:.6g}" for value in lamp_radiance(part.lumens, area, part.kelvin + cooler)
+        f"{value:.6g}" for value in lamp_radiance(part.lumens, area, part.kelvin + kelvin_offset)
     )
     return (
         f'<emitter type="area"><rgb name="radiance" value="{radiance}"/>'
@@ -152,5 +152,5 @@ def emitter(part: Part, cooler: float = 0.0) -> str:
     )
 
 
-def _lumens(thing: Thing) -> float:
-    return sum(part.lumens for part in thing.parts)
+def _lumens(item: SceneItem) -> float:
+    return sum(part.lumens for part in item.parts)

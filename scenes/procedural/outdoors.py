@@ -1,4 +1,4 @@
-"""What windows look out on: ground, paving, hedges, trees, neighbouring houses."""
+"""Outdoor surroundings of a home: ground, terrace, hedge, trees, houses, hills."""
 
 from __future__ import annotations
 
@@ -6,58 +6,60 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
-from scenes.procedural.furniture.geometry import Mesh, box, merge, prism, span, sphere, tube
-from scenes.procedural.furniture.style import tone
+from scenes.procedural.furniture.geometry import BodyMesh, box, merge, prism, span, sphere, tube
+from scenes.procedural.furniture.style import hex_color, scaled_color
 from scenes.procedural.patterns import noise
 from scenes.procedural.piece import Material
 from scenes.procedural.plan import Plan
-from scenes.procedural.scene_item import Thing, part_of
+from scenes.procedural.scene_item import SceneItem, make_part
 
-LAWN = 70.0  # metres of grass to each side
-REACH = 2500.0  # metres of ground to each side; beyond, the horizon
+LAWN = 70.0  # half the side of the lawn, metres
+GROUND = 2500.0  # half the side of the ground plane, metres
 _ROOFS = ("#7d4436", "#5b5653", "#8a4f3b", "#4a4a4c")
 _PLASTERS = ("#d9d0be", "#c9b89a", "#bfc0ba", "#d8c2a8", "#a9533c", "#cfd2d2")
-# Muted: seen from a room these are overexposed, and strong greens turn to neon.
+# Muted greens: seen from indoors they are overexposed, and saturated ones would clip.
 _LEAVES = ("#4a5936", "#586541", "#42543c", "#65694a", "#6c6b48")
 _LAWNS = ("#5a6050", "#606456", "#646358")
-_HAZE = ("#7d8a86", "#87918f")  # far woods and hills, through a mile of air
+_HAZE = ("#7d8a86", "#87918f")  # of distant woods and hills, seen through haze
 
 
-def build_outdoors(rng: np.random.Generator, plan: Plan) -> list[Thing]:
-    """The surroundings of a home, all of them structure."""
+def build_outdoors(rng: np.random.Generator, plan: Plan) -> list[SceneItem]:
+    """Build the surroundings of a home as structure items."""
     outline = Polygon(plan.outline)
     centre = np.array(outline.centroid.coords[0])
     ground = plan.ground
     grass = Material(
         "grass",
-        tone(_LAWNS[int(rng.integers(len(_LAWNS)))]),
+        hex_color(_LAWNS[int(rng.integers(len(_LAWNS)))]),
         0.95,
-        accent=tone("#4c5438"),
+        accent=hex_color("#4c5438"),
         variant=int(rng.integers(1 << 30)),
     )
     paving = Material(
         "tiles",
-        tone(("#a9a49a", "#8f8c87", "#b8a88f")[int(rng.integers(3))]),
+        hex_color(("#a9a49a", "#8f8c87", "#b8a88f")[int(rng.integers(3))]),
         0.8,
-        accent=tone("#7b766d"),
+        accent=hex_color("#7b766d"),
         scale=1.4,
         variant=int(rng.integers(1 << 30)),
     )
     x, y = centre
     lawn = _ground(x - LAWN, y - LAWN, x + LAWN, y + LAWN, ground)
-    far = _ground(x - REACH, y - REACH, x + REACH, y + REACH, ground - 0.1)
+    far = _ground(x - GROUND, y - GROUND, x + GROUND, y + GROUND, ground - 0.1)
     around = outline.buffer(float(rng.uniform(0.8, 2.6)), join_style="mitre")
     terrace = prism(shapely.get_coordinates(around.exterior)[:-1], ground - 0.05, ground + 0.02)
-    terrace = Mesh(terrace.vertices, terrace.faces, terrace.vertices[:, :2].copy())
-    fields = Material("paint", tone("#80857a"), 0.95)
+    terrace = BodyMesh(terrace.vertices, terrace.faces, terrace.vertices[:, :2].copy())
+    fields = Material("paint", hex_color("#80857a"), 0.95)
     hills = [
-        part_of(f"hills-{k}", Material("paint", tone(code), 0.95), _hills(rng, centre, ground, k))
+        make_part(
+            f"hills-{k}", Material("paint", hex_color(code), 0.95), _hills(rng, centre, ground, k)
+        )
         for k, code in enumerate(_HAZE)
     ]
-    things = [
-        _outside("ground", "ground", [part_of("lawn", grass, lawn)]),
-        _outside("fields", "ground", [part_of("fields", fields, far), *hills]),
-        _outside("terrace", "ground", [part_of("paving", paving, terrace)]),
+    items = [
+        _outside("ground", "ground", [make_part("lawn", grass, lawn)]),
+        _outside("fields", "ground", [make_part("fields", fields, far), *hills]),
+        _outside("terrace", "ground", [make_part("paving", paving, terrace)]),
     ]
     half = 0.5 * float(np.hypot(*(np.ptp(np.array(plan.outline), axis=0))))
     turn = float(rng.uniform(0, 360))
@@ -65,42 +67,42 @@ def build_outdoors(rng: np.random.Generator, plan: Plan) -> list[Thing]:
         angle = np.radians(turn + 360 * number / 5 + float(rng.uniform(-20, 20)))
         distance = half + float(rng.uniform(9, 22))
         at = centre + distance * np.array([np.cos(angle), np.sin(angle)])
-        things.append(_house(rng, f"neighbour-{number}", at, np.degrees(angle), ground))
+        items.append(_house(rng, f"neighbour-{number}", at, np.degrees(angle), ground))
     for number in range(int(rng.integers(4, 9))):
         angle = float(rng.uniform(0, 2 * np.pi))
         distance = half + float(rng.uniform(3.5, 9))
         at = centre + distance * np.array([np.cos(angle), np.sin(angle)])
         if outline.distance(shapely.Point(at)) > 2.5:
-            things.append(_tree(rng, f"tree-{number}", at, ground))
+            items.append(_tree(rng, f"tree-{number}", at, ground))
     hedge = _hedge(rng, centre, half + float(rng.uniform(4.0, 7.0)), ground)
     leaf = _leaf(rng)
-    things.append(_outside("hedge", "plant", [part_of("hedge", leaf, hedge, smooth=True)]))
-    return things
+    items.append(_outside("hedge", "plant", [make_part("hedge", leaf, hedge, smooth=True)]))
+    return items
 
 
-def _outside(name: str, category: str, parts: list) -> Thing:
-    return Thing(f"outside-{name}", name, category, tuple(parts), True, None)
+def _outside(name: str, category: str, parts: list) -> SceneItem:
+    return SceneItem(f"outside-{name}", name, category, tuple(parts), True, None)
 
 
 def _leaf(rng: np.random.Generator) -> Material:
-    color = tone(_LEAVES[int(rng.integers(len(_LEAVES)))])
+    color = hex_color(_LEAVES[int(rng.integers(len(_LEAVES)))])
     return Material(
         "leaf",
         color,
         0.6,
-        accent=(color[0] * 0.5, color[1] * 0.5, color[2] * 0.5),
+        accent=scaled_color(color, 0.5),
         scale=3.0,
         variant=int(rng.integers(1 << 30)),
     )
 
 
-def _ground(x0: float, y0: float, x1: float, y1: float, z: float) -> Mesh:
+def _ground(x0: float, y0: float, x1: float, y1: float, z: float) -> BodyMesh:
     vertices = np.array([[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]])
-    return Mesh(vertices, np.array([[0, 1, 2], [0, 2, 3]]), vertices[:, :2].copy())
+    return BodyMesh(vertices, np.array([[0, 1, 2], [0, 2, 3]]), vertices[:, :2].copy())
 
 
-def _hills(rng: np.random.Generator, centre: np.ndarray, ground: float, ring: int) -> Mesh:
-    """A ring of far woods and hills, the second higher and farther than the first."""
+def _hills(rng: np.random.Generator, centre: np.ndarray, ground: float, ring: int) -> BodyMesh:
+    """Ring of distant woods (`ring` 0) or of higher and more distant hills (1)."""
     radius, low, high = ((320.0, 6.0, 3.0), (1500.0, 30.0, 20.0))[ring]
     count = 512
     skyline = noise(rng, count, 1.1)[0]
@@ -121,13 +123,13 @@ def _hills(rng: np.random.Generator, centre: np.ndarray, ground: float, ring: in
             np.column_stack([after, after + count, low_ring + count]),
         ]
     )
-    return Mesh(points.reshape(-1, 3), faces, points.reshape(-1, 3)[:, [0, 2]].copy())
+    return BodyMesh(points.reshape(-1, 3), faces, points.reshape(-1, 3)[:, [0, 2]].copy())
 
 
 def _house(
     rng: np.random.Generator, name: str, at: np.ndarray, degrees: float, ground: float
-) -> Thing:
-    """A neighbour: walls, a saddle roof, dark windows with light frames, facing the home."""
+) -> SceneItem:
+    """Neighbouring house with a gable roof and dark windows in light frames, facing the home."""
     wide, deep = float(rng.uniform(8, 14)), float(rng.uniform(7, 10))
     storeys = int(rng.integers(1, 4))
     high = 2.9 * storeys + 0.4
@@ -142,9 +144,9 @@ def _house(
         -wide / 2 - eaves,
         wide / 2 + eaves,
     )
-    # The profile was drawn in x-y and pulled along z: lay it along x, its tip up.
+    # The gable was extruded along z: permute the axes so that it runs along x with its tip up.
     vertices = np.stack([roof.vertices[:, 2], roof.vertices[:, 0], roof.vertices[:, 1]], axis=1)
-    roof = Mesh(vertices + np.array([0, 0, high]), roof.faces, roof.uvs)
+    roof = BodyMesh(vertices + np.array([0, 0, high]), roof.faces, roof.uvs)
     panes, frames = [], []
     columns = max(2, int(wide / 2.6))
     for storey in range(storeys):
@@ -165,27 +167,27 @@ def _house(
     brick = code == "#a9533c"
     wall = Material(
         "brick" if brick else "plaster",
-        tone(code),
+        hex_color(code),
         0.9,
-        accent=tone("#a8a196") if brick else None,
+        accent=hex_color("#a8a196") if brick else None,
         variant=int(rng.integers(1 << 30)),
     )
     place = [
         (wall, walls, "walls"),
-        (Material("paint", tone(_ROOFS[int(rng.integers(len(_ROOFS)))]), 0.8), roof, "roof"),
-        (Material("plastic", tone("#20262c"), 0.1), merge(panes), "panes"),
-        (Material("paint", tone("#dcdad4"), 0.5), merge(frames), "frames"),
+        (Material("paint", hex_color(_ROOFS[int(rng.integers(len(_ROOFS)))]), 0.8), roof, "roof"),
+        (Material("plastic", hex_color("#20262c"), 0.1), merge(panes), "panes"),
+        (Material("paint", hex_color("#dcdad4"), 0.5), merge(frames), "frames"),
     ]
     turn = round(float(degrees) / 15) * 15 + 90.0
     parts = [
-        part_of(label, material, mesh.turned("z", turn).moved(at[0], at[1], ground))
+        make_part(label, material, mesh.turned("z", turn).moved(at[0], at[1], ground))
         for material, mesh, label in place
     ]
     return _outside(name, "building", parts)
 
 
-def _tree(rng: np.random.Generator, name: str, at: np.ndarray, ground: float) -> Thing:
-    """A trunk, a few boughs, and a crown of many small leaf clumps."""
+def _tree(rng: np.random.Generator, name: str, at: np.ndarray, ground: float) -> SceneItem:
+    """Tree with a trunk, five branches, and a crown of many small leaf clumps."""
     height = float(rng.uniform(4.5, 9.5))
     radius = 0.018 * height
     base = np.array([at[0], at[1], ground - 0.2])
@@ -210,20 +212,20 @@ def _tree(rng: np.random.Generator, name: str, at: np.ndarray, ground: float) ->
         size = crown * float(rng.uniform(0.12, 0.24))
         wobble = (1 + 0.16 * rng.standard_normal(len(places)))[inverse.reshape(-1), None]
         vertices = ball.vertices * wobble * size + middle + offset
-        clumps.append(Mesh(vertices, ball.faces, ball.uvs * size))
+        clumps.append(BodyMesh(vertices, ball.faces, ball.uvs * size))
         if k < 5:
             start = base + lean * 0.8 + [0, 0, height * float(rng.uniform(0.35, 0.55))]
             trunk.append(
                 tube(np.stack([start, middle + 0.8 * offset]), [0.5 * radius, 0.15 * radius], 6)
             )
-    bark = Material("soil", tone("#5b4a3a"), 0.95, variant=int(rng.integers(1 << 30)))
+    bark = Material("soil", hex_color("#5b4a3a"), 0.95, variant=int(rng.integers(1 << 30)))
     return _outside(
-        name, "plant", [part_of("trunk", bark, *trunk), part_of("crown", _leaf(rng), *clumps)]
+        name, "plant", [make_part("trunk", bark, *trunk), make_part("crown", _leaf(rng), *clumps)]
     )
 
 
-def _hedge(rng: np.random.Generator, centre: np.ndarray, half: float, ground: float) -> Mesh:
-    """A clipped hedge around the garden, with a gap or two."""
+def _hedge(rng: np.random.Generator, centre: np.ndarray, half: float, ground: float) -> BodyMesh:
+    """Clipped hedge around the garden; each side is missing with probability 1/4."""
     height, thick = float(rng.uniform(0.9, 1.9)), 0.7
     surface = noise(rng, 64, 0.9)
     runs = []
@@ -232,7 +234,7 @@ def _hedge(rng: np.random.Generator, centre: np.ndarray, half: float, ground: fl
             continue
         length = 2 * half - thick
         count = max(8, int(length / 0.35))
-        # Section: a rounded box, drawn along the run with a rough surface.
+        # Rounded cross-section, extruded along the side with a rough surface.
         profile = np.array(
             [
                 [-0.5, 0],
@@ -250,14 +252,14 @@ def _hedge(rng: np.random.Generator, centre: np.ndarray, half: float, ground: fl
         rough = 0.06 * surface[np.arange(count)[:, None] % 64, np.arange(len(profile)) + 8 * side]
         run[..., 1] = profile[:, 0] * thick * (1 + rough)
         run[..., 2] = profile[:, 1] * height * (1 + 0.6 * rough) - 0.05
-        runs.append(_run(run).moved(y=-half).turned("z", 90.0 * side))
+        runs.append(_extruded(run).moved(y=-half).turned("z", 90.0 * side))
     if not runs:
         runs = [box((0.5, 0.5, 0.5), (half, half, 0.0))]
     return merge(runs).moved(float(centre[0]), float(centre[1]), ground)
 
 
-def _run(points: np.ndarray) -> Mesh:
-    """A band of quads over `points` (n, m, 3) and its two flat ends."""
+def _extruded(points: np.ndarray) -> BodyMesh:
+    """Quads over a grid of `points` (n, m, 3), closed by the two flat ends."""
     n, m = points.shape[:2]
     index = np.arange(n * m).reshape(n, m)
     a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
@@ -270,4 +272,4 @@ def _run(points: np.ndarray) -> Mesh:
         [[p, r, q] for p, q, r in fan] + [[last + p, last + q, last + r] for p, q, r in fan]
     )
     flat = points.reshape(-1, 3)
-    return Mesh(flat, np.concatenate([faces, ends]).astype(np.int64), flat[:, [0, 2]].copy())
+    return BodyMesh(flat, np.concatenate([faces, ends]).astype(np.int64), flat[:, [0, 2]].copy())

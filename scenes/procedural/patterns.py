@@ -1,8 +1,7 @@
-"""Tileable patterns for textures: arrays in, arrays out, no colours decided here but mixes.
+"""Tileable texture patterns without colours.
 
-Each pattern is a `Pattern`: `mix` float32 (size, size) in [0, 1], 0 where the base colour shows
-and 1 where the accent does, and `shade`, a factor on the reflectance around 1. Rows run along
-v from 0 upwards, columns along u; both wrap around after `metres`.
+A `Pattern` mixes the base and accent colour of a material. Rows run along v, columns along u;
+both repeat after `metres`.
 """
 
 from __future__ import annotations
@@ -16,12 +15,16 @@ import numpy as np
 from scenes.arrays import Float32Array
 from scenes.seeds import generator
 
-SEEDS = 12  # distinct draws of each pattern; a home's materials pick from these
+SEEDS = 12  # different draws of each pattern
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """See the module; `metres` is the side of the square that repeats."""
+    """Mixing weights and shading of a texture.
+
+    `mix`: float32 (size, size) in [0, 1], 0 for the base colour and 1 for the accent; `shade`:
+    float32 (size, size), a factor on the reflectance around 1; `metres`: period in u and v.
+    """
 
     mix: Float32Array
     shade: Float32Array
@@ -30,13 +33,13 @@ class Pattern:
 
 @lru_cache(maxsize=192)
 def pattern(kind: str, seed: int, size: int) -> Pattern:
-    """The pattern `kind` drawn from `seed` (0 to SEEDS - 1) at `size` pixels a side."""
+    """Return the pattern `kind` for `seed` (0 to SEEDS - 1) at `size` pixels a side."""
     rng = generator(seed, "pattern", kind)
     return _MAKERS[kind](rng, size)
 
 
 def has_pattern(kind: str) -> bool:
-    """Whether materials of this kind carry a texture."""
+    """Return True if materials of this kind have a texture."""
     return kind in _MAKERS
 
 
@@ -47,19 +50,20 @@ def noise(
     stretch: tuple[float, float] = (1.0, 1.0),
     low: float = 1.0,
 ) -> Float32Array:
-    """Wrapping noise of mean 0 and deviation 1 whose amplitude falls with frequency ** -falloff.
+    """Return tileable noise, float32 (size, size), mean 0, standard deviation 1.
 
-    `stretch` lengthens it along (u, v); waves longer than 1/`low` of the tile are left out.
-    The spectrum is drawn from the lowest frequencies up, so one seed looks alike at all sizes.
+    Its amplitude spectrum is frequency ** -falloff, without frequencies below `low` periods per
+    tile; `stretch` lengthens the features along (u, v). The spectrum is drawn in an order that
+    does not depend on `size`, so one seed looks similar at all sizes.
     """
-    reach = min(size // 2, 256)
-    amplitude = _amplitude(reach, falloff, stretch, low)
+    cutoff = min(size // 2, 256)
+    amplitude = _amplitude(cutoff, falloff, stretch, low)
     phase = rng.standard_normal((2, *amplitude.shape)).astype(np.float32)
     spectrum = amplitude * (phase[0] + 1j * phase[1])
-    if size > 2 * reach:
+    if size > 2 * cutoff:
         full = np.zeros((size, size // 2 + 1), dtype=np.complex64)
-        full[:reach, : reach + 1] = spectrum[:reach]
-        full[-reach:, : reach + 1] = spectrum[reach:]
+        full[:cutoff, : cutoff + 1] = spectrum[:cutoff]
+        full[-cutoff:, : cutoff + 1] = spectrum[cutoff:]
         spectrum = full
     field = np.fft.irfft2(spectrum, s=(size, size))
     return (field / max(float(field.std()), 1e-12)).astype(np.float32)
@@ -67,29 +71,29 @@ def noise(
 
 @lru_cache(maxsize=48)
 def _amplitude(
-    reach: int, falloff: float, stretch: tuple[float, float], low: float
+    cutoff: int, falloff: float, stretch: tuple[float, float], low: float
 ) -> Float32Array:
-    """Of the waves along v (2 reach rows, as the FFT orders them) and u (reach + 1 columns)."""
-    frequency_v = np.fft.fftfreq(2 * reach, 1 / (2 * reach)).astype(np.float32)[:, None]
-    frequency_u = np.arange(reach + 1, dtype=np.float32)[None, :]
+    """Amplitudes of the frequencies along v (2 * cutoff rows, in FFT order) and u (cutoff + 1)."""
+    frequency_v = np.fft.fftfreq(2 * cutoff, 1 / (2 * cutoff)).astype(np.float32)[:, None]
+    frequency_u = np.arange(cutoff + 1, dtype=np.float32)[None, :]
     radius = np.hypot(frequency_u * stretch[0], frequency_v * stretch[1])
     return np.where(radius >= low, 1 / np.maximum(radius, 1e-6) ** falloff, 0)
 
 
 def _axes(size: int) -> tuple[Float32Array, Float32Array]:
-    """(u, v) of the pixel centres in [0, 1)."""
+    """u and v of the pixel centres in [0, 1), each (size, size)."""
     ramp = (np.arange(size, dtype=np.float32) + 0.5) / size
     u, v = np.meshgrid(ramp, ramp)
     return u.astype(np.float32), v.astype(np.float32)
 
 
-def _smooth(low: float, high: float, x: Float32Array) -> Float32Array:
+def _smoothstep(low: float, high: float, x: Float32Array) -> Float32Array:
     t = np.clip((x - low) / (high - low), 0, 1)
     return (t * t * (3 - 2 * t)).astype(np.float32)
 
 
 def _grain(rng: np.random.Generator, size: int) -> tuple[Float32Array, Float32Array]:
-    """Wood along u: (growth rings in [0, 1], fine pores around 0)."""
+    """Wood grain along u: growth rings in [0, 1] and fine pores around 0."""
     _, v = _axes(size)
     bend = noise(rng, size, 2.2, (5.0, 1.0))
     rings = 0.5 + 0.5 * np.sin(2 * np.pi * (9 * v + 0.9 * bend))
@@ -105,11 +109,11 @@ def _wood(rng: np.random.Generator, size: int) -> Pattern:
 
 
 def _planks(rng: np.random.Generator, size: int) -> Pattern:
-    """Boards 0.15 m wide and 1.2 m long, each sawn from another tree."""
+    """Boards of 0.15 m x 1.2 m, each with grain of its own."""
     metres, rows = 2.4, 16
     u, v = _axes(size)
     row = np.floor(v * rows).astype(int)
-    offset = rng.permutation(rows) / rows  # joints are staggered
+    offset = rng.permutation(rows) / rows  # staggers the joints
     length = u * 2 + offset[row]
     board = np.floor(length).astype(int) % 2
     rings, pores = _grain(rng, size)
@@ -118,21 +122,21 @@ def _planks(rng: np.random.Generator, size: int) -> Pattern:
     shift_v = rng.integers(0, size, (rows, 2))
     columns = (np.arange(size)[None, :] + shift_u[row, board]) % size
     lines = (np.arange(size)[:, None] + shift_v[row, board]) % size
-    tone = rng.normal(0, 1, (rows, 2)).astype(np.float32)[row, board]
+    variation = rng.normal(0, 1, (rows, 2)).astype(np.float32)[row, board]
     mix = 0.18 + 0.28 * rings[lines, columns] ** 2 + 0.1 * broad[lines, columns]
-    mix += 0.07 * pores[lines, columns] + 0.09 * tone
+    mix += 0.07 * pores[lines, columns] + 0.09 * variation
     across = np.minimum(v * rows % 1, 1 - v * rows % 1) * metres / rows
     ends = np.minimum(length % 1, 1 - length % 1) * metres / 2
     pixel = metres / size
-    joint = 1 - _smooth(
+    joint = 1 - _smoothstep(
         0.0006, 0.0006 + max(0.0016, 0.8 * pixel), np.minimum(across, ends).astype(np.float32)
     )
-    shade = (1 + 0.05 * tone) * (1 - 0.5 * joint * min(1.0, 0.003 / pixel))
+    shade = (1 + 0.05 * variation) * (1 - 0.5 * joint * min(1.0, 0.003 / pixel))
     return Pattern(np.clip(mix, 0, 1).astype(np.float32), shade.astype(np.float32), metres)
 
 
 def _tiles(rng: np.random.Generator, size: int) -> Pattern:
-    """Four by four tiles of 0.3 m with 4 mm of grout, which is the accent."""
+    """4 x 4 tiles of 0.3 m with 4 mm of grout in the accent colour."""
     metres, count = 1.2, 4
     u, v = _axes(size)
     column, row = (u * count).astype(int), (v * count).astype(int)
@@ -140,17 +144,17 @@ def _tiles(rng: np.random.Generator, size: int) -> Pattern:
         np.minimum(u * count % 1, 1 - u * count % 1), np.minimum(v * count % 1, 1 - v * count % 1)
     ) * np.float32(metres / count)
     pixel = metres / size
-    grout = 1 - _smooth(0.002 - 0.5 * pixel, 0.002 + 0.5 * pixel, edge)
-    tone = rng.normal(0, 1, (count, count)).astype(np.float32)[row, column]
+    grout = 1 - _smoothstep(0.002 - 0.5 * pixel, 0.002 + 0.5 * pixel, edge)
+    variation = rng.normal(0, 1, (count, count)).astype(np.float32)[row, column]
     cloud = noise(rng, size, 1.4)
-    shade = (1 + 0.025 * tone + 0.02 * cloud) * (1 - grout) + grout * (
+    shade = (1 + 0.025 * variation + 0.02 * cloud) * (1 - grout) + grout * (
         1 + 0.04 * noise(rng, size, 0.5)
     )
     return Pattern(grout, shade.astype(np.float32), metres)
 
 
 def _brick(rng: np.random.Generator, size: int) -> Pattern:
-    """Running bond of 0.25 x 0.075 m with 10 mm of mortar, which is the accent."""
+    """Running bond of 0.25 m x 0.075 m bricks with 10 mm of mortar in the accent colour."""
     metres, columns, rows = 1.5, 6, 20
     u, v = _axes(size)
     row = (v * rows).astype(int)
@@ -160,14 +164,14 @@ def _brick(rng: np.random.Generator, size: int) -> Pattern:
         np.minimum(across % 1, 1 - across % 1) * metres / columns,
         np.minimum(v * rows % 1, 1 - v * rows % 1) * metres / rows,
     )
-    mortar = 1 - _smooth(0.004, 0.007, edge + 0.001 * noise(rng, size, 0.8))
-    tone = rng.normal(0, 1, (rows, columns)).astype(np.float32)[row, column]
-    shade = 1 + 0.13 * tone + 0.06 * noise(rng, size, 0.9)
+    mortar = 1 - _smoothstep(0.004, 0.007, edge + 0.001 * noise(rng, size, 0.8))
+    variation = rng.normal(0, 1, (rows, columns)).astype(np.float32)[row, column]
+    shade = 1 + 0.13 * variation + 0.06 * noise(rng, size, 0.9)
     return Pattern(mortar, np.clip(shade, 0.4, 1.6).astype(np.float32), metres)
 
 
 def _fabric(rng: np.random.Generator, size: int) -> Pattern:
-    """Plain weave; the second yarn is the accent."""
+    """Plain weave; the second yarn has the accent colour."""
     metres, threads = 0.4, 64
     u, v = _axes(size)
     warp, weft = (np.abs(np.sin(np.pi * threads * axis)).astype(np.float32) for axis in (u, v))
@@ -196,26 +200,26 @@ def _leather(rng: np.random.Generator, size: int) -> Pattern:
 
 
 def _plaster(rng: np.random.Generator, size: int) -> Pattern:
-    """Rolled paint: faint clouds and a fine nap."""
+    """Rolled paint: faint low-frequency and fine high-frequency noise."""
     shade = 1 + 0.012 * noise(rng, size, 1.6) + 0.008 * noise(rng, size, 0.3, low=30)
     return Pattern(np.zeros((size, size), np.float32), shade.astype(np.float32), 1.6)
 
 
 def _wallpaper(rng: np.random.Generator, size: int) -> Pattern:
-    """Stripes, diamonds, sprigs or grasscloth, as the seed falls."""
-    metres = 1.06  # two rolls
+    """Stripes, diamonds, sprigs or grasscloth, chosen by the seed."""
+    metres = 1.06  # width of two rolls
     u, v = _axes(size)
     kind = int(rng.integers(4))
     soft = 1.5 / size
     if kind == 0:  # stripes of two widths
         count = int(rng.choice([8, 12, 20]))
         wave = np.abs((u * count) % 1 - 0.5)
-        mix = _smooth(-count * soft, count * soft, wave - float(rng.uniform(0.2, 0.35)))
+        mix = _smoothstep(-count * soft, count * soft, wave - float(rng.uniform(0.2, 0.35)))
     elif kind == 1:  # diamonds, drawn by thin lines
         count = int(rng.choice([6, 9]))
         a, b = (u + v) * count % 1, (u - v) * count % 1
         line = np.minimum(np.minimum(a, 1 - a), np.minimum(b, 1 - b))
-        mix = 0.8 * (1 - _smooth(0.03, 0.03 + 2 * count * soft, line))
+        mix = 0.8 * (1 - _smoothstep(0.03, 0.03 + 2 * count * soft, line))
     elif kind == 2:  # sprigs of five leaves in a half drop
         mix = np.zeros((size, size), np.float32)
         count = int(rng.choice([5, 7]))
@@ -223,7 +227,7 @@ def _wallpaper(rng: np.random.Generator, size: int) -> Pattern:
         x, y = (u * count) % 1 - 0.5, (v * count + shift) % 1 - 0.5
         angle, radius = np.arctan2(y, x), np.hypot(x, y)
         petals = 0.12 + 0.14 * np.abs(np.cos(2.5 * angle + float(rng.uniform(0, 3))))
-        mix = _smooth(-count * soft, count * soft, petals - radius)
+        mix = _smoothstep(-count * soft, count * soft, petals - radius)
     else:  # grasscloth
         mix = np.clip(0.4 + 0.18 * noise(rng, size, 0.3, (30.0, 1.0), low=8), 0, 1)
     shade = 1 + 0.01 * noise(rng, size, 0.4, low=20)
@@ -231,15 +235,15 @@ def _wallpaper(rng: np.random.Generator, size: int) -> Pattern:
 
 
 def _stone(rng: np.random.Generator, size: int) -> Pattern:
-    """Granite speckles or marble veins, as the seed falls."""
+    """Granite speckles or marble veins, chosen by the seed."""
     if rng.random() < 0.5:
         specks = noise(rng, size, 0.4, low=20)
         large = noise(rng, size, 0.7, low=12)
-        mix = 0.45 * _smooth(0.6, 1.5, specks) + 0.35 * _smooth(0.8, 1.6, large)
+        mix = 0.45 * _smoothstep(0.6, 1.5, specks) + 0.35 * _smoothstep(0.8, 1.6, large)
         return Pattern(mix.astype(np.float32), (1 + 0.05 * specks).astype(np.float32), 0.8)
     bend = noise(rng, size, 1.9)
     veins = np.exp(-(((noise(rng, size, 1.7) + 0.4 * bend) / 0.07) ** 2))
-    cloud = _smooth(-1.5, 2.5, noise(rng, size, 1.6))
+    cloud = _smoothstep(-1.5, 2.5, noise(rng, size, 1.6))
     mix = np.clip(0.55 * veins + 0.25 * cloud, 0, 1)
     return Pattern(mix.astype(np.float32), (1 + 0.02 * bend).astype(np.float32), 1.4)
 
@@ -290,7 +294,7 @@ _MAKERS: dict[str, Callable[[np.random.Generator, int], Pattern]] = {
 
 
 def picture(rng: np.random.Generator, size: int) -> Float32Array:
-    """An abstract painting, planes of linear RGB float32 (3, size, size); row 0 is its bottom."""
+    """Return an abstract painting, linear RGB float32 (3, size, size); row 0 is its bottom."""
     u, v = _axes(size)
     palette = rng.uniform(0.02, 0.75, (6, 3)).astype(np.float32)
     palette[0] = rng.uniform(0.45, 0.78)  # ground
@@ -301,7 +305,7 @@ def picture(rng: np.random.Generator, size: int) -> Float32Array:
 
     def lay(mask: Float32Array, color: Float32Array) -> None:
         low, high = np.flatnonzero(mask.any(axis=1))[[0, -1]] if mask.any() else (0, -1)
-        rows = slice(low, high + 1)  # most shapes cover a small part
+        rows = slice(low, high + 1)  # most shapes cover few rows
         image[:, rows] *= 1 - mask[rows]
         image[:, rows] += color[:, None, None] * mask[rows]
 
@@ -314,26 +318,29 @@ def picture(rng: np.random.Generator, size: int) -> Float32Array:
                 - 0.14 * layer
                 + 0.05 * np.sin(2 * np.pi * (rng.uniform(0.5, 2) * u + rng.random()))
             )
-            lay(_smooth(-soft, soft, crest + ragged - v), palette[layer + 1] * (0.5 + 0.1 * layer))
+            lay(
+                _smoothstep(-soft, soft, crest + ragged - v),
+                palette[layer + 1] * (0.5 + 0.1 * layer),
+            )
     elif kind == 1:  # discs and half discs
         for _ in range(int(rng.integers(4, 9))):
             x, y, r = rng.random(), rng.random(), rng.uniform(0.06, 0.3)
-            disc = _smooth(-soft, soft, r - np.hypot(u - x, v - y) + 0.3 * ragged)
+            disc = _smoothstep(-soft, soft, r - np.hypot(u - x, v - y) + 0.3 * ragged)
             if rng.random() < 0.5:
-                disc *= _smooth(-soft, soft, v - y)
+                disc *= _smoothstep(-soft, soft, v - y)
             lay(disc, palette[int(rng.integers(1, 6))])
     elif kind == 2:  # fields of colour
         for band in np.sort(rng.random(int(rng.integers(3, 7)))):
-            lay(_smooth(-0.01, 0.01, band + ragged - v), palette[int(rng.integers(1, 6))])
-        lay(_smooth(-soft, soft, 0.02 - np.abs(u - rng.uniform(0.2, 0.8)) + ragged), palette[1])
+            lay(_smoothstep(-0.01, 0.01, band + ragged - v), palette[int(rng.integers(1, 6))])
+        lay(_smoothstep(-soft, soft, 0.02 - np.abs(u - rng.uniform(0.2, 0.8)) + ragged), palette[1])
     else:  # brush strokes
         for _ in range(int(rng.integers(12, 30))):
             x, y, angle = rng.random(), rng.random(), rng.uniform(0, np.pi)
             along = (u - x) * np.cos(angle) + (v - y) * np.sin(angle)
             across = (v - y) * np.cos(angle) - (u - x) * np.sin(angle)
             width = rng.uniform(0.008, 0.05)
-            stroke = _smooth(-soft, 0.01, width - np.abs(across) + 0.5 * ragged)
-            stroke *= _smooth(-soft, 0.02, rng.uniform(0.1, 0.4) - np.abs(along) + ragged)
+            stroke = _smoothstep(-soft, 0.01, width - np.abs(across) + 0.5 * ragged)
+            stroke *= _smoothstep(-soft, 0.02, rng.uniform(0.1, 0.4) - np.abs(along) + ragged)
             lay(stroke, palette[int(rng.integers(1, 6))])
     canvas = 1 + 0.03 * noise(rng, size, 0.4, low=size // 8)
     return np.clip(image * canvas, 0.005, 0.85).astype(np.float32)

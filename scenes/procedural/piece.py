@@ -1,9 +1,8 @@
-"""What furniture is made of: materials asked for, parts, lamps, and how a piece wants to stand.
+"""Furniture pieces: materials, parts with meshes and light sources, anchors and surfaces.
 
-A piece lives in its own frame: metres, Z up, origin at the centre of its footprint on the
-surface that carries it (floor, table top; the ceiling for hanging pieces, where z <= 0; the
-wall for mounted pieces, where the wall is the plane y = 0). Its back is towards +Y, its front
-faces -Y.
+A piece has its own frame: metres, Z up. The origin is the centre of its footprint on the surface
+that carries it (floor or table top; the ceiling for hanging pieces, where z <= 0; the wall for
+mounted pieces, where the wall is the plane y = 0). Its back is towards +Y, its front faces -Y.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from scenes.arrays import Float64Array, Int64Array
+from scenes.assets.free_space import SupportSurface
 from scenes.color import Color
 
 MaterialKind = Literal[
@@ -34,7 +34,7 @@ MaterialKind = Literal[
     "plastic",
     "metal",
     "mirror",
-    "glass",  # clear, thin or solid ornament, never window panes
+    "glass",  # clear, for thin bodies and ornaments; windows have no panes
     "ceramic",
     "paper",  # book pages, pictures, lampshades
     "leaf",
@@ -43,12 +43,12 @@ MaterialKind = Literal[
     "picture",  # an abstract picture over uv [0, 1]
 ]
 Anchor = Literal["wall", "corner", "centre", "free", "on_top", "on_wall", "ceiling"]
-CREASE = float(np.cos(np.radians(50)))
+CREASE_COSINE = float(np.cos(np.radians(50)))  # edges that turn by more stay sharp
 
 
 @dataclass(frozen=True)
 class Material:
-    """A material asked for; `materials` turns it into a BSDF and its textures.
+    """A procedural material; `MaterialLibrary` makes a BSDF and textures from it.
 
     `color` is the mean reflectance, linear RGB in [0, 1] (F0 for metals). Textures are laid out
     in metres: one uv unit is one metre, except for "picture".
@@ -57,30 +57,31 @@ class Material:
     kind: MaterialKind
     color: Color
     roughness: float = 0.5  # perceptual, [0, 1]; GGX alpha is its square
-    accent: Color | None = None  # grout, second yarn, knots
-    scale: float = 1.0  # size of the pattern, 1 is the usual one of its kind
+    accent: Color | None = None  # colour of grout, second yarn or knots
+    scale: float = 1.0  # size of the pattern relative to the default of its kind
     variant: int = 0  # seed of the pattern
-    translucent: bool = False  # lets light through, as lampshades and thin curtains do
+    translucent: bool = False  # diffusely transmitting: lampshades, thin curtains
 
 
 @dataclass(frozen=True)
-class BoughtMaterial:
-    """A material of a catalogue piece. `color` is linear RGB; `texture`, `alpha` are image files.
+class CatalogueMaterial:
+    """A material of a catalogue piece.
 
-    Texture coordinates are Mitsuba's: the unit square is the image, v = 0 its top row.
+    `color` is linear RGB; `texture` and `alpha` are image files. Texture coordinates follow
+    Mitsuba: the unit square is the image, v = 0 is its top row.
     """
 
     kind: Literal["matt", "gloss", "metal", "mirror", "glass", "sheer"]
     color: Color
     roughness: float = 1.0
-    opacity: float = 1.0  # "sheer": the rest of the light goes straight through
+    opacity: float = 1.0  # "sheer": the share 1 - opacity of the light passes straight through
     texture: str | None = None
     alpha: str | None = None
 
 
 @dataclass(frozen=True)
-class Credit:
-    """Whose work a catalogue piece is, on what terms, and where it came from."""
+class CatalogueCredit:
+    """Author, licence and origin of a catalogue piece."""
 
     author: str
     licence: str
@@ -89,32 +90,32 @@ class Credit:
 
 
 @dataclass(frozen=True)
-class Part:
+class PiecePart:
     """One shape: a triangle mesh of one material.
 
     `vertices` float (V, 3) metres; `faces` int (F, 3), counter-clockwise seen from outside;
-    `uvs` float (V, 2), in metres; `smooth` asks for the vertex normals of `normals`, else facets.
+    `uvs` float (V, 2), in metres; `smooth`: shaded with `normals`, otherwise flat facets.
     """
 
     name: str
     vertices: Float64Array
     faces: Int64Array
     uvs: Float64Array
-    material: Material | BoughtMaterial
+    material: Material | CatalogueMaterial
     smooth: bool = False
-    lumens: float = 0.0  # above 0: this part emits, lit when the home's lamps are on
-    kelvin: float = 2800.0  # colour temperature of what it emits
-    given: Float64Array | None = None  # unit vertex normals that came with the mesh
+    lumens: float = 0.0  # above 0: the part emits while its lamp is on
+    kelvin: float = 2800.0  # colour temperature of the emission
+    given_normals: Float64Array | None = None  # (V, 3) unit vertex normals of a catalogue mesh
 
     @property
     def normals(self) -> Float64Array:
-        """Unit vertex normals (V, 3): those given, else weighted by area and angle.
+        """Unit vertex normals (V, 3): the given ones, else face normals weighted by area and angle.
 
-        Vertices at one place share theirs where the surface turns by less than 50 degrees, so
-        seams of the uvs stay invisible and creases stay sharp.
+        Vertices at one position are averaged where the surface turns by less than 50 degrees:
+        uv seams stay invisible and creases stay sharp.
         """
-        if self.given is not None:
-            return self.given
+        if self.given_normals is not None:
+            return self.given_normals
         corners = self.vertices[self.faces]
         facets = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         doubled = np.linalg.norm(facets, axis=1)
@@ -125,14 +126,14 @@ class Part:
             angle = np.arctan2(doubled, (first * second).sum(axis=1))
             np.add.at(own, self.faces[:, corner], angle[:, None] * facets)
         unit = own / np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1e-30)
-        places = _places(self.vertices, 1e-6)
-        order = np.argsort(places, kind="stable")
+        labels = _position_labels(self.vertices, 1e-6)
+        order = np.argsort(labels, kind="stable")
         shared = own.copy()
-        sorted_places = places[order]
-        for step in range(1, int(np.bincount(places).max(initial=1))):
-            pairs = np.flatnonzero(sorted_places[:-step] == sorted_places[step:])
+        sorted_labels = labels[order]
+        for step in range(1, int(np.bincount(labels).max(initial=1))):
+            pairs = np.flatnonzero(sorted_labels[:-step] == sorted_labels[step:])
             one, other = order[pairs], order[pairs + step]
-            alike = (unit[one] * unit[other]).sum(axis=1) > CREASE
+            alike = (unit[one] * unit[other]).sum(axis=1) > CREASE_COSINE
             one, other = one[alike], other[alike]
             np.add.at(shared, one, own[other])
             np.add.at(shared, other, own[one])
@@ -141,31 +142,19 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Surface:
-    """A horizontal rectangle other pieces may stand on: centre x, y, height z, half sizes."""
-
-    x: float
-    y: float
-    z: float
-    half_x: float
-    half_y: float
-    headroom: float = 10.0  # metres free above it
-
-
-@dataclass(frozen=True)
-class Piece:
-    """A piece of furniture or a fitting, ready to be placed."""
+class FurniturePiece:
+    """A piece of furniture or a fitting in its own frame."""
 
     name: str
     category: str
-    parts: tuple[Part, ...]
+    parts: tuple[PiecePart, ...]
     anchor: Anchor
-    front_clearance: float = 0.0  # metres to keep free before it, for use
+    front_clearance: float = 0.0  # metres of free floor that its use needs in front
     side_clearance: float = 0.0
-    surfaces: tuple[Surface, ...] = ()
+    surfaces: tuple[SupportSurface, ...] = ()
     mount_height: float = 0.0  # on_wall: height of the origin above the floor
-    boxes: Float64Array | None = None  # (N, 2, 3): hold all of it; None: see `bodies`
-    credit: Credit | None = None  # of a piece from a catalogue
+    boxes: Float64Array | None = None  # (N, 2, 3), cover the piece; None: see `bodies`
+    credit: CatalogueCredit | None = None  # None: generated
 
     @cached_property
     def bounds(self) -> Float64Array:
@@ -175,28 +164,28 @@ class Piece:
 
     @cached_property
     def bodies(self) -> Float64Array:
-        """Boxes (N, 2, 3) in its own frame that hold all of it, apart where it leaves room.
+        """Boxes (N, 2, 3) in its own frame that together cover the piece.
 
-        Those given, else the axis-aligned bounds of each connected body of its meshes.
+        The given `boxes`, else the axis-aligned bounds of each connected body of its meshes.
         """
         if self.boxes is not None:
             return self.boxes
         return np.concatenate([_body_bounds(part) for part in self.parts])
 
 
-def _places(points: Float64Array, apart: float) -> Int64Array:
-    """A number for each point (N, 3), equal for those that round to one multiple of `apart`."""
-    # One well-mixed 64-bit key a point sorts ten times faster than rows of three.
-    cells = np.round(points / apart).astype(np.int64).view(np.uint64)
+def _position_labels(points: Float64Array, spacing: float) -> Int64Array:
+    """Label points (N, 3) so that those that round to the same multiple of `spacing` are equal."""
+    # Sorting one hashed 64-bit key per point is ten times faster than sorting rows of three.
+    cells = np.round(points / spacing).astype(np.int64).view(np.uint64)
     factors = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
     keys = (cells * factors).sum(axis=1, dtype=np.uint64)
     keys ^= keys >> np.uint64(29)
     return np.unique(keys, return_inverse=True)[1].reshape(-1)
 
 
-def _body_bounds(part: Part) -> Float64Array:
-    # Vertices are split at creases: weld what lies within 0.1 mm, then follow the triangles.
-    welded = _places(part.vertices, 1e-4)
+def _body_bounds(part: PiecePart) -> Float64Array:
+    # Vertices are split at creases: weld those within 0.1 mm, then label connected components.
+    welded = _position_labels(part.vertices, 1e-4)
     a, b, c = (welded[part.faces[:, k]] for k in range(3))
     count = int(welded.max()) + 1
     links = coo_array(

@@ -1,10 +1,10 @@
-"""Floor plans: a footprint cut into rooms, with doors, windows and wall thicknesses.
+"""Floor plans: rooms, walls, doors and windows of one storey.
 
-A plan lies in the world's XY plane, metres. Rooms are rectilinear polygons, the net floor areas;
-what lies between them and around them is wall. Plans are sliced from a rectangle by area, then
-a room may lose a corner to the outside or to a bathroom, so that outlines and rooms are not all
-rectangles. A draw that breaks a rule of living (too narrow, unreachable, no outer wall) is
-thrown away and drawn again.
+A plan lies in the world's XY plane, metres. Rooms are rectilinear polygons of net floor area; the
+space between and around them is wall. A rectangle is split recursively in proportion to the
+rooms' areas; then a room may lose a corner to the outside or to a bathroom, so that not all
+outlines and rooms are rectangles. Draws with uninhabitable rooms (too narrow, unreachable, no
+outer wall) are rejected.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from scenes.errors import PbrnetError
 RoomType = Literal["living", "bedroom", "kitchen", "bathroom", "study", "dining"]
 OpeningKind = Literal["door", "archway", "entrance", "window", "patio"]
 
-GRID = 0.05  # metres; plan lines lie on this grid
-DRAWS = 600  # a plan that fits is found within a few dozen
+GRID = 0.05  # metres; cell boundaries lie on this grid
+MAX_DRAWS = 600  # an accepted plan needs a few dozen draws at most
 
-# Floor area in square metres, and the narrowest clear width in metres.
+# Range of gross floor area in square metres, and least clear width in metres.
 SIZES: dict[RoomType, tuple[float, float, float]] = {
     "living": (18.0, 32.0, 3.4),
     "bedroom": (11.0, 18.0, 2.7),
@@ -74,7 +74,7 @@ PROGRAMMES: dict[int, tuple[tuple[float, tuple[RoomType, ...]], ...]] = {
         (0.4, ("living", "kitchen", "bedroom", "bathroom", "bedroom", "dining")),
     ),
 }
-# How little a door between two kinds of rooms is wanted; the cheapest that join all are built.
+# Cost of a door between two room types; doors form a tree of low cost that joins all rooms.
 _DOOR_COST: dict[frozenset[str], float] = {
     frozenset({"dining", "kitchen"}): 0.4,
     frozenset({"dining", "living"}): 0.5,
@@ -94,12 +94,12 @@ _HUBS = ("living", "dining", "kitchen", "study", "bedroom", "bathroom")
 
 
 class PlanError(PbrnetError):
-    """No floor plan was found for a seed; says which."""
+    """No floor plan was found for a seed."""
 
 
 @dataclass(frozen=True)
 class WallEdge:
-    """One straight side of a room; the room lies to the left of `start` -> `end`."""
+    """Straight wall face of a room; the room lies to the left of `start` -> `end`."""
 
     start: Point2
     end: Point2
@@ -107,7 +107,7 @@ class WallEdge:
 
     @property
     def length(self) -> float:
-        """Metres."""
+        """Length in metres."""
         return math.dist(self.start, self.end)
 
     @property
@@ -125,21 +125,32 @@ class WallEdge:
         return (-y, x)
 
     def at(self, s: float, depth: float = 0.0) -> Point2:
-        """The point `s` metres along the wall, `depth` metres into the room."""
+        """Return the point `s` metres along the wall, `depth` metres into the room."""
         (x, y), (nx, ny) = self.along, self.inward
         return (self.start[0] + s * x + depth * nx, self.start[1] + s * y + depth * ny)
 
+    def coordinates(self, point: Point2) -> tuple[float, float]:
+        """Return (s, depth) of a point, metres: the inverse of `at`."""
+        dx, dy = point[0] - self.start[0], point[1] - self.start[1]
+        (x, y), (nx, ny) = self.along, self.inward
+        return (float(dx * x + dy * y), float(dx * nx + dy * ny))
+
+    def faces_like(self, other: WallEdge) -> bool:
+        """Return True if both wall faces look in the same direction."""
+        return self.inward[0] * other.inward[0] + self.inward[1] * other.inward[1] > 0.99
+
     def strip(self, s0: float, s1: float, near: float, far: float) -> Polygon:
-        """The rectangle from `s0` to `s1` along the wall, `near` to `far` metres into the room."""
+        """Return the rectangle [s0, s1] along the wall x [near, far] into the room, metres."""
         return Polygon([self.at(s0, near), self.at(s1, near), self.at(s1, far), self.at(s0, far)])
 
 
 @dataclass(frozen=True)
 class Opening:
-    """A hole through a wall from `z0` to `z1`; `start` -> `end` lies on its face in `rooms[0]`.
+    """Door or window opening in a wall, from height `z0` to `z1`.
 
-    `start`, `end` run as the room's edge does; the hole reaches `thickness` metres away from the
-    room. Doors are hung at `start` (`hinge_at_start`) or `end` and swing into room `swing`.
+    `start` -> `end` lies on the wall face in `rooms[0]`, in the direction of the room's edge; the
+    opening extends `thickness` metres away from that room. Doors have their hinge at `start`
+    (`hinge_at_start`) or `end` and swing into room `swing`.
     """
 
     id: str
@@ -152,32 +163,41 @@ class Opening:
     rooms: tuple[str, ...]  # one for an outer wall, two for a partition
     hinge_at_start: bool = True
     swing: str = ""
-    angle: float = 0.0  # degrees the leaf stands open
+    angle: float = 0.0  # opening angle of the leaf, degrees
 
     @property
     def edge(self) -> WallEdge:
-        """The piece of the room's wall that is cut away."""
+        """The stretch of wall face that is cut away, in `rooms[0]`."""
         return WallEdge(self.start, self.end, len(self.rooms) == 1)
+
+    def edge_in(self, room_id: str) -> WallEdge:
+        """Return the stretch of wall face that is cut away, in either of the rooms."""
+        edge = self.edge
+        if room_id == self.rooms[0]:
+            return edge
+        return WallEdge(
+            edge.at(self.width, -self.thickness), edge.at(0, -self.thickness), edge.outer
+        )
 
     @property
     def width(self) -> float:
-        """Metres."""
+        """Width in metres."""
         return math.dist(self.start, self.end)
 
     @property
     def is_outer(self) -> bool:
-        """Whether it leads outdoors."""
+        """True if the opening leads outdoors."""
         return len(self.rooms) == 1
 
     @property
     def footprint(self) -> Polygon:
-        """The hole seen from above."""
+        """The opening seen from above."""
         return self.edge.strip(0, self.width, 0, -self.thickness)
 
 
 @dataclass(frozen=True)
 class PlanRoom:
-    """A room's net floor; `polygon` counter-clockwise, metres."""
+    """A room; `polygon` is its net floor, counter-clockwise, metres."""
 
     id: str
     type: RoomType
@@ -192,7 +212,7 @@ class PlanRoom:
 
 @dataclass(frozen=True)
 class Plan:
-    """A whole storey."""
+    """Floor plan of one storey."""
 
     rooms: tuple[PlanRoom, ...]
     openings: tuple[Opening, ...]
@@ -204,14 +224,14 @@ class Plan:
     ground: float  # height of the ground outdoors, at most 0
 
     def room(self, room_id: str) -> PlanRoom:
-        """The room of that id."""
+        """Return the room with an id."""
         return next(room for room in self.rooms if room.id == room_id)
 
 
 def make_plan(rng: np.random.Generator, rooms_min: int, rooms_max: int) -> Plan:
     """Draw a floor plan of `rooms_min` to `rooms_max` rooms (1-6).
 
-    Raises `PlanError` if no draw keeps the rules, which does not happen for sane sizes.
+    Raises `PlanError` if every draw is rejected.
     """
     count = int(rng.integers(rooms_min, rooms_max + 1))
     weights = np.array([weight for weight, _ in PROGRAMMES[count]])
@@ -220,15 +240,15 @@ def make_plan(rng: np.random.Generator, rooms_min: int, rooms_max: int) -> Plan:
     outer = float(rng.choice([0.26, 0.30, 0.36, 0.40]))
     height = float(rng.choice([2.4, 2.5, 2.55, 2.6, 2.7, 2.85]))
     ground = float(rng.choice([-0.15, -0.3, -0.45, -3.2, -6.1], p=[0.3, 0.25, 0.15, 0.2, 0.1]))
-    for _ in range(DRAWS):
+    for _ in range(MAX_DRAWS):
         cells = _draw_cells(rng, programme, partition)
-        if cells is None or not all(map(_roomy, cells, programme)):
+        if cells is None or not all(map(_may_be_habitable, cells, programme)):
             continue
-        rooms, inner = _rooms_of(cells, programme, partition)
+        rooms, inner = _net_rooms(cells, programme, partition)
         if not all(_habitable(room) for room in rooms):
             continue
         outline = orient(inner.buffer(outer, join_style="mitre", mitre_limit=10).simplify(0))
-        if outline.interiors or _narrow_gap(inner, outer):
+        if outline.interiors or _closes_recess(inner, outer):
             continue
         openings = _draw_openings(rng, rooms, inner, outline, partition, outer, height)
         if openings is None:
@@ -244,7 +264,7 @@ def make_plan(rng: np.random.Generator, rooms_min: int, rooms_max: int) -> Plan:
             ground=ground,
         )
     raise PlanError(
-        f"no floor plan for rooms {', '.join(programme)} within {DRAWS} draws; use another seed"
+        f"no floor plan for rooms {', '.join(programme)} within {MAX_DRAWS} draws; use another seed"
     )
 
 
@@ -260,11 +280,11 @@ def _ring(polygon: Polygon) -> tuple[Point2, ...]:
 def _draw_cells(
     rng: np.random.Generator, programme: tuple[RoomType, ...], partition: float
 ) -> list[Polygon] | None:
-    """Gross cells of the rooms, in the programme's order; together the space inside the walls."""
+    """Gross cells of the rooms, in the programme's order; they tile the interior."""
     areas = [float(rng.uniform(*SIZES[kind][:2])) for kind in programme]
     carved = _carved_bathroom(rng, programme)
     sliced = [index for index in range(len(programme)) if index != carved]
-    # A host gives up the floor of the bathroom that is carved from it, so it starts larger.
+    # The host room loses the area of the bathroom that is carved from it: start larger.
     host = max(sliced, key=lambda index: areas[index])
     if carved is not None:
         areas[host] += areas[carved]
@@ -301,13 +321,13 @@ def _slice(
     areas: list[float],
     cells: dict[int, Polygon],
 ) -> None:
-    """Cut `rect` (x0, y0, x1, y1) by area until each room has a rectangle."""
+    """Split `rect` (x0, y0, x1, y1) recursively by area into one rectangle per room."""
     x0, y0, x1, y1 = rect
     if len(order) == 1:
         cells[order[0]] = box(x0, y0, x1, y1)
         return
     cut = int(rng.integers(1, len(order)))
-    if len(order) > 3:  # balanced cuts give better proportions
+    if len(order) > 3:  # balanced splits give better proportions
         cut = len(order) // 2
     share = sum(areas[index] for index in order[:cut]) / sum(areas[index] for index in order)
     if (x1 - x0) * float(rng.uniform(0.8, 1.25)) > (y1 - y0):
@@ -334,7 +354,7 @@ def _corner_box(
 
 
 def _carve(rng: np.random.Generator, host: Polygon, area: float) -> tuple[Polygon, Polygon] | None:
-    """Split a rectangle into an L and the room in its corner."""
+    """Split a rectangle into an L-shaped cell and the cell in its corner."""
     x0, y0, x1, y1 = host.bounds
     ratio = float(rng.uniform(0.7, 1.45))
     width, depth = _snap(math.sqrt(area * ratio)), _snap(math.sqrt(area / ratio))
@@ -345,7 +365,7 @@ def _carve(rng: np.random.Generator, host: Polygon, area: float) -> tuple[Polygo
 
 
 def _notch(rng: np.random.Generator, cells: dict[int, Polygon], partition: float) -> None:
-    """Take a corner of a large rectangular room away from the house: an L, T or U outline."""
+    """Remove a corner of a large rectangular room, for an L, T or U outline."""
     whole = shapely.union_all(list(cells.values()))
     options = []
     for index, cell in sorted(cells.items()):
@@ -367,7 +387,8 @@ def _notch(rng: np.random.Generator, cells: dict[int, Polygon], partition: float
     width = _snap(float(rng.uniform(1.3, max(1.35, min(3.0, x1 - x0 - 2.4)))))
     depth = _snap(float(rng.uniform(1.0, max(1.05, min(2.6, y1 - y0 - 2.4)))))
     notch = box(*_corner_box((x0, y0, x1, y1), corner, width, depth))
-    # Beyond a partition the neighbour's wall must stay in one plane where it becomes an outer one.
+    # Cut half a partition from the neighbours too: their walls continue in one plane where
+    # they become outer walls.
     grown = notch.buffer(partition / 2, join_style="mitre").intersection(
         notch.union(whole.difference(cells[index]))
     )
@@ -376,10 +397,10 @@ def _notch(rng: np.random.Generator, cells: dict[int, Polygon], partition: float
         cells[other] = cells[other].difference(cut)
 
 
-def _rooms_of(
+def _net_rooms(
     cells: list[Polygon], programme: tuple[RoomType, ...], partition: float
 ) -> tuple[list[PlanRoom], Polygon]:
-    """Net rooms, partition walls taken off, and the space within the outer walls."""
+    """Net rooms without the partition walls, and the interior of the outer walls."""
     inner = shapely.union_all(cells)
     lines = [
         first.intersection(second)
@@ -409,8 +430,8 @@ def _largest(shape: Polygon | MultiPolygon) -> Polygon:
     return max(shape.geoms, key=lambda part: part.area)
 
 
-def _roomy(cell: Polygon, kind: RoomType) -> bool:
-    """Whether a room within the cell may be habitable; the walls have yet to be taken off."""
+def _may_be_habitable(cell: Polygon, kind: RoomType) -> bool:
+    """Quick test on the gross cell: False if its net room cannot be habitable."""
     low, _, narrow = SIZES[kind]
     x0, y0, x1, y1 = cell.bounds
     return bool(cell.area >= 0.75 * low and min(x1 - x0, y1 - y0) >= narrow)
@@ -426,17 +447,17 @@ def _habitable(room: PlanRoom) -> bool:
         return False
     if any(edge.length < 0.25 for edge in room.edges):
         return False
-    # Opening by a square: what is left of an L's arms when narrow necks are closed off.
-    neck = 0.5 * min(narrow, 1.5) - 0.02
-    core = shape.buffer(-neck, join_style="mitre")
+    # Morphological opening with a square: it removes arms of an L that are too narrow.
+    half_width = 0.5 * min(narrow, 1.5) - 0.02
+    core = shape.buffer(-half_width, join_style="mitre")
     if core.geom_type != "Polygon" or core.is_empty:
         return False
-    opened = core.buffer(neck, join_style="mitre")
+    opened = core.buffer(half_width, join_style="mitre")
     return bool(opened.area > 0.97 * shape.area)
 
 
-def _narrow_gap(inner: Polygon, outer: float) -> bool:
-    """Whether the outer walls would close a recess of the outline or nearly so."""
+def _closes_recess(inner: Polygon, outer: float) -> bool:
+    """Return True if the outer walls would close a recess of the outline, or nearly so."""
     grown = inner.buffer(outer + 0.3, join_style="mitre", mitre_limit=10)
     return len(grown.interiors) > 0 or grown.simplify(0).exterior.coords.__len__() != len(
         inner.exterior.coords
@@ -461,10 +482,10 @@ def _draw_openings(
     if entrance is None:
         return None
     taken.append(entrance.footprint.buffer(0.15, join_style="mitre"))
-    # The inside of a door leaf needs room along the wall it opens against.
+
     windows = _draw_windows(rng, rooms, walls, outline, outer, height, taken)
-    lit = {window.rooms[0] for window in windows}
-    if any(room.id not in lit and room.type != "bathroom" for room in rooms):
+    with_window = {window.rooms[0] for window in windows}
+    if any(room.id not in with_window and room.type != "bathroom" for room in rooms):
         return None
     if len(rooms) == 1 and not windows:
         return None
@@ -474,20 +495,16 @@ def _draw_openings(
 def _shared_walls(
     first: PlanRoom, second: PlanRoom, partition: float
 ) -> list[tuple[WallEdge, float, float]]:
-    """Stretches of `first`'s walls behind which `second` lies: (edge, s0, s1)."""
+    """Stretches of wall between two rooms: (edge of `first`, s0, s1)."""
     found = []
     for a in first.edges:
         for b in second.edges:
             if a.inward[0] * b.inward[0] + a.inward[1] * b.inward[1] > -0.99:
                 continue
-            offset = (b.start[0] - a.start[0], b.start[1] - a.start[1])
-            gap = -(offset[0] * a.inward[0] + offset[1] * a.inward[1])
+            gap = -a.coordinates(b.start)[1]
             if abs(gap - partition) > 1e-3:
                 continue
-            ends = sorted(
-                (point[0] - a.start[0]) * a.along[0] + (point[1] - a.start[1]) * a.along[1]
-                for point in (b.start, b.end)
-            )
+            ends = sorted(a.coordinates(point)[0] for point in (b.start, b.end))
             s0, s1 = max(0.0, ends[0]), min(a.length, ends[1])
             if s1 - s0 > 0.5:
                 found.append((a, s0, s1))
@@ -497,7 +514,7 @@ def _shared_walls(
 def _draw_doors(
     rng: np.random.Generator, rooms: list[PlanRoom], partition: float
 ) -> list[Opening] | None:
-    """A cheapest tree of doors from the hub; None if some room cannot be reached decently."""
+    """Doors of a cheapest tree grown from the hub; None if a room needs a bathroom passage."""
     stretches: dict[tuple[int, int], list[tuple[WallEdge, float, float]]] = {}
     for i, j in itertools.combinations(range(len(rooms)), 2):
         shared = [
@@ -547,7 +564,7 @@ def _draw_doors(
         else:
             width = float(rng.choice([0.8, 0.85, 0.9]))
             top = 2.05
-        # Doors stand near a corner, as they do in life, so that walls stay usable.
+        # Doors are mostly near a corner, which leaves long walls for furniture.
         low, high = s0 + 0.13, s1 - 0.13 - width
         place = float(rng.choice([low, high, rng.uniform(low, high)], p=[0.4, 0.4, 0.2]))
         if archway:
@@ -556,8 +573,8 @@ def _draw_doors(
             Opening(
                 id=f"door-{number}",
                 kind="archway" if archway else "door",
-                start=_tidy(edge.at(place)),
-                end=_tidy(edge.at(place + width)),
+                start=_rounded(edge.at(place)),
+                end=_rounded(edge.at(place + width)),
                 thickness=partition,
                 z0=0.0,
                 z1=top,
@@ -571,19 +588,24 @@ def _draw_doors(
 
 
 def _draw_angle(rng: np.random.Generator) -> float:
-    """Closed, ajar, or open to the wall."""
+    """Draw the opening angle of a door in degrees: closed, ajar or wide open."""
     kind = rng.random()
     if kind < 0.3:
         return 0.0
     return float(rng.uniform(12, 60)) if kind < 0.6 else float(rng.uniform(80, 92))
 
 
-def _tidy(point: Point2) -> Point2:
+def _rounded(point: Point2) -> Point2:
     return (round(point[0], 4), round(point[1], 4))
 
 
-def _fits(edge: WallEdge, s0: float, s1: float, walls: Polygon, outline: Polygon, t: float) -> bool:
-    """Whether a straight hole from the room to the open air has solid wall on both sides of it."""
+def _wall_is_solid(
+    edge: WallEdge, s0: float, s1: float, walls: Polygon, outline: Polygon, t: float
+) -> bool:
+    """Return True if the wall around an opening [s0, s1] is solid and borders the outdoors.
+
+    `t` is the thickness of the wall, metres.
+    """
     hole = edge.strip(s0 - 0.12, s1 + 0.12, -0.001, -t + 0.001)
     if not walls.buffer(1e-6).covers(hole):
         return False
@@ -612,15 +634,15 @@ def _draw_entrance(
             places.append(0.5 * (edge.length - width))
             for place in places:
                 strip = edge.strip(place, place + width, 0.7, -outer)
-                if not _fits(edge, place, place + width, walls, outline, outer) or any(
+                if not _wall_is_solid(edge, place, place + width, walls, outline, outer) or any(
                     strip.intersects(other) for other in taken
                 ):
                     continue
                 return Opening(
                     id="entrance",
                     kind="entrance",
-                    start=_tidy(edge.at(place)),
-                    end=_tidy(edge.at(place + width)),
+                    start=_rounded(edge.at(place)),
+                    end=_rounded(edge.at(place + width)),
                     thickness=outer,
                     z0=0.0,
                     z1=2.1,
@@ -641,7 +663,7 @@ def _draw_windows(
     taken: list[Polygon],
 ) -> list[Opening]:
     head = min(float(rng.choice([2.1, 2.2, 2.3])), height - 0.18)
-    generous = float(rng.uniform(0.95, 1.3))  # some homes have larger windows than others
+    window_scale = float(rng.uniform(0.95, 1.3))  # of all windows of the home
     windows: list[Opening] = []
     patio_wanted = rng.random() < 0.5
     for room in rooms:
@@ -654,7 +676,7 @@ def _draw_windows(
         for edge in edges:
             if found >= wanted:
                 break
-            kind, width, sill, top = _window_size(rng, room.type, generous, head)
+            kind, width, sill, top = _window_size(rng, room.type, window_scale, head)
             if room.type == "living" and patio_wanted and not found and edge.length > 3:
                 kind, width, sill, top = "patio", float(rng.uniform(1.5, 2.4)), 0.0, head
             width = _snap(min(width, edge.length - 0.5))
@@ -662,10 +684,10 @@ def _draw_windows(
             for slot in range(slots):
                 place = edge.length * (slot + 0.5) / slots - width / 2
                 place += float(rng.uniform(-0.15, 0.15)) * (edge.length / slots - width)
-                if not _fits(edge, place, place + width, walls, outline, outer):
+                if not _wall_is_solid(edge, place, place + width, walls, outline, outer):
                     place = edge.length * (slot + 0.5) / slots - width / 2
                 strip = edge.strip(place - 0.1, place + width + 0.1, 0.0, -outer)
-                if not _fits(edge, place, place + width, walls, outline, outer) or any(
+                if not _wall_is_solid(edge, place, place + width, walls, outline, outer) or any(
                     strip.intersects(other) for other in taken
                 ):
                     continue
@@ -674,8 +696,8 @@ def _draw_windows(
                     Opening(
                         id=f"window-{len(windows)}",
                         kind="patio" if kind == "patio" else "window",
-                        start=_tidy(edge.at(place)),
-                        end=_tidy(edge.at(place + width)),
+                        start=_rounded(edge.at(place)),
+                        end=_rounded(edge.at(place + width)),
                         thickness=outer,
                         z0=sill,
                         z1=top,
@@ -690,15 +712,15 @@ def _draw_windows(
 
 
 def _window_size(
-    rng: np.random.Generator, room: RoomType, generous: float, head: float
+    rng: np.random.Generator, room: RoomType, window_scale: float, head: float
 ) -> tuple[str, float, float, float]:
-    """(kind, width, sill height, head height) of a usual window of that kind of room."""
+    """Draw (kind, width, sill height, head height) of a window for a room type, metres."""
     if room == "bathroom":
         return "window", _snap(float(rng.uniform(0.7, 1.1))), 1.25, head
     if room == "kitchen":
-        return "window", _snap(generous * float(rng.uniform(1.1, 1.7))), 1.1, head
+        return "window", _snap(window_scale * float(rng.uniform(1.1, 1.7))), 1.1, head
     if room in ("living", "dining"):
         sill = float(rng.choice([0.4, 0.55, 0.75]))
-        return "window", _snap(generous * float(rng.uniform(1.6, 2.5))), sill, head
+        return "window", _snap(window_scale * float(rng.uniform(1.6, 2.5))), sill, head
     sill = float(rng.choice([0.75, 0.85]))
-    return "window", _snap(generous * float(rng.uniform(1.3, 1.9))), sill, head
+    return "window", _snap(window_scale * float(rng.uniform(1.3, 1.9))), sill, head

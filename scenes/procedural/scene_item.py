@@ -1,4 +1,4 @@
-"""Things of a home in world space: what becomes one object of the scene."""
+"""Objects of a home in world coordinates; each becomes one object of the scene."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scenes.arrays import Float64Array
-from scenes.procedural.furniture.geometry import Mesh, merge
-from scenes.procedural.piece import Credit, Material, Part, Piece
+from scenes.procedural.furniture.geometry import BodyMesh, merge
+from scenes.procedural.piece import CatalogueCredit, FurniturePiece, Material, PiecePart
 
 
 @dataclass(frozen=True)
-class Thing:
-    """One object: its parts' vertices are in world coordinates, metres, Z up."""
+class SceneItem:
+    """One object; the vertices of its parts are in world coordinates, metres, Z up."""
 
     id: str
     name: str
     category: str
-    parts: tuple[Part, ...]
+    parts: tuple[PiecePart, ...]
     is_structure: bool
     room: str | None = None
-    credit: Credit | None = None
+    credit: CatalogueCredit | None = None
 
     @property
     def bounds(self) -> Float64Array:
@@ -32,25 +32,28 @@ class Thing:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a piece stands: its origin in the world and its turn about Z, in degrees.
+    """Position of a piece's origin in the world, metres, and its yaw about Z, degrees.
 
-    At turn 0 its front faces -Y; turns are counter-clockwise from above.
+    At yaw 0 the front faces -Y; yaw is counter-clockwise seen from above.
     """
 
     x: float
     y: float
     z: float
-    turn: float
+    yaw: float
 
     def apply(self, points: Float64Array) -> Float64Array:
-        """Points (N, 3) of the piece's frame in the world; quarter turns are exact."""
-        sine, cosine = _sine_cosine(self.turn)
+        """Transform points (N, 3) from the piece's frame to the world.
+
+        Quarter turns are exact.
+        """
+        sine, cosine = _sine_cosine(self.yaw)
         x = self.x + cosine * points[:, 0] - sine * points[:, 1]
         y = self.y + sine * points[:, 0] + cosine * points[:, 1]
         return np.stack([x, y, points[:, 2] + self.z], axis=1)
 
-    def turned(self, directions: Float64Array) -> Float64Array:
-        """Directions (N, 3) of the piece's frame in the world."""
+    def rotate(self, directions: Float64Array) -> Float64Array:
+        """Rotate directions (N, 3) from the piece's frame to the world."""
         return replace(self, x=0.0, y=0.0, z=0.0).apply(directions)
 
 
@@ -61,20 +64,20 @@ def _sine_cosine(degrees: float) -> tuple[float, float]:
     return float(np.sin(np.radians(degrees))), float(np.cos(np.radians(degrees)))
 
 
-def placed(piece: Piece, pose: Pose, thing_id: str, room: str | None) -> Thing:
-    """A piece of furniture at its place in the world."""
+def place_piece(piece: FurniturePiece, pose: Pose, item_id: str, room: str | None) -> SceneItem:
+    """Transform a piece of furniture to its pose in the world."""
     parts = tuple(
         replace(
             part,
             vertices=pose.apply(part.vertices),
-            given=None if part.given is None else pose.turned(part.given),
+            given_normals=(None if part.given_normals is None else pose.rotate(part.given_normals)),
         )
         for part in piece.parts
     )
-    return Thing(thing_id, piece.name, piece.category, parts, False, room, piece.credit)
+    return SceneItem(item_id, piece.name, piece.category, parts, False, room, piece.credit)
 
 
-def part_of(name: str, material: Material, *meshes: Mesh, smooth: bool = False) -> Part:
-    """Meshes of one material as one part."""
+def make_part(name: str, material: Material, *meshes: BodyMesh, smooth: bool = False) -> PiecePart:
+    """Merge meshes of one material into one part."""
     mesh = merge(meshes)
-    return Part(name, mesh.vertices, mesh.faces, mesh.uvs, material, smooth)
+    return PiecePart(name, mesh.vertices, mesh.faces, mesh.uvs, material, smooth)

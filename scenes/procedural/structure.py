@@ -1,9 +1,8 @@
-"""The building: walls, floors, ceilings, doors, windows, mouldings, as closed solids.
+"""Building geometry: walls, floors, ceilings, doors, windows and mouldings.
 
-Every wall shows a face to the room on each side and to the open air, joined by the reveals of
-its openings; tops and feet are sunk into slabs that cover the whole storey, so light enters
-through openings only. Windows have frames but no panes: a clear pane is a portal (see
-`scenes.contract`).
+Walls are faces towards the rooms and the outdoors, joined by the reveals of openings. Their upper
+and lower edges extend into slabs that cover the whole storey, so light enters through openings
+only. Windows have frames but no panes: a clear pane is a portal (see `scenes.contract`).
 """
 
 from __future__ import annotations
@@ -15,15 +14,15 @@ import shapely
 from shapely.geometry import MultiPolygon, Polygon
 
 from scenes.arrays import Int64Array
-from scenes.contract import Point2, Portal
+from scenes.contract import Portal
 from scenes.procedural.finishes import Finishes, RoomFinish
-from scenes.procedural.furniture.geometry import Mesh, bar, cylinder, merge, prism, span
-from scenes.procedural.piece import Material, Part
+from scenes.procedural.furniture.geometry import BodyMesh, bar, cylinder, merge, prism, span
+from scenes.procedural.piece import Material, PiecePart
 from scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
-from scenes.procedural.scene_item import Thing, part_of
+from scenes.procedural.scene_item import SceneItem, make_part
 
-EMBED = 0.02  # metres that walls reach into the slabs below and above
-LAP = 0.005  # metres that faces overlap in inner corners
+EMBED = 0.02  # metres that walls extend into the slabs below and above
+LAP = 0.005  # metres that faces overlap at inner corners
 LINING = 0.02  # door lining, thickness
 CASING = (0.07, 0.015)  # door casing, width and thickness
 LEAF = 0.04  # thickness of a door leaf
@@ -33,49 +32,55 @@ SKIRTING = 0.014  # thickness
 Hole = tuple[float, float, float, float]  # s0, s1, z0, z1
 
 
-def build_structure(plan: Plan, finishes: Finishes) -> tuple[list[Thing], list[Portal]]:
-    """The building's things and the portals in its outer walls."""
-    things: list[Thing] = []
+def build_structure(plan: Plan, finishes: Finishes) -> tuple[list[SceneItem], list[Portal]]:
+    """Build the items of the building and the portals in its outer walls."""
+    items: list[SceneItem] = []
     for room in plan.rooms:
         finish = finishes.rooms[room.id]
-        things.append(_thing(f"floor-{room.id}", "floor", room.id, [_floor(plan, room, finish)]))
-        things.append(_thing(f"walls-{room.id}", "wall", room.id, _walls(plan, room, finish)))
+        items.append(
+            _structure_item(f"floor-{room.id}", "floor", room.id, [_floor(plan, room, finish)])
+        )
+        items.append(
+            _structure_item(f"walls-{room.id}", "wall", room.id, _walls(plan, room, finish))
+        )
         ceiling = _panel(plan, room, plan.height, plan.height + EMBED)
-        parts = [part_of("ceiling", finishes.ceiling, ceiling)]
-        things.append(_thing(f"ceiling-{room.id}", "ceiling", room.id, parts))
+        parts = [make_part("ceiling", finishes.ceiling, ceiling)]
+        items.append(_structure_item(f"ceiling-{room.id}", "ceiling", room.id, parts))
         trim = _trim(plan, room, finishes, finish)
         if trim:
-            things.append(_thing(f"trim-{room.id}", "skirting", room.id, trim))
-    things.append(_facade(plan, finishes))
-    things.append(_slabs(plan, finishes))
+            items.append(_structure_item(f"trim-{room.id}", "skirting", room.id, trim))
+    items.append(_facade(plan, finishes))
+    items.append(_slabs(plan, finishes))
     portals = []
     for opening in plan.openings:
         if opening.kind in ("window", "patio"):
-            things.append(_window(opening, finishes))
+            items.append(_window(opening, finishes))
             portals.append(_portal(opening, clear=True))
         else:
-            things.append(_door(plan, opening, finishes))
+            items.append(_door(opening, finishes))
             if opening.kind == "entrance":
                 portals.append(_portal(opening, clear=False))
-    return things, portals
+    return items, portals
 
 
 def pane_depth(opening: Opening) -> float:
-    """Metres from the room's wall face to the middle of the window frame or closed door."""
+    """Return the distance from the wall face to the centre of the frame or closed door, metres."""
     return 0.5 * LEAF if opening.kind == "entrance" else 0.6 * opening.thickness
 
 
 def leaf_footprint(plan: Plan, opening: Opening) -> Polygon | None:
-    """Where an open door leaf stands, seen from above; None for what has no leaf or is closed."""
+    """Return the footprint of an open door leaf; None without a leaf or if it is closed."""
     if opening.kind != "door" or opening.angle == 0:
         return None
-    leaf = _leaf(opening, _leaf_edge(plan, opening), Material("paint", (0.5, 0.5, 0.5)), None)
+    leaf = _leaf(opening, opening.edge_in(opening.swing), Material("paint", (0.5, 0.5, 0.5)), None)
     points = np.concatenate([part.vertices for part in leaf])
     return shapely.MultiPoint(points[:, :2]).convex_hull
 
 
-def _thing(thing_id: str, category: str, room: str | None, parts: list[Part]) -> Thing:
-    return Thing(thing_id, category, category, tuple(parts), True, room)
+def _structure_item(
+    item_id: str, category: str, room: str | None, parts: list[PiecePart]
+) -> SceneItem:
+    return SceneItem(item_id, category, category, tuple(parts), True, room)
 
 
 def _polygons(shape: Polygon | MultiPolygon) -> list[Polygon]:
@@ -83,7 +88,7 @@ def _polygons(shape: Polygon | MultiPolygon) -> list[Polygon]:
     return [part for part in parts if part.geom_type == "Polygon" and part.area > 1e-6]
 
 
-def _extrude(shape: Polygon | MultiPolygon, z0: float, z1: float) -> Mesh:
+def _extrude(shape: Polygon | MultiPolygon, z0: float, z1: float) -> BodyMesh:
     return merge(
         prism(
             shapely.get_coordinates(polygon.exterior)[:-1],
@@ -95,24 +100,24 @@ def _extrude(shape: Polygon | MultiPolygon, z0: float, z1: float) -> Mesh:
     )
 
 
-def _panel(plan: Plan, room: PlanRoom, z0: float, z1: float) -> Mesh:
-    """The room's floor plan, reaching a little under the walls, as a slab."""
+def _panel(plan: Plan, room: PlanRoom, z0: float, z1: float) -> BodyMesh:
+    """Slab over the room's floor polygon, extended by `EMBED` below the walls."""
     return _extrude(room.shape.buffer(EMBED, join_style="mitre"), z0, z1)
 
 
-def _floor(plan: Plan, room: PlanRoom, finish: RoomFinish) -> Part:
+def _floor(plan: Plan, room: PlanRoom, finish: RoomFinish) -> PiecePart:
     mesh = _panel(plan, room, -EMBED, 0.0)
     x0, y0, x1, y1 = room.shape.bounds
     uvs = mesh.vertices[:, :2] - (x0, y0)
     if y1 - y0 > x1 - x0:  # planks run along the room
         uvs = uvs[:, ::-1].copy()
-    return part_of("floor", finish.floor, Mesh(mesh.vertices, mesh.faces, uvs))
+    return make_part("floor", finish.floor, BodyMesh(mesh.vertices, mesh.faces, uvs))
 
 
 def _face(
     edge: WallEdge, z0: float, z1: float, holes: list[Hole], s0: float, s1: float
-) -> Mesh | None:
-    """The rectangle [s0, s1] x [z0, z1] of a wall's face, minus holes, towards the room."""
+) -> BodyMesh | None:
+    """Rectangle [s0, s1] x [z0, z1] of a wall face minus its holes, facing the room."""
     s_cuts = {s0, s1, *(min(max(s, s0), s1) for hole in holes for s in hole[:2])}
     z_cuts = {z0, z1, *(min(max(z, z0), z1) for hole in holes for z in hole[2:])}
     across, up = sorted(s_cuts), sorted(z_cuts)
@@ -129,7 +134,7 @@ def _face(
     vertices[:, 0] = edge.start[0] + flat[:, 0] * edge.along[0]
     vertices[:, 1] = edge.start[1] + flat[:, 0] * edge.along[1]
     vertices[:, 2] = flat[:, 1]
-    return Mesh(vertices, _quad_faces(len(quads)), np.stack([-flat[:, 0], flat[:, 1]], axis=1))
+    return BodyMesh(vertices, _quad_faces(len(quads)), np.stack([-flat[:, 0], flat[:, 1]], axis=1))
 
 
 def _quad_faces(count: int) -> Int64Array:
@@ -137,32 +142,23 @@ def _quad_faces(count: int) -> Int64Array:
     return (4 * np.arange(count)[:, None, None] + corners).reshape(-1, 3).astype(np.int64)
 
 
-def _quad(points: list[tuple[float, float, float]]) -> Mesh:
-    """A planar quadrilateral, counter-clockwise from its visible side; uvs in its plane."""
+def _quad(points: list[tuple[float, float, float]]) -> BodyMesh:
+    """Planar quadrilateral, counter-clockwise seen from its front; uvs in its plane, metres."""
     vertices = np.array(points)
     u = vertices[1] - vertices[0]
     v = vertices[3] - vertices[0]
     uvs = np.array([[0, 0], [np.linalg.norm(u), 0], [np.linalg.norm(u), np.linalg.norm(v)], [0, 0]])
     uvs[3, 1] = np.linalg.norm(v)
-    return Mesh(vertices, _quad_faces(1), uvs)
-
-
-def _position(edge: WallEdge, point: Point2) -> tuple[float, float]:
-    """(s, depth into the room) of a point relative to a wall's face."""
-    dx, dy = point[0] - edge.start[0], point[1] - edge.start[1]
-    return (
-        dx * edge.along[0] + dy * edge.along[1],
-        dx * edge.inward[0] + dy * edge.inward[1],
-    )
+    return BodyMesh(vertices, _quad_faces(1), uvs)
 
 
 def _holes(edge: WallEdge, plan: Plan) -> list[Hole]:
-    """Openings that pierce this face, whichever side of the wall it is on."""
+    """Holes of all openings in a wall face, seen from either side of the wall."""
     holes = []
     for opening in plan.openings:
         if abs(np.dot(opening.edge.along, edge.along)) < 0.99:
             continue
-        ends = [_position(edge, point) for point in (opening.start, opening.end)]
+        ends = [edge.coordinates(point) for point in (opening.start, opening.end)]
         depth = ends[0][1]
         near, far = abs(depth) < 1e-3, abs(depth + opening.thickness) < 1e-3
         facing = float(np.dot(opening.edge.inward, edge.inward)) > 0
@@ -175,7 +171,7 @@ def _holes(edge: WallEdge, plan: Plan) -> list[Hole]:
 
 
 def _laps(edges: tuple[WallEdge, ...], index: int) -> tuple[float, float]:
-    """How far a face may run on past its ends: into the wall at inner corners only."""
+    """Lengths by which a face extends past its start and end: `LAP` at inner corners, else 0."""
     edge = edges[index]
     before, after = edges[index - 1], edges[(index + 1) % len(edges)]
     convex_start = before.along[0] * edge.along[1] - before.along[1] * edge.along[0] > 0
@@ -183,11 +179,11 @@ def _laps(edges: tuple[WallEdge, ...], index: int) -> tuple[float, float]:
     return (LAP if convex_start else 0.0, LAP if convex_end else 0.0)
 
 
-def _walls(plan: Plan, room: PlanRoom, finish: RoomFinish) -> list[Part]:
-    plain: list[Mesh] = []
-    accent: list[Mesh] = []
-    tiled: list[Mesh] = []
-    # The longest wall without a window takes the accent colour.
+def _walls(plan: Plan, room: PlanRoom, finish: RoomFinish) -> list[PiecePart]:
+    plain: list[BodyMesh] = []
+    accent: list[BodyMesh] = []
+    tiled: list[BodyMesh] = []
+    # The longest wall with the fewest openings has the accent colour.
     pierced = [len(_holes(edge, plan)) for edge in room.edges]
     order = sorted(range(len(room.edges)), key=lambda k: (pierced[k], -room.edges[k].length))
     tile_top = min(finish.tile_height, plan.height + EMBED) if finish.wall_tiles else 0.0
@@ -209,16 +205,16 @@ def _walls(plan: Plan, room: PlanRoom, finish: RoomFinish) -> list[Part]:
         if opening.rooms[0] == room.id
         for quad in _reveals(opening)
     ]
-    parts = [part_of("wall", finish.wall, *plain)] if plain else []
+    parts = [make_part("wall", finish.wall, *plain)] if plain else []
     if accent and finish.accent:
-        parts.append(part_of("accent", finish.accent, *accent))
+        parts.append(make_part("accent", finish.accent, *accent))
     if tiled and finish.wall_tiles:
-        parts.append(part_of("tiles", finish.wall_tiles, *tiled))
+        parts.append(make_part("tiles", finish.wall_tiles, *tiled))
     return parts
 
 
-def _reveals(opening: Opening) -> list[Mesh]:
-    """The four inner sides of a hole (three where it reaches the floor)."""
+def _reveals(opening: Opening) -> list[BodyMesh]:
+    """Reveals of an opening: four quadrilaterals, three if it extends to the floor."""
     edge, width, deep = opening.edge, opening.width, -opening.thickness
     low = -EMBED if opening.z0 <= 0 else opening.z0
     high = opening.z1
@@ -244,8 +240,8 @@ def _reveals(opening: Opening) -> list[Mesh]:
     return [_quad(side[::-1]) for side in sides]
 
 
-def _trim(plan: Plan, room: PlanRoom, finishes: Finishes, finish: RoomFinish) -> list[Part]:
-    """Skirting along the walls between doors, and a cornice under the ceiling."""
+def _trim(plan: Plan, room: PlanRoom, finishes: Finishes, finish: RoomFinish) -> list[PiecePart]:
+    """Skirting along the walls between doors, and cornice below the ceiling."""
     parts = []
     if finish.skirting:
         ring = room.shape.difference(room.shape.buffer(-SKIRTING, join_style="mitre"))
@@ -259,7 +255,9 @@ def _trim(plan: Plan, room: PlanRoom, finishes: Finishes, finish: RoomFinish) ->
                 )
                 ring = ring.difference(far)
         parts.append(
-            part_of("skirting", finishes.skirting, _extrude(ring, -0.01, finishes.skirting_height))
+            make_part(
+                "skirting", finishes.skirting, _extrude(ring, -0.01, finishes.skirting_height)
+            )
         )
     if finishes.cornice and not (finish.wall_tiles and finish.tile_height > plan.height):
         for step in (1.0, 0.5):
@@ -267,13 +265,13 @@ def _trim(plan: Plan, room: PlanRoom, finishes: Finishes, finish: RoomFinish) ->
             ring = room.shape.difference(room.shape.buffer(-size, join_style="mitre"))
             drop = finishes.cornice * (1.5 - step)
             mesh = _extrude(ring, plan.height - drop, plan.height + 0.01)
-            parts.append(part_of(f"cornice_{step:g}", finishes.ceiling, mesh))
+            parts.append(make_part(f"cornice_{step:g}", finishes.ceiling, mesh))
     return parts
 
 
-def _facade(plan: Plan, finishes: Finishes) -> Thing:
-    """The outer faces of the outer walls."""
-    ring = plan.outline[::-1]  # clockwise: the open air lies to the left
+def _facade(plan: Plan, finishes: Finishes) -> SceneItem:
+    """Outer faces of the outer walls."""
+    ring = plan.outline[::-1]  # clockwise: the outdoors is to the left
     edges = tuple(
         WallEdge(start, end, True) for start, end in zip(ring, ring[1:] + ring[:1], strict=True)
     )
@@ -282,19 +280,19 @@ def _facade(plan: Plan, finishes: Finishes) -> Thing:
         face = _face(edge, -EMBED, plan.height + EMBED, _holes(edge, plan), 0.0, edge.length)
         if face is not None:
             faces.append(face)
-    return _thing("facade", "wall", None, [part_of("facade", finishes.facade, *faces)])
+    return _structure_item("facade", "wall", None, [make_part("facade", finishes.facade, *faces)])
 
 
-def _slabs(plan: Plan, finishes: Finishes) -> Thing:
-    """What lies under the floors and over the ceilings, across the whole house."""
+def _slabs(plan: Plan, finishes: Finishes) -> SceneItem:
+    """Base slab, roof slab and thresholds of the whole storey."""
     outline = Polygon(plan.outline)
     base = _extrude(outline.buffer(0.015, join_style="mitre"), plan.ground - 0.3, -0.5 * EMBED)
     roof = _extrude(
         outline.buffer(0.18, join_style="mitre"), plan.height + 0.5 * EMBED, plan.height + 0.28
     )
     sills = [
-        part_of("roof", finishes.facade, roof),
-        part_of("base", finishes.facade, base),
+        make_part("roof", finishes.facade, roof),
+        make_part("base", finishes.facade, base),
     ]
     thresholds = [
         _edge_span(opening.edge, 0, opening.width, 0.0, -opening.thickness, -EMBED, 0.004)
@@ -302,14 +300,14 @@ def _slabs(plan: Plan, finishes: Finishes) -> Thing:
         if opening.z0 <= 0
     ]
     if thresholds:
-        sills.append(part_of("threshold", finishes.threshold, *thresholds))
-    return _thing("slabs", "slab", None, sills)
+        sills.append(make_part("threshold", finishes.threshold, *thresholds))
+    return _structure_item("slabs", "slab", None, sills)
 
 
 def _edge_span(
     edge: WallEdge, s0: float, s1: float, near: float, far: float, z0: float, z1: float
-) -> Mesh:
-    """An axis-aligned box in a wall's coordinates: along, into the room, up."""
+) -> BodyMesh:
+    """Axis-aligned box in the coordinates of a wall: along, into the room, up."""
     a, b = edge.at(s0, near), edge.at(s1, far)
     low = (min(a[0], b[0]), min(a[1], b[1]), min(z0, z1))
     high = (max(a[0], b[0]), max(a[1], b[1]), max(z0, z1))
@@ -339,8 +337,8 @@ def _portal(opening: Opening, clear: bool) -> Portal:
     )
 
 
-def _window(opening: Opening, finishes: Finishes) -> Thing:
-    """Frame, sashes, glazing bars, handles and sill; no panes."""
+def _window(opening: Opening, finishes: Finishes) -> SceneItem:
+    """Window with frame, sashes, glazing bars, handles and sill, without panes."""
     edge, width = opening.edge, opening.width
     wide, deep = FRAME
     middle = -pane_depth(opening)
@@ -411,7 +409,10 @@ def _window(opening: Opening, finishes: Finishes) -> Thing:
                 edge, s - 0.008, s + 0.008, front + 0.045, front + 0.033, z - 0.11, z + 0.008
             ),
         ]
-    parts = [part_of("frame", finishes.frame, *frame), part_of("handle", finishes.handle, *handles)]
+    parts = [
+        make_part("frame", finishes.frame, *frame),
+        make_part("handle", finishes.handle, *handles),
+    ]
     if opening.z0 > 0:
         board = [
             _edge_span(edge, -LAP, width + LAP, 0.0, near - 0.005, z0 - LAP, z0 + 0.022),
@@ -420,22 +421,12 @@ def _window(opening: Opening, finishes: Finishes) -> Thing:
         outside = _edge_span(
             edge, -LAP, width + LAP, far + 0.005, -opening.thickness - 0.04, z0 - LAP, z0 + 0.012
         )
-        parts.append(part_of("sill", finishes.sill, *board, outside))
-    return _thing(opening.id, "window", opening.rooms[0], parts)
+        parts.append(make_part("sill", finishes.sill, *board, outside))
+    return _structure_item(opening.id, "window", opening.rooms[0], parts)
 
 
-def _leaf_edge(plan: Plan, opening: Opening) -> WallEdge:
-    """The hole's edge as seen from the room that the door swings into."""
-    if opening.swing == opening.rooms[0]:
-        return opening.edge
-    edge = opening.edge
-    return WallEdge(
-        edge.at(opening.width, -opening.thickness), edge.at(0, -opening.thickness), edge.outer
-    )
-
-
-def _door(plan: Plan, opening: Opening, finishes: Finishes) -> Thing:
-    """Lining, casings on both sides, leaf and handles; an archway has lining and casings only."""
+def _door(opening: Opening, finishes: Finishes) -> SceneItem:
+    """Door with lining, casings, leaf and handles; an archway has lining and casings only."""
     edge, width, top = opening.edge, opening.width, opening.z1
     near, far = 0.0, -opening.thickness
     lining = [
@@ -453,11 +444,11 @@ def _door(plan: Plan, opening: Opening, finishes: Finishes) -> Thing:
             ),
             _edge_span(edge, inset, width - inset, face, out, top - inset, top + wide - inset),
         ]
-    parts = [part_of("casing", finishes.casing, *lining)]
+    parts = [make_part("casing", finishes.casing, *lining)]
     if opening.kind != "archway":
-        leaf_edge = _leaf_edge(plan, opening)
+        leaf_edge = opening.edge_in(opening.swing)
         parts += _leaf(opening, leaf_edge, finishes.door, finishes)
-        # Stops that the closed leaf leans against; they hide the gap around it.
+        # Door stops behind the closed leaf; they cover the gap around it.
         back = -LEAF - 0.001
         stop = [
             _edge_span(leaf_edge, LINING, LINING + 0.012, back, back - 0.03, 0.004, top - LINING),
@@ -480,17 +471,17 @@ def _door(plan: Plan, opening: Opening, finishes: Finishes) -> Thing:
                 top - LINING,
             ),
         ]
-        parts[0] = part_of("casing", finishes.casing, *lining, *stop)
-    return _thing(opening.id, "door", opening.rooms[0], parts)
+        parts[0] = make_part("casing", finishes.casing, *lining, *stop)
+    return _structure_item(opening.id, "door", opening.rooms[0], parts)
 
 
 def _leaf(
     opening: Opening, edge: WallEdge, material: Material, finishes: Finishes | None
-) -> list[Part]:
-    """The leaf, hung at one jamb and turned by the opening's angle, with a lever on each side."""
+) -> list[PiecePart]:
+    """Door leaf, rotated about its hinge by the opening's angle, with a lever on each side."""
     gap = 0.003
     width = opening.width - 2 * (LINING + gap)
-    # A closed leaf outdoors must be tight: it fills its lining.
+    # The entrance door is closed and fills its lining without a gap: no light leaks in.
     tight = opening.kind == "entrance"
     if tight:
         width = opening.width - 2 * LINING + 0.004
@@ -528,11 +519,11 @@ def _leaf(
             )
         )
     swing = opening.swing == opening.rooms[0]
-    at_start = opening.hinge_at_start == swing  # seen from the room it swings into
+    at_start = opening.hinge_at_start == swing  # seen from the room that the door swings into
     angle = np.radians(opening.angle)
     start = LINING + gap
 
-    def hung(mesh: Mesh) -> Mesh:
+    def hung(mesh: BodyMesh) -> BodyMesh:
         x, y, z = mesh.vertices.T
         along = np.cos(angle) * x - np.sin(angle) * y
         inward = np.sin(angle) * x + np.cos(angle) * y
@@ -546,17 +537,19 @@ def _leaf(
             axis=1,
         )
         faces = mesh.faces if at_start else mesh.faces[:, ::-1]
-        return Mesh(vertices, faces, mesh.uvs)
+        return BodyMesh(vertices, faces, mesh.uvs)
 
     metal = finishes.handle if finishes else material
     return [
-        part_of("leaf", material, *(hung(mesh) for mesh in bodies)),
-        part_of("lever", metal, *(hung(mesh) for mesh in levers), smooth=True),
+        make_part("leaf", material, *(hung(mesh) for mesh in bodies)),
+        make_part("lever", metal, *(hung(mesh) for mesh in levers), smooth=True),
     ]
 
 
-def _panel_frame(x0: float, x1: float, y0: float, y1: float, z0: float, z1: float) -> list[Mesh]:
-    """A rectangular moulding and the raised field inside it."""
+def _panel_frame(
+    x0: float, x1: float, y0: float, y1: float, z0: float, z1: float
+) -> list[BodyMesh]:
+    """Rectangular moulding with a raised field inside."""
     w = 0.022
     return [
         span((x0, y0, z0), (x1, y1, z0 + w)),

@@ -1,5 +1,5 @@
-"""Variants of imported scenes: the same rooms and things with other finishes and other light.
+"""Variants of imported scenes: the same rooms and objects with other finishes and lighting.
 
-Procedural homes vary by themselves (`scenes.procedural.home`); what is drawn here comes from the
-same palettes, patterns and skies.
+Finishes and skies come from the palettes, patterns and sky models of the procedural homes, which
+have variants of their own (`scenes.procedural.home`).
 """

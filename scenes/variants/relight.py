@@ -1,4 +1,4 @@
-"""Another light for an imported scene: hour and weather, which lamps burn, how warm they are."""
+"""New lighting for an imported scene: sky, lit lamps and their colour temperature."""
 
 from __future__ import annotations
 
@@ -13,60 +13,62 @@ from scenes.color import REC709
 from scenes.contract import Light, Scene
 from scenes.params import LightSetting
 from scenes.photometry import blackbody
-from scenes.procedural.lighting import Lamp, choose_lit, draw_cooler, draw_sky
+from scenes.procedural.lighting import Lamp, choose_lit_lamps, draw_kelvin_offset, draw_sky
 from scenes.seeds import generator
 
 _OUTSIDE = ("sunsky", "sky", "sun", "constant", "envmap")
 _OUTDOORS = ("sun", "sky", "environment")
-_BARE = ("point", "spot")  # lamps without a surface: emitters of their own
-_KELVIN = (2700.0, 2800.0, 3000.0, 3300.0)  # of lamps for homes
+_POINT_KINDS = ("point", "spot")  # lamps without a surface: top-level emitters
+_KELVIN = (2700.0, 2800.0, 3000.0, 3300.0)  # colour temperatures of household lamps
 
 
 @dataclass(frozen=True)
-class Relit:
-    """The lights of the variant, its setting, and what was drawn."""
+class RelightResult:
+    """Lights, light setting and sampled parameters of a variant."""
 
     lights: tuple[Light, ...]
     lighting: str
     choices: dict[str, Any]
-    sky: bool = False  # whether there is another sky
+    sky: bool = False  # True if the sky was replaced
 
 
 def relight(
     root: Element, scene: Scene, settings: tuple[LightSetting, ...], seed: int, variant: int
-) -> Relit:
+) -> RelightResult:
     """Change sky and lamps in `root` (of `scene.xml`) to the variant's setting.
 
-    Settings take turns; those that the scene cannot have are skipped: no night without lamps, no
-    day without windows or sky. Where none is left the light stays as it is. Lamps keep their
-    power; only those that burn in `scene` can burn. Directional lights stay as they are.
+    Variants cycle through the settings that the scene supports: night needs lamps, day needs a
+    sky. If none is supported, the light does not change. Lamps keep their power; only lamps that
+    are on in `scene` can be on. Directional lights do not change.
     """
-    bare = _bare(root, scene)
-    lamps = [light for light in scene.lights if light.kind == "area" or light.id in bare]
+    point_emitters = _point_emitters(root, scene)
+    lamps = [light for light in scene.lights if light.kind == "area" or light.id in point_emitters]
     outside = any(light.kind in _OUTDOORS for light in scene.lights)
     others = tuple(light for light in scene.lights
                    if light not in lamps and light.kind not in _OUTDOORS)  # fmt: skip
     setting = _setting(settings, bool(lamps), outside, variant)
     if setting is None:
-        return Relit(scene.lights, scene.lighting, {"setting": "as it was"})
+        return RelightResult(scene.lights, scene.lighting, {"setting": "as it was"})
 
     def rng(name: str) -> np.random.Generator:
         return generator(seed, "variant", variant, "light", name)
 
-    bright = {portal.room for portal in scene.portals if portal.clear}
-    windowless = [room.id for room in scene.rooms if room.id not in bright]
-    lit = choose_lit(
+    with_window = {portal.room for portal in scene.portals if portal.clear}
+    windowless = [room.id for room in scene.rooms if room.id not in with_window]
+    lit = choose_lit_lamps(
         rng("lamps"),
         setting,
         [Lamp(light.id, light.room, light.lumens or 1.0) for light in lamps],
         windowless,
     )
-    kelvin = float(rng("colour").choice(_KELVIN)) + draw_cooler(rng("cooler"))
-    burning = tuple(light for light in lamps if light.id in lit)
-    weight = _switch(root, lamps, {name for light in burning for name in light.shapes}, kelvin)
-    for name, emitter in bare.items():
+    kelvin = float(rng("colour").choice(_KELVIN)) + draw_kelvin_offset(rng("cooler"))
+    lit_lights = tuple(light for light in lamps if light.id in lit)
+    weight = _switch_lamps(
+        root, lamps, {name for light in lit_lights for name in light.shapes}, kelvin
+    )
+    for name, emitter in point_emitters.items():
         if name in lit:
-            weight += _tinted(emitter, "intensity", kelvin)
+            weight += _set_color_temperature(emitter, "intensity", kelvin)
         else:
             root.remove(emitter)
     choices: dict[str, Any] = {
@@ -74,18 +76,18 @@ def relight(
         "lamps_lit": sorted(lit),
         "lamps_kelvin": kelvin,
     }
-    lights = burning + others
+    lights = lit_lights + others
     if outside:
         sky = draw_sky(rng("sky"), setting, weight)
         for old in root.findall("emitter"):
             if old.get("type") in _OUTSIDE:
                 root.remove(old)
-        made = defusedxml.ElementTree.fromstring(sky.xml)
-        made.set("id", _free("sky", root))
-        root.insert(_first_shape(root), made)
+        sky_emitter = defusedxml.ElementTree.fromstring(sky.xml)
+        sky_emitter.set("id", _unused_id("sky", root))
+        root.insert(_first_shape(root), sky_emitter)
         lights += sky.lights
         choices |= sky.choices
-    return Relit(lights, setting, choices, outside)
+    return RelightResult(lights, setting, choices, outside)
 
 
 def _setting(
@@ -96,23 +98,29 @@ def _setting(
     return possible[variant % len(possible)] if possible else None
 
 
-def _switch(root: Element, lamps: list[Light], burning: set[str], kelvin: float) -> float:
-    """Put out all lamps but `burning` (shape ids), tint these; the sum of their weights."""
+def _switch_lamps(root: Element, lamps: list[Light], lit: set[str], kelvin: float) -> float:
+    """Switch off all lamps except the shapes `lit`, and set the colour of these.
+
+    Returns the sum of their sampling weights.
+    """
     of_lamps = {name for light in lamps for name in light.shapes}
     weight = 0.0
     for shape in root.findall("shape"):
         emitter = shape.find("emitter")
         if shape.get("id") not in of_lamps or emitter is None:
             continue
-        if shape.get("id") not in burning:
+        if shape.get("id") not in lit:
             shape.remove(emitter)
             continue
-        weight += _tinted(emitter, "radiance", kelvin)
+        weight += _set_color_temperature(emitter, "radiance", kelvin)
     return weight
 
 
-def _tinted(emitter: Element, name: str, kelvin: float) -> float:
-    """Give an emitter's `name` the colour of `kelvin`, its luminance kept; its sampling weight."""
+def _set_color_temperature(emitter: Element, name: str, kelvin: float) -> float:
+    """Set the colour of an emitter's `name` to `kelvin`, keeping its luminance.
+
+    Returns its sampling weight.
+    """
     for item in emitter.findall("rgb"):
         if item.get("name") == name:
             old = np.array([float(word) for word in item.get("value", "").split()])
@@ -123,19 +131,19 @@ def _tinted(emitter: Element, name: str, kelvin: float) -> float:
     return float(weights[0].get("value", 1)) if weights else 1.0
 
 
-def _bare(root: Element, scene: Scene) -> dict[str, Element]:
-    """The emitters of points and spots by their light's id: both come in the same order.
+def _point_emitters(root: Element, scene: Scene) -> dict[str, Element]:
+    """Point and spot emitters by the id of their light; both lists have the same order.
 
-    Empty where they do not match, as in a scene that somebody edited; they then stay lit.
+    Empty if they do not match, as in an edited scene; these lamps then stay on.
     """
-    lights = [light for light in scene.lights if light.kind in _BARE]
-    emitters = [item for item in root.findall("emitter") if item.get("type") in _BARE]
+    lights = [light for light in scene.lights if light.kind in _POINT_KINDS]
+    emitters = [item for item in root.findall("emitter") if item.get("type") in _POINT_KINDS]
     if [light.kind for light in lights] != [item.get("type") for item in emitters]:
         return {}
     return {light.id: emitter for light, emitter in zip(lights, emitters, strict=True)}
 
 
-def _free(name: str, root: Element) -> str:
+def _unused_id(name: str, root: Element) -> str:
     taken = {item.get("id") for item in root.iter()}
     while name in taken:
         name += "_"

@@ -1,4 +1,4 @@
-"""One variant of an imported scene: its folder copied, refinished, relit, and its choices noted."""
+"""A variant of an imported scene: copied folder with new finishes and lighting."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ def vary_scene(
     """Write variant number `variant` (1 and up) of the scene in `base` as the scene folder `out`.
 
     Of `params.vary`, "finishes" (floors, walls, ceilings and fabrics) and "light" (hour, weather,
-    which lamps burn and how warm) apply to imports; "furniture" and "outdoors" are as the file
-    has them. Plan, cameras, objects and portals stay; the split is that of `base`. Equal
-    arguments give equal bytes. Raises `InputError` if `base` is no complete scene.
+    lit lamps and their colour) apply to imports; "furniture" and "outdoors" do not. Plan,
+    cameras, objects and portals do not change; the split is that of `base`. Equal arguments give
+    equal bytes. Raises `InputError` if `base` is not a complete scene.
     """
     scene = load_scene(base)
     varied = [aspect for aspect in ("finishes", "light") if aspect in params.vary]
-    noted: dict[str, Any] = {"variant": variant, "varied": varied, "of": scene.scene_id}
+    record: dict[str, Any] = {"variant": variant, "varied": varied, "of": scene.scene_id}
     with writing_scene(Path(out)) as folder:
         copy_files(base, folder)
         root: Element = defusedxml.ElementTree.parse(folder / "scene.xml").getroot()
         lights, lighting, objects = scene.lights, scene.lighting, scene.objects
         if "finishes" in varied:
-            noted["finishes"] = refinish(folder, root, scene, params.texture_size, seed, variant)
+            record["finishes"] = refinish(folder, root, scene, params.texture_size, seed, variant)
         if "light" in varied:
             relit = relight(root, scene, params.lighting, seed, variant)
-            lights, lighting, noted["light"] = relit.lights, relit.lighting, relit.choices
-            if relit.sky and not any(thing.category == "ground" for thing in objects):
-                # An environment map had its own ground; a sky has none.
+            lights, lighting, record["light"] = relit.lights, relit.lighting, relit.choices
+            if relit.sky and not any(item.category == "ground" for item in objects):
+                # An environment map shows the ground; a sky model does not.
                 objects = (*objects, _with_ground(folder, root, scene))
         _remove_unused(folder, root)
         indent(root, "  ")
@@ -53,7 +53,7 @@ def vary_scene(
             replace(
                 scene,
                 scene_id=scene_id,
-                source={**scene.source, **noted},
+                source={**scene.source, **record},
                 objects=objects,
                 lights=lights,
                 lighting=lighting,
@@ -64,21 +64,21 @@ def vary_scene(
 
 
 def _with_ground(folder: Path, root: Element, scene: Scene) -> SceneObject:
-    """Add a plain under the scene; returns it as an object."""
-    low = np.min([thing.bbox_min for thing in scene.objects], axis=0)
-    high = np.max([thing.bbox_max for thing in scene.objects], axis=0)
-    plain, thing = ground(low, high)
-    write_ply(folder / "meshes" / f"{plain.id}.ply", plain.mesh)
-    shape = plugin("shape", "ply", filename=f"meshes/{plain.id}.ply", face_normals=True)
-    shape.set("id", plain.id)
-    if plain.surface.element is not None:
-        shape.append(plain.surface.element)
+    """Add a ground plane below the scene; returns its object."""
+    low = np.min([item.bbox_min for item in scene.objects], axis=0)
+    high = np.max([item.bbox_max for item in scene.objects], axis=0)
+    plane, item = ground(low, high)
+    write_ply(folder / "meshes" / f"{plane.id}.ply", plane.mesh)
+    shape = plugin("shape", "ply", filename=f"meshes/{plane.id}.ply", face_normals=True)
+    shape.set("id", plane.id)
+    if plane.surface.element is not None:
+        shape.append(plane.surface.element)
     root.append(shape)
-    return thing
+    return item
 
 
 def _remove_unused(folder: Path, root: Element) -> None:
-    """Delete the textures that no material has any more, and materials that no shape has."""
+    """Remove materials that no shape refers to, and textures that no material refers to."""
     used = {ref.get("id") for ref in root.iter("ref")}
     for bsdf in root.findall("bsdf"):
         if bsdf.get("id") not in used:

@@ -1,16 +1,16 @@
-"""What only catalogues have: small things on tables and shelves, switches, toys, shoes, a piano.
+"""Extra items from catalogues: small objects on furniture, switches, toys, shoes, a piano.
 
-Placed last, by the same rules of space, so that they never take the place of what a room needs.
+They are placed last and by the same spatial rules, so they never displace other furniture.
 """
 
 from __future__ import annotations
 
-from scenes.procedural.furnishing.asset_sampler import Shop
-from scenes.procedural.furnishing.space import Item, RoomSpace
+from scenes.procedural.furnishing.asset_sampler import AssetSampler
+from scenes.procedural.furnishing.space import PlacedPiece, RoomSpace
 from scenes.procedural.plan import Opening
 
-# Kind of carrier -> kinds of things put down there, and how many at most.
-_PUT_DOWN: dict[str, tuple[tuple[str, ...], int]] = {
+# Kind of furniture -> kinds of objects placed on it, and their greatest number.
+_ON_FURNITURE: dict[str, tuple[tuple[str, ...], int]] = {
     "desk": (("desk_thing", "desk_thing", "books_stack", "crockery"), 4),
     "coffee_table": (("living_thing", "crockery", "books_stack", "living_thing"), 3),
     "side_table": (("living_thing", "crockery"), 1),
@@ -28,8 +28,8 @@ _PUT_DOWN: dict[str, tuple[tuple[str, ...], int]] = {
     "washing_machine": (("toiletries",), 2),
     "bath_tub": (("toiletries",), 1),
 }
-# Room type -> (kind, how it stands, probability).
-_STANDING: dict[str, tuple[tuple[str, str, float], ...]] = {
+# Room type -> (kind, position, probability).
+_ON_FLOOR: dict[str, tuple[tuple[str, str, float], ...]] = {
     "living": (("living_wall", "wall", 0.5), ("living_floor", "corner", 0.7)),
     "bedroom": (("bedroom_floor", "corner", 0.7), ("bedroom_floor", "anywhere", 0.6)),
     "study": (("study_floor", "corner", 0.8),),
@@ -37,75 +37,72 @@ _STANDING: dict[str, tuple[tuple[str, str, float], ...]] = {
     "bathroom": (("bathroom_floor", "corner", 0.8),),
     "dining": (("living_floor", "corner", 0.4),),
 }
-_SOCKETS = 2  # at most, besides the switch by the door
-_BESIDE_DOOR = 0.16  # metres from the opening to the middle of a switch
+_SOCKETS = 2  # greatest number of sockets in a room
+_BESIDE_DOOR = 0.16  # metres from the opening to the centre of a switch
 
 
-def furnish_further(space: RoomSpace, shop: Shop) -> None:
-    """Put the catalogues' further things into a furnished room."""
-    for kind, where, probability in _STANDING.get(space.room.type, ()):
-        if shop.chance(probability):
-            _stand(space, shop, kind, where)
+def add_catalogue_extras(space: RoomSpace, sampler: AssetSampler) -> None:
+    """Add items of kinds that only catalogues have to a furnished room."""
+    for kind, where, probability in _ON_FLOOR.get(space.room.type, ()):
+        if sampler.chance(probability):
+            _place_on_floor(space, sampler, kind, where)
     for opening in space.plan.openings:
         if space.room.id in opening.rooms and opening.kind in ("door", "entrance"):
-            _switch(space, shop, opening)
+            _hang_switch(space, sampler, opening)
     for _ in range(_SOCKETS):
-        if shop.chance(0.8):
-            _hang(space, shop, "wall_socket")
-    if space.room.type == "bathroom" and shop.chance(0.8):
-        _hang(space, shop, "paper_holder")
+        if sampler.chance(0.8):
+            _hang(space, sampler, "wall_socket")
+    if space.room.type == "bathroom" and sampler.chance(0.8):
+        _hang(space, sampler, "paper_holder")
     for carrier in list(space.items):
-        if carrier.kind in _PUT_DOWN and carrier.piece.surfaces:
-            _put_down(space, shop, carrier)
+        if carrier.kind in _ON_FURNITURE and carrier.piece.surfaces:
+            _place_on_furniture(space, sampler, carrier)
 
 
-def _stand(space: RoomSpace, shop: Shop, kind: str, where: str) -> None:
-    piece = shop.sell(kind)
+def _place_on_floor(space: RoomSpace, sampler: AssetSampler, kind: str, where: str) -> None:
+    piece = sampler.sample(kind)
     if piece is None:
         return
     if where == "wall":
-        space.against_wall(shop.rng, kind, piece, tries=40)
+        space.against_wall(sampler.rng, kind, piece, tries=40)
     elif where == "corner":
-        if space.in_corner(shop.rng, kind, piece, turned=False) is None:
-            space.against_wall(shop.rng, kind, piece, where="corner", tries=20, zone=False)
+        if space.in_corner(sampler.rng, kind, piece, turned=False) is None:
+            space.against_wall(sampler.rng, kind, piece, where="corner", tries=20, zone=False)
     else:
-        space.anywhere(shop.rng, kind, piece, tries=20)
+        space.anywhere(sampler.rng, kind, piece, tries=20)
 
 
-def _switch(space: RoomSpace, shop: Shop, opening: Opening) -> None:
-    """A light switch beside a door, on the side where there is wall for it."""
-    piece = shop.sell("wall_switch") if shop.chance() else None
+def _hang_switch(space: RoomSpace, sampler: AssetSampler, opening: Opening) -> None:
+    """Hang a light switch beside a door, on a side with enough wall."""
+    piece = sampler.sample("wall_switch") if sampler.chance() else None
     if piece is None:
         return
-    edge, width = space.edge_of(opening), opening.width
+    edge, width = opening.edge_in(space.room.id), opening.width
     for s in (-_BESIDE_DOOR, width + _BESIDE_DOOR):
         at = edge.at(s, 0.0)
         for wall in space.room.edges:
-            along = (at[0] - wall.start[0]) * wall.along[0] + (at[1] - wall.start[1]) * wall.along[
-                1
-            ]
-            away = (at[0] - wall.start[0]) * wall.inward[0] + (at[1] - wall.start[1]) * wall.inward[
-                1
-            ]
-            same = wall.inward[0] * edge.inward[0] + wall.inward[1] * edge.inward[1] > 0.99
-            if not same or abs(away) > 1e-3 or not 0.06 < along < wall.length - 0.06:
-                continue
-            if space.hang("wall_switch", piece, wall, along, piece.mount_height) is not None:
+            along, depth = wall.coordinates(at)
+            if (
+                wall.faces_like(edge)
+                and abs(depth) <= 1e-3
+                and 0.06 < along < wall.length - 0.06
+                and space.hang("wall_switch", piece, wall, along, piece.mount_height) is not None
+            ):
                 return
 
 
-def _hang(space: RoomSpace, shop: Shop, kind: str) -> None:
-    piece = shop.sell(kind)
+def _hang(space: RoomSpace, sampler: AssetSampler, kind: str) -> None:
+    piece = sampler.sample(kind)
     if piece is not None:
-        space.on_wall(shop.rng, kind, piece)
+        space.on_wall(sampler.rng, kind, piece)
 
 
-def _put_down(space: RoomSpace, shop: Shop, carrier: Item) -> None:
-    kinds, most = _PUT_DOWN[carrier.kind]
+def _place_on_furniture(space: RoomSpace, sampler: AssetSampler, carrier: PlacedPiece) -> None:
+    kinds, most = _ON_FURNITURE[carrier.kind]
     for _ in range(most):
-        if not shop.chance(0.75):
+        if not sampler.chance(0.75):
             continue
-        kind = kinds[shop.pick(len(kinds))]
-        piece = shop.sell(kind)
+        kind = kinds[sampler.integer(len(kinds))]
+        piece = sampler.sample(kind)
         if piece is not None:
-            space.on_top(shop.rng, kind, piece, carrier, yaw=shop.draw(-25, 25), tries=8)
+            space.on_top(sampler.rng, kind, piece, carrier, yaw=sampler.uniform(-25, 25), tries=8)

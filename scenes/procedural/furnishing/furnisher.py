@@ -1,22 +1,22 @@
-"""One room being furnished: its space, its style, and how single pieces find their places."""
+"""Furnishing state of one room, and placement of single pieces."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furnishing.asset_sampler import Shop
-from scenes.procedural.furnishing.space import GAP, Item, RoomSpace, facing
-from scenes.procedural.furniture import Style, catalogue
-from scenes.procedural.piece import Piece
+from scenes.procedural.furnishing.asset_sampler import AssetSampler
+from scenes.procedural.furnishing.space import GAP, PlacedPiece, RoomSpace, yaw_facing
+from scenes.procedural.furniture import FURNITURE_KINDS, Style
+from scenes.procedural.piece import FurniturePiece
 from scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
 from scenes.procedural.scene_item import Pose
 
 Point = np.ndarray
-_PLANTS = 6
+_PLANTS = 6  # different small plants of a home
 
 
 class Furnisher:
-    """Fills one room. `plants`: the small ones of the whole home, a few kinds seen again."""
+    """Furnishes one room; `plants` are the small plants that all rooms of the home share."""
 
     def __init__(
         self,
@@ -24,36 +24,36 @@ class Furnisher:
         plan: Plan,
         room: PlanRoom,
         style: Style,
-        plants: list[Piece],
-        shop: Shop | None = None,
+        plants: list[FurniturePiece],
+        sampler: AssetSampler | None = None,
     ) -> None:
-        self.shop = shop
+        self.sampler = sampler
         self.rng, self.plan, self.room, self.style = rng, plan, room, style
         self.plants = plants
         self.space = RoomSpace(plan, room)
         self.area = room.shape.area
 
     def chance(self, probability: float) -> bool:
-        """True with that probability."""
+        """Return True with that probability."""
         return bool(self.rng.random() < probability)
 
-    def make(self, kind: str, **options: float) -> Piece:
-        """A piece in the home's style, or one of the shop's in place of it."""
-        bought = self.shop.offer(kind, options) if self.shop is not None else None
-        if bought is not None:
-            return bought
+    def make(self, kind: str, **options: float) -> FurniturePiece:
+        """Make a piece in the home's style, or sample one from the catalogues."""
+        sampled = self.sampler.substitute(kind, options) if self.sampler is not None else None
+        if sampled is not None:
+            return sampled
         if kind != "small_plant":
-            return self._new(kind, options)
+            return self._generate(kind, options)
         if len(self.plants) < _PLANTS:
-            self.plants.append(self._new(kind, options))
+            self.plants.append(self._generate(kind, options))
             return self.plants[-1]
         return self.plants[int(self.rng.integers(_PLANTS))]
 
-    def _new(self, kind: str, options: dict[str, float]) -> Piece:
-        return catalogue[kind].make(self.rng, self.style, **options)
+    def _generate(self, kind: str, options: dict[str, float]) -> FurniturePiece:
+        return FURNITURE_KINDS[kind].make(self.rng, self.style, **options)
 
-    def along_wall(self, kind: str, where: str = "any") -> Item | None:
-        """Stand a piece with its back to some wall."""
+    def along_wall(self, kind: str, where: str = "any") -> PlacedPiece | None:
+        """Place a piece with its back to a wall; two attempts with different pieces."""
         for _ in range(2):
             item = self.space.against_wall(self.rng, kind, self.make(kind), where=where)
             if item is not None:
@@ -61,11 +61,11 @@ class Furnisher:
         return None
 
     def put_plant(self) -> None:
-        """A large plant in a corner."""
+        """Place a large plant in a corner."""
         self.space.in_corner(self.rng, "plant", self.make("plant"))
 
     def lay_rug(self) -> None:
-        """Perhaps a rug in the middle of the free floor."""
+        """With probability 1/2, lay a rug in the middle of the free floor."""
         if not self.chance(0.5):
             return
         rug = self.make("rug", width=float(self.rng.uniform(1.2, 1.8)), depth=1.0)
@@ -73,13 +73,13 @@ class Furnisher:
         pose = Pose(float(middle[0]), float(middle[1]), 0.0, float(self.rng.choice([0.0, 90.0])))
         self.space.try_place("rug", rug, pose, zone=False)
 
-    def hang(self, kind: str) -> Item | None:
-        """Hang a piece on some bare wall."""
+    def hang(self, kind: str) -> PlacedPiece | None:
+        """Hang a piece on a bare wall."""
         piece = self.make(kind)
         return self.space.on_wall(self.rng, kind, piece)
 
     def hang_pictures(self, count: int) -> None:
-        """Pictures: first over what stands low against a wall, then on bare walls."""
+        """Hang pictures: first above low furniture against a wall, then on bare walls."""
         rng, space = self.rng, self.space
         below = [
             item
@@ -108,27 +108,17 @@ class Furnisher:
             piece = self.make("picture")
             space.on_wall(rng, "picture", piece, where="middle")
 
-    def edge_behind(self, item: Item) -> WallEdge | None:
-        """The wall that an item has its back to."""
+    def edge_behind(self, item: PlacedPiece) -> WallEdge | None:
+        """Return the wall that the back of an item faces, or None."""
         for edge in self.room.edges:
-            s = self.space.position_on(edge, np.array([item.pose.x, item.pose.y]))
-            behind = abs(_depth(edge, item) - float(item.piece.bounds[1, 1]) - GAP) < 0.05
-            if facing(edge.inward) == item.pose.turn and 0 < s < edge.length and behind:
+            s, depth = edge.coordinates((item.pose.x, item.pose.y))
+            behind = abs(depth - float(item.piece.bounds[1, 1]) - GAP) < 0.05
+            if yaw_facing(edge.inward) == item.pose.yaw and 0 < s < edge.length and behind:
                 return edge
         return None
 
 
 def has_opening(edge: WallEdge, opening: Opening) -> bool:
-    """Whether an opening of this room lies in that wall."""
-    dx, dy = opening.start[0] - edge.start[0], opening.start[1] - edge.start[1]
-    depth = dx * edge.inward[0] + dy * edge.inward[1]
-    along = dx * edge.along[0] + dy * edge.along[1]
-    same = edge.inward[0] * opening.edge.inward[0] + edge.inward[1] * opening.edge.inward[1]
-    return abs(depth) < 1e-3 and -1e-3 <= along <= edge.length and same > 0.99
-
-
-def _depth(edge: WallEdge, item: Item) -> float:
-    return float(
-        (item.pose.x - edge.start[0]) * edge.inward[0]
-        + (item.pose.y - edge.start[1]) * edge.inward[1]
-    )
+    """Return True if an opening of the room lies in a wall."""
+    s, depth = edge.coordinates(opening.start)
+    return abs(depth) < 1e-3 and -1e-3 <= s <= edge.length and edge.faces_like(opening.edge)

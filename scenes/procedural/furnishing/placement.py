@@ -1,8 +1,8 @@
-"""Furnishing by rules: what goes into a room of each kind, and where.
+"""Rule-based furnishing of a home, room by room.
 
-Every room is filled in the same order: what belongs to its windows, the groups that make the
-room what it is, lamps, further pieces along free walls, things on the walls, small things on
-surfaces. A piece that finds no place is left out; rules of space are in `space`.
+Every room is furnished in the same order: curtains and radiators, the furniture of its room type,
+a ceiling lamp, small objects on window sills and on furniture. Pieces that find no valid pose are
+left out; `RoomSpace` decides which poses are valid.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from scenes.procedural.furnishing.asset_sampler import Shop
-from scenes.procedural.furnishing.extras import furnish_further
+from scenes.procedural.furnishing.asset_sampler import AssetSampler
+from scenes.procedural.furnishing.extras import add_catalogue_extras
 from scenes.procedural.furnishing.furnisher import Furnisher
 from scenes.procedural.furnishing.rooms.bathroom import furnish_bathroom
 from scenes.procedural.furnishing.rooms.bedroom import furnish_bedroom
@@ -20,13 +20,13 @@ from scenes.procedural.furnishing.rooms.dining import furnish_dining
 from scenes.procedural.furnishing.rooms.kitchen import furnish_kitchen
 from scenes.procedural.furnishing.rooms.living import furnish_living
 from scenes.procedural.furnishing.rooms.study import furnish_study
-from scenes.procedural.furnishing.rooms.windows import dress_windows, fill_sills
+from scenes.procedural.furnishing.rooms.windows import fill_sills, furnish_windows
 from scenes.procedural.furniture import Style
-from scenes.procedural.piece import Piece
+from scenes.procedural.piece import FurniturePiece
 from scenes.procedural.plan import Plan
-from scenes.procedural.scene_item import Pose, Thing
+from scenes.procedural.scene_item import Pose, SceneItem
 
-_PROGRAMMES: dict[str, Callable[[Furnisher], None]] = {
+_FURNISH_ROOM: dict[str, Callable[[Furnisher], None]] = {
     "living": furnish_living,
     "bedroom": furnish_bedroom,
     "kitchen": furnish_kitchen,
@@ -37,35 +37,34 @@ _PROGRAMMES: dict[str, Callable[[Furnisher], None]] = {
 
 
 def furnish(
-    rng: np.random.Generator, plan: Plan, style: Style, shop: Shop | None = None
-) -> list[Thing]:
-    """The furniture of a whole home, as things in the world; some of it from a `shop`."""
-    things: list[Thing] = []
-    plants: list[Piece] = []
+    rng: np.random.Generator, plan: Plan, style: Style, sampler: AssetSampler | None = None
+) -> list[SceneItem]:
+    """Furnish all rooms of a plan; with a `sampler`, some pieces come from catalogues."""
+    items: list[SceneItem] = []
+    plants: list[FurniturePiece] = []
     for room in plan.rooms:
-        maker = Furnisher(rng, plan, room, style, plants, shop)
-        _fill(maker)
-        if shop is not None:
-            furnish_further(maker.space, shop)
-        things += [item.thing(room.id) for item in maker.space.items]
-    return things
+        furnisher = Furnisher(rng, plan, room, style, plants, sampler)
+        _furnish_room(furnisher)
+        if sampler is not None:
+            add_catalogue_extras(furnisher.space, sampler)
+        items += [placed.scene_item(room.id) for placed in furnisher.space.items]
+    return items
 
 
-def _fill(maker: Furnisher) -> None:
-    """Everything, in order."""
-    if maker.room.type not in ("kitchen", "bathroom"):
-        dress_windows(maker)
-    _PROGRAMMES[maker.room.type](maker)
-    _light_ceiling(maker)
-    fill_sills(maker)
-    _put_down(maker)
+def _furnish_room(furnisher: Furnisher) -> None:
+    if furnisher.room.type not in ("kitchen", "bathroom"):
+        furnish_windows(furnisher)
+    _FURNISH_ROOM[furnisher.room.type](furnisher)
+    _hang_ceiling_lamp(furnisher)
+    fill_sills(furnisher)
+    _place_small_objects(furnisher)
 
 
-def _light_ceiling(maker: Furnisher) -> None:
-    """A lamp under the ceiling, unless a pendant already hangs over a table nearby."""
-    rng, space = maker.rng, maker.space
+def _hang_ceiling_lamp(furnisher: Furnisher) -> None:
+    """Hang a lamp from the ceiling, unless a small room already has a pendant lamp."""
+    rng, space = furnisher.rng, furnisher.space
     hanging = any(item.kind == "pendant_lamp" for item in space.items)
-    if hanging and maker.area < 16:
+    if hanging and furnisher.area < 16:
         return
     kinds = {
         "study": ["ceiling_lamp", "spot_rail"],
@@ -74,24 +73,25 @@ def _light_ceiling(maker: Furnisher) -> None:
         "bedroom": ["ceiling_lamp", "ceiling_lamp", "pendant_lamp"],
         "dining": ["ceiling_lamp", "pendant_lamp"],
         "bathroom": ["ceiling_lamp"],
-    }[maker.room.type]
+    }[furnisher.room.type]
     kind = str(rng.choice(kinds))
     lamp = (
-        maker.make(kind, drop=min(0.5, maker.plan.height - 2.05))
+        furnisher.make(kind, drop=min(0.5, furnisher.plan.height - 2.05))
         if kind == "pendant_lamp"
-        else maker.make(kind)
+        else furnisher.make(kind)
     )
-    middle = maker.space.middle()
+    middle = furnisher.space.middle()
     for attempt in range(12):
         x, y = middle + rng.normal(0, 0.05 + 0.1 * attempt, 2)
-        pose = Pose(float(x), float(y), maker.plan.height, float(rng.choice([0.0, 90.0])))
+        pose = Pose(float(x), float(y), furnisher.plan.height, float(rng.choice([0.0, 90.0])))
         if space.try_place(kind, lamp, pose, zone=False, on_floor=False):
             return
 
 
-def _put_down(maker: Furnisher) -> None:
-    """Small things where things are put down."""
-    rng = maker.rng
+def _place_small_objects(furnisher: Furnisher) -> None:
+    """Place small objects on the support surfaces of the room's furniture."""
+    rng = furnisher.rng
+    # Kind of furniture -> kinds of objects, least and greatest number of attempts.
     wanted: dict[str, tuple[tuple[str, ...], int, int]] = {
         "coffee_table": (("books_stack", "vase", "candle", "fruit_bowl", "laptop"), 1, 4),
         "side_table": (("books_stack", "small_plant", "candle", "vase"), 0, 2),
@@ -114,11 +114,11 @@ def _put_down(maker: Furnisher) -> None:
         "wall_shelf": (("small_plant", "books_stack", "vase", "candle"), 1, 3),
         "bath_tub": (("toiletries", "candle"), 0, 2),
     }
-    for item in list(maker.space.items):
+    for item in list(furnisher.space.items):
         if item.kind not in wanted or not item.piece.surfaces:
             continue
         kinds, low, high = wanted[item.kind]
         for _ in range(int(rng.integers(low, high + 1))):
             kind = str(rng.choice(kinds))
             yaw = float(rng.uniform(-25, 25))
-            maker.space.on_top(rng, kind, maker.make(kind), item, yaw=yaw, tries=6)
+            furnisher.space.on_top(rng, kind, furnisher.make(kind), item, yaw=yaw, tries=6)

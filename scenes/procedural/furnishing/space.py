@@ -1,14 +1,16 @@
-"""A room while it is being furnished: what stands where, what must stay free, where one walks.
+"""Spatial state of a room during furnishing: collisions, clear zones and walkability.
 
-Everything is decided on boxes. Most pieces are one box; those with room below or between their
-parts (tables, chairs, curtains) are a box for every connected body of their meshes, so that a
-chair goes under a table. Quarter turns keep boxes exact; other turns take the box around.
+All tests use axis-aligned boxes. Most pieces are one box; pieces with free space below or between
+their parts (tables, chairs, curtains) have one box per connected body of their meshes, so that a
+chair fits under a table. Boxes are exact at quarter turns; at other yaws they are the bounds of
+the rotated box.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,49 +21,54 @@ from shapely.geometry import Polygon, box
 from shapely.prepared import prep
 
 from scenes.arrays import BoolArray, Float64Array
-from scenes.procedural.piece import Piece
+from scenes.procedural.piece import FurniturePiece
 from scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
-from scenes.procedural.scene_item import Pose, Thing, placed
+from scenes.procedural.scene_item import Pose, SceneItem, place_piece
 from scenes.procedural.structure import CASING, SKIRTING, leaf_footprint
 
 Boxes = Float64Array  # (N, 2, 3): low and high corners
 
-TOUCH = 1e-3  # metres that may overlap: surfaces in contact
-BODY = 0.21  # half the width of a person who passes
-STEP_OVER = 0.06  # metres; lower things are walked over
-HEAD = 1.75  # higher things are walked under
-_FLAT = 0.02  # metres from the wall; what is flatter is walked past
+CONTACT_TOLERANCE = 1e-3  # metres; smaller overlaps count as contact
+HALF_BODY_WIDTH = 0.21  # metres, of a walking person
+STEP_OVER = 0.06  # metres; lower obstacles do not block walking
+HEADROOM = 1.75  # metres; obstacles above do not block walking
+_FLAT_DEPTH = 0.02  # metres; flatter items on a wall do not block walking
 CELL = 0.05  # of the walking grid, metres
-SKIRTING_TOP = 0.125  # metres; no skirting is higher
-GAP = SKIRTING + 0.004  # between a wall and what stands against it
-# Categories whose bodies are looked at one by one.
-_OPEN = ("table", "desk", "chair", "stool", "curtain", "radiator", "bench", "kitchen unit")
+SKIRTING_TOP = 0.125  # metres; upper bound of skirting heights
+GAP = SKIRTING + 0.004  # metres between a wall and furniture against it
+# Categories with one box per connected body.
+_SEVERAL_BOXES = ("table", "desk", "chair", "stool", "curtain", "radiator", "bench", "kitchen unit")
 
 
 @dataclass
-class Item:
-    """A piece at its place; `taken` are the boxes (M, 2, 2) used up on each of its surfaces."""
+class PlacedPiece:
+    """A piece at its pose.
+
+    `occupied` lists, for each of its support surfaces, the rectangles (2, 2) that are in use.
+    """
 
     id: str
     kind: str
-    piece: Piece
+    piece: FurniturePiece
     pose: Pose
-    solids: Boxes
-    taken: list[list[Float64Array]] = field(default_factory=list)
+    collision_boxes: Boxes
+    occupied: list[list[Float64Array]] = field(default_factory=list)
 
     @property
     def bounds(self) -> Boxes:
         """World bounds (2, 3)."""
-        return np.stack([self.solids[:, 0].min(axis=0), self.solids[:, 1].max(axis=0)])
+        return np.stack(
+            [self.collision_boxes[:, 0].min(axis=0), self.collision_boxes[:, 1].max(axis=0)]
+        )
 
-    def thing(self, room: str) -> Thing:
-        """The scene object."""
-        return placed(self.piece, self.pose, self.id, room)
+    def scene_item(self, room: str) -> SceneItem:
+        """Return the piece as an item of the scene."""
+        return place_piece(self.piece, self.pose, self.id, room)
 
 
 @dataclass(frozen=True)
-class _Zone:
-    """Floor to keep free of what stands on it: (2, 2) bounds, and who may stand there still."""
+class _ClearZone:
+    """Rectangle of floor to keep free for its `owner`: an item id, "way", "swing" or "leaf"."""
 
     low: tuple[float, float]
     high: tuple[float, float]
@@ -69,44 +76,28 @@ class _Zone:
 
 
 class RoomSpace:
-    """The state of one room; poses are tried and, where everything holds, kept."""
+    """Spatial state of one room; valid poses are kept, others rejected."""
 
     def __init__(self, plan: Plan, room: PlanRoom) -> None:
         self.plan, self.room = plan, room
         self.shape: Polygon = room.shape
-        self.inside = prep(self.shape.buffer(TOUCH, join_style="mitre"))
-        # Between the skirtings, for what reaches down to them.
-        self._between = prep(self.shape.buffer(TOUCH - GAP, join_style="mitre"))
-        self.items: list[Item] = []
+        self.inside = prep(self.shape.buffer(CONTACT_TOLERANCE, join_style="mitre"))
+        # Floor between the skirtings, for boxes that extend down to them.
+        self._between = prep(self.shape.buffer(CONTACT_TOLERANCE - GAP, join_style="mitre"))
+        self.items: list[PlacedPiece] = []
         self._boxes: Boxes = np.zeros((0, 2, 3))
         self._owners: list[str] = []
-        self._zones: list[_Zone] = []
-        self._blocked: Boxes = np.zeros((0, 2, 3))  # openings: nothing may hang or stand before
-        x0, y0, x1, y1 = self.shape.bounds
-        self._origin = np.array([x0, y0])
-        columns, rows = math.ceil((x1 - x0) / CELL), math.ceil((y1 - y0) / CELL)
-        xs = x0 + (np.arange(columns) + 0.5) * CELL
-        ys = y0 + (np.arange(rows) + 0.5) * CELL
-        body = self.shape.buffer(-BODY, join_style="mitre")
-        self._free = shapely.contains_xy(body, xs[:, None], ys[None, :])
+        self._zones: list[_ClearZone] = []
+        self._blocked: Boxes = np.zeros((0, 2, 3))  # in front of openings: kept free
+        self._origin = np.array(self.shape.bounds[:2])
+        self._free = self._walkable_floor()
         self.doors: list[tuple[float, float]] = []
         for opening in plan.openings:
             if room.id in opening.rooms:
-                self._keep_opening(opening)
+                self._register_opening(opening)
 
-    # -- openings -------------------------------------------------------------------------
-
-    def edge_of(self, opening: Opening) -> WallEdge:
-        """The opening's piece of wall, seen from this room."""
-        if opening.rooms[0] == self.room.id:
-            return opening.edge
-        edge = opening.edge
-        return WallEdge(
-            edge.at(opening.width, -opening.thickness), edge.at(0, -opening.thickness), edge.outer
-        )
-
-    def _keep_opening(self, opening: Opening) -> None:
-        edge, width = self.edge_of(opening), opening.width
+    def _register_opening(self, opening: Opening) -> None:
+        edge, width = opening.edge_in(self.room.id), opening.width
         margin = CASING[0] if opening.kind != "window" else 0.045
         deep = 0.06 if opening.kind == "window" else 0.12
         front = edge.strip(-margin, width + margin, 0.0, deep)
@@ -114,98 +105,106 @@ class RoomSpace:
         if opening.kind == "window":
             return
         deep = 0.7 if opening.kind != "patio" else 0.6
-        self._keep(edge.strip(0, width, 0.0, deep), "way")
+        self._keep_clear(edge.strip(0, width, 0.0, deep), "way")
         self.doors.append(edge.at(width / 2, 0.35))
         if opening.kind in ("door", "entrance") and opening.swing == self.room.id:
-            self._keep(edge.strip(0, width, 0.0, width), "swing")
+            self._keep_clear(edge.strip(0, width, 0.0, width), "swing")
             leaf = leaf_footprint(self.plan, opening)
             if leaf is not None:
-                self._keep(leaf.buffer(0.05), "leaf")
-                # Nothing may touch the leaf, but who walks pushes it aside.
+                self._keep_clear(leaf.buffer(0.05), "leaf")
+                # The leaf blocks furniture, not walking: a person pushes it aside.
                 self._boxes = np.concatenate([self._boxes, _raised(leaf.buffer(0.06), 0.0, 2.05)])
                 self._owners.append("leaf")
 
-    def _keep(self, area: Polygon, owner: str) -> None:
+    def _keep_clear(self, area: Polygon, owner: str) -> None:
         x0, y0, x1, y1 = area.bounds
-        self._zones.append(_Zone((x0, y0), (x1, y1), owner))
+        self._zones.append(_ClearZone((x0, y0), (x1, y1), owner))
 
     def windows(self) -> list[Opening]:
-        """This room's windows."""
+        """Return the windows and patio doors of the room."""
         return [
             opening
             for opening in self.plan.openings
             if opening.rooms == (self.room.id,) and opening.kind in ("window", "patio")
         ]
 
-    # -- trying ---------------------------------------------------------------------------
-
     def try_place(
         self,
         kind: str,
-        piece: Piece,
+        piece: FurniturePiece,
         pose: Pose,
         *,
         allow: Collection[str] = (),
         zone: bool = True,
         beneath: Collection[str] = (),
         on_floor: bool = True,
-    ) -> Item | None:
-        """Keep `piece` at `pose` if nothing forbids it, else None.
+    ) -> PlacedPiece | None:
+        """Place `piece` at `pose` if that is valid; returns None otherwise.
 
-        `allow` names items (or "way", "swing") whose free zones it may stand in; `beneath` items
-        it may touch, such as what carries it. `zone` reserves the floor before its front.
+        `allow` holds owners of clear zones that the piece may enter (item ids, "way", "swing");
+        `beneath` holds ids of items that it may touch, such as its carrier. `zone` reserves the
+        floor in front of it; `on_floor` tests walkability.
         """
-        item = Item(
-            f"{self.room.id}-{kind}-{len(self.items)}", kind, piece, pose, solids(piece, pose)
+        item = PlacedPiece(
+            f"{self.room.id}-{kind}-{len(self.items)}",
+            kind,
+            piece,
+            pose,
+            collision_boxes(piece, pose),
         )
-        if not self._holds(item, allow, beneath, on_floor):
+        if not self._is_clear(item, allow, beneath, on_floor):
             return None
         front = _front(piece, pose) if zone and on_floor and piece.front_clearance > 0 else None
-        if front is not None and not self._zone_holds(front, allow):
+        if front is not None and not self._zone_is_clear(front, allow):
             return None
         if on_floor and not self._walkable(item, front):
             return None
         self._commit(item, front)
         return item
 
-    def fits(self, piece: Piece, pose: Pose, allow: Collection[str] = ()) -> bool:
-        """Whether `try_place` without a zone would succeed, walking aside."""
-        return self._holds(Item("", "", piece, pose, solids(piece, pose)), allow, (), True)
+    def fits(self, piece: FurniturePiece, pose: Pose, allow: Collection[str] = ()) -> bool:
+        """Return True if a pose is free of collisions and clear zones; ignores walkability."""
+        return self._is_clear(
+            PlacedPiece("", "", piece, pose, collision_boxes(piece, pose)), allow, (), True
+        )
 
     def remove_last(self) -> None:
-        """Take back the item placed last."""
+        """Remove the item that was placed last."""
         item = self.items.pop()
         keep = [owner != item.id for owner in self._owners]
         self._boxes = self._boxes[np.array(keep, dtype=bool)]
         self._owners = [owner for owner in self._owners if owner != item.id]
         self._zones = [zone for zone in self._zones if zone.owner != item.id]
-        self._rebuild_walk()
+        fixed = np.array([owner != "leaf" for owner in self._owners], dtype=bool)
+        self._free = self._without(self._walkable_floor(), self._boxes[fixed])
 
-    def _holds(
-        self, item: Item, allow: Collection[str], beneath: Collection[str], on_floor: bool
+    def _is_clear(
+        self, item: PlacedPiece, allow: Collection[str], beneath: Collection[str], on_floor: bool
     ) -> bool:
         low, high = item.bounds
-        if high[2] > self.plan.height + TOUCH or low[2] < -TOUCH:
+        if high[2] > self.plan.height + CONTACT_TOLERANCE or low[2] < -CONTACT_TOLERANCE:
             return False
         if not self._between.covers(box(low[0], low[1], high[0], high[1])):
-            for body in item.solids:
+            for body in item.collision_boxes:
                 limit = self._between if body[0, 2] < SKIRTING_TOP else self.inside
                 if not limit.covers(box(*body[0, :2], *body[1, :2])):
                     return False
-        if _overlap(item.solids, self._blocked).any():
+        if _overlap(item.collision_boxes, self._blocked).any():
             return False
-        hits = _overlap(item.solids, self._boxes)
+        hits = _overlap(item.collision_boxes, self._boxes)
         if any(self._owners[k] not in beneath for k in np.flatnonzero(hits.any(axis=0))):
             return False
         if on_floor and high[2] > STEP_OVER and low[2] < 1.2:
             for zone in self._zones:
                 if zone.owner in allow:
                     continue
-                if _overlap_2d(item.solids[item.solids[:, 0, 2] < 1.2], zone.low, zone.high):
+                if _overlap_2d(
+                    item.collision_boxes[item.collision_boxes[:, 0, 2] < 1.2], zone.low, zone.high
+                ):
                     return False
         return True
 
-    def _zone_holds(self, front: Boxes, allow: Collection[str]) -> bool:
+    def _zone_is_clear(self, front: Boxes, allow: Collection[str]) -> bool:
         hits = _overlap(front, self._boxes).any(axis=0)
         for k in np.flatnonzero(hits):
             standing = self._boxes[k, 1, 2] > STEP_OVER and self._boxes[k, 0, 2] < 1.2
@@ -214,24 +213,23 @@ class RoomSpace:
         centre = shapely.Point(*front[0, :, :2].mean(axis=0))
         return bool(self.inside.covers(centre))
 
-    # -- walking --------------------------------------------------------------------------
-
-    def _window_of(self, low: npt.NDArray, high: npt.NDArray) -> tuple[slice, slice]:
-        first = np.floor((low - BODY - self._origin) / CELL).astype(int)
-        last = np.ceil((high + BODY - self._origin) / CELL).astype(int)
+    def _cells_near(self, low: npt.NDArray, high: npt.NDArray) -> tuple[slice, slice]:
+        """Cells of the walking grid where a person would touch a rectangle."""
+        first = np.floor((low - HALF_BODY_WIDTH - self._origin) / CELL).astype(int)
+        last = np.ceil((high + HALF_BODY_WIDTH - self._origin) / CELL).astype(int)
         first, last = np.maximum(first, 0), np.maximum(last, 0)
         return slice(first[0], last[0]), slice(first[1], last[1])
 
     def _without(self, free: BoolArray, boxes: Boxes) -> BoolArray:
         free = free.copy()
         for low, high in boxes:
-            if high[2] > STEP_OVER and low[2] < HEAD:
-                free[self._window_of(low[:2], high[:2])] = False
+            if high[2] > STEP_OVER and low[2] < HEADROOM:
+                free[self._cells_near(low[:2], high[:2])] = False
         return free
 
-    def _walkable(self, item: Item, front: Boxes | None) -> bool:
-        """Whether all doors and the item's front can still be reached from one another."""
-        free = self._without(self._free, item.solids)
+    def _walkable(self, item: PlacedPiece, front: Boxes | None) -> bool:
+        """Return True if paths still join all doors and the item's front."""
+        free = self._without(self._free, item.collision_boxes)
         labels = ndimage.label(free)[0]
         goals = list(self.doors)
         if front is not None:
@@ -245,10 +243,11 @@ class RoomSpace:
             return True
         if len(seen) > 1 or 0 in seen:
             return False
-        reach = float((labels == seen.pop()).sum()) * CELL * CELL
-        return reach > 0.09 * self.shape.area
+        area = float((labels == seen.pop()).sum()) * CELL * CELL
+        return area > 0.09 * self.shape.area
 
     def _label_near(self, labels: npt.NDArray, point: tuple[float, float], within: float) -> int:
+        """Label of the free cell nearest to a point, 0 if none is `within` metres."""
         cell = np.floor((np.array(point) - self._origin) / CELL).astype(int)
         radius = round(within / CELL)
         low = np.maximum(cell - radius, 0)
@@ -259,25 +258,25 @@ class RoomSpace:
         nearest = where[np.argmin(((where + low - cell) ** 2).sum(axis=1))]
         return int(patch[nearest[0], nearest[1]])
 
-    def _rebuild_walk(self) -> None:
-        body = self.shape.buffer(-BODY, join_style="mitre")
-        columns, rows = self._free.shape
-        xs = self._origin[0] + (np.arange(columns) + 0.5) * CELL
-        ys = self._origin[1] + (np.arange(rows) + 0.5) * CELL
-        self._free = shapely.contains_xy(body, xs[:, None], ys[None, :])
-        moveless = np.array([owner != "leaf" for owner in self._owners], dtype=bool)
-        self._free = self._without(self._free, self._boxes[moveless])
+    def _walkable_floor(self) -> BoolArray:
+        """Grid cells (columns, rows) of the empty room where a person can stand."""
+        x0, y0, x1, y1 = self.shape.bounds
+        columns, rows = math.ceil((x1 - x0) / CELL), math.ceil((y1 - y0) / CELL)
+        xs = x0 + (np.arange(columns) + 0.5) * CELL
+        ys = y0 + (np.arange(rows) + 0.5) * CELL
+        body = self.shape.buffer(-HALF_BODY_WIDTH, join_style="mitre")
+        return np.asarray(shapely.contains_xy(body, xs[:, None], ys[None, :]))
 
-    # -- keeping --------------------------------------------------------------------------
-
-    def _commit(self, item: Item, front: Boxes | None) -> None:
-        item.taken = [[] for _ in item.piece.surfaces]
+    def _commit(self, item: PlacedPiece, front: Boxes | None) -> None:
+        item.occupied = [[] for _ in item.piece.surfaces]
         self.items.append(item)
-        self._add_solids(item.solids, item.id)
+        self._add_solids(item.collision_boxes, item.id)
         if front is not None:
             low, high = front[0, :, :2]
             self._zones.append(
-                _Zone((float(low[0]), float(low[1])), (float(high[0]), float(high[1])), item.id)
+                _ClearZone(
+                    (float(low[0]), float(low[1])), (float(high[0]), float(high[1])), item.id
+                )
             )
 
     def _add_solids(self, boxes: Boxes, owner: str) -> None:
@@ -285,62 +284,69 @@ class RoomSpace:
         self._owners += [owner] * len(boxes)
         self._free = self._without(self._free, boxes)
 
-    def without_blocks(self) -> Boxes:
-        """Let things hang before openings for a while; returns what `restore_blocks` wants."""
-        kept, self._blocked = self._blocked, np.zeros((0, 2, 3))
-        return kept
-
-    def restore_blocks(self, kept: Boxes) -> None:
-        """The reverse of `without_blocks`."""
-        self._blocked = kept
+    @contextmanager
+    def openings_unblocked(self) -> Iterator[None]:
+        """Context in which items may hang in front of openings."""
+        blocked, self._blocked = self._blocked, np.zeros((0, 2, 3))
+        try:
+            yield
+        finally:
+            self._blocked = blocked
 
     def middle(self) -> Float64Array:
-        """The point of the floor farthest from the walls."""
+        """Return the point of the floor that is farthest from the walls, (2,)."""
         return np.array(shapely.maximum_inscribed_circle(self.shape, 0.1).coords[0])
 
     def open_middle(self) -> Float64Array:
-        """The point of the free floor farthest from all that stands."""
+        """Return the point of the free floor that is farthest from all obstacles, (2,)."""
         return self.open_circle()[0]
 
     def open_circle(self) -> tuple[Float64Array, float]:
-        """The widest circle of free floor: its middle, and its radius in metres."""
+        """Return the largest circle of free floor: its centre (2,) and radius in metres."""
         depth = ndimage.distance_transform_edt(np.pad(self._free, 1))[1:-1, 1:-1]
         index = np.unravel_index(int(np.argmax(depth)), depth.shape)
         return self._origin + (np.array(index) + 0.5) * CELL, float(depth[index]) * CELL
 
-    def place_on_sill(self, kind: str, piece: Piece, pose: Pose, window: Opening) -> Item | None:
-        """Stand a small thing on a window's sill, inside the reveal."""
-        item = Item(
-            f"{self.room.id}-{kind}-{len(self.items)}", kind, piece, pose, solids(piece, pose)
+    def place_on_sill(
+        self, kind: str, piece: FurniturePiece, pose: Pose, window: Opening
+    ) -> PlacedPiece | None:
+        """Place a small object on a window sill, inside the reveal."""
+        item = PlacedPiece(
+            f"{self.room.id}-{kind}-{len(self.items)}",
+            kind,
+            piece,
+            pose,
+            collision_boxes(piece, pose),
         )
         high = item.bounds[1]
-        if high[2] > window.z1 or _overlap(item.solids, self._boxes).any():
+        if high[2] > window.z1 or _overlap(item.collision_boxes, self._boxes).any():
             return None
         self._commit(item, None)
         return item
 
-    # -- ways of placing ------------------------------------------------------------------
-
-    def wall_pose(self, piece: Piece, edge: WallEdge, s: float, z: float = 0.0) -> Pose:
-        """The pose with the piece's back to the wall, its middle `s` along it."""
+    def wall_pose(self, piece: FurniturePiece, edge: WallEdge, s: float, z: float = 0.0) -> Pose:
+        """Return the pose with the back to the wall and the origin `s` metres along it."""
         back = 0.0 if piece.anchor == "on_wall" else float(piece.bounds[1, 1]) + GAP
         x, y = edge.at(s, back)
-        return Pose(x, y, z, facing(edge.inward))
+        return Pose(x, y, z, yaw_facing(edge.inward))
 
     def along_walls(
         self,
         rng: np.random.Generator,
-        piece: Piece,
+        piece: FurniturePiece,
         edges: Iterable[WallEdge] | None = None,
         where: str = "any",
         step: float = 0.15,
     ) -> list[tuple[WallEdge, float]]:
-        """Places (edge, s) along the walls in a random order: "any", "corner" or "middle" first."""
+        """Return positions (edge, s) along walls in random order.
+
+        `where` "corner" or "middle" prefers positions near corners or wall centres.
+        """
         low, high = piece.bounds[:, 0]
         half = 0.5 * float(high - low)
         places = []
         for edge in self.room.edges if edges is None else edges:
-            margin = GAP if piece.mount_height < SKIRTING_TOP else TOUCH
+            margin = GAP if piece.mount_height < SKIRTING_TOP else CONTACT_TOLERANCE
             first, last = half + margin, edge.length - half - margin
             if last < first:
                 continue
@@ -352,7 +358,7 @@ class RoomSpace:
                     rank = abs(s - edge.length / 2) / edge.length
                 else:
                     rank = 0.0
-                # The piece's x runs against the wall's direction.
+                # The x axis of the piece points against the direction of the wall.
                 places.append(
                     (float(rank) + 0.4 * rng.random(), edge, float(s) + 0.5 * (low + high))
                 )
@@ -363,19 +369,16 @@ class RoomSpace:
         self,
         rng: np.random.Generator,
         kind: str,
-        piece: Piece,
+        piece: FurniturePiece,
         *,
         edges: Iterable[WallEdge] | None = None,
         where: str = "any",
-        allow: Collection[str] = (),
         zone: bool = True,
         tries: int = 60,
-    ) -> Item | None:
-        """Stand a piece with its back to some wall."""
+    ) -> PlacedPiece | None:
+        """Place a piece with its back to a wall."""
         for edge, s in self.along_walls(rng, piece, edges, where)[:tries]:
-            item = self.try_place(
-                kind, piece, self.wall_pose(piece, edge, s), allow=allow, zone=zone
-            )
+            item = self.try_place(kind, piece, self.wall_pose(piece, edge, s), zone=zone)
             if item is not None:
                 return item
         return None
@@ -384,33 +387,34 @@ class RoomSpace:
         self,
         rng: np.random.Generator,
         kind: str,
-        piece: Piece,
+        piece: FurniturePiece,
         *,
-        edges: Iterable[WallEdge] | None = None,
-        z: float | None = None,
         where: str = "any",
         tries: int = 30,
-    ) -> Item | None:
-        """Hang a piece on some wall at its mounting height."""
-        height = piece.mount_height if z is None else z
-        for edge, s in self.along_walls(rng, piece, edges, where)[:tries]:
-            item = self.hang(kind, piece, edge, s, height)
+    ) -> PlacedPiece | None:
+        """Hang a piece on a wall at its mounting height."""
+        for edge, s in self.along_walls(rng, piece, where=where)[:tries]:
+            item = self.hang(kind, piece, edge, s, piece.mount_height)
             if item is not None:
                 return item
         return None
 
-    def hang(self, kind: str, piece: Piece, edge: WallEdge, s: float, z: float) -> Item | None:
-        """Hang a piece at one place of a wall."""
+    def hang(
+        self, kind: str, piece: FurniturePiece, edge: WallEdge, s: float, z: float
+    ) -> PlacedPiece | None:
+        """Hang a piece on a wall, `s` metres along it at height `z`."""
         pose = self.wall_pose(piece, edge, s, z)
-        walked = float(piece.bounds[0, 2]) + z < HEAD and float(piece.bounds[0, 1]) < -_FLAT
+        walked = (
+            float(piece.bounds[0, 2]) + z < HEADROOM and float(piece.bounds[0, 1]) < -_FLAT_DEPTH
+        )
         return self.try_place(kind, piece, pose, zone=False, on_floor=walked)
 
     def in_corner(
-        self, rng: np.random.Generator, kind: str, piece: Piece, turned: bool = True
-    ) -> Item | None:
-        """Stand a piece into a corner of the room."""
+        self, rng: np.random.Generator, kind: str, piece: FurniturePiece, turned: bool = True
+    ) -> PlacedPiece | None:
+        """Place a piece in a corner of the room, at a random quarter turn if `turned`."""
         low, high = piece.bounds
-        reach = float(max(np.abs(low[:2]).max(), np.abs(high[:2]).max())) + GAP
+        extent = float(max(np.abs(low[:2]).max(), np.abs(high[:2]).max())) + GAP
         edges = self.room.edges
         corners = []
         for before, after in zip(edges, edges[1:] + edges[:1], strict=True):
@@ -418,10 +422,10 @@ class RoomSpace:
                 corners.append((before, after))
         for index in rng.permutation(len(corners)):
             before, after = corners[int(index)]
-            away = reach + float(rng.uniform(0.0, 0.06))
+            away = extent + float(rng.uniform(0.0, 0.06))
             x = after.start[0] + away * (after.inward[0] + before.inward[0])
             y = after.start[1] + away * (after.inward[1] + before.inward[1])
-            turn = facing(after.inward) + (90.0 * int(rng.integers(4)) if turned else 0.0)
+            turn = yaw_facing(after.inward) + (90.0 * int(rng.integers(4)) if turned else 0.0)
             item = self.try_place(kind, piece, Pose(x, y, 0.0, turn), zone=False)
             if item is not None:
                 return item
@@ -431,22 +435,15 @@ class RoomSpace:
         self,
         rng: np.random.Generator,
         kind: str,
-        piece: Piece,
+        piece: FurniturePiece,
         *,
-        near: Float64Array | None = None,
-        spread: float = 0.6,
         tries: int = 40,
-        turn: Callable[[float, float], float] | None = None,
-    ) -> Item | None:
-        """Stand a piece on free floor, near a point if one is given."""
+    ) -> PlacedPiece | None:
+        """Place a piece at a random position on the floor."""
         x0, y0, x1, y1 = self.shape.bounds
         for _ in range(tries):
-            if near is None:
-                x, y = float(rng.uniform(x0, x1)), float(rng.uniform(y0, y1))
-            else:
-                x, y = (float(value) for value in near + rng.normal(0, spread, 2))
-            angle = turn(x, y) if turn else 90.0 * int(rng.integers(4))
-            item = self.try_place(kind, piece, Pose(x, y, 0.0, angle))
+            x, y = float(rng.uniform(x0, x1)), float(rng.uniform(y0, y1))
+            item = self.try_place(kind, piece, Pose(x, y, 0.0, 90.0 * int(rng.integers(4))))
             if item is not None:
                 return item
         return None
@@ -455,18 +452,16 @@ class RoomSpace:
         self,
         rng: np.random.Generator,
         kind: str,
-        piece: Piece,
-        carrier: Item,
+        piece: FurniturePiece,
+        carrier: PlacedPiece,
         *,
-        surface: int | None = None,
         centre: bool = False,
         yaw: float = 0.0,
         tries: int = 12,
-    ) -> Item | None:
-        """Stand a piece on one of the surfaces of `carrier`, clear of what stands there."""
+    ) -> PlacedPiece | None:
+        """Place a piece on a support surface of `carrier`, clear of other objects there."""
         surfaces = carrier.piece.surfaces
-        order = rng.permutation(len(surfaces)) if surface is None else [surface]
-        for index in order:
+        for index in rng.permutation(len(surfaces)):
             place = surfaces[int(index)]
             turned = Pose(0.0, 0.0, 0.0, yaw).apply(_corners(piece.bounds))
             low, high = turned.min(axis=0), turned.max(axis=0)
@@ -479,22 +474,22 @@ class RoomSpace:
                 x = place.x + dx - 0.5 * (low[0] + high[0])
                 y = place.y + dy - 0.5 * (low[1] + high[1])
                 rect = np.array([[x + low[0], y + low[1]], [x + high[0], y + high[1]]])
-                if any(_overlap_2d_rect(rect, other) for other in carrier.taken[int(index)]):
+                if any(_overlap_2d_rect(rect, other) for other in carrier.occupied[int(index)]):
                     continue
                 at = carrier.pose.apply(np.array([[x, y, place.z]]))[0]
                 pose = Pose(
-                    float(at[0]), float(at[1]), float(at[2]), (carrier.pose.turn + yaw) % 360
+                    float(at[0]), float(at[1]), float(at[2]), (carrier.pose.yaw + yaw) % 360
                 )
                 item = self.try_place(
                     kind, piece, pose, zone=False, beneath=(carrier.id,), on_floor=False
                 )
                 if item is not None:
-                    carrier.taken[int(index)].append(rect)
+                    carrier.occupied[int(index)].append(rect)
                     return item
         return None
 
     def nearest_edge(self, direction: tuple[float, float], point: npt.NDArray) -> WallEdge | None:
-        """The wall that a look from `point` along `direction` meets first."""
+        """Return the wall that a ray from `point` along `direction` hits first, or None."""
         best: tuple[float, WallEdge] | None = None
         for edge in self.room.edges:
             facing_it = -(edge.inward[0] * direction[0] + edge.inward[1] * direction[1])
@@ -502,29 +497,27 @@ class RoomSpace:
                 continue
             offset = (edge.start[0] - point[0], edge.start[1] - point[1])
             distance = offset[0] * direction[0] + offset[1] * direction[1]
-            s = -(offset[0] * edge.along[0] + offset[1] * edge.along[1])
+            s = self.position_on(edge, point)
             if distance > 0 and 0 < s < edge.length and (best is None or distance < best[0]):
                 best = (distance, edge)
         return best[1] if best else None
 
     def position_on(self, edge: WallEdge, point: npt.NDArray) -> float:
-        """How far along a wall the foot of `point` lies."""
-        return float(
-            (point[0] - edge.start[0]) * edge.along[0] + (point[1] - edge.start[1]) * edge.along[1]
-        )
+        """Return the position of the projection of `point` (2,) along a wall, metres."""
+        return edge.coordinates((point[0], point[1]))[0]
 
 
-def facing(direction: tuple[float, float]) -> float:
-    """The turn in degrees that makes a piece's front look along `direction`."""
+def yaw_facing(direction: tuple[float, float]) -> float:
+    """Return the yaw in degrees at which the front of a piece faces `direction`."""
     degrees = math.degrees(math.atan2(direction[0], -direction[1])) % 360
     nearest = round(degrees / 90) * 90
     return float(nearest % 360) if abs(degrees - nearest) < 1e-6 else degrees
 
 
-def solids(piece: Piece, pose: Pose) -> Boxes:
-    """World boxes (N, 2, 3) of a piece: its whole, or each of its bodies where it is open."""
-    local = piece.bodies if piece.category in _OPEN else piece.bounds[None]
-    if pose.turn % 90 == 0:
+def collision_boxes(piece: FurniturePiece, pose: Pose) -> Boxes:
+    """Return the world boxes (N, 2, 3) of a piece: its bounds, or those of its bodies."""
+    local = piece.bodies if piece.category in _SEVERAL_BOXES else piece.bounds[None]
+    if pose.yaw % 90 == 0:
         corners = pose.apply(local.reshape(-1, 3)).reshape(-1, 2, 3)
         return np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
     world = np.stack([pose.apply(_corners(body)) for body in local])
@@ -536,8 +529,8 @@ def _corners(bounds: Boxes) -> Float64Array:
     return np.array([[a, b, c] for a in x for b in y for c in z])
 
 
-def _front(piece: Piece, pose: Pose) -> Boxes:
-    """The zone before a piece that its use needs, as a box (1, 2, 3)."""
+def _front(piece: FurniturePiece, pose: Pose) -> Boxes:
+    """Clear zone in front of a piece as a box (1, 2, 3)."""
     low, high = piece.bounds
     zone = np.array([[low[0], low[1] - piece.front_clearance, 0.1], [high[0], low[1], 1.2]])
     corners = pose.apply(_corners(zone))
@@ -550,16 +543,16 @@ def _raised(area: Polygon, z0: float, z1: float) -> Boxes:
 
 
 def _overlap(first: Boxes, second: Boxes) -> BoolArray:
-    """(N, M): which boxes share more than a touch."""
+    """Pairs of boxes that overlap by more than contact, bool (N, M)."""
     low = np.maximum(first[:, None, 0], second[None, :, 0])
     high = np.minimum(first[:, None, 1], second[None, :, 1])
-    return np.asarray((high - low > TOUCH).all(axis=2))
+    return np.asarray((high - low > CONTACT_TOLERANCE).all(axis=2))
 
 
 def _overlap_2d(boxes: Boxes, low: tuple[float, float], high: tuple[float, float]) -> bool:
     inner_low = np.maximum(boxes[:, 0, :2], np.array(low))
     inner_high = np.minimum(boxes[:, 1, :2], np.array(high))
-    return bool((inner_high - inner_low > TOUCH).all(axis=1).any())
+    return bool((inner_high - inner_low > CONTACT_TOLERANCE).all(axis=1).any())
 
 
 def _overlap_2d_rect(first: npt.NDArray, second: npt.NDArray) -> bool:

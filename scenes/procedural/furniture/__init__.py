@@ -1,7 +1,8 @@
-"""Furniture and fittings as functions of a random generator and a home's style.
+"""Procedural furniture and fittings.
 
-`catalogue["sofa"].make(rng, style, width=2.0)` returns a `Piece`; equal generators and styles
-give equal pieces. `make_style(rng)` draws what a home's pieces have in common.
+`FURNITURE_KINDS["sofa"].make(rng, style, width=2.0)` returns a `FurniturePiece`; equal random
+generators and styles give equal pieces. `make_style(rng)` draws the style that all pieces of a
+home share.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from scenes.procedural.furniture import (
     textiles,
 )
 from scenes.procedural.furniture.style import Style, make_style
-from scenes.procedural.piece import Piece
+from scenes.procedural.piece import FurniturePiece
 
 __all__ = ["FurnitureKind", "Style", "catalogue", "make_style"]
 
@@ -31,15 +32,15 @@ DRY = ("living", "bedroom", "study", "dining", "other")
 
 @dataclass(frozen=True)
 class FurnitureKind:
-    """One kind of furniture: `make(rng, style, **size options)` builds a piece of it.
+    """A kind of furniture: `make(rng, style, **size options)` builds a piece, sizes in metres.
 
-    `rooms` are the types of room in which one would look for it.
+    `rooms` are the room types where it usually occurs.
     """
 
     name: str
     category: str
     rooms: tuple[str, ...]
-    make: Callable[..., Piece]
+    make: Callable[..., FurniturePiece]
 
 
 _KINDS = (
@@ -116,4 +117,4 @@ _KINDS = (
     FurnitureKind("storage_box", "decoration", ("bedroom", "study"), decoration.storage_box),
     FurnitureKind("waste_bin", "decoration", ("study", "bathroom"), decoration.waste_bin),
 )  # fmt: skip
-catalogue: dict[str, FurnitureKind] = {kind.name: kind for kind in _KINDS}
+FURNITURE_KINDS: dict[str, FurnitureKind] = {kind.name: kind for kind in _KINDS}

@@ -7,7 +7,7 @@ import numpy as np
 from scenes.procedural.furniture.build import Builder
 from scenes.procedural.furniture.cabinets import add_door, add_drawer, carcass
 from scenes.procedural.furniture.geometry import (
-    Mesh,
+    BodyMesh,
     bar,
     box,
     cylinder,
@@ -32,12 +32,12 @@ from scenes.procedural.furniture.style import (
     WHITE_PAINT,
     WHITE_PLASTIC,
     Style,
-    tone,
+    hex_color,
 )
-from scenes.procedural.piece import Material, Piece
+from scenes.procedural.piece import FurniturePiece, Material
 
 
-def _tap(reach: float, tall: float) -> Mesh:
+def _tap(reach: float, tall: float) -> BodyMesh:
     """A basin mixer at the origin, its spout towards the front."""
     t = np.linspace(0, 0.5 * np.pi, 6)
     bend = np.stack([0 * t, -0.05 + 0.05 * np.cos(t), tall - 0.05 + 0.05 * np.sin(t)], axis=1)
@@ -52,7 +52,7 @@ def _tap(reach: float, tall: float) -> Mesh:
     )
 
 
-def bath_tub(rng: np.random.Generator, style: Style, width: float = 1.7) -> Piece:
+def bath_tub(rng: np.random.Generator, style: Style, width: float = 1.7) -> FurniturePiece:
     """A bath along the wall, `width` long, with a mixer and hand shower on its rim."""
     depth, height = float(rng.uniform(0.72, 0.8)), float(rng.uniform(0.54, 0.6))
     b = Builder("bath tub", "bath", "wall", front_clearance=0.5)
@@ -146,7 +146,9 @@ def _add_towel(
     b.add(style.towel, thick_sheet(points, 0.006), name="towel")
 
 
-def wash_basin(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+def wash_basin(
+    rng: np.random.Generator, style: Style, width: float | None = None
+) -> FurniturePiece:
     """A wash basin with a mixer: on a cabinet, or on a pedestal."""
     width = float(rng.uniform(0.55, 0.9)) if width is None else width
     depth, height = 0.47, float(rng.uniform(0.83, 0.88))
@@ -238,7 +240,7 @@ def wash_basin(rng: np.random.Generator, style: Style, width: float | None = Non
     return b.piece()
 
 
-def toilet(rng: np.random.Generator, style: Style) -> Piece:
+def toilet(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A toilet with its cistern; the lid is down or up."""
     b = Builder("toilet", "toilet", "wall", front_clearance=0.6, side_clearance=0.15)
     back = 0.34
@@ -304,7 +306,7 @@ def toilet(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def shower(rng: np.random.Generator, style: Style, width: float = 0.9) -> Piece:
+def shower(rng: np.random.Generator, style: Style, width: float = 0.9) -> FurniturePiece:
     """A shower tray in a corner with glass screens; walls at its back and at its left (-X)."""
     half, tall = width / 2, float(rng.uniform(1.9, 2.0))
     b = Builder("shower", "shower", "corner", front_clearance=0.6)
@@ -400,7 +402,9 @@ def shower(rng: np.random.Generator, style: Style, width: float = 0.9) -> Piece:
     return b.piece()
 
 
-def mirror_cabinet(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+def mirror_cabinet(
+    rng: np.random.Generator, style: Style, width: float | None = None
+) -> FurniturePiece:
     """A cabinet with mirror doors above the basin, one at times ajar. Origin: lower back edge."""
     width = float(rng.uniform(0.55, 0.8)) if width is None else width
     depth, height = 0.15, 0.65
@@ -437,11 +441,11 @@ def mirror_cabinet(rng: np.random.Generator, style: Style, width: float | None =
                 ),
                 name="bottles",
             )
-    b.take(parts, y=-depth / 2)
+    b.add_from(parts, y=-depth / 2)
     return b.piece()
 
 
-def towel_rail(rng: np.random.Generator, style: Style) -> Piece:
+def towel_rail(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A heated ladder of tubes with a towel or two. Origin: lower back edge, middle."""
     width, height = float(rng.uniform(0.45, 0.55)), float(rng.uniform(0.8, 1.2))
     b = Builder("towel rail", "towel rail", "on_wall", mount_height=0.55)
@@ -485,7 +489,7 @@ def towel_rail(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def washing_machine(rng: np.random.Generator, style: Style) -> Piece:
+def washing_machine(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A front-loading washing machine."""
     width, depth, height = 0.6, float(rng.uniform(0.54, 0.6)), float(rng.uniform(0.845, 0.855))
     b = Builder("washing machine", "washing machine", "wall", front_clearance=0.7)
@@ -516,7 +520,7 @@ def washing_machine(rng: np.random.Generator, style: Style) -> Piece:
     )
     lens = [(0.139, 0.006), (0.125, 0.02), (0.07, 0.008), (0.0, 0.006)]
     b.add(
-        Material("plastic", tone("#15171a"), 0.06),
+        Material("plastic", hex_color("#15171a"), 0.06),
         lathe(lens, 40).turned("x", 90).moved(*at),
         name="window",
     )
@@ -551,7 +555,7 @@ def washing_machine(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def toiletries(rng: np.random.Generator, style: Style) -> Piece:
+def toiletries(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A soap dispenser, a beaker with toothbrushes and a tube."""
     b = Builder("toiletries", "toiletries", "on_top")
     glaze = style.accents[int(rng.integers(5))]

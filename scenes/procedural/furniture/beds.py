@@ -7,18 +7,27 @@ import numpy as np
 from scenes.arrays import Float64Array
 from scenes.procedural.furniture.build import Builder
 from scenes.procedural.furniture.cabinets import feet, leg_material
-from scenes.procedural.furniture.geometry import Mesh, box, pillow, rounded_box, span, thick_sheet
+from scenes.procedural.furniture.geometry import (
+    BodyMesh,
+    box,
+    pillow,
+    rounded_box,
+    span,
+    thick_sheet,
+)
 from scenes.procedural.furniture.style import Style
-from scenes.procedural.piece import Material, Piece
+from scenes.procedural.piece import FurniturePiece, Material
 
 
-def double_bed(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+def double_bed(
+    rng: np.random.Generator, style: Style, width: float | None = None
+) -> FurniturePiece:
     """A bed for two; `width` of its mattress, metres."""
     width = float(rng.choice([1.4, 1.6, 1.8])) if width is None else width
     return _bed(rng, style, "double bed", width, 2)
 
 
-def single_bed(rng: np.random.Generator, style: Style, width: float = 0.9) -> Piece:
+def single_bed(rng: np.random.Generator, style: Style, width: float = 0.9) -> FurniturePiece:
     """A bed for one."""
     return _bed(rng, style, "single bed", width, 1)
 
@@ -70,7 +79,7 @@ def _cover(
     foot_hang: float,
     thickness: float,
     counts: tuple[int, int] = (41, 27),
-) -> Mesh:
+) -> BodyMesh:
     """Bedding whose outside lies at `top` from y = foot to y = head and hangs at x = +-half_x.
 
     It hangs down by `hang` metres beyond the rounded edge, and at the foot by `foot_hang` if
@@ -98,7 +107,9 @@ def _cover(
     return thick_sheet(points, thickness)
 
 
-def _bed(rng: np.random.Generator, style: Style, name: str, width: float, sleepers: int) -> Piece:
+def _bed(
+    rng: np.random.Generator, style: Style, name: str, width: float, sleepers: int
+) -> FurniturePiece:
     length = 2.0
     b = Builder(name, "bed", "wall", front_clearance=0.5, side_clearance=0.5 * (sleepers == 2))
     outer = width + 0.08
@@ -231,5 +242,5 @@ def _bed(rng: np.random.Generator, style: Style, name: str, width: float, sleepe
             .moved(0.0, length / 2 - 0.58, top + 0.1),
             name="cushion",
         )
-    b.take(parts, y=-middle)
+    b.add_from(parts, y=-middle)
     return b.piece()

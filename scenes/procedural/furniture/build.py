@@ -1,4 +1,4 @@
-"""Collecting meshes into the parts of a piece."""
+"""Builder that collects meshes into the parts of a furniture piece."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from scenes.procedural.furniture.geometry import Axis, Mesh, merge
-from scenes.procedural.piece import Anchor, Material, Part, Piece, Surface
+from scenes.assets.free_space import SupportSurface
+from scenes.procedural.furniture.geometry import Axis, BodyMesh, merge
+from scenes.procedural.piece import Anchor, FurniturePiece, Material, PiecePart
 
 
 @dataclass
 class Builder:
-    """Gathers meshes; those of one material (and lamp) become one part of the piece."""
+    """Collects meshes; meshes of the same material and lamp become one part of the piece."""
 
     name: str
     category: str
@@ -21,31 +22,31 @@ class Builder:
     front_clearance: float = 0.0
     side_clearance: float = 0.0
     mount_height: float = 0.0
-    surfaces: list[Surface] = field(default_factory=list)
-    _groups: dict[tuple[str, Material, bool, float, float], list[Mesh]] = field(
+    surfaces: list[SupportSurface] = field(default_factory=list)
+    _groups: dict[tuple[str, Material, bool, float, float], list[BodyMesh]] = field(
         default_factory=dict
     )
 
     def add(
         self,
         material: Material,
-        *meshes: Mesh,
+        *meshes: BodyMesh,
         name: str = "",
         lumens: float = 0.0,
         kelvin: float = 2800.0,
     ) -> None:
-        """Add bodies; `name` says what they are where the material's kind would not."""
+        """Add meshes of a material; the part's name defaults to the kind of the material."""
         for mesh in meshes:
             key = (name or material.kind, material, mesh.smooth, lumens, kelvin)
             self._groups.setdefault(key, []).append(mesh)
 
-    def take(self, other: Builder, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> None:
-        """Take over what `other` gathered, shifted."""
+    def add_from(self, other: Builder, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> None:
+        """Add all meshes of another builder, translated by metres."""
         for key, meshes in other._groups.items():
             self._groups.setdefault(key, []).extend(mesh.moved(x, y, z) for mesh in meshes)
 
     def turned(self, axis: Axis, degrees: float) -> Builder:
-        """What was gathered, rotated about an axis through the origin."""
+        """Return a builder with all meshes rotated about an axis through the origin."""
         other = Builder(self.name, self.category, self.anchor)
         for key, meshes in self._groups.items():
             other._groups[key] = [mesh.turned(axis, degrees) for mesh in meshes]
@@ -60,18 +61,18 @@ class Builder:
         half_y: float,
         headroom: float = 10.0,
     ) -> None:
-        """Declare a place where other pieces may stand."""
-        self.surfaces.append(Surface(x, y, z, half_x, half_y, headroom))
+        """Add a support surface for other pieces, metres."""
+        self.surfaces.append(SupportSurface(x, y, z, half_x, half_y, headroom))
 
-    def piece(self) -> Piece:
-        """The finished piece; part names are unique in it."""
+    def piece(self) -> FurniturePiece:
+        """Return the finished piece; its part names are unique."""
         used: Counter[str] = Counter()
         parts = []
         for (name, material, smooth, lumens, kelvin), meshes in self._groups.items():
             used[name] += 1
             mesh = merge(meshes)
             parts.append(
-                Part(
+                PiecePart(
                     name if used[name] == 1 else f"{name}_{used[name]}",
                     np.ascontiguousarray(mesh.vertices),
                     np.ascontiguousarray(mesh.faces),
@@ -82,7 +83,7 @@ class Builder:
                     kelvin,
                 )
             )
-        return Piece(
+        return FurniturePiece(
             name=self.name,
             category=self.category,
             parts=tuple(parts),

@@ -8,7 +8,16 @@ from __future__ import annotations
 import numpy as np
 
 from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.geometry import Mesh, bar, box, cylinder, lathe, post, span, tube
+from scenes.procedural.furniture.geometry import (
+    BodyMesh,
+    bar,
+    box,
+    cylinder,
+    lathe,
+    post,
+    span,
+    tube,
+)
 from scenes.procedural.furniture.style import Style
 from scenes.procedural.piece import Material
 
@@ -19,7 +28,7 @@ GAP = 0.003  # between neighbouring fronts
 
 def carcass(
     width: float, depth: float, z0: float, z1: float, top: bool = True, back: bool = True
-) -> list[Mesh]:
+) -> list[BodyMesh]:
     """An open-fronted box of boards; the fronts' thickness is kept free before it."""
     front, rear = -depth / 2 + FRONT + 0.002, depth / 2
     half = width / 2
@@ -43,7 +52,7 @@ def carcass(
     return boards
 
 
-def shelf(width: float, depth: float, z: float, thickness: float = BOARD) -> Mesh:
+def shelf(width: float, depth: float, z: float, thickness: float = BOARD) -> BodyMesh:
     """A board between the sides of a carcass, its top face at z."""
     return span(
         (-width / 2 + BOARD, -depth / 2 + FRONT + 0.012, z - thickness),
@@ -51,7 +60,7 @@ def shelf(width: float, depth: float, z: float, thickness: float = BOARD) -> Mes
     )
 
 
-def panel(width: float, height: float, style: Style) -> list[Mesh]:
+def panel(width: float, height: float, style: Style) -> list[BodyMesh]:
     """A door or drawer front: bottom centred at the origin, back at y = 0, front at -FRONT."""
     rail = 0.065
     if style.front == "flat" or min(width, height) < 3.2 * rail:
@@ -68,7 +77,7 @@ def panel(width: float, height: float, style: Style) -> list[Mesh]:
     ]
 
 
-def handle(style: Style, vertical: bool, room: float) -> list[Mesh]:
+def handle(style: Style, vertical: bool, room: float) -> list[BodyMesh]:
     """A handle on a front whose outer face is y = 0; it reaches out to y = -0.035 at most.
 
     `room` is how long it may be, metres.
@@ -112,7 +121,7 @@ def add_door(
     grip_z = height * (0.5 if height > 1.0 else (0.2 if handle_low else 0.8))
     grip_x = side * (width / 2 - 0.035)
 
-    def place(mesh: Mesh) -> Mesh:
+    def place(mesh: BodyMesh) -> BodyMesh:
         hung = mesh.moved(x=side * width / 2).turned("z", -side * angle)
         edge = x0 + GAP / 2 if hinge == "left" else x1 - GAP / 2
         return hung.moved(edge, -depth / 2 + FRONT, z0 + GAP / 2)
@@ -180,7 +189,7 @@ def feet(
     thickness: float = 0.04,
     inset: float = 0.03,
     splay: float = 0.0,
-) -> list[Mesh]:
+) -> list[BodyMesh]:
     """Four legs from the floor to `height`, of the style's kind."""
     meshes = []
     for sx in (-1.0, 1.0):
@@ -202,7 +211,7 @@ def feet(
     return meshes
 
 
-def _round_leg(top: tuple[float, float, float], foot: tuple[float, ...], radius: float) -> Mesh:
+def _round_leg(top: tuple[float, float, float], foot: tuple[float, ...], radius: float) -> BodyMesh:
     """A turned leg, thicker above; its sections stay horizontal."""
     t = np.array([0.0, 0.06, 0.75, 1.0])
     radii = radius * np.array([0.55, 0.6, 1.0, 1.0])

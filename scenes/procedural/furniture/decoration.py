@@ -6,7 +6,7 @@ import numpy as np
 
 from scenes.procedural.furniture.build import Builder
 from scenes.procedural.furniture.geometry import (
-    Mesh,
+    BodyMesh,
     bar,
     box,
     cylinder,
@@ -33,15 +33,15 @@ from scenes.procedural.furniture.style import (
     WHITE_PAINT,
     WICKER,
     Style,
-    tone,
+    hex_color,
 )
-from scenes.procedural.piece import Material, Piece
+from scenes.procedural.piece import FurniturePiece, Material
 
-LABEL = Material("paper", tone("#e9e1cc"), 0.8)
+LABEL = Material("paper", hex_color("#e9e1cc"), 0.8)
 LEAVES = ("#4f7a3a", "#3c6a3a", "#5f8a4a", "#2f5a3a", "#74935a", "#4a6b3f")
 
 
-def _leaf(length: float, width: float, droop: float, rows: int = 7) -> Mesh:
+def _leaf(length: float, width: float, droop: float, rows: int = 7) -> BodyMesh:
     """A leaf along +X from the origin, folded along its rib, its tip bending down."""
     t = np.linspace(0, 1, rows)
     half = 0.5 * width * np.sin(np.pi * t**0.8) ** 0.8
@@ -93,7 +93,7 @@ def _add_pot(
     )
 
 
-def plant(rng: np.random.Generator, style: Style, height: float | None = None) -> Piece:
+def plant(rng: np.random.Generator, style: Style, height: float | None = None) -> FurniturePiece:
     """A tall pot plant: broad leaves on stalks, a palm's fronds, or sword leaves."""
     height = float(rng.uniform(0.8, 1.5)) if height is None else height
     b = Builder("plant", "plant", "corner")
@@ -101,7 +101,7 @@ def plant(rng: np.random.Generator, style: Style, height: float | None = None) -
     return b.piece()
 
 
-def small_plant(rng: np.random.Generator, style: Style) -> Piece:
+def small_plant(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A pot plant for tables and sills."""
     b = Builder("small plant", "plant", "on_top")
     _foliage(
@@ -119,7 +119,7 @@ def _foliage(
     b: Builder, rng: np.random.Generator, style: Style, height: float, radius: float, pot: float
 ) -> None:
     _add_pot(b, rng, style, radius, pot)
-    green = tone(LEAVES[int(rng.integers(len(LEAVES)))])
+    green = hex_color(LEAVES[int(rng.integers(len(LEAVES)))])
     pale = (min(1.0, green[0] * 1.35), min(1.0, green[1] * 1.3), min(1.0, green[2] * 1.2))
     leaves = tuple(
         Material("leaf", color, 0.45, accent=pale, variant=int(rng.integers(1 << 30)))
@@ -195,13 +195,13 @@ def _foliage(
             )
 
 
-def vase(rng: np.random.Generator, style: Style) -> Piece:
+def vase(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A vase, sometimes with twigs."""
     b = Builder("vase", "vase", "on_top")
     tall = float(rng.uniform(0.16, 0.34))
     add_vase(b, rng, style.accents[int(rng.integers(len(style.accents)))], 0, 0, 0, tall)
     if rng.random() < 0.6:
-        twig = Material("wood", tone("#6a4c34"), 0.8)
+        twig = Material("wood", hex_color("#6a4c34"), 0.8)
         bloom = style.cushions[int(rng.integers(len(style.cushions)))]
         for k in range(int(rng.integers(5, 9))):
             turn = k * 2.4
@@ -225,7 +225,7 @@ def vase(rng: np.random.Generator, style: Style) -> Piece:
 
 def picture(
     rng: np.random.Generator, style: Style, width: float | None = None, height: float | None = None
-) -> Piece:
+) -> FurniturePiece:
     """A framed picture behind a mount; the origin is its centre."""
     width = float(rng.uniform(0.35, 1.0)) if width is None else width
     height = width * float(rng.choice([0.7, 0.75, 1.3, 1.0])) if height is None else height
@@ -245,11 +245,11 @@ def picture(
     return b.piece()
 
 
-def _picture_plane(w: float, h: float, y: float) -> Mesh:
+def _picture_plane(w: float, h: float, y: float) -> BodyMesh:
     """A thin board whose whole front shows uv [0, 1]; other faces repeat its edge."""
     board = span((-w, y, -h), (w, y + 0.0012, h))
     uvs = np.stack([board.vertices[:, 0] / (2 * w) + 0.5, board.vertices[:, 2] / (2 * h) + 0.5], 1)
-    return Mesh(board.vertices, board.faces, uvs, smooth=False)
+    return BodyMesh(board.vertices, board.faces, uvs, smooth=False)
 
 
 def _add_frame(
@@ -278,7 +278,7 @@ def _add_frame(
 
 def wall_mirror(
     rng: np.random.Generator, style: Style, width: float | None = None, height: float | None = None
-) -> Piece:
+) -> FurniturePiece:
     """A mirror in a frame, rectangular or round; the origin is its centre."""
     b = Builder("wall mirror", "mirror", "on_wall", mount_height=float(rng.uniform(1.45, 1.55)))
     round_one = width is None and height is None and rng.random() < 0.4
@@ -306,7 +306,7 @@ def wall_mirror(
     return b.piece()
 
 
-def floor_mirror(rng: np.random.Generator, style: Style) -> Piece:
+def floor_mirror(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A tall mirror that leans at the wall."""
     width, height = float(rng.uniform(0.5, 0.7)), float(rng.uniform(1.55, 1.8))
     flat = Builder("floor mirror", "mirror", "wall", front_clearance=0.5)
@@ -320,15 +320,17 @@ def floor_mirror(rng: np.random.Generator, style: Style) -> Piece:
     )
     lean = -float(rng.uniform(5, 8))
     b = Builder("floor mirror", "mirror", "wall", front_clearance=0.5)
-    b.take(flat.turned("x", lean))
+    b.add_from(flat.turned("x", lean))
     low = b.piece().bounds
     middle = float(low[0, 1] + low[1, 1]) / 2
     stood = Builder("floor mirror", "mirror", "wall", front_clearance=0.5)
-    stood.take(b, y=-middle, z=-float(low[0, 2]))
+    stood.add_from(b, y=-middle, z=-float(low[0, 2]))
     return stood.piece()
 
 
-def television(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+def television(
+    rng: np.random.Generator, style: Style, width: float | None = None
+) -> FurniturePiece:
     """A flat television on its feet."""
     width = float(rng.uniform(0.9, 1.3)) if width is None else width
     b = Builder("television", "television", "on_top")
@@ -367,7 +369,7 @@ def television(rng: np.random.Generator, style: Style, width: float | None = Non
     return b.piece()
 
 
-def monitor(rng: np.random.Generator, style: Style) -> Piece:
+def monitor(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A computer monitor with keyboard and mouse before it."""
     width = float(rng.uniform(0.52, 0.64))
     tall = 0.585 * width
@@ -387,7 +389,7 @@ def monitor(rng: np.random.Generator, style: Style) -> Piece:
         b.add(style.picture(rng), shown, name="screen")
     b.add(BLACK_PLASTIC, box((0.05, 0.02, z + 0.14), (0, y + 0.025, 0.006)), name="stand")
     b.add(BLACK_PLASTIC, box((0.24, 0.19, 0.01), (0, y + 0.02, 0), 0.003), name="stand")
-    keys = Material("plastic", tone("#d9d8d4" if rng.random() < 0.5 else "#2a2b2e"), 0.5)
+    keys = Material("plastic", hex_color("#d9d8d4" if rng.random() < 0.5 else "#2a2b2e"), 0.5)
     b.add(
         STEEL if rng.random() < 0.5 else BLACK_PLASTIC,
         box((0.43, 0.125, 0.01), (-0.03, -0.11, 0.002), 0.003),
@@ -410,7 +412,7 @@ def monitor(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def laptop(rng: np.random.Generator, style: Style) -> Piece:
+def laptop(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """An open laptop."""
     width = float(rng.uniform(0.3, 0.36))
     depth = 0.68 * width
@@ -443,18 +445,18 @@ def laptop(rng: np.random.Generator, style: Style) -> Piece:
         ),
         name="screen",
     )
-    b.take(lid.turned("x", -float(rng.uniform(10, 28))), y=depth / 2 - 0.006, z=0.012)
+    b.add_from(lid.turned("x", -float(rng.uniform(10, 28))), y=depth / 2 - 0.006, z=0.012)
     return b.piece()
 
 
-def books_stack(rng: np.random.Generator, style: Style) -> Piece:
+def books_stack(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """Three to six books lying on each other."""
     b = Builder("stack of books", "books", "on_top")
     add_stack(b, rng, style, 0, 0, 0, int(rng.integers(3, 7)), float(rng.uniform(-20, 20)))
     return b.piece()
 
 
-def fruit_bowl(rng: np.random.Generator, style: Style) -> Piece:
+def fruit_bowl(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A bowl with apples, oranges and a lemon."""
     b = Builder("fruit bowl", "bowl", "on_top")
     radius, tall = float(rng.uniform(0.12, 0.16)), float(rng.uniform(0.06, 0.09))
@@ -470,7 +472,7 @@ def fruit_bowl(rng: np.random.Generator, style: Style) -> Piece:
         ring = 0.0 if k == count - 1 else 0.52 * radius
         turn = 2 * np.pi * k / max(count - 1, 1)
         z = 0.45 * tall + size + (0.045 if ring == 0 else 0.0)
-        fruit = Material("plastic", tone(colors[int(rng.integers(len(colors)))]), 0.4)
+        fruit = Material("plastic", hex_color(colors[int(rng.integers(len(colors)))]), 0.4)
         apple = [
             (0.0, -0.82),
             (0.3, -0.9),
@@ -492,14 +494,14 @@ def fruit_bowl(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def _bowl(radius: float, tall: float) -> Mesh:
+def _bowl(radius: float, tall: float) -> BodyMesh:
     t = np.linspace(0, 1, 7)
     outer = [(radius * (0.45 + 0.55 * float(s) ** 0.6), float(s) * tall) for s in t]
     inner = [(r - 0.006, max(z, 0.008)) for r, z in outer[::-1]]
     return lathe([*outer, *inner[:-1], (inner[-1][0] - 0.004, 0.008)], 32)
 
 
-def crockery(rng: np.random.Generator, style: Style) -> Piece:
+def crockery(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A pile of plates and two or three cups."""
     b = Builder("crockery", "crockery", "on_top")
     glaze = CERAMIC if rng.random() < 0.6 else style.accents[int(rng.integers(5))]
@@ -525,7 +527,7 @@ def crockery(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def _cup() -> Mesh:
+def _cup() -> BodyMesh:
     profile = [
         (0.03, 0.0),
         (0.038, 0.012),
@@ -539,12 +541,12 @@ def _cup() -> Mesh:
     return merge([lathe(profile, 24), tube(ear, 0.0045, 8)])
 
 
-def candle(rng: np.random.Generator, style: Style) -> Piece:
+def candle(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """Candles of three heights on a tray."""
     b = Builder("candles", "candle", "on_top")
     tray = [(0.1, 0.0), (0.105, 0.012), (0.101, 0.012), (0.097, 0.004), (0.0, 0.004)]
     b.add(style.metal, lathe(tray, 32), name="tray")
-    wax = Material("plastic", tone("#efe6d2"), 0.6)
+    wax = Material("plastic", hex_color("#efe6d2"), 0.6)
     for k in range(3):
         turn = 2 * np.pi * k / 3 + 0.4
         x, y = 0.052 * float(np.cos(turn)), 0.052 * float(np.sin(turn))
@@ -571,7 +573,7 @@ def candle(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def wall_clock(rng: np.random.Generator, style: Style) -> Piece:
+def wall_clock(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A round clock; the origin is its centre."""
     radius = float(rng.uniform(0.13, 0.19))
     b = Builder("wall clock", "clock", "on_wall", mount_height=float(rng.uniform(1.75, 1.95)))
@@ -596,7 +598,7 @@ def wall_clock(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def radiator(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+def radiator(rng: np.random.Generator, style: Style, width: float | None = None) -> FurniturePiece:
     """A ribbed radiator with its valve, for below windows; mounted just above the floor."""
     width = float(rng.uniform(0.6, 1.3)) if width is None else width
     height = 0.55
@@ -638,7 +640,7 @@ def radiator(rng: np.random.Generator, style: Style, width: float | None = None)
     return b.piece()
 
 
-def coat_hooks(rng: np.random.Generator, style: Style) -> Piece:
+def coat_hooks(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A board with hooks; a coat and a bag hang on some."""
     width = float(rng.uniform(0.6, 0.9))
     b = Builder("coat hooks", "coat hooks", "on_wall", mount_height=float(rng.uniform(1.6, 1.7)))
@@ -689,7 +691,7 @@ def _add_coat(b: Builder, rng: np.random.Generator, cloth: Material, x: float) -
         b.add(cloth, tube(sleeve, [0.035, 0.056, 0.054, 0.048, 0.043], 14), name="coat")
 
 
-def storage_box(rng: np.random.Generator, style: Style) -> Piece:
+def storage_box(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A lidded box of cardboard or an open basket."""
     b = Builder("storage box", "box", "free")
     width, depth = float(rng.uniform(0.3, 0.42)), float(rng.uniform(0.24, 0.34))
@@ -716,7 +718,7 @@ def storage_box(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def waste_bin(rng: np.random.Generator, style: Style) -> Piece:
+def waste_bin(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """An open round bin."""
     radius, tall = float(rng.uniform(0.11, 0.14)), float(rng.uniform(0.26, 0.33))
     b = Builder("waste bin", "bin", "free")
@@ -733,11 +735,11 @@ def waste_bin(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def bottle(rng: np.random.Generator, style: Style) -> Piece:
+def bottle(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A bottle and two glasses."""
     b = Builder("bottle and glasses", "glass", "on_top")
     tints = ("#24361f", "#3a2413", "#1c2f38")
-    dark = Material("plastic", tone(tints[int(rng.integers(3))]), 0.1)
+    dark = Material("plastic", hex_color(tints[int(rng.integers(3))]), 0.1)
     tall, wide = float(rng.uniform(0.28, 0.33)), float(rng.uniform(0.034, 0.041))
     body = [(wide - 0.002, 0.0), (wide, 0.006), (wide, 0.62 * tall), (0.8 * wide, 0.71 * tall)]
     neck = [(0.015, 0.8 * tall), (0.0145, tall), (0.0, tall)]

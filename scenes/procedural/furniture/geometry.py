@@ -1,7 +1,7 @@
-"""Triangle meshes that furniture is built of: metres, uvs in metres, closed and wound outwards.
+"""Mesh primitives for furniture and buildings: positions and uvs in metres, closed, outward faces.
 
-Bodies that should look round carry separate vertices at creases and at the seam of their uvs;
-`Part.normals` joins them again where the surface is smooth.
+Round bodies have duplicate vertices at creases and at uv seams; `PiecePart.normals` averages their
+normals where the surface is smooth.
 """
 
 from __future__ import annotations
@@ -15,20 +15,23 @@ from typing import Literal
 
 import mapbox_earcut
 import numpy as np
+import shapely
 
 from scenes.arrays import BoolArray, Float64Array, Int64Array
+from scenes.procedural.piece import CREASE_COSINE
 
 Axis = Literal["x", "y", "z"]
 AXES: dict[str, int] = {"x": 0, "y": 1, "z": 2}
-CREASE = np.cos(np.radians(50))  # sharper turns of a profile stay edges
-_NO_AREA = 1e-10  # square metres; smaller triangles have collapsed
+_MIN_AREA = 1e-10  # square metres; smaller triangles are degenerate
 
 
 @dataclass(frozen=True)
-class Mesh:
-    """`vertices` (V, 3) metres, `faces` (F, 3) counter-clockwise from outside, `uvs` (V, 2) m.
+class BodyMesh:
+    """Triangle mesh with uvs in metres.
 
-    `smooth`: shaded with `Part.normals` (round or bevelled bodies) instead of plain facets.
+    `vertices` (V, 3) metres; `faces` (F, 3), counter-clockwise seen from outside; `uvs` (V, 2)
+    metres; `smooth`: shaded with `PiecePart.normals` (round or bevelled bodies) instead of flat
+    facets.
     """
 
     vertices: Float64Array
@@ -36,20 +39,20 @@ class Mesh:
     uvs: Float64Array
     smooth: bool = True
 
-    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mesh:
-        """Shifted by metres."""
+    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> BodyMesh:
+        """Return the mesh translated by metres."""
         return replace(self, vertices=self.vertices + np.array([x, y, z]))
 
-    def turned(self, axis: Axis, degrees: float) -> Mesh:
-        """Rotated about an axis through the origin, counter-clockwise seen from its tip."""
+    def turned(self, axis: Axis, degrees: float) -> BodyMesh:
+        """Return the mesh rotated about an axis through the origin by the right-hand rule."""
         return replace(self, vertices=self.vertices @ _rotation(axis, degrees).T)
 
-    def scaled(self, x: float = 1.0, y: float = 1.0, z: float = 1.0) -> Mesh:
-        """Stretched by positive factors; uvs stay, so keep the factors near each other."""
+    def scaled(self, x: float = 1.0, y: float = 1.0, z: float = 1.0) -> BodyMesh:
+        """Return the mesh scaled by positive factors; uvs do not change."""
         return replace(self, vertices=self.vertices * np.array([x, y, z]))
 
-    def mirrored(self) -> Mesh:
-        """Reflected in the plane x = 0, wound outwards again."""
+    def mirrored(self) -> BodyMesh:
+        """Return the mesh reflected in the plane x = 0, with outward faces."""
         return replace(
             self, vertices=self.vertices * np.array([-1.0, 1, 1]), faces=self.faces[:, ::-1]
         )
@@ -65,11 +68,11 @@ def _rotation(axis: Axis, degrees: float) -> Float64Array:
     return rotation
 
 
-def merge(meshes: Iterable[Mesh]) -> Mesh:
-    """One mesh of several."""
+def merge(meshes: Iterable[BodyMesh]) -> BodyMesh:
+    """Concatenate meshes into one."""
     meshes = list(meshes)
     starts = accumulate((len(mesh.vertices) for mesh in meshes), initial=0)
-    return Mesh(
+    return BodyMesh(
         np.concatenate([mesh.vertices for mesh in meshes]),
         np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]),
         np.concatenate([mesh.uvs for mesh in meshes]),
@@ -77,11 +80,11 @@ def merge(meshes: Iterable[Mesh]) -> Mesh:
     )
 
 
-def grid(points: Float64Array, uvs: Float64Array | None = None) -> Mesh:
-    """A quad grid `points` (n, m, 3) as triangles; outside is along d/di x d/dj.
+def grid(points: Float64Array, uvs: Float64Array | None = None) -> BodyMesh:
+    """Triangulate a quad grid `points` (n, m, 3); its front faces d/di x d/dj.
 
-    Without `uvs` (n, m, 2), u runs along j and v along i, by mean arc length. Triangles that
-    collapse (poles) are left out.
+    Without `uvs` (n, m, 2), u runs along j and v along i, by mean arc length. Degenerate
+    triangles (at poles) are left out.
     """
     n, m = points.shape[:2]
     if uvs is None:
@@ -91,8 +94,8 @@ def grid(points: Float64Array, uvs: Float64Array | None = None) -> Mesh:
         uvs[:, 1:, 0] = (along / n).cumsum()
         uvs[1:, :, 1] = (across / m).cumsum()[:, None]
     faces = _grid_faces(n, m)
-    solid = _solid(points)
-    return Mesh(
+    solid = _nondegenerate(points)
+    return BodyMesh(
         points.reshape(-1, 3), faces.copy() if solid.all() else faces[solid], uvs.reshape(-1, 2)
     )
 
@@ -111,10 +114,10 @@ def box(
     at: Sequence[float] = (0.0, 0.0, 0.0),
     bevel: float = 0.0,
     grain: Axis | None = None,
-) -> Mesh:
-    """A box of `size` (x, y, z) whose bottom face is centred at `at`, edges chamfered by `bevel`.
+) -> BodyMesh:
+    """Return a box of `size` (x, y, z) with the centre of its bottom at `at`, metres.
 
-    u follows `grain`, by default the longest edge.
+    `bevel` chamfers the edges. u runs along the axis `grain`, by default the longest edge.
     """
     half = np.asarray(size, dtype=float) / 2
     centre = np.asarray(at, dtype=float) + np.array([0, 0, half[2]])
@@ -129,15 +132,15 @@ def box(
         first, second = (other for other in range(3) if other != axis)
         u = along if along in (first, second) else max(first, second, key=sizes.__getitem__)
         axes.append((u, first + second - u))
-    # Boards sawn from one texture should not look alike: each starts somewhere else.
+    # Offset the uvs by position, so that boards of one texture look different.
     start = np.array([1.7, 2.3]) @ np.array([[centre[0], centre[1]], [centre[2], centre[0]]])
     uvs = corners.reshape(-1)[_box_columns(bevel > 0, tuple(axes))] + start
-    return Mesh(corners + centre, faces.copy(), uvs, smooth=bevel > 0)
+    return BodyMesh(corners + centre, faces.copy(), uvs, smooth=bevel > 0)
 
 
 @lru_cache
 def _box_columns(bevelled: bool, axes: tuple[tuple[int, int], ...]) -> Int64Array:
-    """Where u and v of each vertex (V, 2) lie in the flat array of a box's corners."""
+    """Indices (V, 2) of u and v of each vertex in the flattened array of a box's corners."""
     facing = _box_template(bevelled)[2]
     return 3 * np.arange(len(facing))[:, None] + np.array(axes)[facing]
 
@@ -146,8 +149,10 @@ def _box_columns(bevelled: bool, axes: tuple[tuple[int, int], ...]) -> Int64Arra
 def _box_template(
     bevelled: bool,
 ) -> tuple[Float64Array, Float64Array, Int64Array, Int64Array]:
-    """What all boxes share: of each vertex the signs of its corner (V, 3), along which axes the
-    bevel draws it in (V, 3), and the axis its face lies across (V,); and the faces (F, 3).
+    """Topology of all boxes: (signs, inset, axis, faces).
+
+    `signs` (V, 3): signs of the corner of each vertex; `inset` (V, 3): 1 along the axes where the
+    bevel moves it inwards; `axis` (V,): axis of its face's normal; `faces` (F, 3).
     """
     bevel = 0.25 if bevelled else 0.0
     half = np.ones(3)
@@ -171,7 +176,7 @@ def _box_template(
             polygon(corners if sign > 0 else corners[::-1], axis)
             if bevel <= 0:
                 continue
-            for other_sign in (-1.0, 1.0):  # the edge between this face and the next axis' face
+            for other_sign in (-1.0, 1.0):  # chamfer between the faces across `axis` and `b`
                 edge = np.zeros((4, 3))
                 edge[:, c] = np.array([-1, 1, 1, -1]) * (half[c] - bevel)
                 edge[:2, axis], edge[2:, axis] = sign * half[axis], sign * (half[axis] - bevel)
@@ -192,8 +197,8 @@ def _box_template(
 
 def span(
     low: Sequence[float], high: Sequence[float], bevel: float = 0.0, grain: Axis | None = None
-) -> Mesh:
-    """The box between two opposite corners."""
+) -> BodyMesh:
+    """Return the box between two opposite corners."""
     low_, high_ = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     middle = (low_ + high_) / 2
     return box(high_ - low_, (middle[0], middle[1], low_[2]), bevel, grain)
@@ -206,10 +211,11 @@ def rounded_box(
     bulge: Sequence[float] = (0.0, 0.0, 0.0),
     steps: int = 2,
     inner: int = 3,
-) -> Mesh:
-    """A soft box, bottom centred at `at`: edges rounded by `radius`, faces bulging by metres.
+) -> BodyMesh:
+    """Return a box with rounded edges, the centre of its bottom at `at`.
 
-    `steps` segments for an eighth of a turn of each edge, `inner` across the flat middle.
+    `radius` of the edges and `bulge` of the faces per axis in metres; `steps` segments per eighth
+    of a turn at each edge, `inner` segments across the flat middle.
     """
     half = np.asarray(size, dtype=float) / 2
     radius = min(radius, 0.999 * float(half.min()))
@@ -249,10 +255,10 @@ def pillow(
     at: Sequence[float] = (0.0, 0.0, 0.0),
     rng: np.random.Generator | None = None,
     count: int = 12,
-) -> Mesh:
-    """A stuffed pillow of `size` (x, y, thickness): thin at its rim, corners drawn out.
+) -> BodyMesh:
+    """Return a pillow of `size` (x, y, thickness) with a thin rim and pointed corners.
 
-    `rng` gives it a few soft dents. Lowest point at `at`.
+    `rng` adds soft dents. The lowest point is at the height of `at`.
     """
     s = np.sin(np.linspace(-1, 1, count + 1) * np.pi / 2)  # finer towards the rim
     x, y = np.meshgrid(s, s, indexing="ij")
@@ -281,10 +287,10 @@ def pillow(
     return mesh.moved(at[0], at[1], at[2] - float(mesh.vertices[:, 2].min()))
 
 
-def loft(rings: Float64Array, closed: bool = True) -> Mesh:
-    """A body through `rings` (k, m, 3), each once around, counter-clockwise from the far end.
+def loft(rings: Float64Array, closed: bool = True) -> BodyMesh:
+    """Return a body through `rings` (k, m, 3), each counter-clockwise seen from the last ring.
 
-    The first and last ring are closed by flat caps unless `closed` is false or they are points.
+    Flat caps close the first and last ring unless `closed` is False or the ring is a point.
     u runs along the body, v around it; flat horizontal bands have u, v = x, y.
     """
     rings = np.asarray(rings, dtype=float)
@@ -299,9 +305,9 @@ def loft(rings: Float64Array, closed: bool = True) -> Mesh:
     steps = rings[1:] - rings[:-1]
     directions = steps / np.maximum(_lengths(steps), 1e-12)[..., None]
     turns = np.add.reduce((directions[1:] * directions[:-1]).sum(axis=2), axis=1) / rings.shape[1]
-    # A band is level if it is flat and horizontal; such bands have uvs of their own.
+    # Level bands are flat and horizontal; their uvs are x, y.
     level = (spans[1:, 2] < 1e-6) & (np.abs(steps[..., 2]).max(axis=1) < 1e-6)
-    corners = (turns < CREASE) | (level[1:] != level[:-1])
+    corners = (turns < CREASE_COSINE) | (level[1:] != level[:-1])
     breaks = [0, *(int(k) + 1 for k in np.flatnonzero(corners)), len(rings) - 1]
     around = np.concatenate([rings, rings[:, :1]], axis=1)
     bands = []
@@ -311,10 +317,10 @@ def loft(rings: Float64Array, closed: bool = True) -> Mesh:
     return merge(bands)
 
 
-def lathe(profile: Sequence[Sequence[float]], segments: int = 24) -> Mesh:
-    """A body of revolution about Z; `profile` of (radius, z), from the bottom, outside first.
+def lathe(profile: Sequence[Sequence[float]], segments: int = 24) -> BodyMesh:
+    """Return a solid of revolution about Z; `profile` of (radius, z) starts at the bottom, outside.
 
-    Profiles that do not begin and end on the axis are closed by flat discs.
+    Flat discs close profiles that do not begin and end on the axis.
     """
     profile_ = np.asarray(profile, dtype=float)
     angle = 2 * np.pi * np.arange(segments) / segments
@@ -327,8 +333,8 @@ def lathe(profile: Sequence[Sequence[float]], segments: int = 24) -> Mesh:
 
 def cylinder(
     radius: float, z0: float, z1: float, segments: int = 24, bevel: float = 0.0, top: float = 1.0
-) -> Mesh:
-    """A solid cylinder about Z; `top` is the ratio of its upper to its lower radius."""
+) -> BodyMesh:
+    """Return a cylinder about Z; `top` is the ratio of its upper to its lower radius."""
     upper = radius * top
     if bevel > 0:
         return lathe(
@@ -338,8 +344,8 @@ def cylinder(
     return lathe([(radius, z0), (upper, z1)], segments)
 
 
-def sphere(radius: float, segments: int = 20, rings: int = 10) -> Mesh:
-    """A ball about the origin."""
+def sphere(radius: float, segments: int = 20, rings: int = 10) -> BodyMesh:
+    """Return a sphere about the origin."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)
     profile = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
     profile[[0, -1], 0] = 0
@@ -355,7 +361,7 @@ def superellipse(
     x: float = 0.0,
     y: float = 0.0,
 ) -> Float64Array:
-    """A horizontal ring (count, 3) for `loft`: |x/a|^p + |y/b|^p = 1; p = 2 is an ellipse."""
+    """Return a horizontal ring (count, 3) for `loft`: |x/a|^p + |y/b|^p = 1; p = 2: ellipse."""
     angle = 2 * np.pi * (np.arange(count) + 0.5) / count
     cosine, sine = np.cos(angle), np.sin(angle)
     ring = np.empty((count, 3))
@@ -370,8 +376,8 @@ def tube(
     radius: float | Sequence[float] | Float64Array,
     segments: int = 10,
     closed: bool = False,
-) -> Mesh:
-    """A round bar along `path` (N, 3); `closed` joins its ends to a loop."""
+) -> BodyMesh:
+    """Return a tube with round section along `path` (N, 3); `closed` joins its ends."""
     points = np.asarray(path, dtype=float)
     radii = np.broadcast_to(np.asarray(radius, dtype=float), (len(points),))
     if closed:
@@ -385,12 +391,12 @@ def tube(
     rings = points[:, None] + radii[:, None, None] * ring
     if not closed:
         return loft(rings)
-    # Carried once around a planar loop the frame comes back to itself.
+    # Transported around a planar loop, the frame returns to its start.
     return loft(np.concatenate([rings, rings[:1]]), closed=False)
 
 
 def _carried_frames(tangents: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Two unit vectors across each of the `tangents` (N, 3), turning as little as they can."""
+    """Two unit normals (N, 3) of each tangent (N, 3), by parallel transport along the path."""
     first = tangents[0].tolist()
     least = min(range(3), key=lambda axis: abs(first[axis]))
     side = _cross(first, [float(axis == least) for axis in range(3)])
@@ -406,7 +412,7 @@ def _carried_frames(tangents: Float64Array) -> tuple[Float64Array, Float64Array]
 
 
 def _cross(a: list[float], b: list[float]) -> list[float]:
-    # Of single vectors: numpy would take twenty times as long.
+    # For single vectors, twenty times faster than NumPy.
     return [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -414,24 +420,26 @@ def _cross(a: list[float], b: list[float]) -> list[float]:
     ]
 
 
-def bar(start: Sequence[float], end: Sequence[float], radius: float, segments: int = 10) -> Mesh:
-    """A straight round bar."""
+def bar(
+    start: Sequence[float], end: Sequence[float], radius: float, segments: int = 10
+) -> BodyMesh:
+    """Return a straight bar with round section."""
     first = np.asarray(start, dtype=float)
     along = np.asarray(end, dtype=float) - first
     body = _bar_from_origin(tuple(along.tolist()), float(radius), segments)
-    return Mesh(body.vertices + first, body.faces.copy(), body.uvs.copy())
+    return BodyMesh(body.vertices + first, body.faces.copy(), body.uvs.copy())
 
 
 @lru_cache(maxsize=256)
-def _bar_from_origin(along: tuple[float, ...], radius: float, segments: int) -> Mesh:
-    # Radiators, chairs and railings have many bars alike.
+def _bar_from_origin(along: tuple[float, ...], radius: float, segments: int) -> BodyMesh:
+    # Cached: radiators, chairs and railings have many equal bars.
     return tube([(0.0, 0.0, 0.0), along], radius, segments)
 
 
-def post(points: Sequence[Sequence[float]], sizes: Sequence[Sequence[float]]) -> Mesh:
-    """A four-sided post through horizontal rectangles, so that a splayed foot stands flat.
+def post(points: Sequence[Sequence[float]], sizes: Sequence[Sequence[float]]) -> BodyMesh:
+    """Return a four-sided post through horizontal rectangles; a splayed post has a flat foot.
 
-    `points` (n, 3) from the bottom up are the centres, `sizes` (n, 2) the extents in x and y.
+    `points` (n, 3): centres from the bottom up; `sizes` (n, 2): extents in x and y.
     """
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2
     rings = np.zeros((len(points), 4, 3))
@@ -440,7 +448,7 @@ def post(points: Sequence[Sequence[float]], sizes: Sequence[Sequence[float]]) ->
         ring[:, 2] = point[2]
     bodies = [grid(rings[:, [k, (k + 1) % 4]].swapaxes(0, 1)) for k in range(4)]
     two = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int64)
-    bodies += [Mesh(end.copy(), two, end[:, :2].copy()) for end in (rings[0][::-1], rings[-1])]
+    bodies += [BodyMesh(end.copy(), two, end[:, :2].copy()) for end in (rings[0][::-1], rings[-1])]
     return replace(merge(bodies), smooth=len(points) > 2)
 
 
@@ -449,10 +457,10 @@ def prism(
     z0: float,
     z1: float,
     holes: Sequence[Sequence[Sequence[float]] | Float64Array] = (),
-) -> Mesh:
-    """A polygon (N, 2), counter-clockwise, pulled up from z0 to z1, with clockwise-free holes."""
+) -> BodyMesh:
+    """Extrude a polygon (N, 2) with holes (M, 2) from z0 to z1; loops of either orientation."""
     loops = [np.asarray(loop, dtype=float) for loop in (outline, *holes)]
-    loops = [loop if _signed_area(loop) > 0 else loop[::-1] for loop in loops]
+    loops = [loop if shapely.LinearRing(loop).is_ccw else loop[::-1] for loop in loops]
     flat = np.concatenate(loops)
     ends = np.cumsum([len(loop) for loop in loops]).astype(np.uint32)
     triangles = mapbox_earcut.triangulate_float64(flat, ends).reshape(-1, 3).astype(np.int64)
@@ -463,7 +471,9 @@ def prism(
     meshes = []
     for z, faces in ((z1, triangles), (z0, triangles[:, ::-1])):
         meshes.append(
-            Mesh(np.column_stack([flat, np.full(len(flat), z)]), faces, flat - flat.mean(axis=0))
+            BodyMesh(
+                np.column_stack([flat, np.full(len(flat), z)]), faces, flat - flat.mean(axis=0)
+            )
         )
     for number, loop in enumerate(loops):
         ring = np.concatenate([loop, loop[:1]])
@@ -472,8 +482,8 @@ def prism(
     return merge(meshes)
 
 
-def thick_sheet(points: Float64Array, thickness: float) -> Mesh:
-    """A cloth of `thickness` whose outer side is the grid `points` (n, m, 3), closed all around."""
+def thick_sheet(points: Float64Array, thickness: float) -> BodyMesh:
+    """Return a closed sheet of `thickness` whose front is the grid `points` (n, m, 3)."""
     across, along = np.gradient(points, axis=0), np.gradient(points, axis=1)
     normals = np.cross(across, along)
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
@@ -489,20 +499,20 @@ def thick_sheet(points: Float64Array, thickness: float) -> Mesh:
     return merge([front, back, *rims])
 
 
-def _facets(points: Float64Array) -> Mesh:
-    """`grid` with each strip along i apart, so that corners stay sharp in smooth parts."""
+def _facets(points: Float64Array) -> BodyMesh:
+    """`grid` with separate vertices for each strip along i: corners between strips stay sharp."""
     strips = []
     start = 0.0
     for k in range(len(points) - 1):
         strip = grid(points[k : k + 2])
-        strips.append(Mesh(strip.vertices, strip.faces, strip.uvs + np.array([0, start])))
+        strips.append(BodyMesh(strip.vertices, strip.faces, strip.uvs + np.array([0, start])))
         start += float(strip.uvs[:, 1].max())
     return merge(strips)
 
 
-def _solid(points: Float64Array) -> BoolArray:
-    """Which triangles of `_grid_faces` have an area, (F,)."""
-    # Spelt out by coordinate: np.cross costs more than all the rest of a small grid.
+def _nondegenerate(points: Float64Array) -> BoolArray:
+    """Mask (F,) of the triangles of `_grid_faces` that are not degenerate."""
+    # Written out by coordinate: np.cross would dominate the cost of small grids.
     n, m = points.shape[:2]
     edges = np.empty((3, 3, n - 1, m - 1))  # of (x, y, z), from a to b, c and d
     planes = points.transpose(2, 0, 1)
@@ -512,14 +522,9 @@ def _solid(points: Float64Array) -> BoolArray:
     np.subtract(planes[:, :-1, 1:], a, out=edges[:, 2])
     (x0, y0, z0), (x1, y1, z1) = edges[:, :2], edges[:, 1:]
     nx, ny, nz = y0 * z1 - z0 * y1, z0 * x1 - x0 * z1, x0 * y1 - y0 * x1
-    return np.asarray(nx * nx + ny * ny + nz * nz > (2 * _NO_AREA) ** 2).reshape(-1)
+    return np.asarray(nx * nx + ny * ny + nz * nz > (2 * _MIN_AREA) ** 2).reshape(-1)
 
 
 def _lengths(vectors: Float64Array) -> Float64Array:
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     return np.asarray(np.sqrt(x * x + y * y + z * z))
-
-
-def _signed_area(loop: Float64Array) -> float:
-    x, y = loop[:, 0], loop[:, 1]
-    return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) / 2)

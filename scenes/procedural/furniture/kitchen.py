@@ -12,7 +12,7 @@ from scenes.arrays import Float64Array
 from scenes.procedural.furniture.build import Builder
 from scenes.procedural.furniture.cabinets import BOARD, add_door, add_drawer, carcass, shelf
 from scenes.procedural.furniture.geometry import (
-    Mesh,
+    BodyMesh,
     bar,
     box,
     cylinder,
@@ -36,14 +36,14 @@ from scenes.procedural.furniture.style import (
     STEEL,
     WHITE_PAINT,
     Style,
-    tone,
+    hex_color,
 )
-from scenes.procedural.piece import Material, Piece
+from scenes.procedural.piece import FurniturePiece, Material
 
 DEPTH = 0.6
 PLINTH = 0.1
 TOP = 0.038
-INSIDE = Material("paint", tone("#dedad2"), 0.5)
+INSIDE = Material("paint", hex_color("#dedad2"), 0.5)
 
 
 def _base(style: Style, name: str, width: float, worktop: bool = True) -> tuple[Builder, float]:
@@ -100,7 +100,7 @@ def _add_doors(
     return ajar > 0
 
 
-def base_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) -> Piece:
+def base_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) -> FurniturePiece:
     """A cupboard below the worktop, often with a drawer on top; a door may stand ajar."""
     b, under = _base(style, "base cupboard", width)
     b.add(INSIDE, *carcass(width, DEPTH, PLINTH, under - 0.001))
@@ -122,7 +122,7 @@ def base_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) ->
     return b.piece()
 
 
-def drawer_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> Piece:
+def drawer_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> FurniturePiece:
     """Three or four kitchen drawers, one at times pulled out."""
     b, under = _base(style, "drawer unit", width)
     b.add(INSIDE, *carcass(width, DEPTH, PLINTH, under - 0.001))
@@ -147,7 +147,7 @@ def drawer_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> P
     return b.piece()
 
 
-def sink_unit(rng: np.random.Generator, style: Style, width: float = 0.8) -> Piece:
+def sink_unit(rng: np.random.Generator, style: Style, width: float = 0.8) -> FurniturePiece:
     """A sink let into the worktop, with a high tap, above a cupboard."""
     b, under = _base(style, "sink unit", width, worktop=False)
     half_x, half_y = min(0.2, width / 2 - 0.08), 0.19
@@ -191,7 +191,7 @@ def sink_unit(rng: np.random.Generator, style: Style, width: float = 0.8) -> Pie
     _add_doors(b, rng, style, width, PLINTH, under - 0.003, DEPTH)
     if rng.random() < 0.6:
         b.add(
-            Material("plastic", tone("#3f9a5a"), 0.2),
+            Material("plastic", hex_color("#3f9a5a"), 0.2),
             lathe([(0.028, 0), (0.028, 0.12), (0.01, 0.15), (0.01, 0.18), (0, 0.18)], 18)
             .scaled(y=0.7)
             .moved(x - 0.17, 0.235, high),
@@ -203,7 +203,7 @@ def sink_unit(rng: np.random.Generator, style: Style, width: float = 0.8) -> Pie
     return b.piece()
 
 
-def hob_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> Piece:
+def hob_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> FurniturePiece:
     """An oven below a hob, with knobs; gas burners with grates or glass-ceramic."""
     b, under = _base(style, "hob and oven", width)
     high = style.worktop_height
@@ -310,7 +310,7 @@ def hob_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> Piec
     return b.piece()
 
 
-def fridge(rng: np.random.Generator, style: Style, width: float = 0.6) -> Piece:
+def fridge(rng: np.random.Generator, style: Style, width: float = 0.6) -> FurniturePiece:
     """A tall fridge with a freezer below (or above)."""
     depth, height = 0.64, float(rng.uniform(1.7, 1.95))
     b = Builder("fridge", "fridge", "wall", front_clearance=0.9)
@@ -357,7 +357,7 @@ def fridge(rng: np.random.Generator, style: Style, width: float = 0.6) -> Piece:
                 [(board.vertices[:, 0] - x) / 0.1 + 0.5, (board.vertices[:, 2] - z) / 0.12 + 0.5], 1
             )
             if note.kind == "picture":
-                board = Mesh(board.vertices, board.faces, uvs, smooth=False)
+                board = BodyMesh(board.vertices, board.faces, uvs, smooth=False)
             b.add(note, board, name="note")
             b.add(
                 style.accents[1],
@@ -368,7 +368,7 @@ def fridge(rng: np.random.Generator, style: Style, width: float = 0.6) -> Piece:
     return b.piece()
 
 
-def wall_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) -> Piece:
+def wall_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) -> FurniturePiece:
     """A cupboard on the wall; when its door stands ajar crockery shows. Origin: lower back edge."""
     depth, height = 0.34, 0.7
     b = Builder(
@@ -401,13 +401,13 @@ def wall_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) ->
             )
             for k in range(2):
                 parts.add(glaze, cup.moved(0.22 * width, -0.06 + 0.11 * k, z), name="cups")
-    b.take(parts, y=-depth / 2)
+    b.add_from(parts, y=-depth / 2)
     return b.piece()
 
 
 def extractor_hood(
     rng: np.random.Generator, style: Style, width: float = 0.6, height: float = 0.9
-) -> Piece:
+) -> FurniturePiece:
     """A steel canopy and its flue, with two small lamps below; `height` up to the flue's end."""
     b = Builder("extractor hood", "extractor hood", "on_wall", mount_height=1.58)
     steel = STEEL if rng.random() < 0.8 else WHITE_PAINT
@@ -437,7 +437,7 @@ def extractor_hood(
     return b.piece()
 
 
-def _pot(radius: float, tall: float, lid: bool = False) -> Mesh:
+def _pot(radius: float, tall: float, lid: bool = False) -> BodyMesh:
     """A pot with two ears, closed by a lid or open."""
     profile = [(radius - 0.006, 0.0), (radius, 0.006), (radius, tall), (radius - 0.003, tall)]
     profile += [(radius - 0.006, 0.01), (0.0, 0.008)] if not lid else []
@@ -469,7 +469,7 @@ def _pot(radius: float, tall: float, lid: bool = False) -> Mesh:
     return merge(meshes)
 
 
-def _plates(count: int) -> Mesh:
+def _plates(count: int) -> BodyMesh:
     plate = [
         (0.06, 0.0),
         (0.068, 0.004),
@@ -481,7 +481,7 @@ def _plates(count: int) -> Mesh:
     return merge([lathe(plate, 28).moved(z=0.0075 * k) for k in range(count)])
 
 
-def cooking_pot(rng: np.random.Generator, style: Style) -> Piece:
+def cooking_pot(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A pot with a lid."""
     b = Builder("cooking pot", "pot", "on_top")
     material = STEEL if rng.random() < 0.5 else style.accents[int(rng.integers(5))]
@@ -489,7 +489,7 @@ def cooking_pot(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def kettle(rng: np.random.Generator, style: Style) -> Piece:
+def kettle(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """An electric kettle on its base."""
     b = Builder("kettle", "kettle", "on_top")
     body = STEEL if rng.random() < 0.6 else style.accents[int(rng.integers(5))]
@@ -520,7 +520,7 @@ def kettle(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def microwave(rng: np.random.Generator, style: Style) -> Piece:
+def microwave(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A microwave oven."""
     width, depth = float(rng.uniform(0.44, 0.52)), float(rng.uniform(0.34, 0.39))
     tall = float(rng.uniform(0.26, 0.3))

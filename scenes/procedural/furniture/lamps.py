@@ -18,12 +18,12 @@ from scenes.procedural.furniture.geometry import (
     tube,
 )
 from scenes.procedural.furniture.style import CHROME, WHITE_PAINT, Style
-from scenes.procedural.piece import Material, Piece
+from scenes.procedural.piece import FurniturePiece, Material
 
 OPAL = Material("plastic", (0.86, 0.85, 0.82), 0.4)
 
 
-def _shell(
+def _shade_profile(
     low: float, high: float, z0: float, z1: float, wall: float = 0.003
 ) -> list[tuple[float, float]]:
     """Profile of an open lampshade: a wall between two radii, both rims rounded off."""
@@ -33,7 +33,7 @@ def _shell(
     return [*outer, *inner]
 
 
-def _ring(profile: list[tuple[float, float]], segments: int) -> Float64Array:
+def _profile_rings(profile: list[tuple[float, float]], segments: int) -> Float64Array:
     """Rings of a closed profile (a body with a hole through it) for `loft`."""
     closed = np.array([*profile, profile[0]])
     angle = 2 * np.pi * np.arange(segments) / segments
@@ -55,7 +55,7 @@ def _add_shade(
     x: float = 0.0,
 ) -> None:
     """An open shade, glowing, with the wire that carries it."""
-    shade = loft(_ring(_shell(low, high, z0, z1), 36), closed=False)
+    shade = loft(_profile_rings(_shade_profile(low, high, z0, z1), 36), closed=False)
     b.add(style.shade, shade.moved(x, y), name="shade", lumens=lumens, kelvin=style.kelvin)
     z = z1 - 0.02
     for k in range(3):
@@ -67,7 +67,9 @@ def _add_shade(
         )
 
 
-def pendant_lamp(rng: np.random.Generator, style: Style, drop: float | None = None) -> Piece:
+def pendant_lamp(
+    rng: np.random.Generator, style: Style, drop: float | None = None
+) -> FurniturePiece:
     """A lamp hanging from the ceiling: drum, dome or globe; `drop` metres to its lowest point."""
     drop = float(rng.uniform(0.7, 1.0)) if drop is None else drop
     b = Builder("pendant lamp", "lamp", "ceiling")
@@ -91,7 +93,7 @@ def pendant_lamp(rng: np.random.Generator, style: Style, drop: float | None = No
         inner[0] = (0.016, inner[0][1])
         b.add(
             style.accents[0] if rng.random() < 0.5 else style.metal,
-            loft(_ring([*outer, *inner], 36), closed=False),
+            loft(_profile_rings([*outer, *inner], 36), closed=False),
             name="reflector",
         )
         b.add(
@@ -130,7 +132,7 @@ def pendant_lamp(rng: np.random.Generator, style: Style, drop: float | None = No
     return b.piece()
 
 
-def ceiling_lamp(rng: np.random.Generator, style: Style) -> Piece:
+def ceiling_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A flat lamp under the ceiling: a round bowl or a square panel with a rim."""
     b = Builder("ceiling lamp", "lamp", "ceiling")
     lumens = float(rng.uniform(1200, 2400))
@@ -159,7 +161,7 @@ def ceiling_lamp(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def spot_rail(rng: np.random.Generator, style: Style) -> Piece:
+def spot_rail(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A bar under the ceiling with three turned spots."""
     b = Builder("ceiling spots", "lamp", "ceiling")
     length = rng.uniform(0.6, 0.9)
@@ -181,7 +183,7 @@ def spot_rail(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def floor_lamp(rng: np.random.Generator, style: Style) -> Piece:
+def floor_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A standing lamp: straight, on three legs, or arched over."""
     b = Builder("floor lamp", "lamp", "corner")
     height = float(rng.uniform(1.45, 1.7))
@@ -222,7 +224,7 @@ def floor_lamp(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def table_lamp(rng: np.random.Generator, style: Style) -> Piece:
+def table_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A lamp with a turned ceramic or wooden body and a cloth shade."""
     b = Builder("table lamp", "lamp", "on_top")
     body, tall = rng.uniform(0.2, 0.28), rng.uniform(0.15, 0.2)
@@ -246,7 +248,7 @@ def table_lamp(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def desk_lamp(rng: np.random.Generator, style: Style) -> Piece:
+def desk_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A jointed lamp that bows over the desk; its diffuser looks down."""
     b = Builder("desk lamp", "lamp", "on_top")
     metal = style.metal if rng.random() < 0.5 else style.accents[0]
@@ -262,7 +264,7 @@ def desk_lamp(rng: np.random.Generator, style: Style) -> Piece:
     outer = [(0.07, -0.1), (0.062, -0.07), (0.034, -0.02), (0.024, 0.02)]
     inner = [(0.021, 0.017), (0.031, -0.02), (0.058, -0.07), (0.067, -0.1)]
     tilt = float(rng.uniform(8, 22))
-    cone = loft(_ring([*outer, *inner], 28), closed=False).turned("x", tilt).moved(*head)
+    cone = loft(_profile_rings([*outer, *inner], 28), closed=False).turned("x", tilt).moved(*head)
     cap = cylinder(0.0235, 0.008, 0.021, 20).turned("x", tilt).moved(*head)
     glow = (
         lathe([(0.0, -0.093), (0.061, -0.09), (0.061, -0.084)], 28).turned("x", tilt).moved(*head)
@@ -272,7 +274,7 @@ def desk_lamp(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def wall_lamp(rng: np.random.Generator, style: Style) -> Piece:
+def wall_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A lamp on the wall: a globe on an arm, or a half-round shade."""
     b = Builder("wall lamp", "lamp", "on_wall", mount_height=float(rng.uniform(1.6, 1.8)))
     lumens = float(rng.uniform(300, 500))
@@ -305,7 +307,7 @@ def wall_lamp(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def light_strip(rng: np.random.Generator, style: Style, width: float = 0.6) -> Piece:
+def light_strip(rng: np.random.Generator, style: Style, width: float = 0.6) -> FurniturePiece:
     """A slim lamp over a mirror or below wall cupboards; hangs with its back to the wall."""
     b = Builder("mirror lamp", "lamp", "on_wall", mount_height=float(rng.uniform(1.98, 2.08)))
     metal = CHROME if rng.random() < 0.6 else style.metal

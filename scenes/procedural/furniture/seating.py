@@ -7,7 +7,7 @@ import numpy as np
 from scenes.procedural.furniture.build import Builder
 from scenes.procedural.furniture.cabinets import feet, leg_material
 from scenes.procedural.furniture.geometry import (
-    Mesh,
+    BodyMesh,
     bar,
     box,
     cylinder,
@@ -22,10 +22,10 @@ from scenes.procedural.furniture.geometry import (
     tube,
 )
 from scenes.procedural.furniture.style import BLACK_PLASTIC, CHROME, RUBBER, Style
-from scenes.procedural.piece import Piece
+from scenes.procedural.piece import FurniturePiece
 
 
-def dining_chair(rng: np.random.Generator, style: Style) -> Piece:
+def dining_chair(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A wooden chair with a back of slats, rails or a pad."""
     width, depth = rng.uniform(0.42, 0.47), rng.uniform(0.42, 0.46)
     seat, top = rng.uniform(0.44, 0.47), rng.uniform(0.84, 0.98)
@@ -108,18 +108,20 @@ def dining_chair(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def armchair(rng: np.random.Generator, style: Style) -> Piece:
+def armchair(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A stuffed armchair."""
     return _couch(rng, style, "armchair", rng.uniform(0.78, 0.92), 1)
 
 
-def sofa(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+def sofa(rng: np.random.Generator, style: Style, width: float | None = None) -> FurniturePiece:
     """A sofa of two or three seats with loose cushions; `width` metres over its arms."""
     width = float(rng.uniform(1.6, 2.35)) if width is None else width
     return _couch(rng, style, "sofa", width, 3 if width > 1.95 else 2)
 
 
-def _couch(rng: np.random.Generator, style: Style, name: str, width: float, seats: int) -> Piece:
+def _couch(
+    rng: np.random.Generator, style: Style, name: str, width: float, seats: int
+) -> FurniturePiece:
     depth, seat_z = rng.uniform(0.84, 0.96), rng.uniform(0.41, 0.46)
     back_z, arm_z = rng.uniform(0.76, 0.9), rng.uniform(0.56, 0.66)
     arm = rng.uniform(0.12, 0.2)
@@ -200,7 +202,7 @@ def _couch(rng: np.random.Generator, style: Style, name: str, width: float, seat
     return b.piece()
 
 
-def _throw(rng: np.random.Generator, arm: float, inside: float, side: float) -> Mesh:
+def _throw(rng: np.random.Generator, arm: float, inside: float, side: float) -> BodyMesh:
     """A blanket laid over an arm rest of width `arm` whose top is z = 0; `side` faces outwards."""
     half, outside = arm / 2 + 0.018, float(rng.uniform(0.22, 0.34))
     path = np.array(
@@ -230,7 +232,7 @@ def _throw(rng: np.random.Generator, arm: float, inside: float, side: float) -> 
     return mesh if side > 0 else mesh.mirrored()
 
 
-def stool(rng: np.random.Generator, style: Style) -> Piece:
+def stool(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A round stool, low or of bar height."""
     tall = bool(rng.random() < 0.35)
     seat = rng.uniform(0.62, 0.68) if tall else rng.uniform(0.43, 0.48)
@@ -278,7 +280,7 @@ def stool(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def office_chair(rng: np.random.Generator, style: Style) -> Piece:
+def office_chair(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A swivel chair on a five-armed base with castors."""
     seat = rng.uniform(0.45, 0.51)
     b = Builder("office chair", "chair", "free", front_clearance=0.4)
@@ -347,7 +349,7 @@ def office_chair(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def pouf(rng: np.random.Generator, style: Style) -> Piece:
+def pouf(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A round upholstered footstool."""
     radius, height = rng.uniform(0.22, 0.3), rng.uniform(0.34, 0.42)
     b = Builder("pouf", "stool", "free")
@@ -373,7 +375,7 @@ def pouf(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def bench(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+def bench(rng: np.random.Generator, style: Style, width: float | None = None) -> FurniturePiece:
     """A plain wooden bench, for the hall or along a table."""
     width = float(rng.uniform(0.95, 1.5)) if width is None else width
     depth, height = rng.uniform(0.32, 0.38), rng.uniform(0.43, 0.47)

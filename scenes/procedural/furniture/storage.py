@@ -16,7 +16,7 @@ from scenes.procedural.furniture.cabinets import (
     shelf,
 )
 from scenes.procedural.furniture.geometry import (
-    Mesh,
+    BodyMesh,
     bar,
     box,
     lathe,
@@ -27,7 +27,7 @@ from scenes.procedural.furniture.geometry import (
     superellipse,
 )
 from scenes.procedural.furniture.style import CHROME, PAGES, RUBBER, WHITE_PLASTIC, WICKER, Style
-from scenes.procedural.piece import Material, Piece
+from scenes.procedural.piece import FurniturePiece, Material
 
 
 def add_books(
@@ -67,7 +67,7 @@ def add_books(
         x += float(need) + 0.0008
 
 
-def _book(thick: float, tall: float, deep: float) -> tuple[Mesh, Mesh]:
+def _book(thick: float, tall: float, deep: float) -> tuple[BodyMesh, BodyMesh]:
     """A book's binding and its pages: spine at y = 0, standing on z = 0, from x = 0."""
     board = 0.0022
     cover = merge(
@@ -148,7 +148,7 @@ def bookshelf(
     style: Style,
     width: float | None = None,
     height: float | None = None,
-) -> Piece:
+) -> FurniturePiece:
     """A tall open shelf with rows and stacks of books, vases and baskets."""
     width = float(rng.uniform(0.7, 1.1)) if width is None else width
     height = float(rng.uniform(1.75, 2.1)) if height is None else height
@@ -208,7 +208,7 @@ def add_garment(
     b.add(CHROME, bar((x, 0, rail - 0.08), (x, 0, rail + 0.012), 0.003, 8), name="hanger")
 
 
-def wardrobe(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+def wardrobe(rng: np.random.Generator, style: Style, width: float | None = None) -> FurniturePiece:
     """A wardrobe of two or three doors, one of them ajar before hanging clothes."""
     width = float(rng.uniform(1.0, 1.6)) if width is None else width
     depth, height = rng.uniform(0.57, 0.62), rng.uniform(1.95, 2.2)
@@ -254,7 +254,9 @@ def wardrobe(rng: np.random.Generator, style: Style, width: float | None = None)
     return b.piece()
 
 
-def chest_of_drawers(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+def chest_of_drawers(
+    rng: np.random.Generator, style: Style, width: float | None = None
+) -> FurniturePiece:
     """A chest of three to five drawers on feet, one of them pulled out."""
     width = float(rng.uniform(0.75, 1.1)) if width is None else width
     depth, height = rng.uniform(0.42, 0.5), rng.uniform(0.78, 1.05)
@@ -296,7 +298,7 @@ def chest_of_drawers(rng: np.random.Generator, style: Style, width: float | None
     return b.piece()
 
 
-def sideboard(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+def sideboard(rng: np.random.Generator, style: Style, width: float | None = None) -> FurniturePiece:
     """A long low cupboard: doors at the sides, drawers between."""
     width = float(rng.uniform(1.3, 1.9)) if width is None else width
     depth, height = rng.uniform(0.4, 0.46), rng.uniform(0.68, 0.85)
@@ -338,7 +340,7 @@ def sideboard(rng: np.random.Generator, style: Style, width: float | None = None
     return b.piece()
 
 
-def tv_stand(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+def tv_stand(rng: np.random.Generator, style: Style, width: float | None = None) -> FurniturePiece:
     """A low board for a television: an open niche with a set-top box between two doors."""
     width = float(rng.uniform(1.2, 1.8)) if width is None else width
     depth, height = rng.uniform(0.38, 0.45), rng.uniform(0.42, 0.55)
@@ -375,7 +377,7 @@ def tv_stand(rng: np.random.Generator, style: Style, width: float | None = None)
     return b.piece()
 
 
-def night_table(rng: np.random.Generator, style: Style) -> Piece:
+def night_table(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A small bedside cabinet: a drawer above an open niche."""
     width, depth = rng.uniform(0.4, 0.5), rng.uniform(0.36, 0.42)
     height = rng.uniform(0.46, 0.58)
@@ -396,7 +398,9 @@ def night_table(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def wall_shelf(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+def wall_shelf(
+    rng: np.random.Generator, style: Style, width: float | None = None
+) -> FurniturePiece:
     """A board on brackets with books and a vase; hangs at eye height."""
     width = float(rng.uniform(0.6, 1.1)) if width is None else width
     depth, thick = rng.uniform(0.2, 0.25), 0.025
@@ -419,7 +423,7 @@ def wall_shelf(rng: np.random.Generator, style: Style, width: float | None = Non
     return b.piece()
 
 
-def shoe_rack(rng: np.random.Generator, style: Style) -> Piece:
+def shoe_rack(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """Two slatted boards with pairs of shoes."""
     width, depth = rng.uniform(0.6, 0.8), 0.3
     b = Builder("shoe rack", "shelf", "wall", front_clearance=0.4)
@@ -470,7 +474,7 @@ _SHOES = (
 )
 
 
-def _shoe() -> tuple[Mesh, Mesh]:
+def _shoe() -> tuple[BodyMesh, BodyMesh]:
     """Upper and sole of a low shoe on z = 0, its tip towards the front."""
     upper = [
         superellipse(half_x, half_y, height, 2.3, 20, y=y)

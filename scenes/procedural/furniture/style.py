@@ -1,4 +1,4 @@
-"""A home's style: materials that go together, and the shapes its cabinets share."""
+"""Furniture style of a home: matching materials and common shapes."""
 
 from __future__ import annotations
 
@@ -11,11 +11,16 @@ from scenes.color import Color, decode_srgb_value
 from scenes.procedural.piece import Material
 
 
-def tone(code: str) -> Color:
-    """Linear Rec. 709 RGB of an sRGB colour written as "#rrggbb"."""
+def hex_color(code: str) -> Color:
+    """Return linear Rec. 709 RGB of an sRGB colour written as "#rrggbb"."""
     channels = [int(code[start : start + 2], 16) / 255 for start in (1, 3, 5)]
     linear = [decode_srgb_value(channel) for channel in channels]
     return (linear[0], linear[1], linear[2])
+
+
+def scaled_color(color: Color, factor: float) -> Color:
+    """Return a linear RGB colour times `factor`."""
+    return (color[0] * factor, color[1] * factor, color[2] * factor)
 
 
 WOODS = ("#c8a06a", "#b98a55", "#d9bb8b", "#8a5a36", "#5b3d2a", "#a06a3c", "#cfae84", "#6f4a30")
@@ -61,32 +66,34 @@ CURTAINS = ("#e6e0d4", "#c9c3b8", "#9aa5a8", "#7d8a78", "#b5895f", "#dcd7cf", "#
 RUGS = ("#a89a86", "#8c3f3a", "#37475a", "#cbbfae", "#6d7a6e", "#b98b54", "#7b7f86", "#d6cdbf")
 METALS = (("#c9c7c2", 0.3), ("#2b2a29", 0.45), ("#c5a35c", 0.28), ("#8f7a66", 0.4))
 
-CHROME = Material("metal", tone("#dcdde0"), roughness=0.08)
-STEEL = Material("metal", tone("#bcbdbd"), roughness=0.32)
-IRON = Material("metal", tone("#4a4a4b"), roughness=0.5)
-BRASS = Material("metal", tone("#d0a85e"), roughness=0.25)
+CHROME = Material("metal", hex_color("#dcdde0"), roughness=0.08)
+STEEL = Material("metal", hex_color("#bcbdbd"), roughness=0.32)
+IRON = Material("metal", hex_color("#4a4a4b"), roughness=0.5)
+BRASS = Material("metal", hex_color("#d0a85e"), roughness=0.25)
 GLASS = Material("glass", (0.95, 0.97, 0.96), roughness=0.0)
 MIRROR = Material("mirror", (0.92, 0.92, 0.92), roughness=0.0)
-CERAMIC = Material("ceramic", tone("#efeeea"), roughness=0.12)
-WHITE_PLASTIC = Material("plastic", tone("#e9e8e4"), roughness=0.35)
-BLACK_PLASTIC = Material("plastic", tone("#1d1e20"), roughness=0.4)
-SCREEN = Material("plastic", tone("#0b0c0e"), roughness=0.12)
-RUBBER = Material("plastic", tone("#26262a"), roughness=0.7)
-WHITE_PAINT = Material("paint", tone("#ece9e2"), roughness=0.4)
-PAGES = Material("paper", tone("#e8dfc9"), roughness=0.9)
-SOIL = Material("soil", tone("#3a2a1e"), roughness=0.95)
-TERRACOTTA = Material("ceramic", tone("#b4683f"), roughness=0.6)
-WICKER = Material("fabric", tone("#b08a58"), roughness=0.85, accent=tone("#7d5c36"), scale=6.0)
+CERAMIC = Material("ceramic", hex_color("#efeeea"), roughness=0.12)
+WHITE_PLASTIC = Material("plastic", hex_color("#e9e8e4"), roughness=0.35)
+BLACK_PLASTIC = Material("plastic", hex_color("#1d1e20"), roughness=0.4)
+SCREEN = Material("plastic", hex_color("#0b0c0e"), roughness=0.12)
+RUBBER = Material("plastic", hex_color("#26262a"), roughness=0.7)
+WHITE_PAINT = Material("paint", hex_color("#ece9e2"), roughness=0.4)
+PAGES = Material("paper", hex_color("#e8dfc9"), roughness=0.9)
+SOIL = Material("soil", hex_color("#3a2a1e"), roughness=0.95)
+TERRACOTTA = Material("ceramic", hex_color("#b4683f"), roughness=0.6)
+WICKER = Material(
+    "fabric", hex_color("#b08a58"), roughness=0.85, accent=hex_color("#7d5c36"), scale=6.0
+)
 
 
 @dataclass(frozen=True)
 class Style:
-    """What the furniture of one home has in common."""
+    """Materials and shapes that the furniture of one home shares."""
 
     wood: Material
     dark_wood: Material
-    lacquer: Material  # cabinets that are painted
-    cabinet: Material  # the finish of most cabinets: wood or lacquer
+    lacquer: Material  # of painted cabinets
+    cabinet: Material  # of most cabinets: wood or lacquer
     kitchen: Material
     worktop: Material
     metal: Material  # handles, lamp stems, chair frames
@@ -99,7 +106,7 @@ class Style:
     rug: Material
     towel: Material
     shade: Material
-    accents: tuple[Material, ...]  # painted or glazed small things
+    accents: tuple[Material, ...]  # of small painted or glazed objects
     books: tuple[Material, ...]
     front: Literal["flat", "framed"]
     handle: Literal["bar", "knob", "edge"]
@@ -108,47 +115,46 @@ class Style:
     kelvin: float  # of the home's lamps
 
     def picture(self, rng: np.random.Generator) -> Material:
-        """Another picture each time."""
-        return Material("picture", tone("#9a938a"), 0.6, variant=int(rng.integers(1 << 30)))
+        """Draw the material of an abstract picture."""
+        return Material("picture", hex_color("#9a938a"), 0.6, variant=int(rng.integers(1 << 30)))
 
 
 def make_style(rng: np.random.Generator) -> Style:
-    """A style drawn from `rng`."""
+    """Draw a style."""
 
     def pick(codes: tuple[str, ...]) -> Color:
-        return tone(codes[int(rng.integers(len(codes)))])
+        return hex_color(codes[int(rng.integers(len(codes)))])
 
     def variant() -> int:
         return int(rng.integers(1 << 30))
-
-    def dimmed(color: Color, factor: float) -> Color:
-        return (color[0] * factor, color[1] * factor, color[2] * factor)
 
     wood_color = pick(WOODS)
     wood = Material(
         "wood",
         wood_color,
         roughness=float(rng.uniform(0.35, 0.55)),
-        accent=dimmed(wood_color, 0.55),
+        accent=scaled_color(wood_color, 0.55),
         variant=variant(),
     )
-    dark = tone(("#5b3d2a", "#3f2c20", "#6f4a30", "#4a3a2e")[int(rng.integers(4))])
-    dark_wood = replace(wood, color=dark, accent=dimmed(dark, 0.5), variant=variant())
+    dark = hex_color(("#5b3d2a", "#3f2c20", "#6f4a30", "#4a3a2e")[int(rng.integers(4))])
+    dark_wood = replace(wood, color=dark, accent=scaled_color(dark, 0.5), variant=variant())
     lacquer = Material("paint", pick(LACQUERS), roughness=float(rng.uniform(0.3, 0.5)))
     kitchen: Material = Material("paint", pick(KITCHENS), roughness=float(rng.uniform(0.25, 0.5)))
     if rng.random() < 0.25:
         kitchen = replace(wood, variant=variant())
     stone = pick(STONES)
     worktop = (
-        Material("stone", stone, 0.3, accent=dimmed(stone, 0.6), variant=variant())
+        Material("stone", stone, 0.3, accent=scaled_color(stone, 0.6), variant=variant())
         if rng.random() < 0.65
-        else replace(wood, color=tone("#b98a55"), accent=tone("#8a6238"), variant=variant())
+        else replace(
+            wood, color=hex_color("#b98a55"), accent=hex_color("#8a6238"), variant=variant()
+        )
     )
     metal_code, metal_roughness = METALS[int(rng.integers(len(METALS)))]
 
     def cloth(codes: tuple[str, ...], scale: float = 1.0) -> Material:
         color = pick(codes)
-        return Material("fabric", color, 0.9, dimmed(color, 0.7), scale, variant())
+        return Material("fabric", color, 0.9, scaled_color(color, 0.7), scale, variant())
 
     upholstery = (
         Material("leather", pick(("#5a3a26", "#2a2725", "#8a5a3a", "#b59a7c")), 0.45)
@@ -169,21 +175,21 @@ def make_style(rng: np.random.Generator) -> Style:
         cabinet=wood if rng.random() < 0.6 else lacquer,
         kitchen=kitchen,
         worktop=worktop,
-        metal=Material("metal", tone(metal_code), roughness=metal_roughness),
+        metal=Material("metal", hex_color(metal_code), roughness=metal_roughness),
         upholstery=upholstery,
         second_upholstery=cloth(UPHOLSTERY if rng.random() < 0.7 else ACCENTS),
         cushions=tuple(
-            Material("fabric", tone(code), 0.9, tone("#d9d2c4"), 1.5, variant())
+            Material("fabric", hex_color(code), 0.9, hex_color("#d9d2c4"), 1.5, variant())
             for code in accents[:3]
         ),
         bedding=cloth(BEDDINGS),
-        throw=Material("fabric", tone(accents[3]), 0.95, variant=variant(), scale=2.0),
+        throw=Material("fabric", hex_color(accents[3]), 0.95, variant=variant(), scale=2.0),
         curtain=translucent,
         rug=Material("carpet", rug, 0.95, accent=pick(RUGS), variant=variant()),
-        towel=Material("fabric", tone(accents[4]), 0.95, variant=variant(), scale=1.5),
+        towel=Material("fabric", hex_color(accents[4]), 0.95, variant=variant(), scale=1.5),
         shade=Material("paper", pick(("#efe6d4", "#e7dcc6", "#f2efe8", "#d8cdb8")), 0.9),
-        accents=tuple(Material("ceramic", tone(code), 0.3) for code in accents[:5]),
-        books=tuple(Material("paint", tone(code), 0.55) for code in books),
+        accents=tuple(Material("ceramic", hex_color(code), 0.3) for code in accents[:5]),
+        books=tuple(Material("paint", hex_color(code), 0.55) for code in books),
         front="flat" if rng.random() < 0.6 else "framed",
         handle=("bar", "knob", "edge")[int(rng.integers(3))],
         legs=("square", "tapered", "round", "metal")[int(rng.integers(4))],

@@ -16,12 +16,12 @@ from scenes.procedural.furniture.geometry import (
     superellipse,
 )
 from scenes.procedural.furniture.style import GLASS, Style
-from scenes.procedural.piece import Piece
+from scenes.procedural.piece import FurniturePiece
 
 
 def dining_table(
     rng: np.random.Generator, style: Style, width: float | None = None, depth: float | None = None
-) -> Piece:
+) -> FurniturePiece:
     """A rectangular table; `width` along x."""
     width = float(rng.uniform(1.2, 2.0)) if width is None else width
     depth = float(rng.uniform(0.78, 0.95)) if depth is None else depth
@@ -55,7 +55,9 @@ def dining_table(
     return b.piece()
 
 
-def round_table(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+def round_table(
+    rng: np.random.Generator, style: Style, width: float | None = None
+) -> FurniturePiece:
     """A round table on one turned column; `width` is its diameter."""
     radius = (float(rng.uniform(0.9, 1.25)) if width is None else width) / 2
     height = rng.uniform(0.73, 0.77)
@@ -93,7 +95,9 @@ def round_table(rng: np.random.Generator, style: Style, width: float | None = No
     return b.piece()
 
 
-def coffee_table(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+def coffee_table(
+    rng: np.random.Generator, style: Style, width: float | None = None
+) -> FurniturePiece:
     """A low table with a shelf, or with a round or glass top."""
     width = float(rng.uniform(0.8, 1.2)) if width is None else width
     depth, height = rng.uniform(0.5, 0.62), rng.uniform(0.36, 0.45)
@@ -138,7 +142,7 @@ def coffee_table(rng: np.random.Generator, style: Style, width: float | None = N
     return b.piece()
 
 
-def side_table(rng: np.random.Generator, style: Style) -> Piece:
+def side_table(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A small round table beside a seat."""
     radius, height = rng.uniform(0.2, 0.27), rng.uniform(0.46, 0.58)
     b = Builder("side table", "table", "free")
@@ -169,7 +173,7 @@ def side_table(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def desk(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+def desk(rng: np.random.Generator, style: Style, width: float | None = None) -> FurniturePiece:
     """A desk with a pedestal of drawers, one of them sometimes open; one sits at its front."""
     width = float(rng.uniform(1.15, 1.6)) if width is None else width
     depth, height = rng.uniform(0.6, 0.72), rng.uniform(0.72, 0.76)
@@ -198,7 +202,7 @@ def desk(rng: np.random.Generator, style: Style, width: float | None = None) -> 
             inner,
             float(rng.uniform(0.06, 0.18)) if k == pulled else 0.0,
         )
-    b.take(parts, x=x)
+    b.add_from(parts, x=x)
     frame = leg_material(style, wood)
     size = 0.05
     for sy in (-1, 1):
@@ -216,7 +220,9 @@ def desk(rng: np.random.Generator, style: Style, width: float | None = None) -> 
     return b.piece()
 
 
-def console_table(rng: np.random.Generator, style: Style, width: float | None = None) -> Piece:
+def console_table(
+    rng: np.random.Generator, style: Style, width: float | None = None
+) -> FurniturePiece:
     """A narrow table for the hall, with a lower shelf."""
     width = float(rng.uniform(0.8, 1.2)) if width is None else width
     depth, height = rng.uniform(0.3, 0.36), rng.uniform(0.76, 0.84)

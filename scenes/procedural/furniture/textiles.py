@@ -19,12 +19,12 @@ from scenes.procedural.furniture.geometry import (
     tube,
 )
 from scenes.procedural.furniture.style import Style
-from scenes.procedural.piece import Piece
+from scenes.procedural.piece import FurniturePiece
 
 
 def curtains(
     rng: np.random.Generator, style: Style, width: float = 1.4, height: float = 2.3
-) -> Piece:
+) -> FurniturePiece:
     """A pair of pleated curtains drawn aside, on a rod.
 
     `width` metres of the window to flank, `height` of the rod above the floor. The origin is on
@@ -77,7 +77,7 @@ def curtains(
 
 def rug(
     rng: np.random.Generator, style: Style, width: float | None = None, depth: float | None = None
-) -> Piece:
+) -> FurniturePiece:
     """A rug with a border and fringes at its short ends, or a round one."""
     width = float(rng.uniform(1.6, 2.4)) if width is None else width
     depth = float(rng.uniform(1.1, 1.7)) if depth is None else depth
@@ -118,7 +118,7 @@ def rug(
     return b.piece()
 
 
-def cushion(rng: np.random.Generator, style: Style) -> Piece:
+def cushion(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A loose cushion, lying."""
     size = float(rng.uniform(0.38, 0.5))
     b = Builder("cushion", "cushion", "on_top")
@@ -127,7 +127,7 @@ def cushion(rng: np.random.Generator, style: Style) -> Piece:
     return b.piece()
 
 
-def folded_blanket(rng: np.random.Generator, style: Style) -> Piece:
+def folded_blanket(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A blanket, folded to a stack of layers."""
     b = Builder("folded blanket", "textile", "on_top")
     width, depth = float(rng.uniform(0.32, 0.42)), float(rng.uniform(0.26, 0.34))
@@ -145,5 +145,5 @@ def folded_blanket(rng: np.random.Generator, style: Style) -> Piece:
         z += 0.031
     low = min(float(part.vertices[:, 2].min()) for part in b.piece().parts)
     lifted = Builder("folded blanket", "textile", "on_top")
-    lifted.take(b, z=-low)
+    lifted.add_from(b, z=-low)
     return lifted.piece()

@@ -16,7 +16,7 @@ from PIL import Image
 
 from scenes.arrays import Float64Array
 from scenes.assets import preview
-from scenes.assets.free_space import Level, covering_boxes, levels_of
+from scenes.assets.free_space import SupportSurface, covering_boxes, support_surfaces
 from scenes.assets.index import PREVIEW, Asset, AssetPart, Checks, Point3, Provenance, save_asset
 from scenes.assets.piece import CataloguePiece
 from scenes.color import REC709, encode_srgb
@@ -103,7 +103,7 @@ def _draw(folder: Path, asset: Asset) -> None:
             texture = np.asarray(small)
         linear = np.array(part.color)
         parts.append((read_ply(folder / part.mesh), encode_srgb(linear), texture))
-    Image.fromarray(preview.draw(parts)).save(folder / PREVIEW, compress_level=6)
+    Image.fromarray(preview.draw_preview(parts)).save(folder / PREVIEW, compress_level=6)
 
 
 def _model(archive: HomeArchive, piece: CataloguePiece, changes: Changes) -> Model:
@@ -287,11 +287,11 @@ class _Images:
         return f"{name}.png", alpha
 
 
-def _levels(piece: CataloguePiece, corners: Float64Array) -> tuple[Level, ...]:
+def _levels(piece: CataloguePiece, corners: Float64Array) -> tuple[SupportSurface, ...]:
     return tuple(
-        Level(*(round(value, 5) for value in (
+        SupportSurface(*(round(value, 5) for value in (
             level.x, level.y, level.z, level.half_x, level.half_y, level.headroom)))
-        for level in levels_of(corners, piece.drop)
+        for level in support_surfaces(corners, piece.drop)
     )  # fmt: skip
 
 

@@ -10,9 +10,9 @@ import pytest
 import shapely
 import trimesh
 
-from scenes.procedural.furniture import catalogue, make_style
+from scenes.procedural.furniture import FURNITURE_KINDS, make_style
 from scenes.procedural.furniture.geometry import (
-    Mesh,
+    BodyMesh,
     box,
     cylinder,
     lathe,
@@ -26,11 +26,11 @@ from scenes.procedural.furniture.geometry import (
     thick_sheet,
     tube,
 )
-from scenes.procedural.piece import Part, Piece
+from scenes.procedural.piece import FurniturePiece, PiecePart
 from scenes.seeds import generator
 
 SEEDS = range(20)
-KINDS = sorted(catalogue)
+KINDS = sorted(FURNITURE_KINDS)
 SHEETS = ("curtain", "leaves")  # seen from both sides, not closed
 BUDGET = 15_000
 FLOOR = ("wall", "corner", "centre", "free", "on_top")
@@ -113,13 +113,13 @@ SIZES = {
 
 
 @cache
-def piece(kind: str, seed: int) -> Piece:
+def piece(kind: str, seed: int) -> FurniturePiece:
     """One piece of each kind and seed for all tests."""
     style = make_style(generator(seed, "style"))
-    return catalogue[kind].make(generator(seed, kind), style)
+    return FURNITURE_KINDS[kind].make(generator(seed, kind), style)
 
 
-def corners(part: Part) -> np.ndarray:
+def corners(part: PiecePart) -> np.ndarray:
     return part.vertices[part.faces]
 
 
@@ -184,15 +184,15 @@ def hits(origins: np.ndarray, directions: np.ndarray, triangles: np.ndarray) -> 
     return nearest
 
 
-def all_triangles(thing: Piece) -> np.ndarray:
+def all_triangles(thing: FurniturePiece) -> np.ndarray:
     return np.concatenate([corners(part) for part in thing.parts])
 
 
 def test_the_catalogue_has_kinds_for_every_room() -> None:
-    assert len(catalogue) >= 32
+    assert len(FURNITURE_KINDS) >= 32
     for room in ("living", "bedroom", "kitchen", "bathroom", "study", "dining", "other"):
-        assert sum(room in kind.rooms for kind in catalogue.values()) >= 6, room
-    assert set(SIZES) == set(catalogue)
+        assert sum(room in kind.rooms for kind in FURNITURE_KINDS.values()) >= 6, room
+    assert set(SIZES) == set(FURNITURE_KINDS)
 
 
 SQUARE = np.stack(np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 2, 7), [0.3], indexing="ij"), -1)
@@ -230,7 +230,7 @@ def test_bodies_are_closed_and_have_their_volume(name: str) -> None:
     assert areas(corners_of(mesh)).min() > 1e-12
 
 
-def corners_of(mesh: Mesh) -> np.ndarray:
+def corners_of(mesh: BodyMesh) -> np.ndarray:
     return mesh.vertices[mesh.faces]
 
 
@@ -264,7 +264,9 @@ def test_wood_grain_runs_along_the_board() -> None:
 
 def test_normals_hide_the_seam_of_a_cylinder_and_keep_its_edge() -> None:
     mesh = cylinder(1, 0, 1, 24)
-    part = Part("can", mesh.vertices, mesh.faces, mesh.uvs, make_style(generator(0)).wood, True)
+    part = PiecePart(
+        "can", mesh.vertices, mesh.faces, mesh.uvs, make_style(generator(0)).wood, True
+    )
     radial = np.column_stack([mesh.vertices[:, :2], np.zeros(len(mesh.vertices))])
     radial /= np.maximum(np.linalg.norm(radial, axis=1, keepdims=True), 1e-12)
     upright = np.abs(part.normals[:, 2]) > 0.999
@@ -364,7 +366,7 @@ def test_sizes_are_those_of_real_things(kind: str) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_equal_seeds_make_equal_pieces_and_others_differ(kind: str) -> None:
     style = make_style(generator(3, "style"))
-    first, again = (catalogue[kind].make(generator(3, kind), style) for _ in range(2))
+    first, again = (FURNITURE_KINDS[kind].make(generator(3, kind), style) for _ in range(2))
     assert first.name == again.name and first.surfaces == again.surfaces
     assert [p.material for p in first.parts] == [p.material for p in again.parts]
     for one, other in zip(first.parts, again.parts, strict=True):
@@ -406,7 +408,7 @@ def test_tables_and_cupboards_offer_surfaces() -> None:
         assert piece(kind, 0).surfaces, kind
 
 
-@pytest.mark.parametrize("kind", [k for k in KINDS if catalogue[k].category == "lamp"])
+@pytest.mark.parametrize("kind", [k for k in KINDS if FURNITURE_KINDS[k].category == "lamp"])
 def test_lamps_shine_out_of_themselves(kind: str) -> None:
     for seed in list(SEEDS)[:8]:
         thing = piece(kind, seed)
@@ -431,7 +433,7 @@ def test_lamps_shine_out_of_themselves(kind: str) -> None:
 def test_only_lamps_and_the_hood_emit() -> None:
     for kind in KINDS:
         emits = any(part.lumens > 0 for part in piece(kind, 0).parts)
-        assert emits == (catalogue[kind].category == "lamp" or kind == "extractor_hood"), kind
+        assert emits == (FURNITURE_KINDS[kind].category == "lamp" or kind == "extractor_hood"), kind
 
 
 @pytest.mark.parametrize(
@@ -461,7 +463,7 @@ def test_backs_are_at_the_back(kind: str) -> None:
 def test_sizes_asked_for_are_kept(kind: str, options: dict[str, float]) -> None:
     style = make_style(generator(1, "style"))
     for seed in SEEDS:
-        made = catalogue[kind].make(generator(seed, kind), style, **options)
+        made = FURNITURE_KINDS[kind].make(generator(seed, kind), style, **options)
         extent = made.bounds[1] - made.bounds[0]
         # Doors ajar, fringes and a top's overhang may stick out a little, never stay inside.
         assert -0.01 < extent[0] - options["width"] < 0.12, (seed, extent)
@@ -470,7 +472,7 @@ def test_sizes_asked_for_are_kept(kind: str, options: dict[str, float]) -> None:
 def test_curtains_hang_beside_the_window_from_rod_to_floor() -> None:
     style = make_style(generator(0, "style"))
     for width in (0.8, 1.4, 2.4):
-        made = catalogue["curtains"].make(generator(0, width), style, width=width, height=2.2)
+        made = FURNITURE_KINDS["curtains"].make(generator(0, width), style, width=width, height=2.2)
         cloth = np.concatenate([p.vertices for p in made.parts if p.name.startswith("curtain")])
         assert 0.005 < cloth[:, 2].min() < 0.03 and cloth[:, 2].max() == pytest.approx(2.165)
         assert np.abs(cloth[:, 0]).max() > width / 2  # covers the edge of the opening
@@ -481,7 +483,7 @@ def test_kitchen_units_of_one_home_line_up() -> None:
     style = make_style(generator(5, "style"))
     tops = set()
     for kind in ("base_cupboard", "drawer_unit", "sink_unit", "hob_unit"):
-        made = catalogue[kind].make(generator(5, kind), style, width=0.6)
+        made = FURNITURE_KINDS[kind].make(generator(5, kind), style, width=0.6)
         (top,) = (part for part in made.parts if part.name == "worktop")
         bounds = np.round([top.vertices.min(axis=0), top.vertices.max(axis=0)], 9)
         tops.add(bounds.tobytes())

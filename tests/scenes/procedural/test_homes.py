@@ -32,10 +32,10 @@ from scenes.photometry import LUMEN
 from scenes.procedural.furnishing.placement import furnish
 from scenes.procedural.furniture import make_style
 from scenes.procedural.home import make_home
-from scenes.procedural.lighting import emitter
-from scenes.procedural.materials import WHITEST, texture_image
+from scenes.procedural.lighting import area_emitter
+from scenes.procedural.materials import MAX_REFLECTANCE, texture_image
 from scenes.procedural.patterns import pattern
-from scenes.procedural.piece import Material, Part
+from scenes.procedural.piece import Material, PiecePart
 from scenes.procedural.plan import SIZES, Plan, make_plan
 from scenes.seeds import generator
 from tests.fixtures.geometry import hits
@@ -378,7 +378,7 @@ def _crosses(
 
 def test_lamps_emit_their_lumens(homes: list[Home]) -> None:
     # A disc of 2 m^2 facing up: flux = pi x area x radiance, Rec. 709 luminance of it the lumens.
-    part = Part(
+    part = PiecePart(
         "disc",
         np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0.0]]),
         np.array([[0, 1, 2], [0, 2, 3]]),
@@ -387,7 +387,7 @@ def test_lamps_emit_their_lumens(homes: list[Home]) -> None:
         lumens=1500.0,
         kelvin=3000.0,
     )
-    found = re.search(r'radiance" value="([^"]+)"', emitter(part))
+    found = re.search(r'radiance" value="([^"]+)"', area_emitter(part))
     assert found is not None
     radiance = np.array([float(word) for word in found.group(1).split()])
     flux = math.pi * 2.0 * float(radiance @ [0.2126, 0.7152, 0.0722])
@@ -625,7 +625,7 @@ def test_a_texture_reflects_its_material_on_average(kind: str) -> None:
         linear = decode_srgb(texture_image(material, 128) / 255.0)
         assert linear.mean(axis=(0, 1)) == pytest.approx([0.45, 0.3, 0.2], rel=0.03)
         white = Material(kind, (1.0, 1.0, 1.0), variant=variant)
-        assert decode_srgb(texture_image(white, 64) / 255.0).mean() < WHITEST + 0.02
+        assert decode_srgb(texture_image(white, 64) / 255.0).mean() < MAX_REFLECTANCE + 0.02
 
 
 @pytest.mark.parametrize("kind", ["wood", "planks", "tiles", "fabric", "plaster", "stone", "brick"])

@@ -21,7 +21,7 @@ from pipeline.params import FarmParams, Params
 from pipeline.stages import assets as stage
 from pipeline.stages.assets import INSTALLED, run_assets
 from pipeline.stages.scenes import run_scenes
-from scenes.assets.free_space import covering_boxes, diced, levels_of
+from scenes.assets.free_space import covering_boxes, subdivide_triangles, support_surfaces
 from scenes.assets.index import Asset, Provenance, load_asset, load_index
 from scenes.assets.piece import CataloguePiece
 from scenes.contract import Room, Scene, SceneObject, load_scene, scene_folders
@@ -31,7 +31,7 @@ from scenes.formats.ply import read_ply, write_ply
 from scenes.geometry.mesh import Mesh
 from scenes.params import AssetParams, SceneParams
 from scenes.photometry import blackbody, color_temperature
-from scenes.procedural.furnishing.asset_sampler import open_stock
+from scenes.procedural.furnishing.asset_sampler import load_kind_index
 from scenes.procedural.home import make_home
 from scenes.sweethome.catalogue.convert import convert
 from scenes.sweethome.catalogue.library import UnusablePiece, read_library
@@ -278,7 +278,7 @@ def test_things_stand_on_boards_at_the_boards_heights(converted: Path) -> None:
 def test_boxes_hold_the_piece_and_leave_the_room_below_a_table(converted: Path) -> None:
     asset = _asset(converted, "Table")
     corners = np.concatenate([mesh.corners for mesh in _meshes(converted, "Table")])
-    small, _ = diced(corners, 0.01)
+    small, _ = subdivide_triangles(corners, 0.01)
     boxes = np.array(asset.boxes)
     inside = (
         (small.reshape(-1, 1, 3) > boxes[:, 0] - 1e-4)
@@ -293,7 +293,7 @@ def test_boxes_hold_the_piece_and_leave_the_room_below_a_table(converted: Path) 
 
 def test_dicing_keeps_the_surface_and_bounds_the_size() -> None:
     corners = _corners([((0, 0, 0), (2.0, 0.01, 0.3))])
-    small, owner = diced(corners, 0.05)
+    small, owner = subdivide_triangles(corners, 0.05)
     assert np.ptp(small, axis=1).max() <= 0.05
     area = 0.5 * np.linalg.norm(
         np.cross(small[:, 1] - small[:, 0], small[:, 2] - small[:, 0]), axis=1
@@ -307,13 +307,13 @@ def test_dicing_keeps_the_surface_and_bounds_the_size() -> None:
 
 def test_levels_need_width_and_headroom() -> None:
     narrow = _corners([((0, 0, 0), (1.0, 0.05, 0.5))])
-    assert levels_of(narrow, 0.5) == ()
+    assert support_surfaces(narrow, 0.5) == ()
     low_roof = _corners([((0, 0, 0), (1.0, 0.5, 0.5)), ((0, 0, 0.56), (1.0, 0.5, 0.6))])
-    assert [level.z for level in levels_of(low_roof, 0.6)] == pytest.approx([0.6], abs=1e-6)
-    assert levels_of(low_roof, None) == ()
+    assert [level.z for level in support_surfaces(low_roof, 0.6)] == pytest.approx([0.6], abs=1e-6)
+    assert support_surfaces(low_roof, None) == ()
     # What is inside a closed box carries nothing that one would see.
     shut = _corners([((0, 0, 0), (1.0, 0.5, 0.8)), ((0.02, 0.02, 0.38), (0.98, 0.48, 0.4))])
-    assert [level.z for level in levels_of(shut, 0.8)] == pytest.approx([0.8], abs=1e-6)
+    assert [level.z for level in support_surfaces(shut, 0.8)] == pytest.approx([0.8], abs=1e-6)
     assert len(covering_boxes(low_roof)) >= 1
 
 
@@ -434,7 +434,7 @@ def test_without_a_share_homes_stay_as_they_are(converted: Path, tmp_path: Path)
 
 def test_homes_use_and_credit_the_catalogue(converted: Path, tmp_path: Path) -> None:
     assets = converted / "assets"
-    kinds = open_stock(assets).kinds
+    kinds = load_kind_index(assets).kinds
     assert {piece.name for piece in kinds["dining_chair"]} == {
         "Chair",
         "Turned chair",

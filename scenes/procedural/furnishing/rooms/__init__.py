@@ -1,1 +1,1 @@
-"""What goes into a room of each kind, and where: a module a kind, others for shared groups."""
+"""Furnishing rules: one module per room type, and modules for furniture groups they share."""

@@ -1,4 +1,4 @@
-"""Living rooms: a seating group, shelves, lamps, plants."""
+"""Living rooms: seating group, shelves, lamps, plants."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from scenes.procedural.furnishing.rooms.seats import (
 from scenes.procedural.furnishing.rooms.tables import place_dining_group
 
 
-def furnish_living(maker: Furnisher) -> None:
-    """All of a living room, in order."""
-    sofa = place_seating(maker)
-    if maker.area > 19 and "dining" not in {room.type for room in maker.plan.rooms}:
-        place_dining_group(maker, small=True)
+def furnish_living(furnisher: Furnisher) -> None:
+    """Furnish a living room."""
+    sofa = place_seating(furnisher)
+    if furnisher.area > 19 and "dining" not in {room.type for room in furnisher.plan.rooms}:
+        place_dining_group(furnisher, small=True)
     for kind, probability in (("bookshelf", 0.8), ("sideboard", 0.45), ("console_table", 0.25)):
-        if maker.chance(probability):
-            maker.along_wall(kind)
-    if sofa is None or maker.chance(0.5):
-        place_armchair(maker, sofa)
-    if maker.chance(0.8):
-        maker.space.in_corner(maker.rng, "floor_lamp", maker.make("floor_lamp"))
-    for _ in range(int(maker.rng.integers(1, 3))):
-        maker.put_plant()
-    if maker.area > 20 and maker.chance(0.4):
-        maker.along_wall("bookshelf")
-    place_second_seats(maker)
-    if maker.chance(0.3):
-        maker.space.anywhere(maker.rng, "pouf", maker.make("pouf"))
-    maker.hang_pictures(int(maker.rng.integers(1, 4)))
-    if maker.chance(0.4):
-        maker.hang("wall_shelf")
-    if maker.chance(0.3):
-        maker.hang("wall_clock")
-    if maker.chance(0.25):
-        maker.hang("wall_lamp")
+        if furnisher.chance(probability):
+            furnisher.along_wall(kind)
+    if sofa is None or furnisher.chance(0.5):
+        place_armchair(furnisher, sofa)
+    if furnisher.chance(0.8):
+        furnisher.space.in_corner(furnisher.rng, "floor_lamp", furnisher.make("floor_lamp"))
+    for _ in range(int(furnisher.rng.integers(1, 3))):
+        furnisher.put_plant()
+    if furnisher.area > 20 and furnisher.chance(0.4):
+        furnisher.along_wall("bookshelf")
+    place_second_seats(furnisher)
+    if furnisher.chance(0.3):
+        furnisher.space.anywhere(furnisher.rng, "pouf", furnisher.make("pouf"))
+    furnisher.hang_pictures(int(furnisher.rng.integers(1, 4)))
+    if furnisher.chance(0.4):
+        furnisher.hang("wall_shelf")
+    if furnisher.chance(0.3):
+        furnisher.hang("wall_clock")
+    if furnisher.chance(0.25):
+        furnisher.hang("wall_lamp")

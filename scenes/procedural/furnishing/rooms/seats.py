@@ -1,37 +1,39 @@
-"""Sofas, armchairs and what stands about them."""
+"""Seating groups: sofas and armchairs with tables, rugs and televisions."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from scenes.procedural.furnishing.furnisher import Furnisher, Point
-from scenes.procedural.furnishing.space import Item, facing
-from scenes.procedural.piece import Piece
+from scenes.procedural.furnishing.space import PlacedPiece, yaw_facing
+from scenes.procedural.piece import FurniturePiece
 from scenes.procedural.plan import WallEdge
 from scenes.procedural.scene_item import Pose
 
 
-def place_seating(maker: Furnisher) -> Item | None:
-    """Sofa against a wall, coffee table on a rug before it, television opposite."""
-    rng, space = maker.rng, maker.space
+def place_seating(furnisher: Furnisher) -> PlacedPiece | None:
+    """Place a sofa against a wall, a coffee table in front of it, a television opposite."""
+    rng, space = furnisher.rng, furnisher.space
     for attempt in range(3):
-        sofa_piece = maker.make("sofa") if attempt < 2 else maker.make("sofa", width=1.6)
-        table_piece = maker.make("coffee_table")
-        stand_piece = maker.make("tv_stand")
+        sofa_piece = furnisher.make("sofa") if attempt < 2 else furnisher.make("sofa", width=1.6)
+        table_piece = furnisher.make("coffee_table")
+        stand_piece = furnisher.make("tv_stand")
         for need_tv in (True, False):
             places = space.along_walls(rng, sofa_piece, where="middle", step=0.25)
             for edge, s in places[:40]:
-                sofa = _try_seating(maker, edge, s, sofa_piece, table_piece, stand_piece, need_tv)
+                sofa = _try_seating(
+                    furnisher, edge, s, sofa_piece, table_piece, stand_piece, need_tv
+                )
                 if sofa is not None:
-                    _stand_beside(maker, sofa)
+                    _stand_beside(furnisher, sofa)
                     return sofa
-    return _place_island(maker)
+    return _place_island(furnisher)
 
 
-def _place_island(maker: Furnisher) -> Item | None:
-    """Sofa, low table and armchair in the middle, where doors leave no wall for them."""
-    rng, space = maker.rng, maker.space
-    sofa_piece, table = maker.make("sofa", width=1.7), maker.make("coffee_table")
+def _place_island(furnisher: Furnisher) -> PlacedPiece | None:
+    """Place sofa, coffee table and armchair in mid-room, for rooms without a free wall."""
+    rng, space = furnisher.rng, furnisher.space
+    sofa_piece, table = furnisher.make("sofa", width=1.7), furnisher.make("coffee_table")
     for attempt in range(40):
         x, y = space.open_middle() + rng.normal(0, 0.1 + 0.03 * attempt, 2)
         pose = Pose(float(x), float(y), 0.0, 90.0 * int(rng.integers(4)))
@@ -40,23 +42,23 @@ def _place_island(maker: Furnisher) -> Item | None:
             continue
         ahead = float(-sofa_piece.bounds[0, 1]) + 0.4 + 0.5 * float(np.ptp(table.bounds[:, 1]))
         at = sofa.pose.apply(np.array([[0.0, -ahead, 0.0]]))[0]
-        low = Pose(float(at[0]), float(at[1]), 0.0, pose.turn)
+        low = Pose(float(at[0]), float(at[1]), 0.0, pose.yaw)
         space.try_place("coffee_table", table, low, allow=(sofa.id,), zone=False)
-        place_armchair(maker, sofa)
+        place_armchair(furnisher, sofa)
         return sofa
     return None
 
 
 def _try_seating(
-    maker: Furnisher,
+    furnisher: Furnisher,
     edge: WallEdge,
     s: float,
-    sofa: Piece,
-    table: Piece,
-    stand: Piece,
+    sofa: FurniturePiece,
+    table: FurniturePiece,
+    stand: FurniturePiece,
     need_tv: bool,
-) -> Item | None:
-    rng, space = maker.rng, maker.space
+) -> PlacedPiece | None:
+    rng, space = furnisher.rng, furnisher.space
     pose = space.wall_pose(sofa, edge, s)
     if not space.fits(sofa, pose):
         return None
@@ -73,9 +75,10 @@ def _try_seating(
         return None
     sofa_front = float(-sofa.bounds[0, 1])
     table_deep = float(np.ptp(table.bounds[:, 1]))
-    reach = sofa_front + 0.4 + table_deep / 2
-    spot = centre + reach * ahead
-    rug_top = _lay_rug_before(maker, edge, centre + (sofa_front + 0.08) * ahead, sofa, table_deep)
+    table_centre = centre + (sofa_front + 0.4 + table_deep / 2) * ahead
+    rug_top = _lay_rug_before(
+        furnisher, edge, centre + (sofa_front + 0.08) * ahead, sofa, table_deep
+    )
     kept_sofa = space.try_place("sofa", sofa, pose)
     if kept_sofa is None:
         if rug_top > 0:
@@ -83,8 +86,8 @@ def _try_seating(
         return None
     aside = np.array(edge.along)
     for shift in (0.0, 0.2, -0.2, 0.4, -0.4):
-        x, y = spot + shift * aside
-        table_pose = Pose(float(x), float(y), rug_top, pose.turn)
+        x, y = table_centre + shift * aside
+        table_pose = Pose(float(x), float(y), rug_top, pose.yaw)
         if space.try_place("coffee_table", table, table_pose, allow=(kept_sofa.id,), zone=False):
             break
     if stand_pose is not None:
@@ -94,7 +97,7 @@ def _try_seating(
             space.on_top(
                 rng,
                 "television",
-                maker.make("television", width=width),
+                furnisher.make("television", width=width),
                 kept_stand,
                 centre=True,
             )
@@ -102,77 +105,77 @@ def _try_seating(
 
 
 def _lay_rug_before(
-    maker: Furnisher, edge: WallEdge, start: Point, sofa: Piece, table_deep: float
+    furnisher: Furnisher, edge: WallEdge, start: Point, sofa: FurniturePiece, table_deep: float
 ) -> float:
-    """A rug from just before the sofa outwards; returns its thickness, 0 if there is none."""
-    if not maker.chance(0.75):
+    """Lay a rug in front of the sofa; returns its thickness in metres, 0 without a rug."""
+    if not furnisher.chance(0.75):
         return 0.0
-    width = min(float(np.ptp(sofa.bounds[:, 0])) + float(maker.rng.uniform(-0.1, 0.5)), 2.9)
-    depth = table_deep + float(maker.rng.uniform(0.75, 1.05))
-    rug = maker.make("rug", width=width, depth=depth)
+    width = min(float(np.ptp(sofa.bounds[:, 0])) + float(furnisher.rng.uniform(-0.1, 0.5)), 2.9)
+    depth = table_deep + float(furnisher.rng.uniform(0.75, 1.05))
+    rug = furnisher.make("rug", width=width, depth=depth)
     deep = float(np.ptp(rug.bounds[:, 1]))
     at = start + 0.5 * deep * np.array(edge.inward)
-    item = maker.space.try_place(
-        "rug", rug, Pose(float(at[0]), float(at[1]), 0.0, facing(edge.inward)), zone=False
+    item = furnisher.space.try_place(
+        "rug", rug, Pose(float(at[0]), float(at[1]), 0.0, yaw_facing(edge.inward)), zone=False
     )
     return float(rug.bounds[1, 2]) if item else 0.0
 
 
-def _stand_beside(maker: Furnisher, sofa: Item) -> None:
-    rng, space = maker.rng, maker.space
+def _stand_beside(furnisher: Furnisher, sofa: PlacedPiece) -> None:
+    rng, space = furnisher.rng, furnisher.space
     half = 0.5 * float(np.ptp(sofa.piece.bounds[:, 0]))
     for side in rng.permutation([-1, 1]):
-        if not maker.chance(0.7):
+        if not furnisher.chance(0.7):
             continue
-        kind = "side_table" if maker.chance(0.6) else "floor_lamp"
-        piece = maker.make(kind)
+        kind = "side_table" if furnisher.chance(0.6) else "floor_lamp"
+        piece = furnisher.make(kind)
         size = 0.5 * float(np.ptp(piece.bounds[:, 0]))
         local = np.array([[side * (half + size + 0.06), 0.12, 0.0]])
         x, y, _ = sofa.pose.apply(local)[0]
-        item = space.try_place(kind, piece, Pose(float(x), float(y), 0.0, sofa.pose.turn))
-        if item is not None and kind == "side_table" and maker.chance(0.7):
-            space.on_top(rng, "table_lamp", maker.make("table_lamp"), item, centre=True)
-    if maker.chance(0.4):
-        space.on_top(rng, "folded_blanket", maker.make("folded_blanket"), sofa)
+        item = space.try_place(kind, piece, Pose(float(x), float(y), 0.0, sofa.pose.yaw))
+        if item is not None and kind == "side_table" and furnisher.chance(0.7):
+            space.on_top(rng, "table_lamp", furnisher.make("table_lamp"), item, centre=True)
+    if furnisher.chance(0.4):
+        space.on_top(rng, "folded_blanket", furnisher.make("folded_blanket"), sofa)
 
 
-def place_armchair(maker: Furnisher, sofa: Item | None) -> None:
-    """An armchair that turns to the sofa; without one in a corner, perhaps with a small table."""
-    rng, space = maker.rng, maker.space
-    piece = maker.make("armchair")
+def place_armchair(furnisher: Furnisher, sofa: PlacedPiece | None) -> None:
+    """Place an armchair facing the sofa, else near a corner, there sometimes with a side table."""
+    rng, space = furnisher.rng, furnisher.space
+    piece = furnisher.make("armchair")
     if sofa is not None:
         for side in rng.permutation([-1, 1]):
             local = np.array([[side * float(rng.uniform(1.5, 1.9)), -1.45, 0.0]])
             x, y, _ = sofa.pose.apply(local)[0]
-            turn = (sofa.pose.turn + side * -90.0) % 360
-            pose = Pose(float(x), float(y), 0.0, turn)
+            yaw = (sofa.pose.yaw + side * -90.0) % 360
+            pose = Pose(float(x), float(y), 0.0, yaw)
             if space.try_place("armchair", piece, pose, allow=(sofa.id,)):
                 return
     item = space.against_wall(rng, "armchair", piece, where="corner")
-    if item is not None and maker.chance(0.5):
-        table = maker.make("side_table")
+    if item is not None and furnisher.chance(0.5):
+        table = furnisher.make("side_table")
         side = float(rng.choice([-1.0, 1.0]))
         half = 0.5 * float(np.ptp(piece.bounds[:, 0])) + 0.5 * float(np.ptp(table.bounds[:, 0]))
         x, y, _ = item.pose.apply(np.array([[side * (half + 0.05), 0.1, 0.0]]))[0]
-        space.try_place("side_table", table, Pose(float(x), float(y), 0.0, item.pose.turn))
+        space.try_place("side_table", table, Pose(float(x), float(y), 0.0, item.pose.yaw))
 
 
-def place_second_seats(maker: Furnisher) -> None:
-    """Two armchairs about a small table, where the floor is still wide and bare."""
-    rng, space = maker.rng, maker.space
+def place_second_seats(furnisher: Furnisher) -> None:
+    """Place two armchairs at a side table if a large part of the floor is still free."""
+    rng, space = furnisher.rng, furnisher.space
     middle, radius = space.open_circle()
     if radius < 1.2:
         return
-    chair, table = maker.make("armchair"), maker.make("side_table")
-    reach = 0.5 * float(np.ptp(table.bounds[:, 0])) - float(chair.bounds[0, 1]) + 0.12
+    chair, table = furnisher.make("armchair"), furnisher.make("side_table")
+    distance = 0.5 * float(np.ptp(table.bounds[:, 0])) - float(chair.bounds[0, 1]) + 0.12
     for _ in range(12):
         x, y = middle + rng.normal(0, 0.15, 2)
         pose = Pose(float(x), float(y), 0.0, 90.0 * int(rng.integers(4)))
         seat = space.try_place("side_table", table, pose, zone=False)
         if seat is None:
             continue
-        for turn, offset in ((-65.0, reach), (65.0, -reach)):
+        for yaw, offset in ((-65.0, distance), (65.0, -distance)):
             at = seat.pose.apply(np.array([[offset, 0.15, 0.0]]))[0]
-            facing_table = Pose(float(at[0]), float(at[1]), 0.0, (seat.pose.turn + turn) % 360)
+            facing_table = Pose(float(at[0]), float(at[1]), 0.0, (seat.pose.yaw + yaw) % 360)
             space.try_place("armchair", chair, facing_table, allow=(seat.id,), zone=False)
         return

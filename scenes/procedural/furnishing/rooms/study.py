@@ -1,4 +1,4 @@
-"""Studies: a desk, shelves, an armchair."""
+"""Studies: desk, shelves, armchair."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ from scenes.procedural.furnishing.rooms.desks import place_desk
 from scenes.procedural.furnishing.rooms.seats import place_armchair
 
 
-def furnish_study(maker: Furnisher) -> None:
-    """All of a study, in order."""
-    rng, space = maker.rng, maker.space
-    place_desk(maker)
+def furnish_study(furnisher: Furnisher) -> None:
+    """Furnish a study."""
+    rng, space = furnisher.rng, furnisher.space
+    place_desk(furnisher)
     for _ in range(int(rng.integers(1, 4))):
-        maker.along_wall("bookshelf")
-    if maker.chance(0.5):
-        place_armchair(maker, None)
-    if maker.chance(0.3):
-        maker.along_wall("chest_of_drawers")
-    if maker.chance(0.5):
-        space.in_corner(rng, "floor_lamp", maker.make("floor_lamp"))
-    if maker.chance(0.6):
-        maker.put_plant()
+        furnisher.along_wall("bookshelf")
+    if furnisher.chance(0.5):
+        place_armchair(furnisher, None)
+    if furnisher.chance(0.3):
+        furnisher.along_wall("chest_of_drawers")
+    if furnisher.chance(0.5):
+        space.in_corner(rng, "floor_lamp", furnisher.make("floor_lamp"))
+    if furnisher.chance(0.6):
+        furnisher.put_plant()
     for kind, probability in (("waste_bin", 0.7), ("storage_box", 0.4)):
-        if maker.chance(probability):
-            space.in_corner(rng, kind, maker.make(kind)) or space.anywhere(
-                rng, kind, maker.make(kind)
+        if furnisher.chance(probability):
+            space.in_corner(rng, kind, furnisher.make(kind)) or space.anywhere(
+                rng, kind, furnisher.make(kind)
             )
-    maker.lay_rug()
-    maker.hang_pictures(int(rng.integers(1, 3)))
-    if maker.chance(0.5):
-        maker.hang("wall_shelf")
-    if maker.chance(0.4):
-        maker.hang("wall_clock")
+    furnisher.lay_rug()
+    furnisher.hang_pictures(int(rng.integers(1, 3)))
+    if furnisher.chance(0.5):
+        furnisher.hang("wall_shelf")
+    if furnisher.chance(0.4):
+        furnisher.hang("wall_clock")
