@@ -1,4 +1,4 @@
-"""Variants of imported scenes: the same rooms, other finishes in true size, other light."""
+"""Variants of imported scenes: same rooms, new finishes in true size, new lighting."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PARAMS = SceneParams(texture_size=64)
 
 
 def furnished(extra: str = "") -> str:
-    """A bedroom of 4 x 3 m with a bed, a window, a mirror-free cube and two lamps."""
+    """A bedroom of 4 x 3 m with a bed, a window, a cube and two lamps."""
     return draw.usual(
         draw.window(x=200, y=0)
         + draw.piece(name="Bed", model="box", x=300, y=200, width=200, depth=150, height=50)
@@ -44,10 +44,11 @@ def furnished(extra: str = "") -> str:
     )
 
 
-@pytest.fixture
-def base(tmp_path: Path) -> Scene:
-    file = draw.pack(tmp_path / "flat.sh3d", furnished(), {"box": draw.BOX})
-    return import_scene(file, tmp_path / "flat", lamps="on")
+@pytest.fixture(scope="module")
+def base(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    folder = tmp_path_factory.mktemp("variants")
+    file = draw.pack(folder / "flat.sh3d", furnished(), {"box": draw.BOX})
+    return import_scene(file, folder / "flat", lamps="on")
 
 
 def varied(base: Scene, number: int = 1, seed: int = 5, params: SceneParams = PARAMS) -> Scene:
@@ -93,7 +94,7 @@ def test_finishes_lie_in_true_size(base: Scene) -> None:
         area = face_areas(mesh.corners)[0]
         whole = area > 1e-6
         flat_area = np.abs(0.5 * cross)[whole]
-        tile = np.sqrt(area[whole].sum() / flat_area.sum())  # metres that one repeat takes
+        tile = np.sqrt(area[whole].sum() / flat_area.sum())  # metres per texture period
         assert flat_area * tile**2 == pytest.approx(area[whole], rel=1e-3, abs=1e-6)
         kind = made.source["finishes"]["shapes"][name]
         tiles.setdefault(kind, set()).add(round(float(tile), 3))
@@ -163,7 +164,7 @@ def test_a_scene_without_lamps_has_no_night(tmp_path: Path) -> None:
 
 
 def test_points_and_spots_are_lamps_too(tmp_path: Path) -> None:
-    """By day they are out where there is a window, at night lit in the colour of the variant."""
+    """By day they are off in rooms with a window; at night they have the variant's colour."""
     emitters = (
         '<emitter type="point"><point name="position" x="1" y="1" z="2"/>'
         '<rgb name="intensity" value="4, 4, 4"/></emitter>'
@@ -195,7 +196,7 @@ def test_points_and_spots_are_lamps_too(tmp_path: Path) -> None:
 
 
 def windowed_room(path: Path, emitters: str) -> Path:
-    """A closed room of 4 x 3 x 2.5 m, its north wall around a hole of 1 x 1 m."""
+    """A closed room of 4 x 3 x 2.5 m with a hole of 1 x 1 m in its north wall."""
     corners = [(x, y, z) for x in (0, 4) for y in (0, 3) for z in (0, 2.5)]
     hole = [(1, 3, 1), (2, 3, 1), (2, 3, 2), (1, 3, 2)]
     faces = [(0, 2, 6, 4), (1, 5, 7, 3), (0, 4, 5, 1), (0, 1, 3, 2), (4, 6, 7, 5),
