@@ -31,9 +31,9 @@ from pipeline.render.scene import open_scene, set_variant
 from pipeline.stages.cameras import run_cameras
 from pipeline.stages.groundtruth import run_groundtruth
 from pipeline.stages.illumination import run_illumination
-from pipeline.stages.import_files import scene_name
 from pipeline.stages.inputs import run_inputs
 from pipeline.stages.runner import StageError
+from pipeline.stages.scene_jobs import scene_name
 from pipeline.tonemap import exposure_of
 from pipeline.views import load_cameras
 from scenes.checked import build

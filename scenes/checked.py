@@ -9,6 +9,7 @@ import re
 import types
 import typing
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from scenes.errors import ParameterError, PbrnetError
@@ -95,7 +96,7 @@ def plain(value: Any) -> Any:
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [plain(item) for item in value]
-    return value
+    return str(value) if isinstance(value, Path) else value
 
 
 def _join(where: str, key: object) -> str:
@@ -131,6 +132,8 @@ def _convert(hint: Any, value: Any, key: str, metadata: Any, error: type[PbrnetE
         return value
     if hint is Any:
         return value
+    if hint is Path and isinstance(value, str):
+        return Path(value)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
@@ -159,7 +162,13 @@ def _convert_tuple(
 
 
 def _describe(hint: Any, metadata: Any = types.MappingProxyType({})) -> str:
-    names = {int: "a whole number", float: "a number", str: "text", bool: "true or false"}
+    names = {
+        int: "a whole number",
+        float: "a number",
+        str: "text",
+        bool: "true or false",
+        Path: "text",
+    }
     if dataclasses.is_dataclass(hint):
         return "a mapping"
     if hint in names:

@@ -1,68 +1,64 @@
-"""What may be said about a scene file that is brought in, whichever way: command or parameters."""
+"""Import options of all scene sources, and the entries of `scenes.imports`."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from scenes.checked import within
-
-_MITSUBA = ("parameters", "scale", "up", "root", "skip_missing", "sky", "licence", "author")
-_MODEL = ("scale", "up", "root", "sky", "licence", "author")
-_HOME = ("levels", "time", "lamps", "licence", "author")
-# The options of `import_scene` by a file's suffix; a scene folder takes none.
-OPTIONS = {".xml": _MITSUBA, ".sh3d": _HOME, ".gltf": _MODEL, ".glb": _MODEL, ".obj": _MODEL}
-# What options are called where a user writes them, where that differs.
-SPELLED = {"parameters": "parameter", "levels": "level"}
+from scenes.mitsuba.options import MitsubaOptions
+from scenes.models.options import ModelOptions
+from scenes.source_options import SourceOptions
+from scenes.sweethome.options import SweetHomeOptions
 
 
-@dataclass(frozen=True)
-class ImportEntry:
-    """A file of `scenes.imports` with options, which are those of `pbrnet import`."""
+@dataclass(frozen=True, kw_only=True)
+class ImportEntry(MitsubaOptions, SweetHomeOptions, ModelOptions):
+    """A file of `scenes.imports` with options; the base classes are those of all sources."""
 
     file: str
-    id: str | None = None  # of the scene; after the file's name if None
-    level: tuple[str, ...] = ()
-    time: str | None = field(default=None, metadata={"allowed": "in quotes, such as '19:30'"})
-    lamps: Literal["home", "on", "off"] = "home"
-    parameter: dict[str, str] = field(default_factory=dict)
-    scale: float | None = field(default=None, metadata=within(1e-6, 1e6))
-    up: Literal["auto", "x", "y", "z"] = "auto"
-    root: str | None = None
-    skip_missing: bool = False
-    sky: bool = False
-    licence: str = ""
-    author: str = ""
+    id: str | None = None  # of the scene; by default made from the name of the file
 
     def verify(self, where: str) -> None:
-        """Options must be for this kind of file; raises ValueError."""
+        """Check that the options suit the kind of file; raises ValueError."""
         suffix = Path(self.file).suffix.lower()
-        taken = [SPELLED.get(name, name) for name in OPTIONS.get(suffix, ())]
+        known = option_names(suffix)
         for name in self.given():
-            if name not in taken:
-                kind = f"{suffix} files" if suffix in OPTIONS else "scene folders"
-                known = f"; they take {', '.join(taken)}" if taken else ""
-                raise ValueError(f"{where}.{name}: not for {kind}{known}")
-        if self.time is not None and not re.fullmatch(r"([01]?\d|2[0-3]):[0-5]\d", self.time):
-            raise ValueError(f"{where}.time: {self.time!r} is no time of day, such as '19:30'")
+            if name not in known:
+                kind = f"{suffix} files" if known else "scene folders"
+                allowed = f"; they take {', '.join(known)}" if known else ""
+                raise ValueError(f"{where}.{name}: not for {kind}{allowed}")
+        super().verify(where)
         if self.id is not None and not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}", self.id):
             raise ValueError(f"{where}.id: {self.id!r}; letters, digits, '.', '_' and '-' only")
 
     def given(self) -> dict[str, Any]:
-        """The options that are not what they are anyway, as spelled here."""
+        """Return the options that differ from their defaults."""
         return {
-            one.name: getattr(self, one.name)
+            one.name: value
             for one in fields(self)
             if one.name not in ("file", "id")
-            and getattr(self, one.name) not in (one.default, (), {})
+            and (value := getattr(self, one.name)) not in (one.default, (), {})
         }
 
     def options(self) -> dict[str, Any]:
-        """The same as `import_scene` takes them; `root` as a path."""
-        called = {spelled: name for name, spelled in SPELLED.items()}
-        made = {called.get(name, name): value for name, value in self.given().items()}
-        if "root" in made:
-            made["root"] = Path(made["root"]).expanduser().resolve()
+        """Return the given options as keyword arguments of `import_scene`; `root` is absolute."""
+        made = self.given()
+        if self.root is not None:
+            made["root"] = self.root.expanduser().resolve()
         return made
+
+
+SOURCES: tuple[type[SourceOptions], ...] = ImportEntry.__bases__
+
+
+def source_of(suffix: str) -> type[SourceOptions] | None:
+    """Return the options class of the source that reads files with `suffix`, or None."""
+    return next((one for one in SOURCES if suffix.lower() in one.suffixes), None)
+
+
+def option_names(suffix: str) -> tuple[str, ...]:
+    """Return the names of the options for files with `suffix`; none for unknown kinds."""
+    source = source_of(suffix)
+    return tuple(one.name for one in fields(source)) if source is not None else ()

@@ -1,4 +1,4 @@
-"""Every kind of scene that can be imported: one line each, picked by the file's suffix."""
+"""Import of scene files: the registry of scene sources, chosen by the suffix of the file."""
 
 from __future__ import annotations
 
@@ -7,21 +7,43 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from scenes.checked import check_name
+from scenes.checked import build, check_name
 from scenes.contract import Scene, load_scene, save_scene, writing_scene
-from scenes.errors import InputError
+from scenes.errors import InputError, ParameterError
 from scenes.files import copy_files
-from scenes.mitsuba.importer import MitsubaOptions, import_mitsuba
-from scenes.models.importer import import_model, options_of
-from scenes.sweethome.importer import SweetHomeOptions, import_sweethome
+from scenes.import_options import MitsubaOptions, ModelOptions, SweetHomeOptions, option_names
+from scenes.mitsuba.importer import import_mitsuba
+from scenes.models.importer import import_model
+from scenes.opened_files import OpenedFiles
+from scenes.source_options import SourceOptions
+from scenes.sweethome.importer import import_sweethome
+
+Importer = Callable[[Path, Path, str, Any, OpenedFiles], Scene]
+
+# Options of a source -> its importer: (file, scene folder to write, scene id, options, files that
+# it opens). The options say which suffixes the source reads.
+IMPORTERS: dict[type[SourceOptions], Importer] = {
+    SweetHomeOptions: import_sweethome,
+    MitsubaOptions: import_mitsuba,
+    ModelOptions: import_model,
+}
+SOURCES = {suffix: options for options in IMPORTERS for suffix in options.suffixes}
 
 
-def import_scene(path: Path, out: Path, scene_id: str | None = None, **options: Any) -> Scene:
-    """Bring the scene at `path` into the scene folder `out`, whatever kind it is.
+def import_scene(
+    path: Path,
+    out: Path,
+    scene_id: str | None = None,
+    opened: OpenedFiles | None = None,
+    **options: Any,
+) -> Scene:
+    """Import the scene at `path` into the scene folder `out`, whatever its kind.
 
-    `path` is a file of a kind in `SOURCES`, or a scene folder (with `scene.json`), which is
-    checked and copied. `scene_id` defaults to the name of `out`. `options` are those of the
-    source, see `MitsubaOptions`. Raises `InputError`; `out` is complete or absent.
+    `path` is a file with a suffix in `SOURCES`, or a scene folder (with `scene.json`), which is
+    checked and copied. `scene_id` defaults to the name of `out`. `opened` (of `path`'s folder, or
+    of `path` if that is a folder) records the files that the import looked for. `options` are
+    fields of the source's options, see `scenes.import_options`. Raises `InputError`, and
+    `ParameterError` for options that the source does not take; `out` is complete or absent.
     """
     path, out = Path(path), Path(out)
     scene_id = scene_id or out.name
@@ -31,9 +53,9 @@ def import_scene(path: Path, out: Path, scene_id: str | None = None, **options: 
         and not (out / "scene.json").is_file()
         and (out.is_file() or any(out.iterdir()))
     ):
-        raise InputError(f"{out}: exists and is no scene folder; choose another place")
+        raise InputError(f"{out}: exists and is not a scene folder; choose another place")
     if path.is_dir():
-        return _copy_folder(path, out, scene_id)
+        return _copy_folder(path, out, scene_id, opened or OpenedFiles(path))
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
     source = SOURCES.get(path.suffix.lower())
@@ -42,22 +64,17 @@ def import_scene(path: Path, out: Path, scene_id: str | None = None, **options: 
             f"{path}: unknown kind of scene {path.suffix!r}; known: {', '.join(sorted(SOURCES))}, "
             "or a folder with scene.json"
         )
-    return source(path, out, scene_id, options)
+    known = option_names(path.suffix)
+    for name in options:
+        if name not in known:
+            raise ParameterError(
+                f"{name}: not for {path.suffix} files; they take {', '.join(known)}"
+            )
+    opened = opened or OpenedFiles(path.parent)
+    return IMPORTERS[source](path, out, scene_id, build(source, options, path.name), opened)
 
 
-def _mitsuba(path: Path, out: Path, scene_id: str, options: dict[str, Any]) -> Scene:
-    return import_mitsuba(path, out, scene_id, MitsubaOptions(**options))
-
-
-def _sweethome(path: Path, out: Path, scene_id: str, options: dict[str, Any]) -> Scene:
-    return import_sweethome(path, out, scene_id, SweetHomeOptions(**options))
-
-
-def _model(path: Path, out: Path, scene_id: str, options: dict[str, Any]) -> Scene:
-    return import_model(path, out, scene_id, options_of(path, options))
-
-
-def _copy_folder(path: Path, out: Path, scene_id: str) -> Scene:
+def _copy_folder(path: Path, out: Path, scene_id: str, opened: OpenedFiles) -> Scene:
     if not (path / "scene.json").is_file():
         raise InputError(
             f"{path}: a folder without scene.json; name the scene's own file, such as scene.xml"
@@ -67,17 +84,8 @@ def _copy_folder(path: Path, out: Path, scene_id: str) -> Scene:
         return scene
     if out.resolve().is_relative_to(path.resolve()):
         raise InputError(f"{out}: lies inside the scene that is to be copied there")
+    opened.add_folder(path)
     with writing_scene(out) as folder:
         copy_files(path, folder)
         save_scene(folder, replace(scene, scene_id=scene_id))
     return load_scene(out)
-
-
-# Suffix -> importer(path, out, scene_id, options).
-SOURCES: dict[str, Callable[[Path, Path, str, dict[str, Any]], Scene]] = {
-    ".sh3d": _sweethome,
-    ".xml": _mitsuba,
-    ".gltf": _model,
-    ".glb": _model,
-    ".obj": _model,
-}

@@ -1,30 +1,80 @@
-"""`pbrnet import`: one scene from any source into a scene folder, and what became of it."""
+"""`pbrnet import`: import one scene from any source, and print a summary."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import click
 
 from pipeline.inspection.sizes import triangles_of
 from scenes.contract import Scene
 from scenes.errors import ParameterError
-from scenes.import_options import OPTIONS, SPELLED
+from scenes.import_options import SOURCES, option_names, source_of
 from scenes.params import SceneParams
 from scenes.registry import import_scene
 from scenes.seeds import derive
 from scenes.variants.vary import vary_scene
 
-# Sections of the help: title -> names of parameters; what is in none comes first.
-_SECTIONS = {
-    "Mitsuba, glTF, GLB, OBJ": ("scale", "up", "root", "sky"),
-    "Mitsuba only": ("parameters", "skip_missing"),
-    "Sweet Home 3D only": ("levels", "time", "lamps"),
-    "Every kind of file, but for scene folders": ("licence", "author"),
-}
+
+def _sections() -> dict[str, list[str]]:
+    """Titles of the help's sections -> names of import options, by the sources that take them."""
+    takers: dict[str, list[str]] = {}
+    for source in SOURCES:
+        for one in fields(source):
+            takers.setdefault(one.name, []).append(source.title)
+    shared: dict[str, list[str]] = {}
+    single: dict[str, list[str]] = {}
+    every: dict[str, list[str]] = {}
+    for name, titles in takers.items():
+        if len(titles) == len(SOURCES):
+            every.setdefault("Every kind of file, but for scene folders", []).append(name)
+        elif len(titles) > 1:
+            shared.setdefault(", ".join(titles), []).append(name)
+        else:
+            single.setdefault(f"{titles[0]} only", []).append(name)
+    return {**shared, **single, **every}
+
+
+def _import_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the options of all scene sources to a command."""
+    described = {one.name: (source, one) for source in SOURCES for one in fields(source)}
+    for name, (source, one) in reversed(described.items()):
+        hint = get_type_hints(source)[name]
+        command = click.option(
+            f"--{name.replace('_', '-')}",
+            name,
+            metavar=one.metadata["metavar"],
+            help=_help(one.metadata),
+            **_click_type(hint, one.default),
+        )(command)
+    return command
+
+
+def _help(metadata: Mapping[str, Any]) -> str:
+    """Help text of an option, with the range of a number."""
+    text = str(metadata["help"])
+    return f"{text}  [{metadata['allowed']}]" if "check" in metadata else text
+
+
+def _click_type(hint: Any, default: Any) -> dict[str, Any]:
+    """Arguments of `click.option` for a field with a type and a default."""
+    if hint is bool:
+        return {"is_flag": True}
+    if get_origin(hint) in (tuple, dict):
+        return {"multiple": True}
+    if get_origin(hint) is Literal:
+        return {"type": click.Choice(get_args(hint)), "default": default, "show_default": True}
+    if Path in get_args(hint):
+        kind = click.Path(path_type=Path, file_okay=False, exists=True)
+        return {"type": kind, "default": default}
+    if float in get_args(hint):
+        return {"type": click.FLOAT, "default": default}
+    return {"type": click.STRING, "default": default}
 
 
 class SectionedCommand(click.Command):
@@ -32,9 +82,9 @@ class SectionedCommand(click.Command):
 
     def format_options(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options in sections."""
-        titles = {name: title for title, names in _SECTIONS.items() for name in names}
-        sections: dict[str, list[tuple[str, str]]] = {"Options": []}
-        sections |= {title: [] for title in _SECTIONS}
+        names = _sections()
+        titles = {name: title for title, group in names.items() for name in group}
+        sections: dict[str, list[tuple[str, str]]] = {title: [] for title in ("Options", *names)}
         for parameter in self.get_params(context):
             record = parameter.get_help_record(context)
             if record is not None and isinstance(parameter, click.Option):
@@ -79,50 +129,7 @@ All kinds, options and limits: docs/scenes.md.""",
     show_default=True,
     help="Of the variants; the import itself makes no random choice.",
 )
-@click.option("--scale", type=click.FloatRange(1e-6, 1e6), help="Metres per unit of the file.")
-@click.option(
-    "--up",
-    type=click.Choice(["auto", "x", "y", "z"]),
-    default="auto",
-    show_default=True,
-    help="Axis that points up in the file.",
-)
-@click.option(
-    "--root",
-    type=click.Path(path_type=Path, file_okay=False, exists=True),
-    default=None,
-    help="Folder above the file's from which it may read, too.",
-)
-@click.option(
-    "--sky",
-    is_flag=True,
-    help="Add sun and sky: to a Mitsuba scene without light, to any building as model.",
-)
-@click.option(
-    "--parameter",
-    "parameters",
-    multiple=True,
-    metavar="NAME=VALUE",
-    help="Value for a $parameter of the file; may be repeated.",
-)
-@click.option("--skip-missing", is_flag=True, help="Go on without shapes whose mesh is missing.")
-@click.option(
-    "--level",
-    "levels",
-    multiple=True,
-    metavar="NAME",
-    help="Level of a home to bring in; may be repeated. All if not given.",
-)
-@click.option("--time", metavar="HH:MM", help="Local time of day in a home, instead of its own.")
-@click.option(
-    "--lamps",
-    type=click.Choice(["home", "on", "off"]),
-    default="home",
-    show_default=True,
-    help="A home's lamps: as it has them, all lit, or none.",
-)
-@click.option("--licence", default="", help="Terms of use, e.g. CC-BY-4.0, if no file says so.")
-@click.option("--author", default="", help="Whose work it is, if no file says so.")
+@_import_options
 def import_command(
     path: Path,
     out: Path,
@@ -138,9 +145,9 @@ def import_command(
     room of its own, or a scene folder with scene.json. Options for another kind of file than
     PATH are refused.
     """
-    options["parameters"] = _parameters(options["parameters"])
+    given = _given_options(path, options)
     started = time.monotonic()
-    scene = import_scene(path, out, scene_id, **_options_for(path, options))
+    scene = import_scene(path, out, scene_id, **given)
     click.echo(f"{path} -> {out} in {time.monotonic() - started:.1f} s")
     for line in summary(scene):
         click.echo(line)
@@ -154,7 +161,7 @@ def import_command(
 
 
 def _parameters(pairs: tuple[str, ...]) -> dict[str, str]:
-    """`NAME=VALUE` pairs as a mapping; raises `ParameterError` for what is none."""
+    """Return `NAME=VALUE` pairs as a mapping; raises `ParameterError` for other text."""
     made = {}
     for pair in pairs:
         name, equals, value = pair.partition("=")
@@ -164,19 +171,25 @@ def _parameters(pairs: tuple[str, ...]) -> dict[str, str]:
     return made
 
 
-def _options_for(path: Path, options: dict[str, Any]) -> dict[str, Any]:
-    """Those of `options` that the kind of `path` takes; a scene folder takes none.
+def _given_options(path: Path, options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options for the kind of file that `path` is; a scene folder takes none.
 
-    Raises `ParameterError` for one that was given and belongs to another kind.
+    Raises `ParameterError` for a given option of another kind.
     """
     context = click.get_current_context()
-    own = () if path.is_dir() else OPTIONS.get(path.suffix.lower(), tuple(options))
+    source = None if path.is_dir() else source_of(path.suffix)
+    known = option_names(path.suffix) if source is not None else ()
     for name in sorted(options):
-        source = context.get_parameter_source(name)
-        if name not in own and source == click.core.ParameterSource.COMMANDLINE:
+        origin = context.get_parameter_source(name)
+        if name not in known and origin == click.core.ParameterSource.COMMANDLINE:
+            if source is None and not path.is_dir():
+                continue  # `import_scene` refuses the file itself
             kind = "scene folders" if path.is_dir() else f"{path.suffix} files"
-            raise ParameterError(f"--{SPELLED.get(name, name).replace('_', '-')}: not for {kind}")
-    return {name: options[name] for name in own}
+            raise ParameterError(f"--{name.replace('_', '-')}: not for {kind}")
+    given = {name: options[name] for name in known}
+    if "parameter" in given:
+        given["parameter"] = _parameters(given["parameter"])
+    return given
 
 
 def summary(scene: Scene) -> list[str]:

@@ -9,16 +9,22 @@ from pipeline.frames import fingerprint
 from scenes.contract import load_scene
 from scenes.files import digest_file
 
-STAGE_KEY = "made_by_stage"  # in scene.json's `source`: the fingerprint that the stage keeps there
+# Keys in scene.json's `source` that the scenes stage writes: its fingerprint, and the files that an
+# import looked for.
+STAGE_KEY = "made_by_stage"
+STAGE_FILES_KEY = "opened_files"
 
 
 def scene_digest(folder: Path) -> str:
-    """Return 64 hex digits over all files of a scene folder, but for the stage's fingerprint.
+    """Return 64 hex digits over all files of a scene folder, but for the stage's own keys.
 
     Raises `InputError` for a scene that cannot be read.
     """
     scene = load_scene(folder)
-    bare = replace(scene, source={k: v for k, v in scene.source.items() if k != STAGE_KEY})
+    source = {
+        key: value for key, value in scene.source.items() if key not in (STAGE_KEY, STAGE_FILES_KEY)
+    }
+    bare = replace(scene, source=source)
     files = sorted(file for file in folder.rglob("*") if file.is_file())
     contents = {
         file.relative_to(folder).as_posix(): digest_file(file)

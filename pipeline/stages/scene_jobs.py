@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterable
 from dataclasses import replace
@@ -9,11 +10,10 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from pipeline.farm.scene_digest import STAGE_KEY
+from pipeline.farm.scene_digest import STAGE_FILES_KEY, STAGE_KEY
 from pipeline.frames import fingerprint
 from pipeline.params import Params
 from pipeline.records import Failure
-from pipeline.stages.import_files import digest_import, scene_name
 from pipeline.stages.scene_work import HomeJob, ImportJob, ImportVariant
 from pipeline.versions import source_revision
 from scenes.assets.index import INDEX, load_index
@@ -21,10 +21,12 @@ from scenes.contract import load_scene, scene_folders
 from scenes.errors import InputError
 from scenes.files import digest_file
 from scenes.import_options import ImportEntry
+from scenes.opened_files import unchanged
 from scenes.seeds import derive
 
 _HOME_CODE = ("scenes.procedural.home", "scenes.contract")
 _IMPORT_CODE = ("scenes.registry", "scenes.variants.vary", "scenes.contract")
+_GENERAL_NAMES = ("scene", "main", "main_template_color", "index")  # the third: of a PBRS house
 
 
 def home_jobs(root: Path, params: Params) -> Iterable[HomeJob]:
@@ -80,7 +82,7 @@ def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable
     wanted = params.scenes
     revision = source_revision(*_IMPORT_CODE)
     for named in wanted.imports:
-        entry = ImportEntry(named) if isinstance(named, str) else named
+        entry = ImportEntry(file=named) if isinstance(named, str) else named
         path = Path(entry.file).expanduser().resolve()
         scene_id = entry.id or scene_name(path)
         options = entry.options()
@@ -93,7 +95,7 @@ def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable
             )
             failures.append(Failure("scenes", scene_id, "", error))
             continue
-        content: dict[str, Any] = {"content": digest_import(path, entry), "revision": revision}
+        content: dict[str, Any] = {"file": path.name, "revision": revision}
         if options:
             content["options"] = entry.given()
         expected = fingerprint(kind="import", scene_id=scene_id, **content)
@@ -112,6 +114,27 @@ def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable
             )
             made = ImportVariant(scene_id, variant, wanted, seed)
             yield ImportJob(root / own_id, own_id, path, expected, options, made)
+
+
+def scene_name(path: Path) -> str:
+    """Return a scene id made from the name of a file, or of its folder for general names."""
+    stem = path.stem if path.suffix else path.name
+    if stem.lower() in _GENERAL_NAMES and path.parent.name:
+        stem = path.parent.name
+    return re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-") or "scene"
+
+
+def is_up_to_date(job: HomeJob | ImportJob) -> bool:
+    """Return whether the scene of a job is there, with its fingerprint.
+
+    For an import, all files that it looked for must be unchanged: none edited, none removed, none
+    added in a place where it looked.
+    """
+    if stage_fingerprint(job.folder) != job.fingerprint:
+        return False
+    if isinstance(job, HomeJob):
+        return True
+    return unchanged(load_scene(job.folder).source.get(STAGE_FILES_KEY), job.source_folder)
 
 
 def stage_fingerprint(folder: Path) -> str | None:

@@ -11,9 +11,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from pipeline.farm.scene_digest import STAGE_KEY
+from pipeline.farm.scene_digest import STAGE_FILES_KEY, STAGE_KEY
 from pipeline.stages.render_jobs import memory_columns
 from scenes.contract import Scene, save_scene
+from scenes.opened_files import OpenedFiles
 from scenes.params import SceneParams
 from scenes.procedural.home import make_home
 from scenes.registry import import_scene
@@ -55,9 +56,15 @@ class ImportJob:
     options: dict[str, Any] = field(default_factory=dict)  # of `import_scene`
     variant: ImportVariant | None = None
 
+    @property
+    def source_folder(self) -> Path:
+        """Folder that the import reads from."""
+        return self.path if self.path.is_dir() else self.path.parent
+
 
 def make_scene(job: HomeJob | ImportJob) -> dict[str, Any]:
     """Write one scene folder, with the job's fingerprint in its `scene.json`."""
+    keys: dict[str, Any] = {STAGE_KEY: job.fingerprint}
     if isinstance(job, HomeJob):
         scene = make_home(
             job.folder,
@@ -68,21 +75,24 @@ def make_scene(job: HomeJob | ImportJob) -> dict[str, Any]:
             job.variant,
             job.assets,
         )
-    elif job.variant is None:
-        scene = import_scene(job.path, job.folder, job.scene_id, **job.options)
     else:
-        scene = _make_variant(job, job.variant)
+        opened = OpenedFiles(job.source_folder)
+        if job.variant is None:
+            scene = import_scene(job.path, job.folder, job.scene_id, opened, **job.options)
+        else:
+            scene = _make_variant(job, job.variant, opened)
+        keys[STAGE_FILES_KEY] = opened.record()
     # Until the fingerprint is written the folder is out of date: a kill in between costs a repeat.
-    stamped = replace(scene, source={**scene.source, STAGE_KEY: job.fingerprint})
+    stamped = replace(scene, source={**scene.source, **keys})
     save_scene(job.folder, stamped)
     return {"costs": memory_columns()}
 
 
-def _make_variant(job: ImportJob, variant: ImportVariant) -> Scene:
+def _make_variant(job: ImportJob, variant: ImportVariant, opened: OpenedFiles) -> Scene:
     """Import the scene into a temporary folder and write a variant of it."""
     with tempfile.TemporaryDirectory(prefix="pbrnet-variant-") as folder:
         base = Path(folder) / variant.of
-        import_scene(job.path, base, variant.of, **job.options)
+        import_scene(job.path, base, variant.of, opened, **job.options)
         return vary_scene(
             base, job.folder, job.scene_id, variant.number, variant.params, variant.seed
         )

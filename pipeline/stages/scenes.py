@@ -8,7 +8,13 @@ from pathlib import Path
 from pipeline.params import Params
 from pipeline.records import Failure, data_lock
 from pipeline.stages.runner import StagePlan, Summary, Target, execute, finish
-from pipeline.stages.scene_jobs import home_jobs, import_jobs, remove_old_scenes, stage_fingerprint
+from pipeline.stages.scene_jobs import (
+    home_jobs,
+    import_jobs,
+    is_up_to_date,
+    remove_old_scenes,
+    stage_fingerprint,
+)
 from pipeline.stages.scene_work import HomeJob, ImportJob, make_scene
 from scenes.errors import InputError
 from scenes.files import remove_partials
@@ -38,10 +44,9 @@ def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summ
             wanted[job.scene_id] = job
         plan.removed = remove_old_scenes(root, set(wanted))
         for scene_id, job in wanted.items():
-            current = stage_fingerprint(job.folder)
-            if current == job.fingerprint:
+            if is_up_to_date(job):
                 plan.kept += 1
-            elif current is None and (job.folder / "scene.json").is_file():
+            elif stage_fingerprint(job.folder) is None and (job.folder / "scene.json").is_file():
                 error = f"{job.folder} holds a scene of another tool; rename or remove it"
                 plan.failures.append(Failure("scenes", scene_id, "", error))
             else:

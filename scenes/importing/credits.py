@@ -1,12 +1,12 @@
-"""Whose work a scene is: read from the licence file that lies beside it."""
+"""Author and licence of a scene, from the licence file beside it."""
 
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 from scenes.contract import Credit
 from scenes.importing.changes import Changes
+from scenes.opened_files import OpenedFiles
 
 _NAMES = ("license", "licence", "copying", "readme", "credits", "attribution")
 _COMMONS = re.compile(r"creativecommons\.org/(licenses|publicdomain)/([a-z-]+)/(\d\.\d)")
@@ -18,9 +18,11 @@ _AUTHOR = re.compile(r"(?:author|creator|by|©|\(c\))\s*[:]?\s+([A-Z][\w .-]{1,6
 _MAX_BYTES = 65536
 
 
-def find_credit(folder: Path, title: str, licence: str, author: str, changes: Changes) -> Credit:
+def find_credit(
+    opened: OpenedFiles, title: str, licence: str, author: str, changes: Changes
+) -> Credit:
     """The credit for everything in a scene; what is given wins over what the files say."""
-    text, name = _licence_text(folder)
+    text, name = _licence_text(opened)
     match = _TITLE.search(text)
     found_author = match["author"].strip() if match else ""
     if not found_author:
@@ -42,11 +44,10 @@ def find_credit(folder: Path, title: str, licence: str, author: str, changes: Ch
     return credit
 
 
-def _licence_text(folder: Path) -> tuple[str, str]:
+def _licence_text(opened: OpenedFiles) -> tuple[str, str]:
     for name in _NAMES:
-        for path in sorted(folder.iterdir()):
-            known = path.stem.lower() == name and path.suffix.lower() in ("", ".txt", ".md")
-            if known and path.is_file():
+        for path in opened.with_stem(name):
+            if path.suffix.lower() in ("", ".txt", ".md") and opened.is_file(path):
                 with path.open("rb") as stream:
                     return stream.read(_MAX_BYTES).decode("utf-8", "replace"), path.name
     return "", ""

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -25,6 +24,7 @@ from scenes.importing.textures import TextureStore
 from scenes.importing.xml_elements import plugin
 from scenes.mitsuba.emitters import Emitters, half_fov_x
 from scenes.mitsuba.materials import Materials
+from scenes.mitsuba.options import MitsubaOptions
 from scenes.mitsuba.pbrs import (
     ReleaseCamera,
     Thing,
@@ -39,6 +39,7 @@ from scenes.mitsuba.reader import Node, read_tree, unresolved
 from scenes.mitsuba.shapes import ShapeReader
 from scenes.mitsuba.upgrade import upgrade
 from scenes.mitsuba.values import Properties, Scope
+from scenes.opened_files import OpenedFiles
 from scenes.reconstruction.orientation import signed_axis, up_from_geometry, upright
 
 _MAX_SENSORS = 64
@@ -46,30 +47,19 @@ _SENSORS = ("sensor", "camera")
 _MAX_SIZE = 8192
 
 
-@dataclass(frozen=True)
-class MitsubaOptions:
-    """What the user may say about a file that does not say it itself."""
-
-    parameters: dict[str, str] | None = None  # values for its $parameters
-    scale: float | None = None  # metres per unit; guessed if None
-    up: Literal["x", "y", "z", "auto"] = "auto"
-    root: Path | None = None  # a folder above the scene's, inside which it may open files
-    skip_missing: bool = False  # go on without shapes whose mesh file is missing
-    sky: bool = False  # add sun and sky to a scene without any light
-    licence: str = ""
-    author: str = ""
-
-
-def import_mitsuba(path: Path, out: Path, scene_id: str, options: MitsubaOptions) -> Scene:
+def import_mitsuba(
+    path: Path, out: Path, scene_id: str, options: MitsubaOptions, opened: OpenedFiles
+) -> Scene:
     """Import a Mitsuba XML scene of any version into the scene folder `out`.
 
     Raises `InputError` that names file, line and element for everything that cannot be used.
     """
+    opened.is_file(path)
     changes = Changes()
-    given = dict(options.parameters or {})
-    release = find_release(path, changes)
+    given = options.parameter
+    release = find_release(path, opened, changes)
     usual = release.parameters if release else {}
-    sandbox = Sandbox(path.parent, options.root, (*given.values(), *usual.values()))
+    sandbox = Sandbox(opened, options.root, (*given.values(), *usual.values()))
     root, version = read_tree(path, sandbox, given, changes, usual)
     scope = Scope(sandbox, changes, tuple(int(part) for part in version.split(".")))
     upgrade(root, scope.version)
@@ -117,7 +107,7 @@ def import_mitsuba(path: Path, out: Path, scene_id: str, options: MitsubaOptions
             area,
             others,
             cameras,
-            (_credit(path, scene_id, options, release is not None, changes),),
+            (_credit(path, scene_id, options, release is not None, opened, changes),),
             hint=path.parent.name,
             max_depth=_max_depth(root, scope),
             grouping=partial(release_objects, things, release) if release else group_objects,
@@ -246,16 +236,21 @@ def _frame(
 
 
 def _credit(
-    path: Path, scene_id: str, options: MitsubaOptions, release: bool, changes: Changes
+    path: Path,
+    scene_id: str,
+    options: MitsubaOptions,
+    release: bool,
+    opened: OpenedFiles,
+    changes: Changes,
 ) -> Credit:
     if not release:
-        return find_credit(path.parent, scene_id, options.licence, options.author, changes)
+        return find_credit(opened, scene_id, options.licence, options.author, changes)
     author = options.author or "SUNCG; prepared for Mitsuba by Zhang et al. (PBRS, 2017)"
     changes.note(
         "this house of the PBRS release comes from SUNCG: look up on what terms you have it "
         "before you share anything made from it"
     )
-    return find_credit(path.parent, path.parent.name, options.licence, author, changes)
+    return find_credit(opened, path.parent.name, options.licence, author, changes)
 
 
 def _lights_if_none(

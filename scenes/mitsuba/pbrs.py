@@ -26,6 +26,7 @@ from scenes.importing.changes import Changes
 from scenes.importing.objects import bounds_of, room_of
 from scenes.importing.shape import Shape
 from scenes.mitsuba.reader import Node
+from scenes.opened_files import OpenedFiles
 from scenes.reconstruction.rooms import FoundRoom
 
 EMITTER_SCALE = "75"  # of the environment map, in the release's render script
@@ -99,23 +100,25 @@ class Thing:
     shapes: list[str]
 
 
-def find_release(path: Path, changes: Changes) -> Release | None:
+def find_release(path: Path, opened: OpenedFiles, changes: Changes) -> Release | None:
     """The release's tables around the scene file `path`; None where it is no PBRS house.
 
     Only files of the release's own names are looked for, in the folder and the two above it.
     Raises `InputError` for tables that are damaged.
     """
     folder = path.parent
-    lamps, classes, wallpaper = (_near(folder, n) for n in (_LIGHTS, _CATEGORIES, _WALLPAPER))
+    lamps, classes, wallpaper = (
+        _near(folder, n, opened) for n in (_LIGHTS, _CATEGORIES, _WALLPAPER)
+    )
     cameras = folder / "room_camera.txt"
-    if not cameras.is_file() and not lamps and not classes:
+    if not opened.is_file(cameras) and not lamps and not classes:
         return None
     parameters = {"emitter_scale": EMITTER_SCALE}
     if wallpaper:
         parameters["default_texture_path"] = str(wallpaper)
     return Release(
-        _cameras(folder, changes) if cameras.is_file() else (),
-        _nodes(folder / "room_camera_node.txt"),
+        _cameras(folder, opened, changes) if opened.is_file(cameras) else (),
+        _nodes(folder / "room_camera_node.txt", opened),
         read_lamps(lamps) if lamps else {},
         _classes(classes) if classes else {},
         parameters,
@@ -314,11 +317,11 @@ def _parts(
     return [(thing.node, category, known.structure, members)]
 
 
-def _cameras(folder: Path, changes: Changes) -> tuple[ReleaseCamera, ...]:
+def _cameras(folder: Path, opened: OpenedFiles, changes: Changes) -> tuple[ReleaseCamera, ...]:
     """The cameras with their names, without those that the release marks as bad."""
     cameras = read_cameras(folder / "room_camera.txt")
-    names = _optional_lines(folder / "room_camera_name.txt")
-    marks = _optional_lines(folder / "room_camera_good.txt")
+    names = _optional_lines(folder / "room_camera_name.txt", opened)
+    marks = _optional_lines(folder / "room_camera_good.txt", opened)
     for label, lines in (("names", names), ("marks", marks)):
         if lines and len(lines) != len(cameras):
             changes.note(
@@ -344,10 +347,9 @@ def _cameras(folder: Path, changes: Changes) -> tuple[ReleaseCamera, ...]:
     return tuple(cameras)
 
 
-def _nodes(path: Path) -> frozenset[str]:
-    return frozenset(
-        words[1] for line in _optional_lines(path) if len(words := line.split(maxsplit=1)) == 2
-    )
+def _nodes(path: Path, opened: OpenedFiles) -> frozenset[str]:
+    lines = _optional_lines(path, opened)
+    return frozenset(words[1] for line in lines if len(words := line.split(maxsplit=1)) == 2)
 
 
 def _classes(path: Path) -> dict[str, _Class]:
@@ -366,11 +368,11 @@ def _classes(path: Path) -> dict[str, _Class]:
     }
 
 
-def _near(folder: Path, name: str) -> Path | None:
+def _near(folder: Path, name: str, opened: OpenedFiles) -> Path | None:
     """A table of the release: beside the house, above it, or in `util_data` there."""
     above = list(folder.resolve().parents)[:2]
     for place in (folder, *(place / sub for place in above for sub in (".", "util_data"))):
-        if (place / name).is_file():
+        if opened.is_file(place / name):
             return (place / name).resolve()
     return None
 
@@ -382,8 +384,8 @@ def _lines(path: Path) -> list[str]:
     return [line for line in text.splitlines() if line.strip()]
 
 
-def _optional_lines(path: Path) -> list[str]:
-    return _lines(path) if path.is_file() else []
+def _optional_lines(path: Path, opened: OpenedFiles) -> list[str]:
+    return _lines(path) if opened.is_file(path) else []
 
 
 def _area(radiance: float, path: Path) -> Node:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 import tempfile
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -33,7 +32,9 @@ from scenes.models.gltf_container import open_asset
 from scenes.models.gltf_images import Images
 from scenes.models.model import Glow, Model, Punctual
 from scenes.models.obj import read_model
+from scenes.models.options import ModelOptions
 from scenes.models.showroom import showroom
+from scenes.opened_files import OpenedFiles
 from scenes.photometry import LUMEN
 from scenes.reconstruction.orientation import up_from_geometry, upright
 from scenes.reconstruction.raycast import RayCaster
@@ -64,27 +65,9 @@ _DISPLAY_LIKE = 50.0  # a file whose brightest surface stays below this is one o
 _DISPLAY_NITS = 1000.0
 
 
-@dataclass(frozen=True)
-class ModelOptions:
-    """What the user may say about a file that does not say it itself."""
-
-    scale: float | None = None  # metres per unit; the format's or guessed if None
-    up: Literal["x", "y", "z", "auto"] = "auto"
-    root: Path | None = None  # a folder above the file's, inside which it may open files
-    sky: bool = False  # add sun and sky even if the file has lights of its own
-    licence: str = ""
-    author: str = ""
-
-
-def options_of(path: Path, given: dict[str, Any]) -> ModelOptions:
-    """Options out of all that `pbrnet import` may be given; refuses what a model has no use for."""
-    if given.get("parameters"):
-        raise InputError(f"{path}: --parameter is for Mitsuba files; this kind has no parameters")
-    names = {field.name for field in fields(ModelOptions)}
-    return ModelOptions(**{name: value for name, value in given.items() if name in names})
-
-
-def import_model(path: Path, out: Path, scene_id: str, options: ModelOptions) -> Scene:
+def import_model(
+    path: Path, out: Path, scene_id: str, options: ModelOptions, opened: OpenedFiles
+) -> Scene:
     """Import a `.gltf`, `.glb` or `.obj` file into the scene folder `out`.
 
     A file with a closed room in it, or larger than `LARGEST_OBJECT`, is a scene of its own;
@@ -92,7 +75,8 @@ def import_model(path: Path, out: Path, scene_id: str, options: ModelOptions) ->
     `InputError` that names file and element for everything that cannot be used.
     """
     changes = Changes()
-    sandbox = Sandbox(path.parent, options.root)
+    opened.is_file(path)
+    sandbox = Sandbox(opened, options.root)
     with writing_scene(out) as folder, tempfile.TemporaryDirectory() as unpacked:
         textures = TextureStore(folder / "textures", changes)
         if path.suffix.lower() == ".obj":
@@ -104,7 +88,7 @@ def import_model(path: Path, out: Path, scene_id: str, options: ModelOptions) ->
         if not model.shapes:
             raise InputError(f"{path}: holds no surfaces")
         area = _area_lights(model, textures, changes)
-        draft = _placed(model, area, path, scene_id, options, changes)
+        draft = _placed(model, area, path, scene_id, options, opened, changes)
         for old, new in sandbox.moved:
             if old != new:
                 changes.note("files were found under another path: {}", f"{old!r} as {new!r}")
@@ -118,6 +102,7 @@ def _placed(
     path: Path,
     scene_id: str,
     options: ModelOptions,
+    opened: OpenedFiles,
     changes: Changes,
 ) -> Draft:
     """The model upright and in metres, with light, and in a room of its own if it has none."""
@@ -159,7 +144,7 @@ def _placed(
         area,
         emitters,
         cameras,
-        _credits(path, scene_id, model, options, alone, changes),
+        _credits(path, scene_id, model, options, alone, opened, changes),
         hint="" if alone else path.stem,
         grouping=partial(
             _objects,
@@ -409,10 +394,16 @@ def _renamed(shape: Shape, taken: set[str]) -> Shape:
 
 
 def _credits(
-    path: Path, scene_id: str, model: Model, options: ModelOptions, alone: bool, changes: Changes
+    path: Path,
+    scene_id: str,
+    model: Model,
+    options: ModelOptions,
+    alone: bool,
+    opened: OpenedFiles,
+    changes: Changes,
 ) -> tuple[Credit, ...]:
     author = options.author or model.author
-    credit = find_credit(path.parent, scene_id, options.licence or model.licence, author, changes)
+    credit = find_credit(opened, scene_id, options.licence or model.licence, author, changes)
     if not alone:
         return (credit,)
     return (

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import shapely
@@ -23,6 +23,7 @@ from scenes.formats.model_parts import UnreadableModel
 from scenes.importing.categories import category_of_piece, room_type
 from scenes.importing.changes import Changes
 from scenes.importing.textures import TextureStore
+from scenes.opened_files import OpenedFiles
 from scenes.sweethome.building.levels import Storey, storeys
 from scenes.sweethome.building.openings import Opening, opening_of
 from scenes.sweethome.building.outlines import is_round
@@ -44,6 +45,7 @@ from scenes.sweethome.furnishing.lamps import lit_parts
 from scenes.sweethome.furnishing.missing import MissingPiece, missing_piece, note_missing
 from scenes.sweethome.furnishing.models import Models
 from scenes.sweethome.home import Home, HomePiece
+from scenes.sweethome.options import SweetHomeOptions
 from scenes.sweethome.reader import read_home
 from scenes.sweethome.sun import Sky, make_sky
 from scenes.sweethome.views import default_camera, stored_cameras
@@ -57,17 +59,6 @@ _LIFT, _LIFT_STEPS = 0.02, 8  # cm; how many different amounts
 
 
 @dataclass(frozen=True)
-class SweetHomeOptions:
-    """What the user may choose about a home."""
-
-    levels: tuple[str, ...] = ()  # names of the levels to bring in; all if empty
-    time: str | None = None  # local time of day, "HH:MM"; the home's own if None
-    lamps: Literal["home", "on", "off"] = "home"  # as the home has them, all lit, or none
-    licence: str = ""
-    author: str = ""
-
-
-@dataclass(frozen=True)
 class _Level:
     """A storey with all that was planned for it."""
 
@@ -78,11 +69,15 @@ class _Level:
     heights: CeilingHeights
 
 
-def import_sweethome(path: Path, out: Path, scene_id: str, options: SweetHomeOptions) -> Scene:
+def import_sweethome(
+    path: Path, out: Path, scene_id: str, options: SweetHomeOptions, opened: OpenedFiles
+) -> Scene:
     """Import a `.sh3d` into the scene folder `out`.
 
-    Raises `InputError` that names file and element for everything that cannot be used.
+    The archive is the only file that it opens. Raises `InputError` that names file and element
+    for everything that cannot be used.
     """
+    opened.is_file(path)
     changes = Changes()
     with (
         HomeArchive(path) as archive,
@@ -174,7 +169,7 @@ def import_sweethome(path: Path, out: Path, scene_id: str, options: SweetHomeOpt
 
 def _planned_levels(home: Home, options: SweetHomeOptions, changes: Changes) -> list[_Level]:
     made = []
-    for storey in storeys(home, options.levels, changes):
+    for storey in storeys(home, options.level, changes):
         walls = plan_walls(storey, home.wall_height, changes)
         openings = [
             opening

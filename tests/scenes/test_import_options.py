@@ -1,27 +1,38 @@
-"""`scenes.imports`: files by name, or with options, and what is made again when they change."""
+"""`scenes.imports`: files with and without options, and the imports that a change repeats."""
 
 from __future__ import annotations
 
+import base64
+import json
+import os
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+from pipeline.farm.scene_digest import scene_digest
 from pipeline.params import Params, load_params
-from pipeline.stages.import_files import digest_import, scene_name
 from pipeline.stages.runner import StageError
+from pipeline.stages.scene_jobs import scene_name
 from pipeline.stages.scenes import run_scenes
 from scenes.contract import load_scene
 from scenes.errors import ParameterError
-from scenes.import_options import ImportEntry
+from scenes.importing.changes import Changes
+from scenes.mitsuba.pbrs import find_release
+from scenes.opened_files import OpenedFiles, unchanged
+from scenes.registry import import_scene
+from tests.fixtures import mitsuba_files as mitsuba
 from tests.fixtures import sweethome as draw
+from tests.fixtures.gltf import square
 from tests.fixtures.paths import ROOT
 
+RED_BOX = draw.BOX.replace("usemtl amber", "usemtl red")
 
-def params(folder: Path, *imports: Any) -> Params:
+
+def params(folder: Path, *imports: Any, **more: Any) -> Params:
     values = yaml.safe_load((ROOT / "params.yaml").read_text())
-    values["scenes"] |= {"homes": 0, "imports": list(imports)}
+    values["scenes"] |= {"homes": 0, "imports": list(imports), **more}
     values["farm"]["workers"] = 1
     (folder / "params.yaml").write_text(yaml.safe_dump(values))
     return load_params(folder / "params.yaml")
@@ -78,7 +89,7 @@ def test_one_file_needs_two_names_to_come_in_twice(tmp_path: Path, house: str) -
         ({"file": "a.xml", "levels": ["x"]}, "unknown key; did you mean 'level'"),
         ({"file": "a.sh3d", "level": "Above"}, r"level: expected a list"),
         ({"file": "a.sh3d", "time": 1245}, r"time: expected .*in quotes, such as '19:30'"),
-        ({"file": "a.sh3d", "time": "25:00"}, "no time of day"),
+        ({"file": "a.sh3d", "time": "25:00"}, "not a time of day"),
         ({"file": "a.sh3d", "lamps": True}, r"lamps: True is not one of 'home', 'on', 'off'"),
         ({"file": "a.xml", "parameter": ["x=y"]}, r"parameter: expected a mapping"),
         ({"file": "a.xml", "scale": 0}, r"scale: 0\.0 is not allowed"),
@@ -102,27 +113,122 @@ def test_missing_files_and_roots_are_named(tmp_path: Path, house: str) -> None:
     assert "nowhere: no such folder" in str(raised.value)
 
 
-def test_digests_see_every_file_that_is_named(tmp_path: Path) -> None:
-    (tmp_path / "a.obj").write_text("mtllib my stuff.mtl\nv 0 0 0\n")
-    (tmp_path / "my stuff.mtl").write_text("newmtl x\nmap_Kd -s 1 1 1 wood.png\n")
-    (tmp_path / "b.gltf").write_text('{"images": [{"uri": "my%20wood.png"}], "buffers": [{}]}')
-    (tmp_path / "c.xml").write_text(
-        "<scene><string value='$map'/><include filename='d.xml'/></scene>"
+def an_obj(folder: Path) -> Path:
+    (folder / "my stuff.mtl").write_text("newmtl red\nmap_Kd -s 1 1 1 wood.png\n")
+    (folder / "wood.png").write_bytes(draw.quadrants())
+    (folder / "a.obj").write_text("mtllib my stuff.mtl\n" + RED_BOX)
+    return folder / "a.obj"
+
+
+def a_gltf(folder: Path) -> Path:
+    """A square whose buffer is a file beside it."""
+    path = square().save(folder / "b.gltf")
+    content = json.loads(path.read_text())
+    data = content["buffers"][0]["uri"].partition("base64,")[2]
+    (folder / "my data.bin").write_bytes(base64.b64decode(data))
+    content["buffers"][0]["uri"] = "my%20data.bin"
+    path.write_text(json.dumps(content))
+    return path
+
+
+def an_xml(folder: Path) -> Path:
+    """A scene with an included file, a texture of that, and a mesh under an old path."""
+    (folder / "meshes").mkdir()
+    (folder / "meshes" / "box.obj").write_text(draw.BOX)
+    (folder / "wood.png").write_bytes(draw.quadrants())
+    texture = '<texture type="bitmap"><string name="filename" value="wood.png"/></texture>'
+    shape = '<shape type="rectangle" id="inner"><bsdf type="diffuse">{}</bsdf></shape>'
+    inner = shape.format(texture.replace("<texture", '<texture name="reflectance"'))
+    (folder / "d.xml").write_text(f'<scene version="0.6.0">{inner}</scene>')
+    mesh = '<shape type="obj" id="m"><string name="filename" value="C:/old/box.obj"/></shape>'
+    return mitsuba.write(folder, mitsuba.usual('<include filename="d.xml"/>' + mesh))
+
+
+IMPORTS = {"obj": an_obj, "gltf": a_gltf, "xml": an_xml}
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("obj", "a.obj"),
+        ("obj", "my stuff.mtl"),
+        ("obj", "wood.png"),
+        ("obj", "LICENSE.txt"),  # absent so far
+        ("gltf", "b.gltf"),
+        ("gltf", "my data.bin"),
+        ("xml", "scene.xml"),
+        ("xml", "d.xml"),
+        ("xml", "wood.png"),
+        ("xml", "meshes/box.obj"),
+        ("xml", "another/BOX.OBJ"),
+        ("xml", "light_geometry_compact.txt"),
+        ("xml", "../light_geometry_compact.txt"),
+    ],
+)
+def test_an_import_holds_until_a_file_that_it_looked_for_changes(
+    tmp_path: Path, kind: str, name: str
+) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    path, opened = IMPORTS[kind](folder), OpenedFiles(folder)
+    import_scene(path, tmp_path / "out", opened=opened)
+    record = json.loads(json.dumps(opened.record()))
+    (folder / "notes.doc").write_text("not of the scene")
+    assert unchanged(record, folder)
+    moved = folder.rename(tmp_path / "moved")
+    assert unchanged(record, moved)
+    changed = Path(os.path.normpath(moved / name))
+    if changed.exists():
+        before = changed.read_bytes()
+        changed.unlink()
+        assert not unchanged(record, moved)
+        changed.write_bytes(before)
+        assert unchanged(record, moved)
+    else:
+        before = b""
+    changed.parent.mkdir(exist_ok=True)
+    changed.write_bytes(before + b"# more\n")
+    assert not unchanged(record, moved)
+
+
+def test_every_table_of_a_pbrs_house_is_in_the_record(tmp_path: Path) -> None:
+    (tmp_path / "room_camera.txt").write_text(
+        "2 1.5 -1  0 -0.196116 0.980581  0 0.980581 0.196116  0.5534 0.433896  7.25\n"
     )
-    (tmp_path / "d.xml").write_text("<scene><string value='wood.png'/></scene>")
-    for name, inner, entry in (
-        ("a.obj", "my stuff.mtl", {}),
-        ("a.obj", "wood.png", {}),
-        ("b.gltf", "my wood.png", {}),
-        ("c.xml", "wood.png", {}),
-        ("c.xml", "sky.exr", {"parameter": {"map": "sky.exr"}}),
-        ("c.xml", "light_geometry_compact.txt", {}),
-    ):
-        path = tmp_path / name
-        before = digest_import(path, ImportEntry(name, **entry))
-        old = (tmp_path / inner).read_bytes() if (tmp_path / inner).exists() else b""
-        (tmp_path / inner).write_bytes(old + b"# more\n")
-        assert digest_import(path, ImportEntry(name, **entry)) != before, (name, inner)
+    opened = OpenedFiles(tmp_path)
+    find_release(tmp_path / "a.xml", opened, Changes())
+    for name in ("name", "good", "node"):
+        path = tmp_path / f"room_camera_{name}.txt"
+        assert unchanged(opened.record(), tmp_path)
+        path.write_text("1\n")
+        assert not unchanged(opened.record(), tmp_path)
+        path.unlink()
+
+
+def test_a_scene_folder_holds_until_anything_in_it_changes(tmp_path: Path) -> None:
+    scene = import_scene(square().save(tmp_path / "a.glb"), tmp_path / "scene")
+    opened = OpenedFiles(scene.folder)
+    import_scene(scene.folder, tmp_path / "copy", opened=opened)
+    assert unchanged(opened.record(), scene.folder)
+    (scene.folder / "textures" / "more.png").write_bytes(b"")
+    assert not unchanged(opened.record(), scene.folder)
+
+
+@pytest.mark.parametrize("record", [None, {}, [], {"files": {}}, {"names": 3}])
+def test_a_damaged_record_makes_the_import_again(tmp_path: Path, record: Any) -> None:
+    assert not unchanged(record, tmp_path)
+
+
+def test_a_changed_file_makes_a_scene_and_its_variants_again(tmp_path: Path) -> None:
+    path = an_obj(tmp_path)
+    wanted = params(tmp_path, str(path), variants=2)
+    assert run_scenes(tmp_path / "data", wanted).made == 2
+    assert run_scenes(tmp_path / "data", wanted).kept == 2
+    before = scene_digest(tmp_path / "data" / "scenes" / "a")
+    with (tmp_path / "my stuff.mtl").open("a") as stream:
+        stream.write("# a comment\n")
+    assert run_scenes(tmp_path / "data", wanted).made == 2
+    assert scene_digest(tmp_path / "data" / "scenes" / "a") == before  # the record is not counted
 
 
 def test_names_of_scenes() -> None:

@@ -32,6 +32,7 @@ from scenes.models.gltf import read_gltf
 from scenes.models.gltf_container import open_asset
 from scenes.models.gltf_images import Images, texture_matrix
 from scenes.models.model import Model
+from scenes.opened_files import OpenedFiles
 from scenes.photometry import LUMEN
 from scenes.registry import import_scene
 from tests.fixtures.gltf import SQUARE, SQUARE_FACES, SQUARE_UV, Builder, square
@@ -44,7 +45,7 @@ def read(builder: Builder, folder: Path, suffix: str = ".glb") -> Model:
     path = builder.save(folder / f"model{suffix}")
     (folder / "textures").mkdir(exist_ok=True)
     changes = Changes()
-    asset = open_asset(path, Sandbox(folder))
+    asset = open_asset(path, Sandbox(OpenedFiles(folder)))
     images = Images(asset, folder / "textures", changes)
     return read_gltf(asset, images, TextureStore(folder / "textures", changes), changes)
 

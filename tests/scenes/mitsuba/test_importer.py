@@ -595,7 +595,7 @@ def test_parameters_take_what_is_given_then_the_files_default(tmp_path: Path) ->
     body = '<default name="w" value="80"/><default name="fov" value="50"/>' + usual().replace(
         'value="64"', 'value="$w"'
     ).replace('value="60"', 'value="$fov"')
-    scene = imported(tmp_path, body, parameters={"fov": "90", "nothing": "1"})
+    scene = imported(tmp_path, body, parameter={"fov": "90", "nothing": "1"})
     view = scene.source["views"][0]
     assert view["width"] == 80
     assert view["half_fov_x"] == pytest.approx(np.pi / 4)

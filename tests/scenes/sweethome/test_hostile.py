@@ -281,7 +281,7 @@ def test_bad_paths(text: str) -> None:
 @pytest.mark.parametrize(
     "options, error",
     [
-        ({"levels": ("Attic",)}, InputError),
+        ({"level": ("Attic",)}, InputError),
         ({"time": "noon"}, ParameterError),
         ({"time": "25:00"}, ParameterError),
     ],

@@ -1,0 +1,24 @@
+"""Import options of Mitsuba XML scenes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from scenes.source_options import FreeAxesOptions, described
+
+
+@dataclass(frozen=True, kw_only=True)
+class MitsubaOptions(FreeAxesOptions):
+    """Options of an `.xml` file: values of its parameters, missing meshes."""
+
+    title: ClassVar[str] = "Mitsuba"
+    suffixes: ClassVar[tuple[str, ...]] = (".xml",)
+
+    parameter: dict[str, str] = field(
+        default_factory=dict,
+        metadata=described("Value for a $parameter of the file; may be repeated.", "NAME=VALUE"),
+    )
+    skip_missing: bool = field(
+        default=False, metadata=described("Leave out shapes whose mesh file is missing.")
+    )

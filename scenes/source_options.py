@@ -1,0 +1,58 @@
+"""Base classes of import options: each scene source describes its options as a frozen dataclass.
+
+The fields of such a dataclass become keyword arguments of `import_scene`, options of
+`pbrnet import` and keys of `scenes.imports`. These modules import no importer, so that
+parameters load fast.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+from scenes.checked import within
+
+
+def described(text: str, metavar: str | None = None, **checks: Any) -> dict[str, Any]:
+    """Field metadata: the help text of `pbrnet import`, and `checks` as of `within`."""
+    return {"help": text, "metavar": metavar, **checks}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceOptions:
+    """Options that every source takes; a source adds its own in a subclass."""
+
+    title: ClassVar[str]  # of the source, for headings
+    suffixes: ClassVar[tuple[str, ...]]  # of its files, lower case
+
+    licence: str = field(
+        default="", metadata=described("Terms of use, e.g. CC-BY-4.0, if no file says so.")
+    )
+    author: str = field(default="", metadata=described("Whose work it is, if no file says so."))
+
+    def verify(self, where: str) -> None:
+        """Check values beyond their types; raises ValueError that begins with `where`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeAxesOptions(SourceOptions):
+    """Options of sources whose files state no unit, no up axis and open other files."""
+
+    scale: float | None = field(
+        default=None,
+        metadata=described("Metres per unit of the file; guessed if absent.", **within(1e-6, 1e6)),
+    )
+    up: Literal["auto", "x", "y", "z"] = field(
+        default="auto", metadata=described("Axis that points up in the file.")
+    )
+    root: Path | None = field(
+        default=None,
+        metadata=described("Folder above the file's; the import may open files inside it."),
+    )
+    sky: bool = field(
+        default=False,
+        metadata=described(
+            "Add sun and sky: to a Mitsuba scene without light, to any building as model."
+        ),
+    )

@@ -1,0 +1,42 @@
+"""Import options of Sweet Home 3D homes."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
+
+from scenes.source_options import SourceOptions, described
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweetHomeOptions(SourceOptions):
+    """Options of a `.sh3d` file: levels, time of day, lamps."""
+
+    title: ClassVar[str] = "Sweet Home 3D"
+    suffixes: ClassVar[tuple[str, ...]] = (".sh3d",)
+
+    level: tuple[str, ...] = field(
+        default=(),
+        metadata=described("Level of a home to import; may be repeated. All if absent.", "NAME"),
+    )
+    time: str | None = field(
+        default=None,
+        metadata=described(
+            "Local time of day in a home, instead of its own.",
+            "HH:MM",
+            allowed="in quotes, such as '19:30'",
+        ),
+    )
+    lamps: Literal["home", "on", "off"] = field(
+        default="home",
+        metadata=described("Lamps of a home: as the home has them, all on, or all off."),
+    )
+
+    def verify(self, where: str) -> None:
+        """Check the time of day; raises ValueError."""
+        super().verify(where)
+        if self.time is not None and not re.fullmatch(r"([01]?\d|2[0-3]):[0-5]\d", self.time):
+            raise ValueError(
+                f"{where}.time: {self.time!r} is not a time of day; give it as '19:30'"
+            )
