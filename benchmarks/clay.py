@@ -17,7 +17,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from pipeline.pathtrace.light_pilot import panes_of
+from pipeline.pathtrace.portals import portal_rectangles
 from pipeline.render.scene import RenderScene
 from pipeline.views import View
 from scenes.arrays import Float64Array
@@ -39,7 +39,7 @@ def write_clay(scene: RenderScene, view: View, max_depth: int, folder: Path) -> 
     """Write the clay of a scene, and for the other renderer one view of it; returns the scene."""
     kept: list[tuple[str, list[float]]] = []
     with writing_scene(folder) as partial:
-        for shape, clear in zip(scene.target.shapes, scene.target.clear, strict=True):
+        for shape, clear in zip(scene.geometry.shapes, scene.geometry.clear, strict=True):
             if clear or not isinstance(shape, mi.Mesh):
                 continue
             name = shape.id()
@@ -96,11 +96,11 @@ def _description(
 
 def windows_of(portals: tuple[Portal, ...]) -> list[list[list[float]]]:
     """Rectangles around the portals: a corner, its two neighbours, the normal that points in."""
-    panes = panes_of(portals)
+    rectangles = portal_rectangles(portals)
     rows: list[list[Float64Array]] = [
         [corner, corner + first, corner + second, -normal]
         for corner, first, second, normal in zip(
-            panes.corner, *panes.edges, panes.normal, strict=True
+            rectangles.corner, *rectangles.edges, rectangles.normal, strict=True
         )
     ]
     return [[[float(value) for value in point] for point in row] for row in rows]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from model.data.reader import Example
-from pipeline.passes.panorama_lights import sources, unshadowed
+from pipeline.passes.panorama_lights import sources, unshadowed_irradiance
 from scenes.arrays import AnyArray, Float32Array
 
 
@@ -69,6 +69,6 @@ def seen_sources(panorama: AnyArray, directions: AnyArray) -> Float32Array:
 def _irradiance(points: AnyArray, normals: AnyArray, places: AnyArray, power: AnyArray) -> AnyArray:
     """Irradiance (P, 3) at points (P, 3) with unit normals from point sources, unshadowed."""
     irradiance = np.zeros((len(points), 3), np.float32)
-    for some, brought in unshadowed(points, normals, places):
+    for some, brought in unshadowed_irradiance(points, normals, places):
         irradiance[some] = brought @ power
     return irradiance

@@ -1,8 +1,8 @@
 """Intel's Open Image Denoise over path-traced frames, guided by noise-free albedo and normals.
 
 The guides are box-averaged over sub-pixels, so that their edges are as smooth as the image's.
-Equal input gives equal bits for any number of threads. What it costs is a small bias: it was
-trained to please the eye, not to be unbiased; `groundtruth.denoise: none` keeps raw frames.
+Equal input gives equal bits for any number of threads. The denoised image has a small bias; set
+`groundtruth.denoise: none` to keep the raw frames.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Image = Float32Array
 
 
 def denoiser_version() -> str:
-    """The denoiser's name and version: part of a frame's fingerprint."""
+    """Return the denoiser's name and version: part of a frame's fingerprint."""
     return f"oidn {version('pyoidn')}"
 
 
@@ -41,7 +41,7 @@ def denoise(image: Channels, albedo: Image, normal: Image) -> Channels:
 
 
 def guides(render_scene: RenderScene, view: View) -> tuple[Image, Image]:
-    """Albedo in [0, 1] and camera-frame normal of a view, float32 (H, W, 3), sub-pixel means."""
+    """Return the sub-pixel means of albedo in [0, 1] and camera-frame normal, float32 (H, W, 3)."""
     scale = np.diag([SUBPIXELS, SUBPIXELS, 1.0])
     fine = replace(
         view,
@@ -56,16 +56,16 @@ def guides(render_scene: RenderScene, view: View) -> tuple[Image, Image]:
 
 
 def grey_guide(normal: Image, albedo: float) -> Image:
-    """The albedo guide of a textureless image: one grey wherever there is a surface."""
+    """Return the albedo guide of a textureless image: one grey wherever there is a surface."""
     surface = np.linalg.norm(normal, axis=-1, keepdims=True) > 0
     return np.where(surface, np.float32(albedo), np.float32(0)).repeat(3, axis=-1)
 
 
 @cache
 def _oidn() -> Any:
-    """`pyoidn`, kept from importing torch, which costs each worker a second and 200 MB.
+    """Import `pyoidn` without torch, whose import costs each worker a second and 200 MB.
 
-    It takes torch for tensors alone, and does without where there is none.
+    `pyoidn` needs torch for tensors only, and works without it.
     """
     hide = "torch" not in sys.modules
     if hide:

@@ -1,17 +1,17 @@
-"""Illumination panorama of a view: every light source that the camera position can see.
+"""Illumination panorama of a view: the light sources visible from the camera position.
 
-The rule is one of energy: a pixel's `intensity` is the mean, over the pixel's solid angle, of
-the luminance emitted by what is visible there, so that the sum of intensity x solid angle over
-the panorama is the illuminance that the visible sources give. `tint` is the colour of that light,
-which the paper's panorama has not. Two estimators serve them:
+Energy is conserved: a pixel's `intensity` is the luminance emitted by the sources visible there,
+averaged over the pixel's solid angle, so that the sum of intensity x solid angle over the panorama
+is the illuminance by the visible sources. `tint` is the colour of that light, which the paper's
+panorama does not have. There are two estimators:
 
-* sources at least a pixel or so wide, and the sky: rays on a fixed stratified grid of each pixel;
-* narrower ones (bulbs, tubes, the sun's disc, point and spot lights), which a grid would miss or
-  hit by luck: points on the source, each with the solid angle it stands for, traced to and added
-  to the pixel they fall in. A grid ray that hits such a source sees no light there.
+* Sources at least about a pixel wide, and the sky: rays on a fixed stratified grid in each pixel.
+* Narrower sources (bulbs, tubes, the sun's disc, point and spot lights), which a grid would miss or
+  hit by chance: points sampled on the source. Each represents a solid angle; if it is visible, it
+  is added to the pixel that it falls in. A grid ray that hits such a source adds nothing.
 
-Everything is fixed, nothing random: equal input gives equal bits. Left out: light that arrives
-by reflection or through frosted glass, and what tinted clear glass takes away.
+All samples are fixed: equal input gives equal bits. Not included: light that arrives by reflection
+or through frosted glass, and absorption by tinted clear glass.
 """
 
 from __future__ import annotations
@@ -34,67 +34,70 @@ from scenes.contract import Portal
 from scenes.geometry.directions import unit
 
 REVISION = 2
-_NARROW = 1.5  # pixels: sources of less mean width are sampled from the light's side
-_MOST_SHARES = 64  # times `light_samples` points at most for one long, thin source
-_PROBE_WIDTH = 128  # columns of the coarse look for openings
+_NARROW = 1.5  # pixels: sources of less mean width are narrow
+_MAX_MULTIPLE = 64  # of `light_samples`: most points on one long, thin source
+_PROBE_WIDTH = 128  # columns of the coarse panorama that searches for openings
 _GOLDEN = (0.7548776662466927, 0.5698402909980532)  # R2 sequence: 1/g, 1/g^2, g^3 = g + 1
 
 
 def render_illumination(
     render_scene: RenderScene, view: View, params: IlluminationParams
 ) -> Channels:
-    """Channels of an `illumination` frame, float32 (width / 2, width).
+    """Return the channels of an `illumination` frame, float32 (width / 2, width).
 
     `intensity.Y`: Rec. 709 luminance, `distance.Z`: its intensity-weighted mean distance in
     metres; `tint.R/G/B`: linear RGB of luminance 1, so that intensity x tint is the mean radiance.
-    All 0 where no light is visible. Equirectangular in the camera's own tilted frame: the centre
-    column is straight ahead, right of it the camera's right, the top row its up.
-    The sky's distance is that of the outermost portal the ray leaves through, or where it
-    leaves through none, of the scene's bounding box.
+    All are 0 where no light is visible. Equirectangular in the camera's own tilted frame: the
+    centre column is straight ahead, right of it is the camera's right, the top row is its up.
+    The sky's distance is that of the outermost portal that the ray passes; if it passes none, that
+    of the scene's bounding box.
     """
     panorama = Panorama(params.width, view.pose[:3, :3])
     lights = render_scene.lights
-    narrow, shares = _narrow_lamps(lights, view.eye, panorama)
-    gathered = Gathered(panorama.size)
-    _add_narrow(render_scene, lights, view.eye, panorama, params, narrow, shares, gathered)
-    _add_wide(render_scene, lights, view.eye, panorama, params, narrow, gathered)
+    narrow, multiples = _narrow_lamps(lights, view.eye, panorama)
+    sums = PanoramaSums(panorama.size)
+    _add_narrow(render_scene, lights, view.eye, panorama, params, narrow, multiples, sums)
+    _add_wide(render_scene, lights, view.eye, panorama, params, narrow, sums)
     solid = np.repeat(panorama.solid_angles, panorama.width)
-    energy = luminance(gathered.energy)
-    some = np.where(energy > 0, energy, 1)
+    energy = luminance(sums.energy)
+    divisor = np.where(energy > 0, energy, 1)
     bands = {
         "intensity.Y": energy / solid,
-        "distance.Z": gathered.weighted / some,
-        **{name: gathered.energy[:, i] / some for i, name in enumerate(TINT)},
+        "distance.Z": sums.weighted_distance / divisor,
+        **{name: sums.energy[:, i] / divisor for i, name in enumerate(TINT)},
     }
     shape = (panorama.height, panorama.width)
     return {name: band.astype(np.float32).reshape(shape) for name, band in bands.items()}
 
 
-class Gathered:
-    """What has been found so far in each of `size` pixels.
+class PanoramaSums:
+    """Sums over the samples in each of `size` pixels.
 
-    `energy` (size, 3) is linear RGB radiance times steradians, `weighted` (size,) its luminance
-    times metres.
+    `energy` (size, 3) is linear RGB radiance times steradians, `weighted_distance` (size,) its
+    luminance times metres.
     """
 
     def __init__(self, size: int) -> None:
         self.energy = np.zeros((size, 3))
-        self.weighted = np.zeros(size)
+        self.weighted_distance = np.zeros(size)
 
     def add(self, pixels: Int64Array, light: Float64Array, metres: Float64Array) -> None:
-        """Light (N, 3), as `energy`, from `metres` (N,) away into pixels (N,)."""
-        size = len(self.weighted)
+        """Add light (N, 3), in the unit of `energy`, at distances (N,) to pixels (N,)."""
+        size = len(self.weighted_distance)
         for band in range(3):
             self.energy[:, band] += np.bincount(pixels, light[:, band], size)
-        self.weighted += np.bincount(pixels, luminance(light) * metres, size)
+        self.weighted_distance += np.bincount(pixels, luminance(light) * metres, size)
 
 
 @dataclass(frozen=True)
 class Panorama:
-    """Equirectangular pixels around a camera whose axes are the columns of `turn` (3, 3)."""
+    """Equirectangular pixels around a camera.
+
+    The columns of `rotation` (3, 3) are the camera's axes in the world.
+    """
 
     width: int
-    turn: Float64Array
+    rotation: Float64Array
 
     @property
     def height(self) -> int:
@@ -115,23 +118,23 @@ class Panorama:
         return self.pitch * -np.diff(np.sin(self._elevations(self.height)))
 
     @cached_property
-    def middles(self) -> Float64Array:
-        """World directions (H x W, 3) through the middles of all pixels."""
+    def centres(self) -> Float64Array:
+        """World directions (H x W, 3) through the centres of all pixels."""
         return self.directions(np.arange(self.size), 1)[:, 0]
 
     def directions(self, pixels: Int64Array, per_axis: int) -> Float64Array:
-        """World directions (len(pixels), per_axis^2, 3) to the centres of equal parts of pixels.
+        """Return world directions (len(pixels), per_axis^2, 3) to the centres of parts of pixels.
 
-        Parts have equal solid angles, so equal weights; they run row by row.
+        The parts have equal solid angles, hence equal weights; they are in row-major order.
         """
         inner = (np.arange(per_axis) + 0.5) / per_axis
         inner = np.broadcast_to(inner, (len(pixels), per_axis))
         return self._directions(pixels, inner, inner)
 
-    def finer(
+    def subdivided(
         self, pixels: Int64Array, part: Int64Array, per_axis: int, steps: int
     ) -> Float64Array:
-        """World directions (N, steps^2, 3) within part `part[i]` of `directions`' parts."""
+        """Return world directions (N, steps^2, 3) within part `part[i]` of pixel i."""
         row, column = np.divmod(part[:, None], per_axis)
         inner = (np.arange(steps) + 0.5) / steps
         return self._directions(pixels, (row + inner) / per_axis, (column + inner) / per_axis)
@@ -139,7 +142,10 @@ class Panorama:
     def _directions(
         self, pixels: Int64Array, down: Float64Array, across: Float64Array
     ) -> Float64Array:
-        """Every pairing of `down` (N, A) and `across` (N, B), shares of each pixel: (N, A B, 3)."""
+        """Return directions (N, A B, 3) for all pairs of `down` (N, A) and `across` (N, B).
+
+        Both are fractions of the pixel, in [0, 1].
+        """
         row, column = np.divmod(pixels, self.width)
         sines = np.sin(self._elevations(self.height))
         sine = sines[row, None] + (sines[row + 1] - sines[row])[:, None] * down
@@ -149,23 +155,23 @@ class Panorama:
         local[..., 0] = flat * np.sin(azimuth)[:, None, :]
         local[..., 1] = -sine[:, :, None]
         local[..., 2] = flat * np.cos(azimuth)[:, None, :]
-        return local.reshape(len(pixels), -1, 3) @ self.turn.T
+        return local.reshape(len(pixels), -1, 3) @ self.rotation.T
 
     def pixels(self, directions: Float64Array) -> Int64Array:
-        """The pixel in which each world direction (N, 3), of length 1, falls."""
-        x, y, z = (directions @ self.turn).T
+        """Return the pixel of each world direction (N, 3), of length 1."""
+        x, y, z = (directions @ self.rotation).T
         column = np.floor((np.arctan2(x, z) / (2 * math.pi) + 0.5) * self.width).astype(np.int64)
         row = np.floor((0.5 + np.arcsin(np.clip(y, -1, 1)) / math.pi) * self.height)
         row = np.clip(row, 0, self.height - 1).astype(np.int64)
         return row * self.width + column % self.width
 
     def cone(self, centre: Float64Array, angle: float) -> BoolArray:
-        """Pixels that a cone around the world direction `centre` touches, (H x W,), generous."""
+        """Return a mask (H x W,) of the pixels that a cone around `centre` (world) may touch."""
         if angle >= math.pi:
             return np.ones(self.size, dtype=bool)
         axis = unit(centre)
-        reach: BoolArray = self.middles @ axis >= math.cos(min(angle + self.pitch, math.pi))
-        return reach
+        touched: BoolArray = self.centres @ axis >= math.cos(min(angle + self.pitch, math.pi))
+        return touched
 
     @staticmethod
     def _elevations(height: int) -> Float64Array:
@@ -176,7 +182,10 @@ class Panorama:
 def outside_distance(
     eye: Float64Array, directions: Float64Array, portals: tuple[Portal, ...], bbox: Float64Array
 ) -> Float64Array:
-    """Metres along each ray (N, 3) to the outermost portal it leaves through, else to `bbox`."""
+    """Return metres along each ray (N, 3) to the outermost portal that it passes, else to `bbox`.
+
+    `bbox` (2, 3) is the scene's bounding box.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         exits = np.where(directions > 0, bbox[1] - eye, bbox[0] - eye) / directions
     far = np.nanmin(np.where(directions == 0, np.inf, exits), axis=1)
@@ -185,16 +194,16 @@ def outside_distance(
         polygon, normal = np.array(portal.polygon), np.array(portal.normal)
         slope = directions @ normal
         leaves = slope > 1e-9
-        reach = np.where(leaves, (polygon[0] - eye) @ normal / np.where(leaves, slope, 1), 0)
+        metres = np.where(leaves, (polygon[0] - eye) @ normal / np.where(leaves, slope, 1), 0)
         inside = (
-            (reach > 0) & leaves & _in_polygon(eye + reach[:, None] * directions, polygon, normal)
+            (metres > 0) & leaves & _in_polygon(eye + metres[:, None] * directions, polygon, normal)
         )
-        through = np.where(inside, np.maximum(through, reach), through)
+        through = np.where(inside, np.maximum(through, metres), through)
     return np.where(through > 0, through, np.maximum(far, 0))
 
 
 def _in_polygon(points: Float64Array, polygon: Float64Array, normal: Float64Array) -> BoolArray:
-    """Whether points (N, 3) of a polygon's plane lie in it, by counting crossings."""
+    """Test whether points (N, 3) of a polygon's plane lie in it, by counting crossings."""
     keep = [axis for axis in range(3) if axis != int(np.argmax(np.abs(normal)))]
     flat, corners = points[:, keep], polygon[:, keep]
     inside = np.zeros(len(points), dtype=bool)
@@ -207,31 +216,31 @@ def _in_polygon(points: Float64Array, polygon: Float64Array, normal: Float64Arra
 
 
 def _sequence(count: int) -> Float64Array:
-    """The first `count` points of the R2 low-discrepancy sequence in [0, 1)^2 (Roberts 2018)."""
+    """Return the first `count` points of the R2 sequence in [0, 1)^2 (Roberts 2018)."""
     return (0.5 + np.arange(1, count + 1)[:, None] * np.array(_GOLDEN)) % 1
 
 
 def _narrow_lamps(
     lights: Lights, eye: Float64Array, panorama: Panorama
 ) -> tuple[BoolArray, Int64Array]:
-    """Which lamps are sampled from the light's side, and with how many times the samples."""
+    """Return which lamps are narrow, and the multiples of `light_samples` that they need."""
     count, tries = len(lights.lamps), 64
     if not count:
         return np.zeros(0, dtype=bool), np.zeros(0, dtype=np.int64)
-    which = np.repeat(np.arange(count), tries)
-    _, _, light, density = raycast.towards_lights(
-        lights.lamps, which, eye, np.tile(_sequence(tries), (count, 1))
+    indices = np.repeat(np.arange(count), tries)
+    _, _, light, density = raycast.sample_emitters(
+        lights.lamps, indices, eye, np.tile(_sequence(tries), (count, 1))
     )
-    shown = (luminance(light) > 0) & (density > 0)
-    parts = np.where(shown, 1 / np.where(shown, density, 1), 0)
+    facing = (luminance(light) > 0) & (density > 0)
+    parts = np.where(facing, 1 / np.where(facing, density, 1), 0)
     solid = parts.reshape(count, tries).mean(axis=1)
     away = np.linalg.norm(lights.centre - eye, axis=1)
     across = 2 * np.arcsin(np.minimum(lights.radius / np.maximum(away, 1e-9), 1))
     width = solid / np.maximum(across, 1e-9)
     narrow = (lights.shape < 0) | (width < _NARROW * panorama.pitch)
-    shares = np.ceil(solid / panorama.pitch**2).astype(np.int64)
-    shares = np.where((lights.shape < 0) | (solid > 0), np.clip(shares, 1, _MOST_SHARES), 0)
-    return narrow, shares
+    multiples = np.ceil(solid / panorama.pitch**2).astype(np.int64)
+    multiples = np.where((lights.shape < 0) | (solid > 0), np.clip(multiples, 1, _MAX_MULTIPLE), 0)
+    return narrow, multiples
 
 
 def _add_narrow(
@@ -241,26 +250,27 @@ def _add_narrow(
     panorama: Panorama,
     params: IlluminationParams,
     narrow: BoolArray,
-    shares: Int64Array,
-    gathered: Gathered,
+    multiples: Int64Array,
+    sums: PanoramaSums,
 ) -> None:
-    counts = np.where(narrow, shares * params.light_samples, 0)
-    which = np.repeat(np.arange(len(counts)), counts)
-    if not len(which):
+    """Add narrow lamps by points sampled on them."""
+    counts = np.where(narrow, multiples * params.light_samples, 0)
+    indices = np.repeat(np.arange(len(counts)), counts)
+    if not len(indices):
         return
     samples = np.concatenate([_sequence(count) for count in counts])
-    directions, distance, light, _ = raycast.towards_lights(lights.lamps, which, eye, samples)
-    part = light / counts[which, None]
-    seen = luminance(part) > 0
-    which, directions, distance, part = which[seen], directions[seen], distance[seen], part[seen]
-    distant = lights.distant[which]
-    reach = np.where(distant, 1e9, distance)
-    free = raycast.reached(render_scene.target, eye, directions, reach)
+    directions, distance, light, _ = raycast.sample_emitters(lights.lamps, indices, eye, samples)
+    part = light / counts[indices, None]
+    lit = luminance(part) > 0
+    indices, directions, distance, part = indices[lit], directions[lit], distance[lit], part[lit]
+    distant = lights.distant[indices]
+    limit = np.where(distant, 1e9, distance)
+    free = raycast.unoccluded(render_scene.geometry, eye, directions, limit)
     metres = distance.astype(np.float64)
     metres[distant] = outside_distance(
         eye, directions[distant], render_scene.scene.portals, render_scene.bbox
     )
-    gathered.add(panorama.pixels(directions[free]), part[free], metres[free])
+    sums.add(panorama.pixels(directions[free]), part[free], metres[free])
 
 
 def _add_wide(
@@ -270,76 +280,77 @@ def _add_wide(
     panorama: Panorama,
     params: IlluminationParams,
     narrow: BoolArray,
-    gathered: Gathered,
+    sums: PanoramaSums,
 ) -> None:
-    target = render_scene.target
-    glowing = np.zeros(len(target.shapes), dtype=bool)
-    glowing[lights.shape[~narrow]] = True
-    wanted = np.zeros(panorama.size, dtype=bool)
+    """Add wide lamps and the environment by rays on a grid in each pixel that may show them."""
+    geometry = render_scene.geometry
+    emitting = np.zeros(len(geometry.shapes), dtype=bool)
+    emitting[lights.shape[~narrow]] = True
+    traced = np.zeros(panorama.size, dtype=bool)
     for lamp in np.flatnonzero(~narrow):
         offset = lights.centre[lamp] - eye
         away = float(np.linalg.norm(offset))
         inside = away <= lights.radius[lamp]
         angle = math.pi if inside else math.asin(lights.radius[lamp] / away)
-        wanted |= panorama.cone(offset, angle)
+        traced |= panorama.cone(offset, angle)
     if lights.environment is not None:
-        wanted |= _open_pixels(render_scene, eye, panorama)
-    pixels = np.flatnonzero(wanted)
+        traced |= _open_pixels(render_scene, eye, panorama)
+    pixels = np.flatnonzero(traced)
     if not len(pixels):
         return
     parts = params.supersampling**2
     directions = panorama.directions(pixels, params.supersampling).reshape(-1, 3)
-    shape, distance, light = raycast.emitted(target, eye, directions, glowing)
+    shape, distance, light = raycast.emitted_radiance(geometry, eye, directions, emitting)
     metres = distance.astype(np.float64)
-    escaped = shape < 0
-    if lights.environment is not None and escaped.any():
-        metres[escaped] = outside_distance(
-            eye, directions[escaped], render_scene.scene.portals, render_scene.bbox
+    missed = shape < 0
+    if lights.environment is not None and missed.any():
+        metres[missed] = outside_distance(
+            eye, directions[missed], render_scene.scene.portals, render_scene.bbox
         )
-        light[escaped] = _sky_light(lights, panorama, params, pixels, np.flatnonzero(escaped))
+        light[missed] = _environment_light(lights, panorama, params, pixels, np.flatnonzero(missed))
     solid = np.repeat(panorama.solid_angles[pixels // panorama.width] / parts, parts)
     lit = luminance(light) > 0
     part = (light * solid[:, None])[lit]
-    gathered.add(np.repeat(pixels, parts)[lit], part, metres[lit])
+    sums.add(np.repeat(pixels, parts)[lit], part, metres[lit])
 
 
-def _sky_light(
+def _environment_light(
     lights: Lights,
     panorama: Panorama,
     params: IlluminationParams,
     pixels: Int64Array,
-    escaped: Int64Array,
+    rays: Int64Array,
 ) -> Float64Array:
-    """Mean light (N, 3) of the environment over the part of a pixel that each ray stands for.
+    """Return the environment's mean radiance (N, 3) over the part of a pixel of each ray.
 
-    `escaped` numbers the rays, `supersampling`^2 to a pixel. A part is looked up as often as it
-    takes to miss no texel of an environment map, which needs no further rays.
+    `rays` are the indices of rays that hit no surface, `supersampling`^2 per pixel. Each part is
+    evaluated often enough to miss no texel of an environment map; this needs no further rays.
     """
     per_axis = params.supersampling
-    steps = max(1, math.ceil(panorama.pitch / per_axis / lights.texel))
-    light = np.empty((len(escaped), 3))
+    steps = max(1, math.ceil(panorama.pitch / per_axis / lights.texel_angle))
+    light = np.empty((len(rays), 3))
     batch = max(1, raycast.CHUNK // steps**2)
-    for start in range(0, len(escaped), batch):
-        pixel, part = np.divmod(escaped[start : start + batch], per_axis**2)
-        directions = panorama.finer(pixels[pixel], part, per_axis, steps)
-        seen = raycast.sky(lights.environment, directions.reshape(-1, 3))
-        light[start : start + batch] = seen.reshape(-1, steps**2, 3).mean(axis=1)
+    for start in range(0, len(rays), batch):
+        pixel, part = np.divmod(rays[start : start + batch], per_axis**2)
+        directions = panorama.subdivided(pixels[pixel], part, per_axis, steps)
+        radiance = raycast.environment_radiance(lights.environment, directions.reshape(-1, 3))
+        light[start : start + batch] = radiance.reshape(-1, steps**2, 3).mean(axis=1)
     return light
 
 
 def _open_pixels(render_scene: RenderScene, eye: Float64Array, panorama: Panorama) -> BoolArray:
-    """Pixels that may show the environment: around portals, and where coarse probes escape."""
-    wanted = np.zeros(panorama.size, dtype=bool)
+    """Return a mask of pixels that may show the environment: at portals and open coarse probes."""
+    mask = np.zeros(panorama.size, dtype=bool)
     for portal in render_scene.scene.portals:
         corners = np.array(portal.polygon) - eye
-        middle = unit(corners.mean(axis=0))
-        facing = np.clip(unit(corners) @ middle, -1, 1)
-        wanted |= panorama.cone(middle, float(np.arccos(facing.min())))
-    coarse = Panorama(min(panorama.width, _PROBE_WIDTH), panorama.turn)
-    shape, _ = raycast.nearest(render_scene.target, eye, coarse.middles)
+        centre = unit(corners.mean(axis=0))
+        cosines = np.clip(unit(corners) @ centre, -1, 1)
+        mask |= panorama.cone(centre, float(np.arccos(cosines.min())))
+    coarse = Panorama(min(panorama.width, _PROBE_WIDTH), panorama.rotation)
+    shape, _ = raycast.nearest(render_scene.geometry, eye, coarse.centres)
     open_ = (shape < 0).reshape(coarse.height, coarse.width)
     near = open_ | np.roll(open_, 1, axis=1) | np.roll(open_, -1, axis=1)
     near[1:] |= near[:-1].copy()
     near[:-1] |= near[1:].copy()
     near[[0, -1]] = near[[0, -1]].any(axis=1, keepdims=True)
-    return wanted | near.ravel()[coarse.pixels(panorama.middles)]
+    return mask | near.ravel()[coarse.pixels(panorama.centres)]

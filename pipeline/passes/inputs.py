@@ -1,8 +1,8 @@
 """Input images of a view: depth, normal, reflectance, valid mask and object index.
 
-Pixel-centre samples, traced once, so noise-free and equal on every run. Sight passes clear
-glass to what is behind it. Left out: reflections (a mirror shows its own reflectance, not what
-it mirrors), bump and normal maps (the normal is the interpolated vertex normal).
+One ray through each pixel centre, so the images are noise-free and equal in every run. Rays pass
+clear glass. Not supported: reflections (a mirror shows its own reflectance, not its surroundings),
+bump and normal maps (the normal is the interpolated vertex normal).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.frames import Channels
 from pipeline.render import raycast
 from pipeline.render.scene import RenderScene
+from pipeline.render.scene_geometry import Hits
 from pipeline.views import View
 from scenes.arrays import Float64Array
 from scenes.geometry.directions import pixel_directions, unit
@@ -20,7 +21,7 @@ REVISION = 1
 
 
 def render_inputs(render_scene: RenderScene, view: View) -> Channels:
-    """Channels of an `inputs` frame, each (H, W).
+    """Return the channels of an `inputs` frame, each (H, W).
 
     `Z`: float32, metres along the optical axis, 0 where no surface is. `N.X/Y/Z`: unit normal,
     camera frame (OpenCV), facing the camera. `albedo.R/G/B`: linear base colour, [0, 1].
@@ -30,12 +31,12 @@ def render_inputs(render_scene: RenderScene, view: View) -> Channels:
     turn, eye = view.pose[:3, :3], view.eye
     local = pixel_directions(view.intrinsics, view.width, view.height)
     directions = unit(local.reshape(-1, 3)) @ turn.T
-    hits = raycast.surfaces(render_scene.target, eye, directions)
+    hits = raycast.surfaces(render_scene.geometry, eye, directions)
     shape = (view.height, view.width)
     valid = hits.shape >= 0
     depth = np.where(valid, (hits.position.astype(np.float64) - eye) @ turn[:, 2], 0)
-    normal = np.where(valid[:, None], facing(hits, directions), 0) @ turn
-    objects = np.append(render_scene.target.objects, -1)[hits.shape] + 1
+    normal = np.where(valid[:, None], facing_normals(hits, directions), 0) @ turn
+    objects = np.append(render_scene.geometry.objects, -1)[hits.shape] + 1
     channels: Channels = {"Z": depth.astype(np.float32).reshape(shape)}
     for axis, name in enumerate("XYZ"):
         channels[f"N.{name}"] = normal[:, axis].astype(np.float32).reshape(shape)
@@ -46,13 +47,14 @@ def render_inputs(render_scene: RenderScene, view: View) -> Channels:
     return channels
 
 
-def facing(hits: raycast.Hits, directions: Float64Array) -> Float64Array:
-    """Shading normals (N, 3) turned to the side from which each ray (N, 3) arrives.
+def facing_normals(hits: Hits, directions: Float64Array) -> Float64Array:
+    """Return shading normals (N, 3), flipped to the side from which each ray (N, 3) arrives.
 
-    The side is the true (geometric) surface's. An interpolated normal that still points away,
-    as happens at silhouettes, is bent until it is perpendicular to the ray.
+    The geometric normal decides on the side. An interpolated normal that still points away, as
+    happens at silhouettes, is bent until it is perpendicular to the ray.
     """
-    geometric, shading = hits.geometric.astype(np.float64), hits.shading.astype(np.float64)
+    geometric = hits.geometric_normal.astype(np.float64)
+    shading = hits.shading_normal.astype(np.float64)
     shading = np.where(_dots(shading, geometric) < 0, -shading, shading)
     shading = np.where(_dots(geometric, directions) > 0, -shading, shading)
     return unit(shading - np.maximum(_dots(shading, directions), 0) * directions)

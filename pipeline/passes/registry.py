@@ -1,8 +1,8 @@
-"""The kinds of frames in one table: how each is rendered, and all that determines its pixels.
+"""Registry of render passes: each kind of frame, its renderer and its fingerprint.
 
-A frame's fingerprint is a digest over exactly that: the pass and its revision, the parameters it
-reads, the view's camera and size, the scene's content, the renderer, the seed. What does not
-change a pixel (scores, the farm, training) is not in it.
+A frame's fingerprint is a digest of everything that determines its pixels: the pass and its
+revision, the parameters that it reads, the view's camera and size, the scene's content, the
+renderer, the seed. Everything else (view scores, the farm, training) is excluded.
 """
 
 from __future__ import annotations
@@ -34,19 +34,24 @@ from scenes.checked import plain
 from scenes.errors import InputError
 from scenes.seeds import derive
 
-Result = tuple[Channels, dict[str, Any]]  # channels, and what else goes into the attribute
+Result = tuple[Channels, dict[str, Any]]  # channels, and further entries of the attribute
 Render = Callable[[RenderScene, View, Params, int], Result]
 TRUTHS: tuple[Kind, ...] = ("shading", "color")
 
 
 @dataclass(frozen=True)
 class Pass:
-    """One kind of frame: `render` gives its channels and what else goes into its attribute."""
+    """One kind of frame.
+
+    `render` returns its channels and further entries of its `pbrnet` attribute. `revision` must
+    be raised when the code changes pixels. `determined_by` returns the parameters that determine
+    pixels.
+    """
 
     revision: int
     determined_by: Callable[[Params], dict[str, Any]]
     render: Render
-    seeded: bool = False  # whether chance has a part in it
+    seeded: bool = False  # True if the pass uses random numbers
 
 
 def _inputs(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
@@ -62,36 +67,39 @@ def _visibility(scene: RenderScene, view: View, params: Params, seed: int) -> Re
 
 
 def _truth(kind: Kind) -> Render:
-    """How one of the two truths is rendered when it is wanted alone."""
+    """Return the renderer of shading or colour alone."""
 
     def render(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
         albedo = params.shading.albedo
         if traced_together(params) and (kind == "shading" or _has_twin(scene, params)):
             truths = render_both(scene, view, params.groundtruth, albedo, seed)
-            return finished(kind, getattr(truths, kind), scene, view, params)
+            return postprocessed(kind, getattr(truths, kind), scene, view, params)
         form = scene.neutral(albedo if kind == "shading" else None)
         truth = render_truth(form, view, params.groundtruth, seed)
-        return finished(kind, truth, scene, view, params)
+        return postprocessed(kind, truth, scene, view, params)
 
     return render
 
 
 def render_truths(scene: RenderScene, view: View, params: Params, seed: int) -> dict[Kind, Result]:
-    """Shading and colour of a view, each bit for bit as its own pass renders it.
+    """Render shading and colour of a view; each is bit-identical to that of its own pass.
 
-    Raises `InputError` for a material without neutral twin, though colour alone could be had.
+    Raises `InputError` for a material without neutral twin, even though colour alone could be
+    rendered.
     """
     if not traced_together(params):
         return {kind: PASSES[kind].render(scene, view, params, seed) for kind in TRUTHS}
     truths = render_both(scene, view, params.groundtruth, params.shading.albedo, seed)
-    return {kind: finished(kind, getattr(truths, kind), scene, view, params) for kind in TRUTHS}
+    return {
+        kind: postprocessed(kind, getattr(truths, kind), scene, view, params) for kind in TRUTHS
+    }
 
 
 def render_noisy(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
-    """Colour and shading of `noisy.spp` samples a pixel: as they come, unbiased; and denoised.
+    """Render colour and shading with `noisy.spp` samples per pixel, unbiased and denoised.
 
-    Channels as `frames.KINDS` has them, statistics those of colour. Raises `InputError` for a
-    material without neutral twin.
+    Returns the channels of the kind `noisy` and the statistics of colour. Raises `InputError` for
+    a material without neutral twin.
     """
     settings, albedo = _noisy_trace(params), params.shading.albedo
     if traced_together(params):
@@ -114,18 +122,18 @@ def render_noisy(scene: RenderScene, view: View, params: Params, seed: int) -> R
 
 
 def _named(names: Sequence[str], image: Channels) -> Channels:
-    """The bands of an image under other names."""
+    """Return the bands of an image under other names."""
     return {name: image[band] for name, band in zip(names, RGB, strict=True)}
 
 
 def _noisy_trace(params: Params) -> GroundTruthParams:
-    """The truth's way of tracing, of few samples."""
+    """Return the parameters of the ground truth, with few samples."""
     spp = params.noisy.spp
     return replace(params.groundtruth, spp=spp, block_spp=spp, noise=0.0, denoise="none")
 
 
 def traced_together(params: Params) -> bool:
-    """Whether colour and shading come from one trace: as asked for, where the variant can."""
+    """Test whether colour and shading come from one trace: requested, and supported here."""
     return params.groundtruth.joint and integrator.available()
 
 
@@ -137,8 +145,10 @@ def _has_twin(scene: RenderScene, params: Params) -> bool:
     return True
 
 
-def finished(kind: Kind, truth: Result, scene: RenderScene, view: View, params: Params) -> Result:
-    """A truth as its pass gives it: denoised, if the parameters say so."""
+def postprocessed(
+    kind: Kind, truth: Result, scene: RenderScene, view: View, params: Params
+) -> Result:
+    """Return a traced image as its pass stores it: denoised, if the parameters say so."""
     channels, stats = truth
     if params.groundtruth.denoise == "none":
         return truth
@@ -161,9 +171,9 @@ def _truth_determined_by(params: Params) -> dict[str, Any]:
 
 
 def _color_determined_by(params: Params) -> dict[str, Any]:
-    # In a joint trace the twin's throughput has a say in every path's roulette.
-    company = {"shading": plain(params.shading)} if params.groundtruth.joint else {}
-    return {**_truth_determined_by(params), **company}
+    # In a joint trace, Russian roulette depends on the neutral twin.
+    twin = {"shading": plain(params.shading)} if params.groundtruth.joint else {}
+    return {**_truth_determined_by(params), **twin}
 
 
 def _noisy_determined_by(params: Params) -> dict[str, Any]:
@@ -204,31 +214,31 @@ PASSES: dict[Kind, Pass] = {
 
 
 def pass_seed(kind: Kind, view: View, root: int) -> int:
-    """The seed of one pass over one view, descended from the root seed.
+    """Return the seed of one pass over one view, derived from the root seed.
 
-    Shading and colour have one in common, since they may come from one trace. Noisy frames have
-    their own: a network that is shown the truth's own samples learns the truth's noise.
+    Shading and colour share a seed, because they may come from one trace. Noisy frames have their
+    own: a network that sees the ground truth's own samples would learn the ground truth's noise.
     """
     name = "truth" if kind in TRUTHS else kind
     return derive(root, "scene", view.scene_id, "view", view.view_id, name)
 
 
 def camera_of(view: View) -> View:
-    """The part of a view that determines pixels: without its score and what was seen."""
+    """Return the part of a view that determines pixels: without its score and object counts."""
     return replace(view, score=0.0, seen={})
 
 
 def frame_fingerprint(
     kind: Kind, view: View, params: Params, scene_digest: str, renderer: str
 ) -> str:
-    """The fingerprint of a frame; see this module's docstring for what is in it."""
-    made_by = PASSES[kind]
+    """Return the fingerprint of a frame; see this module's docstring."""
+    render_pass = PASSES[kind]
     return fingerprint(
         kind=kind,
-        revision=made_by.revision,
-        params=made_by.determined_by(params),
+        revision=render_pass.revision,
+        params=render_pass.determined_by(params),
         view=camera_of(view),
         scene=scene_digest,
         renderer=renderer,
-        seed=pass_seed(kind, view, params.seed) if made_by.seeded else None,
+        seed=pass_seed(kind, view, params.seed) if render_pass.seeded else None,
     )

@@ -1,10 +1,10 @@
-"""Shadows of the panorama's lights: how much of their direct light reaches each pixel's surface.
+"""Visibility of the panorama's light sources from each pixel's surface, by shadow rays.
 
-From every surface in view a few rays go to the places of the sources that the panorama shows; the
-more a source would bring without shadows, the more of the rays. Nothing is random: the choice is
-stratified, over the rays of a pixel and over those of its neighbours on the same surface, which
-then lend each other their rays (interleaved sampling, Keller and Heidrich 2001). What the panorama
-does not know, lamps hidden from the camera and light that bounces, this does not know either.
+A few shadow rays per pixel go from the surface to sources of the panorama, chosen in proportion to
+their unshadowed irradiance. Nothing is random: the choice is stratified over the rays of a pixel
+and over its neighbours on the same surface, whose results are then averaged (interleaved sampling,
+Keller and Heidrich 2001). Like the panorama, the result does not include lamps that are hidden from
+the camera, nor indirect light.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 from pipeline.frames import TINT, Channels
 from pipeline.params import IlluminationParams
 from pipeline.passes.illumination import render_illumination
-from pipeline.passes.inputs import facing
-from pipeline.passes.panorama_lights import sources, unshadowed
+from pipeline.passes.inputs import facing_normals
+from pipeline.passes.panorama_lights import sources, unshadowed_irradiance
 from pipeline.render import raycast
 from pipeline.render.scene import RenderScene
 from pipeline.views import View
@@ -24,12 +24,12 @@ from scenes.color import luminance
 from scenes.geometry.directions import pixel_directions, unit
 
 REVISION = 1
-_LIFT = 1e-3  # metres: how far off the surface rays begin
-_ORDER = ((0, 8, 2, 10), (12, 4, 14, 6), (3, 11, 1, 9), (15, 7, 13, 5))  # Bayer 1973
-_WINDOW = (0.5, 1.0, 1.0, 1.0, 0.5)
-_ALIKE = 0.9  # cosine between the normals of one surface
-_FLAT = 0.01  # of the depth: how far off a pixel's plane its surface may lie
-_SLACK = 0.02  # metres before a source's mean place that count as arrived
+_RAY_OFFSET = 1e-3  # metres: distance of ray origins from the surface
+_BAYER = ((0, 8, 2, 10), (12, 4, 14, 6), (3, 11, 1, 9), (15, 7, 13, 5))  # Bayer 1973
+_WINDOW = (0.5, 1.0, 1.0, 1.0, 0.5)  # weights of the 5 x 5 neighbourhood, per axis
+_MIN_COSINE = 0.9  # between the normals of one surface
+_MAX_OFFSET = 0.01  # of the depth: distance of a surface from the pixel's tangent plane
+_TOLERANCE = 0.02  # metres before a source's mean position within which a ray has arrived
 
 
 def render_visibility(
@@ -39,51 +39,50 @@ def render_visibility(
     panorama: Channels | None = None,
     inputs: Channels | None = None,
 ) -> Channels:
-    """`visibility.Y`, float32 (H, W), [0, 1]: share of the panorama's direct light that arrives.
+    """Return `visibility.Y`, float32 (H, W), [0, 1]: the unoccluded share of direct light.
 
-    Estimated by `params.shadow_rays` rays a pixel, and those of its neighbours. 1 where there is
-    no surface, or none of the light would reach it anyway. `panorama` and `inputs` are what
-    `render_illumination` and `render_inputs` make of the same, where they are there already; depth
-    and normals of the latter are rounded, which may turn a ray that grazes an edge.
+    Estimated with `params.shadow_rays` rays per pixel and those of its neighbours. 1 where there
+    is no surface, or where no source faces it. `panorama` and `inputs` are the results of
+    `render_illumination` and `render_inputs` for the same view, if they exist already; depth and
+    normals of the latter are rounded, which may change rays that graze an edge.
     """
     panorama = panorama or render_illumination(render_scene, view, params)
     tint = np.stack([panorama[name] for name in TINT], axis=-1)
-    places, power = sources(panorama["intensity.Y"][..., None] * tint, panorama["distance.Z"])
+    positions, power = sources(panorama["intensity.Y"][..., None] * tint, panorama["distance.Z"])
     turn, eye = view.pose[:3, :3], view.eye
     seen, points, normals = (
-        _looked_at(render_scene, view) if inputs is None else _held_by(inputs, view)
+        _traced_surfaces(render_scene, view) if inputs is None else _input_surfaces(inputs, view)
     )
     share = np.ones(len(seen))
-    if len(places) and seen.any():
-        share[seen] = _arriving(
+    if len(positions) and seen.any():
+        share[seen] = _unoccluded_share(
             render_scene,
             points[seen],
             normals[seen],
-            eye + places @ turn.T,
+            eye + positions @ turn.T,
             luminance(power.astype(np.float64)),
             _strata(view, params.shadow_rays).reshape(-1, params.shadow_rays)[seen],
         )
     shape = (view.height, view.width)
-    lent = shared(
+    averaged = surface_mean(
         share.reshape(shape),
         points.reshape(*shape, 3) - eye,
         normals.reshape(*shape, 3),
         seen.reshape(shape),
     )
-    return {"visibility.Y": lent.astype(np.float32)}
+    return {"visibility.Y": averaged.astype(np.float32)}
 
 
-def _looked_at(render_scene: RenderScene, view: View) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Of each pixel, row by row, whether it shows a surface (P,), and that surface's place and
-    normal, (P, 3) each, world."""
+def _traced_surfaces(render_scene: RenderScene, view: View) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Trace the pixel centres; return surface flags (P,), positions and normals (P, 3), world."""
     local = pixel_directions(view.intrinsics, view.width, view.height)
     directions = unit(local.reshape(-1, 3)) @ view.pose[:3, :3].T
-    hits = raycast.surfaces(render_scene.target, view.eye, directions, colors=False)
-    return hits.shape >= 0, hits.position.astype(np.float64), facing(hits, directions)
+    hits = raycast.surfaces(render_scene.geometry, view.eye, directions, colors=False)
+    return hits.shape >= 0, hits.position.astype(np.float64), facing_normals(hits, directions)
 
 
-def _held_by(inputs: Channels, view: View) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """The same, from a view's rasterised inputs."""
+def _input_surfaces(inputs: Channels, view: View) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Return the same as `_traced_surfaces`, from a view's input images."""
     turn = view.pose[:3, :3].T
     local = pixel_directions(view.intrinsics, view.width, view.height)
     points = (local * inputs["Z"].astype(np.float64)[..., None]).reshape(-1, 3) @ turn + view.eye
@@ -91,43 +90,46 @@ def _held_by(inputs: Channels, view: View) -> tuple[AnyArray, AnyArray, AnyArray
     return inputs["valid"].ravel() > 0, points, unit(normals.reshape(-1, 3)) @ turn
 
 
-def _arriving(
+def _unoccluded_share(
     render_scene: RenderScene,
     points: AnyArray,
     normals: AnyArray,
-    places: AnyArray,
+    positions: AnyArray,
     power: AnyArray,
     strata: AnyArray,
 ) -> AnyArray:
-    """Share of the rays (P, K) from points (P, 3) to sources (S, 3) that meet nothing, (P,)."""
+    """Return the share of unoccluded rays from each point (P, 3) to sources (S, 3), (P,).
+
+    `power` (S,) are the sources' intensities, `strata` (P, K) the rays' stratified samples.
+    """
     chosen = np.zeros(strata.shape, dtype=np.int64)
-    some = np.zeros(len(points), dtype=bool)
-    for part, brought in unshadowed(points, normals, places):
-        chosen[part], some[part] = choose(brought * power, strata[part])
-    rows = np.flatnonzero(some)
-    origins = np.repeat(points[rows] + _LIFT * normals[rows], strata.shape[1], axis=0)
-    towards = places[chosen[rows].ravel()] - origins
-    metres = np.linalg.norm(towards, axis=1)
-    shape, free = raycast.nearest(render_scene.target, origins, towards / metres[:, None])
-    lights = np.zeros(len(render_scene.target.shapes) + 1, dtype=bool)  # the last: no shape
+    lit = np.zeros(len(points), dtype=bool)
+    for part, irradiance in unshadowed_irradiance(points, normals, positions):
+        chosen[part], lit[part] = choose_sources(irradiance * power, strata[part])
+    rows = np.flatnonzero(lit)
+    origins = np.repeat(points[rows] + _RAY_OFFSET * normals[rows], strata.shape[1], axis=0)
+    offsets = positions[chosen[rows].ravel()] - origins
+    metres = np.linalg.norm(offsets, axis=1)
+    shape, free = raycast.nearest(render_scene.geometry, origins, offsets / metres[:, None])
+    lights = np.zeros(len(render_scene.geometry.shapes) + 1, dtype=bool)  # the last: no shape
     lights[render_scene.lights.shape[render_scene.lights.shape >= 0]] = True
-    # A lamp hides its own mean place, and so does another light: what is met then shines itself.
-    arrives = (free >= metres - _SLACK) | lights[shape]
+    # A lamp's surface may lie before its mean position, and so may another lamp: no occlusion.
+    arrives = (free >= metres - _TOLERANCE) | lights[shape]
     share = np.ones(len(points))
     share[rows] = arrives.reshape(len(rows), -1).mean(axis=1)
     return share
 
 
-def choose(weights: AnyArray, strata: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """For each of P points the numbers (P, K) of K sources, drawn by `weights` (P, S).
+def choose_sources(weights: AnyArray, strata: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Choose K sources for each of P points in proportion to `weights` (P, S).
 
-    `strata` (P, K) in [0, 1) says where in the cumulated weights each stands. Also (P,): whether
-    there is any weight at all; where not, the numbers mean nothing.
+    Inverts the cumulative weights at `strata` (P, K) in [0, 1). Returns the sources' indices
+    (P, K) and flags (P,): False where all weights are 0 and the indices are meaningless.
     """
     cumulated = np.cumsum(weights, axis=1, dtype=np.float64)
     total = cumulated[:, -1:]
     cumulated /= np.where(total > 0, total, 1)
-    # One sorted line of all points' weights, each a unit long.
+    # One sorted array of all points' cumulative weights, each shifted by its row number.
     start = np.arange(len(weights))[:, None]
     found = np.searchsorted((cumulated + start).ravel(), (strata + start).ravel(), side="right")
     number = found.reshape(strata.shape) - start * weights.shape[1]
@@ -135,42 +137,43 @@ def choose(weights: AnyArray, strata: AnyArray) -> tuple[AnyArray, AnyArray]:
 
 
 def _strata(view: View, count: int) -> AnyArray:
-    """Where the rays of each pixel stand in [0, 1): (H, W, count), one to each equal part.
+    """Return stratified samples of each pixel in [0, 1), (H, W, count), one in each equal part.
 
-    Of any 4x4 pixels each stands elsewhere in its parts, at one of sixteen equal steps.
+    Within each 4 x 4 block of pixels, the offsets in the parts are sixteen equal steps, in the
+    order of Bayer's matrix.
     """
     row, column = np.mgrid[: view.height, : view.width]
-    shift = (np.array(_ORDER)[row % 4, column % 4] + 0.5) / 16
+    shift = (np.array(_BAYER)[row % 4, column % 4] + 0.5) / 16
     return (np.arange(count) + shift[..., None]) / count
 
 
-def shared(share: AnyArray, points: AnyArray, normals: AnyArray, seen: AnyArray) -> AnyArray:
-    """Each pixel's mean (H, W) with those of the 5x5 around it that lie on its surface.
+def surface_mean(share: AnyArray, points: AnyArray, normals: AnyArray, seen: AnyArray) -> AnyArray:
+    """Average `share` (H, W) over those of the 5 x 5 pixels around that lie on the same surface.
 
-    `points`, from the camera, and unit `normals` are (H, W, 3); `seen` (H, W): where there is a
-    surface. The outermost count half, so that each of a 4x4 pattern has the same weight.
+    `points`, relative to the camera, and unit `normals` are (H, W, 3); `seen` (H, W) flags pixels
+    with a surface. The outermost pixels count half, so that each offset of the 4 x 4 pattern has
+    the same weight.
     """
     height, width = share.shape
     depth = np.linalg.norm(points, axis=-1)
     total, weight = np.zeros_like(share), np.zeros_like(share)
-    near = [np.ascontiguousarray(np.moveaxis(each, -1, 0)) for each in (points, normals)]
-    grown = [
-        np.pad(each, ((0, 0),) * (each.ndim - 2) + ((2, 2), (2, 2)))
-        for each in (share, *near, seen)
+    own = [np.ascontiguousarray(np.moveaxis(each, -1, 0)) for each in (points, normals)]
+    padded = [
+        np.pad(each, ((0, 0),) * (each.ndim - 2) + ((2, 2), (2, 2))) for each in (share, *own, seen)
     ]
     for down in range(5):
         for across in range(5):
-            theirs, place, normal, there = (
-                each[..., down : down + height, across : across + width] for each in grown
+            theirs, point, normal, valid = (
+                each[..., down : down + height, across : across + width] for each in padded
             )
-            off = np.abs(_dot(place - near[0], near[1]))
-            alike = (_dot(normal, near[1]) > _ALIKE) & (off < _FLAT * depth) & there
-            counts = alike * _WINDOW[down] * _WINDOW[across]
+            offset = np.abs(_dot(point - own[0], own[1]))
+            same = (_dot(normal, own[1]) > _MIN_COSINE) & (offset < _MAX_OFFSET * depth) & valid
+            counts = same * _WINDOW[down] * _WINDOW[across]
             total += counts * theirs
             weight += counts
     return np.where(seen & (weight > 0), total / np.where(weight > 0, weight, 1), share)
 
 
 def _dot(one: AnyArray, other: AnyArray) -> AnyArray:
-    """Of vectors whose components come first, (3, H, W): (H, W)."""
+    """Return the dot products (H, W) of vectors whose components come first, (3, H, W)."""
     return np.asarray(one[0] * other[0] + one[1] * other[1] + one[2] * other[2])

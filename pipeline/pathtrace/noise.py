@@ -1,7 +1,7 @@
-"""The blocks of a path-traced image: their mean, and how far it may be from the truth.
+"""Block statistics of a path-traced image: mean, noise estimate, fireflies.
 
-Blocks are independent estimates of one image. Only sums are kept, in float64, so memory does not
-grow with the number of samples.
+Blocks are independent estimates of one image. Only running sums are kept, in float64, so memory
+does not grow with the number of samples.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from scenes.arrays import BoolArray, Float64Array
 from scenes.color import luminance
 
 _FIREFLY_RATIO = 8.0  # times the median of the 5 x 5 pixels around
-_FIREFLY_DOUBT = 0.5  # relative error from which a bright pixel is chance, not a small lamp
+_FIREFLY_ERROR = 0.5  # least relative error of a firefly; below, it is a small lamp
 
 
-class Tally:
-    """The blocks of one image of so many rows and columns, as they come in."""
+class BlockStatistics:
+    """Running statistics over the blocks of one image, (height, width)."""
 
     def __init__(self, height: int, width: int) -> None:
         self.blocks = 0
         self.total = np.zeros((height, width, 3))
         self.finite = np.zeros((height, width))  # blocks in which the pixel was finite
-        # Of their luminance, not below 0: the mean, and the sum of squares around it, updated
-        # as Welford did (1962), for which equal blocks differ by exactly 0.
+        # Mean of the luminance, clamped to 0 from below, and sum of squares around it, by Welford's
+        # update (1962): equal blocks then have a variance of exactly 0.
         self.mean = np.zeros((height, width))
         self.squares = np.zeros((height, width))
 
     def add(self, pixels: Float64Array) -> None:
-        """Add a block's mean radiance, (H, W, 3)."""
+        """Add a block's mean radiance, linear RGB (H, W, 3)."""
         sound = np.asarray(np.isfinite(pixels).all(axis=-1))
         pixels = np.where(sound[..., None], pixels, 0)
         self.blocks += 1
@@ -44,36 +44,36 @@ class Tally:
         self.squares += step * np.where(sound, lum - self.mean, 0)
 
     def relative_error(self) -> Float64Array:
-        """Relative standard error of each pixel's mean luminance, (H, W).
+        """Return the relative standard error of each pixel's mean luminance, (H, W).
 
         sqrt(s² / B) / (m + δ), where m and s² are mean and variance of the pixel's B finite
         blocks and δ is 1 % of the image's mean, so that darkness does not count as noise.
         Radiance is not negative, so a single block that holds all the light gives 1, the largest
-        value possible: no firefly can dominate the view's noise. A pixel that no light has
-        reached yet is as unsure as the least sure of the 5 x 5 around it: it is either black or
-        in grain too coarse to have hit it. With one block, neighbouring pixels stand in.
+        possible value: no firefly can dominate the view's noise. A pixel without any light gets
+        the largest error of the 5 x 5 pixels around it: it is either black or undersampled. With
+        one block, differences between neighbouring pixels replace those between blocks.
         """
         if self.blocks == 1:
-            beside = Tally(*self.mean.shape)
+            neighbours = BlockStatistics(*self.mean.shape)
             for image in (self.mean, np.roll(self.mean, 1, axis=1)):
-                beside.add(np.repeat(image[..., None], 3, axis=-1))
-            return beside.relative_error() * np.sqrt(2)
+                neighbours.add(np.repeat(image[..., None], 3, axis=-1))
+            return neighbours.relative_error() * np.sqrt(2)
         variance = self.squares / np.maximum(self.finite * (self.finite - 1), 1)
         safe = self.mean + 0.01 * self.mean.mean()
         error = np.where(safe > 0, np.sqrt(variance) / np.where(safe > 0, safe, 1), 0)
         return np.where(self.mean == 0, maximum_filter(error, size=5, mode="nearest"), error)
 
     def noise(self) -> float:
-        """Root mean square of `relative_error` over the pixels."""
+        """Return the root mean square of `relative_error` over the pixels."""
         return float(np.sqrt(np.mean(self.relative_error() ** 2)))
 
     def image(self) -> Channels:
-        """The mean radiance, not below 0: `R`, `G`, `B`, float32 (H, W)."""
+        """Return the mean radiance, clamped to 0 from below: `R`, `G`, `B`, float32 (H, W)."""
         mean = np.maximum(self._mean(), 0)
         return {name: mean[..., i].astype(np.float32) for i, name in enumerate(RGB)}
 
     def statistics(self) -> dict[str, Any]:
-        """What is known of the image; see `pipeline.passes.groundtruth.render_truth`."""
+        """Return the statistics that `pipeline.passes.groundtruth.render_truth` documents."""
         mean = self._mean()
         lum = luminance(np.maximum(mean, 0))
         fireflies = fireflies_in(lum, self.relative_error())
@@ -94,16 +94,21 @@ class Tally:
 
 
 def fireflies_in(lum: Float64Array, error: Float64Array) -> BoolArray:
-    """Pixels far brighter than all around, (H, W), that are so by chance: their `error`, relative,
-    is large."""
+    """Return the mask (H, W) of pixels far brighter than their surroundings by chance.
+
+    By chance means that their relative error `error` (H, W) is large.
+    """
     around = median_filter(lum, size=5, mode="nearest")
     floor = 0.01 * lum.mean()
     bright: BoolArray = lum > _FIREFLY_RATIO * (around + floor)
-    return bright & (error > _FIREFLY_DOUBT)
+    return bright & (error > _FIREFLY_ERROR)
 
 
 def firefly_light(lum: Float64Array, fireflies: BoolArray) -> float:
-    """Share of all light in the brightest fireflies: little in grain, all of it where a material
-    or a path goes wrong and outshines the room."""
+    """Return the share of all light that lies in the brightest fireflies.
+
+    It is small in evenly noisy images, and near 1 where a faulty material or path outshines the
+    room. The brightest are at most a thousandth of the pixels.
+    """
     few = -(-lum.size // 1000)
     return float(np.sort(lum[fireflies])[-few:].sum() / max(lum.sum(), np.finfo(float).tiny))

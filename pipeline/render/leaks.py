@@ -1,9 +1,9 @@
-"""Where a building lets light through that should not: the dark-house test.
+"""Detection of light leaks in a building: the dark-house test.
 
-With every lamp off and every portal blocked, a house is black inside. Light paths are reversible,
-so it is enough to walk at random from inside every room, bouncing as matt surfaces do, and to see
-whether a walk ever gets out other than through a portal. Sky and lamps outside need no mention:
-whatever light there is beyond the walls would come in the same way.
+With every lamp off and every portal blocked, a closed building is black inside. Light paths are
+reversible, so the test traces random diffuse walks from inside every room and checks whether a
+walk leaves the building other than through a portal. The test needs no sky and no lamps outdoors:
+their light would enter along the same paths.
 """
 
 from __future__ import annotations
@@ -28,8 +28,11 @@ BOUNCES = 8
 
 @dataclass(frozen=True)
 class Leak:
-    """Walks that left room `room` (id): their `share`, and the last `point` (world, metres)
-    inside a room and `direction` of one of them."""
+    """Light leak of one room.
+
+    `room` is the room's id and `share` the fraction of its walks that left the building. `point`
+    (world, metres) and `direction` are the last ones inside a room of one such walk.
+    """
 
     room: str
     share: float
@@ -40,44 +43,50 @@ class Leak:
         x, y, z = self.point
         return (
             f"light leaks into {self.room} near ({x:.2f}, {y:.2f}, {z:.2f}): "
-            f"{100 * self.share:.2g} % of what bounces there gets out other than by a portal"
+            f"{100 * self.share:.2g} % of the light walks from this room leave the building "
+            "other than through a portal"
         )
 
 
 def find_leaks(
     scene: RenderScene, walks: int = WALKS, bounces: int = BOUNCES, seed: int = 0
 ) -> list[Leak]:
-    """The rooms that walks of light leave, in the scene's order; empty if the house is dark.
+    """Return the leaks, in the order of the scene's rooms; empty if the building is dark.
 
-    `walks` start at random places in each room. A room that is meant to be open (a terrace
-    without a ceiling) shows as a leak of a large share.
+    `walks` random walks start in each room, with up to `bounces` segments each. A room that is
+    meant to be open (a terrace without a ceiling) appears as a leak with a large share.
     """
     found = []
     for room in scene.scene.rooms:
         rng = generator(seed, "leaks", room.id)
         origins = places(Polygon(room.floor), room.floor_z, room.ceiling_z, walks, rng)
-        way = unit(rng.normal(size=(walks, 3)))
-        kept_origin, kept_way = origins.copy(), way.copy()  # of the last stretch from indoors
+        directions = unit(rng.normal(size=(walks, 3)))
+        # Start and direction of each walk's last segment that began indoors.
+        indoor_origins, indoor_directions = origins.copy(), directions.copy()
         alive, escaped = np.arange(walks), []
         for _ in range(bounces):
-            hits = raycast.surfaces(scene.target, origins[alive], way[alive], colors=False)
+            hits = raycast.surfaces(scene.geometry, origins[alive], directions[alive], colors=False)
             distance = np.where(hits.shape >= 0, hits.distance, np.inf).astype(np.float64)
-            stopped = blocked(scene.scene.portals, origins[alive], way[alive], distance)
+            stopped = blocked(scene.scene.portals, origins[alive], directions[alive], distance)
             escaped += alive[~stopped & np.isinf(distance)].tolist()
             going = ~stopped & np.isfinite(distance)
-            normals, alive = unit(hits.geometric[going]), alive[going]
+            normals, alive = unit(hits.geometric_normal[going]), alive[going]
             if not len(alive):
                 break
-            origins[alive], way[alive] = bounce(
-                origins[alive], way[alive], distance[going], normals, rng
+            origins[alive], directions[alive] = bounce(
+                origins[alive], directions[alive], distance[going], normals, rng
             )
             indoors = alive[_within(scene.scene.rooms, origins[alive])]
-            kept_origin[indoors], kept_way[indoors] = origins[indoors], way[indoors]
+            indoor_origins[indoors] = origins[indoors]
+            indoor_directions[indoors] = directions[indoors]
         if escaped:
             one = min(escaped)
             found.append(
                 Leak(
-                    room.id, len(escaped) / walks, _triple(kept_origin[one]), _triple(kept_way[one])
+                    room.id,
+                    len(escaped) / walks,
+                    _triple(indoor_origins[one]),
+                    _triple(indoor_directions[one]),
                 )
             )
     return found

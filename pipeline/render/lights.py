@@ -1,4 +1,4 @@
-"""The light sources of a scene as the illumination panorama needs them."""
+"""Light sources of a scene, as the illumination panorama needs them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from pipeline.render.raycast import Target
+from pipeline.render.scene_geometry import SceneGeometry
 from pipeline.render.scenegraph import Graph
 from scenes.arrays import BoolArray, Float64Array, Int32Array
 
@@ -19,13 +19,13 @@ _ENVIRONMENTS = ("constant", "envmap", *_SUN_AND_SKY)
 
 @dataclass(frozen=True)
 class Lights:
-    """Sources that have a place or a direction (`lamps`), and the environment.
+    """Emitters with a position or a direction (`lamps`), and the environment emitter.
 
-    `shape[i]` is the shape that lamp i lights up, -1 for lamps without one (points, spots, the
-    sun); `centre` (N, 3) and `radius` (N,) are bounding spheres of those shapes; `distant[i]`
-    says that lamp i shines from outside the scene. `environment` is the sky without its sun,
-    or an environment map; None where there is none. `texel` is the angle between the samples
-    of an environment map, radians; infinite for smooth skies.
+    `shape[i]` is the index of lamp i's shape, -1 for lamps without one (point and spot lights, the
+    sun). `centre` (N, 3) and `radius` (N,) are bounding spheres of those shapes, in metres.
+    `distant[i]` says that lamp i is infinitely far away. `environment` is the sky without its
+    sun, or an environment map; None if there is none. `texel_angle` is the angle between the
+    samples of an environment map, in radians; infinite for smooth skies.
     """
 
     lamps: tuple[Any, ...]
@@ -34,11 +34,11 @@ class Lights:
     radius: Float64Array
     distant: BoolArray
     environment: Any | None
-    texel: float
+    texel_angle: float
 
 
-def collect_lights(graph: Graph, target: Target) -> Lights:
-    """The lights of a loaded scene; of a sky with a sun, one twin for each alone."""
+def collect_lights(graph: Graph, geometry: SceneGeometry) -> Lights:
+    """Return the lights of a loaded scene; a sky with a sun is split into its two parts."""
     lamps: list[Any] = []
     shapes: list[int] = []
     centres: list[Float64Array] = []
@@ -52,7 +52,7 @@ def collect_lights(graph: Graph, target: Target) -> Lights:
         radii.append(radius)
         distant.append(far)
 
-    for index, shape in enumerate(target.shapes):
+    for index, shape in enumerate(geometry.shapes):
         if shape.is_emitter():
             box = shape.bbox()
             low, high = (
@@ -65,7 +65,7 @@ def collect_lights(graph: Graph, target: Target) -> Lights:
                 float(np.linalg.norm(high - low)) / 2,
                 False,
             )
-    environment, texel = None, math.inf
+    environment, texel_angle = None, math.inf
     for node in graph.nested(0, "Emitter"):
         plugin = graph.plugin(node)
         if plugin in _SUN_AND_SKY:
@@ -75,12 +75,12 @@ def collect_lights(graph: Graph, target: Target) -> Lights:
             if "sun_scale" not in sun or sun["sun_scale"] > 0:
                 sun["sky_scale"] = 0.0
                 lamp = graph.make_from(node, sun)
-                lamp.set_scene(target.scene)
+                lamp.set_scene(geometry.scene)
                 add(lamp, -1, np.zeros(3), 0.0, True)
         elif plugin in _ENVIRONMENTS:
             environment = graph.make(node)
             if plugin == "envmap":
-                texel = math.pi / mi.traverse(environment)["data"].shape[0]
+                texel_angle = math.pi / mi.traverse(environment)["data"].shape[0]
         else:
             add(
                 graph.make(node), -1, np.zeros(3), 0.0, plugin in ("directional", "directionalarea")
@@ -92,5 +92,5 @@ def collect_lights(graph: Graph, target: Target) -> Lights:
         np.array(radii),
         np.array(distant, dtype=bool),
         environment,
-        texel,
+        texel_angle,
     )

@@ -1,4 +1,7 @@
-"""What the shapes of an open scene wear: their own materials, or a grey twin of each."""
+"""Material sets of an open scene: its own materials, or a neutral twin of each.
+
+The two sets share the shapes' geometry and textures; one of them is applied at a time.
+"""
 
 from __future__ import annotations
 
@@ -11,85 +14,85 @@ from pipeline.render.neutral import neutral_twin
 from pipeline.render.scenegraph import Graph, create, shapes_of
 from scenes.errors import InputError
 
-_ANY_GREY = 0.5
+_INITIAL_ALBEDO = 0.5
 
-Suit = list[tuple[Any, Any]]  # shape and BSDF
+MaterialSet = list[tuple[Any, Any]]  # shape and BSDF
 
 
-class Wardrobe:
-    """Changes the materials of a scene's shapes, which share geometry and textures.
+class MaterialSets:
+    """The own and the neutral materials of a scene's shapes, and which of them are applied.
 
-    Dr.Jit compiles every material that exists into each path tracing kernel, so a grey suit
-    made only after the first colour image would cost a second compilation, and the next colour
-    image a third. Hence one grey suit always exists, whatever its grey: that is data, not code.
+    Dr.Jit compiles every material that exists into each path tracing kernel. A neutral set made
+    only after the first colour image would cost a second compilation, and the next colour image a
+    third. Therefore one neutral set always exists. Its albedo is data, not code.
     """
 
     def __init__(self, graph: Graph) -> None:
         self._graph = graph
-        self._own = _suit(graph, None)
-        self._grey: Suit = []
-        self._shade: float | None = None
-        self._worn: float | None = None
-        self.suit = 0  # number of the present grey suit; those before are gone
-        with suppress(InputError):  # raised again when the grey is asked for
-            self._tailor(_ANY_GREY)
+        self._own = _material_set(graph, None)
+        self._neutral: MaterialSet = []
+        self._neutral_albedo: float | None = None
+        self._applied: float | None = None  # the albedo of the applied set; None: own materials
+        self.neutral_version = 0  # counts the neutral sets made; each replaces the one before
+        with suppress(InputError):  # raised again when the neutral set is needed
+            self._make_neutral(_INITIAL_ALBEDO)
 
-    def wear(self, albedo: float | None) -> None:
-        """Dress all shapes in the grey `albedo`, or None: in their own materials.
+    def apply(self, albedo: float | None) -> None:
+        """Give all shapes neutral materials of this albedo, or their own (None).
 
-        Raises `InputError` for a material that has no grey twin.
+        Raises `InputError` for a material that has no neutral twin.
         """
-        if albedo == self._worn:
+        if albedo == self._applied:
             return
-        if albedo is not None and albedo != self._shade:
-            self.wear(None)
-            self._grey = []  # gone before the next is made, so that their number stays
-            self._tailor(albedo)
-        for shape, bsdf in self._own if albedo is None else self._grey:
+        if albedo is not None and albedo != self._neutral_albedo:
+            self.apply(None)
+            self._neutral = []  # freed before the next is made, so that the number of BSDFs stays
+            self._make_neutral(albedo)
+        for shape, bsdf in self._own if albedo is None else self._neutral:
             shape.set_bsdf(bsdf)
-        self._worn = albedo
+        self._applied = albedo
 
     def twins(self, albedo: float) -> list[tuple[Any, Any]]:
-        """Every shape's own material with its twin in the grey `albedo`.
+        """Return every shape's own BSDF with its neutral twin of this albedo.
 
-        They hold until another grey is asked for; shapes that wear another one take it off. Raises
-        `InputError` as `wear` does.
+        The pairs are valid until another albedo is needed. If a neutral set of another albedo is
+        applied, the shapes get their own materials back. Raises `InputError` as `apply` does.
         """
-        if albedo != self._shade:
-            self.wear(albedo)
-            self.wear(None)
-        pairs = zip(self._own, self._grey, strict=True)
-        return [(own, grey) for (_, own), (_, grey) in pairs]
+        if albedo != self._neutral_albedo:
+            self.apply(albedo)
+            self.apply(None)
+        pairs = zip(self._own, self._neutral, strict=True)
+        return [(own, neutral) for (_, own), (_, neutral) in pairs]
 
-    def _tailor(self, albedo: float) -> None:
-        self._shade = None
-        self._grey = _suit(self._graph, albedo)
-        self.suit += 1
-        self._shade = albedo
+    def _make_neutral(self, albedo: float) -> None:
+        self._neutral_albedo = None
+        self._neutral = _material_set(self._graph, albedo)
+        self.neutral_version += 1
+        self._neutral_albedo = albedo
 
 
-def _suit(graph: Graph, albedo: float | None) -> Suit:
-    """Every shape with what it wears in one form of the scene."""
+def _material_set(graph: Graph, albedo: float | None) -> MaterialSet:
+    """Return every shape with its own BSDF (`albedo` None) or its neutral twin."""
     twins: dict[int, Any] = {}
-    suit = []
+    pairs = []
     for node in shapes_of(graph):
         if graph.plugin(node) in ("shapegroup", "instance"):
             continue
         shape = graph.make(node)
         if albedo is None:
-            suit.append((shape, shape.bsdf()))
+            pairs.append((shape, shape.bsdf()))
             continue
         material = next(iter(graph.nested(node, "BSDF")), -1)
         if material not in twins:
             twins[material] = (
-                neutral_twin(graph, material, albedo) if material >= 0 else _plain(albedo)
+                neutral_twin(graph, material, albedo) if material >= 0 else _diffuse(albedo)
             )
-        suit.append((shape, twins[material]))
-    return suit
+        pairs.append((shape, twins[material]))
+    return pairs
 
 
-def _plain(albedo: float) -> Any:
-    """What shapes without a material wear."""
-    grey = mi.Properties("diffuse")
-    grey["reflectance"] = albedo
-    return create(grey)
+def _diffuse(albedo: float) -> Any:
+    """Return the neutral twin of Mitsuba's default material, for shapes without one."""
+    properties = mi.Properties("diffuse")
+    properties["reflectance"] = albedo
+    return create(properties)

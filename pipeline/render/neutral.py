@@ -1,8 +1,8 @@
-"""Twins of a BSDF: neutral (its colours replaced by one grey) and reflectance (only its colour).
+"""Twins of a BSDF: neutral (every colour replaced by one grey) and reflectance (colour only).
 
-Both are made from the scene file's nodes and share textures with the original. Which properties
-hold colour is a table here; everything else (roughness, metalness, index of refraction, glass,
-alpha masks, bump and normal maps, blend weights) stays as it is in the neutral twin.
+Both are made from the scene file's nodes and share textures with the original. A table here names
+the properties that hold colour. Everything else (roughness, metalness, index of refraction, glass,
+alpha masks, bump and normal maps, blend weights) stays unchanged in the neutral twin.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scenes.errors import InputError
 _WRAPPERS = ("twosided", "mask", "bumpmap", "normalmap", "blendbsdf")
 _CONDUCTORS = ("conductor", "roughconductor")
 _DIELECTRICS = ("dielectric", "thindielectric", "roughdielectric")
-# plugin -> property that holds its base colour; 0.5 is Mitsuba's default of each.
+# plugin -> property that holds its base colour; Mitsuba's default of each is 0.5
 _BASE = {
     "diffuse": "reflectance",
     "plastic": "diffuse_reflectance",
@@ -27,17 +27,17 @@ _BASE = {
     "principled": "base_color",
     "principledthin": "base_color",
 }
-# Tints without which the surface is colourless: their defaults are colourless.
+# Tints that are removed: their defaults are colourless.
 _TINTS = ("specular_transmittance", "spec_tint", "sheen_tint")
 _DEFAULT_BASE = 0.5
 
 
 def neutral_twin(graph: Graph, index: int, albedo: float) -> Any:
-    """The BSDF of node `index` with every colour replaced by the grey `albedo`.
+    """Return the BSDF of node `index` with every colour replaced by the grey `albedo`.
 
     Metals become grey mirrors of that reflectance, tinted glass becomes clear. A colourless
     constant `specular_reflectance` is gloss, not colour, and stays. Raises `InputError` for a
-    BSDF this table does not know.
+    BSDF that the table does not hold.
     """
     plugin, props = graph.plugin(index), graph.props(index)
     if plugin == "null":
@@ -57,7 +57,7 @@ def neutral_twin(graph: Graph, index: int, albedo: float) -> Any:
         props[_BASE[plugin]] = albedo
     elif plugin not in _DIELECTRICS:
         raise InputError(
-            f"{graph.where(index)}: no neutral twin is known for this material; "
+            f"{graph.where(index)}: this material has no neutral twin; "
             f"use one of {', '.join(sorted({*_BASE, *_CONDUCTORS, *_DIELECTRICS}))}"
         )
     _drop(props, *_TINTS)
@@ -68,11 +68,11 @@ def neutral_twin(graph: Graph, index: int, albedo: float) -> Any:
 
 
 def reflectance_twin(graph: Graph, index: int) -> Any:
-    """A BSDF whose `eval_diffuse_reflectance` is the base colour of node `index`.
+    """Return a BSDF whose `eval_diffuse_reflectance` is the base colour of node `index`.
 
     Diffuse, plastic, principled: the base colour or its texture. Metals: reflectance at normal
     incidence (times `specular_reflectance`; where that is a texture, the texture alone).
-    Rough glass: its transmittance. Bump and masks are left to the geometry pass. Materials
+    Rough glass: its transmittance. Bump maps and masks are handled by the ray caster. Materials
     without a base colour (measured, hair) give 0.5.
     """
     plugin, references = graph.plugin(index), graph.references(index)
@@ -91,15 +91,15 @@ def reflectance_twin(graph: Graph, index: int) -> Any:
 
 
 def passes_light(graph: Graph, index: int) -> bool:
-    """Whether node `index` is a clear surface that sight passes undeviated, as far as we model.
+    """Test whether camera rays pass node `index` undeviated.
 
-    Smooth dielectrics, thin panes and the null BSDF.
+    True for smooth dielectrics, thin panes and the null BSDF.
     """
     return graph.plugin(index) in ("dielectric", "thindielectric", "null")
 
 
 def has_mask(graph: Graph, index: int) -> bool:
-    """Whether a BSDF node holds an alpha mask anywhere."""
+    """Test whether a BSDF node holds an alpha mask anywhere."""
     return graph.plugin(index) == "mask" or any(
         has_mask(graph, child) for child in graph.nested(index, "BSDF")
     )
@@ -131,7 +131,7 @@ def _value(graph: Graph, index: int, name: str, default: float) -> Any:
 
 
 def _normal_incidence(conductor: Any) -> np.ndarray:
-    """Fresnel reflectance of a conductor at normal incidence, linear RGB (3,), in [0, 1]."""
+    """Return the Fresnel reflectance of a conductor at normal incidence, RGB (3,), in [0, 1]."""
     params = mi.traverse(conductor)
     if "eta.value" not in params or "k.value" not in params:
         return np.ones(3)  # material "none": a perfect mirror

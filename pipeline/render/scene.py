@@ -1,6 +1,6 @@
-"""The renderer's rim: which Mitsuba variant runs, scenes opened for rendering, id images, rays.
+"""Entry to the renderer: Mitsuba variant, scenes opened for rendering, object id images, rays.
 
-`set_variant` is called once per process, before anything else here.
+Call `set_variant` once per process, before anything else here.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ import psutil
 from pipeline.params import Variant
 from pipeline.render import raycast
 from pipeline.render.lights import Lights, collect_lights
-from pipeline.render.material_sets import Wardrobe
+from pipeline.render.material_sets import MaterialSets
 from pipeline.render.neutral import has_mask, passes_light, reflectance_twin
+from pipeline.render.scene_geometry import SceneGeometry
 from pipeline.render.scenegraph import Graph, create, parse, shapes_of
 from scenes.arrays import Float32Array, Float64Array, Int32Array
 from scenes.contract import Scene
@@ -40,9 +41,9 @@ def set_variant(requested: Variant = "auto") -> str:
     """Choose the Mitsuba variant of this process and return its name.
 
     "auto" takes `cuda_ad_rgb` where a CUDA device works, else `llvm_ad_rgb` where libLLVM loads,
-    else `scalar_rgb` with a line on standard error. Asking again is free; "auto" keeps what is
-    set. Raises `MachineError` if a variant is asked for that cannot run here, or another one
-    than the process already uses.
+    else `scalar_rgb` with a line on standard error. Further calls cost nothing; "auto" keeps the
+    variant that is set. Raises `MachineError` if the requested variant cannot run here, or if the
+    process already uses another one.
     """
     current = mi.variant()
     if current is not None and requested in ("auto", current):
@@ -61,7 +62,7 @@ def set_variant(requested: Variant = "auto") -> str:
 
 
 def renderer_version() -> str:
-    """Renderer, its versions and the variant: part of every frame's fingerprint."""
+    """Return the renderer, its versions and the variant: part of every frame's fingerprint."""
     return f"mitsuba {mi.__version__}, drjit {dr.__version__}, {mi.variant()}, core {REVISION}"
 
 
@@ -70,43 +71,43 @@ class RenderScene:
     """A scene ready to render, in its own colours or (`albedo` given) as its neutral twin.
 
     The two forms share geometry, textures and the ray tracing structure: they are one Mitsuba
-    scene whose shapes change clothes. So hold one form at a time: `dress()` puts this one on,
-    and everything that shades calls it first. Not for use from several threads at once.
+    scene whose shapes get other materials. Everything that shades calls `apply_materials` first.
+    Not for use from several threads at once.
     """
 
     scene: Scene
-    target: raycast.Target
+    geometry: SceneGeometry
     lights: Lights
     bbox: Float64Array  # (2, 3) world metres
-    wardrobe: Wardrobe
+    materials: MaterialSets
     albedo: float | None = None
 
     @property
     def mitsuba(self) -> Any:
-        """The Mitsuba scene, dressed in this form's materials."""
-        self.dress()
-        return self.target.scene
+        """The Mitsuba scene, with this form's materials applied."""
+        self.apply_materials()
+        return self.geometry.scene
 
     def neutral(self, albedo: float | None) -> RenderScene:
-        """This scene with every colour replaced by the grey `albedo`; None: in its own colours.
+        """Return this scene with every colour replaced by the grey `albedo`.
 
-        Costs almost nothing: the geometry is shared.
+        None returns the scene in its own colours. Costs almost nothing: the geometry is shared.
         """
         return replace(self, albedo=albedo)
 
     def twins(self, albedo: float) -> list[tuple[Any, Any]]:
-        """Every material with its twin in the grey `albedo`, as they are now in memory.
+        """Return every shape's BSDF with its neutral twin in the grey `albedo`.
 
         Raises `InputError` for a material that has no neutral twin.
         """
-        return self.wardrobe.twins(albedo)
+        return self.materials.twins(albedo)
 
-    def dress(self) -> None:
-        """Give the shared shapes this form's materials, unless they wear them.
+    def apply_materials(self) -> None:
+        """Give the shared shapes this form's materials, unless they have them already.
 
         Raises `InputError` for a material that has no neutral twin.
         """
-        self.wardrobe.wear(self.albedo)
+        self.materials.apply(self.albedo)
 
 
 def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene:
@@ -116,11 +117,11 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
     and element for broken XML, missing or damaged meshes and textures, unknown plugins.
     """
     if mi.variant() is None:
-        raise RuntimeError("set_variant comes before open_scene")
+        raise RuntimeError("call set_variant before open_scene")
     graph = parse(scene.xml)
     root = graph.make(0)
     _check_geometry(scene, root)
-    index_of = {shape: i for i, thing in enumerate(scene.objects) for shape in thing.shapes}
+    index_of = {shape: i for i, item in enumerate(scene.objects) for shape in item.shapes}
     shapes, objects, clear, masked, twins = [], [], [], [], []
     made: dict[int, Any] = {}
     for node in shapes_of(graph):
@@ -138,8 +139,10 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
         twins.append(made[own[0]] if own else _default_reflectance(made))
     missing = sorted(set(index_of) - {shape.id() for shape in shapes})
     if missing:
-        raise InputError(f"{scene.xml}: shape {missing[0]!r} of scene.json is not in it")
-    target = raycast.Target(
+        raise InputError(
+            f"{scene.xml}: the shape {missing[0]!r}, which scene.json names, is missing in it"
+        )
+    geometry = SceneGeometry(
         root,
         tuple(shapes),
         np.array(objects, dtype=np.int32),
@@ -150,21 +153,21 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
     box = root.bbox()
     bbox = np.array([np.array(box.min).ravel(), np.array(box.max).ravel()], dtype=np.float64)
     return RenderScene(
-        scene, target, collect_lights(graph, target), bbox, Wardrobe(graph), neutral_albedo
+        scene, geometry, collect_lights(graph, geometry), bbox, MaterialSets(graph), neutral_albedo
     )
 
 
 def free_memory() -> None:
-    """Give the memory of scenes that nobody holds any more back to the system.
+    """Return the memory of scenes that are no longer referenced to the system.
 
-    Dr.Jit keeps every kernel that it ever ran, and a scene now and then asks for one of its
-    own: they go too, and come back from the cache on disk in milliseconds. Without the last
-    step the heap keeps holes between what scenes leave behind, and grows.
+    Dr.Jit keeps every kernel that it ever ran, and some scenes need kernels of their own. They are
+    freed too; Dr.Jit's cache on disk restores them in milliseconds. Without the last step the heap
+    stays fragmented and grows.
     """
     gc.collect()
     dr.flush_malloc_cache()
     dr.flush_kernel_cache()
-    if hasattr(psutil, "heap_trim"):  # not where the C library has none
+    if hasattr(psutil, "heap_trim"):  # absent where the C library does not support it
         psutil.heap_trim()
 
 
@@ -175,12 +178,12 @@ def render_ids(
     width: int,
     height: int,
 ) -> npt.NDArray[np.uint32]:
-    """Object index + 1 at every pixel centre (0: none), uint32 (N, height, width).
+    """Return object index + 1 at every pixel centre (0: none), uint32 (N, height, width).
 
-    `poses` (N, 4, 4) are camera_to_world (OpenCV); `intrinsics` is K (3, 3), shared. Sight
-    passes clear glass. All cameras are traced together.
+    `poses` (N, 4, 4) are camera_to_world (OpenCV); `intrinsics` is K (3, 3), shared. Rays pass
+    clear glass. All cameras are traced together.
     """
-    return raycast.ids(render_scene.target, poses, intrinsics, width, height)
+    return raycast.object_ids(render_scene.geometry, poses, intrinsics, width, height)
 
 
 def cast(
@@ -189,16 +192,16 @@ def cast(
     directions: npt.ArrayLike,
     through_glass: bool = False,
 ) -> tuple[Float32Array, Int32Array]:
-    """Distance to the first surface along each ray and the index of its object.
+    """Return the distance to the first surface along each ray and the index of its object.
 
     `origins` (N, 3) or (3,), `directions` (N, 3), world, any length but zero. Distances are
     metres, infinite where nothing is hit; the object is -1 there and for shapes that belong to
     no object. Clear glass stops these rays unless `through_glass`.
     """
     shape, distance = raycast.nearest(
-        render_scene.target, origins, unit(np.asarray(directions)), through_glass
+        render_scene.geometry, origins, unit(np.asarray(directions)), through_glass
     )
-    return distance, np.append(render_scene.target.objects, -1)[shape].astype(np.int32)
+    return distance, np.append(render_scene.geometry.objects, -1)[shape].astype(np.int32)
 
 
 def _best_variant() -> Variant:
@@ -220,11 +223,11 @@ def _works(variant: str) -> bool:
 
 def _remedy(variant: str) -> str:
     if variant.startswith("cuda"):
-        return "no CUDA device was found; take llvm_ad_rgb or auto"
+        return "no CUDA device was found; use llvm_ad_rgb or auto"
     if variant.startswith("llvm"):
         path = os.environ.get("DRJIT_LIBLLVM_PATH")
         tried = f" (DRJIT_LIBLLVM_PATH is {path})" if path else ""
-        return f"libLLVM did not load{tried}; apt-get install libllvm15, or take scalar_rgb or auto"
+        return f"libLLVM did not load{tried}; apt-get install libllvm15, or use scalar_rgb or auto"
     return f"Mitsuba was built without it (it has {', '.join(mi.variants())})"
 
 
@@ -235,7 +238,7 @@ def _default_reflectance(made: dict[int, Any]) -> Any:
 
 
 def _bsdfs_of(graph: Graph, node: int) -> list[int]:
-    """BSDF nodes of a shape; of an instance, those of every shape in its group."""
+    """Return the BSDF nodes of a shape; for an instance, those of every shape in its group."""
     if graph.plugin(node) != "instance":
         return graph.nested(node, "BSDF")
     return [
@@ -250,4 +253,4 @@ def _check_geometry(scene: Scene, root: Any) -> None:
     box = root.bbox()
     corners = np.array([np.array(box.min).ravel(), np.array(box.max).ravel()], dtype=np.float64)
     if not np.isfinite(corners).all():
-        raise InputError(f"{scene.xml}: no geometry, or vertices that are not finite numbers")
+        raise InputError(f"{scene.xml}: there is no geometry, or some vertices are not finite")

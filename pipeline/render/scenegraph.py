@@ -1,9 +1,9 @@
-"""A scene folder's `scene.xml` as live Mitsuba objects: nothing merged, every shape known by id.
+"""Scene graph of a `scene.xml`: parsed nodes and the Mitsuba objects made from them.
 
-The file is read by Mitsuba's own parser and then instantiated node by node here, because that
-gives three things the plain loader does not: images are read without Mitsuba's EXR code (which
-hangs when its thread pool has one thread), every BSDF can have twins (neutral, reflectance)
-that share its textures, and errors name the element they come from.
+Nothing is merged, and every shape keeps its id. Mitsuba's own parser reads the file; this module
+instantiates it node by node, for three reasons. Images are read without Mitsuba's EXR code (which
+hangs when its thread pool has one thread), every BSDF can have twins (neutral, reflectance) that
+share its textures, and errors name the element they come from.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ import OpenEXR
 
 from scenes.errors import InputError
 
-# What a scene file may say about how it wants to be rendered; the stages decide that themselves.
+# Rendering settings in a scene file, which the stages override.
 _NOT_BUILT = ("Sensor", "Integrator", "Sampler", "Film", "ReconstructionFilter")
 
 
 @dataclass(frozen=True)
 class Graph:
-    """The parsed nodes of one scene file and the objects made from them.
+    """Parsed nodes of one scene file and the objects made from them.
 
-    `nodes[0]` is the scene; `props` values that refer to another node are
-    `mi.Properties.ResolvedReference`. Objects are made on first use and kept.
+    `nodes[0]` is the scene. Property values that refer to another node are
+    `mi.Properties.ResolvedReference`. Objects are made on first use and cached.
     """
 
     xml: Path
@@ -42,19 +42,19 @@ class Graph:
         return self.state.nodes
 
     def plugin(self, index: int) -> str:
-        """The plugin's name, e.g. "roughconductor"."""
+        """Return the plugin's name, e.g. "roughconductor"."""
         return str(self.nodes[index].props.plugin_name())
 
     def kind(self, index: int) -> str:
-        """The kind of object, e.g. "BSDF", "Texture", "Shape", "Emitter"."""
+        """Return the kind of object, e.g. "BSDF", "Texture", "Shape", "Emitter"."""
         return str(self.nodes[index].type).rpartition(".")[2]
 
     def props(self, index: int) -> Any:
-        """A copy of a node's properties (`mi.Properties`)."""
+        """Return a copy of a node's properties (`mi.Properties`)."""
         return mi.Properties(self.nodes[index].props)
 
     def references(self, index: int) -> dict[str, int]:
-        """Property name -> node index, for the properties that are nodes themselves."""
+        """Return property name -> node index, for the properties that are nodes themselves."""
         props = self.nodes[index].props
         found = {}
         for key in props.keys():  # noqa: SIM118 (mi.Properties is not iterable)
@@ -64,17 +64,17 @@ class Graph:
         return found
 
     def nested(self, index: int, kind: str) -> list[int]:
-        """The nodes of one kind that a node holds directly, in the file's order."""
+        """Return the nodes of one kind that a node holds directly, in the file's order."""
         return [child for child in self.references(index).values() if self.kind(child) == kind]
 
     def make(self, index: int) -> Any:
-        """The object of a node (made once); raises `InputError`."""
+        """Return the object of a node, made on first use; raises `InputError`."""
         if index not in self.made:
             self.made[index] = self.make_from(index, self.props(index))
         return self.made[index]
 
     def make_from(self, index: int, props: Any) -> Any:
-        """A new object for a node with other properties than the file's; raises `InputError`."""
+        """Make a new object for a node, with these properties; raises `InputError`."""
         for key in list(props.keys()):
             value = props[key]
             if isinstance(value, mi.Properties.ResolvedReference):
@@ -83,7 +83,7 @@ class Graph:
                 else:
                     props[key] = self.make(value.index())
             else:
-                props[key] = value  # set anew, or having read it would count as its being used
+                props[key] = value  # set again: the read above would count as a use
         if "filename" in props:
             self._resolve_file(index, props)
         try:
@@ -92,7 +92,7 @@ class Graph:
             raise InputError(f"{self.where(index)}: {_first_words(error)}") from None
 
     def where(self, index: int) -> str:
-        """File, line and element of a node, for error messages."""
+        """Return file, line and element of a node, for error messages."""
         node = self.nodes[index]
         try:
             place = str(mi.parser.file_location(self.state, node))
@@ -104,7 +104,7 @@ class Graph:
     def _resolve_file(self, index: int, props: Any) -> None:
         path = self.xml.parent / str(props["filename"])
         if not path.is_file():
-            raise InputError(f"{self.where(index)}: file {path} is missing")
+            raise InputError(f"{self.where(index)}: the file {path} is missing")
         if path.suffix.lower() == ".exr" and self.kind(index) in ("Texture", "Emitter"):
             del props["filename"]
             props["bitmap"] = mi.Bitmap(read_exr(path))
@@ -126,7 +126,7 @@ def parse(xml: Path) -> Graph:
     except RuntimeError as error:
         raise InputError(f"{xml}: {_first_words(error)}") from None
     if not len(state.nodes) or str(state.nodes[0].type).rpartition(".")[2] != "Scene":
-        raise InputError(f"{xml}: its outermost element is not <scene>")
+        raise InputError(f"{xml}: the outermost element is not <scene>")
     return Graph(Path(xml), state, {})
 
 
@@ -141,14 +141,14 @@ def create(props: Any) -> Any:
 
 
 def shapes_of(graph: Graph) -> Iterator[int]:
-    """Nodes of all shapes, those inside shape groups too, in the file's order."""
+    """Yield the nodes of all shapes, those in shape groups included, in the file's order."""
     for index in range(len(graph.nodes)):
         if graph.kind(index) == "Shape":
             yield index
 
 
 def read_exr(path: Path) -> np.ndarray:
-    """An EXR image as float32 (H, W, C), C = 1, 3 or 4; raises `InputError` if damaged."""
+    """Read an EXR image as float32 (H, W, C), C = 1, 3 or 4; raises `InputError` if damaged."""
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: channel.pixels for name, channel in file.channels().items()}
@@ -157,10 +157,10 @@ def read_exr(path: Path) -> np.ndarray:
     for names in (("R", "G", "B", "A"), ("R", "G", "B"), ("Y",)):
         if all(name in channels for name in names):
             return np.stack([channels[name].astype(np.float32) for name in names], axis=-1)
-    raise InputError(f"{path}: an EXR without colour channels (has {', '.join(channels)})")
+    raise InputError(f"{path}: an EXR image without colour channels (it has {', '.join(channels)})")
 
 
 def _first_words(error: Exception) -> str:
-    """Mitsuba's message without its log decoration, on one line."""
+    """Return Mitsuba's message without its log decoration, on one line."""
     text = re.sub(r"^.*?\[[\w.:]+\]\s*", "", str(error).strip(), count=1, flags=re.DOTALL)
     return " ".join((text or str(error)).split())[:600]

@@ -16,7 +16,7 @@ _NEAR, _FAR = 1e-3, 1e5  # metres
 
 
 def make_sensor(view: View, copies: int = 1) -> Any:
-    """A Mitsuba sensor for exactly this camera; with `copies`, so many images side by side.
+    """Return a Mitsuba sensor for a view; `copies` > 1 gives that many images side by side.
 
     Samples are stratified within a pixel and independent between pixels, so each copy is an
     independent estimate. Raises `InputError` for a view whose pixels are not square.
@@ -27,7 +27,7 @@ def make_sensor(view: View, copies: int = 1) -> Any:
         raise InputError(
             f"view {view.view_id} of {view.scene_id}: K has pixels that are not square "
             f"(fx {focal:g}, fy {intrinsics[1, 1]:g}, skew {intrinsics[0, 1]:g}), "
-            "which the path tracer's camera cannot do"
+            "which the path tracer's camera does not support"
         )
     film = {
         "type": "hdrfilm",
@@ -56,19 +56,19 @@ def make_sensor(view: View, copies: int = 1) -> Any:
 
 
 def move_sensor(sensor: Any, view: View) -> None:
-    """Put a sensor of `make_sensor` where `view` is; size and intrinsics stay its own.
+    """Move a sensor of `make_sensor` to the pose of `view`; its size and intrinsics stay.
 
-    Not in the scalar variant, whose sensors are numbers.
+    Not for the scalar variant, whose sensors hold plain numbers.
     """
     params = mi.traverse(sensor)
-    places = [key for key, _ in params.items() if key.split(".")[-1] == "to_world"]
-    for key in places:
-        place = mi.AffineTransform4f(_to_world(view))
-        dr.make_opaque(place)
-        params[key] = place
+    keys = [key for key, _ in params.items() if key.split(".")[-1] == "to_world"]
+    for key in keys:
+        to_world = mi.AffineTransform4f(_to_world(view))
+        dr.make_opaque(to_world)
+        params[key] = to_world
     params.update()
 
 
 def _to_world(view: View) -> Float64Array:
-    """Mitsuba's camera has x to the left and y up."""
+    """Return the pose in the axes of Mitsuba's cameras: x left, y up, z forward."""
     return np.asarray(view.pose @ np.diag([-1.0, -1.0, 1.0, 1.0]))

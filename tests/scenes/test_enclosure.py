@@ -69,7 +69,7 @@ def test_a_shell_leaves_windows_and_fireplaces_as_they_are(tmp_path: Path) -> No
     origins = np.column_stack([np.full(9, 0.2), np.full(9, 1.0), np.tile([1.0, 1.4, 1.8], 3)])
     aim = np.column_stack([-np.cos(angle), np.sin(angle), np.zeros(9)])
     origins[:, 1] -= 0.25 * np.tan(angle)
-    hits = raycast.surfaces(scene.target, origins, aim, colors=False)
+    hits = raycast.surfaces(scene.geometry, origins, aim, colors=False)
     assert (hits.shape < 0).all()
 
 
@@ -90,7 +90,7 @@ def test_a_stage_without_a_wall_gets_no_shell(tmp_path: Path) -> None:
     assert "shell" not in {thing.name for thing in scene.scene.objects}
     ways = unit(np.random.default_rng(0).normal(size=(1000, 3)))
     ways = ways[(ways[:, 0] < -0.9) & (ways[:, 2] > 0)]  # not to the ground
-    hits = raycast.surfaces(scene.target, np.full_like(ways, 1.3), ways, colors=False)
+    hits = raycast.surfaces(scene.geometry, np.full_like(ways, 1.3), ways, colors=False)
     assert (hits.shape < 0).all()
 
 

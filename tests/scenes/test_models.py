@@ -70,7 +70,7 @@ def values(scene: Scene, kind: str, name: str) -> list[list[float]]:
 def look_down(scene: Scene, points: list[tuple[float, float]]) -> Float64Array:
     """Reflectance (N, 3) of what rays straight down from 1 m meet at these (x, y)."""
     set_variant("auto")
-    target = open_scene(scene).target
+    target = open_scene(scene).geometry
     eyes = np.array([[x, y, 1.0] for x, y in points])
     hits = [raycast.surfaces(target, eye, np.array([[0.0, 0, -1]])) for eye in eyes]
     return np.array([hit.reflectance[0] for hit in hits], dtype=np.float64)
@@ -240,7 +240,7 @@ def test_a_mask_cuts_at_its_threshold(tmp_path: Path, alpha: int, seen: bool) ->
     made.texture(pixels)
     set_variant("auto")
     scene = imported(made, tmp_path, sky=False)
-    target = open_scene(scene).target
+    target = open_scene(scene).geometry
     (shape,) = raycast.surfaces(target, np.array([4.0, -4, 1]), np.array([[0.0, 0, -1]])).position
     assert (abs(float(shape[2])) < 1e-3) == seen  # else the ground below, added with the sky
 

@@ -186,7 +186,7 @@ def _refuse_collisions(scene: RenderScene, views: Sequence[View]) -> None:
     length = float(np.linalg.norm(way))
     if length == 0:
         return
-    _, free = raycast.nearest(scene.target, views[0].eye, (way / length)[None], through=False)
+    _, free = raycast.nearest(scene.geometry, views[0].eye, (way / length)[None], through=False)
     if free[0] < length + AIR:
         raise InputError(
             f"the camera of {views[0].view_id!r} would move {length:.2f} m, but something is in "

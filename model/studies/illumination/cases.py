@@ -99,7 +99,7 @@ def sources_of(scene: RenderScene, view: View, params: IlluminationParams) -> So
     """What the camera position sees, each source by itself, hidden as in the panorama."""
     lights = scene.lights
     indoors = ~lights.distant
-    names = [scene.target.shapes[index].id() if index >= 0 else "" for index in lights.shape]
+    names = [scene.geometry.shapes[index].id() if index >= 0 else "" for index in lights.shape]
     each = {}
     for light in scene.scene.lights:
         mine = np.array([bool(name) and name in light.shapes for name in names], dtype=bool)
@@ -127,5 +127,5 @@ def _only(lights: Lights, chosen: BoolArray, environment: bool) -> Lights:
         lights.radius[chosen],
         lights.distant[chosen],
         lights.environment if environment else None,
-        lights.texel,
+        lights.texel_angle,
     )

@@ -26,7 +26,7 @@ from model.studies.trials.packs import TRUTHS, Truth, pack
 from model.studies.trials.plan import STAGES, Source, Study, Trial, Variant
 from pipeline.farm.scene_digest import scene_digest
 from pipeline.params import Params
-from pipeline.passes.registry import finished, pass_seed, render_truths
+from pipeline.passes.registry import pass_seed, postprocessed, render_truths
 from pipeline.progress import Progress
 from pipeline.render.scene import set_variant
 from pipeline.views import View
@@ -156,7 +156,7 @@ class NoisyTruths:
                         seed = pass_seed("color", view, self.params.seed)
                         for kind, truth in render_truths(opened, view, raw.params, seed).items():
                             raw.write(kind, truth[0], view, digest, **truth[1])
-                            smooth = finished(kind, truth, opened, view, denoised.params)
+                            smooth = postprocessed(kind, truth, opened, view, denoised.params)
                             denoised.write(kind, smooth[0], view, digest, **smooth[1])
                         progress.advance()
 

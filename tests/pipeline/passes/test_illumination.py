@@ -112,7 +112,7 @@ def test_a_pane_shows_at_its_angle_and_distance(
     view = make_view(tuple(EYE), towards, up=up)
     got = panorama(tmp_path, walls + '<emitter type="constant"/>', view, (WINDOW,))
     pano = Panorama(WIDTH, view.pose[:3, :3])
-    directions = pano.directions(np.arange(pano.size), 1)[:, 0]
+    directions = pano.centres
     reach = (2 - EYE[1]) / directions[:, 1]
     point = EYE + reach[:, None] * directions
     margin = 0.06  # metres at the window: about a pixel

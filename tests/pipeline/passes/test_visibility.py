@@ -17,7 +17,7 @@ from pipeline.params import IlluminationParams, Params
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
 from pipeline.passes.registry import frame_fingerprint
-from pipeline.passes.visibility import choose, render_visibility, shared
+from pipeline.passes.visibility import choose_sources, render_visibility, surface_mean
 from pipeline.render.scene import RenderScene, open_scene, set_variant
 from pipeline.views import View
 from scenes.arrays import Float64Array
@@ -179,7 +179,7 @@ def test_pixels_lend_their_rays_to_their_own_surface_alone() -> None:
     noisy = truth + rng.uniform(-0.1, 0.1, truth.shape)
     seen = np.ones_like(floor)
     seen[:3] = False
-    mean = shared(noisy, rays * depth[..., None], normals, seen)
+    mean = surface_mean(noisy, rays * depth[..., None], normals, seen)
     assert np.abs(mean - truth)[3:].max() < 0.08, "nothing crosses an edge"
     assert np.abs(mean - truth)[3:].std() < 0.35 * np.abs(noisy - truth)[3:].std()
     assert np.array_equal(mean[:3], noisy[:3])
@@ -188,7 +188,7 @@ def test_pixels_lend_their_rays_to_their_own_surface_alone() -> None:
 def test_sources_are_drawn_by_their_weight() -> None:
     weights = np.array([[1.0, 0, 3.0], [0, 0, 0], [0, 2.0, 0]])
     strata = np.tile((np.arange(8) + 0.5) / 8, (3, 1))
-    number, some = choose(weights, strata)
+    number, some = choose_sources(weights, strata)
     assert number[0].tolist() == [0, 0, 2, 2, 2, 2, 2, 2]
     assert some.tolist() == [True, False, True]
     assert (number[2] == 1).all() and ((number >= 0) & (number < 3)).all()

@@ -12,7 +12,7 @@ import pytest
 
 from pipeline.params import GroundTruthParams
 from pipeline.passes.groundtruth import render_both, render_truth
-from pipeline.pathtrace.integrator import Branch, JointPath, Scattering, available
+from pipeline.pathtrace.integrator import JointPath, PathState, Scattering, available
 from pipeline.render.scene import open_scene, set_variant
 from scenes.errors import InputError
 from tests.fixtures.joint import (
@@ -121,22 +121,24 @@ class NoDelta(JointPath):
 
 
 class LightCountedTwice(JointPath):
-    def lit(self, scattering: Scattering, ds: Any) -> Any:
+    def emitter_sampling_value(self, scattering: Scattering, ds: Any) -> Any:
         return scattering.value
 
 
 class DensityOfTheOther(JointPath):
-    def choose(self, colour: Branch, grey: Branch, *rest: Any) -> Any:
-        chosen = super().choose(colour, grey, *rest)
-        grey.pdf = 0.3 * colour.pdf
+    def choose_direction(self, colour: PathState, neutral: PathState, *rest: Any) -> Any:
+        chosen = super().choose_direction(colour, neutral, *rest)
+        neutral.pdf = 0.3 * colour.pdf
         return chosen
 
 
 class CoinNotPaidFor(JointPath):
-    def choose(self, colour: Branch, grey: Branch, one: Any, other: Any, random: Any) -> Any:
-        before = mi.Color3f(colour.throughput), mi.Color3f(grey.throughput)
-        chosen = super().choose(colour, grey, one, other, random)
-        for branch, old, scattering in zip((colour, grey), before, (one, other), strict=True):
+    def choose_direction(
+        self, colour: PathState, neutral: PathState, one: Any, other: Any, random: Any
+    ) -> Any:
+        before = mi.Color3f(colour.throughput), mi.Color3f(neutral.throughput)
+        chosen = super().choose_direction(colour, neutral, one, other, random)
+        for branch, old, scattering in zip((colour, neutral), before, (one, other), strict=True):
             branch.throughput = dr.minimum(branch.throughput, old * scattering.weight)
         return chosen
 
@@ -144,17 +146,19 @@ class CoinNotPaidFor(JointPath):
 class ColourLeads(JointPath):
     """Follows the colour's direction always, as if the twin had chosen it."""
 
-    def choose(self, colour: Branch, grey: Branch, one: Any, other: Any, random: Any) -> Any:
-        grey.throughput = grey.throughput * other.weight
+    def choose_direction(
+        self, colour: PathState, neutral: PathState, one: Any, other: Any, random: Any
+    ) -> Any:
+        neutral.throughput = neutral.throughput * other.weight
         colour.throughput = colour.throughput * one.weight
-        for branch, scattering in ((colour, one), (grey, other)):
+        for branch, scattering in ((colour, one), (neutral, other)):
             branch.pdf = scattering.sample.pdf
             branch.delta = mi.has_flag(scattering.sample.sampled_type, mi.BSDFFlags.Delta)
         return one.sample.wo, one.sample.eta, random
 
 
 class RouletteOfColour(JointPath):
-    def roulette(self, colour: Branch, grey: Branch, eta: Any, depth: Any) -> Any:
+    def roulette(self, colour: PathState, neutral: PathState, eta: Any, depth: Any) -> Any:
         return super().roulette(colour, colour, eta, depth)
 
 

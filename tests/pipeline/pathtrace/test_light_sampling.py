@@ -14,11 +14,13 @@ from PIL import Image
 
 from pipeline.params import GroundTruthParams
 from pipeline.passes.groundtruth import render_both
-from pipeline.pathtrace.guiding import plan_bounces
+from pipeline.pathtrace.emitter_sampling import MAX_WEIGHTED
+from pipeline.pathtrace.guiding import plan_guiding
 from pipeline.pathtrace.integrator import available
-from pipeline.pathtrace.light_pilot import LAMPS, LightPlan, panes_of, plan_lights
+from pipeline.pathtrace.light_pilot import LightPlan, plan_lights
 from pipeline.pathtrace.light_sampling import PlannedLights
-from pipeline.render.raycast import vector
+from pipeline.pathtrace.portals import portal_rectangles
+from pipeline.render.drjit_arrays import vector
 from pipeline.render.scene import RenderScene, open_scene, set_variant
 from scenes.contract import Portal
 from tests.fixtures.joint import (
@@ -81,7 +83,7 @@ def planned(scene: RenderScene, kind: type[PlannedLights] = PlannedLights) -> Pl
 def led(scene: RenderScene, kind: type[PlannedLights] = PlannedLights) -> PlannedLights:
     """The same, and with it the plan of where paths go on."""
     plan = plan_lights(scene.mitsuba, VIEW, scene.scene.portals, 3)
-    lights = kind(scene.mitsuba, plan, plan_bounces(scene.mitsuba, plan, 3))
+    lights = kind(scene.mitsuba, plan, plan_guiding(scene.mitsuba, plan, 3))
     assert lights.guide is not None
     return lights
 
@@ -107,7 +109,7 @@ def test_planned_light_is_unbiased(things: tuple[str, ...], tmp_path: Path) -> N
 def test_every_material_is_unbiased_under_it(tmp_path: Path) -> None:
     scene, view, regions = shelf(tmp_path, FAITHFUL)
     lights = PlannedLights(scene.mitsuba, plan_lights(scene.mitsuba, view, (WINDOW,), 3))
-    assert lights.outdoors is not None and not lights.outdoors.asked
+    assert lights.outdoors is not None and not lights.outdoors.own_sampling
     ours, _ = joined(scene, view, 3, SPP, COPIES, 1, lights=lights)
     theirs = plain(scene, view, None, 3, SPP, COPIES, 2)
     off = abs(deviations(region_means(ours, regions), region_means(theirs, regions)))
@@ -118,12 +120,12 @@ def every_way(plan: LightPlan) -> LightPlan:
     """The plan with a third of the choice for the environment's own sampling, too."""
     emitters = plan.emitters.copy()
     emitters[emitters == 0] = 0.5
-    total = emitters.sum() + plan.windows.sum() + plan.sunlight
+    total = emitters.sum() + plan.portals.sum() + plan.sun
     return replace(
         plan,
         emitters=emitters / total,
-        windows=plan.windows / total,
-        sunlight=plan.sunlight / total,
+        portals=plan.portals / total,
+        sun=plan.sun / total,
         strengths=None,  # by these shares everywhere
     )
 
@@ -133,7 +135,7 @@ class EveryWay(PlannedLights):
 
     def __init__(self, scene: Any, plan: LightPlan) -> None:
         super().__init__(scene, every_way(plan))
-        assert self.outdoors is not None and self.outdoors.asked
+        assert self.outdoors is not None and self.outdoors.own_sampling
 
 
 class WaysForgotten(EveryWay):
@@ -142,14 +144,14 @@ class WaysForgotten(EveryWay):
     def __init__(self, scene: Any, plan: LightPlan) -> None:
         super().__init__(scene, plan)
         assert self.outdoors is not None
-        self.outdoors.asked = False
+        self.outdoors.own_sampling = False
 
 
 class ChoiceForgotten(PlannedLights):
     """Takes no account of how likely an emitter was to be asked."""
 
-    def _ask(self, *given: Any) -> tuple[Any, Any]:
-        ds, light = super()._ask(*given)
+    def _sample_emitter(self, *given: Any) -> tuple[Any, Any]:
+        ds, light = super()._sample_emitter(*given)
         return ds, light * 0.8
 
 
@@ -189,13 +191,13 @@ def test_less_noise_where_lamps_are_hidden_and_the_sky_is_behind_walls(tmp_path:
 def test_the_plan_asks_what_lights_the_view(tmp_path: Path) -> None:
     scene = room(tmp_path, LAMP, HIDDEN, SKY)
     plan = plan_lights(scene.mitsuba, VIEW, scene.scene.portals, 0)
-    assert plan.emitters.sum() + plan.windows.sum() + plan.sunlight == pytest.approx(1)
-    assert len(plan.windows) == 1 and 0.05 < plan.windows.sum() < 0.95
+    assert plan.emitters.sum() + plan.portals.sum() + plan.sun == pytest.approx(1)
+    assert len(plan.portals) == 1 and 0.05 < plan.portals.sum() < 0.95
     shares = np.sort(plan.emitters)
     assert shares[0] == 0  # the environment's own sampling: window and sun are all there is
     alike = 0.05 / 11  # nine lamps, the window, the sun
     np.testing.assert_allclose(shares[1:9], alike, rtol=0.01)  # the hidden lamps
-    assert plan.sunlight == pytest.approx(alike, rel=0.01)  # behind the house
+    assert plan.sun == pytest.approx(alike, rel=0.01)  # behind the house
     assert shares[9] > 0.02
 
 
@@ -208,31 +210,33 @@ def test_the_sun_is_found_where_it_stands_and_as_large_as_it_is(
     sun = SUN.replace("</emitter>", turned + "</emitter>")
     scene = room(tmp_path, LAMP, sun)
     plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 0)
-    assert plan.sun is not None
+    assert plan.sun_disc is not None
     if not turned:
         wanted = np.array([-0.3, 0.7, 0.5])
-        np.testing.assert_allclose(plan.sun.towards, wanted / np.linalg.norm(wanted), atol=1e-6)
+        np.testing.assert_allclose(
+            plan.sun_disc.direction, wanted / np.linalg.norm(wanted), atol=1e-6
+        )
     beyond = dr.zeros(mi.SurfaceInteraction3f, 2)
-    aside = plan.sun.towards + np.array([0.0, 0.0, 0.02])  # a degree higher
-    directions = np.stack([plan.sun.towards, aside / np.linalg.norm(aside)])
+    aside = plan.sun_disc.direction + np.array([0.0, 0.0, 0.02])  # a degree higher
+    directions = np.stack([plan.sun_disc.direction, aside / np.linalg.norm(aside)])
     beyond.wi = vector(mi.Vector3f, -directions)
     shown = np.array(scene.mitsuba.environment().eval(beyond))[1]
     assert shown[0] > 20 * shown[1]
     # Mitsuba's sun spans 0.5358 degrees; ours a little more.
-    assert 0.2679 < np.degrees(np.arccos(plan.sun.cosine)) < 0.29
+    assert 0.2679 < np.degrees(np.arccos(plan.sun_disc.cosine)) < 0.29
 
 
 def test_other_environments_keep_their_own_sampling_where_they_are_uneven(tmp_path: Path) -> None:
     """A constant sky comes through the window evenly; of a picture nobody knows."""
     constant = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
     plan = plan_lights(room(tmp_path / "a", LAMP, constant).mitsuba, VIEW, (WINDOW,), 0)
-    assert plan.emitters.min() == 0 and plan.sun is None and plan.sunlight == 0
+    assert plan.emitters.min() == 0 and plan.sun_disc is None and plan.sun == 0
     Image.fromarray(np.full((8, 16, 3), 200, dtype=np.uint8)).save(tmp_path / "sky.png")
     picture = (
         f'<emitter type="envmap"><string name="filename" value="{tmp_path}/sky.png"/></emitter>'
     )
     plan = plan_lights(room(tmp_path / "b", LAMP, picture).mitsuba, VIEW, (WINDOW,), 0)
-    assert plan.emitters.min() > 0 and plan.windows.sum() > 0
+    assert plan.emitters.min() > 0 and plan.portals.sum() > 0
 
 
 def test_the_plan_depends_on_no_colour_and_repeats(tmp_path: Path) -> None:
@@ -242,8 +246,8 @@ def test_the_plan_depends_on_no_colour_and_repeats(tmp_path: Path) -> None:
     ]
     for plan in plans[1:]:
         np.testing.assert_array_equal(plan.emitters, plans[0].emitters)
-        np.testing.assert_array_equal(plan.windows, plans[0].windows)
-        assert plan.sunlight == plans[0].sunlight
+        np.testing.assert_array_equal(plan.portals, plans[0].windows)
+        assert plan.sun == plans[0].sunlight
 
 
 def test_densities_through_panes_integrate_to_one(tmp_path: Path) -> None:
@@ -251,37 +255,37 @@ def test_densities_through_panes_integrate_to_one(tmp_path: Path) -> None:
     scene = room(tmp_path, SUN)
     second = replace(WINDOW, polygon=((-2, -1, 0.5), (-2, 1, 0.5), (-2, 1, 2), (-2, -1, 2)))
     west = Portal("west", "window", second.polygon, (-1, 0, 0), True)
-    panes = panes_of((WINDOW, west))
-    np.testing.assert_allclose(panes.area, [1.0, 3.0])
+    rectangles = portal_rectangles((WINDOW, west))
+    np.testing.assert_allclose(rectangles.area, [1.0, 3.0])
     plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 0)
-    plan = replace(plan, panes=panes, windows=np.array([0.3, 0.7]), strengths=None)
+    plan = replace(plan, rectangles=rectangles, portals=np.array([0.3, 0.7]), strengths=None)
     outdoors = PlannedLights(scene.mitsuba, plan).outdoors
-    assert outdoors is not None and outdoors.panes is not None
-    sampler = outdoors.panes
+    assert outdoors is not None and outdoors.portals is not None
+    sampler = outdoors.portals
     random = np.random.default_rng(0).normal(size=(1 << 20, 3))
     random /= np.linalg.norm(random, axis=1, keepdims=True)
     towards = vector(mi.Vector3f, random)
-    density = np.array(sampler.density(mi.Point3f(0.4, -0.5, 1.2), towards, sampler.shares))
+    density = np.array(sampler.density(mi.Point3f(0.4, -0.5, 1.2), towards, sampler.probabilities))
     assert 4 * np.pi * density.mean() == pytest.approx(1, rel=0.02)
     north = random[:, 1] * 2.5 > abs(random[:, 0]) * 2.5
     assert 4 * np.pi * (density * north).mean() == pytest.approx(0.3, rel=0.05)
-    outside = np.array(sampler.density(mi.Point3f(0, 3, 1.5), towards, sampler.shares))
+    outside = np.array(sampler.density(mi.Point3f(0, 3, 1.5), towards, sampler.probabilities))
     assert outside[random[:, 1] > 0].max() == 0 or (outside > 0).mean() < 0.2
 
 
-def chances_at(
+def probabilities_at(
     lights: PlannedLights, place: tuple[float, float, float], normal: tuple[float, float, float]
 ) -> np.ndarray:
     """Of each weighed lamp, of all others, of each pane, of the sun."""
-    found = lights.chances(mi.Point3f(*map(float, place)), mi.Normal3f(*map(float, normal)))
+    found = lights.probabilities(mi.Point3f(*map(float, place)), mi.Normal3f(*map(float, normal)))
     return np.array([float(np.array(chance).ravel()[0]) for chance in found])
 
 
 def test_each_vertex_asks_what_is_near_and_faces_it(tmp_path: Path) -> None:
     east, west = (ball(name, (x, 0, 2.5), 0.05, glow(9)) for name, x in (("e", 1.5), ("w", -1.5)))
     lights = planned(room(tmp_path, east, west))
-    assert lights.outdoors is None and lights.lamps is not None and lights.lamps.slots == 2
-    below = [chances_at(lights, (x, 0, 0), (0, 0, 1)) for x in (1.5, -1.5)]
+    assert lights.outdoors is None and lights.emitters is not None and lights.emitters.slots == 2
+    below = [probabilities_at(lights, (x, 0, 0), (0, 0, 1)) for x in (1.5, -1.5)]
     for chances in below:
         assert chances.sum() == pytest.approx(1) and chances.min() >= 0
         # Alike strong: 1 to (2.5 / 3.9)^2 times the cosine 2.5 / 3.9 or a little more.
@@ -293,16 +297,16 @@ def test_the_sun_is_asked_where_it_can_shine(tmp_path: Path) -> None:
     scene = room(tmp_path, LAMP, SUN)  # it stands at (-0.3, 0.7, 0.5), beyond the window in y = 2
     indoors = np.array([[-2.0, -2, 0], [2, 2, 3]])
     plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 3, indoors)
-    assert plan.strengths is not None and plan.strengths.sunlight > 0
+    assert plan.strengths is not None and plan.strengths.sun > 0
     lights = PlannedLights(scene.mitsuba, plan)
     middle = np.mean(WINDOW.polygon, axis=0)
     down = middle - middle[2] / 0.5 * np.array([-0.3, 0.7, 0.5])  # where its rays meet the floor
     lit, dark = (
-        chances_at(lights, (*place, 0.0), (0, 0, 1))[-1] for place in (down[:2], (1.8, 1.9))
+        probabilities_at(lights, (*place, 0.0), (0, 0, 1))[-1] for place in (down[:2], (1.8, 1.9))
     )
-    assert dark <= 0.2 * plan.sunlight + 1e-6
+    assert dark <= 0.2 * plan.sun + 1e-6
     assert lit > 3 * dark
-    outside = chances_at(lights, (0, 9.0, 0), (0, 0, 1))[-1]
+    outside = probabilities_at(lights, (0, 9.0, 0), (0, 0, 1))[-1]
     assert outside > 3 * dark, "nothing stands between"
 
 
@@ -310,19 +314,21 @@ def test_without_strengths_the_views_shares_decide(tmp_path: Path) -> None:
     scene = room(tmp_path, LAMP, HIDDEN, SUN)
     plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 3)
     lights = PlannedLights(scene.mitsuba, replace(plan, strengths=None))
-    chances = chances_at(lights, (0, 0, 0), (0, 0, 1))
+    chances = probabilities_at(lights, (0, 0, 0), (0, 0, 1))
     assert chances[0] == pytest.approx(plan.emitters.sum())
-    assert chances[-1] == pytest.approx(plan.sunlight)
-    assert chances[1:-1].sum() == pytest.approx(plan.windows.sum())
+    assert chances[-1] == pytest.approx(plan.sun)
+    assert chances[1:-1].sum() == pytest.approx(plan.portals.sum())
     assert abs(off_by(scene, lights)).max() < 4.5
 
 
 def test_more_lamps_than_are_weighed_are_asked_by_the_views_shares(tmp_path: Path) -> None:
-    row = [ball(f"b{i}", (-1.6 + 0.2 * i, 0.5, 2.6), 0.04, glow(9)) for i in range(LAMPS + 4)]
+    row = [
+        ball(f"b{i}", (-1.6 + 0.2 * i, 0.5, 2.6), 0.04, glow(9)) for i in range(MAX_WEIGHTED + 4)
+    ]
     scene = room(tmp_path, *row, SUN)
     lights = planned(scene)
-    assert lights.lamps is not None and lights.lamps.slots == LAMPS
-    assert chances_at(lights, (0, 0, 0), (0, 0, 1)).sum() == pytest.approx(1)
+    assert lights.emitters is not None and lights.emitters.slots == MAX_WEIGHTED
+    assert probabilities_at(lights, (0, 0, 0), (0, 0, 1)).sum() == pytest.approx(1)
     assert abs(off_by(scene, lights)).max() < 4.5
 
 
@@ -365,7 +371,7 @@ def test_every_material_is_unbiased_when_paths_are_led(
 ) -> None:
     scene, view, regions = shelf(tmp_path, materials, more=GROUND)
     plan = plan_lights(scene.mitsuba, view, (WINDOW,), 3)
-    lights = PlannedLights(scene.mitsuba, plan, plan_bounces(scene.mitsuba, plan, 3))
+    lights = PlannedLights(scene.mitsuba, plan, plan_guiding(scene.mitsuba, plan, 3))
     assert lights.guide is not None
     pair = joined(scene, view, 3, SPP, COPIES, 1, lights=lights)
     for seed, (images, albedo) in enumerate(zip(pair, (None, ALBEDO), strict=True)):
@@ -380,7 +386,7 @@ class LedForNothing(PlannedLights):
     def guidance(self, si: Any, active: Any) -> Any:
         found = super().guidance(si, active)
         assert found is not None
-        found.mixed = lambda pdf, direction: pdf  # type: ignore[method-assign]
+        found.mixed_density = lambda pdf, direction: pdf  # type: ignore[method-assign]
         return found
 
 
@@ -419,13 +425,17 @@ def test_less_noise_where_something_glows(
 def test_glows_are_where_the_light_falls(tmp_path: Path) -> None:
     scene = room(tmp_path, DARK_SKY, GROUND)  # the sun stands at (-0.3, 0.7, 0.5)
     plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 3)
-    found = plan_bounces(scene.mitsuba, plan, 3)
+    found = plan_guiding(scene.mitsuba, plan, 3)
     assert found is not None and len(found.strengths) > 4
-    glows = found.glows
-    through = glows.normal @ [0, 1, 0] > 0.99
-    np.testing.assert_allclose(glows.centre[through & (glows.area > 0.9)], [[0, 2, 1.5]], atol=1e-6)
+    targets = found.targets
+    through = targets.normal @ [0, 1, 0] > 0.99
+    np.testing.assert_allclose(
+        targets.centre[through & (targets.area > 0.9)], [[0, 2, 1.5]], atol=1e-6
+    )
     # Each point of the window, 1 to 2 m above the floor, is to be found on the floor.
-    patch = glows.centre[(glows.normal @ [0, 0, -1] > 0.99) & (abs(glows.centre[:, 2]) < 0.01)]
+    patch = targets.centre[
+        (targets.normal @ [0, 0, -1] > 0.99) & (abs(targets.centre[:, 2]) < 0.01)
+    ]
     height = (2 - patch[:, 1]) / 0.7 * 0.5
     aside = patch[:, 0] - height / 0.5 * 0.3
     assert len(patch) > 2 and (abs(height - 1.5) < 0.52).all() and (abs(aside) < 0.52).all()
@@ -435,7 +445,7 @@ def test_nothing_glows_without_sun_lamps_and_ground(tmp_path: Path) -> None:
     sky = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
     scene = room(tmp_path, sky)
     plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 3)
-    assert plan_bounces(scene.mitsuba, plan, 3) is None
+    assert plan_guiding(scene.mitsuba, plan, 3) is None
 
 
 def test_how_many_paths_are_led(tmp_path: Path) -> None:
@@ -443,11 +453,11 @@ def test_how_many_paths_are_led(tmp_path: Path) -> None:
     si = dr.zeros(mi.SurfaceInteraction3f, 3)
     si.p = mi.Point3f([0, 0, 0], [0, 1.0, 40], [0.01, 0.01, 1])  # two on the floor, one far away
     si.n, si.wi = mi.Normal3f(0, 0, 1), mi.Vector3f(0, 0, 1)
-    advice = lights.guidance(si, mi.Bool(True, True, True))
-    assert advice is not None
-    share = np.array(advice.share)
+    guidance = lights.guidance(si, mi.Bool(True, True, True))
+    assert guidance is not None
+    share = np.array(guidance.share)
     assert (share[:2] > 0.05).all() and (share < 0.4).all() and share[2] < 0.02
-    chances = np.array(sum(advice.chances))
+    chances = np.array(sum(guidance.probabilities))
     np.testing.assert_allclose(chances[:2], 1, rtol=1e-5)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from pipeline.params import GroundTruthParams, load_params
 from pipeline.passes.groundtruth import render_both, render_truth
-from pipeline.pathtrace.noise import Tally, firefly_light
+from pipeline.pathtrace.noise import BlockStatistics, firefly_light
 from pipeline.render.scene import RenderScene, open_scene, set_variant
 from scenes.errors import ParameterError
 from tests.fixtures.render import ball, diffuse, glow, make_view, quad, room_walls, write_scene
@@ -120,9 +120,9 @@ def test_impossible_targets_are_refused(text: str, words: str, tmp_path: Path) -
         load_params(path)
 
 
-def tally(blocks: np.ndarray) -> Tally:
+def statistics_of(blocks: np.ndarray) -> BlockStatistics:
     """Grey blocks (B, H, W)."""
-    made = Tally(*blocks.shape[1:])
+    made = BlockStatistics(*blocks.shape[1:])
     for block in blocks:
         made.add(np.repeat(block[..., None], 3, axis=-1))
     return made
@@ -130,20 +130,20 @@ def tally(blocks: np.ndarray) -> Tally:
 
 def test_relative_error_is_bounded_and_ignores_what_is_not_finite() -> None:
     blocks = np.ones((4, 8, 8))
-    assert tally(blocks).relative_error().max() == 0
+    assert statistics_of(blocks).relative_error().max() == 0
     blocks[0, 2, 3] = 1e6  # a firefly in one of four blocks
-    assert 0.9 < tally(blocks).relative_error()[2, 3] <= 1
+    assert 0.9 < statistics_of(blocks).relative_error()[2, 3] <= 1
     blocks[0, 2, 3] = np.nan
-    assert tally(blocks).relative_error().max() < 1e-12
-    assert tally(np.zeros((4, 8, 8))).relative_error().max() == 0
-    assert 0.2 < tally(np.random.default_rng(0).random((1, 32, 32))).noise() < 1
+    assert statistics_of(blocks).relative_error().max() < 1e-12
+    assert statistics_of(np.zeros((4, 8, 8))).relative_error().max() == 0
+    assert 0.2 < statistics_of(np.random.default_rng(0).random((1, 32, 32))).noise() < 1
 
 
 def test_the_running_sums_are_the_textbook_s_standard_error() -> None:
     blocks = np.random.default_rng(3).gamma(0.5, 2.0, (7, 12, 16))
     mean = blocks.mean(axis=0)
     wanted = blocks.std(axis=0, ddof=1) / np.sqrt(7) / (mean + 0.01 * mean.mean())
-    np.testing.assert_allclose(tally(blocks).relative_error(), wanted, rtol=1e-10)
+    np.testing.assert_allclose(statistics_of(blocks).relative_error(), wanted, rtol=1e-10)
 
 
 def test_grain_is_no_glare() -> None:

@@ -1,0 +1,64 @@
+"""Conversion between NumPy and Dr.Jit arrays, and tables over Dr.Jit's instance registry.
+
+Dr.Jit compiles some properties of an array into each kernel that uses it. The conversions here
+avoid that, so that one kernel serves arrays of every length.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from scenes.arrays import AnyArray
+
+
+def vector(kind: Any, rows: AnyArray) -> Any:
+    """Convert rows (N, D) to a Dr.Jit vector of type `kind`, component by component.
+
+    Dr.Jit's own conversion of a matrix compiles N into every kernel that uses the result.
+    """
+    return kind(*(column(mi.Float, rows[:, axis]) for axis in range(rows.shape[1])))
+
+
+def column(kind: Any, values: AnyArray) -> Any:
+    """Convert values (N,) to a Dr.Jit array of type `kind`.
+
+    The memory is aligned to 16 entries: Dr.Jit compiles other kernels for unaligned memory.
+    """
+    dtype = np.dtype(np.float32 if kind is mi.Float else np.uint32)
+    buffer = np.empty(len(values) + 16, dtype=dtype)
+    start = (-buffer.ctypes.data // dtype.itemsize) % 16
+    aligned = buffer[start : start + len(values)]
+    aligned[:] = values
+    return kind(aligned)
+
+
+def to_numpy(*values: Any) -> tuple[AnyArray, ...]:
+    """Evaluate Dr.Jit arrays and vectors in one kernel; return arrays (N,) and (N, D)."""
+    dr.eval(*values)
+    return tuple(
+        value.numpy()
+        if dr.depth_v(value) == 1
+        else np.stack([component.numpy() for component in value], axis=-1)
+        for value in values
+    )
+
+
+def registry_table(pairs: list[tuple[Any, Any]], pointer: Any, fill: int, dtype: Any) -> Any:
+    """Return a Dr.Jit array with `table[registry id of instance] = value`, `fill` elsewhere.
+
+    `pairs` are (instance, value); `pointer` is the pointer type, for instance `mi.ShapePtr`.
+    """
+    numbers = [registry_id(instance, pointer) for instance, _ in pairs]
+    table = np.full(max(numbers, default=0) + 1, fill, dtype=np.int64)
+    for number, (_, value) in zip(numbers, pairs, strict=True):
+        table[number] = value
+    return dtype(table.astype(np.int32 if dtype is mi.Int32 else np.uint32))
+
+
+def registry_id(instance: Any, pointer: Any) -> int:
+    """Return the number under which Dr.Jit's vectorised calls know an instance."""
+    return int(dr.reinterpret_array(mi.UInt32, pointer(instance))[0])

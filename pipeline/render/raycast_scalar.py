@@ -1,0 +1,138 @@
+"""Ray casting for the scalar variant: a Python loop over the rays.
+
+The same functions as `pipeline.render.raycast_wavefront`; `pipeline.render.raycast` documents them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from pipeline.render.scene_geometry import MAX_LAYERS, Hits, SceneGeometry
+from scenes.arrays import AnyArray
+
+
+def nearest(
+    geometry: SceneGeometry, through: bool, origins: AnyArray, directions: AnyArray
+) -> tuple[AnyArray, ...]:
+    """Return shape index (N,) and distance (N,)."""
+    count = len(directions)
+    shapes, distances = np.full(count, -1, np.int32), np.full(count, np.inf, np.float32)
+    for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
+        shapes[i], distances[i], _, _ = _first_hit(geometry, _ray(o, d), through)
+    return shapes, distances
+
+
+def nearest_from_cameras(geometry: SceneGeometry, poses: AnyArray, local: AnyArray) -> AnyArray:
+    """Return shape indices (N * P,) for cameras (N, 4, 4) and camera-frame directions (P, 3)."""
+    found = []
+    for pose in poses:
+        directions = local @ pose[:3, :3].T
+        origins = np.broadcast_to(pose[:3, 3], directions.shape)
+        found.append(nearest(geometry, True, origins, directions)[0])
+    return np.concatenate(found)
+
+
+def surfaces(
+    geometry: SceneGeometry, colors: bool, origins: AnyArray, directions: AnyArray
+) -> tuple[AnyArray, ...]:
+    """Return the fields of `Hits`, in order."""
+    count = len(directions)
+    hits = Hits(
+        np.full(count, -1, np.int32),
+        np.full(count, np.inf, np.float32),
+        *(np.zeros((count, 3), np.float32) for _ in range(4)),
+    )
+    numbers = _shape_numbers(geometry)
+    for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
+        shape, distance, hit, ray = _first_hit(geometry, _ray(o, d), True)
+        if shape < 0:
+            continue
+        si = hit.compute_surface_interaction(ray)
+        hits.shape[i], hits.distance[i] = shape, distance
+        hits.position[i], hits.geometric_normal[i] = si.p, si.n
+        hits.shading_normal[i] = si.sh_frame.n
+        if colors:
+            twin = geometry.reflectances[numbers[si.shape.ptr]]
+            hits.reflectance[i] = np.clip(twin.eval_diffuse_reflectance(si), 0, 1)
+    return tuple(vars(hits).values())
+
+
+def emitted_radiance(
+    geometry: SceneGeometry, emitting: AnyArray, origins: AnyArray, directions: AnyArray
+) -> tuple[AnyArray, ...]:
+    """Return shape index (N,), distance (N,) and emitted radiance (N, 3)."""
+    count = len(directions)
+    shapes, distances = np.full(count, -1, np.int32), np.full(count, np.inf, np.float32)
+    light = np.zeros((count, 3))
+    for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
+        shapes[i], distances[i], hit, ray = _first_hit(geometry, _ray(o, d), True)
+        if hit is not None and emitting[shapes[i]]:
+            si = hit.compute_surface_interaction(ray)
+            light[i] = si.shape.emitter().eval(si)
+    return shapes, distances, light
+
+
+def environment_radiance(emitter: Any, directions: AnyArray) -> AnyArray:
+    """Return the radiance (N, 3) of an environment emitter along `directions` (N, 3)."""
+    light = np.zeros((len(directions), 3))
+    si = mi.SurfaceInteraction3f()
+    for i, direction in enumerate(directions):
+        si.wi = mi.ScalarVector3f(-direction)
+        light[i] = emitter.eval(si)
+    return light
+
+
+def sample_emitters(
+    emitters: tuple[Any, ...], indices: AnyArray, origin: AnyArray, samples: AnyArray
+) -> tuple[AnyArray, ...]:
+    """Return direction (N, 3), distance (N,), radiance over density (N, 3), density (N,)."""
+    count = len(indices)
+    directions, weight = np.zeros((count, 3)), np.zeros((count, 3))
+    distances, density = np.zeros(count, np.float32), np.zeros(count)
+    si = mi.SurfaceInteraction3f()
+    si.p = mi.ScalarPoint3f(origin)
+    for i in range(count):
+        ds, value = emitters[indices[i]].sample_direction(si, mi.ScalarPoint2f(samples[i]))
+        directions[i], distances[i], weight[i] = ds.d, ds.dist, value
+        density[i] = 0 if ds.delta else ds.pdf
+    return directions, distances, weight, density
+
+
+def _ray(origin: AnyArray, direction: AnyArray) -> Any:
+    return mi.Ray3f(mi.ScalarPoint3f(origin), mi.ScalarVector3f(direction))
+
+
+def _first_hit(geometry: SceneGeometry, ray: Any, through: bool) -> tuple[int, float, Any, Any]:
+    """Return shape index, distance from the ray's origin, the hit, and the ray it belongs to."""
+    numbers = _shape_numbers(geometry)
+    travelled = 0.0
+    for _ in range(MAX_LAYERS + 1):
+        hit = geometry.scene.ray_intersect_preliminary(ray)
+        if not hit.is_valid():
+            break
+        shape = numbers[hit.shape.ptr]
+        if not (through and _passes(geometry, shape, hit, ray)):
+            return shape, travelled + hit.t, hit, ray
+        onward = hit.t + 1e-5 * (1 + max(abs(value) for value in ray(hit.t)))
+        travelled += onward
+        ray = mi.Ray3f(ray(onward), ray.d)
+    return -1, float("inf"), None, ray
+
+
+def _passes(geometry: SceneGeometry, shape: int, hit: Any, ray: Any) -> bool:
+    if geometry.clear[shape] or not geometry.masked[shape]:
+        return bool(geometry.clear[shape])
+    si = hit.compute_surface_interaction(ray)
+    return float(np.mean(si.bsdf().eval_null_transmission(si))) > 0.5
+
+
+def _shape_numbers(geometry: SceneGeometry) -> dict[int, int]:
+    """Return the shape index by instance pointer; cached on the geometry."""
+    numbers: dict[int, int] | None = geometry.__dict__.get("numbers")
+    if numbers is None:
+        numbers = {shape.ptr: index for index, shape in enumerate(geometry.shapes)}
+        object.__setattr__(geometry, "numbers", numbers)
+    return numbers

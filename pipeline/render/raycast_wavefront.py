@@ -1,0 +1,220 @@
+"""Ray casting for the wavefront variants: one Dr.Jit kernel for all rays.
+
+The same functions as `pipeline.render.raycast_scalar`; `pipeline.render.raycast` documents them.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from pipeline.render.drjit_arrays import column, registry_id, registry_table, to_numpy, vector
+from pipeline.render.scene_geometry import MAX_LAYERS, SceneGeometry
+from scenes.arrays import AnyArray
+
+
+def nearest(
+    geometry: SceneGeometry, through: bool, origins: AnyArray, directions: AnyArray
+) -> tuple[AnyArray, ...]:
+    """Return shape index (N,) and distance (N,)."""
+    return to_numpy(*_first_hit(geometry, _ray(origins, directions), through)[:2])
+
+
+def nearest_from_cameras(geometry: SceneGeometry, poses: AnyArray, local: AnyArray) -> AnyArray:
+    """Return shape indices (N * P,) for cameras (N, 4, 4) and camera-frame directions (P, 3)."""
+    return to_numpy(_first_hit(geometry, _camera_rays(poses, local), True)[0])[0]
+
+
+def surfaces(
+    geometry: SceneGeometry, colors: bool, origins: AnyArray, directions: AnyArray
+) -> tuple[AnyArray, ...]:
+    """Return the fields of `Hits`, in order."""
+    shape, distance, hit, ray = _first_hit(geometry, _ray(origins, directions), True)
+    valid = shape >= 0
+    si = hit.compute_surface_interaction(ray, mi.RayFlags.All, valid)
+    reflectance = mi.Color3f(0)
+    if colors:
+        tables = _tables(geometry)
+        twin = dr.gather(
+            mi.UInt32, tables["reflectance"], dr.reinterpret_array(mi.UInt32, si.shape), valid
+        )
+        bsdf = dr.reinterpret_array(mi.BSDFPtr, twin)
+        reflectance = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(si, valid))
+    number, metres, position, geometric, shading, colour = to_numpy(
+        shape,
+        distance,
+        *(dr.select(valid, v, 0) for v in (si.p, si.n, si.sh_frame.n, mi.Color3f(reflectance))),
+    )
+    return number, metres, position, geometric, shading, np.clip(colour, 0, 1)
+
+
+def emitted_radiance(
+    geometry: SceneGeometry, emitting: AnyArray, origins: AnyArray, directions: AnyArray
+) -> tuple[AnyArray, ...]:
+    """Return shape index (N,), distance (N,) and emitted radiance (N, 3)."""
+    shape, distance, hit, ray = _first_hit(geometry, _ray(origins, directions), True)
+    if not emitting.any():
+        return (*to_numpy(shape, distance), np.zeros((len(directions), 3)))
+    lamps = np.flatnonzero(emitting)
+    numbers = np.full(len(emitting), len(lamps), dtype=np.int64)
+    numbers[lamps] = np.arange(len(lamps))
+    lamp = dr.gather(
+        mi.UInt32, column(mi.UInt32, numbers), mi.UInt32(dr.maximum(shape, 0)), shape >= 0
+    )
+    lit = (shape >= 0) & (lamp < len(lamps))
+    # A switch over the lamps alone, as in `_passes`.
+    emissions = [partial(_emission, geometry.shapes[index]) for index in lamps]
+    light = dr.select(lit, dr.switch(lamp, emissions, ray, hit, lit), mi.Color3f(0))
+    return to_numpy(shape, distance, light)
+
+
+def environment_radiance(emitter: Any, directions: AnyArray) -> AnyArray:
+    """Return the radiance (N, 3) of an environment emitter along `directions` (N, 3)."""
+    si = dr.zeros(mi.SurfaceInteraction3f, len(directions))
+    si.wi = vector(mi.Vector3f, -directions)
+    return to_numpy(mi.Color3f(emitter.eval(si)))[0]
+
+
+def sample_emitters(
+    emitters: tuple[Any, ...], indices: AnyArray, origin: AnyArray, samples: AnyArray
+) -> tuple[AnyArray, ...]:
+    """Return direction (N, 3), distance (N,), radiance over density (N, 3), density (N,)."""
+    table = mi.UInt32([registry_id(emitter, mi.EmitterPtr) for emitter in emitters])
+    number = dr.gather(mi.UInt32, table, column(mi.UInt32, indices))
+    pointer = dr.reinterpret_array(mi.EmitterPtr, number)
+    si = dr.zeros(mi.SurfaceInteraction3f, len(indices))
+    # Opaque, or the position would be compiled into the kernel, one kernel per view.
+    si.p = mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in origin))
+    ds, weight = pointer.sample_direction(si, vector(mi.Point2f, samples))
+    direction, distance, weights, density = to_numpy(
+        ds.d, ds.dist, mi.Color3f(weight), dr.select(ds.delta, 0, ds.pdf)
+    )
+    return direction.astype(np.float64), distance, weights, density.astype(np.float64)
+
+
+def _ray(origins: AnyArray, directions: AnyArray) -> Any:
+    return mi.Ray3f(vector(mi.Point3f, origins), vector(mi.Vector3f, directions))
+
+
+def _camera_rays(poses: AnyArray, local: AnyArray) -> Any:
+    """Return rays of every pose (N, 4, 4) along every local direction (P, 3), pose by pose."""
+    count = len(local)
+    index = dr.arange(mi.UInt32, len(poses) * count)
+    pose, pixel = index // dr.opaque(mi.UInt32, count), index % dr.opaque(mi.UInt32, count)
+    table = column(mi.Float, poses[:, :3, :].ravel())
+    columns = [column(mi.Float, local[:, axis]) for axis in range(3)]
+    row = [[dr.gather(mi.Float, table, pose * 12 + 4 * i + j) for j in range(4)] for i in range(3)]
+    x, y, z = (dr.gather(mi.Float, column, pixel) for column in columns)
+    return mi.Ray3f(
+        mi.Point3f(row[0][3], row[1][3], row[2][3]),
+        mi.Vector3f(*(row[i][0] * x + row[i][1] * y + row[i][2] * z for i in range(3))),
+    )
+
+
+def _first_hit(geometry: SceneGeometry, ray: Any, through: bool) -> tuple[Any, Any, Any, Any]:
+    """Return shape index, distance from the ray's origin, the hit, and the ray it belongs to.
+
+    Behind each clear surface the ray continues from a slightly later start on the same line.
+    """
+    tables = _tables(geometry)
+    any_mask, any_clear = bool(geometry.masked.any()), bool(geometry.clear.any())
+    hit = geometry.scene.ray_intersect_preliminary(ray, coherent=True)
+    start = mi.Point3f(ray.o)
+    if through and (any_mask or any_clear):
+        passing = _passes(tables, hit, ray, any_mask)
+        layer = mi.UInt32(0)
+        passing, hit, ray, layer = dr.while_loop(
+            state=(passing, hit, ray, layer),
+            cond=lambda passing, hit, ray, layer: passing & (layer < MAX_LAYERS),
+            body=lambda passing, hit, ray, layer: _step(
+                geometry, tables, any_mask, hit, ray, layer
+            ),
+            labels=("passing", "hit", "ray", "layer"),
+        )
+        hit.t = dr.select(passing, dr.inf, hit.t)
+    valid = hit.is_valid()
+    number = dr.reinterpret_array(mi.UInt32, hit.shape)
+    shape = dr.select(valid, dr.gather(mi.Int32, tables["shape"], number, valid), -1)
+    distance = dr.select(valid, hit.t + dr.dot(ray.o - start, ray.d), dr.inf)
+    return shape, distance, hit, ray
+
+
+def _step(
+    geometry: SceneGeometry, tables: dict[str, Any], any_mask: bool, hit: Any, ray: Any, layer: Any
+) -> tuple[Any, Any, Any, Any]:
+    # Past the surface by a little more than the rounding of the hit point.
+    onward = hit.t + 1e-5 * (1 + dr.max(dr.abs(ray(hit.t))))
+    ray = mi.Ray3f(ray)
+    ray.o = ray(onward)
+    hit = geometry.scene.ray_intersect_preliminary(ray, coherent=True)
+    return _passes(tables, hit, ray, any_mask), hit, ray, layer + 1
+
+
+def _passes(tables: dict[str, Any], hit: Any, ray: Any, any_mask: bool) -> Any:
+    valid = hit.is_valid()
+    number = dr.reinterpret_array(mi.UInt32, hit.shape)
+    passes = dr.gather(mi.UInt32, tables["clear"], number, valid) == 1
+    if any_mask:
+        masked = dr.gather(mi.UInt32, tables["masked"], number, valid) == 1
+        # A switch over the masked shapes alone: a virtual call would trace every shape there is.
+        mask = dr.gather(mi.UInt32, tables["mask"], number, masked)
+        passes |= masked & (dr.switch(mask, tables["masks"], ray, hit, masked) > 0.5)
+    return passes & valid
+
+
+def _emission(shape: Any, ray: Any, hit: Any, active: Any) -> Any:
+    """Return the radiance that a shape emits at a hit, back along the ray."""
+    si = shape.compute_surface_interaction(ray, hit, mi.RayFlags.All, active)
+    si.wi = mi.Vector3f(0, 0, -dr.dot(si.sh_frame.n, ray.d))  # area emitters read its sign alone
+    return mi.Color3f(shape.emitter().eval(si, active))
+
+
+def _tables(geometry: SceneGeometry) -> dict[str, Any]:
+    """Return shape properties by registry id; cached on the geometry."""
+    tables = geometry.__dict__.get("tables")
+    if tables is None:
+        numbers = list(enumerate(geometry.shapes))
+        tables = {
+            "shape": registry_table([(s, i) for i, s in numbers], mi.ShapePtr, -1, mi.Int32),
+            "clear": registry_table(
+                [(s, int(geometry.clear[i])) for i, s in numbers], mi.ShapePtr, 0, mi.UInt32
+            ),
+            "masked": registry_table(
+                [(s, int(geometry.masked[i])) for i, s in numbers], mi.ShapePtr, 0, mi.UInt32
+            ),
+            **_mask_tables(geometry),
+            "reflectance": registry_table(
+                [
+                    (s, registry_id(twin, mi.BSDFPtr))
+                    for s, twin in zip(geometry.shapes, geometry.reflectances, strict=True)
+                    if twin is not None
+                ],
+                mi.ShapePtr,
+                0,
+                mi.UInt32,
+            ),
+        }
+        object.__setattr__(geometry, "tables", tables)
+    return tables
+
+
+def _mask_tables(geometry: SceneGeometry) -> dict[str, Any]:
+    """Return `mask`, the number of each masked shape, and `masks`, their null transmissions."""
+    shapes = [shape for shape, has in zip(geometry.shapes, geometry.masked, strict=True) if has]
+    numbers = [(shape, number) for number, shape in enumerate(shapes)]
+    return {
+        "mask": registry_table(numbers, mi.ShapePtr, 0, mi.UInt32),
+        "masks": [partial(_null_transmission, shape) for shape in shapes],
+    }
+
+
+def _null_transmission(shape: Any, ray: Any, hit: Any, active: Any) -> Any:
+    """Return the share of light that passes a shape's material undeviated at a hit."""
+    si = shape.compute_surface_interaction(ray, hit, mi.RayFlags.All, active)
+    own = shape.bsdf()  # None for an instance: its shape group holds the BSDF
+    share = (si.bsdf() if own is None else own).eval_null_transmission(si, active)
+    return dr.mean(mi.unpolarized_spectrum(share))

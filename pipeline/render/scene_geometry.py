@@ -1,0 +1,43 @@
+"""Geometry that rays are traced against, and what a ray finds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from scenes.arrays import BoolArray, Float32Array, Int32Array
+
+MAX_LAYERS = 16  # clear surfaces that one ray may pass: a glass cabinet, a glass door and so on
+
+
+@dataclass(frozen=True)
+class SceneGeometry:
+    """Shapes of a loaded scene, with the properties that ray casting needs.
+
+    `objects[i]` is the object index of shape i (-1: belongs to no object), `clear[i]` says that
+    camera rays pass shape i undeviated, `masked[i]` that its BSDF has an alpha mask.
+    """
+
+    scene: Any  # mi.Scene
+    shapes: tuple[Any, ...]
+    objects: Int32Array
+    clear: BoolArray
+    masked: BoolArray
+    reflectances: tuple[Any, ...]  # reflectance twin of each shape's BSDF
+
+
+@dataclass(frozen=True)
+class Hits:
+    """First visible surface along each of N rays; where `shape` is -1 all else is 0.
+
+    `distance` is in metres along the ray (infinite: no surface), `position` (N, 3) in world
+    metres. `geometric_normal` and `shading_normal` are unit vectors (N, 3) as modelled, not
+    flipped towards the ray. `reflectance` (N, 3) is linear RGB in [0, 1].
+    """
+
+    shape: Int32Array
+    distance: Float32Array
+    position: Float32Array
+    geometric_normal: Float32Array
+    shading_normal: Float32Array
+    reflectance: Float32Array
