@@ -38,7 +38,7 @@ from scenes.procedural.piece import FurniturePiece, Material
 
 
 def _tap(reach: float, tall: float) -> BodyMesh:
-    """A basin mixer at the origin, its spout towards the front."""
+    """Basin mixer at the origin, spout towards the front (-Y)."""
     t = np.linspace(0, 0.5 * np.pi, 6)
     bend = np.stack([0 * t, -0.05 + 0.05 * np.cos(t), tall - 0.05 + 0.05 * np.sin(t)], axis=1)
     path = np.concatenate([[[0, 0, 0.0]], bend, [[0, -reach, tall - 0.012]]])
@@ -126,7 +126,7 @@ def _add_towel(
     back: float = 0.12,
     gap: float = 0.013,
 ) -> None:
-    """A towel hung over an edge along x at (y, z): `fall` in front, `back` behind."""
+    """Add a towel over an edge along x at (y, z), hanging `fall` m in front and `back` m behind."""
     count = 15
     front = np.linspace(fall, 0, 7)
     arc = np.linspace(0, np.pi, 6)[1:-1]
@@ -307,7 +307,7 @@ def toilet(rng: np.random.Generator, style: Style) -> FurniturePiece:
 
 
 def shower(rng: np.random.Generator, style: Style, width: float = 0.9) -> FurniturePiece:
-    """A shower tray in a corner with glass screens; walls at its back and at its left (-X)."""
+    """A corner shower: tray, glass screens and door; walls at its back (+Y) and left (-X)."""
     half, tall = width / 2, float(rng.uniform(1.9, 2.0))
     b = Builder("shower", "shower", "corner", front_clearance=0.6)
     rings = [
@@ -405,7 +405,7 @@ def shower(rng: np.random.Generator, style: Style, width: float = 0.9) -> Furnit
 def mirror_cabinet(
     rng: np.random.Generator, style: Style, width: float | None = None
 ) -> FurniturePiece:
-    """A cabinet with mirror doors above the basin, one at times ajar. Origin: lower back edge."""
+    """A cabinet with mirror doors, sometimes one ajar; the origin is on its lower back edge."""
     width = float(rng.uniform(0.55, 0.8)) if width is None else width
     depth, height = 0.15, 0.65
     b = Builder("mirror cabinet", "mirror", "on_wall", mount_height=1.2)
@@ -446,7 +446,7 @@ def mirror_cabinet(
 
 
 def towel_rail(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A heated ladder of tubes with a towel or two. Origin: lower back edge, middle."""
+    """A heated towel rail with one or two towels; the origin is on its lower back edge."""
     width, height = float(rng.uniform(0.45, 0.55)), float(rng.uniform(0.8, 1.2))
     b = Builder("towel rail", "towel rail", "on_wall", mount_height=0.55)
     metal = CHROME if rng.random() < 0.6 else WHITE_PAINT

@@ -1,4 +1,4 @@
-"""Beds, made or slept in; the head is at the back."""
+"""Beds with mattress, bedding and pillows; the head is at the back (+Y)."""
 
 from __future__ import annotations
 
@@ -22,29 +22,32 @@ from scenes.procedural.piece import FurniturePiece, Material
 def double_bed(
     rng: np.random.Generator, style: Style, width: float | None = None
 ) -> FurniturePiece:
-    """A bed for two; `width` of its mattress, metres."""
+    """A double bed; `width` of the mattress in metres."""
     width = float(rng.choice([1.4, 1.6, 1.8])) if width is None else width
     return _bed(rng, style, "double bed", width, 2)
 
 
 def single_bed(rng: np.random.Generator, style: Style, width: float = 0.9) -> FurniturePiece:
-    """A bed for one."""
+    """A single bed; `width` of the mattress in metres."""
     return _bed(rng, style, "single bed", width, 1)
 
 
 def _drape(beyond: Float64Array, radius: float) -> tuple[Float64Array, Float64Array]:
-    """Outward and downward way of cloth that has run `beyond` metres past the start of an edge."""
+    """Outward and downward displacement of cloth over a rounded edge, metres.
+
+    `beyond` is the arc length past the start of the edge; negative on the flat side.
+    """
     arc = np.clip(beyond, 0, radius * np.pi / 2)
     hang = np.maximum(beyond - radius * np.pi / 2, 0)
     out = np.minimum(beyond, 0) + radius * np.sin(arc / radius) + 0.08 * hang
     return out, radius * (1 - np.cos(arc / radius)) + hang
 
 
-class _Rumples:
-    """Waves and creases of a made bed; all its layers follow the same ones."""
+class _Wrinkles:
+    """Waves, creases and folds that all layers of a bed's bedding share."""
 
     def __init__(self, rng: np.random.Generator, height: float) -> None:
-        self.height = height  # metres
+        self.height = height  # amplitude, metres
         self.waves = [(*rng.uniform(-7, 7, 2), rng.uniform(0, 6.3)) for _ in range(7)]
         self.creases = [
             (rng.uniform(0, np.pi), rng.uniform(-0.7, 0.7), rng.uniform(0.03, 0.07))
@@ -53,24 +56,24 @@ class _Rumples:
         self.phases = rng.uniform(0, 6, 4)
 
     def lift(self, s: Float64Array, t: Float64Array) -> Float64Array:
-        """Height added at the cloth's coordinates s across and t along the bed."""
+        """Return the added height in metres at cloth coordinates s across and t along the bed."""
         up = np.zeros_like(s)
         for a, c, phase in self.waves:
             up += 0.4 * np.sin(a * s + c * t + phase)
         for turn, at, wide in self.creases:
             along = -s * np.sin(turn) + t * np.cos(turn)
-            way = s * np.cos(turn) + t * np.sin(turn) + 0.04 * np.sin(5 * along)
-            up += 1.6 * np.exp(-(((way - at) / wide) ** 2)) * np.exp(-((along / 0.6) ** 2))
+            across = s * np.cos(turn) + t * np.sin(turn) + 0.04 * np.sin(5 * along)
+            up += 1.6 * np.exp(-(((across - at) / wide) ** 2)) * np.exp(-((along / 0.6) ** 2))
         return self.height * up
 
-    def fold(self, along: Float64Array, which: int) -> Float64Array:
-        """Folds of what hangs, about -1.6 to 1.6, on the sides (0) or the foot (1)."""
-        first, second = self.phases[2 * which : 2 * which + 2]
+    def fold(self, along: Float64Array, side: int) -> Float64Array:
+        """Return folds of the hanging cloth, in [-1.6, 1.6], at the sides (0) or the foot (1)."""
+        first, second = self.phases[2 * side : 2 * side + 2]
         return np.asarray(np.sin(9 * along + first) + 0.6 * np.sin(17 * along + second))
 
 
 def _cover(
-    rumples: _Rumples,
+    wrinkles: _Wrinkles,
     half_x: float,
     foot: float,
     head: float,
@@ -80,15 +83,15 @@ def _cover(
     thickness: float,
     counts: tuple[int, int] = (41, 27),
 ) -> BodyMesh:
-    """Bedding whose outside lies at `top` from y = foot to y = head and hangs at x = +-half_x.
+    """Layer of bedding with its upper side at z = `top`, from y = `foot` to y = `head`.
 
-    It hangs down by `hang` metres beyond the rounded edge, and at the foot by `foot_hang` if
-    that is above 0.
+    It hangs down at x = +-`half_x` by `hang` metres below the rounded edge, and at the foot by
+    `foot_hang` if that is above 0.
     """
     radius = 0.08
     core = half_x - radius
-    reach = core + radius * np.pi / 2 + hang
-    s = np.sin(np.linspace(-1, 1, counts[0]) * 1.25) / np.sin(1.25) * reach
+    half_width = core + radius * np.pi / 2 + hang
+    s = np.sin(np.linspace(-1, 1, counts[0]) * 1.25) / np.sin(1.25) * half_width
     start = foot + radius
     low = start - (radius * np.pi / 2 + foot_hang) if foot_hang > 0 else foot
     t = np.linspace(low, head, counts[1])
@@ -97,13 +100,13 @@ def _cover(
     across, along = np.meshgrid(s, t, indexing="ij")
     down_x = np.broadcast_to(drop_x[:, None], across.shape)
     down_y = np.broadcast_to(drop_y[None, :], across.shape)
-    side = np.minimum(down_x / 0.2, 1.2) * rumples.fold(along, 0)
-    end = np.minimum(down_y / 0.2, 1.2) * rumples.fold(across, 1)
-    calm = np.exp(-6 * (down_x + down_y))  # only what lies is rumpled upwards
+    side = np.minimum(down_x / 0.2, 1.2) * wrinkles.fold(along, 0)
+    end = np.minimum(down_y / 0.2, 1.2) * wrinkles.fold(across, 1)
+    lying = np.exp(-6 * (down_x + down_y))  # wrinkles lift the lying part only
     points = np.empty((*across.shape, 3))
     points[..., 0] = np.sign(across) * (core + out_x[:, None] + 0.017 * side)
     points[..., 1] = (start - out_y)[None, :] - 0.015 * end
-    points[..., 2] = top - down_x - down_y + rumples.lift(across, along) * calm
+    points[..., 2] = top - down_x - down_y + wrinkles.lift(across, along) * lying
     return thick_sheet(points, thickness)
 
 
@@ -119,7 +122,7 @@ def _bed(
     head = float(rng.uniform(0.9, 1.15))
     back = length / 2 + 0.08
     front = -length / 2 - 0.04
-    middle = (front + back) / 2  # the footprint's centre is the origin
+    middle = (front + back) / 2  # moved to the origin below
     parts = Builder("", "", "free")
     parts.add(
         leg_material(style, style.wood),
@@ -194,11 +197,11 @@ def _bed(
         rounded_box((width, length, top - mattress_z), (0, 0, mattress_z), 0.05, (0, 0, 0.006)),
         name="mattress",
     )
-    rumples = _Rumples(rng, float(rng.uniform(0.005, 0.012)))
-    beside = outer / 2 + 0.07  # what hangs clears the frame
+    wrinkles = _Wrinkles(rng, float(rng.uniform(0.005, 0.012)))
+    beside = outer / 2 + 0.07  # the hanging cloth clears the frame
     over_foot = not padded and rng.random() < 0.7
     cover = _cover(
-        rumples,
+        wrinkles,
         beside,
         front - 0.065 if over_foot else -length / 2 + 0.01,
         length / 2 - float(rng.uniform(0.45, 0.6)),
@@ -210,13 +213,13 @@ def _bed(
     parts.add(style.bedding, cover, name="duvet")
     edge = float(cover.vertices[:, 1].max())
     fold = _cover(
-        rumples, beside + 0.012, edge - 0.26, edge + 0.006, top + 0.056, 0.08, 0, 0.013, (35, 9)
+        wrinkles, beside + 0.012, edge - 0.26, edge + 0.006, top + 0.056, 0.08, 0, 0.013, (35, 9)
     )
     parts.add(sheet, fold, name="fold")
     if rng.random() < 0.5:
         start = -length / 2 + float(rng.uniform(0.1, 0.3))
         throw = _cover(
-            rumples, beside + 0.011, start, start + 0.5, top + 0.054, 0.22, 0, 0.011, (35, 11)
+            wrinkles, beside + 0.011, start, start + 0.5, top + 0.054, 0.22, 0, 0.011, (35, 11)
         )
         parts.add(style.throw, throw, name="throw")
     rows = 2 if sleepers == 2 and rng.random() < 0.6 else 1

@@ -1,4 +1,4 @@
-"""Joinery that cupboards share: carcasses, doors, drawers, handles and feet.
+"""Parts of cabinets: carcasses, doors, drawers, handles and legs.
 
 Cabinets have their back at y = depth / 2; the outer faces of their fronts lie at -depth / 2.
 """
@@ -29,7 +29,7 @@ GAP = 0.003  # between neighbouring fronts
 def carcass(
     width: float, depth: float, z0: float, z1: float, top: bool = True, back: bool = True
 ) -> list[BodyMesh]:
-    """An open-fronted box of boards; the fronts' thickness is kept free before it."""
+    """Return the boards of an open-fronted box, set back by the thickness of the fronts."""
     front, rear = -depth / 2 + FRONT + 0.002, depth / 2
     half = width / 2
     boards = [
@@ -53,7 +53,7 @@ def carcass(
 
 
 def shelf(width: float, depth: float, z: float, thickness: float = BOARD) -> BodyMesh:
-    """A board between the sides of a carcass, its top face at z."""
+    """Return a board between the sides of a carcass, its upper face at `z`."""
     return span(
         (-width / 2 + BOARD, -depth / 2 + FRONT + 0.012, z - thickness),
         (width / 2 - BOARD, depth / 2 - 0.013, z),
@@ -61,7 +61,7 @@ def shelf(width: float, depth: float, z: float, thickness: float = BOARD) -> Bod
 
 
 def panel(width: float, height: float, style: Style) -> list[BodyMesh]:
-    """A door or drawer front: bottom centred at the origin, back at y = 0, front at -FRONT."""
+    """Return a door or drawer front: bottom centred at the origin, y from -FRONT to 0."""
     rail = 0.065
     if style.front == "flat" or min(width, height) < 3.2 * rail:
         return [span((-width / 2, -FRONT, 0), (width / 2, 0, height), bevel=0.0015)]
@@ -78,9 +78,9 @@ def panel(width: float, height: float, style: Style) -> list[BodyMesh]:
 
 
 def handle(style: Style, vertical: bool, room: float) -> list[BodyMesh]:
-    """A handle on a front whose outer face is y = 0; it reaches out to y = -0.035 at most.
+    """Return a handle on a front whose outer face is y = 0; it extends to y = -0.035 at most.
 
-    `room` is how long it may be, metres.
+    `room` bounds its length, metres.
     """
     if style.handle == "knob":
         knob = lathe(
@@ -115,7 +115,7 @@ def add_door(
     angle: float = 0.0,
     handle_low: bool = False,
 ) -> None:
-    """A door over [x0, x1] x [z0, z1] of a cabinet, opened by `angle` degrees."""
+    """Add a door over [x0, x1] x [z0, z1] of a cabinet, opened by `angle` degrees."""
     width, height = x1 - x0 - GAP, z1 - z0 - GAP
     side = 1.0 if hinge == "left" else -1.0
     grip_z = height * (0.5 if height > 1.0 else (0.2 if handle_low else 0.8))
@@ -147,7 +147,7 @@ def add_drawer(
     depth: float,
     pulled: float = 0.0,
 ) -> None:
-    """A drawer whose front covers [x0, x1] x [z0, z1], pulled out by metres."""
+    """Add a drawer whose front covers [x0, x1] x [z0, z1], pulled out by `pulled` metres."""
     width, height = x1 - x0 - GAP, z1 - z0 - GAP
     at = {"x": (x0 + x1) / 2, "y": -depth / 2 + FRONT - pulled, "z": z0 + GAP / 2}
     b.add(material, *(mesh.moved(**at) for mesh in panel(width, height, style)), name="front")
@@ -190,7 +190,7 @@ def feet(
     inset: float = 0.03,
     splay: float = 0.0,
 ) -> list[BodyMesh]:
-    """Four legs from the floor to `height`, of the style's kind."""
+    """Return four legs from the floor to `height`, in the shape of the style."""
     meshes = []
     for sx in (-1.0, 1.0):
         for sy in (-1.0, 1.0):
@@ -212,7 +212,7 @@ def feet(
 
 
 def _round_leg(top: tuple[float, float, float], foot: tuple[float, ...], radius: float) -> BodyMesh:
-    """A turned leg, thicker above; its sections stay horizontal."""
+    """Tapered round leg, possibly splayed, with horizontal sections."""
     t = np.array([0.0, 0.06, 0.75, 1.0])
     radii = radius * np.array([0.55, 0.6, 1.0, 1.0])
     leg = lathe(np.stack([radii, t * top[2]], axis=1).tolist(), 12)
@@ -223,7 +223,7 @@ def _round_leg(top: tuple[float, float, float], foot: tuple[float, ...], radius:
 
 
 def leg_material(style: Style, wooden: Material) -> Material:
-    """Legs are of the piece's wood, unless the style's legs are metal."""
+    """Return the material of the legs: metal if the style has metal legs, else wood."""
     if style.legs == "metal":
         return style.metal
     return wooden if wooden.kind == "wood" else style.wood

@@ -1,4 +1,4 @@
-"""Plants, pictures, screens and the small things that make a room lived in."""
+"""Decoration: plants, pictures, mirrors, screens and small objects."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ LEAVES = ("#4f7a3a", "#3c6a3a", "#5f8a4a", "#2f5a3a", "#74935a", "#4a6b3f")
 
 
 def _leaf(length: float, width: float, droop: float, rows: int = 7) -> BodyMesh:
-    """A leaf along +X from the origin, folded along its rib, its tip bending down."""
+    """Leaf along +X from the origin, folded along its midrib, with a drooping tip."""
     t = np.linspace(0, 1, rows)
     half = 0.5 * width * np.sin(np.pi * t**0.8) ** 0.8
     half[-1] = 0.002
@@ -64,7 +64,7 @@ def _leaf(length: float, width: float, droop: float, rows: int = 7) -> BodyMesh:
 def _add_pot(
     b: Builder, rng: np.random.Generator, style: Style, radius: float, tall: float
 ) -> None:
-    """A pot with soil."""
+    """Add a pot with soil."""
     wall = 0.08 * radius
     kind = rng.random()
     if kind < 0.25:
@@ -246,7 +246,7 @@ def picture(
 
 
 def _picture_plane(w: float, h: float, y: float) -> BodyMesh:
-    """A thin board whose whole front shows uv [0, 1]; other faces repeat its edge."""
+    """Thin board whose front has uvs [0, 1] x [0, 1]."""
     board = span((-w, y, -h), (w, y + 0.0012, h))
     uvs = np.stack([board.vertices[:, 0] / (2 * w) + 0.5, board.vertices[:, 2] / (2 * h) + 0.5], 1)
     return BodyMesh(board.vertices, board.faces, uvs, smooth=False)
@@ -255,7 +255,7 @@ def _picture_plane(w: float, h: float, y: float) -> BodyMesh:
 def _add_frame(
     b: Builder, material: Material, width: float, height: float, rail: float, deep: float
 ) -> None:
-    """Four rails around a centre at the origin, their back on the wall y = 0."""
+    """Add four frame rails centred at the origin, with their back on the wall y = 0."""
     w, h = width / 2, height / 2
     for side in (-1, 1):
         b.add(
@@ -307,7 +307,7 @@ def wall_mirror(
 
 
 def floor_mirror(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A tall mirror that leans at the wall."""
+    """A tall mirror that leans against the wall."""
     width, height = float(rng.uniform(0.5, 0.7)), float(rng.uniform(1.55, 1.8))
     flat = Builder("floor mirror", "mirror", "wall", front_clearance=0.5)
     _add_frame(flat, style.wood, width, height, 0.04, 0.03)
@@ -370,7 +370,7 @@ def television(
 
 
 def monitor(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A computer monitor with keyboard and mouse before it."""
+    """A computer monitor with keyboard and mouse in front."""
     width = float(rng.uniform(0.52, 0.64))
     tall = 0.585 * width
     b = Builder("computer monitor", "monitor", "on_top")
@@ -450,14 +450,14 @@ def laptop(rng: np.random.Generator, style: Style) -> FurniturePiece:
 
 
 def books_stack(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """Three to six books lying on each other."""
+    """A stack of three to six books."""
     b = Builder("stack of books", "books", "on_top")
     add_stack(b, rng, style, 0, 0, 0, int(rng.integers(3, 7)), float(rng.uniform(-20, 20)))
     return b.piece()
 
 
 def fruit_bowl(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A bowl with apples, oranges and a lemon."""
+    """A bowl with five to seven fruits."""
     b = Builder("fruit bowl", "bowl", "on_top")
     radius, tall = float(rng.uniform(0.12, 0.16)), float(rng.uniform(0.06, 0.09))
     b.add(
@@ -518,10 +518,7 @@ def crockery(rng: np.random.Generator, style: Style) -> FurniturePiece:
     for k in range(int(rng.integers(2, 4))):
         b.add(
             style.accents[int(rng.integers(5))] if rng.random() < 0.4 else glaze,
-            *(
-                m.turned("z", float(rng.uniform(0, 360))).moved(0.13, (k - 0.8) * 0.1, 0)
-                for m in [_cup()]
-            ),
+            _cup().turned("z", float(rng.uniform(0, 360))).moved(0.13, (k - 0.8) * 0.1, 0),
             name="cups",
         )
     return b.piece()
@@ -599,7 +596,7 @@ def wall_clock(rng: np.random.Generator, style: Style) -> FurniturePiece:
 
 
 def radiator(rng: np.random.Generator, style: Style, width: float | None = None) -> FurniturePiece:
-    """A ribbed radiator with its valve, for below windows; mounted just above the floor."""
+    """A ribbed radiator with a valve, mounted just above the floor."""
     width = float(rng.uniform(0.6, 1.3)) if width is None else width
     height = 0.55
     b = Builder("radiator", "radiator", "on_wall", mount_height=0.13)
@@ -641,7 +638,7 @@ def radiator(rng: np.random.Generator, style: Style, width: float | None = None)
 
 
 def coat_hooks(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A board with hooks; a coat and a bag hang on some."""
+    """A board with hooks, some with a coat."""
     width = float(rng.uniform(0.6, 0.9))
     b = Builder("coat hooks", "coat hooks", "on_wall", mount_height=float(rng.uniform(1.6, 1.7)))
     b.add(style.wood, span((-width / 2, -0.022, -0.05), (width / 2, 0, 0.05), 0.003))
@@ -659,7 +656,7 @@ def coat_hooks(rng: np.random.Generator, style: Style) -> FurniturePiece:
 
 
 def _add_coat(b: Builder, rng: np.random.Generator, cloth: Material, x: float) -> None:
-    """A coat hanging from its loop: sagging shoulders, two sleeves, folds down to the hem."""
+    """Add a hanging coat with two sleeves, sagging shoulders and folds down to the hem."""
     long = float(rng.uniform(0.75, 1.0))
     count, rows = 48, 13
     t = np.linspace(0, 1, rows) ** 1.4
@@ -673,7 +670,7 @@ def _add_coat(b: Builder, rng: np.random.Generator, cloth: Material, x: float) -
         fold = 1 + strength * (
             0.13 * np.sin(7 * angle + phase + 0.5 * t[k]) + 0.06 * np.sin(4 * angle - phase)
         )
-        # The front edges overlap along a line: a groove down the middle.
+        # Groove down the middle, where the front edges overlap.
         groove = 1 - 0.35 * strength * np.exp(-(((angle - 1.5 * np.pi) / 0.16) ** 2))
         rings[k, :, 0] = x + half_x[k] * np.cos(angle) * fold
         rings[k, :, 1] = -0.1 + half_y[k] * np.sin(angle) * fold * groove

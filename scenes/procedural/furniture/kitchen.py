@@ -1,7 +1,7 @@
-"""Kitchen units of one height and depth, appliances and pots.
+"""Kitchen units of equal height and depth, appliances and pots.
 
-Units stand side by side: each fills exactly its `width`, worktop included. Backs are at
-y = 0.3, doors at y = -0.3, the worktop's front edge at y = -0.32.
+Units are placed side by side: each is exactly `width` wide, worktop included. Backs are at
+y = 0.3, doors at y = -0.3, front edges of worktops at y = -0.32.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ INSIDE = Material("paint", hex_color("#dedad2"), 0.5)
 
 
 def _base(style: Style, name: str, width: float, worktop: bool = True) -> tuple[Builder, float]:
-    """Plinth, carcass and worktop; returns the height below the worktop too."""
+    """Builder with plinth and worktop, and the height of the worktop's underside."""
     b = Builder(name, "kitchen unit", "wall", front_clearance=0.9)
     under = style.worktop_height - TOP
     b.add(
@@ -88,7 +88,7 @@ def _add_doors(
     chance: float = 0.2,
     handed: str = "left",
 ) -> bool:
-    """One or two doors, perhaps one ajar; says whether one is."""
+    """Add one or two doors; returns True if one is ajar, with probability `chance`."""
     ajar = float(rng.uniform(15, 75)) if rng.random() < chance else 0.0
     if width > 0.62:
         add_door(b, style, style.kitchen, -width / 2, 0, z0, z1, depth, "left", ajar, low_handles)
@@ -101,7 +101,7 @@ def _add_doors(
 
 
 def base_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) -> FurniturePiece:
-    """A cupboard below the worktop, often with a drawer on top; a door may stand ajar."""
+    """A base unit with doors, often with a drawer at the top; a door may be ajar."""
     b, under = _base(style, "base cupboard", width)
     b.add(INSIDE, *carcass(width, DEPTH, PLINTH, under - 0.001))
     split = under - 0.003
@@ -123,7 +123,7 @@ def base_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) ->
 
 
 def drawer_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> FurniturePiece:
-    """Three or four kitchen drawers, one at times pulled out."""
+    """A base unit with three or four drawers, sometimes one pulled out."""
     b, under = _base(style, "drawer unit", width)
     b.add(INSIDE, *carcass(width, DEPTH, PLINTH, under - 0.001))
     shares = [0.0, 0.42, 0.78, 1.0] if rng.random() < 0.5 else [0.0, 0.3, 0.6, 0.8, 1.0]
@@ -148,7 +148,7 @@ def drawer_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> F
 
 
 def sink_unit(rng: np.random.Generator, style: Style, width: float = 0.8) -> FurniturePiece:
-    """A sink let into the worktop, with a high tap, above a cupboard."""
+    """A base unit with doors, a sink in the worktop and a high tap."""
     b, under = _base(style, "sink unit", width, worktop=False)
     half_x, half_y = min(0.2, width / 2 - 0.08), 0.19
     x, y, high = (
@@ -204,7 +204,7 @@ def sink_unit(rng: np.random.Generator, style: Style, width: float = 0.8) -> Fur
 
 
 def hob_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> FurniturePiece:
-    """An oven below a hob, with knobs; gas burners with grates or glass-ceramic."""
+    """An oven with knobs below a gas or glass-ceramic hob."""
     b, under = _base(style, "hob and oven", width)
     high = style.worktop_height
     steel = STEEL if rng.random() < 0.6 else BLACK_PLASTIC
@@ -289,10 +289,10 @@ def hob_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> Furn
             b.add(IRON, lathe(burner, 24).moved(x, y, high), name="burners")
             for turn in range(4):
                 arm = bar((0.3 * radius, 0, 0.036), (1.25 * radius, 0, 0.036), 0.004, 8)
-                post_ = bar((1.25 * radius, 0, 0.006), (1.25 * radius, 0, 0.0385), 0.004, 8)
+                foot = bar((1.25 * radius, 0, 0.006), (1.25 * radius, 0, 0.0385), 0.004, 8)
                 b.add(
                     IRON,
-                    *(m.turned("z", 45 + 90 * turn).moved(x, y, high) for m in (arm, post_)),
+                    *(m.turned("z", 45 + 90 * turn).moved(x, y, high) for m in (arm, foot)),
                     name="grates",
                 )
         else:
@@ -311,7 +311,7 @@ def hob_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> Furn
 
 
 def fridge(rng: np.random.Generator, style: Style, width: float = 0.6) -> FurniturePiece:
-    """A tall fridge with a freezer below (or above)."""
+    """A tall fridge with a freezer compartment below or above."""
     depth, height = 0.64, float(rng.uniform(1.7, 1.95))
     b = Builder("fridge", "fridge", "wall", front_clearance=0.9)
     case = STEEL if rng.random() < 0.45 else WHITE_PAINT
@@ -369,7 +369,7 @@ def fridge(rng: np.random.Generator, style: Style, width: float = 0.6) -> Furnit
 
 
 def wall_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) -> FurniturePiece:
-    """A cupboard on the wall; when its door stands ajar crockery shows. Origin: lower back edge."""
+    """A wall cupboard, with crockery if a door is ajar; the origin is on its lower back edge."""
     depth, height = 0.34, 0.7
     b = Builder(
         "wall cupboard", "kitchen unit", "on_wall", mount_height=style.worktop_height + 0.52
@@ -408,7 +408,7 @@ def wall_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) ->
 def extractor_hood(
     rng: np.random.Generator, style: Style, width: float = 0.6, height: float = 0.9
 ) -> FurniturePiece:
-    """A steel canopy and its flue, with two small lamps below; `height` up to the flue's end."""
+    """A steel canopy with a flue and two small lamps; `height` of the flue's upper end, metres."""
     b = Builder("extractor hood", "extractor hood", "on_wall", mount_height=1.58)
     steel = STEEL if rng.random() < 0.8 else WHITE_PAINT
     top = float(rng.uniform(0.2, 0.34))
@@ -438,7 +438,7 @@ def extractor_hood(
 
 
 def _pot(radius: float, tall: float, lid: bool = False) -> BodyMesh:
-    """A pot with two ears, closed by a lid or open."""
+    """Pot with two handles, open or with a lid."""
     profile = [(radius - 0.006, 0.0), (radius, 0.006), (radius, tall), (radius - 0.003, tall)]
     profile += [(radius - 0.006, 0.01), (0.0, 0.008)] if not lid else []
     meshes = [

@@ -1,4 +1,4 @@
-"""Lamps: what emits is the visible shade, globe, panel or diffuser, never a bulb hidden in it."""
+"""Lamps; the visible shade, globe, panel or diffuser emits, not a bulb inside it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ OPAL = Material("plastic", (0.86, 0.85, 0.82), 0.4)
 def _shade_profile(
     low: float, high: float, z0: float, z1: float, wall: float = 0.003
 ) -> list[tuple[float, float]]:
-    """Profile of an open lampshade: a wall between two radii, both rims rounded off."""
+    """Closed profile (radius, z) of an open lampshade of thickness `wall`."""
     t = np.linspace(0, 1, 4)
     outer = [(float(low + (high - low) * s), float(z0 + (z1 - z0) * s)) for s in t]
     inner = [(r - wall, z) for r, z in outer[::-1]]
@@ -34,7 +34,7 @@ def _shade_profile(
 
 
 def _profile_rings(profile: list[tuple[float, float]], segments: int) -> Float64Array:
-    """Rings of a closed profile (a body with a hole through it) for `loft`."""
+    """Rings for `loft` of a closed profile: a body of revolution with a hole."""
     closed = np.array([*profile, profile[0]])
     angle = 2 * np.pi * np.arange(segments) / segments
     rings = np.zeros((len(closed), segments, 3))
@@ -54,16 +54,16 @@ def _add_shade(
     y: float = 0.0,
     x: float = 0.0,
 ) -> None:
-    """An open shade, glowing, with the wire that carries it."""
+    """Add an emitting open shade and the wires that carry it."""
     shade = loft(_profile_rings(_shade_profile(low, high, z0, z1), 36), closed=False)
     b.add(style.shade, shade.moved(x, y), name="shade", lumens=lumens, kelvin=style.kelvin)
     z = z1 - 0.02
     for k in range(3):
         turn = np.radians(120 * k)
-        reach = high - 0.004
+        radius = high - 0.004
         b.add(
             style.metal,
-            bar((x, y, z), (x + reach * np.cos(turn), y + reach * np.sin(turn), z), 0.002, 8),
+            bar((x, y, z), (x + radius * np.cos(turn), y + radius * np.sin(turn), z), 0.002, 8),
         )
 
 
@@ -99,15 +99,10 @@ def pendant_lamp(
         b.add(
             style.metal, cylinder(0.024, -drop + tall - 0.012, -drop + tall + 0.03, 16), name="cap"
         )
-        disc = [
-            (radius - 0.006, -drop + 0.012),
-            (0.6 * radius, -drop + 0.004),
-            (0.0, -drop + 0.001),
-        ]
         body = [
             (0.0, -drop + 0.001),
             (0.6 * radius, -drop + 0.004),
-            disc[0],
+            (radius - 0.006, -drop + 0.012),
             (radius - 0.012, -drop + 0.016),
         ]
         b.add(OPAL, lathe(body, 36), name="diffuser", lumens=0.8 * lumens, kelvin=style.kelvin)
@@ -133,7 +128,7 @@ def pendant_lamp(
 
 
 def ceiling_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A flat lamp under the ceiling: a round bowl or a square panel with a rim."""
+    """A flat ceiling lamp: a round bowl or a square panel with a rim."""
     b = Builder("ceiling lamp", "lamp", "ceiling")
     lumens = float(rng.uniform(1200, 2400))
     if rng.random() < 0.6:
@@ -162,7 +157,7 @@ def ceiling_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
 
 
 def spot_rail(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A bar under the ceiling with three turned spots."""
+    """A rail at the ceiling with three spotlights in random directions."""
     b = Builder("ceiling spots", "lamp", "ceiling")
     length = rng.uniform(0.6, 0.9)
     b.add(style.metal, box((length, 0.05, 0.022), (0, 0, -0.022), 0.003), name="rail")
@@ -184,7 +179,7 @@ def spot_rail(rng: np.random.Generator, style: Style) -> FurniturePiece:
 
 
 def floor_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A standing lamp: straight, on three legs, or arched over."""
+    """A floor lamp: straight, on a tripod, or arched."""
     b = Builder("floor lamp", "lamp", "corner")
     height = float(rng.uniform(1.45, 1.7))
     low, tall = rng.uniform(0.18, 0.24), rng.uniform(0.22, 0.3)
@@ -212,7 +207,7 @@ def floor_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
         joint = height - tall - 0.06
         for k in range(3):
             turn = np.radians(90 + 120 * k)
-            rest = 0.012 * 0.265 / float(np.hypot(0.265, joint))  # its slanted end just touches
+            rest = 0.012 * 0.265 / float(np.hypot(0.265, joint))  # the slanted end touches z = 0
             foot = (0.27 * float(np.cos(turn)), 0.27 * float(np.sin(turn)), rest)
             b.add(
                 style.wood,
@@ -249,7 +244,7 @@ def table_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
 
 
 def desk_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A jointed lamp that bows over the desk; its diffuser looks down."""
+    """A jointed desk lamp with its diffuser pointing down."""
     b = Builder("desk lamp", "lamp", "on_top")
     metal = style.metal if rng.random() < 0.5 else style.accents[0]
     b.add(metal, cylinder(0.085, 0, 0.018, 32, bevel=0.004), name="foot")
@@ -308,7 +303,7 @@ def wall_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
 
 
 def light_strip(rng: np.random.Generator, style: Style, width: float = 0.6) -> FurniturePiece:
-    """A slim lamp over a mirror or below wall cupboards; hangs with its back to the wall."""
+    """A slim wall lamp for above a mirror or below wall cupboards."""
     b = Builder("mirror lamp", "lamp", "on_wall", mount_height=float(rng.uniform(1.98, 2.08)))
     metal = CHROME if rng.random() < 0.6 else style.metal
     deep = float(rng.uniform(0.036, 0.05))

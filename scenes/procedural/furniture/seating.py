@@ -109,12 +109,12 @@ def dining_chair(rng: np.random.Generator, style: Style) -> FurniturePiece:
 
 
 def armchair(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A stuffed armchair."""
+    """An upholstered armchair."""
     return _couch(rng, style, "armchair", rng.uniform(0.78, 0.92), 1)
 
 
 def sofa(rng: np.random.Generator, style: Style, width: float | None = None) -> FurniturePiece:
-    """A sofa of two or three seats with loose cushions; `width` metres over its arms."""
+    """A sofa of two or three seats with loose cushions; `width` includes the arms, metres."""
     width = float(rng.uniform(1.6, 2.35)) if width is None else width
     return _couch(rng, style, "sofa", width, 3 if width > 1.95 else 2)
 
@@ -203,7 +203,10 @@ def _couch(
 
 
 def _throw(rng: np.random.Generator, arm: float, inside: float, side: float) -> BodyMesh:
-    """A blanket laid over an arm rest of width `arm` whose top is z = 0; `side` faces outwards."""
+    """Throw over an armrest of width `arm` with its top at z = 0.
+
+    It hangs down to z = -`inside` on the seat's side; `side` is the sign of x outwards.
+    """
     half, outside = arm / 2 + 0.018, float(rng.uniform(0.22, 0.34))
     path = np.array(
         [
@@ -217,7 +220,7 @@ def _throw(rng: np.random.Generator, arm: float, inside: float, side: float) -> 
             (-half, -inside + 0.03),
         ]
     )
-    for _ in range(2):  # cut the corners (Chaikin)
+    for _ in range(2):  # corner cutting (Chaikin 1974)
         quarter, rest = 0.75 * path[:-1] + 0.25 * path[1:], 0.25 * path[:-1] + 0.75 * path[1:]
         cut = np.stack([quarter, rest], axis=1).reshape(-1, 2)
         path = np.concatenate([path[:1], cut, path[-1:]])
@@ -288,7 +291,6 @@ def office_chair(rng: np.random.Generator, style: Style) -> FurniturePiece:
     cloth = style.second_upholstery if rng.random() < 0.5 else style.upholstery
     start = rng.uniform(0, 72)
     for k in range(5):
-        arm = post([(0.3, 0, 0.06), (0.3, 0, 0.075)], [(0.04, 0.03)] * 2)
         arm = loft(
             np.stack(
                 [
@@ -319,8 +321,7 @@ def office_chair(rng: np.random.Generator, style: Style) -> FurniturePiece:
     b.add(cloth, rounded_box((0.49, 0.48, 0.075), (0, -0.01, seat - 0.055), 0.035, (0, 0, 0.012)))
     height = rng.uniform(0.46, 0.64)
     back = rounded_box((0.46, 0.065, height), (0, 0, 0), 0.03, (0, 0.01, 0))
-    bend = back.vertices  # the back wraps around its sitter
-    bend[:, 1] += -0.25 * bend[:, 0] ** 2 * 2 + 0.0
+    back.vertices[:, 1] -= 0.5 * back.vertices[:, 0] ** 2  # concave towards the seat
     b.add(cloth, back.turned("x", -8).moved(y=0.235, z=seat + 0.1))
     b.add(
         BLACK_PLASTIC,

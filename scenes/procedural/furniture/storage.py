@@ -1,4 +1,4 @@
-"""Cupboards, shelves and what stands or hangs in them."""
+"""Cupboards and shelves with their contents: books, vases, baskets, clothes, shoes."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ def add_books(
     fill: float = 0.8,
     depth: float = 0.2,
 ) -> None:
-    """A row of upright books on a shelf from x = low to high, spines at about y = front.
+    """Add a row of books on a shelf from x = low to high at z, spines near y = front.
 
-    Books differ in size and colour, up to `depth` deep; now and then one leans on the next.
+    Books differ in size and colour and are at most `depth` deep; one in twelve leans.
     """
     x = low + 0.004
     stop = low + fill * (high - low)
@@ -59,7 +59,7 @@ def add_books(
             return
         y = front + float(rng.uniform(0.0, 0.018))
         cover, pages = _book(thick, tall, deep)
-        # A leaning book touches the shelf with its right lower corner.
+        # A leaning book touches the shelf with its lower right corner.
         at = (x + float(tall * sine), y, z + float(thick * sine))
         binding = style.books[int(rng.integers(len(style.books)))]
         b.add(binding, cover.turned("y", -lean).moved(*at), name="books")
@@ -68,7 +68,7 @@ def add_books(
 
 
 def _book(thick: float, tall: float, deep: float) -> tuple[BodyMesh, BodyMesh]:
-    """A book's binding and its pages: spine at y = 0, standing on z = 0, from x = 0."""
+    """Binding and pages of a book: spine at y = 0, bottom at z = 0, left cover at x = 0."""
     board = 0.0022
     cover = merge(
         [
@@ -91,7 +91,7 @@ def add_stack(
     count: int,
     turn: float = 0.0,
 ) -> float:
-    """Books lying on each other around (x, y); returns the height of the topmost face."""
+    """Add a stack of books at (x, y, z); returns the height of its top."""
     for _ in range(count):
         thick, tall = float(rng.uniform(0.015, 0.035)), float(rng.uniform(0.19, 0.26))
         cover, pages = _book(thick, tall, 0.7 * tall)
@@ -113,7 +113,7 @@ def add_vase(
     z: float,
     tall: float,
 ) -> None:
-    """A turned vase, hollow at its mouth."""
+    """Add a vase with an open mouth."""
     wide = float(rng.uniform(0.28, 0.42)) * tall
     neck = float(rng.uniform(0.35, 0.75)) * wide
     t = np.linspace(0, 1, 17)
@@ -136,7 +136,7 @@ def add_basket(
     tall: float,
     power: float = 5.0,
 ) -> None:
-    """An open basket; `power` 2 makes it round, more makes it square."""
+    """Add an open basket; `power` 2 is round, higher powers approach a rectangle."""
     rings = []
     for inset, height in ((0.02, 0.0), (0.0, tall), (0.008, tall), (0.026, 0.012)):
         rings.append(superellipse(half[0] - inset, half[1] - inset, height, power, 28))
@@ -191,7 +191,7 @@ def bookshelf(
 def add_garment(
     b: Builder, rng: np.random.Generator, material: Material, x: float, rail: float, long: float
 ) -> None:
-    """A shirt or coat on a hanger below a rail along x at height `rail`, seen edge-on."""
+    """Add a garment of length `long` on a hanger, below a rail along x at height `rail`."""
     n, m = 25, 9
     t = np.linspace(0, 1, m)
     angle = 2 * np.pi * np.arange(n - 1) / (n - 1)
@@ -209,7 +209,7 @@ def add_garment(
 
 
 def wardrobe(rng: np.random.Generator, style: Style, width: float | None = None) -> FurniturePiece:
-    """A wardrobe of two or three doors, one of them ajar before hanging clothes."""
+    """A wardrobe of two or three doors; clothes hang behind a door that is ajar."""
     width = float(rng.uniform(1.0, 1.6)) if width is None else width
     depth, height = rng.uniform(0.57, 0.62), rng.uniform(1.95, 2.2)
     b = Builder("wardrobe", "wardrobe", "wall", front_clearance=0.7)
@@ -225,7 +225,7 @@ def wardrobe(rng: np.random.Generator, style: Style, width: float | None = None)
     each = width / doors
     drawers = 0.0 if rng.random() < 0.5 else 0.22
     bottom = base + drawers
-    ajar = int(rng.integers(doors + 1))  # one more: all shut
+    ajar = int(rng.integers(doors + 1))  # equal to `doors`: all closed
     for k in range(doors):
         x0 = -width / 2 + k * each
         hinge = "left" if k == 0 else "right"
@@ -257,7 +257,7 @@ def wardrobe(rng: np.random.Generator, style: Style, width: float | None = None)
 def chest_of_drawers(
     rng: np.random.Generator, style: Style, width: float | None = None
 ) -> FurniturePiece:
-    """A chest of three to five drawers on feet, one of them pulled out."""
+    """A chest of three or four drawers on feet, sometimes one pulled out."""
     width = float(rng.uniform(0.75, 1.1)) if width is None else width
     depth, height = rng.uniform(0.42, 0.5), rng.uniform(0.78, 1.05)
     b = Builder("chest of drawers", "chest", "wall", front_clearance=0.6)
@@ -299,7 +299,7 @@ def chest_of_drawers(
 
 
 def sideboard(rng: np.random.Generator, style: Style, width: float | None = None) -> FurniturePiece:
-    """A long low cupboard: doors at the sides, drawers between."""
+    """A sideboard: doors at the sides, drawers between them."""
     width = float(rng.uniform(1.3, 1.9)) if width is None else width
     depth, height = rng.uniform(0.4, 0.46), rng.uniform(0.68, 0.85)
     b = Builder("sideboard", "sideboard", "wall", front_clearance=0.5)
@@ -341,7 +341,7 @@ def sideboard(rng: np.random.Generator, style: Style, width: float | None = None
 
 
 def tv_stand(rng: np.random.Generator, style: Style, width: float | None = None) -> FurniturePiece:
-    """A low board for a television: an open niche with a set-top box between two doors."""
+    """A television stand: an open compartment with a player between two doors."""
     width = float(rng.uniform(1.2, 1.8)) if width is None else width
     depth, height = rng.uniform(0.38, 0.45), rng.uniform(0.42, 0.55)
     b = Builder("tv stand", "tv stand", "wall", front_clearance=0.4)
@@ -378,7 +378,7 @@ def tv_stand(rng: np.random.Generator, style: Style, width: float | None = None)
 
 
 def night_table(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A small bedside cabinet: a drawer above an open niche."""
+    """A bedside cabinet: a drawer above an open compartment."""
     width, depth = rng.uniform(0.4, 0.5), rng.uniform(0.36, 0.42)
     height = rng.uniform(0.46, 0.58)
     b = Builder("night table", "night table", "wall", front_clearance=0.3)
@@ -401,7 +401,7 @@ def night_table(rng: np.random.Generator, style: Style) -> FurniturePiece:
 def wall_shelf(
     rng: np.random.Generator, style: Style, width: float | None = None
 ) -> FurniturePiece:
-    """A board on brackets with books and a vase; hangs at eye height."""
+    """A wall shelf on brackets with books and a vase, at eye height."""
     width = float(rng.uniform(0.6, 1.1)) if width is None else width
     depth, thick = rng.uniform(0.2, 0.25), 0.025
     b = Builder("wall shelf", "shelf", "on_wall", mount_height=float(rng.uniform(1.35, 1.6)))
@@ -475,7 +475,7 @@ _SHOES = (
 
 
 def _shoe() -> tuple[BodyMesh, BodyMesh]:
-    """Upper and sole of a low shoe on z = 0, its tip towards the front."""
+    """Upper and sole of a shoe with its sole at z = 0 and its tip towards the front (-Y)."""
     upper = [
         superellipse(half_x, half_y, height, 2.3, 20, y=y)
         for height, half_x, half_y, y in (

@@ -30,7 +30,7 @@ def dining_table(
     wood = style.wood
     top = rng.uniform(0.024, 0.04)
     planks = 5
-    for k in range(planks):  # planks show fine joints
+    for k in range(planks):  # separate planks show fine joints
         each = depth / planks
         b.add(
             wood,
@@ -143,7 +143,7 @@ def coffee_table(
 
 
 def side_table(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A small round table beside a seat."""
+    """A small round table for beside a seat."""
     radius, height = rng.uniform(0.2, 0.27), rng.uniform(0.46, 0.58)
     b = Builder("side table", "table", "free")
     wood = style.wood
@@ -174,7 +174,7 @@ def side_table(rng: np.random.Generator, style: Style) -> FurniturePiece:
 
 
 def desk(rng: np.random.Generator, style: Style, width: float | None = None) -> FurniturePiece:
-    """A desk with a pedestal of drawers, one of them sometimes open; one sits at its front."""
+    """A desk with a pedestal of drawers, sometimes one pulled out; the seat is in front (-Y)."""
     width = float(rng.uniform(1.15, 1.6)) if width is None else width
     depth, height = rng.uniform(0.6, 0.72), rng.uniform(0.72, 0.76)
     b = Builder("desk", "desk", "wall", front_clearance=0.75)
@@ -208,7 +208,7 @@ def desk(rng: np.random.Generator, style: Style, width: float | None = None) -> 
     for sy in (-1, 1):
         at = (-side * (width / 2 - 0.05), sy * (depth / 2 - 0.06))
         b.add(frame, post([(*at, 0), (*at, under + 0.001)], [(size, size)] * 2))
-    # The modesty panel keeps the legs apart.
+    # Modesty panel between the pedestal and the legs.
     low, high = sorted((-side * (width / 2 - 0.07), x - side * pedestal / 2))
     b.add(
         wood,

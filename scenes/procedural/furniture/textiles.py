@@ -25,13 +25,13 @@ from scenes.procedural.piece import FurniturePiece
 def curtains(
     rng: np.random.Generator, style: Style, width: float = 1.4, height: float = 2.3
 ) -> FurniturePiece:
-    """A pair of pleated curtains drawn aside, on a rod.
+    """A pair of open pleated curtains on a rod.
 
-    `width` metres of the window to flank, `height` of the rod above the floor. The origin is on
-    the floor below the window's middle (`mount_height` 0); the hem hangs 1.5 cm above it.
+    `width` of the window and `height` of the rod above the floor, metres. The origin is on the
+    floor below the centre of the window (`mount_height` 0); the hem is 1.5 cm above the floor.
     """
     b = Builder("curtains", "curtain", "on_wall")
-    off = 0.1  # from the wall to the rod
+    off = 0.1  # metres from the wall to the rod
     bunch = min(max(0.25 * width, 0.26), 0.6) * float(rng.uniform(0.85, 1.25))
     reach = width / 2 + float(rng.uniform(0.14, 0.24))
     hem, top = 0.015, height - 0.035
@@ -44,7 +44,7 @@ def curtains(
         phase = 2 * np.pi * pleats * (phase - phase[0]) / (phase[-1] - phase[0])
         deep = 0.036 * (0.75 + 0.35 * np.sin(3.1 * s + rng.uniform(0, 6)))
         drift = rng.uniform(-0.5, 0.5, 3)
-        spread = bunch * (1 + 0.18 * t**1.5)  # falls a little wider than it hangs
+        spread = bunch * (1 + 0.18 * t**1.5)  # wider at the hem than at the rod
         swing = 1 - 0.25 * np.exp(-(((t - 0.02) / 0.08) ** 2))
         wave = phase[None, :] + 0.5 * t[:, None] * np.sin(2 * np.pi * s * 1.5 + drift[0])
         x = s[None, :] * spread[:, None] + 0.01 * np.sin(2 * wave) * t[:, None]
@@ -119,7 +119,7 @@ def rug(
 
 
 def cushion(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A loose cushion, lying."""
+    """A loose cushion."""
     size = float(rng.uniform(0.38, 0.5))
     b = Builder("cushion", "cushion", "on_top")
     fabric = style.cushions[int(rng.integers(len(style.cushions)))]
@@ -128,7 +128,7 @@ def cushion(rng: np.random.Generator, style: Style) -> FurniturePiece:
 
 
 def folded_blanket(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A blanket, folded to a stack of layers."""
+    """A blanket folded into a stack of layers."""
     b = Builder("folded blanket", "textile", "on_top")
     width, depth = float(rng.uniform(0.32, 0.42)), float(rng.uniform(0.26, 0.34))
     z = 0.0
