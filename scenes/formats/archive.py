@@ -54,18 +54,6 @@ class HomeArchive:
     def __contains__(self, name: str) -> bool:
         return name in self._members
 
-    def home_xml(self) -> bytes:
-        """`Home.xml`; homes that only hold serialised Java objects are refused."""
-        if "Home.xml" not in self._members:
-            if "Home" in self._members:
-                raise InputError(
-                    f"{self.path}: saved by a version before 5.3, as serialised Java objects, "
-                    "which are not read because reading them would run foreign code; open the "
-                    "home with Sweet Home 3D 5.3 or later and save it again"
-                )
-            raise InputError(f"{self.path}: no Home.xml inside; not a Sweet Home 3D home")
-        return self.read("Home.xml", MAX_XML)
-
     def open_inside(self, name: str) -> list[str]:
         """Open the zip that member `name` is; its files become members `name!/file`, returned."""
         prefix = f"{name}!/"

@@ -18,7 +18,8 @@ from shapely.ops import unary_union
 from scenes.arrays import Float64Array
 from scenes.contract import Light, Portal, Room, Scene, load_scene, save_scene, writing_scene
 from scenes.errors import InputError
-from scenes.formats.archive import HomeArchive
+from scenes.formats.archive import MAX_XML, HomeArchive
+from scenes.formats.java_objects import MAX_BYTES
 from scenes.formats.model_parts import UnreadableModel
 from scenes.importing.categories import category_of_piece, room_type
 from scenes.importing.changes import Changes
@@ -45,6 +46,7 @@ from scenes.sweethome.furnishing.lamps import lit_parts
 from scenes.sweethome.furnishing.missing import MissingPiece, missing_piece, note_missing
 from scenes.sweethome.furnishing.models import Models
 from scenes.sweethome.home import Home, HomePiece
+from scenes.sweethome.java_home import home_xml
 from scenes.sweethome.options import SweetHomeOptions
 from scenes.sweethome.reader import read_home
 from scenes.sweethome.sun import Sky, make_sky
@@ -84,7 +86,7 @@ def import_sweethome(
         tempfile.TemporaryDirectory(prefix="pbrnet-home-") as unpacked,
         writing_scene(out) as folder,
     ):
-        home = read_home(path, archive.home_xml(), changes)
+        home = read_home(path, _home_xml(archive, changes), changes)
         levels = _planned_levels(home, options, changes)
         if not any(level.walls or level.storey.pieces for level in levels):
             raise InputError(f"{path}: the home is empty: no walls and no furniture")
@@ -165,6 +167,16 @@ def import_sweethome(
         )
         save_scene(folder, scene)
     return load_scene(out)
+
+
+def _home_xml(archive: HomeArchive, changes: Changes) -> bytes:
+    """`Home.xml` of the archive, made from serialised objects where the home is older than 5.3."""
+    if "Home.xml" in archive:
+        return archive.read("Home.xml", MAX_XML)
+    if "Home" not in archive:
+        raise InputError(f"{archive.path}: no Home.xml inside; not a Sweet Home 3D home")
+    changes.note("the home is of a version before 5.3: its serialised objects were read")
+    return home_xml(archive.read("Home", MAX_BYTES), f"{archive.path}: Home")
 
 
 def _planned_levels(home: Home, options: SweetHomeOptions, changes: Changes) -> list[_Level]:
