@@ -78,7 +78,12 @@ _WALL = (
 
 def home_xml(data: bytes, where: str) -> bytes:
     """Return the `Home.xml` that says what a serialised home does; raises `InputError`."""
-    home = read_java_object(data, where)
+    try:
+        home = read_java_object(data, where)
+    except InputError as error:
+        raise InputError(
+            f"{error}; if Sweet Home 3D 5.3 or later opens the home, save it again there"
+        ) from None
     if not isinstance(home, JavaRecord) or home.kind != f"{_MODEL}Home":
         raise InputError(f"{where}: Java objects, but no home")
     try:

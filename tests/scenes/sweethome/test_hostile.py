@@ -83,11 +83,11 @@ def test_damaged_member(tmp_path: Path) -> None:
     refused(tmp_path, path, "damaged")
 
 
-def test_old_homes_are_refused_with_a_remedy(tmp_path: Path) -> None:
+def test_damaged_old_homes_are_refused_with_a_remedy(tmp_path: Path) -> None:
     path = tmp_path / "test.sh3d"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("Home", b"\xac\xed\x00\x05")
-    refused(tmp_path, path, "save it again")
+    refused(tmp_path, path, "damaged Java objects.*save it again")
 
 
 def test_some_other_zip(tmp_path: Path) -> None:
