@@ -40,7 +40,10 @@ class JavaRecord:
 
 
 def read_java_object(data: bytes, where: str) -> Any:
-    """Return the first object of a serialised stream; `InputError` names `where` it failed."""
+    """Return the object that a serialised stream begins with.
+
+    Raises `InputError` that names `where` for all that is wrong with the stream.
+    """
     if len(data) > MAX_BYTES:
         raise InputError(f"{where}: {len(data):,} bytes of Java objects; at most {MAX_BYTES:,}")
     found: list[Any] = []
@@ -67,6 +70,8 @@ def read_java_object(data: bytes, where: str) -> Any:
         thread.join()
     finally:
         threading.stack_size(before)
+    if not failure and not isinstance(found[0], (JavaRecord, str, bool, int, float)):
+        failure.append("no object")
     if failure:
         raise InputError(f"{where}: damaged Java objects ({failure[0][:200]})")
     return found[0]
