@@ -5,12 +5,15 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+import tempfile
+import traceback
 from typing import Any
 
 import click
 
 from scenes.errors import MachineError, PbrnetError
 
+UNEXPECTED = 70  # exit code of a fault of ours, as in sysexits.h
 # Command: where it is defined, and its line in `pbrnet --help` (so that help loads nothing heavy).
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Stages, in the order of dvc.yaml": {
@@ -101,7 +104,7 @@ Examples:
   pbrnet inspect data/dataset
 
 Exit codes: 0 all that was asked for is done, 1 part of it failed, 2 bad usage or parameters,
-3 bad input file, 4 the machine lacks something, 130 interrupted.
+3 bad input file, 4 the machine lacks something, 70 a fault of pbrnet, 130 interrupted.
 Shell completion: eval "$(_PBRNET_COMPLETE=bash_source pbrnet)" (or zsh_source, fish_source).""",
 )
 @click.version_option(package_name="pbrnet")
@@ -131,7 +134,28 @@ def main(arguments: list[str] | None = None) -> Any:
     except OSError as error:
         click.echo(f"Error: {error.filename or 'file'}: {os.strerror(error.errno or 0)}", err=True)
         sys.exit(MachineError.exit_code)
+    except Exception as error:
+        if os.environ.get("PBRNET_DEBUG"):
+            raise
+        click.echo(f"Error: {unexpected(error)}", err=True)
+        sys.exit(UNEXPECTED)
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def unexpected(error: Exception) -> str:
+    """Keep an unexpected error's traceback in a file; return one line that says where."""
+    lines = str(error).strip().splitlines() or [""]
+    words = f"unexpected {type(error).__name__}: {lines[0][:200]}".rstrip(": ")
+    text = "".join(traceback.format_exception(error))
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="pbrnet-error-", suffix=".log", encoding="utf-8", errors="replace",
+            delete=False,
+        ) as file:  # fmt: skip
+            file.write(f"{sys.argv}\n{text}")
+    except OSError as failure:
+        return f"{words} (details could not be written: {failure.strerror})"
+    return f"{words}\nThis is a fault of pbrnet. Details to report: {file.name}"
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import get_args
 
@@ -70,6 +71,28 @@ def test_missing_parameters_say_how_to_get_them(tmp_path: Path) -> None:
     done = run("cameras", cwd=tmp_path)
     assert done.returncode == 2
     assert "pbrnet preset quick" in done.stderr
+
+
+def test_an_unexpected_error_is_one_message_and_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    @click.command()
+    def broken() -> None:
+        raise ZeroDivisionError("first line\nsecond line")
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(cli, "get_command", lambda _context, _name: broken)
+    with pytest.raises(SystemExit) as end:
+        main(["broken"])
+    message = capsys.readouterr().err
+    assert end.value.code == 70
+    assert message.startswith("Error: unexpected ZeroDivisionError: first line\n")
+    assert "Traceback" not in message and "second line" not in message
+    (file,) = tmp_path.iterdir()
+    assert str(file) in message and "Traceback" in file.read_text()
+    monkeypatch.setenv("PBRNET_DEBUG", "1")
+    with pytest.raises(ZeroDivisionError):
+        main(["broken"])
 
 
 def test_an_unknown_command_exits_with_2(capsys: pytest.CaptureFixture[str]) -> None:
