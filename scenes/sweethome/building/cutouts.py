@@ -1,4 +1,4 @@
-"""Cut-out shapes of doors, windows and stairwells: SVG path data in the unit square, y down.
+"""Parser of cut-out shapes of doors, windows and stairwells: SVG paths in the unit square, y down.
 
 All commands of SVG 1.1 (M L H V C S Q T A Z, absolute and relative).
 """
@@ -22,11 +22,11 @@ _MAX_TOKENS = 20_000
 
 
 class UnreadablePath(ValueError):
-    """The text is no path."""
+    """A text that is not a valid SVG path."""
 
 
 def path_region(text: str) -> Polygon:
-    """The region that a path encloses (even-odd); raises `UnreadablePath`."""
+    """Return the region that a path encloses (even-odd rule); raises `UnreadablePath`."""
     rings = [ring for ring in _rings(text) if len(ring) >= 3]
     region = None
     for ring in rings:
@@ -99,7 +99,7 @@ def _rings(text: str) -> list[list[complex]]:
 
 
 def _curve(points: list[complex]) -> list[complex]:
-    """A Bézier curve of any degree by de Casteljau's construction, without its first point."""
+    """Points of a Bézier curve of any degree (de Casteljau), without the first point."""
     if len(points) == 2:
         return points[1:]
     made = []
@@ -112,7 +112,7 @@ def _curve(points: list[complex]) -> list[complex]:
 
 
 def _arc(start: complex, end: complex, numbers: list[float]) -> list[complex]:
-    """An elliptic arc, by SVG 1.1 appendix F.6 (endpoint to centre)."""
+    """Points of an elliptic arc, without the first (SVG 1.1, appendix F.6)."""
     rx, ry = abs(numbers[0]), abs(numbers[1])
     if rx == 0 or ry == 0 or start == end:
         return [end]

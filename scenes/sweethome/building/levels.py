@@ -1,4 +1,4 @@
-"""Levels of a home: which are there, how high they lie, what they hold."""
+"""Storeys of a home: the levels to import, their heights and contents."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from scenes.sweethome.home import Home, HomePiece, Level, RoomShape, Wall
 
 @dataclass(frozen=True)
 class Storey:
-    """A level with what stands on it; heights in centimetres above the ground.
+    """A level with its walls, rooms and pieces; heights in centimetres above the ground.
 
-    `base` is where its walls start: the underside of its floor, but for the lowest level.
+    `base` is the height at which walls start: the underside of the floor; on the lowest level
+    its top.
     """
 
     number: int
@@ -31,7 +32,7 @@ class Storey:
 
 
 def storeys(home: Home, wanted: tuple[str, ...], changes: Changes) -> list[Storey]:
-    """The storeys of a home, lowest first; only the levels in `wanted` (names) if any are given.
+    """Return the storeys of a home, lowest first; only the levels named in `wanted` if any are.
 
     Raises `InputError` for a name that no level has.
     """
@@ -81,5 +82,5 @@ def storeys(home: Home, wanted: tuple[str, ...], changes: Changes) -> list[Store
 
 
 def _level(item: Wall | RoomShape | HomePiece, levels: list[Level]) -> Level:
-    """The level of an item; the lowest for items that name none or one that is not there."""
+    """Return the level of an item; the lowest if it names none, or an unknown one."""
     return next((level for level in levels if level.id == item.level), levels[0])

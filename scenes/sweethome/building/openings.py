@@ -1,4 +1,4 @@
-"""Doors and windows: which walls they cut, the holes they leave, the panes' plane."""
+"""Openings of doors and windows: the walls that they cut and the shape of the holes."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from scenes.sweethome.home import HomePiece
 
 _TOUCH = 1.0  # square centimetres of overlap that make a door cut a wall
 _PAST = 3.0  # cm by which a hole is deeper than the wall, skirting included
-_AT_FLOOR = 0.5  # cm between floor and hole up to which it has no sill
-_SUNK = 1.5  # cm that such a hole reaches into the floor: no wall shows in the floor's face
+_AT_FLOOR = 0.5  # cm: a hole that starts no higher above the floor has no sill
+_SUNK = 1.5  # cm that such a hole extends into the floor, so that no wall shows there
 _WHOLE = box(0, 0, 1, 1)
 
 
 @dataclass(frozen=True)
 class Opening:
-    """A door or window in plan coordinates (cm): its frame and the shape it cuts out.
+    """A door or window in plan coordinates (cm): its coordinate frame and its cut-out.
 
     `across` points along its width, `out` along its depth to its front. `shape` is the cut-out
     in (distance along the width from the centre, height above the ground), cm.
@@ -42,11 +42,11 @@ class Opening:
 
     @property
     def footprint(self) -> Polygon:
-        """The region that the piece covers on the plan."""
+        """Region that the piece covers on the plan."""
         return self._strip(-0.5 * self.piece.depth, 0.5 * self.piece.depth)
 
     def depths(self, wall: BaseGeometry, is_round: bool) -> tuple[float, float] | None:
-        """From where to where along `out` the hole in a wall's region must reach; None if none."""
+        """Return the range along `out` (cm) of the hole in a wall's region, or None."""
         footprint = self.footprint
         if wall.intersection(footprint).area < _TOUCH:
             return None
@@ -59,14 +59,14 @@ class Opening:
         low = min(depth.min() for depth in across)
         high = max(depth.max() for depth in across)
         if not is_round and high - low > reach * 2 + 120:
-            # The wall runs away from the door: only what the piece covers is cut.
+            # The wall continues far beyond the door in its depth: cut only what the piece covers.
             low, high = max(low, -reach), min(high, reach)
         return (low - _PAST, high + _PAST)
 
     def hole(self, low: float, high: float, floor: float) -> manifold3d.Manifold:
-        """The cut-out between two depths (cm), as a solid in the world (m).
+        """Return the cut-out between two depths (cm) as a solid in the world (m).
 
-        `floor` (cm above the ground) is that of the storey whose wall is cut.
+        `floor` is the height (cm above the ground) of the storey whose wall is cut.
         """
         contours = []
         shape = self.shape
@@ -90,7 +90,7 @@ class Opening:
         return solid.transform(0.01 * frame)
 
     def at(self, along: float, depth: float) -> Float64Array:
-        """Plan coordinates of a place in the opening's frame."""
+        """Return plan coordinates (2,) of a point in the frame of the opening."""
         return self.centre + along * self.across + depth * self.out
 
     def _depths(self, region: Polygon) -> Float64Array:
@@ -103,7 +103,7 @@ class Opening:
 
 
 def opening_of(piece: HomePiece, elevation: float, changes: Changes) -> Opening | None:
-    """The opening that a door or window makes; `elevation` is its level's (cm)."""
+    """Return the opening of a door or window, or None; `elevation` is that of its level (cm)."""
     if piece.cut is None or piece.width <= 0 or piece.height <= 0:
         return None
     cosine, sine = math.cos(piece.angle), math.sin(piece.angle)

@@ -1,7 +1,7 @@
-"""Outlines of walls on the plan: straight and round, mitred with the walls they are joined to.
+"""Outlines of straight and round walls on the plan, mitred with the walls that they join.
 
-Plan coordinates as in the file: centimetres, y down. The left side is that of somebody who walks
-from the wall's start to its end (on the screen's left, so (sin, -cos) of the direction).
+Plan coordinates as in the file: centimetres, y down. The left side lies to the left of the
+direction from start to end as seen on the screen: (sin, -cos) of the direction.
 """
 
 from __future__ import annotations
@@ -32,29 +32,29 @@ class Outline:
 
     @property
     def middle(self) -> Float64Array:
-        """The line between the sides, (N, 2)."""
+        """Centre line, (N, 2)."""
         return 0.5 * (self.left + self.right)
 
     def ring(self, first: Float64Array, second: Float64Array) -> Polygon:
-        """The region between two lines along the wall, as a valid polygon."""
+        """Return the region between two lines along the wall as a valid polygon."""
         return polygon(np.concatenate([first, second[::-1]]))
 
     @property
     def region(self) -> Polygon:
-        """The wall's whole region."""
+        """Region of the whole wall."""
         return self.ring(self.left, self.right)
 
 
 def polygon(points: Float64Array) -> Polygon:
-    """A polygon of `points` (N, 2), mended where it crosses itself; may be empty."""
+    """Return a valid polygon of `points` (N, 2), repaired where it crosses itself; may be empty."""
     shape = Polygon(points)
     return shape if shape.is_valid else make_valid(shape).buffer(0)
 
 
 def arc_centre(wall: Wall) -> Float64Array:
-    """Centre (2,) of a round wall: turning the start by `arc` about it gives the end.
+    """Return the centre (2,) of a round wall: rotating the start by `arc` about it gives the end.
 
-    The turn is the plan's: positive is clockwise on the screen.
+    Positive angles are clockwise on the screen.
     """
     start, end = np.array(wall.start), np.array(wall.end)
     chord = end - start
@@ -64,7 +64,7 @@ def arc_centre(wall: Wall) -> Float64Array:
 
 
 def is_round(wall: Wall) -> bool:
-    """Whether the wall is an arc of some size, and less than a full circle."""
+    """Return whether the wall is an arc: neither straight nor a full circle."""
     return (
         wall.arc is not None
         and _LEAST_ARC < abs(wall.arc) < 2 * math.pi - _LEAST_ARC
@@ -73,7 +73,7 @@ def is_round(wall: Wall) -> bool:
 
 
 def unjoined(wall: Wall, left: float = 0.0, right: float = 0.0) -> Outline:
-    """The outline as if the wall stood alone; `left` and `right` thicken the sides (cm)."""
+    """Return the outline without regard to other walls; `left`, `right` thicken the sides (cm)."""
     start, end = np.array(wall.start), np.array(wall.end)
     to_left, to_right = 0.5 * wall.thickness + left, 0.5 * wall.thickness + right
     if is_round(wall):
@@ -99,9 +99,9 @@ def unjoined(wall: Wall, left: float = 0.0, right: float = 0.0) -> Outline:
 def joined(
     wall: Wall, walls: Mapping[str, Wall], thickenings: Mapping[str, tuple[float, float]] = {}
 ) -> Outline:
-    """The outline, its corners moved to where its sides meet those of the walls it is joined to.
+    """Return the outline, its corners moved to meet the sides of the walls that it joins.
 
-    A corner moves less than twice the thickness or not at all. `thickenings` are the baseboards'
+    A corner that would move by twice the thickness or more stays. `thickenings` are the baseboards'
     thicknesses (left, right) by wall id, for outlines that include them.
     """
     own = unjoined(wall, *thickenings.get(wall.id, (0.0, 0.0)))
@@ -115,7 +115,7 @@ def joined(
         if end_of_other is None:
             continue
         theirs = unjoined(other, *thickenings.get(other.id, (0.0, 0.0)))
-        # Walking on from one wall into the next, left stays left; head to head they change.
+        # Left stays left where the direction continues; it changes where two starts or ends meet.
         straight_on = at_start != (end_of_other == "start")
         their_left, their_right = (
             (theirs.left, theirs.right) if straight_on else (theirs.right, theirs.left)
@@ -130,12 +130,12 @@ def joined(
 
 
 def has_length(wall: Wall) -> bool:
-    """Whether the wall has a direction and a thickness."""
+    """Return whether the wall has a direction and a thickness."""
     return math.dist(wall.start, wall.end) > _SHORT and wall.thickness > 0
 
 
 def _joined_end(wall: Wall, other: Wall, at_start: bool) -> str | None:
-    """Which end of `other` meets this end of `wall`: "start", "end" or None if it disagrees."""
+    """Return the end of `other` at this end of `wall`, "start" or "end"; None if not mutual."""
     here = wall.start if at_start else wall.end
     back = [
         name
@@ -145,7 +145,7 @@ def _joined_end(wall: Wall, other: Wall, at_start: bool) -> str | None:
         )
         if target == wall.id
     ]
-    if len(back) == 2:  # joined at both ends: the nearer one is meant
+    if len(back) == 2:  # joined at both ends: take the nearer one
         return min(
             back, key=lambda name: math.dist(here, other.end if name == "end" else other.start)
         )
@@ -155,7 +155,7 @@ def _joined_end(wall: Wall, other: Wall, at_start: bool) -> str | None:
 def _meeting(
     a: Float64Array, b: Float64Array, c: Float64Array, d: Float64Array
 ) -> Float64Array | None:
-    """Where the lines a-b and c-d meet; None if they are about parallel."""
+    """Return the intersection (2,) of the lines a-b and c-d; None if they are almost parallel."""
     u, v = b - a, d - c
     cross = u[0] * v[1] - u[1] * v[0]
     if abs(cross) < _PARALLEL * np.linalg.norm(u) * np.linalg.norm(v):

@@ -1,4 +1,4 @@
-"""Where doors and windows lead: the plane of their panes, and what lies on either side."""
+"""Portal rectangles of doors and windows, and the points on either side of them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scenes.sweethome.building.openings import Opening
 from scenes.sweethome.building.solids import polygons
 from scenes.sweethome.furnishing.items import PlacedItem
 
-_BEYOND = 25.0  # cm in front of and behind a wall where its sides are looked at
+_BEYOND = 25.0  # cm in front of and behind a wall: points that tell the rooms on its sides
 _MAX_CORNERS = 48
 _COVER = 0.5  # share of an opening that a closed door or a blind hides
 
@@ -33,9 +33,9 @@ class Doorway:
     depth: float  # metres between the outermost wall faces
 
     def is_clear(self, items: list[PlacedItem]) -> bool:
-        """Whether sight passes most of it: nothing opaque stands in its hole.
+        """Return whether light passes through most of it: no opaque part fills the hole.
 
-        Rays through a grid of points are tested against the triangles of doors and windows.
+        A grid of points is tested against the triangles of doors and windows.
         """
         middle = self.polygon.mean(axis=0)
         reach = np.linalg.norm(self.polygon - middle, axis=1).max() + 0.1
@@ -65,12 +65,12 @@ class Doorway:
 
 
 def find_doorways(opening: Opening, walls: list[tuple[BaseGeometry, bool]]) -> list[Doorway]:
-    """The way through the walls that an opening cuts; none if it cuts none of these."""
+    """Return the doorways of an opening, one for each part of it; none if it cuts no wall."""
     spans = [span for region, is_round in walls if (span := opening.depths(region, is_round))]
     if not spans:
         return []
     low, high = min(span[0] for span in spans), max(span[1] for span in spans)
-    # The panes stand at the piece's own middle where that is inside the wall.
+    # The plane of the panes goes through the centre of the piece if that is inside the wall.
     depth = min(max(0.0, low + 4.0), high - 4.0)
     found = []
     for part in polygons(opening.shape):
@@ -90,7 +90,7 @@ def find_doorways(opening: Opening, walls: list[tuple[BaseGeometry, bool]]) -> l
 
 
 def _few_corners(part: Polygon) -> Polygon:
-    """The outline with few corners; what is very round becomes its bounding box."""
+    """Return the outline with at most `_MAX_CORNERS` corners, else its bounding box."""
     outline = Polygon(part.exterior)
     if len(outline.exterior.coords) - 1 > _MAX_CORNERS:
         outline = outline.simplify(0.5)
@@ -100,7 +100,7 @@ def _few_corners(part: Polygon) -> Polygon:
 
 
 def _covered(triangles: Float64Array, points: Float64Array) -> np.ndarray:
-    """Which points (N, 2) lie in any of the triangles (T, 3, 2)."""
+    """Return bool (N,): does a point (N, 2) lie in any of the triangles (T, 3, 2)?"""
     covered = np.zeros(len(points), dtype=bool)
     if not len(triangles):
         return covered

@@ -1,4 +1,4 @@
-"""Floors, ceilings and the ground as closed slabs; stairwells cut through them."""
+"""Floors, ceilings and the ground as closed slabs, with stairwells cut out."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ from scenes.sweethome.home import Environment, HomePiece, Surface
 Stairwell = tuple[BaseGeometry, float, float]  # region (world), foot and top (cm)
 _FLOOR = 0.12  # metres: thickness of a floor on the ground
 _CEILING = 0.12  # metres: of a ceiling with nothing above
-_BACKING_HEIGHT = 0.02  # metres above a ceiling's face from which one slab backs all ceilings
+_BACKING_HEIGHT = 0.02  # metres between a ceiling and the slab above all ceilings
 _SAME_CORNER = 0.1  # cm between corners of walls that count as one
-_STEP = 20.0  # cm: walls at a corner that differ more are meant to
+_STEP = 20.0  # cm: larger differences of wall heights at a corner are intended
 _GROUND = -0.03  # metres: the ground lies a little below floors at 0
 _GROUND_EXTENT = 2500.0  # metres of ground to each side
 
 
 def stairwells(pieces: list[tuple[HomePiece, float]], changes: Changes) -> list[Stairwell]:
-    """Regions (world) that stairs open in floors, with their foot and top in cm.
+    """Return the stairwells of pieces: region (world), bottom and top (cm).
 
-    `pieces` come with the elevation of their level (cm).
+    Each piece comes with the elevation of its level (cm).
     """
     wells = []
     for piece, elevation in pieces:
@@ -72,10 +72,11 @@ def stairwells(pieces: list[tuple[HomePiece, float]], changes: Changes) -> list[
 
 
 class CeilingHeights:
-    """Heights of a storey's ceilings: its own height, or on the highest level that of the walls.
+    """Ceiling heights of a storey: its own height; on the highest level those of the walls.
 
-    There a ceiling's corner is as high as the nearest corner of a wall, as in the application,
-    which asks for corners of the room as it is drawn: `over` answers for places beyond.
+    There, as in the application, a corner of a ceiling is as high as the nearest corner of a
+    wall. The application defines this for corners of the drawn room; `over` extends it to points
+    outside.
     """
 
     def __init__(self, storey: Storey, walls: list[PlannedWall]) -> None:
@@ -91,7 +92,7 @@ class CeilingHeights:
             )
 
     def at(self, points: Float64Array) -> Float64Array:
-        """Heights (m) at world points (N, 2)."""
+        """Return heights (N,) in metres at world points (N, 2)."""
         if not len(self._tops):
             return np.full(len(points), self._level)
         plan = points * [100, -100]
@@ -99,16 +100,16 @@ class CeilingHeights:
         for number, point in enumerate(plan):
             away = np.linalg.norm(self._points - point, axis=1)
             top = self._tops[int(np.argmin(away))]
-            # Walls that meet here end at slightly different heights if one slopes: the lowest
-            # decides, or there would be a gap above it.
+            # If one of the walls at a corner slopes, their heights differ slightly: take the lowest,
+            # so that there is no gap above it.
             meeting = self._tops[away < away.min() + _SAME_CORNER]
             made[number] = meeting[np.abs(meeting - top) < _STEP].min()
         return 0.01 * made
 
     def over(self, region: BaseGeometry, points: Float64Array) -> Float64Array:
-        """Heights (m) at `points` (N, 2) of a ceiling drawn as `region`, which they may overstep.
+        """Return heights (N,) in metres of the ceiling of `region` at points (N, 2), also outside.
 
-        Between the corners of the region's rim heights change evenly.
+        Heights are linear between the corners of the boundary of the region.
         """
         rims = [
             np.asarray(ring.coords)
@@ -137,7 +138,7 @@ def build_slabs(
     heights: CeilingHeights,
     wells: list[Stairwell],
 ) -> list[PlacedItem]:
-    """One floor and one ceiling for each room, and a slab behind the ceilings."""
+    """Return a floor and a ceiling for each room, and one slab above all ceilings."""
     floor_z, ceiling_z = storey.elevation, storey.elevation + storey.height
     through_floor = unary_union(
         [
@@ -193,7 +194,7 @@ def build_slabs(
 def build_ground(
     environment: Environment, below: list[BaseGeometry], centre: Float64Array
 ) -> PlacedItem:
-    """The ground around the home, open where floors lie below it."""
+    """Return the ground around the home, with holes where floors lie below it."""
     x, y = centre
     region: BaseGeometry = box(
         x - _GROUND_EXTENT, y - _GROUND_EXTENT, x + _GROUND_EXTENT, y + _GROUND_EXTENT
@@ -216,7 +217,7 @@ def build_ground(
 
 
 def triangulated(region: BaseGeometry) -> tuple[Float64Array, np.ndarray]:
-    """Triangles of a region, holes left out: vertices (V, 2) and faces (F, 3), facing up."""
+    """Triangulate a region with holes: vertices (V, 2) and faces (F, 3), facing up."""
     vertices, faces, start = [], [], 0
     for part in polygons(region):
         rings = [np.asarray(part.exterior.coords)[:-1]]
@@ -238,7 +239,7 @@ def triangulated(region: BaseGeometry) -> tuple[Float64Array, np.ndarray]:
 def _ceiling(
     region: BaseGeometry, drawn: BaseGeometry, heights: CeilingHeights, thickness: float
 ) -> tuple[Mesh | None, float | None]:
-    """A ceiling's surface over `region`, and its height where it is level."""
+    """Return the mesh of a ceiling over `region`, and its height if it is level, else None."""
     corners = [np.asarray(ring.coords)[:-1] for part in polygons(region)
                for ring in (part.exterior, *part.interiors)]  # fmt: skip
     if not corners or not polygons(drawn):
@@ -267,10 +268,10 @@ def _ceiling(
 
 
 def _creased_at(region: BaseGeometry, drawn: BaseGeometry) -> tuple[Float64Array, np.ndarray]:
-    """Triangles of a region with edges along the rim of `drawn`: vertices (V, 2), faces (F, 3).
+    """Triangulate a region with edges along the boundary of `drawn`: (V, 2) and (F, 3).
 
-    A sloping ceiling must follow the tops of walls along their inner faces, and only beyond
-    these the tops' own thickness.
+    A sloping ceiling follows the tops of walls along their inner faces; the part over the walls
+    is triangulated apart.
     """
     within, within_faces = triangulated(polygonal(region.intersection(drawn)))
     beyond, beyond_faces = triangulated(polygonal(region.difference(drawn)))
@@ -281,9 +282,10 @@ def _creased_at(region: BaseGeometry, drawn: BaseGeometry) -> tuple[Float64Array
 
 
 def _covered(mesh: Mesh, finish: Surface, toward: float) -> ItemPart:
-    """A slab in its finish; images lie straight when seen from the room (`toward` -1 for floors).
+    """Return a slab with its finish and texture coordinates; `toward` is -1 for floors, 1 above.
 
-    A floor's image has its top at the plan's top, a ceiling's is mirrored to read from below.
+    The top of a floor's image is at the top of the plan; a ceiling's image is mirrored so that
+    it is upright seen from below.
     """
     texture = finish.texture
     if texture is not None:
@@ -298,7 +300,7 @@ def _covered(mesh: Mesh, finish: Surface, toward: float) -> ItemPart:
 
 
 def floor_outline(space: Space) -> Polygon | None:
-    """The largest piece of a room's floor as a simple polygon, holes filled; None without."""
+    """Return the largest part of a room's floor as a polygon without holes; None if empty."""
     found = polygons(space.floor if not space.floor.is_empty else space.ceiling)
     if not found:
         return None

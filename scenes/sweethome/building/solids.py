@@ -1,6 +1,6 @@
-"""Closed solids out of plan regions, and their surfaces as meshes (manifold3d does the cutting).
+"""Closed solids from plan regions, and their surfaces as meshes (booleans by manifold3d).
 
-Everything here is in metres in the world: x = plan x / 100, y = -plan y / 100.
+All coordinates are metres in the world: x = plan x / 100, y = -plan y / 100.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ Heights = Callable[[Float64Array], Float64Array]  # z of points (N, 2)
 
 
 def to_world(points: npt.ArrayLike) -> Float64Array:
-    """Plan points (N, 2), centimetres, y down, as world points (N, 2)."""
+    """Convert plan points (N, 2), centimetres, y down, to world points (N, 2), metres."""
     return np.asarray(points, dtype=np.float64) * [0.01, -0.01]
 
 
 def world_region(region: BaseGeometry) -> BaseGeometry:
-    """A plan region in the world."""
+    """Convert a plan region to world coordinates."""
     return shapely.transform(region, to_world)
 
 
 def polygons(region: BaseGeometry) -> list[Polygon]:
-    """The polygons of a region, counter-clockwise, specks left out, in a fixed order."""
+    """Return the polygons of a region, counter-clockwise, tiny ones dropped, in a fixed order."""
     if isinstance(region, Polygon):
         found = [region]
     elif isinstance(region, MultiPolygon):
@@ -47,15 +47,15 @@ def polygons(region: BaseGeometry) -> list[Polygon]:
 
 
 def polygonal(region: BaseGeometry) -> BaseGeometry:
-    """The areas of a region, without the lines, points and spikes that overlays leave over.
+    """Return the polygons of a region without the lines, points and spikes that overlays leave.
 
-    A spike, where an outline goes out and comes back along the same line, has no mitre.
+    A spike, an outline that returns along the same line, has no mitre when it is buffered.
     """
     return MultiPolygon(polygons(shapely.set_precision(region, _GRID)))
 
 
 def prism(region: BaseGeometry, bottom: float, top: float | Heights) -> manifold3d.Manifold:
-    """The solid over `region` from `bottom` to `top`, a height or a function of place."""
+    """Return the solid over `region` from `bottom` to `top`, a height or a function of points."""
     contours = []
     for part in polygons(region):
         contours.append(np.asarray(part.exterior.coords)[:-1])
@@ -75,7 +75,7 @@ def prism(region: BaseGeometry, bottom: float, top: float | Heights) -> manifold
 
 
 def surface(solid: manifold3d.Manifold) -> Mesh | None:
-    """The surface of a solid as triangles with corners of their own; None if it is empty."""
+    """Return the surface of a solid with unshared vertices; None if it is empty."""
     if solid.is_empty():
         return None
     mesh = solid.to_mesh64()
@@ -88,7 +88,7 @@ def surface(solid: manifold3d.Manifold) -> Mesh | None:
 
 
 def cut(solid: manifold3d.Manifold, holes: Iterable[manifold3d.Manifold]) -> manifold3d.Manifold:
-    """The solid less the holes."""
+    """Subtract the holes from the solid."""
     found = list(holes)
     if not found:
         return solid
@@ -96,7 +96,7 @@ def cut(solid: manifold3d.Manifold, holes: Iterable[manifold3d.Manifold]) -> man
 
 
 def triangle_normals(mesh: Mesh) -> Float64Array:
-    """Unit normals (F, 3) of the triangles of a mesh."""
+    """Return unit normals (F, 3) of the triangles of a mesh."""
     corners = mesh.corners
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return cross / np.maximum(np.linalg.norm(cross, axis=1), 1e-300)[:, None]

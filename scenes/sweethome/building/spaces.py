@@ -1,7 +1,7 @@
-"""Rooms as regions in the world: drawn ones, those that walls enclose, and what joins them up.
+"""Regions of rooms: drawn rooms, spaces enclosed by walls, and their shares of the walls.
 
-World coordinates, metres. Each point of a storey's inside belongs to one room at most, walls
-included, so that floors meet under doors and neither floors nor ceilings leave gaps.
+World coordinates, metres. Each point inside a storey, walls included, belongs to at most one
+room, so that floors meet under doors and floors and ceilings leave no gaps.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from scenes.sweethome.building.solids import polygonal, polygons, to_world, worl
 from scenes.sweethome.building.walls import PlannedWall
 from scenes.sweethome.home import RoomShape, Surface
 
-_CRACK = 0.02  # metres between walls that still close a space
+_CRACK = 0.02  # metres: gaps between walls up to this size count as closed
 _SMALLEST = 1.0  # square metres of a closed space that makes a room
 _NARROW = 0.3  # metres: half the least width of such a space
 _INSET = 0.01  # metres that slabs stay behind the outer faces of walls
-_DOOR = 0.1  # metres from a door or window to a space that it opens
+_DOOR = 0.1  # metres: a door or window opens a space no farther away
 _PLAIN_FLOOR = Surface(color=0xFFC8C2B8)
 
 
 @dataclass(frozen=True)
 class Space:
-    """A room with the region its floor covers, and that region with its share of the walls."""
+    """A room: the visible regions of its floor and ceiling, and these with a share of the walls."""
 
     shape: RoomShape
-    floor: BaseGeometry  # where the room's floor shows
+    floor: BaseGeometry  # visible floor
     ceiling: BaseGeometry
     floor_slab: BaseGeometry
     ceiling_slab: BaseGeometry
@@ -42,17 +42,17 @@ class Space:
 
     @property
     def is_indoors(self) -> bool:
-        """Whether the room has a ceiling."""
+        """True if the room has a ceiling."""
         return self.shape.ceiling_visible and not self.ceiling.is_empty
 
 
 def find_spaces(
     storey: Storey, walls: list[PlannedWall], openings: list[Opening], changes: Changes
 ) -> list[Space]:
-    """The rooms of a storey. Where drawn rooms overlap, the later one covers the earlier.
+    """Return the rooms of a storey. Where drawn rooms overlap, the later one covers the earlier.
 
-    Closed spaces that nobody drew are rooms, too, if a door or window leads into them, or if the
-    storey has neither rooms nor doors.
+    Closed spaces without a drawn room are rooms too, if a door or window leads into them, or if
+    the storey has neither drawn rooms nor doors.
     """
     solid = unary_union([world_region(one.outline.region) for one in walls])
     inside = _enclosed_region(solid)
@@ -113,7 +113,7 @@ def _region(shape: RoomShape) -> BaseGeometry:
 
 
 def _enclosed_region(solid: BaseGeometry) -> BaseGeometry:
-    """What walls enclose, walls included; cracks of a few centimetres count as closed."""
+    """Return the region that walls enclose, walls included; gaps of a few cm count as closed."""
     closed = solid.buffer(_CRACK, join_style="mitre")
     whole = unary_union([Polygon(part.exterior) for part in polygons(closed)])
     return whole.buffer(-_CRACK, join_style="mitre")
@@ -133,13 +133,13 @@ def _extended_into_walls(
     slivers: list[Polygon],
     inner: BaseGeometry,
 ) -> list[BaseGeometry]:
-    """Regions with the halves of the walls around them, and the slivers beside them."""
+    """Return the regions extended by half of the walls around them and by adjacent slivers."""
     shares: list[list[BaseGeometry]] = [[region] for region in regions]
     present = [number for number, region in enumerate(regions) if not region.is_empty]
     if not present:
         return regions
     taken = unary_union([regions[number] for number in present])
-    # (area, how far a room reaches into it)
+    # Areas to distribute, and how far a room extends into each.
     areas: list[tuple[BaseGeometry, float]] = [(sliver, 0.05) for sliver in slivers]
     for one in walls:
         middle = one.outline.middle

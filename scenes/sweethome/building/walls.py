@@ -1,4 +1,4 @@
-"""Walls and skirtings as closed solids: two halves, each in its side's colours, doors cut out."""
+"""Walls and skirtings as closed solids: two halves with a finish each, openings cut out."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from scenes.sweethome.furnishing.finishes import (
 from scenes.sweethome.furnishing.items import ItemPart, PlacedItem, SurfaceFinish
 from scenes.sweethome.home import Baseboard, Surface, Texture, Wall
 
-EMBED = 0.5  # cm by which walls reach into floor and ceiling
-_NEARLY = 20.0  # cm below its ceiling up to which a wall is raised to it
-_GAP = 2.0  # cm between a wall's loose end and another wall that is closed
+EMBED = 0.5  # cm by which walls extend into floor and ceiling
+_NEARLY = 20.0  # cm: a wall that ends no farther below the ceiling is raised to it
+_GAP = 2.0  # cm: smaller gaps between a free end and another wall are closed
 _ROUND = 25.0  # degrees between facets that are smoothed on round walls
 
 
@@ -44,9 +44,9 @@ class PlannedWall:
     top_at_end: float
 
     def top(self, points: Float64Array) -> Float64Array:
-        """Height (cm above the ground) of the wall's top at plan points (N, 2).
+        """Return the height (N,) of the wall's top, cm above the ground, at plan points (N, 2).
 
-        It changes evenly along the line from start to end, for round walls too.
+        It is linear along the line from start to end, for round walls too.
         """
         start, end = np.array(self.wall.start), np.array(self.wall.end)
         along = end - start
@@ -55,7 +55,7 @@ class PlannedWall:
 
 
 def plan_walls(storey: Storey, wall_height: float, changes: Changes) -> list[PlannedWall]:
-    """Outlines and heights of a storey's walls."""
+    """Return outlines and heights of the walls of a storey."""
     usable = [wall for wall in storey.walls if has_length(wall)]
     for wall in storey.walls:
         if not has_length(wall):
@@ -81,7 +81,7 @@ def plan_walls(storey: Storey, wall_height: float, changes: Changes) -> list[Pla
 def build_walls(
     storey: Storey, planned: list[PlannedWall], openings: list[Opening]
 ) -> list[PlacedItem]:
-    """One object for each wall and one for each skirting, openings cut out."""
+    """Return one item for each wall and one for each skirting, openings cut out."""
     boards = {
         planned_wall.wall.id: tuple(
             board.thickness if board is not None else 0.0
@@ -147,7 +147,7 @@ def _wall_parts(one: PlannedWall, holes: list[manifold3d.Manifold]) -> list[Item
 
 
 def _half_wall_parts(one: PlannedWall, mesh: Mesh, side: Surface, is_left: bool) -> list[ItemPart]:
-    """A half wall's surface: its top in the top's colour, the rest in the side's."""
+    """Return the surface of half a wall: its top in the top's colour, the rest in the side's."""
     finish = surface_finish(side)
     highest = _is_top(one, mesh) if one.wall.top_color is not None else np.zeros(0, dtype=bool)
     parts = []
@@ -172,10 +172,10 @@ def _is_top(one: PlannedWall, mesh: Mesh) -> np.ndarray:
 
 
 def wall_uvs(one: PlannedWall, mesh: Mesh, texture: Texture, is_left: bool) -> Float64Array:
-    """Texture coordinates of a wall's side: along the wall from its start, and up.
+    """Return texture coordinates (V, 2) of a wall's side: along the wall from its start, and up.
 
-    Seen from in front an image stands upright and reads from left to right. On ends, tops and
-    reveals the image runs along or through the wall.
+    Seen from the front an image is upright and not mirrored. On ends, tops and reveals it
+    continues along or across the wall.
     """
     points = mesh.vertices[:, :2] * [100, -100]
     along, through = _along(one.wall, points)
@@ -186,7 +186,7 @@ def wall_uvs(one: PlannedWall, mesh: Mesh, texture: Texture, is_left: bool) -> F
         along = -along
     normals = np.repeat(triangle_normals(mesh), 3, axis=0)
     flat = np.abs(normals[:, 2]) > 0.7
-    # Ends and reveals: their normal runs along the wall.
+    # Ends and reveals: the normal is parallel to the wall.
     step = 0.5
     ahead, _ = _along(one.wall, points + step * normals[:, :2] * [1, -1])
     base, _ = _along(one.wall, points)
@@ -203,7 +203,7 @@ def wall_uvs(one: PlannedWall, mesh: Mesh, texture: Texture, is_left: bool) -> F
 
 
 def _along(wall: Wall, points: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Distances (cm) of plan points along a wall's middle line and to its left."""
+    """Return distances (cm) of plan points along the centre line of a wall and to its left."""
     start, end = np.array(wall.start), np.array(wall.end)
     if is_round(wall):
         assert wall.arc is not None
@@ -245,7 +245,7 @@ def _board_parts(
 
 
 def _extended_to_neighbours(walls: list[Wall]) -> list[Wall]:
-    """Walls whose loose ends stop just short of another wall, pulled into it."""
+    """Extend walls whose free ends stop just short of another wall into that wall."""
     by_id = {wall.id: wall for wall in walls}
     regions = [joined(wall, by_id).region for wall in walls]
     tree = STRtree(regions)

@@ -1,1 +1,1 @@
-"""Furniture, lamps and finishes of a Sweet Home 3D home."""
+"""Furniture, lamps and surface finishes of a Sweet Home 3D home."""

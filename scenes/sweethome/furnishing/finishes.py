@@ -1,7 +1,7 @@
-"""Colours, shininess and textures of a home as finishes, and those as Mitsuba BSDFs.
+"""Surface finishes from colours, shininess and textures of a home, and their Mitsuba BSDFs.
 
-Colours in the file are sRGB: they are linearised, and whites made as white as paint is.
-Gloss: the application's shininess s is a Phong exponent 128 s, whose equal in roughness is
+Colours in the file are sRGB; they are linearised and limited to the reflectance of paint.
+The application's shininess s is a Phong exponent 128 s; the equivalent roughness is
 (2 / (128 s + 2))^(1/4) (Walter et al. 2007, equation 35, with alpha = roughness squared).
 """
 
@@ -24,24 +24,24 @@ from scenes.importing.xml_elements import plugin, prop
 from scenes.sweethome.furnishing.items import SurfaceFinish
 from scenes.sweethome.home import Surface, Texture
 
-WHITEST = 0.82  # no paint reflects more
-DARKEST = 0.03  # nor less, in any colour: its surface alone reflects as much
-_GROUND_LUMINANCE = 0.15  # luminance: grass, soil and gravel outdoors reflect hardly more
-_LEAST_BAND = 0.35  # of an outdoor colour's strongest band: its weakest is no less
+WHITEST = 0.82  # largest reflectance of paint
+DARKEST = 0.03  # smallest reflectance of paint in any band: that of its surface
+_GROUND_LUMINANCE = 0.15  # largest luminance of grass, soil and gravel
+_LEAST_BAND = 0.35  # smallest ratio of the weakest to the strongest band of a ground colour
 WHITE: Color = (WHITEST, WHITEST, WHITEST)
-_MATT = 1 / 128  # shininess up to which a surface has no highlight worth a lobe
+_MATT = 1 / 128  # shininess up to which a surface is modelled as diffuse
 _MAX_IMAGE = 64 * 2**20  # bytes
 
 
 def decode_clipped(value: float) -> float:
-    """A linear value of an sRGB one, clipped to [0, 1]."""
+    """Decode an sRGB value, clipped to [0, 1], to a linear one."""
     return decode_srgb_value(min(max(value, 0.0), 1.0))
 
 
 def reflectance_of_display(display: tuple[float, float, float]) -> Color:
-    """Linear reflectance of a display colour; its hue is kept where it is whiter than paint.
+    """Return the linear reflectance of an sRGB colour, limited to that of paint.
 
-    No band is darker than paint either.
+    A colour that is too bright is scaled, which keeps its hue; too dark bands are raised.
     """
     red, green, blue = (decode_clipped(value) for value in display)
     scale = min(1.0, WHITEST / max(red, green, blue, 1e-9))
@@ -49,12 +49,13 @@ def reflectance_of_display(display: tuple[float, float, float]) -> Color:
 
 
 def ground_reflectance(color: Color) -> Color:
-    """The reflectance of ground that is drawn in `color` (linear): its hue, on grass or soil.
+    """Return a plausible reflectance of ground that is drawn in `color` (linear).
 
-    Homes mark their ground with signal colours, which no lawn or yard has.
+    It keeps the hue but is limited in luminance and saturation: many homes draw their ground in
+    signal colours.
     """
     values = np.maximum(np.array(color, dtype=np.float64), 1e-6)
-    # Mixed with grey of its own luminance until no band is too far from the strongest.
+    # Mix with grey of the same luminance until the weakest band is strong enough.
     grey = float(values @ REC709)
     low, high = values.min(), values.max()
     if low < _LEAST_BAND * high:
@@ -65,17 +66,17 @@ def ground_reflectance(color: Color) -> Color:
 
 
 def reflectance_of_argb(color: int) -> Color:
-    """Linear reflectance of a colour 0xAARRGGBB."""
+    """Return the linear reflectance of a colour 0xAARRGGBB; alpha is ignored."""
     return reflectance_of_display(tuple(((color >> shift) & 255) / 255 for shift in (16, 8, 0)))  # type: ignore[arg-type]
 
 
 def roughness_of(shininess: float) -> float:
-    """Roughness of the application's shininess in [0, 1]."""
+    """Return the roughness that is equivalent to a shininess in [0, 1]."""
     return (2 / (128 * min(max(shininess, 0.0), 1.0) + 2)) ** 0.25
 
 
 def surface_finish(surface: Surface, default: Color = WHITE) -> SurfaceFinish:
-    """The finish of a wall's side, a floor or a ceiling."""
+    """Return the finish of a wall's side, a floor or a ceiling."""
     base = SurfaceFinish() if surface.shininess <= _MATT else glossy_finish(surface.shininess)
     if surface.texture is not None:
         return replace(base, image=surface.texture.image, color=WHITE)
@@ -85,14 +86,14 @@ def surface_finish(surface: Surface, default: Color = WHITE) -> SurfaceFinish:
 
 
 def glossy_finish(shininess: float) -> SurfaceFinish:
-    """A coated surface of that shininess."""
+    """Return the finish of a glossy surface with a shininess in [0, 1]."""
     return SurfaceFinish("gloss", roughness=round(roughness_of(shininess), 4))
 
 
 def texture_coordinates(points: Float64Array, texture: Texture) -> Float64Array:
-    """Texture coordinates (N, 2), v up, of points (N, 2) in centimetres on the surface, y up.
+    """Return texture coordinates (N, 2), v up, of points (N, 2) on the surface, cm, y up.
 
-    Shifted by the offset, turned counter-clockwise by the angle, divided by the image's size.
+    Points are shifted by the offset, rotated counter-clockwise and divided by the image size.
     """
     size = texture.scale * np.array([texture.width, texture.height])
     shifted = points - size * [texture.x_offset, texture.y_offset]
@@ -102,7 +103,7 @@ def texture_coordinates(points: Float64Array, texture: Texture) -> Float64Array:
 
 
 def mapped_uvs(uvs: Float64Array, texture: Texture) -> Float64Array:
-    """The same for coordinates that are already in images, as models have them."""
+    """Transform texture coordinates (N, 2) of a model by offset, angle and scale."""
     return texture_coordinates(uvs, replace(texture, width=1.0, height=1.0))
 
 
@@ -119,7 +120,7 @@ class BsdfWriter:
         self.elements: list[Element] = []
 
     def bsdf(self, finish: SurfaceFinish) -> str:
-        """The id of the BSDF for `finish`."""
+        """Return the id of the BSDF for `finish`."""
         if finish not in self._ids:
             name = f"{finish.kind}-{len(self._ids)}"
             self._ids[finish] = name
@@ -168,7 +169,7 @@ class BsdfWriter:
         return plugin("texture", "bitmap", filename=color), mask
 
     def _image(self, member: str) -> Path | None:
-        """A member of the home as a file of its own, under a name of our choosing."""
+        """Unpack a member of the home to a file with a generated name; None if that fails."""
         if member not in self._images:
             path = None
             if member not in self._archive:

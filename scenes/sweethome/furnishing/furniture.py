@@ -1,4 +1,4 @@
-"""Pieces of furniture as things: models in place, with their own finishes or the home's."""
+"""Placement of furniture models, with the finishes of the model or of the home."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ _PANE = "sweethome3d_window_pane"
 _MIRROR = "sweethome3d_window_mirror"
 _BULB = "sweethome3d_light"
 _EDGE = "edge_color"
-_PANE_OPACITY = 0.5  # of panes whose material does not say
-_CLEAR = 0.5  # opacity up to which something is glass
-_INVISIBLE = 1 / 255  # opacity up to which something is not there
+_PANE_OPACITY = 0.5  # of panes whose material is opaque
+_CLEAR = 0.5  # opacity up to which a part is glass
+_INVISIBLE = 1 / 255  # opacity up to which a part is left out
 _METALS = re.compile(
     r"metal|chrom|steel|inox|alumin|silver|brass|bronze|copper|gold\b|nickel|iron\b", re.IGNORECASE
 )
-# Parts that move: name of the joint -> parts that follow it.
+# Groups of joints, and of parts that move with a joint.
 _JOINT = re.compile(r"sweethome3d_(hinge|rail|ball)_(\d+)")
 _FOLLOWER = re.compile(
     r"sweethome3d_(?:opening|window_pane|window_mirror)_on_(hinge|rail|ball)_(\d+)"
@@ -44,14 +44,14 @@ _FOLLOWER = re.compile(
 
 @dataclass(frozen=True)
 class PlacedModel:
-    """A piece's parts in the world, and the map from its unit box to there."""
+    """Parts of a piece in world coordinates, and the 4x4 matrix from its unit box to the world."""
 
     parts: tuple[ItemPart, ...]
     to_world: Float64Array  # 4x4
 
 
 def place_piece(piece: HomePiece, model: Model, elevation: float, changes: Changes) -> PlacedModel:
-    """A piece where it stands; `elevation` is its level's (cm)."""
+    """Return a piece in its place; `elevation` is that of its level (cm)."""
     shown = _with_joints_moved(piece, _visible_parts(piece, model), changes)
     vertices = np.concatenate([part.mesh.vertices for part in shown])
     to_box = model_to_unit_box(vertices, piece)
@@ -78,16 +78,16 @@ def place_piece(piece: HomePiece, model: Model, elevation: float, changes: Chang
 
 
 def place_without_model(piece: HomePiece, elevation: float) -> PlacedModel:
-    """A piece whose model is missing: no parts, but a place for its light sources."""
+    """Return a piece without parts, for a missing model; its light sources keep their places."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     return PlacedModel((), unit_box_to_world(corners, piece, elevation))
 
 
 def finish_of_part(piece: HomePiece, part: ModelPart) -> SurfaceFinish | None:
-    """The finish of a part of a piece, image aside; None where the home makes it invisible.
+    """Return the finish of a part of a piece; None if the home makes it invisible.
 
-    The piece's colour comes first, then its texture, then its named materials; panes keep what
-    they are but for named materials. Transparency is always the model's.
+    The colour of the piece has priority, then its texture, then its named materials; only named
+    materials change panes. Opacity is always that of the model.
     """
     material, is_pane = part.material, _is_pane(part)
     opacity = material.opacity
@@ -112,7 +112,7 @@ def finish_of_part(piece: HomePiece, part: ModelPart) -> SurfaceFinish | None:
     elif painted is not None:
         made = replace(base, color=painted)
     elif material.image is not None:
-        # Images keep their own colours: many catalogues put black beside them.
+        # The diffuse colour does not tint the image: many catalogues set it to black.
         made = replace(base, color=WHITE, image=material.image)
     else:
         made = replace(base, color=reflectance_of_display(material.color))
@@ -124,7 +124,7 @@ def finish_of_part(piece: HomePiece, part: ModelPart) -> SurfaceFinish | None:
 
 
 def override_of(piece: HomePiece, part: ModelPart) -> NamedMaterial | None:
-    """The named material that applies to a part; none where the piece has a colour or texture."""
+    """Return the named material that applies to a part; None if the piece has colour or texture."""
     if piece.color is not None or piece.texture is not None:
         return None
     for material in piece.materials:
@@ -134,7 +134,7 @@ def override_of(piece: HomePiece, part: ModelPart) -> NamedMaterial | None:
 
 
 def texture_of(piece: HomePiece, part: ModelPart) -> Texture | None:
-    """The home's own texture on a part, if any."""
+    """Return the texture that the home puts on a part, or None."""
     if piece.color is not None:
         return None
     if piece.texture is not None:
@@ -164,7 +164,7 @@ def _is_pane(part: ModelPart) -> bool:
 
 
 def _visible_parts(piece: HomePiece, model: Model) -> list[ModelPart]:
-    """The parts that show: without the stand-ins for bulbs, and hidden edges."""
+    """Return the visible parts of a model: no placeholders of bulbs, no hidden edges."""
     shown = [
         part
         for part in model.parts
@@ -172,7 +172,7 @@ def _visible_parts(piece: HomePiece, model: Model) -> list[ModelPart]:
         and not (piece.hide_edges and part.material_name.startswith(_EDGE))
         and not _JOINT.match(part.group)
     ]
-    # Joints are drawn, too, but a model may consist of nothing else.
+    # Joints are drawn too; some models consist of nothing else.
     joints = [part for part in model.parts if _JOINT.match(part.group)]
     return [*shown, *joints] or list(model.parts)
 
@@ -180,7 +180,7 @@ def _visible_parts(piece: HomePiece, model: Model) -> list[ModelPart]:
 def _with_joints_moved(
     piece: HomePiece, parts: list[ModelPart], changes: Changes
 ) -> list[ModelPart]:
-    """Doors ajar and drawers pulled out: parts moved as the home says."""
+    """Apply the transformations of joints: open doors, open drawers."""
     moves: dict[tuple[str, str], Float64Array] = {}
     for name, rows in piece.transformations:
         joint = _JOINT.match(name)
@@ -204,12 +204,12 @@ def _with_joints_moved(
 def _finish_and_uvs(
     piece: HomePiece, part: ModelPart, finish: SurfaceFinish, bounds: Float64Array
 ) -> tuple[SurfaceFinish, Float64Array | None]:
-    """A part's finish and its texture coordinates, Mitsuba's; None for plain colour."""
+    """Return the finish of a part and its texture coordinates, None for plain colour."""
     if finish.image is None:
         return finish, None
     texture, uvs = texture_of(piece, part), part.mesh.uvs
     if texture is None:
-        if uvs is None:  # an image without coordinates shows as its model's colour
+        if uvs is None:  # no coordinates: the colour of the model instead of the image
             return replace(
                 finish, image=None, color=reflectance_of_display(part.material.color)
             ), None
@@ -224,7 +224,7 @@ def _finish_and_uvs(
 def _wrapped_coordinates(
     piece: HomePiece, vertices: Float64Array, bounds: Float64Array
 ) -> Float64Array:
-    """Centimetres from the lower left of a piece's front, over its top to the back."""
+    """Return coordinates (N, 2), cm, from the lower left of the front over the top to the back."""
     extent = np.maximum(bounds[1] - bounds[0], 0.001)
     share = (vertices - bounds[0]) / extent
     across = share[:, 0] * piece.width
@@ -233,7 +233,7 @@ def _wrapped_coordinates(
 
 
 def _standing(mesh: Mesh, matrix: Float64Array) -> Mesh:
-    """The mesh in the world; a flattened piece keeps facet normals."""
+    """Transform a mesh to the world; a piece without thickness gets facet normals."""
     if abs(np.linalg.det(matrix[:3, :3])) < 1e-15:
         flat = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
         return Mesh(flat, mesh.faces, None, mesh.uvs)
@@ -241,5 +241,5 @@ def _standing(mesh: Mesh, matrix: Float64Array) -> Mesh:
 
 
 def is_metal(name: str) -> bool:
-    """Whether a material's name says that it is a metal."""
+    """Return whether the name of a material denotes a metal."""
     return _METALS.search(name) is not None

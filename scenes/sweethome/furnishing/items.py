@@ -1,4 +1,4 @@
-"""What an imported home is made of on its way into the scene folder: finishes, parts, things."""
+"""Data types of an imported home: surface finishes, parts and placed items."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from scenes.geometry.mesh import Mesh, face_areas
 
 @dataclass(frozen=True)
 class SurfaceFinish:
-    """A surface's material. `image` is a file inside the home, in place of `color`.
+    """Material of a surface. `image` is a file inside the home, in place of `color`.
 
-    `glass` lets sight pass straight through, `sheer` the share 1 - `opacity` of it.
+    `glass` transmits light without refraction, `sheer` a fraction 1 - `opacity` of it.
     """
 
     kind: Literal["matt", "gloss", "metal", "mirror", "glass", "sheer"] = "matt"
@@ -38,13 +38,13 @@ class ItemPart:
     finish: SurfaceFinish
     radiance: Color | None = None
     sphere: tuple[tuple[float, float, float], float] | None = None
-    pane: bool = False  # one of the panes of a window
-    emits: bool = False  # its material gives the light of its lamp
+    pane: bool = False  # a pane of a window
+    emits: bool = False  # its material is a light source of the lamp
 
 
 @dataclass(frozen=True)
 class PlacedItem:
-    """One object of the scene: what a person would name."""
+    """One object of the scene, such as a wall or a chair."""
 
     id: str
     name: str
@@ -63,12 +63,12 @@ class PlacedItem:
 
     @property
     def centre(self) -> Float64Array:
-        """The middle of the bounds."""
+        """Centre of the bounds (3,), metres."""
         return self.bounds.mean(axis=0)
 
 
 def merge_parts(parts: tuple[ItemPart, ...]) -> list[ItemPart]:
-    """Parts of equal finish joined into one mesh each; lights stay as they are."""
+    """Merge parts of equal finish into one mesh each; emitters stay separate."""
     groups: dict[tuple, list[ItemPart]] = {}
     kept: list[ItemPart] = []
     for part in parts:
@@ -81,7 +81,7 @@ def merge_parts(parts: tuple[ItemPart, ...]) -> list[ItemPart]:
 
 
 def area(mesh: Mesh) -> float:
-    """Surface of a mesh, square metres."""
+    """Return the surface area of a mesh, square metres."""
     return float(face_areas(mesh.corners)[0].sum())
 
 
@@ -92,7 +92,7 @@ def _merged_group(group: list[ItemPart]) -> ItemPart:
 
 
 def join_meshes(meshes: list[Mesh]) -> Mesh:
-    """One mesh out of several that have the same attributes."""
+    """Concatenate meshes that have the same attributes."""
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])[:-1]
     normals = [mesh.normals for mesh in meshes if mesh.normals is not None]
     uvs = [mesh.uvs for mesh in meshes if mesh.uvs is not None]

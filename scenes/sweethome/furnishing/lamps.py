@@ -1,4 +1,4 @@
-"""Lamps: their light sources as glowing balls of plausible flux, or the shades around them.
+"""Light sources of lamps as emitting spheres, or as emitting shades around them.
 
 The application's renderer gives a source the radiance 5 p^2 / r^2 times its colour for power p
 and radius r, so the flux goes with p^2 and the colour alone. Here a source of the catalogue's
@@ -26,24 +26,24 @@ USUAL = 1000.0  # lumens of a source of colour AA9770 at power 0.5
 _USUAL_COLOR = 0xAA9770
 _SMALLEST, _LARGEST = 0.008, 0.05  # metres: radii of bulbs
 _DEFAULT_RADIUS = 0.0325
-_ENCLOSED = 0.1  # share of directions left open below which the shade glows in the bulb's place
+_ENCLOSED = 0.1  # fraction of open directions below which the shade emits instead of the bulb
 _DIRECTIONS = 256
 _BLACK = SurfaceFinish(color=(0.0, 0.0, 0.0))
 
 
 def lumens_of(bulb: Bulb, power: float) -> float:
-    """Luminous flux of a source at a power in [0, 1]."""
+    """Return the luminous flux (lm) of a light source at a power in [0, 1]."""
     return USUAL * (power / 0.5) ** 2 * _luminance(bulb.color) / _luminance(_USUAL_COLOR)
 
 
 def lit_parts(
     piece: HomePiece, parts: tuple[ItemPart, ...], to_world: Float64Array, changes: Changes
 ) -> tuple[tuple[ItemPart, ...], float]:
-    """A lamp's parts with its light on, and its lumens.
+    """Return the parts of a lamp that is on, and its luminous flux (lm).
 
-    Parts of a material that gives light have the flux of all bulbs, in their place. A bulb that
-    its fixture closes in gives its flux to the parts around it; glass around a bulb is left out,
-    as it would stop the light's shadow rays.
+    If the lamp has emissive materials, their parts emit the flux of all bulbs. The flux of an
+    enclosed bulb is emitted by the parts around it. Glass around a bulb is left out because it
+    would block shadow rays.
     """
     if any(part.emits for part in parts):
         return _emissive_parts(piece, parts)
@@ -118,12 +118,12 @@ def _radiance(lumens: float, surface: float, tint: Color) -> Color:
 
 
 def _luminance(color: int) -> float:
-    """Luminance of a source's colour as the application uses it, values taken as linear."""
+    """Return the luminance of a light source's colour; like the application, treat it as linear."""
     return float(np.array([(color >> shift) & 255 for shift in (16, 8, 0)]) @ REC709) / 255
 
 
 def _tint(color: int) -> Color:
-    """A source's chromaticity, linear, of luminance 1; white for black."""
+    """Return the linear colour of a light source scaled to luminance 1; white for black."""
     bands = [decode_clipped(((color >> shift) & 255) / 255) for shift in (16, 8, 0)]
     luminance = float(np.array(bands) @ REC709)
     if luminance < 1e-6:
@@ -132,7 +132,7 @@ def _tint(color: int) -> Color:
 
 
 def _around(parts: list[ItemPart], centre: Float64Array) -> tuple[np.ndarray, float]:
-    """The part that each direction from `centre` meets first (-1 for none), and how near it is."""
+    """Return the first part hit in each direction (-1: none), and the distance to the nearest."""
     solid = [(number, part) for number, part in enumerate(parts) if part.sphere is None]
     if not solid:
         return np.full(_DIRECTIONS, -1), np.inf

@@ -1,9 +1,8 @@
-"""Pieces of a home that have no model to show: what they are, where they stand, what is kept.
+"""Records of pieces without a readable model: name, place, reason, and what the scene keeps.
 
-Nothing stands in for them. A box of their size would be a thing that nobody has, in every
-picture and every depth map; an empty place is at least a true room. Doors and windows still cut
-their walls, lamps still give their light, and `scene.json` says of each piece where it stood, so
-that whoever has its model may put it there.
+There is no substitute geometry: a box would be wrong in every image and depth map. Doors and
+windows still cut their walls and lamps still emit light. `scene.json` records the place of each
+missing piece, so that its model can be added later.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from scenes.importing.changes import Changes
 from scenes.sweethome.home import HomePiece
 
 ABSENT = "missing in the file"
-_MAX_NAMES = 60  # of one sentence; `scene.json` has them all
+_MAX_NAMES = 60  # in one sentence; `scene.json` lists all
 _MAX_REASON = 160
 _SENTENCES = {
     "nothing": "PIECES WITHOUT A MODEL WERE LEFT OUT",
@@ -28,7 +27,7 @@ _SENTENCES = {
 
 @dataclass(frozen=True)
 class MissingPiece:
-    """A piece whose model cannot be shown; metres and radians, the world's axes."""
+    """A piece whose model cannot be read; metres and radians, world axes."""
 
     name: str
     category: str
@@ -38,11 +37,11 @@ class MissingPiece:
     reason: str
     kept: Literal["nothing", "light", "opening"]
     centre: Point3
-    size: Point3  # width, depth, height, before it is turned
+    size: Point3  # width, depth, height, before rotation
     angle: float  # about the vertical, counter-clockwise seen from above
 
     def as_record(self, room: str | None) -> dict[str, Any]:
-        """What `scene.source["missing"]` holds of it."""
+        """Return the entry of `scene.source["missing"]`."""
         return {
             "name": self.name,
             "category": self.category,
@@ -59,7 +58,7 @@ class MissingPiece:
 
 
 def missing_piece(piece: HomePiece, category: str, elevation: float, reason: str) -> MissingPiece:
-    """The record of a piece without a model; `elevation` is that of its level (cm)."""
+    """Return the record of a piece without a model; `elevation` is that of its level (cm)."""
     kept: Literal["nothing", "light", "opening"] = "nothing"
     if piece.cut is not None:
         kept = "opening"
@@ -85,7 +84,7 @@ def missing_piece(piece: HomePiece, category: str, elevation: float, reason: str
 
 
 def note_missing(pieces: list[MissingPiece], changes: Changes) -> None:
-    """Say of every kind of missing piece how many there are, and why, in one sentence each."""
+    """Note the missing pieces in `changes`, with counts and reasons, one sentence a kind."""
     for kept, sentence in _SENTENCES.items():
         counts = Counter(
             one.name if one.reason == ABSENT else f"{one.name} ({one.reason})"

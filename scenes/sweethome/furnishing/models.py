@@ -1,7 +1,7 @@
-"""Models inside a home, of whatever kind.
+"""Reader of the 3D models inside a home: OBJ, COLLADA, 3DS, also zipped.
 
-A model is read into pieces by group and material, in its own axes (x right, y up, z to the
-front) and units. What cannot be read raises `UnreadableModel`.
+A model is read into parts by group and material, in its own axes (x right, y up, z to the
+front) and units.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ _SUFFIXES = (".obj", ".dae", ".3ds")  # of models in a zip; the first is preferr
 
 
 class Models:
-    """Reads each model of an archive once."""
+    """Models of an archive; each is read once."""
 
     def __init__(self, archive: HomeArchive, changes: Changes) -> None:
         self._archive, self._changes = archive, changes
         self._read: dict[str, Model | UnreadableModel] = {}
 
     def get(self, member: str) -> Model:
-        """The model in a member of the archive; raises `UnreadableModel`."""
+        """Return the model in a member of the archive; raises `UnreadableModel`."""
         if member not in self._read:
             try:
                 self._read[member] = read_model(self._archive, member, self._changes)
@@ -40,7 +40,7 @@ class Models:
 
 
 def read_model(archive: HomeArchive, member: str, changes: Changes) -> Model:
-    """The model in a member of the archive; raises `UnreadableModel`."""
+    """Return the model in a member of the archive; raises `UnreadableModel`."""
     if member not in archive:
         raise UnreadableModel(ABSENT)
     try:
@@ -81,7 +81,7 @@ def read_model(archive: HomeArchive, member: str, changes: Changes) -> Model:
 
 
 def _inside(archive: HomeArchive, member: str) -> str:
-    """The model in a zip, as KMZ files are; raises `UnreadableModel`, `InputError`."""
+    """Return the model in a zip, such as KMZ; raises `UnreadableModel` and `InputError`."""
     names = [name for name in archive.open_inside(member) if "__MACOSX/" not in name]
     for suffix in _SUFFIXES:
         found = [name for name in names if name.lower().endswith(suffix)]

@@ -1,9 +1,9 @@
-"""Where a piece of furniture stands: from its model's axes into the world.
+"""Transformation of a piece of furniture from the axes of its model to the world.
 
-The application's rules (`ModelManager`): centre the model, apply `modelRotation`, scale to the
-unit box, then to width, height and depth (a mirrored piece has negative width), pitch about x,
-roll about z, centre again, turn about the vertical, and set its foot on its elevation. Pitch,
-roll and turn are clockwise as seen from the axis' tip.
+The rules of the application (`ModelManager`): centre the model, apply `modelRotation`, scale to
+the unit box, then to width, height and depth (a mirrored piece has negative width), pitch about
+x, roll about z, centre again, rotate about the vertical axis, and move the lower side to the
+elevation. Pitch, roll and rotation are clockwise seen from the tip of the axis.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _TO_WORLD = 0.01 * np.array(
 
 
 def model_to_unit_box(points: Float64Array, piece: HomePiece) -> Float64Array:
-    """The 4x4 map of a model's vertices (N, 3) into the unit box about the origin."""
+    """Return the 4x4 matrix from model vertices (N, 3) to the unit box about the origin."""
     low, high = points.min(axis=0), points.max(axis=0)
     matrix = _translation(-0.5 * (low + high))
     if piece.rotation is not None:
@@ -39,10 +39,10 @@ def model_to_unit_box(points: Float64Array, piece: HomePiece) -> Float64Array:
 
 
 def unit_box_to_world(points: Float64Array, piece: HomePiece, elevation: float) -> Float64Array:
-    """The 4x4 map from the unit box into the world (m).
+    """Return the 4x4 matrix from the unit box to the world (m).
 
-    `points` (N, 3) are the model's vertices in the unit box, which a piece with pitch or roll is
-    centred by; `elevation` is that of its level (cm).
+    `points` (N, 3) are the vertices in the unit box: a piece with pitch or roll is centred by
+    them. `elevation` is that of the level (cm).
     """
     width = -piece.width if piece.mirrored else piece.width
     matrix = np.diag([width, piece.height, piece.depth, 1.0])
@@ -68,7 +68,7 @@ def _translation(offset: Float64Array) -> Float64Array:
 
 
 def _turn(angle: float, first: int, second: int) -> Float64Array:
-    """A rotation that takes axis `first` towards axis `second`."""
+    """Return the rotation from axis `first` towards axis `second`."""
     matrix = np.eye(4)
     cosine, sine = math.cos(angle), math.sin(angle)
     matrix[first, first] = matrix[second, second] = cosine
