@@ -1,1 +1,1 @@
-"""Readers of model files: OBJ, 3DS, COLLADA and the archives that hold them."""
+"""Readers of file formats: OBJ, MTL, PLY, 3DS, COLLADA, Mitsuba's `.serialized`, and archives."""

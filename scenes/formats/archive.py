@@ -1,4 +1,4 @@
-"""The zip that a home is: members by checked names, within limits of size and compression."""
+"""Reader of Sweet Home 3D archives (zip): checked names, limits of size and compression."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ MAX_MEMBERS = 20_000
 MAX_MEMBER = 256 * 2**20  # bytes of one member, unpacked
 MAX_TOTAL = 2 * 2**30  # bytes of all that is read, unpacked
 MAX_XML = 32 * 2**20
-MAX_RATIO = 250  # of unpacked to packed size; deflate's own limit is about 1030
-_SMALL = 2**20  # bytes up to which any ratio is harmless
+MAX_RATIO = 250  # of unpacked to packed size; deflate reaches about 1030
+_SMALL = 2**20  # bytes: any ratio is allowed up to this size
 
 
 class HomeArchive:
-    """Reads members of a `.sh3d`; raises `InputError` with the file's and the member's name."""
+    """Reads members of a `.sh3d` or `.sh3f`; `InputError` names the file and the member."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -33,7 +33,7 @@ class HomeArchive:
         self._add(self._zip, "")
 
     def _add(self, file: zipfile.ZipFile, prefix: str) -> list[str]:
-        """Make the members of `file` known by names that begin with `prefix`; returns these."""
+        """Register the members of `file` under `prefix` + name; returns these names."""
         infos = file.infolist()
         if len(infos) + len(self._members) > MAX_MEMBERS:
             raise InputError(f"{self.path}: {len(infos):,} files inside; at most {MAX_MEMBERS:,}")
@@ -55,7 +55,7 @@ class HomeArchive:
         return name in self._members
 
     def open_inside(self, name: str) -> list[str]:
-        """Open the zip that member `name` is; its files become members `name!/file`, returned."""
+        """Open a member that is a zip; returns its files, now members `name!/file`."""
         prefix = f"{name}!/"
         known = sorted(member for member in self._members if member.startswith(prefix))
         if known:
@@ -67,7 +67,7 @@ class HomeArchive:
         return self._add(inner, prefix)
 
     def read(self, name: str, limit: int = MAX_MEMBER) -> bytes:
-        """The bytes of a member; at most `limit`."""
+        """Return the bytes of a member, at most `limit`."""
         where = f"{self.path}: {name}"
         if name not in self._members:
             raise InputError(f"{where}: missing in the file")
@@ -90,10 +90,10 @@ class HomeArchive:
         return data
 
     def beside(self, name: str, wanted: str) -> str | None:
-        """The member `wanted` as seen from member `name`, or one with its base name near there.
+        """Return the member `wanted` relative to member `name`, or one with its base name; or None.
 
-        Near is the folder of `name` first, then all that was saved with it. Case and foreign
-        paths do not matter; None where there is none.
+        Base names are looked up in the folder of `name`, then in everything saved with it; case
+        and directories are ignored.
         """
         folder = posixpath.dirname(name)
         wanted = wanted.replace("\\", "/")
@@ -111,15 +111,15 @@ class HomeArchive:
         return None
 
     def names(self) -> list[str]:
-        """All members; sorted."""
+        """Return all members, sorted."""
         return sorted(self._members)
 
     def top(self) -> list[str]:
-        """The members that lie in no folder; sorted."""
+        """Return the members outside any folder, sorted."""
         return sorted(member for member in self._members if "/" not in member)
 
     def folder(self, name: str) -> list[str]:
-        """The members in the folder of member `name`, if it lies in one; sorted."""
+        """Return the members in the folder of member `name`, sorted; none if it is in no folder."""
         parent = name.rpartition("/")[0]
         if not parent:
             return []

@@ -1,6 +1,6 @@
-"""Models as COLLADA (`.dae`, also within `.kmz`), read with pycollada.
+"""Reader of COLLADA models (`.dae`, also inside `.kmz`), based on pycollada.
 
-Up axis, unit, colours and transparency are taken as the application takes them.
+Up axis, unit, colours and transparency are interpreted like in Sweet Home 3D.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ from scenes.formats.model_parts import (
     triangulated,
 )
 
-_CREASE = 90.0  # degrees, where there are no normals
-_DEPTH = 64  # of nodes below each other
+_CREASE = 90.0  # degrees, for meshes without normals
+_DEPTH = 64  # of nested nodes
 _MOST_NODES = 20_000
 _LUMINANCE = (0.212671, 0.715160, 0.072169)
-# What no picture needs: left out before the file is read, so that no fault in it does harm.
+# Elements without effect on an image: removed before parsing, so that errors in them do not matter.
 _UNUSED = (
     "extra", "lines", "linestrips", "library_animations", "library_animation_clips",
     "library_cameras", "library_lights", "library_controllers", "library_physics_models",
@@ -53,17 +53,17 @@ _LOST = {
     "instance_controller": "skinned meshes of models were left out",
     "ph": "polygons with holes were left out of models",
 }
-_TURNS = {  # from the file's up axis to y up
+_TURNS = {  # from the up axis of the file to y up
     "Z_UP": np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]]),
     "X_UP": np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
 }
 
 
 def read_dae(data: bytes, find: Callable[[str], str | None], lost: Callable[[str], None]) -> Model:
-    """The model in a COLLADA file.
+    """Read the model in a COLLADA file.
 
-    `find` gives the member for an image's name, or None; `lost` is told what is left out. Raises
-    `UnreadableModel` for what is damaged, hostile, empty or too large.
+    `find` returns the member for the name of an image, or None; `lost` is called with a sentence
+    for each loss. Raises `UnreadableModel` for damaged, hostile, empty or too large files.
     """
     root = _parsed(data)
     for tag in sorted({_bare(element) for element in root.iter()} & set(_LOST)):
@@ -79,7 +79,7 @@ def read_dae(data: bytes, find: Callable[[str], str | None], lost: Callable[[str
     except (DaeError, DaeMissingSampler2D, DaeInstanceNotLoadedError, ArithmeticError,
             AssertionError, AttributeError, LookupError, RecursionError, TypeError,
             ValueError) as error:  # fmt: skip
-        # The library takes for granted much that a damaged file lacks.
+        # pycollada fails in many ways on incomplete files.
         raise UnreadableModel(f"damaged COLLADA file ({type(error).__name__}: {error})") from None
     for fault in document.errors[:8]:
         lost(f"faulty parts of models were left out ({fault.msg[:100]})")
@@ -89,7 +89,7 @@ def read_dae(data: bytes, find: Callable[[str], str | None], lost: Callable[[str
 
 
 def _parsed(data: bytes) -> Element:
-    """The file's root element; raises `UnreadableModel`."""
+    """Parse the XML and return its root element; raises `UnreadableModel`."""
     try:
         root = SafeElementTree.fromstring(data)
     except DefusedXmlException as error:
@@ -106,7 +106,7 @@ def _bare(element: Element) -> str:
 
 
 def _strip(root: Element) -> None:
-    """Take out what is not used; iterative, as files may nest deep."""
+    """Remove unused elements; without recursion, as files may be deeply nested."""
     stack = [root]
     while stack:
         element = stack.pop()
@@ -118,7 +118,7 @@ def _strip(root: Element) -> None:
 
 
 def _header(document: Any) -> str:
-    """What authors say of the file: names, terms, comments."""
+    """Return title, authors, copyright and comments of the file."""
     words = [document.assetInfo.title, document.assetInfo.subject]
     for one in document.assetInfo.contributors:
         words += [one.author, one.copyright, one.comments]
@@ -130,7 +130,7 @@ def _parts(document: Any, find: Callable[[str], str | None]) -> Iterator[ModelPa
     unit = document.assetInfo.unitmeter
     centimetres = 100 * unit if unit and np.isfinite(unit) and 1e-9 < unit < 1e9 else 100.0
     base = upright @ np.diag([centimetres, centimetres, centimetres, 1.0])
-    # A file without a scene shows all that it has.
+    # Without a default scene all scenes are shown.
     scenes = [document.scene] if document.scene is not None else document.scenes
     roots = [node for scene in scenes for node in scene.nodes]
     materials: dict[str, tuple[str, ModelMaterial]] = {}
@@ -138,7 +138,7 @@ def _parts(document: Any, find: Callable[[str], str | None]) -> Iterator[ModelPa
     for group, matrix, node in _instances(roots, base):
         targets = {one.symbol: one.target for one in node.materials}
         for primitive in node.geometry.primitives:
-            # Some exporters bind no materials: the faces' symbol is then the material itself.
+            # Some exporters bind no materials: then the symbol of the faces is the material.
             target = targets.get(primitive.material) or document.materials.get(primitive.material)
             name, material = "default", ModelMaterial()
             if target is not None:
@@ -161,7 +161,7 @@ def _parts(document: Any, find: Callable[[str], str | None]) -> Iterator[ModelPa
 def _instances(
     roots: list[Any], base: Float64Array
 ) -> Iterator[tuple[str, Float64Array, GeometryNode]]:
-    """Every geometry in the scene with its node's name and its matrix."""
+    """Yield each geometry instance: name of its node, 4x4 matrix, geometry node."""
     stack = [(node, base, 0) for node in reversed(roots)]
     seen = 0
     while stack:
@@ -175,7 +175,7 @@ def _instances(
             continue
         placed = matrix @ np.asarray(node.matrix, dtype=np.float64)
         if not np.isfinite(placed).all():
-            raise UnreadableModel("a node stands nowhere, or too large")
+            raise UnreadableModel("the matrix of a node is not finite or too large")
         name = str(getattr(node, "name", None) or node.xmlnode.get("name") or "")
         for child in node.children:
             if isinstance(child, GeometryNode):
@@ -184,7 +184,7 @@ def _instances(
 
 
 def _part(group: str, name: str, material: ModelMaterial, primitive: Any) -> ModelPart | None:
-    """A set of triangles or polygons in the axes of its geometry."""
+    """Return a set of triangles or polygons as a part in the axes of its geometry, or None."""
     indices = primitive.vertex_index
     if indices is None or not len(indices):
         return None
@@ -220,7 +220,7 @@ def _part(group: str, name: str, material: ModelMaterial, primitive: Any) -> Mod
 
 
 def _by_size(primitive: Any, corners: Int64Array) -> Iterator[Int64Array]:
-    """The polygons (P, size, 3) of a list, size by size."""
+    """Yield the polygons (P, size, 3) of a list, grouped by size."""
     counts = np.asarray(primitive.vcounts, dtype=np.int64)
     starts = np.cumsum(counts) - counts
     if (counts < 0).any() or counts.sum() > len(corners):
@@ -253,10 +253,10 @@ def _material(
 
 
 def _opacity(effect: Effect, document: Any) -> float:
-    """How opaque a material is, from 0 to 1: A_ONE by its alpha, RGB_ZERO by its colours."""
+    """Return the opacity in [0, 1] of an effect: A_ONE by alpha, RGB_ZERO by luminance."""
     transparent = effect.transparent
     if not isinstance(transparent, tuple | list):
-        return 1.0  # none, or an image, whose alpha counts by itself
+        return 1.0  # none, or an image, whose alpha is applied with the image
     given = [one for one in effect.xmlnode.iter() if _bare(one) == "transparency"]
     factor = effect.transparency if given and isinstance(effect.transparency, float) else 1.0
     if effect.opaque_mode == "RGB_ZERO":
@@ -269,7 +269,7 @@ def _opacity(effect: Effect, document: Any) -> float:
 
 
 def _is_reversed(document: Any) -> bool:
-    """Whether an old SketchUp wrote the file: before 7.1 its transparency was opacity."""
+    """Return whether SketchUp before 7.1 wrote the file: its transparency is an opacity."""
     for one in document.assetInfo.contributors:
         version = re.match(r"Google SketchUp\s+(\d+)(?:\.(\d+))?", one.authoring_tool or "")
         if version is not None and (int(version[1]), int(version[2] or 0)) < (7, 1):
@@ -278,7 +278,7 @@ def _is_reversed(document: Any) -> bool:
 
 
 def _visible(parts: list[ModelPart]) -> list[ModelPart]:
-    """The parts, opaque if none could be seen: some exporters write opacity the wrong way round."""
+    """Return the parts, made opaque if all are invisible: some exporters invert opacity."""
     if any(part.material.opacity > 0 or part.material.image for part in parts):
         return parts
     return [

@@ -1,8 +1,7 @@
-"""The materials that models without an MTL file name: Java 3D's default table.
+"""Default materials of Java 3D, for models without an MTL file.
 
 One line each: name, diffuse colour, highlight (mean specular colour, 0 for none), exponent,
-opacity. Display values (sRGB), as in the application's catalogue. Where a colour's opacity is
-not 1 the surface is glass.
+opacity. Colours are sRGB values. A material with an opacity below 1 is glass.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""Models as 3D Studio files (`.3ds`): chunks of id, length and content, little-endian, Z up.
+"""Reader of 3D Studio models (`.3ds`): chunks of id, length and content, little-endian, Z up.
 
-The format is described in "3D Studio File Format" (Autodesk, 1997); what the application makes of
-it, here too: faces keep their own frame (its inverse is applied) below the keyframer's first
-frame, where there is one.
+Format: "3D Studio File Format" (Autodesk, 1997). As in Sweet Home 3D, vertices are transformed by
+the inverse of the mesh's frame and then by the first frame of the keyframer, if there is one.
 """
 
 from __future__ import annotations
@@ -26,11 +25,11 @@ from scenes.formats.model_parts import (
 from scenes.geometry.mesh import Mesh, face_areas
 
 _MAIN, _EDITOR, _KEYFRAMER = 0x4D4D, 0x3D3D, 0xB000
-_CREASE = 89.0  # degrees, of faces without smoothing groups
+_CREASE = 89.0  # degrees, for faces without smoothing groups
 _SHINE = 0.6  # of the application's largest exponent, at a shininess of 100 %
-_DEPTH = 64  # of nodes below each other
+_DEPTH = 64  # of nested nodes
 _MOST_PLACES = 10_000  # of all meshes together
-_FLAGS = 18  # bytes of a track before its first key's flags, which its values follow
+_FLAGS = 18  # bytes of a track before the flags of its first key; the values follow
 _DUMMY = "$$$DUMMY"  # name of nodes without a mesh
 # From Z up to the application's axes, y up and z to the front.
 _UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
@@ -38,20 +37,20 @@ _UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 @dataclass
 class _Object:
-    """A mesh as its chunks give it; `frame` is its own, in the world."""
+    """A mesh as in the file; `frame` (4, 4) is its local frame in the world."""
 
     name: str
     vertices: Float64Array = field(default_factory=lambda: np.zeros((0, 3)))
     uvs: Float64Array = field(default_factory=lambda: np.zeros((0, 2)))
     faces: Int64Array = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
     materials: list[tuple[str, Int64Array]] = field(default_factory=list)  # name -> faces
-    smoothing: Int64Array | None = None  # (F,), a bit a group
+    smoothing: Int64Array | None = None  # (F,), one bit per group
     frame: Float64Array = field(default_factory=lambda: np.eye(4))
 
 
 @dataclass
 class _Node:
-    """A node of the keyframer: where the object `name` stands in the first frame."""
+    """A keyframer node: the pose of the object `name` in the first frame."""
 
     name: str = ""
     parent: int = -1
@@ -59,9 +58,9 @@ class _Node:
 
 
 def read_3ds(data: bytes, find: Callable[[str], str | None]) -> Model:
-    """The model in a 3DS file; `find` gives the member for an image's name, or None.
+    """Read the model in a 3DS file; `find` returns the member for the name of an image, or None.
 
-    Raises `UnreadableModel` for what is damaged, empty or too large.
+    Raises `UnreadableModel` for damaged, empty or too large files.
     """
     materials: dict[str, ModelMaterial] = {}
     objects: list[_Object] = []
@@ -94,7 +93,7 @@ def read_3ds(data: bytes, find: Callable[[str], str | None]) -> Model:
 
 
 def _first(data: bytes) -> bytes:
-    """The content of the file's one chunk; raises `UnreadableModel`."""
+    """Return the content of the main chunk; raises `UnreadableModel`."""
     kind, length = struct.unpack_from("<HI", data)
     if kind != _MAIN or not 6 <= length <= len(data):
         raise UnreadableModel(f"damaged 3DS file ({len(data):,} bytes of {length:,})")
@@ -102,7 +101,7 @@ def _first(data: bytes) -> bytes:
 
 
 def _chunks(content: bytes) -> Iterator[tuple[int, bytes]]:
-    """Kind and content of each chunk; raises ValueError where one is longer than its parent."""
+    """Yield kind and content of each chunk; ValueError if one is longer than its parent."""
     start = 0
     while start + 6 <= len(content):
         kind, length = struct.unpack_from("<HI", content, start)
@@ -113,15 +112,15 @@ def _chunks(content: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _text(content: bytes) -> tuple[str, bytes]:
-    """A text that ends with a zero, and what follows it."""
+    """Split off a zero-terminated text; returns it and the rest."""
     text, zero, rest = content.partition(b"\0")
     if not zero:
-        raise ValueError("a name without end")
+        raise ValueError("a name without a terminating zero")
     return text.decode("latin-1"), rest
 
 
 def _table(content: bytes, kind: str, columns: int, start: int = 2) -> tuple[np.ndarray, bytes]:
-    """A counted table (N, columns), and what follows it."""
+    """Split off a table (N, columns) that begins with its count; returns it and the rest."""
     (count,) = struct.unpack_from("<H", content)
     size = np.dtype(kind).itemsize * columns * count
     if start + size > len(content):
@@ -154,7 +153,7 @@ def _material(content: bytes, find: Callable[[str], str | None]) -> tuple[str, M
 
 
 def _color(content: bytes) -> tuple[float, ...]:
-    """A display colour in [0, 1], of bytes or numbers."""
+    """Return an sRGB colour in [0, 1] from bytes or floats."""
     for kind, inner in _chunks(content):
         values = None
         if kind in (0x0011, 0x0012):
@@ -167,7 +166,7 @@ def _color(content: bytes) -> tuple[float, ...]:
 
 
 def _share(content: bytes) -> float:
-    """A percentage as a share in [0, 1]."""
+    """Return a percentage as a fraction in [0, 1]."""
     for kind, inner in _chunks(content):
         if kind == 0x0030:
             return min(max(struct.unpack_from("<h", inner)[0] / 100, 0.0), 1.0)
@@ -178,7 +177,7 @@ def _share(content: bytes) -> float:
 
 
 def _objects(content: bytes) -> list[_Object]:
-    """The meshes of a named object; lights and cameras have none."""
+    """Return the meshes of a named object; none for lights and cameras."""
     name, rest = _text(content)
     return [_mesh(name, inner) for kind, inner in _chunks(rest) if kind == 0x4100]
 
@@ -225,7 +224,7 @@ def _node(content: bytes) -> _Node:
         elif kind == 0xB022:
             size = np.array(_key(inner, 3))
     if not all(np.isfinite(one).all() for one in (place, turn, size, pivot)):
-        raise ValueError("a node that stands nowhere")
+        raise ValueError("a node with a pose that is not finite")
     made.place = place @ turn @ np.diag([*size, 1.0])
     if made.name != _DUMMY:
         made.place = made.place @ pivot
@@ -233,13 +232,13 @@ def _node(content: bytes) -> _Node:
 
 
 def _key(content: bytes, count: int) -> tuple[float, ...]:
-    """The first values of a track, behind those of its spline that its flags name."""
+    """Return the first values of a track; its flags tell how many spline values precede them."""
     (flags,) = struct.unpack_from("<H", content, _FLAGS)
     return struct.unpack_from(f"<{count}f", content, _FLAGS + 2 + 4 * (flags & 31).bit_count())
 
 
 def _rotation(angle: float, axis: Float64Array) -> Float64Array:
-    """Rodrigues' rotation (3, 3) about `axis`; none about an axis without length."""
+    """Return the rotation (3, 3) about `axis` (Rodrigues); identity for a zero axis."""
     length = float(np.linalg.norm(axis))
     if length < 1e-9:
         return np.eye(3)
@@ -249,7 +248,7 @@ def _rotation(angle: float, axis: Float64Array) -> Float64Array:
 
 
 def _places(nodes: list[_Node]) -> dict[str, list[Float64Array]]:
-    """Where each object stands, once or several times, by the keyframer's nodes."""
+    """Return the poses (4, 4) of each object, one for each keyframer node of its name."""
     made: dict[str, list[Float64Array]] = {}
     for node in nodes:
         matrix, parent = node.place, node.parent
@@ -264,7 +263,7 @@ def _places(nodes: list[_Node]) -> dict[str, list[Float64Array]]:
 def _parts(
     thing: _Object, place: Float64Array, materials: dict[str, ModelMaterial]
 ) -> Iterator[ModelPart]:
-    """The mesh by material, where `place` puts it."""
+    """Yield the parts of a mesh by material, transformed by `place`."""
     corners = np.stack([thing.faces] * 3, axis=-1)  # one index for positions, uvs, normals
     normals = np.zeros((0, 3))
     if thing.smoothing is not None and len(thing.faces):
@@ -295,7 +294,7 @@ def _parts(
 
 
 def _smoothed(thing: _Object) -> Float64Array:
-    """Normals (3 F, 3) of all corners: smooth among faces that share a smoothing group."""
+    """Return normals (3 F, 3) of all corners: smooth among faces of one smoothing group."""
     assert thing.smoothing is not None
     areas, normals = face_areas(Mesh(thing.vertices, thing.faces).corners)
     weighted = areas[:, None] * normals

@@ -1,7 +1,7 @@
-"""What a model is made of, whatever kind of file it comes from: parts of one group and material.
+"""Models independent of their file format: parts of one group and material.
 
-Coordinates are the model's own: x right, y up, z to the front. Texture coordinates have v = 0 at
-an image's foot.
+Axes: x right, y up, z to the front, in the units of the model. Texture coordinates have v = 0 at
+the bottom of an image.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from scenes.errors import InputError
 from scenes.geometry.mesh import Mesh, cleaned, creased
 
 MAX_TRIANGLES = 2_000_000  # of one model
-_FAR = 1e12  # units that no vertex lies from the origin
+_FAR = 1e12  # largest coordinate
 
 
 class UnreadableModel(Exception):
-    """The model is of another kind, damaged or empty."""
+    """The model is damaged, empty or of an unsupported kind."""
 
 
 @dataclass(frozen=True)
 class ModelMaterial:
-    """A material of a model, display values (sRGB)."""
+    """A material of a model; colours are sRGB values in [0, 1]."""
 
     color: tuple[float, float, float] = (0.7102, 0.702, 0.6531)
     highlight: float = 0.0
@@ -50,7 +50,7 @@ class Model:
     """All parts of a model, in its own axes and units."""
 
     parts: tuple[ModelPart, ...]
-    header: str = ""  # the comment at the file's start, where authors put their terms
+    header: str = ""  # comment at the start of the file, which may name the licence
 
     @property
     def bounds(self) -> Float64Array:
@@ -69,11 +69,11 @@ def make_part(
     normals: Float64Array,
     crease: float,
 ) -> ModelPart | None:
-    """A part of triangles; None where none has any area.
+    """Return a part of triangles; None if no triangle has an area.
 
-    `corners` (T, 3, 3) are indices of position, uv and normal, -1 where there is none. Where any
-    corner lacks uvs or normals the whole part does without. Normals are then made, smooth across
-    edges up to `crease` degrees. Raises `UnreadableModel`.
+    `corners` (T, 3, 3) are indices of position, uv and normal, -1 for none. If any corner lacks
+    a uv or a normal, the whole part has none; missing normals are computed, smooth across edges
+    up to `crease` degrees. Raises `UnreadableModel`.
     """
     if not len(corners):
         return None
@@ -98,21 +98,21 @@ def make_part(
     if not len(mesh.faces):
         return None
     if mesh.normals is None:
-        # Facetted parts get the normals of their facets, so that all parts of a piece have some.
+        # Faceted parts get facet normals, so that all parts of a piece have normals.
         mesh = creased(mesh, crease)
     return ModelPart(group, material_name, material, mesh)
 
 
 def check_points(points: Float64Array) -> None:
-    """Raises `UnreadableModel` unless all coordinates are finite and of likely size."""
+    """Raise `UnreadableModel` unless all coordinates are finite and not too large."""
     if points.size and not (np.isfinite(points).all() and np.abs(points).max() <= _FAR):
         raise UnreadableModel("a coordinate is not a finite number")
 
 
 def triangulated(groups: Iterable[Int64Array], positions: Float64Array) -> Int64Array:
-    """Corner triples (T, 3, 3) of polygons: convex ones as fans, others by ear clipping.
+    """Triangulate polygons to corners (T, 3, 3): convex ones as fans, others by ear clipping.
 
-    Each of `groups` (P, size, 3) are polygons of equal size.
+    Each group (P, size, 3) holds P polygons with `size` corners.
     """
     made = []
     for indices in groups:
@@ -132,7 +132,7 @@ def triangulated(groups: Iterable[Int64Array], positions: Float64Array) -> Int64
 
 
 def _ears(corners: np.ndarray, points: Float64Array, normal: Float64Array) -> np.ndarray:
-    """Triangles (T, 3, 3) of one polygon of any shape, facing as it does."""
+    """Triangulate one polygon of any shape to corners (T, 3, 3) of the same orientation."""
     plane = [axis for axis in range(3) if axis != int(np.argmax(np.abs(normal)))]
     flat = np.ascontiguousarray(points[:, plane])
     ends = np.array([len(flat)], dtype=np.uint32)

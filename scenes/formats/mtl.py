@@ -1,7 +1,7 @@
-"""MTL material libraries of OBJ files: values and images by keyword.
+"""Parser of MTL material libraries of OBJ files: numbers and images by keyword.
 
-Keywords after Wavefront's *Object Files* appendix, with the physically based ones (Pr, Pm, Ke)
-that exporters write today. Case does not matter.
+Keywords of Wavefront's *Object Files* appendix and the later physically based ones (Pr, Pm, Ke);
+case is ignored.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _OPTION_VALUES = {"-s": 3, "-o": 3, "-t": 3, "-mm": 2, "-bm": 1, "-blendu": 1, "
 
 @dataclass(frozen=True)
 class MtlMap:
-    """An image that a material names; `to_uv` for coordinates whose v points down, or None."""
+    """An image of a material; `to_uv` (4, 4) for coordinates with v down, None if identity."""
 
     name: str
     to_uv: Float64Array | None = None
@@ -40,7 +40,7 @@ class MtlMap:
 
 @dataclass
 class Mtl:
-    """One `newmtl`: numbers by keyword, images by keyword, keywords of images without a use."""
+    """One material: numbers and images by keyword, and the keywords of unused images."""
 
     name: str
     numbers: dict[str, tuple[float, ...]] = field(default_factory=dict)
@@ -49,7 +49,7 @@ class Mtl:
 
     @property
     def opacity(self) -> float:
-        """`d`, or one minus `Tr`, in [0, 1]; 1 where neither is given."""
+        """Opacity in [0, 1]: `d`, else 1 - `Tr`, else 1."""
         clear = 1 - self.numbers.get("Tr", (0.0,))[0]
         return float(np.clip(self.numbers.get("d", (clear,))[0], 0.0, 1.0))
 
@@ -57,10 +57,10 @@ class Mtl:
 def read_mtl(
     data: bytes, place: str, on_damage: Callable[[InputError], None] | None = None
 ) -> dict[str, Mtl]:
-    """The materials of an MTL file by name.
+    """Parse an MTL file; returns materials by name.
 
-    A damaged line raises `InputError` with its number; with `on_damage` that is told the error
-    and the line is passed over.
+    A damaged line raises `InputError` with its number. If `on_damage` is given, it is called with
+    the error instead, and the line is skipped.
     """
     if len(data) > MAX_MTL:
         raise InputError(f"{place}: more than {MAX_MTL >> 20} MiB of materials; refused")
@@ -104,9 +104,9 @@ def _values(words: list[str], count: int, place: str) -> tuple[float, ...]:
 
 
 def _map(line: str) -> MtlMap:
-    """A map line's file name, which may hold blanks, and those of its options that count.
+    """Parse a map line: the file name, which may hold blanks, and the options -s, -o and -clamp.
 
-    `-s` scales and `-o` shifts the coordinates; in an OBJ v points up, here it points down.
+    `-s` scales and `-o` shifts the coordinates. OBJ files have v up, the result has v down.
     """
     rest = line.split(None, 1)[1].strip() if len(line.split(None, 1)) > 1 else ""
     words = rest.split()
@@ -118,7 +118,7 @@ def _map(line: str) -> MtlMap:
         ):  # fmt: skip
             skip += 1
         given[words[0]] = words[1:skip]
-        for _ in range(skip):  # word by word, so that blanks inside the name stay as they are
+        for _ in range(skip):  # word by word, to keep blanks inside the name
             rest = rest.split(None, 1)[1] if len(rest.split(None, 1)) > 1 else ""
         words = words[skip:]
     to_uv = np.eye(4)

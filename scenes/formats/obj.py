@@ -1,8 +1,8 @@
-"""Wavefront OBJ files: positions, faces, and the object, group and material of each face.
+"""Parser of Wavefront OBJ files: positions, faces, and object, group and material of each face.
 
-After Wavefront's *Object Files* appendix (polygonal geometry). Keywords and values may be
-separated by any blanks, lines may be continued, faces may come before their vertices, and
-indices may count back from the last element read.
+Format: Wavefront's *Object Files* appendix, polygonal geometry. Keywords and values are separated
+by blanks or tabs, lines may be continued, faces may precede their vertices, and negative indices
+count back from the last element read.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from scenes.errors import InputError
 from scenes.geometry.mesh import MAX_TRIANGLES, Mesh
 
 MAX_BYTES = 512 * 2**20
-_COLUMNS = {b"v": 3, b"vt": 1, b"vn": 3}  # values that a line needs
+_COLUMNS = {b"v": 3, b"vt": 1, b"vn": 3}  # fewest values of a line
 _TABLES = {b"v": 0, b"vt": 1, b"vn": 2}
 _WITHOUT_FACES = (b"curv", b"curv2", b"surf", b"l", b"p")
 
 
 @dataclass(frozen=True)
 class ObjRun:
-    """What faces that stand together have in common; empty where a file does not say."""
+    """Attributes of consecutive faces; empty if the file gives none."""
 
     object: str = ""
     group: str = ""
@@ -33,7 +33,7 @@ class ObjRun:
 
     @property
     def owner(self) -> str:
-        """The object, or the group where there is no object."""
+        """Name of the object, else of the group."""
         return self.object or self.group
 
 
@@ -41,8 +41,8 @@ class ObjRun:
 class Obj:
     """An OBJ file as arrays.
 
-    `corners` (C, 3) are one-based indices of position, texture coordinate and normal, 0 where a
-    corner has none; `sizes` (F,) counts each face's corners; `run_of_face` (F,) indexes `runs`.
+    `corners` (C, 3) are one-based indices of position, texture coordinate and normal, 0 for none;
+    `sizes` (F,) is the number of corners of each face; `run_of_face` (F,) indexes `runs`.
     """
 
     place: str  # for messages
@@ -53,15 +53,15 @@ class Obj:
     sizes: Int64Array
     runs: list[ObjRun]
     run_of_face: Int64Array
-    libraries: list[str]  # as `mtllib` lines name them, each once
-    without_faces: dict[str, int]  # kinds of lines of curves and points, and how many
-    header: str  # comments at the file's start, where authors put their terms
+    libraries: list[str]  # names in `mtllib` lines, without repetition
+    without_faces: dict[str, int]  # keyword of curves and points -> number of lines
+    header: str  # comments at the start of the file, which may name the licence
 
     def mesh(self, faces: Int64Array | None = None, flip_v: bool = True) -> Mesh:
-        """The mesh of some faces (indices), of all by default; polygons become fans.
+        """Return the mesh of some faces (indices), of all by default; polygons become fans.
 
-        Normals where all corners have them, else None; texture coordinates alike. `flip_v`
-        turns v round, as Mitsuba does unless told otherwise. Raises `InputError`.
+        It has normals if all corners have one, and likewise texture coordinates. `flip_v` maps v
+        to 1 - v, like Mitsuba by default. Raises `InputError`.
         """
         sizes, corners = self.sizes, self.corners
         if faces is not None:
@@ -104,7 +104,7 @@ class Obj:
 
 
 def read_obj(path: Path) -> Obj:
-    """An OBJ file; `InputError` names what is damaged."""
+    """Read an OBJ file; `InputError` names the damage."""
     size = path.stat().st_size
     if size > MAX_BYTES:
         raise InputError(f"{path}: {size / 2**20:.0f} MiB; at most {MAX_BYTES >> 20} MiB")
@@ -113,7 +113,7 @@ def read_obj(path: Path) -> Obj:
 
 @dataclass
 class _Lines:
-    """The lines of an OBJ by keyword."""
+    """Lines of an OBJ file by keyword."""
 
     tables: tuple[list[bytes], list[bytes], list[bytes]] = ((), (), ())  # type: ignore[assignment]
     faces: list[bytes] = field(default_factory=list)
@@ -125,7 +125,7 @@ class _Lines:
 
 
 def parse_obj(data: bytes, place: str) -> Obj:
-    """The bytes of an OBJ file; messages of `InputError` begin with `place`."""
+    """Parse the bytes of an OBJ file; messages of `InputError` begin with `place`."""
     text = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     lines = text.replace(b"\\\n", b" ").split(b"\n")
     found = _sorted_lines(lines)
@@ -153,7 +153,7 @@ def parse_obj(data: bytes, place: str) -> Obj:
 
 
 def decode_text(data: bytes) -> str:
-    """Names in OBJ and MTL files: UTF-8 where it is valid, else Latin-1."""
+    """Decode text of an OBJ or MTL file: as UTF-8 if that is valid, else as Latin-1."""
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError:
@@ -180,7 +180,7 @@ def _sorted_lines(lines: list[bytes]) -> _Lines:
             found.run_of_face.append(number)
         elif word == b"mtllib":
             name = decode_text(rest.strip())
-            # Names may hold blanks, and several names may stand in a line.
+            # A line may hold one name with blanks, or several names.
             found.libraries += [name] if name.lower().count(".mtl") < 2 else name.split()
         elif word in (b"o", b"g", b"usemtl", b"s"):
             run, number = _changed(run, word, decode_text(rest.strip())), -1
@@ -202,7 +202,7 @@ def _changed(run: ObjRun, word: bytes, name: str) -> ObjRun:
 
 
 def _table(rows: list[bytes], columns: int, least: int, place: str) -> Float64Array:
-    """Lines of numbers as (N, columns); what a line lacks beyond `least` values is 0."""
+    """Parse lines of numbers to (N, columns); values after the first `least` default to 0."""
     if not rows:
         return np.zeros((0, columns))
     widths = np.array([len(row.split()) for row in rows])
@@ -225,7 +225,7 @@ def _table(rows: list[bytes], columns: int, least: int, place: str) -> Float64Ar
 
 
 def _corners(found: _Lines, place: str) -> tuple[Int64Array, Int64Array]:
-    """All corners as one-based rows of (v, vt, vn), 0 where absent, and each face's count."""
+    """Return all corners (C, 3) as one-based (v, vt, vn), 0 for none, and the sizes (F,)."""
     words = [face.split() for face in found.faces]
     sizes = np.array([len(word) for word in words], dtype=np.int64)
     if sizes.sum() > 4 * MAX_TRIANGLES:
@@ -246,7 +246,7 @@ def _corners(found: _Lines, place: str) -> tuple[Int64Array, Int64Array]:
 
 
 def _like_corners(text: bytes, count: int) -> Int64Array | None:
-    """`count` corners, words in `text`, if all are written alike; none of them negative."""
+    """Parse `count` corners without negative indices if all have the same form, else None."""
     if not count:
         return None
     slash, space = b"/ "
@@ -267,7 +267,7 @@ def _like_corners(text: bytes, count: int) -> Int64Array | None:
 
 
 def _corner(token: bytes, counts: tuple[int, ...]) -> list[int]:
-    """The indices of one corner; negative ones count back from the `counts` read so far."""
+    """Parse one corner; negative indices count back from the `counts` read so far."""
     parts = [int(part) if part else 0 for part in token.split(b"/")[:3]]
     parts += [0] * (3 - len(parts))
     for column, count in enumerate(counts):
@@ -291,7 +291,7 @@ def _shown(data: bytes) -> str:
 
 
 def distinct_rows(values: Int64Array) -> list[tuple[int, Int64Array]]:
-    """Each value that occurs, in order of size, with the indices where it stands."""
+    """Return each distinct value, ascending, with the indices at which it occurs."""
     order = np.argsort(values, kind="stable")
     numbers, first = np.unique(values[order], return_index=True)
     groups = np.split(order, first[1:]) if len(order) else []

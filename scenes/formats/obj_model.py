@@ -1,4 +1,4 @@
-"""Furniture models from OBJ and MTL: parts by group and material, the defaults of Java 3D."""
+"""Furniture models from OBJ and MTL, with the default materials of Java 3D."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _UNNAMED = "default"  # group or material
 def read_obj_model(
     data: bytes, place: str, library: Callable[[str], dict[str, ModelMaterial]]
 ) -> Model:
-    """An OBJ's faces by group and material; `library` reads the materials of an MTL by name.
+    """Read an OBJ to parts by group and material; `library` returns the materials of an MTL.
 
     Raises `UnreadableModel`.
     """
@@ -61,9 +61,9 @@ def read_obj_model(
 def read_model_materials(
     data: bytes, place: str, find: Callable[[str], str | None]
 ) -> dict[str, ModelMaterial]:
-    """The materials of an MTL; `find` gives the member for an image's name, or None.
+    """Read the materials of an MTL; `find` returns the member for the name of an image, or None.
 
-    Damaged lines leave the defaults.
+    Damaged lines are skipped and leave the defaults.
     """
     found = read_mtl(data, place, on_damage=lambda _error: None)
     return {name: _material(mtl, find) for name, mtl in found.items()}

@@ -1,4 +1,4 @@
-"""PLY meshes: a reader of ASCII and binary files of either byte order, a writer of binary ones."""
+"""Reader and writer of PLY meshes; reads ASCII and binary files, writes little-endian ones."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ PlyElement = tuple[str, int, list[PlyProperty]]
 
 
 def read_ply(path: Path) -> Mesh:
-    """A PLY, ASCII or binary of either byte order."""
+    """Read a triangle or polygon mesh, ASCII or binary of either byte order.
+
+    Polygons become fans. Raises `InputError`.
+    """
     data = _bytes(path)
     end = data.find(b"end_header")
     if not data.startswith(b"ply") or end < 0 or end > 2**20:
@@ -156,7 +159,7 @@ def _ply_binary(
             tables[name] = {column: rows[column] for column, _, _ in properties}
             at += count * row.itemsize
             continue
-        # The usual case: every list holds three indices, so that rows have one size.
+        # Common case: every list holds three indices, so that all rows have one size.
         row = np.dtype(
             [
                 field
@@ -185,7 +188,7 @@ def _ply_binary(
 def _ply_polygons(
     path: Path, data: bytes, at: int, count: int, properties: list[PlyProperty], order: str
 ) -> tuple[dict, int]:
-    """Faces with any number of corners, one by one."""
+    """Read faces with any number of corners, one by one; returns tables and the end offset."""
     triangles: dict[str, list] = {column: [] for column, _, counter in properties if counter}
     try:
         for _ in range(count):

@@ -1,4 +1,4 @@
-"""Meshes of Mitsuba's `.serialized` files."""
+"""Reader of Mitsuba's `.serialized` meshes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAX_BYTES = 512 * 2**20
 
 
 def read_serialized(path: Path, index: int) -> Mesh:
-    """Mesh number `index` of a Mitsuba `.serialized` file (versions 3 and 4)."""
+    """Read mesh number `index` of a `.serialized` file (versions 3 and 4); raises `InputError`."""
     size = path.stat().st_size
     if size > MAX_BYTES:
         raise InputError(f"{path}: {size / 2**20:.0f} MiB; at most {MAX_BYTES >> 20} MiB")
@@ -31,7 +31,7 @@ def read_serialized(path: Path, index: int) -> Mesh:
         if count == 0 or table < 4:
             raise InputError(f"{path}: truncated; its table of meshes is damaged")
         if not 0 <= index < count:
-            raise InputError(f"{path}: has {count} meshes, number {index} was asked for")
+            raise InputError(f"{path}: has {count} meshes; mesh {index} does not exist")
         stream.seek(table + width * index)
         (offset,) = struct.unpack("<Q" if width == 8 else "<I", stream.read(width))
         end = table

@@ -1,1 +1,1 @@
-"""Triangle meshes and the primitive shapes of Mitsuba."""
+"""Triangle meshes, primitive shapes of Mitsuba, directions and camera frames."""

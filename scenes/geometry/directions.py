@@ -1,4 +1,4 @@
-"""Directions: unit vectors, even spreads over the sphere, rays through pixels."""
+"""Directions: unit vectors, uniform points on the sphere, rays through pixels."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from scenes.arrays import Float64Array
 
 
 def unit(vectors: npt.ArrayLike) -> Float64Array:
-    """Vectors (..., 3) scaled to length 1; zero stays zero."""
+    """Normalise vectors (..., 3) to float64 unit vectors; zero vectors stay zero."""
     vectors = np.asarray(vectors, dtype=np.float64)
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(length > 0, length, 1)
 
 
 def fibonacci_sphere(count: int) -> Float64Array:
-    """Unit vectors (count, 3) spread evenly over the sphere, on a Fibonacci spiral about z."""
+    """Return unit vectors (count, 3) evenly on the sphere: a Fibonacci spiral about z."""
     index = np.arange(count)
     z = 1 - (2 * index + 1) / count
     angle = index * math.pi * (3 - math.sqrt(5))
@@ -27,7 +27,10 @@ def fibonacci_sphere(count: int) -> Float64Array:
 
 
 def pixel_directions(intrinsics: npt.ArrayLike, width: int, height: int) -> Float64Array:
-    """Directions (H, W, 3) through the pixel centres, z = 1, in the camera frame of OpenCV."""
+    """Return directions (H, W, 3) through the pixel centres, z = 1, in the OpenCV camera frame.
+
+    `intrinsics` is K, (3, 3), in pixels.
+    """
     inverse = np.linalg.inv(np.asarray(intrinsics, dtype=np.float64))
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     return np.stack([x, y, np.ones_like(x)], axis=-1) @ inverse.T

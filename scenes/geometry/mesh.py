@@ -1,7 +1,7 @@
 """Triangle meshes: cleaning, normals, creases, areas.
 
-Coordinates are the file's own. Texture coordinates are Mitsuba's: v = 0 is an image's top row,
-which is why an OBJ's v is turned round and the others' is not.
+Coordinates are in the units of the file. Texture coordinates follow Mitsuba: v = 0 is the top row
+of an image, so the v of OBJ files is flipped.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import numpy as np
 from scenes.arrays import BoolArray, Float64Array, Int64Array
 from scenes.errors import InputError
 
-FARTHEST = 1e12  # units from the origin that a vertex may lie
-FARTHEST_UV = 1e5  # beyond, float32 has no texels left and textures return nonsense, even 1e9
+FARTHEST = 1e12  # largest coordinate of a vertex
+FARTHEST_UV = 1e5  # beyond this float32 cannot resolve texels, and lookups fail
 MAX_TRIANGLES = 10_000_000  # of one mesh; the whole scene has a limit of its own
 
 
@@ -33,7 +33,7 @@ class Mesh:
 
     @property
     def corners(self) -> Float64Array:
-        """The triangles' corner positions, (F, 3, 3)."""
+        """Corner positions of the triangles, (F, 3, 3)."""
         return self.vertices[self.faces]
 
     @property
@@ -42,7 +42,7 @@ class Mesh:
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
     def transformed(self, matrix: Float64Array) -> Mesh:
-        """The mesh under an affine map; a mirroring one keeps the front at the front."""
+        """Return the mesh under an affine map (4, 4); mirroring reverses the winding of faces."""
         linear = matrix[:3, :3]
         vertices = self.vertices @ linear.T + matrix[:3, 3]
         normals, faces = self.normals, self.faces
@@ -53,12 +53,12 @@ class Mesh:
         return Mesh(vertices, faces, normals, self.uvs)
 
     def flipped(self) -> Mesh:
-        """Front and back exchanged."""
+        """Return the mesh with front and back exchanged."""
         normals = None if self.normals is None else -self.normals
         return replace(self, faces=self.faces[:, ::-1], normals=normals)
 
     def subset(self, keep: BoolArray) -> Mesh:
-        """Only the faces where `keep` (F,) holds, and the vertices they use."""
+        """Return the faces where `keep` (F,) is true, and the vertices that they use."""
         faces = self.faces[keep]
         used, inverse = np.unique(faces, return_inverse=True)
         return Mesh(
@@ -70,14 +70,14 @@ class Mesh:
 
 
 def face_areas(corners: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Areas (F,) and unit normals (F, 3; zero where degenerate) of triangles (F, 3, 3)."""
+    """Return areas (F,) and unit normals (F, 3), zero if degenerate, of triangles (F, 3, 3)."""
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(cross, axis=1)
     return 0.5 * length, cross / np.maximum(length, 1e-300)[:, None]
 
 
 def cleaned(mesh: Mesh, where: str) -> tuple[Mesh, int]:
-    """The mesh without zero-area triangles, and how many those were.
+    """Return the mesh without zero-area triangles, and the number of removed triangles.
 
     Raises `InputError` for NaN or infinite vertices and for indices beyond the vertex list.
     """
@@ -111,7 +111,7 @@ def cleaned(mesh: Mesh, where: str) -> tuple[Mesh, int]:
 
 
 def smooth_normals(vertices: Float64Array, faces: Int64Array) -> Float64Array:
-    """Vertex normals weighted by the angle at each corner (Thürmer and Wüthrich 1998)."""
+    """Return vertex normals (V, 3) weighted by corner angles (Thürmer and Wüthrich 1998)."""
     corners = vertices[faces]
     _, face = face_areas(corners)
     normals = np.zeros_like(vertices)
@@ -125,7 +125,10 @@ def smooth_normals(vertices: Float64Array, faces: Int64Array) -> Float64Array:
 
 
 def creased(mesh: Mesh, degrees: float) -> Mesh:
-    """Smooth normals across edges up to `degrees` apart, creases elsewhere (`maxSmoothAngle`)."""
+    """Return a mesh with normals smooth across edges up to `degrees`, creased elsewhere.
+
+    Mitsuba's `maxSmoothAngle`; no vertex is shared in the result.
+    """
     corners = mesh.corners
     _, face = face_areas(corners)
     weights = np.stack([_corner_angle(corners, corner) for corner in range(3)], axis=1).ravel()
@@ -139,7 +142,7 @@ def creased(mesh: Mesh, degrees: float) -> Mesh:
     if int((sizes.astype(np.int64) ** 2).sum()) > 200_000_000:
         return replace(mesh, normals=smooth_normals(mesh.vertices, mesh.faces))
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    # Every pair (a, b) of corners that meet in one point, a's normal gathering b's.
+    # All pairs (a, b) of corners at the same point; the normal of a sums those of b.
     size_of = np.repeat(sizes, sizes)
     first = np.repeat(np.arange(len(order)), size_of)
     offset = np.arange(len(first)) - np.repeat(np.cumsum(size_of) - size_of, size_of)

@@ -1,4 +1,4 @@
-"""Mitsuba's analytic shapes as triangle meshes, in their own frame."""
+"""Mitsuba's analytic shapes as triangle meshes, in their local frames."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ SIDES = 96
 
 
 def rectangle() -> Mesh:
-    """[-1, 1]^2 in the plane z = 0, facing +z, uv [0, 1]^2."""
+    """Return [-1, 1]^2 in the plane z = 0, facing +z, with uv in [0, 1]^2."""
     uvs = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
     vertices = np.column_stack([2 * uvs - 1, np.zeros(4)])
     return Mesh(vertices, np.array([[0, 1, 2], [0, 2, 3]]), None, uvs)
 
 
 def cube() -> Mesh:
-    """[-1, 1]^3, facing outwards; each face has uv [0, 1]^2, laid out as Mitsuba does."""
+    """Return [-1, 1]^3, facing outwards; each face has uv in [0, 1]^2 as in Mitsuba."""
     # Directions of the normal, of u and of v, face by face.
     x, y, z = np.eye(3)
     sides = [(-y, z, x), (y, -x, -z), (x, y, -z), (z, y, x), (-x, y, z), (-z, -y, x)]
@@ -32,7 +32,7 @@ def cube() -> Mesh:
 
 
 def disk() -> Mesh:
-    """The unit disk in the plane z = 0, facing +z; u is the radius, v the angle."""
+    """Return the unit disk in the plane z = 0, facing +z; u is the radius, v the angle."""
     angle = np.linspace(0, 2 * np.pi, SIDES + 1)
     rim = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(SIDES + 1)])
     centre = np.zeros((SIDES, 3))
@@ -47,7 +47,7 @@ def disk() -> Mesh:
 
 
 def cylinder(start: Float64Array, end: Float64Array, radius: float) -> Mesh:
-    """An open tube from `start` to `end`, facing outwards; u is the angle, v the length."""
+    """Return an open cylinder from `start` to `end`, facing outwards; u: angle, v: length."""
     axis = end - start
     frame = _frame(axis / np.linalg.norm(axis))
     angle = np.linspace(0, 2 * np.pi, SIDES + 1)
@@ -66,7 +66,7 @@ def cylinder(start: Float64Array, end: Float64Array, radius: float) -> Mesh:
 
 
 def sphere() -> Mesh:
-    """The unit sphere with smooth normals; u is the azimuth, v the polar angle from +z."""
+    """Return the unit sphere with smooth normals; u: azimuth, v: polar angle from +z."""
     u = np.linspace(0, 1, SIDES + 1)
     v = np.linspace(0, 1, SIDES // 2 + 1)
     azimuth, polar = np.meshgrid(2 * np.pi * u, np.pi * v)
@@ -81,7 +81,7 @@ def sphere() -> Mesh:
             np.column_stack([start, start + row + 1, start + 1]),
         ]
     )
-    # The triangles that touch a pole's doubled corner have no area.
+    # Remove the triangles at the poles that have no area.
     corners = vertices[faces]
     area = np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
@@ -91,7 +91,7 @@ def sphere() -> Mesh:
 
 
 def _frame(normal: Float64Array) -> Float64Array:
-    """A rotation (3, 3) whose last column is `normal`, the one Mitsuba takes.
+    """Return the rotation (3, 3) with last column `normal` that Mitsuba uses.
 
     Duff et al., *Building an Orthonormal Basis, Revisited* (2017).
     """

@@ -12,9 +12,9 @@ def look_at(
     target: Float64Array,
     up: Float64Array,
 ) -> Float64Array:
-    """Mitsuba's camera frame, (4, 4) camera to world: x to the left, y up, z towards the target.
+    """Return camera to world (4, 4) in Mitsuba's axes: x left, y up, z towards the target.
 
-    Raises `ValueError` if the three span no frame.
+    Raises `ValueError` if the three vectors span no frame.
     """
     forward = target - origin
     left = np.cross(up, forward)

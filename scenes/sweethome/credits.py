@@ -1,4 +1,4 @@
-"""Whose work a home and its parts are, and on what terms: from properties, comments, licences."""
+"""Authors and licences of a home and its parts, from properties, comments and licence files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scenes.sweethome.home import Home, Texture
 
 _CC_URL = re.compile(
     r"creativecommons\.org/(?P<kind>licenses|publicdomain)/(?P<terms>[a-z-]+)/(?P<version>\d\.\d)"
-    r"(?:/(?P<region>at|au|de|nl|us)(?![a-z]))?",  # ports that have an SPDX name of their own
+    r"(?:/(?P<region>at|au|de|nl|us)(?![a-z]))?",  # ports with an SPDX identifier
     re.IGNORECASE,
 )
 _CC_NAME = re.compile(
@@ -25,7 +25,7 @@ _SOURCE = "Sweet Home 3D home"
 
 
 def licence_in(text: str) -> str:
-    """An SPDX-like name for the terms that a text speaks of; "" if it speaks of none we know."""
+    """Return an SPDX-like identifier of the licence that a text names; "" if none is known."""
     commons = _CC_URL.search(text)
     if commons:
         terms = commons["terms"].upper()
@@ -50,7 +50,7 @@ def licence_in(text: str) -> str:
 
 
 class Credits:
-    """Gathers who made what; one credit for each author and licence."""
+    """Collects credits of the parts of a home, one for each author and licence."""
 
     def __init__(self, home: Home, archive: HomeArchive, title: str, licence: str, author: str):
         self._archive = archive
@@ -65,7 +65,7 @@ class Credits:
         )
 
     def model(self, name: str, creator: str, member: str, model: Model) -> None:
-        """Note a model in use: its licence stands in its comment or in a file beside it."""
+        """Add a model; its licence is in its comment or in a file beside it."""
         licence = licence_in(model.header)
         for other in self._archive.folder(member):
             if not licence and _LICENCE_FILE.search(other.rpartition("/")[2]):
@@ -75,7 +75,7 @@ class Credits:
         self._note(creator, licence, name)
 
     def texture(self, texture: Texture | None) -> None:
-        """Note a texture in use."""
+        """Add a texture, if any."""
         if texture is not None:
             self._note(texture.creator, "", f"texture {texture.name}")
 
@@ -83,7 +83,7 @@ class Credits:
         self._parts.setdefault((creator or "unknown", licence or "unknown"), set()).add(name)
 
     def all(self, changes: Changes) -> tuple[Credit, ...]:
-        """The home's credit, then those of its parts in the order of authors."""
+        """Return the credit of the home, then those of its parts, sorted by author."""
         made = [self._home]
         for (author, licence), names in sorted(self._parts.items()):
             part = ", ".join(sorted(names))

@@ -1,6 +1,6 @@
-"""What a home holds, as `Home.xml` says it: centimetres, radians, plan y down, sRGB integers.
+"""Contents of `Home.xml` as dataclasses: centimetres, radians, plan y down, sRGB integers.
 
-Names are those of the application's DTD. `None` stands for an attribute that is not there.
+Names follow the DTD of the application. `None` means that the attribute is absent.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ Matrix = tuple[tuple[float, ...], ...]  # rows
 
 @dataclass(frozen=True)
 class Texture:
-    """An image laid over a surface: `width` x `height` cm, turned by `angle`, times `scale`.
+    """An image on a surface: `width` x `height` cm, rotated by `angle`, times `scale`.
 
     The offsets are fractions of the image's size.
     """
@@ -32,7 +32,7 @@ class Texture:
 
 @dataclass(frozen=True)
 class Surface:
-    """How a side is finished: `color` 0xAARRGGBB, `shininess` in [0, 1]."""
+    """Finish of a side: `color` 0xAARRGGBB, `shininess` in [0, 1]."""
 
     color: int | None = None
     texture: Texture | None = None
@@ -115,9 +115,9 @@ class Bulb:
 
 @dataclass(frozen=True)
 class Cut:
-    """The part of a door's or window's front that is cut out of walls, as fractions of it."""
+    """The part of the front of a door or window that is cut out of walls, as fractions."""
 
-    shape: str | None  # SVG-like path in the unit square, y down; None: the whole
+    shape: str | None  # SVG path in the unit square, y down; None: the whole front
     left: float = 0.0
     width: float = 1.0
     top: float = 0.0
@@ -129,7 +129,7 @@ class HomePiece:
     """A piece of furniture, a door or window (`cut`), or a lamp (`bulbs`)."""
 
     id: str
-    kind: str  # the element's name
+    kind: str  # name of the XML element
     name: str
     catalog_id: str
     creator: str
@@ -157,7 +157,7 @@ class HomePiece:
     cut: Cut | None = None
     power: float = 0.0
     bulbs: tuple[Bulb, ...] = ()
-    emissive_materials: tuple[str, ...] = ()  # names of the lamp's materials that give its light
+    emissive_materials: tuple[str, ...] = ()  # names of the materials of a lamp that emit light
 
 
 @dataclass(frozen=True)

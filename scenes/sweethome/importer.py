@@ -1,4 +1,4 @@
-"""The import of one Sweet Home 3D home: read, build, furnish, light, write."""
+"""Importer of one Sweet Home 3D home: read, build, furnish, light, write."""
 
 from __future__ import annotations
 
@@ -53,16 +53,23 @@ from scenes.sweethome.sun import Sky, make_sky
 from scenes.sweethome.views import default_camera, stored_cameras
 from scenes.sweethome.writer import write_scene
 
-_RESERVED_STEMS = ("wall", "floor", "ceiling", "skirting", "slab", "ground")  # ids that we give
+_RESERVED_STEMS = (
+    "wall",
+    "floor",
+    "ceiling",
+    "skirting",
+    "slab",
+    "ground",
+)  # beginnings of generated ids
 MAX_TRIANGLES = 20_000_000  # of a whole home
-# Pieces stand and hang a hair above where they are drawn, neighbours by different amounts: else
-# faces that lie in floors, sills and tops of other pieces would show in patches.
-_LIFT, _LIFT_STEPS = 0.02, 8  # cm; how many different amounts
+# Pieces are lifted slightly, neighbours by different amounts, so that no faces coincide with
+# floors, sills and tops of other pieces.
+_LIFT, _LIFT_STEPS = 0.02, 8  # cm; number of different amounts
 
 
 @dataclass(frozen=True)
 class _Level:
-    """A storey with all that was planned for it."""
+    """A storey with its planned walls, openings, spaces and ceiling heights."""
 
     storey: Storey
     walls: list[PlannedWall]
@@ -207,7 +214,7 @@ def _building_items(levels: list[_Level], changes: Changes) -> list[PlacedItem]:
 
 
 def _cutting_pieces(levels: list[_Level]) -> set[int]:
-    """Which openings (by identity of their pieces) cut a wall of any level."""
+    """Return the `id()` of each piece whose opening cuts a wall of any level."""
     walls = [(one.outline.region, is_round(one.wall)) for level in levels for one in level.walls]
     regions = [region for region, _ in walls]
     tree = shapely.STRtree(regions)
@@ -230,7 +237,7 @@ def _furniture_items(
     credits: Credits,
     changes: Changes,
 ) -> tuple[list[PlacedItem], list[MissingPiece]]:
-    """The pieces as things, and those whose model cannot be shown."""
+    """Return the pieces as items, and the records of those whose model cannot be read."""
     items: list[PlacedItem] = []
     missing: list[MissingPiece] = []
     taken: set[str] = set()
@@ -290,7 +297,7 @@ def _placed_model(
 
 
 def _rooms(levels: list[_Level]) -> tuple[list[Room], list[tuple[Any, int]]]:
-    """The indoor rooms, and for each its floor region and storey number."""
+    """Return the indoor rooms, and for each its region and the number of its storey."""
     rooms: list[Room] = []
     inside: list[tuple[Any, int]] = []
     for level in levels:
@@ -325,7 +332,7 @@ def _room_at(
     inside: list[tuple[Any, int]],
     margin: float,
 ) -> str | None:
-    """The room that holds a point (3,); of overlapping ones the last."""
+    """Return the room that contains a point (3,), the last of overlapping ones; or None."""
     for room, (region, _) in zip(reversed(rooms), reversed(inside), strict=True):
         if (
             room.floor_z - 0.3 <= point[2] <= room.ceiling_z + 0.3
@@ -349,7 +356,7 @@ def _with_room(item: PlacedItem, rooms: list[Room], inside: list[tuple[Any, int]
 def _portals(
     levels: list[_Level], rooms: list[Room], inside: list[tuple[Any, int]], pieces: list[PlacedItem]
 ) -> tuple[list[Portal], set[str]]:
-    """Portals to the outside, and the rooms that light comes into through some opening."""
+    """Return the portals to the outside, and the rooms that light enters through an opening."""
     portals: list[Portal] = []
     lit: set[str] = set()
     regions = {
@@ -392,7 +399,7 @@ def _described_rooms(
     lost: list[tuple[MissingPiece, str | None]],
     lit: set[str],
 ) -> list[Room]:
-    """The rooms with names, types and whether light comes in; `lost` pieces tell the type, too."""
+    """Add names, types and `has_light` to the rooms; missing pieces also indicate the type."""
     names: dict[str, int] = {}
     made = []
     lamps = {item.room for item in items if item.category == "lamp"}
@@ -421,7 +428,7 @@ def _textures(home: Home) -> list:
 
 
 def _weight(item: PlacedItem) -> float:
-    """How often a lamp is sampled beside others: by its flux, a strong one not too often."""
+    """Return the sampling weight of a lamp: the square root of its flux over 800 lm."""
     return round(math.sqrt(item.lumens / 800.0), 4)
 
 

@@ -1,4 +1,4 @@
-"""`Home.xml` into `Home`: every attribute checked, what is not understood noted, not dropped."""
+"""Parser of `Home.xml`: checks every attribute and notes elements that it does not support."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ NEWEST = 7500  # the newest version whose elements this module knows
 _MAX_ELEMENTS = 500_000
 _MAX_ITEMS = 20_000  # walls, rooms, pieces
 _MAX_POINTS = 5_000  # of one room
-_FAR = 1e6  # cm: no home reaches further
-_THINNEST = 0.5  # cm: walls drawn as lines are sheets, as the application shows them
+_FAR = 1e6  # cm: largest coordinate
+_THINNEST = 0.5  # cm: thinner walls become sheets of this thickness, as in the application
 _FURNITURE = ("pieceOfFurniture", "doorOrWindow", "light", "shelfUnit")
-_DEPTH = 32  # of groups in groups
-# Known inside of others, whether there is a use for them here or not.
+_DEPTH = 32  # of nested groups
+# Known nested elements, used or not.
 _NESTED = ("property", "texture", "material", "transformation", "lightSource",
           "lightSourceMaterial", "sash", "shelf", "baseboard", "point", "textStyle", "text",
           "backgroundImage", "printedLevel", "camera", "observerCamera", *_FURNITURE,
           "furnitureGroup")  # fmt: skip
-# Known to the application, without a place in a scene of ours.
+# Known elements that have no equivalent in a scene; ignored silently.
 _IGNORED = ("property", "furnitureVisibleProperty", "print", "backgroundImage")
 _REPORTED = {
     "polyline": "polylines on the plan were left out",
@@ -54,7 +54,7 @@ _REPORTED = {
 
 
 class _Attributes:
-    """The attributes of one element as numbers, switches and colours."""
+    """Attributes of one element, converted to numbers, flags and colours."""
 
     def __init__(self, element: Element, path: Path) -> None:
         self._element, self._path = element, path
@@ -142,7 +142,7 @@ class _Reader:
         return Texture(
             image=get.text("image"),
             name=get.text("name"),
-            # -1 x -1 marks textures taken from models: a metre a side, as in the application.
+            # -1 x -1 marks textures of models: 1 m a side, as in the application.
             width=width if width > 0 else 100.0,
             height=height if height > 0 else 100.0,
             x_offset=get.number("xOffset", 0.0),
@@ -219,7 +219,7 @@ class _Reader:
     def baseboard(self, element: Element, side: Surface) -> Baseboard:
         get = self.attributes(element)
         color, texture = get.color("color"), self.texture(element.find("texture"))
-        # A baseboard without a colour of its own is painted like its wall.
+        # A baseboard without colour and texture has the finish of its wall.
         surface = side if color is None and texture is None else Surface(color, texture)
         return Baseboard(get.size("thickness"), get.size("height"), surface)
 
@@ -241,7 +241,7 @@ class _Reader:
         )
 
     def pieces(self, element: Element, level: str | None, depth: int) -> list[HomePiece]:
-        """The visible pieces of an element; groups give their members, which know their places."""
+        """Return the visible pieces of an element; members of groups have absolute positions."""
         get = self.attributes(element)
         if not get.flag("visible", True):
             self.hidden[get.text("name") or element.tag] += 1

@@ -1,4 +1,4 @@
-"""Where the sun stands over a home, and the sky it makes.
+"""Position of the sun over a home, and the emitter for sun and sky.
 
 Position by the low-precision formulas of the Astronomical Almanac (Michalsky 1988), good to
 about 0.01 degrees between 1950 and 2050.
@@ -21,15 +21,15 @@ from scenes.sweethome.home import Home
 
 TURBIDITY = 3.5
 _EPOCH = datetime(2000, 1, 1, 12, tzinfo=UTC)
-_NIGHT = -6.0  # degrees of the sun's height below which the sky is dark (civil twilight)
-_LOWEST = 1.5  # degrees: `sunsky` is lit by a sun at least this high
+_NIGHT = -6.0  # degrees: elevation of the sun below which it is night (civil twilight)
+_LOWEST = 1.5  # degrees: lowest elevation of the sun in `sunsky`
 _NIGHT_LUX = 1.0
-_PARIS = (0.8529, 0.0407)  # latitude, longitude: where the application's makers are
+_PARIS = (0.8529, 0.0407)  # latitude, longitude, radians: default of homes without a location
 
 
 @dataclass(frozen=True)
 class Sky:
-    """What is outside: the emitter, what it is in `scene.json`, and the sun's place."""
+    """Emitter for sun and sky, its lights in `scene.json`, and the position of the sun."""
 
     emitter: Element
     lights: tuple[Light, ...]
@@ -40,14 +40,14 @@ class Sky:
 
     @property
     def is_day(self) -> bool:
-        """Whether the sun is up."""
+        """True if the sun is above the horizon."""
         return any(light.kind == "sun" for light in self.lights)
 
 
 def sun_position(when: datetime, latitude: float, longitude: float) -> tuple[float, float]:
-    """Height and azimuth (clockwise from north) of the sun, radians; no refraction.
+    """Return elevation and azimuth (clockwise from north) of the sun, radians; no refraction.
 
-    `when` is aware; latitude and longitude (east positive) are radians.
+    `when` has a time zone; latitude and longitude (east positive) are radians.
     """
     days = (when - _EPOCH).total_seconds() / 86400
     mean = math.radians(280.460 + 0.9856474 * days)
@@ -70,16 +70,16 @@ def sun_position(when: datetime, latitude: float, longitude: float) -> tuple[flo
 
 
 def local_time(milliseconds: int, zone: tzinfo) -> datetime:
-    """The time of a home: its clock's reading, stored as if it were that of Greenwich."""
+    """Return the local time of a home; the file stores it as milliseconds as if it were UTC."""
     reading = datetime(1970, 1, 1) + timedelta(milliseconds=milliseconds)
     return reading.replace(tzinfo=zone)
 
 
 def make_sky(home: Home, time: str | None, lamp_weight: float, changes: Changes) -> Sky:
-    """The sky at the home's time, or at local `time` ("HH:MM") of its day.
+    """Return the sky at the time of the home, or at local `time` ("HH:MM") on its day.
 
-    `lamp_weight` is the sum of the lamps' sampling weights. Raises `ParameterError` for a time
-    that is none.
+    `lamp_weight` is the sum of the sampling weights of the lamps. Raises `ParameterError` for an
+    invalid time.
     """
     latitude, longitude = home.compass.latitude, home.compass.longitude
     if latitude is None or longitude is None:
@@ -87,7 +87,7 @@ def make_sky(home: Home, time: str | None, lamp_weight: float, changes: Changes)
         changes.note("the home does not say where it stands; Paris was taken")
     when = _local_datetime(home, time, longitude, changes)
     height, azimuth = sun_position(when, latitude, longitude)
-    # The plan's up is north when the compass points there; its angles run clockwise.
+    # `north` is the direction of north on the plan, clockwise from up.
     angle = azimuth + home.compass.north - math.pi / 2
     flat = math.cos(height)
     direction = (flat * math.cos(angle), -flat * math.sin(angle), math.sin(height))
@@ -121,7 +121,7 @@ def _emitter(
     x, y = (math.cos(up) * value / flat for value in direction[:2])
     sun, sky = 1.0, 1.0
     if elevation < _LOWEST:
-        # Dusk: no sun, and a sky that halves about every degree (civil twilight: 1/60 in six).
+        # Dusk: no sun; the sky halves about every degree (civil twilight: 1/60 in six degrees).
         sun, sky = 0.0, 0.3 * 2.0 ** (elevation - _LOWEST)
     made = plugin("emitter", "sunsky", turbidity=TURBIDITY, sun_scale=sun, sky_scale=sky)
     made.set("id", "sky")
@@ -153,7 +153,7 @@ def _local_datetime(home: Home, time: str | None, longitude: float, changes: Cha
     except (ValueError, OverflowError):
         if time is not None:
             raise ParameterError(
-                f"time: {time!r} is no time of day; give it as HH:MM, such as 18:30"
+                f"time: {time!r} is not a time of day; give it as HH:MM, such as 18:30"
             ) from None
         changes.note("the home's time cannot be read; noon of a June day was taken")
         when = datetime(2020, 6, 21, 12, tzinfo=zone)

@@ -1,4 +1,4 @@
-"""A home's cameras as views that it offers."""
+"""Stored cameras of a home as views, and a default camera."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ _EYE = 1.55
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole; `camera_to_world` has OpenCV's axes: x right, y down, z forward."""
+    """A pinhole camera; `camera_to_world` (4, 4) in OpenCV axes: x right, y down, z forward."""
 
     name: str
     camera_to_world: Float64Array
     half_fov_x: float
     width: int
     height: int
-    is_observer: bool = False  # where the home's visitor stands, which nobody stored
+    is_observer: bool = False  # the virtual visitor's, not a stored view
 
     @property
     def eye(self) -> Float64Array:
-        """Where it stands (3,), metres."""
+        """Position (3,), metres."""
         return self.camera_to_world[:3, 3]
 
     def as_view(self) -> dict[str, Any]:
-        """The camera as `scene.source["views"]` holds it."""
+        """Return the entry of `scene.source["views"]`."""
         return {
             "name": re.sub(r"[^A-Za-z0-9_-]+", "_", self.name).strip("_") or "view",
             "camera_to_world": self.camera_to_world.tolist(),
@@ -47,12 +47,12 @@ class Camera:
 
     @property
     def mitsuba_pose(self) -> Float64Array:
-        """The pose in Mitsuba's axes: x left, y up, z forward."""
+        """Camera to world (4, 4) in Mitsuba's axes: x left, y up, z forward."""
         return self.camera_to_world @ np.diag([-1.0, -1, 1, 1])
 
 
 def stored_cameras(home: Home, changes: Changes) -> list[Camera]:
-    """The stored cameras, then the visitor's; the one that hovers above is no view of a room."""
+    """Return the stored cameras, then the virtual visitor's; without the aerial camera."""
     made: list[Camera] = []
     seen: set[tuple] = set()
     order = {"storedCamera": 0, "observerCamera": 1}
@@ -77,7 +77,7 @@ def stored_cameras(home: Home, changes: Changes) -> list[Camera]:
 
 
 def _camera(camera: StoredCamera, width: int, height: int) -> Camera:
-    """Yaw turns clockwise on the plan from its lower side; pitch looks down."""
+    """Convert a camera; yaw is clockwise from the lower side of the plan, pitch is downwards."""
     pitch = min(max(camera.pitch, -0.499 * math.pi), 0.499 * math.pi)
     flat = math.cos(pitch)
     forward = np.array(
@@ -96,7 +96,7 @@ def _camera(camera: StoredCamera, width: int, height: int) -> Camera:
 
 
 def default_camera(rooms: list[Room], middle: Float64Array) -> Camera:
-    """A look across the largest room, or over the home, for files without a camera."""
+    """Return a view across the largest room, or over the home, for files without a camera."""
     if rooms:
         room = max(rooms, key=_area)
         corners = np.array(room.floor)

@@ -1,4 +1,4 @@
-"""The scene folder of a home: meshes as PLY, `scene.xml`, and the list of objects."""
+"""Writer of the scene folder of a home: meshes as PLY, `scene.xml`, and the list of objects."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def write_scene(
     camera: Camera,
     weight: Callable[[PlacedItem], float],
 ) -> list[SceneObject]:
-    """Write `scene.xml` and its meshes; the objects are those of `things`, in order."""
+    """Write `scene.xml` and its meshes; returns one object for each item, in order."""
     shapes, objects = [], []
     for item in items:
         names = []

@@ -100,8 +100,8 @@ class CeilingHeights:
         for number, point in enumerate(plan):
             away = np.linalg.norm(self._points - point, axis=1)
             top = self._tops[int(np.argmin(away))]
-            # If one of the walls at a corner slopes, their heights differ slightly: take the lowest,
-            # so that there is no gap above it.
+            # If a wall at this corner slopes, heights differ slightly: take the lowest, so that
+            # there is no gap above it.
             meeting = self._tops[away < away.min() + _SAME_CORNER]
             made[number] = meeting[np.abs(meeting - top) < _STEP].min()
         return 0.01 * made

@@ -1,7 +1,7 @@
-"""A catalogue piece into meshes, textures and figures of ours, checked.
+"""Conversion of a catalogue piece to an asset: meshes, textures, measures and checks.
 
-Model, sizes and finishes follow the application's rules, which `scenes.sweethome` implements for
-whole homes; here a piece stands alone at the origin.
+Model, sizes and finishes follow the rules of the application, as in the importer of homes; here
+a single piece is placed at the origin.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def _draw(folder: Path, asset: Asset) -> None:
 
 
 def _model(archive: HomeArchive, piece: CataloguePiece, changes: Changes) -> Model:
-    """The piece's model: a file in the catalogue, or in a zip in it."""
+    """Return the model of a piece: a file in the catalogue, or in a zip inside it."""
     try:
         return read_model(archive, piece.model, changes)
     except (UnreadableModel, InputError) as error:
@@ -115,7 +115,7 @@ def _model(archive: HomeArchive, piece: CataloguePiece, changes: Changes) -> Mod
 
 
 def _standing(piece: CataloguePiece, model: Model, changes: Changes) -> list[ItemPart]:
-    """The model's parts in the local frame, by finish, lit where the piece has light sources."""
+    """Return the parts in the local frame, merged by finish; those of lamps emit light."""
     width, depth, height = (100 * side for side in piece.size)
     described = home.HomePiece(
         id=piece.key,
@@ -143,7 +143,7 @@ def _standing(piece: CataloguePiece, model: Model, changes: Changes) -> list[Ite
         return merge_parts(stood.parts)
     lit, _ = lit_parts(described, stood.parts, stood.to_world, Changes())
     if not lit or np.abs(_extent(lit) - _extent(stood.parts)).max() > _THINNEST:
-        # Clear glass around the bulb would be left out, and with it the shade: let it be opal.
+        # `lit_parts` leaves out clear glass around a bulb. Make the shade frosted to keep it.
         opal = [
             replace(part, finish=_FROSTED_WHITE) if part.finish.kind in ("glass", "sheer") else part
             for part in stood.parts
@@ -155,15 +155,15 @@ def _standing(piece: CataloguePiece, model: Model, changes: Changes) -> list[Ite
 
 
 def _extent(parts: Sequence[ItemPart]) -> Float64Array:
-    """Size (3,) of all parts together."""
+    """Return the size (3,) of the bounds of all parts."""
     bounds = np.array([part.mesh.bounds for part in parts if part.sphere is None])
     return np.asarray(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0))
 
 
 def _bulbs(piece: CataloguePiece) -> tuple[home.Bulb, ...]:
-    """The piece's light sources; those around it, not in it, become one in its middle.
+    """Return the light sources of a piece; if any lies outside it, one in its centre instead.
 
-    The application never shows its light sources, so some catalogues put them into the air.
+    Some catalogues place light sources outside the lamp, as the application never shows them.
     """
     bulbs = tuple(
         home.Bulb(light.x, light.y, light.z, light.color, light.diameter) for light in piece.lights
@@ -192,7 +192,7 @@ def _checked(piece: CataloguePiece, parts: list[ItemPart]) -> float:
 
 
 def _mesh(part: ItemPart) -> Mesh:
-    """The part's mesh; a bulb is a real sphere, as it is part of a mesh library here."""
+    """Return the mesh of a part; spheres of bulbs are triangulated."""
     if part.sphere is None:
         return part.mesh
     centre, radius = part.sphere
@@ -211,7 +211,7 @@ def _write(folder: Path, number: int, part: ItemPart, images: _Images) -> AssetP
     name = f"meshes/{number}.ply"
     write_ply(folder / name, mesh)
     lumens, kelvin = _light(part, mesh)
-    # A bulb that is off is white glass; the importer's lit one is black but for its glow.
+    # A bulb that is off is white glass; `lit_parts` makes bulbs black emitters.
     color = (0.8, 0.8, 0.78) if part.sphere is not None else finish.color
     return AssetPart(
         mesh=name,
@@ -228,17 +228,17 @@ def _write(folder: Path, number: int, part: ItemPart, images: _Images) -> AssetP
 
 
 def _light(part: ItemPart, mesh: Mesh) -> tuple[float, float]:
-    """Lumens and colour temperature of a part's glow, 0 and 0 where it has none."""
+    """Return luminous flux (lm) and colour temperature (K) of a part; (0, 0) without emission."""
     if part.radiance is None:
         return 0.0, 0.0
     luminance = float(np.dot(part.radiance, REC709))
-    # An octahedron stood for the bulb until here: its flux was reckoned for the sphere.
+    # The mesh of a bulb is its bounding octahedron; the radiance is that of the sphere.
     surface = area(mesh) if part.sphere is None else 4 * np.pi * part.sphere[1] ** 2
     return round(luminance * np.pi * surface / LUMEN, 2), round(color_temperature(part.radiance))
 
 
 class _Images:
-    """Puts the images of one piece into its folder, each once, no larger than asked for."""
+    """Stores the images of one piece in its folder, each once, scaled down to a largest size."""
 
     def __init__(self, archive: HomeArchive, folder: Path, size: int, changes: Changes) -> None:
         self._archive, self._folder, self._size = archive, folder, size
@@ -247,11 +247,11 @@ class _Images:
 
     @property
     def count(self) -> int:
-        """How many images were stored."""
+        """Number of stored images."""
         return sum(color is not None for color, _ in self._stored.values())
 
     def of(self, finish: SurfaceFinish) -> tuple[str | None, str | None]:
-        """Files of a finish's colour and alpha; None where it has none."""
+        """Return the files of colour and alpha of a finish; None for each that is absent."""
         if finish.image is None:
             return None, None
         if finish.image not in self._stored:

@@ -1,4 +1,4 @@
-"""A catalogue file: what its properties say of every piece, in metres, before any model is read."""
+"""Reader of a furniture catalogue (`.sh3f`): properties of all pieces, converted to metres."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ PROPERTIES = "PluginFurnitureCatalog.properties"
 MAX_PIECES = 20_000
 _MAX_PROPERTIES = 16 * 2**20  # bytes
 _MAX_TEXT = 2**16
-_LARGEST = 100.0  # metres, of any side: longer than any lorry
+_LARGEST = 100.0  # metres, of any side
 _MAX_LIGHTS = 64
 _LICENCE_FILE = re.compile(r"licen[cs]e|copying|readme|credits", re.IGNORECASE)
 
 
 class UnusablePiece(Exception):
-    """A piece cannot be used; the text says why."""
+    """A piece cannot be used; the text gives the reason."""
 
 
 @dataclass(frozen=True)
 class Library:
-    """A catalogue file: its own description, its pieces, and those that cannot be read."""
+    """A catalogue file: its description, its pieces, and the pieces that cannot be read."""
 
     key: str
     file: str
@@ -40,13 +40,13 @@ class Library:
     licence: str
     provider: str
     pieces: tuple[CataloguePiece, ...]
-    refused: tuple[tuple[str, str, str], ...]  # key, name, why
+    refused: tuple[tuple[str, str, str], ...]  # key, name, reason
 
 
 def read_library(path: Path) -> Library:
-    """Read a `.sh3f`; raises `InputError` where the file as a whole is none or damaged.
+    """Read a `.sh3f`; raises `InputError` if the file is damaged or not a catalogue.
 
-    A piece whose description cannot be used is listed in `refused`.
+    Pieces with unusable properties are listed in `refused`.
     """
     with HomeArchive(path) as archive:
         if PROPERTIES not in archive:
@@ -85,7 +85,7 @@ def read_library(path: Path) -> Library:
 
 
 def slug(text: str) -> str:
-    """A name for a folder: ASCII letters, digits, '.', '_' and '-', never hidden, never empty."""
+    """Return a folder name of ASCII letters, digits, '.', '_' and '-'; not hidden, not empty."""
     return re.sub(r"[^A-Za-z0-9._-]+", "-", text).strip("-.")[:100] or "piece"
 
 
@@ -100,7 +100,7 @@ def _unique(name: str, taken: set[str]) -> str:
 
 
 class _Row:
-    """The properties of one piece: `name#7`, `width#7` and so on."""
+    """Properties of one piece: `name#7`, `width#7` and so on."""
 
     def __init__(self, entries: dict[str, str], number: int) -> None:
         self._entries, self._number = entries, number
@@ -226,12 +226,12 @@ def _library_licence(archive: HomeArchive, entries: dict[str, str]) -> str:
 
 
 def _licence(own: str, library: str) -> str:
-    """A piece's terms: its own, but for those that only leave out the library's version."""
+    """Return the licence of a piece: its own, or the library's if that only adds the version."""
     return library if not own or library.startswith(f"{own}-") else own
 
 
 def _own_licence(archive: HomeArchive, model: str) -> str:
-    """The terms in a file beside the model; "" where there is none that we understand."""
+    """Return the licence in a file beside the model; "" if there is none or it is unknown."""
     for member in archive.folder(model):
         if _LICENCE_FILE.search(member.rpartition("/")[2]):
             found = _licence_of(archive, member)

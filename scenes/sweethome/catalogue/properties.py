@@ -1,4 +1,4 @@
-"""Java property files, as the catalogues write them."""
+"""Parser of Java property files."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import re
 
 _ESCAPES = {"t": "\t", "n": "\n", "r": "\r", "f": "\f"}
 _ESCAPE = re.compile(r"\\(u[0-9A-Fa-f]{4}|.)", re.DOTALL)
-# A key ends at the first separator that no backslash guards.
+# A key ends at the first separator without a backslash before it.
 _ENTRY = re.compile(r"((?:\\.|[^\\=:\s])*)\s*[=:\s]?\s*(.*)", re.DOTALL)
 
 
 def parse_properties(data: bytes) -> dict[str, str]:
-    """Keys and values of a `.properties` file (ISO-8859-1, `\\uXXXX` escapes); the last one wins.
+    """Parse a `.properties` file (ISO-8859-1, `\\uXXXX` escapes); the last value of a key counts.
 
     Follows `java.util.Properties.load`: comments start with `#` or `!`, a backslash at a line's
     end joins the next one.

@@ -965,7 +965,7 @@ BAD = {
     "obj of words": "damaged line of numbers",
     "truncated serialized": "truncated",
     "serialized bomb": "claims",
-    "serialized index": "number 5 was asked for",
+    "serialized index": "mesh 5 does not exist",
     "unknown shape": "'teapot'",
     "unknown reference": "'nobody'",
     "circular material": "inside themselves",
@@ -1007,7 +1007,7 @@ def test_unknown_kinds_and_foreign_folders_are_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "in", usual())
     (tmp_path / "precious").mkdir()
     (tmp_path / "precious" / "letter.txt").write_text("keep me")
-    with pytest.raises(InputError, match="no scene folder"):
+    with pytest.raises(InputError, match="not a scene folder"):
         import_scene(path, tmp_path / "precious")
     assert (tmp_path / "precious" / "letter.txt").read_text() == "keep me"
 
