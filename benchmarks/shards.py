@@ -22,8 +22,9 @@ from benchmarks.bench import Bench
 from benchmarks.rows import Row, at_least
 from benchmarks.timing import Clock, Spent, by_turns, ratio, spread
 from model.data.reader import IMAGES, OPTIONAL_IMAGES, Dataset
+from pipeline.channels import RGB, TINT, Kind
 from pipeline.dataset.pack import pack_dataset
-from pipeline.frames import RGB, TINT, Kind, frame_path, read_frame
+from pipeline.frames import frame_path, read_frame
 from pipeline.params import ImageParams, Params
 from pipeline.stages.cameras import run_cameras
 from pipeline.stages.groundtruth import run_groundtruth

@@ -1,22 +1,19 @@
-"""Frames: self-describing OpenEXR files, one a view and kind, complete or absent.
+"""Frames: self-describing OpenEXR files, one per view and kind, complete or absent.
 
-Channels (linear, scene-referred; see `KINDS`):
+Channels are linear and scene-referred; `pipeline.channels` lists them. The kinds:
 
-* inputs        `Z` z-depth in metres (0: no surface), `N.X/Y/Z` unit normal in the camera's
-                OpenCV axes, `albedo.R/G/B` reflectance in [0, 1], `valid` 0 or 1,
-                `object` index + 1 into `scene.json`'s objects (0: none)
-* illumination  `intensity.Y` luminance of the visible light source, `distance.Z` metres to it,
-                `tint.R/G/B` its colour, linear RGB of luminance 1
-* visibility    `visibility.Y` share of the direct light of the panorama's sources that reaches the
-                surface; only where `illumination.shadow_rays` asks for it
-* shading       `R`, `G`, `B` HDR radiance with every reflectance replaced by one grey
-* color         `R`, `G`, `B` HDR radiance of the full scene
-* noisy         colour again, and as `shading.R/G/B` shading, of a few samples a pixel that no
-                other frame has; as `denoised.R/G/B` and `denoised.shading.R/G/B` what the denoiser
-                makes of them; only where `noisy.spp` asks for it
+* `inputs`: depth, normal, reflectance, valid mask, object index
+* `illumination`: panorama of the visible light sources: intensity, distance, tint
+* `visibility`: share of the direct light of the panorama's sources that reaches the surface; only
+  if `illumination.shadow_rays` is above 0
+* `shading`: radiance with every reflectance replaced by one grey
+* `color`: radiance of the full scene
+* `noisy`: colour and shading with few samples per pixel, independent of those of `color` and
+  `shading`, as traced and denoised; only if `noisy.spp` is above 0
 
 Attributes: `worldToCamera` (4x4, OpenCV axes) and `pbrnet`, a JSON object with the view, the seed,
-spp, noise, renderer, `fingerprint` of all that determined the pixels, and `digest` of the pixels.
+spp, noise, renderer, `fingerprint` of everything that determines the pixels, and `digest` of the
+pixels.
 
 Files are read and written with OpenEXR's own package only: Mitsuba's bitmap code hangs when
 its thread pool has one thread.
@@ -29,11 +26,12 @@ import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import Any, BinaryIO
 
 import numpy as np
 import OpenEXR
 
+from pipeline.channels import RGB, Kind, layout
 from pipeline.params import Params
 from pipeline.views import View
 from scenes.arrays import AnyArray, Float32Array
@@ -41,32 +39,8 @@ from scenes.checked import plain
 from scenes.errors import InputError, MachineError
 from scenes.files import atomic_file, digest_bytes
 
-Kind = Literal["inputs", "illumination", "visibility", "shading", "color", "noisy"]
 Channels = dict[str, AnyArray]
 
-RGB = ("R", "G", "B")
-TINT = ("tint.R", "tint.G", "tint.B")
-NOISY_SHADING = ("shading.R", "shading.G", "shading.B")
-DENOISED = ("denoised.R", "denoised.G", "denoised.B")
-DENOISED_SHADING = ("denoised.shading.R", "denoised.shading.G", "denoised.shading.B")
-KINDS: dict[Kind, dict[str, type]] = {
-    "inputs": {
-        "Z": np.float32,
-        **{f"N.{axis}": np.float16 for axis in "XYZ"},
-        **{f"albedo.{band}": np.float16 for band in RGB},
-        "valid": np.float16,
-        "object": np.uint32,
-    },
-    "illumination": {
-        "intensity.Y": np.float32,
-        "distance.Z": np.float32,
-        **dict.fromkeys(TINT, np.float16),
-    },
-    "visibility": {"visibility.Y": np.float16},
-    "shading": dict.fromkeys(RGB, np.float16),
-    "color": dict.fromkeys(RGB, np.float16),
-    "noisy": dict.fromkeys((*RGB, *NOISY_SHADING, *DENOISED, *DENOISED_SHADING), np.float16),
-}
 HALF_MAX = float(np.finfo(np.float16).max)
 
 
@@ -88,7 +62,7 @@ class Frame:
 
 
 def kinds_of(params: Params) -> tuple[Kind, ...]:
-    """The frames that a view of the dataset needs, in the order in which they are made."""
+    """Return the kinds of frames that the dataset needs of each view, in rendering order."""
     kinds: list[Kind] = ["inputs", "illumination", "shading", "color"]
     if params.illumination.shadow_rays:
         kinds.append("visibility")
@@ -98,29 +72,29 @@ def kinds_of(params: Params) -> tuple[Kind, ...]:
 
 
 def fingerprint(**determined_by: Any) -> str:
-    """A digest of all that determines a frame's pixels: parameters, view, scene, renderer."""
+    """Return a digest of everything that determines a frame's pixels."""
     text = json.dumps(plain(determined_by), sort_keys=True, allow_nan=False)
     return digest_bytes(text.encode())
 
 
 def frame_path(data: Path, kind: Kind, view: View) -> Path:
-    """Where a frame lies below the data folder."""
+    """Return the path of a frame below the data folder."""
     return Path(data) / kind / view.scene_id / f"{view.view_id}.exr"
 
 
 def write_frame(path: Path, kind: Kind, channels: Channels, view: View, **meta: Any) -> None:
     """Write a frame by rename; `meta` must hold `fingerprint`.
 
-    `channels` holds exactly the names of `KINDS[kind]`, each (H, W). Values beyond half's
+    `channels` holds exactly the names of `layout(kind)`, each (H, W). Values beyond half's
     range are clamped to it, and their number is kept in the attribute as `clamped`.
     Raises ValueError for wrong channels or NaN, `MachineError` for a full disk.
     """
-    kinds = KINDS[kind]
-    if set(channels) != set(kinds):
-        raise ValueError(f"{path}: channels {sorted(channels)}, expected {sorted(kinds)}")
+    dtypes = layout(kind)
+    if set(channels) != set(dtypes):
+        raise ValueError(f"{path}: channels {sorted(channels)}, expected {sorted(dtypes)}")
     pixels: Channels = {}
     clamped = 0
-    for name, dtype in kinds.items():
+    for name, dtype in dtypes.items():
         values = np.asarray(channels[name])
         if np.issubdtype(values.dtype, np.floating) and not np.isfinite(values).all():
             raise ValueError(f"{path}: channel {name} holds NaN or infinity")
@@ -132,7 +106,7 @@ def write_frame(path: Path, kind: Kind, channels: Channels, view: View, **meta: 
 
 
 def write_pixels(path: Path, pixels: Channels, view: View, meta: dict[str, Any]) -> None:
-    """Write an OpenEXR of these channels, as they are, by rename; `read_frame` reads it.
+    """Write an OpenEXR file of these channels, unchanged, by rename; `read_frame` reads it.
 
     The view and a digest of the pixels are added to `meta`. Raises `MachineError` for a full disk.
     """
@@ -184,8 +158,10 @@ def read_meta(path: Path) -> dict[str, Any]:
 
 
 def holds(path: Path, expected: str, verify: bool = False) -> bool:
-    """Whether a complete frame with this fingerprint lies at `path`; with `verify` its pixels are
-    read, too, and compared with their checksum."""
+    """Test whether a complete frame with this fingerprint lies at `path`.
+
+    With `verify` its pixels are read as well, and compared with their checksum.
+    """
     try:
         if read_meta(path).get("fingerprint") != expected or not is_complete(path):
             return False
@@ -197,8 +173,10 @@ def holds(path: Path, expected: str, verify: bool = False) -> bool:
 
 
 def is_complete(path: Path) -> bool:
-    """Whether a frame file is as long as its own table of chunks says: finds truncated files
-    without reading pixels (OpenEXR file layout, single-part scan lines)."""
+    """Test whether a frame file is as long as its own table of chunks says.
+
+    Detects truncated files without reading pixels (OpenEXR file layout, single-part scan lines).
+    """
     try:
         with Path(path).open("rb") as stream:
             size = stream.seek(0, os.SEEK_END)
@@ -220,7 +198,7 @@ def is_complete(path: Path) -> bool:
 
 
 def pixels_digest(channels: Channels) -> str:
-    """SHA-256 over channel names, shapes and pixel bytes, in name order."""
+    """Return the SHA-256 digest of channel names, shapes and pixel bytes, in name order."""
     parts = []
     for name in sorted(channels):
         values = np.ascontiguousarray(channels[name])

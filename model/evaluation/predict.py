@@ -19,19 +19,8 @@ from model.data.reader import Example
 from model.evaluation.inference import Networks, Prediction
 from model.evaluation.metrics import flip_map, measure
 from model.training.store import ModelCard
-from pipeline.frames import (
-    DENOISED,
-    DENOISED_SHADING,
-    NOISY_SHADING,
-    RGB,
-    TINT,
-    Channels,
-    Frame,
-    frame_path,
-    read_frame,
-    read_meta,
-    write_pixels,
-)
+from pipeline.channels import DENOISED, DENOISED_SHADING, NOISY_SHADING, RGB, TINT
+from pipeline.frames import Channels, Frame, frame_path, read_frame, read_meta, write_pixels
 from pipeline.images import Picture, contact_sheet, error_picture, reflectance_picture
 from pipeline.params import IlluminationParams, NoisyParams, Params, ToneParams
 from pipeline.passes.illumination import render_illumination

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from model.data.reader import Dataset, Example
-from pipeline.frames import Channels, Frame, Kind, frame_path, holds, read_frame, write_frame
+from pipeline.channels import Kind
+from pipeline.frames import Channels, Frame, frame_path, holds, read_frame, write_frame
 from pipeline.params import Params
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.registry import TRUTHS, camera_of, frame_fingerprint, pass_seed, render_truths

@@ -17,18 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.frames import (
-    DENOISED,
-    DENOISED_SHADING,
-    HALF_MAX,
-    NOISY_SHADING,
-    RGB,
-    Channels,
-    Frame,
-    Kind,
-    frame_path,
-    read_frame,
-)
+from pipeline.channels import Kind, channels_of
+from pipeline.frames import HALF_MAX, Channels, Frame, frame_path, read_frame
 from pipeline.params import CheckParams
 from pipeline.views import View
 from scenes.arrays import Float32Array
@@ -126,13 +116,13 @@ def check_frames(
     `size` and `panorama` are (width, height) of the dataset's images and panoramas. Noisy frames
     are not refused for their noise.
     """
-    inputs, panorama_frame = frames["inputs"].channels, frames["illumination"].channels
+    inputs = frames["inputs"].channels
     renders = {kind: frames[kind].rgb for kind in ("shading", "color")}
     return (
         _stale(view, frames)
         or _wrong_size(frames, size, panorama)
         or _not_finite(frames)
-        or _negative(inputs, panorama_frame, {**renders, **_noisy_images(frames)})
+        or _negative(frames)
         or _inconsistent(inputs)
         or _few_surfaces(inputs, limits.min_valid)
         or _over("black", "pixels are black", renders, black_share, limits.max_black)
@@ -222,22 +212,12 @@ def _not_finite(frames: Mapping[Kind, Frame]) -> Rejection | None:
     return None
 
 
-def _noisy_images(frames: Mapping[Kind, Frame]) -> dict[str, Float32Array]:
-    noisy = frames.get("noisy")
-    images = {"noisy": RGB, "noisy shading": NOISY_SHADING}
-    images |= {"denoised": DENOISED, "denoised shading": DENOISED_SHADING}
-    return {name: noisy.stack(*bands) for name, bands in images.items()} if noisy else {}
-
-
-def _negative(
-    inputs: Channels, panorama: Channels, renders: Mapping[str, Float32Array]
-) -> Rejection | None:
-    for kind, image in renders.items():
-        if image.min() < 0:
-            return Rejection("negative", f"{kind}: radiance down to {image.min():.4g}")
-    for name, values in (("Z", inputs["Z"]), *sorted(panorama.items())):
-        if values.min() < 0:
-            return Rejection("negative", f"{name} down to {values.min():.4g}")
+def _negative(frames: Mapping[Kind, Frame]) -> Rejection | None:
+    for kind, frame in frames.items():
+        for channel in channels_of(kind):
+            lowest = min(float(frame.channels[band].min()) for band in channel.bands)
+            if channel.nonnegative and lowest < 0:
+                return Rejection("negative", f"{channel.name}: down to {lowest:.4g}")
     return None
 
 

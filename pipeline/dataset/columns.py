@@ -12,7 +12,10 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
+
+from pipeline.channels import dataset_channels
 
 
 @dataclass(frozen=True)
@@ -61,14 +64,12 @@ PREVIEW = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 def dataset_columns(
     size: tuple[int, int], panorama: tuple[int, int], shadows: bool = False, noisy: bool = False
 ) -> tuple[Column, ...]:
-    """All columns, in order, for images and panoramas of these (width, height).
+    """Return all columns, in order, for images and panoramas of these (width, height).
 
-    `shadows`: with that of visibility frames; `noisy`: with those of noisy frames. They stand last.
+    Image columns are those of `pipeline.channels`. With `shadows` those of visibility frames are
+    added at the end, with `noisy` those of noisy frames.
     """
-    plane, volume = (size[1], size[0]), (size[1], size[0], 3)
-    sphere = (panorama[1], panorama[0])
-    text, half, single, double = pa.string(), pa.float16(), pa.float32(), pa.float64()
-    radiance = "W/(m^2 sr), relative"
+    text, single, double = pa.string(), pa.float32(), pa.float64()
     return (
         Column("scene_id", text, "Scene; with view_id it names the row."),
         Column("view_id", text, "View within the scene."),
@@ -78,53 +79,7 @@ def dataset_columns(
         Column("preview", PREVIEW, "8-bit sRGB PNG of the tone-mapped colour, to look at."),
         Column("width", pa.int32(), "Width of the images.", "pixel"),
         Column("height", pa.int32(), "Height of the images.", "pixel"),
-        Column(
-            "depth",
-            single,
-            "Distance along the optical axis (z-depth, not ray distance); 0: no surface.",
-            "metre",
-            plane,
-        ),
-        Column(
-            "normal",
-            half,
-            "Unit surface normal facing the camera, in camera axes: x right, y down, z forward.",
-            "",
-            volume,
-        ),
-        Column("reflectance", half, "Linear RGB base colour, 0 to 1.", "", volume),
-        Column("valid", pa.uint8(), "1 where a surface is seen, else 0.", "", plane),
-        Column(
-            "intensity",
-            single,
-            "Equirectangular panorama in the camera's frame, centre column straight ahead, top "
-            "row up: Rec. 709 luminance of the light source visible there; 0: none.",
-            radiance,
-            sphere,
-        ),
-        Column(
-            "distance",
-            single,
-            "The same panorama: distance to that light source, for the sky to the window; 0: none.",
-            "metre",
-            sphere,
-        ),
-        Column(
-            "tint",
-            half,
-            "The same panorama: the light's colour, linear RGB of luminance 1; 0: none. The paper "
-            "has no such input.",
-            "",
-            (*sphere, 3),
-        ),
-        Column(
-            "shading",
-            half,
-            "Linear HDR RGB, path traced with every colour and texture replaced by one grey.",
-            radiance,
-            volume,
-        ),
-        Column("color", half, "Linear HDR RGB, path traced full scene.", radiance, volume),
+        *_image_columns(("inputs", "illumination", "shading", "color"), size, panorama),
         Column(
             "K", double, "Camera intrinsics, row-major; pixel centres at +0.5.", "pixel", (3, 3)
         ),
@@ -149,51 +104,29 @@ def dataset_columns(
         Column("source", text, "Where the scene came from."),
         Column("licence", text, "Licence of the scene's parts, SPDX expression."),
         Column("attribution", text, "Title, author and licence of every part of the scene."),
-        *((_visibility_column(plane),) if shadows else ()),
-        *(_noisy_columns(volume) if noisy else ()),
+        *(_image_columns(("visibility",), size, panorama) if shadows else ()),
+        *(_noisy_columns(size, panorama) if noisy else ()),
     )
 
 
-def _visibility_column(plane: tuple[int, ...]) -> Column:
-    return Column(
-        "visibility",
-        pa.float16(),
-        "Share of the direct light of the panorama's sources that reaches the surface, by shadow "
-        "rays; 1 where there is none. The paper has no such input.",
-        "",
-        plane,
-    )
+def _image_columns(
+    kinds: tuple[str, ...], size: tuple[int, int], panorama: tuple[int, int]
+) -> tuple[Column, ...]:
+    """Return the columns of the image channels of these kinds of frames."""
+    columns = []
+    for channel in dataset_channels(kinds):
+        width, height = panorama if channel.is_panorama else size
+        bands = (len(channel.bands),) if len(channel.bands) > 1 else ()
+        dtype = pa.from_numpy_dtype(np.uint8 if channel.mask else channel.dtype)
+        columns.append(
+            Column(channel.name, dtype, channel.description, channel.unit, (height, width, *bands))
+        )
+    return tuple(columns)
 
 
-def _noisy_columns(volume: tuple[int, ...]) -> tuple[Column, ...]:
-    radiance, words = "W/(m^2 sr), relative", "path traced with few samples, independent of"
-    return (
-        Column(
-            "noisy_color",
-            pa.float16(),
-            f"Linear HDR RGB, {words} color's; unbiased.",
-            radiance,
-            volume,
-        ),
-        Column(
-            "noisy_shading",
-            pa.float16(),
-            f"Linear HDR RGB, {words} shading's; of the same paths as noisy_color.",
-            radiance,
-            volume,
-        ),
-        *(
-            Column(
-                f"denoised_{image}",
-                pa.float16(),
-                f"Linear HDR RGB: noisy_{image} through Intel's Open Image Denoise.",
-                radiance,
-                volume,
-            )
-            for image in ("color", "shading")
-        ),
-        Column("noisy_spp", pa.int32(), "Samples per pixel of noisy_color and noisy_shading."),
-    )
+def _noisy_columns(size: tuple[int, int], panorama: tuple[int, int]) -> tuple[Column, ...]:
+    spp = Column("noisy_spp", pa.int32(), "Samples per pixel of noisy_color and noisy_shading.")
+    return (*_image_columns(("noisy",), size, panorama), spp)
 
 
 def arrow_schema(columns: tuple[Column, ...]) -> pa.Schema:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from pipeline.channels import Channel, dataset_channels
 from pipeline.dataset.card import attribution_of, licence_of
 from pipeline.dataset.checks import Frames, noise_of
-from pipeline.frames import DENOISED, DENOISED_SHADING, NOISY_SHADING, RGB, TINT, Frame
+from pipeline.frames import Frame
 from pipeline.images import fit, png_bytes, tone_picture
 from pipeline.params import ToneParams
 from pipeline.tonemap import exposure_of
@@ -22,7 +22,6 @@ def make_row(
     scene: Scene, view: View, split: str, frames: Frames, tone: ToneParams, preview_width: int
 ) -> dict[str, Any]:
     """One row by column name; images as arrays in the frames' own precision."""
-    inputs, panorama = frames["inputs"].channels, frames["illumination"].channels
     shading, color = frames["shading"], frames["color"]
     own_shading, own_color = exposure_of(shading.rgb, tone), exposure_of(color.rgb, tone)
     preview = fit(tone_picture(color.rgb, own_color), preview_width)
@@ -35,15 +34,7 @@ def make_row(
         "preview": {"bytes": png_bytes(preview), "path": f"{view.scene_id}-{view.view_id}.png"},
         "width": view.width,
         "height": view.height,
-        "depth": inputs["Z"],
-        "normal": _interleave(inputs, "N.X", "N.Y", "N.Z"),
-        "reflectance": _interleave(inputs, *(f"albedo.{band}" for band in RGB)),
-        "valid": (inputs["valid"] > 0).astype(np.uint8),
-        "intensity": panorama["intensity.Y"],
-        "distance": panorama["distance.Z"],
-        "tint": _interleave(panorama, *TINT),
-        "shading": _interleave(shading.channels, *RGB),
-        "color": _interleave(color.channels, *RGB),
+        **_image_cells(frames),
         "K": view.intrinsics,
         "camera_to_world": view.pose,
         "exposure_shading": own_shading.scale,
@@ -60,23 +51,24 @@ def make_row(
         "source": str(scene.source.get("kind", "unknown")),
         "licence": licence_of(scene),
         "attribution": attribution_of(scene),
-        **(_shadows(frames["visibility"]) if "visibility" in frames else {}),
-        **(_noisy_cells(frames["noisy"]) if "noisy" in frames else {}),
+        **({"noisy_spp": frames["noisy"].meta.get("spp")} if "noisy" in frames else {}),
     }
 
 
-def _shadows(frame: Frame) -> dict[str, Any]:
-    return {"visibility": frame.channels["visibility.Y"]}
-
-
-def _noisy_cells(frame: Frame) -> dict[str, Any]:
+def _image_cells(frames: Frames) -> dict[str, AnyArray]:
+    """Return the images of all channels that the frames hold, by column name."""
     return {
-        "noisy_color": _interleave(frame.channels, *RGB),
-        "noisy_shading": _interleave(frame.channels, *NOISY_SHADING),
-        "denoised_color": _interleave(frame.channels, *DENOISED),
-        "denoised_shading": _interleave(frame.channels, *DENOISED_SHADING),
-        "noisy_spp": frame.meta.get("spp"),
+        channel.name: _image(frames[channel.kind], channel)
+        for channel in dataset_channels(tuple(frames))
     }
+
+
+def _image(frame: Frame, channel: Channel) -> AnyArray:
+    """Return a channel as (H, W) or (H, W, C), in the frame's own precision; masks as uint8."""
+    planes = [frame.channels[band] for band in channel.bands]
+    if channel.mask:
+        planes = [(plane > 0).astype(np.uint8) for plane in planes]
+    return planes[0] if len(planes) == 1 else np.stack(planes, axis=-1)
 
 
 def _objects_in(view: View, scene: Scene) -> int:
@@ -84,11 +76,6 @@ def _objects_in(view: View, scene: Scene) -> int:
     furniture = {thing.id for thing in scene.objects if not thing.is_structure}
     least = 0.01 * sum(view.seen.values())
     return sum(pixels > least for name, pixels in view.seen.items() if name in furniture)
-
-
-def _interleave(channels: Mapping[str, AnyArray], *names: str) -> AnyArray:
-    """Planes (H, W) as (H, W, C), in the planes' own precision."""
-    return np.stack([channels[name] for name in names], axis=-1)
 
 
 def _signed(seed: Any) -> int | None:

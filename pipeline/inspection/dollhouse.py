@@ -19,7 +19,7 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
-from pipeline.frames import RGB
+from pipeline.channels import RGB
 from pipeline.images import Picture, tone_picture
 from pipeline.params import CameraParams, GroundTruthParams, ImageParams, Params, ToneParams
 from pipeline.passes.denoise import denoise

@@ -15,7 +15,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle, Wedge
 
-from pipeline.frames import RGB, TINT, Frame
+from pipeline.channels import ALBEDO, NORMAL, RADIANCE, RGB, TINT, Channel, channels_of
+from pipeline.frames import Frame
 from pipeline.images import (
     Picture,
     color_map,
@@ -47,6 +48,11 @@ ROOM_COLORS = {
     "dining": "#e6e2a8",
 }
 _SHEET_PICTURES = 24
+# Channels that `draw_frame` draws in a form of their own; all others look alike.
+_DRAWN = (
+    *("depth", "normal", "reflectance", "valid", "object"),
+    *("intensity", "distance", "tint", "visibility", "shading", "color", "noisy_color"),
+)
 
 
 def draw_scene(scene: Scene, views: Sequence[View] = ()) -> Picture:
@@ -148,8 +154,8 @@ def draw_frame(frame: Frame) -> Picture:
         span = f"{seen.min():.2f} to {seen.max():.2f} m" if seen.size else "no surface"
         pictures += [
             (f"depth, {span}", depth_picture(depth, valid)),
-            ("normal", normal_picture(frame.stack("N.X", "N.Y", "N.Z"), valid)),
-            ("reflectance", reflectance_picture(frame.stack(*(f"albedo.{b}" for b in RGB)))),
+            ("normal", normal_picture(frame.stack(*NORMAL), valid)),
+            ("reflectance", reflectance_picture(frame.stack(*ALBEDO))),
             (f"objects, {len(np.unique(channels['object']))}", _label_picture(channels["object"])),
         ]
     if "intensity.Y" in names:
@@ -165,6 +171,9 @@ def draw_frame(frame: Frame) -> Picture:
     if "visibility.Y" in names:
         shadows = share_picture(channels["visibility.Y"])
         pictures.append(("share of the direct light that arrives", shadows))
+    for channel in channels_of(frame.meta.get("kind", "")):
+        if channel.name not in _DRAWN and names.issuperset(channel.bands):
+            pictures.append(_channel_picture(channel, frame))
     return contact_sheet(
         [enlarge(fit(picture, 640), 480) for _, picture in pictures],
         2 if len(pictures) > 1 else 1,
@@ -281,6 +290,19 @@ def _draw_camera(axes: Axes, view: View) -> None:
         va="center",
         zorder=6,
     )
+
+
+def _channel_picture(channel: Channel, frame: Frame) -> tuple[str, Picture]:
+    """Return a label and a picture of any channel: labels, HDR colour, colour or a scalar."""
+    values = frame.stack(*channel.bands)
+    if np.issubdtype(channel.dtype, np.integer):
+        return channel.name, _label_picture(frame.channels[channel.bands[0]])
+    if len(channel.bands) == 3:
+        if channel.unit == RADIANCE:
+            return channel.name, tone_picture(values, exposure_of(values, ToneParams()))
+        return channel.name, reflectance_picture(values)
+    low, high = float(values.min()), float(values.max())
+    return f"{channel.name}, {low:.4g} to {high:.4g}", color_map(values[..., 0], low, high)
 
 
 def _label_picture(labels: np.ndarray[Any, Any]) -> Picture:

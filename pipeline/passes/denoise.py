@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.frames import RGB, Channels
+from pipeline.channels import RGB
+from pipeline.frames import Channels
 from pipeline.passes.inputs import render_inputs
 from pipeline.render.scene import RenderScene
 from pipeline.views import View, as_matrix

@@ -22,7 +22,8 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline.frames import TINT, Channels
+from pipeline.channels import TINT
+from pipeline.frames import Channels
 from pipeline.params import IlluminationParams
 from pipeline.render import raycast
 from pipeline.render.lights import Lights

@@ -1,4 +1,4 @@
-"""Input images of a view: depth, normal, reflectance, valid mask and object index.
+"""Input images of a view: one renderer for each channel of an `inputs` frame.
 
 One ray through each pixel centre, so the images are noise-free and equal in every run. Rays pass
 clear glass. Not supported: reflections (a mirror shows its own reflectance, not its surroundings),
@@ -7,44 +7,102 @@ bump and normal maps (the normal is the interpolated vertex normal).
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 
+from pipeline.channels import channels_of
 from pipeline.frames import Channels
 from pipeline.render import raycast
 from pipeline.render.scene import RenderScene
 from pipeline.render.scene_geometry import Hits
 from pipeline.views import View
-from scenes.arrays import Float64Array
+from scenes.arrays import AnyArray, BoolArray, Float64Array
 from scenes.geometry.directions import pixel_directions, unit
 
-REVISION = 1
+REVISION = 1  # raise it when a channel is added, or a change of code changes pixels
+
+
+@dataclass(frozen=True)
+class VisibleSurfaces:
+    """Surfaces seen through the P pixel centres of a view, in row-major order.
+
+    `directions` (P, 3) are the rays' unit directions in the world, `valid` (P,) flags rays that
+    hit a surface.
+    """
+
+    scene: RenderScene
+    view: View
+    directions: Float64Array
+    hits: Hits
+    valid: BoolArray
+
+    @property
+    def rotation(self) -> Float64Array:
+        """Camera axes in the world as columns, (3, 3)."""
+        return self.view.pose[:3, :3]
+
+
+def depth(surfaces: VisibleSurfaces) -> AnyArray:
+    """Return z-depth (P,): metres along the optical axis, 0 where no surface is."""
+    offset = surfaces.hits.position.astype(np.float64) - surfaces.view.eye
+    return np.where(surfaces.valid, offset @ surfaces.rotation[:, 2], 0).astype(np.float32)
+
+
+def normal(surfaces: VisibleSurfaces) -> AnyArray:
+    """Return unit normals (P, 3) that face the camera, in the camera's OpenCV axes."""
+    normals = facing_normals(surfaces.hits, surfaces.directions)
+    normals = np.where(surfaces.valid[:, None], normals, 0) @ surfaces.rotation
+    return normals.astype(np.float32)
+
+
+def reflectance(surfaces: VisibleSurfaces) -> AnyArray:
+    """Return linear base colour (P, 3) in [0, 1]."""
+    return surfaces.hits.reflectance
+
+
+def valid(surfaces: VisibleSurfaces) -> AnyArray:
+    """Return 1 where there is a surface, else 0, (P,)."""
+    return surfaces.valid.astype(np.float32)
+
+
+def object_index(surfaces: VisibleSurfaces) -> AnyArray:
+    """Return the index in `scene.objects` + 1, 0 for none, uint32 (P,)."""
+    objects = np.append(surfaces.scene.geometry.objects, -1)
+    return (objects[surfaces.hits.shape] + 1).astype(np.uint32)
+
+
+# Renderer of each channel: (P,), or (P, number of bands). Where no surface is, it returns 0.
+RENDERERS: dict[str, Callable[[VisibleSurfaces], AnyArray]] = {
+    "depth": depth,
+    "normal": normal,
+    "reflectance": reflectance,
+    "valid": valid,
+    "object": object_index,
+}
 
 
 def render_inputs(render_scene: RenderScene, view: View) -> Channels:
-    """Return the channels of an `inputs` frame, each (H, W).
+    """Return the channels of an `inputs` frame, each (H, W); `pipeline.channels` describes them.
 
-    `Z`: float32, metres along the optical axis, 0 where no surface is. `N.X/Y/Z`: unit normal,
-    camera frame (OpenCV), facing the camera. `albedo.R/G/B`: linear base colour, [0, 1].
-    `valid`: 1 where there is a surface, else 0, and then all else is 0. `object`: uint32 index
-    in `scene.objects` + 1, 0 for none.
+    Where `valid` is 0 there is no surface, and all other channels are 0.
     """
-    turn, eye = view.pose[:3, :3], view.eye
-    local = pixel_directions(view.intrinsics, view.width, view.height)
-    directions = unit(local.reshape(-1, 3)) @ turn.T
-    hits = raycast.surfaces(render_scene.geometry, eye, directions)
+    surfaces = visible_surfaces(render_scene, view)
     shape = (view.height, view.width)
-    valid = hits.shape >= 0
-    depth = np.where(valid, (hits.position.astype(np.float64) - eye) @ turn[:, 2], 0)
-    normal = np.where(valid[:, None], facing_normals(hits, directions), 0) @ turn
-    objects = np.append(render_scene.geometry.objects, -1)[hits.shape] + 1
-    channels: Channels = {"Z": depth.astype(np.float32).reshape(shape)}
-    for axis, name in enumerate("XYZ"):
-        channels[f"N.{name}"] = normal[:, axis].astype(np.float32).reshape(shape)
-    for band, name in enumerate("RGB"):
-        channels[f"albedo.{name}"] = hits.reflectance[:, band].reshape(shape)
-    channels["valid"] = valid.astype(np.float32).reshape(shape)
-    channels["object"] = objects.astype(np.uint32).reshape(shape)
-    return channels
+    bands: Channels = {}
+    for channel in channels_of("inputs"):
+        values = RENDERERS[channel.name](surfaces).reshape(*shape, len(channel.bands))
+        bands |= {name: values[..., index] for index, name in enumerate(channel.bands)}
+    return bands
+
+
+def visible_surfaces(render_scene: RenderScene, view: View) -> VisibleSurfaces:
+    """Trace a ray through each pixel centre of a view."""
+    local = pixel_directions(view.intrinsics, view.width, view.height)
+    directions = unit(local.reshape(-1, 3)) @ view.pose[:3, :3].T
+    hits = raycast.surfaces(render_scene.geometry, view.eye, directions)
+    return VisibleSurfaces(render_scene, view, directions, hits, hits.shape >= 0)
 
 
 def facing_normals(hits: Hits, directions: Float64Array) -> Float64Array:
@@ -56,7 +114,7 @@ def facing_normals(hits: Hits, directions: Float64Array) -> Float64Array:
     geometric = hits.geometric_normal.astype(np.float64)
     shading = hits.shading_normal.astype(np.float64)
     shading = np.where(_dots(shading, geometric) < 0, -shading, shading)
-    shading = np.where(_dots(geometric, directions) > 0, -shading, shading)
+    shading = np.where(_dots(shading, directions) > 0, -shading, shading)
     return unit(shading - np.maximum(_dots(shading, directions), 0) * directions)
 
 

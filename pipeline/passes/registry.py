@@ -11,15 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pipeline.frames import (
-    DENOISED,
-    DENOISED_SHADING,
-    NOISY_SHADING,
-    RGB,
-    Channels,
-    Kind,
-    fingerprint,
-)
+from pipeline.channels import DENOISED, DENOISED_SHADING, NOISY_SHADING, RGB, Kind
+from pipeline.frames import Channels, fingerprint
 from pipeline.params import GroundTruthParams, Params
 from pipeline.passes import groundtruth, illumination, inputs, visibility
 from pipeline.passes.denoise import denoise, denoiser_version, grey_guide, guides

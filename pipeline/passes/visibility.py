@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.frames import TINT, Channels
+from pipeline.channels import TINT
+from pipeline.frames import Channels
 from pipeline.params import IlluminationParams
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import facing_normals

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import maximum_filter, median_filter
 
-from pipeline.frames import HALF_MAX, RGB, Channels
+from pipeline.channels import RGB
+from pipeline.frames import HALF_MAX, Channels
 from scenes.arrays import BoolArray, Float64Array
 from scenes.color import luminance
 

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.frames import Kind, frame_path, holds, kinds_of
+from pipeline.channels import Kind
+from pipeline.frames import frame_path, holds, kinds_of
 from pipeline.params import Params
 from pipeline.passes.registry import TRUTHS, frame_fingerprint, traced_together
 from pipeline.records import Failure, data_lock

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from pipeline.frames import Kind
+from pipeline.channels import Kind
 from pipeline.params import Params
 from pipeline.stages.frames import run_frames
 from pipeline.stages.runner import Summary

@@ -17,6 +17,7 @@ from typing import Any, cast
 import drjit as dr
 import psutil
 
+from pipeline.channels import Kind
 from pipeline.farm.workspace import (
     SentFile,
     Workspace,
@@ -25,7 +26,7 @@ from pipeline.farm.workspace import (
     use_workspace,
     writing,
 )
-from pipeline.frames import Channels, Kind, frame_path, write_frame
+from pipeline.frames import Channels, frame_path, write_frame
 from pipeline.params import Params, Variant
 from pipeline.passes.registry import PASSES, Result, camera_of, pass_seed, render_truths
 from pipeline.render.scene import (

@@ -34,8 +34,9 @@ from model.studies.renders import (
     with_samples,
 )
 from model.training.train import Folders
+from pipeline.channels import TINT
 from pipeline.farm.scene_digest import scene_digest
-from pipeline.frames import TINT, fingerprint, kinds_of
+from pipeline.frames import fingerprint, kinds_of
 from pipeline.images import png_bytes
 from pipeline.params import Params
 from pipeline.passes.denoise import denoiser_version

@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from model.data.reader import IMAGES, SCALARS, Dataset, Split
-from pipeline.frames import Kind
+from pipeline.channels import Kind
 from pipeline.params import ToneParams
 from pipeline.tonemap import exposure_of
 from scenes.arrays import AnyArray

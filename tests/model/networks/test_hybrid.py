@@ -23,9 +23,10 @@ from model.networks.pbrnet import Architecture
 from model.training import train
 from model.training.backbone import make_backbone
 from model.training.train import Folders, train_network
+from pipeline.channels import KINDS
 from pipeline.cli import main
 from pipeline.costs.ledger import Ledger
-from pipeline.frames import KINDS, read_frame, write_frame
+from pipeline.frames import read_frame, write_frame
 from pipeline.params import BackboneParams, NoisyParams, Params, StageTrainParams, TrainParams
 from pipeline.passes.registry import PASSES
 from pipeline.render.scene import open_scene, set_variant

@@ -21,13 +21,14 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
+from pipeline.channels import TINT
 from pipeline.cli import cli
 from pipeline.dataset.checks import REASONS, black_share, blown_share, check_frames, firefly_share
 from pipeline.dataset.checksums import verify_sums
 from pipeline.dataset.columns import dataset_columns
 from pipeline.dataset.pack import pack_dataset
 from pipeline.dataset.splits import Source, split_plans
-from pipeline.frames import HALF_MAX, TINT, Frame, frame_path, read_frame
+from pipeline.frames import HALF_MAX, Frame, frame_path, read_frame
 from pipeline.images import read_picture
 from pipeline.params import CheckParams, SplitParams
 from pipeline.tonemap import exposure_of

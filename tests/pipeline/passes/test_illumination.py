@@ -9,7 +9,8 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from pipeline.frames import TINT, Channels
+from pipeline.channels import TINT
+from pipeline.frames import Channels
 from pipeline.params import GroundTruthParams, IlluminationParams
 from pipeline.passes.groundtruth import render_truth
 from pipeline.passes.illumination import Panorama, render_illumination

@@ -246,8 +246,8 @@ def test_the_plan_depends_on_no_colour_and_repeats(tmp_path: Path) -> None:
     ]
     for plan in plans[1:]:
         np.testing.assert_array_equal(plan.emitters, plans[0].emitters)
-        np.testing.assert_array_equal(plan.portals, plans[0].windows)
-        assert plan.sun == plans[0].sunlight
+        np.testing.assert_array_equal(plan.portals, plans[0].portals)
+        assert plan.sun == plans[0].sun
 
 
 def test_densities_through_panes_integrate_to_one(tmp_path: Path) -> None:

@@ -14,9 +14,10 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from pipeline.channels import Kind
 from pipeline.commands import stages
 from pipeline.costs.ledger import read_ledger
-from pipeline.frames import Kind, frame_path, holds, read_frame, read_meta
+from pipeline.frames import frame_path, holds, read_frame, read_meta
 from pipeline.params import (
     CameraParams,
     FarmParams,

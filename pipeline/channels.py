@@ -1,0 +1,190 @@
+"""Table of image channels: every image of a view, in its frame and in the dataset.
+
+Frame layouts, dataset columns, their cells, the checks, the dataset card and `pbrnet inspect`
+follow from `CHANNELS`. Add a channel here, and its renderer in the pass that renders its kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+Kind = Literal["inputs", "illumination", "visibility", "shading", "color", "noisy"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+
+RGB = ("R", "G", "B")
+NORMAL = ("N.X", "N.Y", "N.Z")
+ALBEDO = ("albedo.R", "albedo.G", "albedo.B")
+TINT = ("tint.R", "tint.G", "tint.B")
+NOISY_SHADING = ("shading.R", "shading.G", "shading.B")
+DENOISED = ("denoised.R", "denoised.G", "denoised.B")
+DENOISED_SHADING = ("denoised.shading.R", "denoised.shading.G", "denoised.shading.B")
+
+RADIANCE = "W/(m^2 sr), relative"
+_FEW = "path traced with few samples, independent of"
+_SPHERE = "The same panorama:"
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One image of a view.
+
+    `name` is the dataset column, `kind` the frame that holds the image, `bands` its EXR channels
+    there, each (H, W) of the NumPy type `dtype`. `description` and `unit` are published with the
+    dataset. A view is rejected if a `nonnegative` channel holds a value below 0.
+    """
+
+    name: str
+    kind: Kind
+    bands: tuple[str, ...]
+    dtype: type
+    description: str
+    unit: str = ""
+    nonnegative: bool = False
+    mask: bool = False  # 0 or 1, in the dataset a uint8
+    in_dataset: bool = True  # False: in the frame only
+
+    @property
+    def is_panorama(self) -> bool:
+        """True for images over the sphere, False for those in the camera's image plane."""
+        return self.kind == "illumination"
+
+
+CHANNELS = (
+    Channel(
+        "depth",
+        "inputs",
+        ("Z",),
+        np.float32,
+        "Distance along the optical axis (z-depth, not ray distance); 0: no surface.",
+        "metre",
+        nonnegative=True,
+    ),
+    Channel(
+        "normal",
+        "inputs",
+        NORMAL,
+        np.float16,
+        "Unit surface normal facing the camera, in camera axes: x right, y down, z forward.",
+    ),
+    Channel("reflectance", "inputs", ALBEDO, np.float16, "Linear RGB base colour, 0 to 1."),
+    Channel(
+        "valid", "inputs", ("valid",), np.float16, "1 where a surface is seen, else 0.", mask=True
+    ),
+    Channel(
+        "object",
+        "inputs",
+        ("object",),
+        np.uint32,
+        "Index + 1 into the objects of scene.json; 0: none.",
+        in_dataset=False,
+    ),
+    Channel(
+        "intensity",
+        "illumination",
+        ("intensity.Y",),
+        np.float32,
+        "Equirectangular panorama in the camera's frame, centre column straight ahead, top "
+        "row up: Rec. 709 luminance of the light source visible there; 0: none.",
+        RADIANCE,
+        nonnegative=True,
+    ),
+    Channel(
+        "distance",
+        "illumination",
+        ("distance.Z",),
+        np.float32,
+        f"{_SPHERE} distance to that light source, for the sky to the window; 0: none.",
+        "metre",
+        nonnegative=True,
+    ),
+    Channel(
+        "tint",
+        "illumination",
+        TINT,
+        np.float16,
+        f"{_SPHERE} the light's colour, linear RGB of luminance 1; 0: none. The paper has no such "
+        "input.",
+        nonnegative=True,
+    ),
+    Channel(
+        "shading",
+        "shading",
+        RGB,
+        np.float16,
+        "Linear HDR RGB, path traced with every colour and texture replaced by one grey.",
+        RADIANCE,
+        nonnegative=True,
+    ),
+    Channel(
+        "color",
+        "color",
+        RGB,
+        np.float16,
+        "Linear HDR RGB, path traced full scene.",
+        RADIANCE,
+        nonnegative=True,
+    ),
+    Channel(
+        "visibility",
+        "visibility",
+        ("visibility.Y",),
+        np.float16,
+        "Share of the direct light of the panorama's sources that reaches the surface, by shadow "
+        "rays; 1 where there is none. The paper has no such input.",
+    ),
+    Channel(
+        "noisy_color",
+        "noisy",
+        RGB,
+        np.float16,
+        f"Linear HDR RGB, {_FEW} color's; unbiased.",
+        RADIANCE,
+        nonnegative=True,
+    ),
+    Channel(
+        "noisy_shading",
+        "noisy",
+        NOISY_SHADING,
+        np.float16,
+        f"Linear HDR RGB, {_FEW} shading's; of the same paths as noisy_color.",
+        RADIANCE,
+        nonnegative=True,
+    ),
+    Channel(
+        "denoised_color",
+        "noisy",
+        DENOISED,
+        np.float16,
+        "Linear HDR RGB: noisy_color through Intel's Open Image Denoise.",
+        RADIANCE,
+        nonnegative=True,
+    ),
+    Channel(
+        "denoised_shading",
+        "noisy",
+        DENOISED_SHADING,
+        np.float16,
+        "Linear HDR RGB: noisy_shading through Intel's Open Image Denoise.",
+        RADIANCE,
+        nonnegative=True,
+    ),
+)
+
+
+def channels_of(*kinds: str) -> tuple[Channel, ...]:
+    """Return the channels of these kinds of frames, in the order of the table."""
+    return tuple(channel for channel in CHANNELS if channel.kind in kinds)
+
+
+def dataset_channels(kinds: Sequence[str]) -> tuple[Channel, ...]:
+    """Return the channels of these kinds that are columns of the dataset."""
+    return tuple(channel for channel in channels_of(*kinds) if channel.in_dataset)
+
+
+def layout(kind: Kind) -> dict[str, type]:
+    """Return the NumPy type of each EXR channel of a kind of frame."""
+    return {band: channel.dtype for channel in channels_of(kind) for band in channel.bands}

@@ -1,0 +1,104 @@
+"""Table of channels: what a new entry makes appear, and where."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from pipeline import channels
+from pipeline.channels import CHANNELS, KINDS, RGB, Channel, channels_of, layout
+from pipeline.dataset.pack import pack_dataset
+from pipeline.frames import Frame, frame_path, read_frame
+from pipeline.inspection.describe import inspect_path
+from pipeline.inspection.drawings import draw_frame
+from pipeline.passes import inputs
+from pipeline.passes.inputs import RENDERERS, VisibleSurfaces, render_inputs
+from pipeline.render.scene import open_scene, set_variant
+from pipeline.views import load_cameras
+from scenes.arrays import AnyArray
+from tests.fixtures.dataset import box_frames, make_data, small_params, write_view
+from tests.fixtures.render import diffuse, make_view, quad, write_scene
+
+ROUGHNESS = Channel(
+    "roughness",
+    "inputs",
+    ("roughness",),
+    np.float16,
+    "Roughness of the surface, 0 to 1; 0: no surface.",
+    nonnegative=True,
+)
+
+
+def test_a_band_belongs_to_one_channel_of_its_frame() -> None:
+    for kind in KINDS:
+        bands = [band for channel in channels_of(kind) for band in channel.bands]
+        assert bands and len(set(bands)) == len(bands)
+        assert list(layout(kind)) == bands
+    names = [channel.name for channel in CHANNELS]
+    assert len(set(names)) == len(names)
+
+
+def test_frames_have_the_layouts_that_the_design_fixes() -> None:
+    assert layout("shading") == layout("color") == dict.fromkeys(RGB, np.float16)
+    single = {band for kind in KINDS for band, dtype in layout(kind).items() if dtype is np.float32}
+    assert single == {"Z", "intensity.Y", "distance.Z"}, "a sun or a bare bulb overflows half"
+
+
+def test_every_input_channel_has_a_renderer() -> None:
+    assert list(RENDERERS) == [channel.name for channel in channels_of("inputs")]
+
+
+def constant_roughness(surfaces: VisibleSurfaces) -> AnyArray:
+    return np.where(surfaces.valid, 0.25, 0)
+
+
+@pytest.fixture
+def roughness(monkeypatch: pytest.MonkeyPatch) -> Channel:
+    """One more entry in the table and one more renderer: all that a new input image needs."""
+    monkeypatch.setattr(channels, "CHANNELS", (*CHANNELS, ROUGHNESS))
+    monkeypatch.setitem(inputs.RENDERERS, "roughness", constant_roughness)
+    return ROUGHNESS
+
+
+def test_a_new_channel_is_rendered_into_its_frame(roughness: Channel, tmp_path: Path) -> None:
+    set_variant()
+    body = quad("p", (0, 2, 1.5), (0, -1, 0), (1, 1), diffuse())
+    got = render_inputs(open_scene(write_scene(tmp_path / "s", body)), make_view())
+    assert got["roughness"].shape == (24, 32)
+    np.testing.assert_array_equal(got["roughness"], 0.25 * got["valid"])
+
+
+def test_a_new_channel_is_packed_checked_described_and_drawn(
+    roughness: Channel, tmp_path: Path
+) -> None:
+    params = small_params()
+    data = make_data(tmp_path, params, scenes=3, views=1)
+    cameras = [load_cameras(data / "cameras" / f"home-{index:04d}.json") for index in range(3)]
+    views = [view for file in cameras for view in file.views]
+    values = (np.float16(0.25), np.float16(0.5), np.float16(-0.5))  # the last is impossible
+    for view, value in zip(views, values, strict=True):
+        frame = box_frames(view, params)["inputs"]
+        planes = {**frame, "roughness": np.full(frame["Z"].shape, value)}
+        write_view(data, "inputs", planes, view)
+    summary = pack_dataset(data, params)
+    assert summary.total == 2
+    rejected = (data / "dataset" / "rejected.csv").read_text().splitlines()[1:]
+    assert rejected == ["home-0002,000,negative,roughness: down to -0.5"]
+    tables = [pq.read_table(path) for path in sorted((data / "dataset").glob("*.parquet"))]
+    cells = [cell for table in tables for cell in table["roughness"].to_pylist()]
+    assert sorted({value for cell in cells for value in cell}) == [0.25, 0.5]
+    field = tables[0].schema.field("roughness")
+    assert field.metadata[b"shape"] == b"[24, 32]"
+    card = (data / "dataset" / "README.md").read_text()
+    croissant = (data / "dataset" / "croissant.json").read_text()
+    for text in (card, croissant):
+        assert "Roughness of the surface, 0 to 1; 0: no surface." in text
+    path = frame_path(data, "inputs", views[0])
+    assert "roughness" in inspect_path(path).text
+    frame = read_frame(path)
+    others = {name: values for name, values in frame.channels.items() if name != "roughness"}
+    rows = [draw_frame(Frame(held, frame.meta)).shape[0] for held in (others, frame.channels)]
+    assert rows[1] > rows[0], "a picture more"
