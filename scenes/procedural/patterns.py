@@ -53,8 +53,8 @@ def noise(
     """Return tileable noise, float32 (size, size), mean 0, standard deviation 1.
 
     Its amplitude spectrum is frequency ** -falloff, without frequencies below `low` periods per
-    tile; `stretch` lengthens the features along (u, v). The spectrum is drawn in an order that
-    does not depend on `size`, so one seed looks similar at all sizes.
+    tile; `stretch` lengthens the features along (u, v). Frequencies above 256 are 0: from 512
+    pixels on, one seed gives the same features at every size.
     """
     cutoff = min(size // 2, 256)
     amplitude = _amplitude(cutoff, falloff, stretch, low)

@@ -75,7 +75,7 @@ def test_the_plan_stays_and_the_finishes_change(base: Scene) -> None:
     assert made.source["varied"] == ["finishes", "light"]
     before, after = materials(base), materials(made)
     changed = {name for name in before if before[name] != after[name]}
-    kinds = {thing.category for thing in made.objects if changed & set(thing.shapes)}
+    kinds = {item.category for item in made.objects if changed & set(item.shapes)}
     assert {"floor", "wall", "ceiling", "bed"} <= kinds
     assert kinds <= {"floor", "wall", "ceiling", "bed", "skirting"}
     assert changed == set(made.source["finishes"]["shapes"])

@@ -68,7 +68,7 @@ class PlacedPiece:
 
 @dataclass(frozen=True)
 class _ClearZone:
-    """Rectangle of floor to keep free for its `owner`: an item id, "way", "swing" or "leaf"."""
+    """Rectangle of floor to keep free for its `owner`: an item id, "passage", "swing" or "leaf"."""
 
     low: tuple[float, float]
     high: tuple[float, float]
@@ -105,7 +105,7 @@ class RoomSpace:
         if opening.kind == "window":
             return
         deep = 0.7 if opening.kind != "patio" else 0.6
-        self._keep_clear(edge.strip(0, width, 0.0, deep), "way")
+        self._keep_clear(edge.strip(0, width, 0.0, deep), "passage")
         self.doors.append(edge.at(width / 2, 0.35))
         if opening.kind in ("door", "entrance") and opening.swing == self.room.id:
             self._keep_clear(edge.strip(0, width, 0.0, width), "swing")
@@ -136,13 +136,13 @@ class RoomSpace:
         *,
         allow: Collection[str] = (),
         zone: bool = True,
-        beneath: Collection[str] = (),
+        touching: Collection[str] = (),
         on_floor: bool = True,
     ) -> PlacedPiece | None:
         """Place `piece` at `pose` if that is valid; returns None otherwise.
 
-        `allow` holds owners of clear zones that the piece may enter (item ids, "way", "swing");
-        `beneath` holds ids of items that it may touch, such as its carrier. `zone` reserves the
+        `allow` holds owners of clear zones that the piece may enter (item ids, "passage", "swing");
+        `touching` holds ids of items that it may touch, such as its carrier. `zone` reserves the
         floor in front of it; `on_floor` tests walkability.
         """
         item = PlacedPiece(
@@ -152,7 +152,7 @@ class RoomSpace:
             pose,
             collision_boxes(piece, pose),
         )
-        if not self._is_clear(item, allow, beneath, on_floor):
+        if not self._is_clear(item, allow, touching, on_floor):
             return None
         front = _front(piece, pose) if zone and on_floor and piece.front_clearance > 0 else None
         if front is not None and not self._zone_is_clear(front, allow):
@@ -179,7 +179,7 @@ class RoomSpace:
         self._free = self._without(self._walkable_floor(), self._boxes[fixed])
 
     def _is_clear(
-        self, item: PlacedPiece, allow: Collection[str], beneath: Collection[str], on_floor: bool
+        self, item: PlacedPiece, allow: Collection[str], touching: Collection[str], on_floor: bool
     ) -> bool:
         low, high = item.bounds
         if high[2] > self.plan.height + CONTACT_TOLERANCE or low[2] < -CONTACT_TOLERANCE:
@@ -192,7 +192,7 @@ class RoomSpace:
         if _overlap(item.collision_boxes, self._blocked).any():
             return False
         hits = _overlap(item.collision_boxes, self._boxes)
-        if any(self._owners[k] not in beneath for k in np.flatnonzero(hits.any(axis=0))):
+        if any(self._owners[k] not in touching for k in np.flatnonzero(hits.any(axis=0))):
             return False
         if on_floor and high[2] > STEP_OVER and low[2] < 1.2:
             for zone in self._zones:
@@ -481,7 +481,7 @@ class RoomSpace:
                     float(at[0]), float(at[1]), float(at[2]), (carrier.pose.yaw + yaw) % 360
                 )
                 item = self.try_place(
-                    kind, piece, pose, zone=False, beneath=(carrier.id,), on_floor=False
+                    kind, piece, pose, zone=False, touching=(carrier.id,), on_floor=False
                 )
                 if item is not None:
                     carrier.occupied[int(index)].append(rect)

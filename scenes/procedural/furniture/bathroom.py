@@ -37,16 +37,16 @@ from scenes.procedural.furniture.style import (
 from scenes.procedural.piece import FurniturePiece, Material
 
 
-def _tap(reach: float, tall: float) -> BodyMesh:
+def _tap(spout: float, tall: float) -> BodyMesh:
     """Basin mixer at the origin, spout towards the front (-Y)."""
     t = np.linspace(0, 0.5 * np.pi, 6)
     bend = np.stack([0 * t, -0.05 + 0.05 * np.cos(t), tall - 0.05 + 0.05 * np.sin(t)], axis=1)
-    path = np.concatenate([[[0, 0, 0.0]], bend, [[0, -reach, tall - 0.012]]])
+    path = np.concatenate([[[0, 0, 0.0]], bend, [[0, -spout, tall - 0.012]]])
     return merge(
         [
             cylinder(0.023, 0, 0.014, 20, bevel=0.003),
             tube(path, 0.0125, 12),
-            bar((0, -reach + 0.008, tall - 0.006), (0, -reach + 0.004, tall - 0.034), 0.0105, 10),
+            bar((0, -spout + 0.008, tall - 0.006), (0, -spout + 0.004, tall - 0.034), 0.0105, 10),
             bar((0, -0.008, tall), (0, 0.035, tall + 0.035), 0.005, 8),
         ]
     )

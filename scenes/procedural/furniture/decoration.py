@@ -130,9 +130,9 @@ def _foliage(
     rise = height - base
     kind = ("broad", "palm", "sword")[int(rng.integers(3))]
 
-    def bough(turn: float, reach: float, top: float) -> np.ndarray:
+    def branch(turn: float, extent: float, top: float) -> np.ndarray:
         t = np.linspace(0, 1, 6)
-        out = reach * t**1.7
+        out = extent * t**1.7
         return np.stack(
             [
                 out * np.cos(turn),
@@ -146,8 +146,8 @@ def _foliage(
         for k in range(int(rng.integers(14, 22))):
             turn = k * 2.4 + float(rng.uniform(-0.3, 0.3))
             share = float(rng.uniform(0.35, 1.0))
-            reach = 0.33 * rise * float(rng.uniform(0.4, 1.0)) * (1.25 - 0.6 * share)
-            path = bough(turn, reach, base + 0.92 * rise * share)
+            extent = 0.33 * rise * float(rng.uniform(0.4, 1.0)) * (1.25 - 0.6 * share)
+            path = branch(turn, extent, base + 0.92 * rise * share)
             b.add(stalk, tube(path, np.linspace(0.013, 0.005, 6) * rise, 8), name="stalks")
             long = float(rng.uniform(0.24, 0.34)) * rise
             leaf = _leaf(long, 0.62 * long, float(rng.uniform(0.7, 1.5)))
@@ -163,8 +163,8 @@ def _foliage(
     elif kind == "palm":
         for k in range(int(rng.integers(8, 12))):
             turn = k * 2.4 + float(rng.uniform(-0.3, 0.3))
-            reach = 0.45 * rise * float(rng.uniform(0.45, 1.0))
-            path = bough(turn, reach, base + rise * float(rng.uniform(0.6, 0.93)))
+            extent = 0.45 * rise * float(rng.uniform(0.45, 1.0))
+            path = branch(turn, extent, base + rise * float(rng.uniform(0.6, 0.93)))
             b.add(stalk, tube(path, np.linspace(0.009, 0.003, 6) * rise, 8), name="stalks")
             fine = np.linspace(0.35, 1.0, 11)
             at = np.stack([np.interp(fine, np.linspace(0, 1, 6), path[:, c]) for c in range(3)], 1)
@@ -205,12 +205,12 @@ def vase(rng: np.random.Generator, style: Style) -> FurniturePiece:
         bloom = style.cushions[int(rng.integers(len(style.cushions)))]
         for k in range(int(rng.integers(5, 9))):
             turn = k * 2.4
-            reach, top = float(rng.uniform(0.05, 0.14)), tall + float(rng.uniform(0.14, 0.3))
+            extent, top = float(rng.uniform(0.05, 0.14)), tall + float(rng.uniform(0.14, 0.3))
             t = np.linspace(0, 1, 5)
             path = np.stack(
                 [
-                    reach * t**1.5 * np.cos(turn),
-                    reach * t**1.5 * np.sin(turn),
+                    extent * t**1.5 * np.cos(turn),
+                    extent * t**1.5 * np.sin(turn),
                     0.72 * tall + (top - 0.72 * tall) * t,
                 ],
                 1,

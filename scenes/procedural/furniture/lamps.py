@@ -166,11 +166,11 @@ def spot_rail(rng: np.random.Generator, style: Style) -> FurniturePiece:
         b.add(style.metal, bar((x, 0, -0.02), (x, 0, -0.075), 0.006, 8))
         tilt, turn = rng.uniform(15, 45), rng.uniform(0, 360)
         can = lathe([(0.036, -0.075), (0.04, -0.07), (0.04, 0.01), (0.03, 0.03)], 24)
-        glow = lathe([(0.0, -0.0785), (0.032, -0.0785), (0.032, -0.0745)], 24)
+        diffuser = lathe([(0.0, -0.0785), (0.032, -0.0785), (0.032, -0.0745)], 24)
         b.add(style.metal, can.turned("x", tilt).turned("z", turn).moved(x, 0, -0.1), name="spot")
         b.add(
             OPAL,
-            glow.turned("x", tilt).turned("z", turn).moved(x, 0, -0.1),
+            diffuser.turned("x", tilt).turned("z", turn).moved(x, 0, -0.1),
             name="diffuser",
             lumens=1350.0,
             kelvin=style.kelvin,
@@ -261,11 +261,11 @@ def desk_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
     tilt = float(rng.uniform(8, 22))
     cone = loft(_profile_rings([*outer, *inner], 28), closed=False).turned("x", tilt).moved(*head)
     cap = cylinder(0.0235, 0.008, 0.021, 20).turned("x", tilt).moved(*head)
-    glow = (
+    diffuser = (
         lathe([(0.0, -0.093), (0.061, -0.09), (0.061, -0.084)], 28).turned("x", tilt).moved(*head)
     )
     b.add(metal, cone, cap, name="reflector")
-    b.add(OPAL, glow, name="diffuser", lumens=float(rng.uniform(300, 450)), kelvin=3200.0)
+    b.add(OPAL, diffuser, name="diffuser", lumens=float(rng.uniform(300, 450)), kelvin=3200.0)
     return b.piece()
 
 

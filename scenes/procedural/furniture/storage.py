@@ -115,15 +115,17 @@ def add_vase(
 ) -> None:
     """Add a vase with an open mouth."""
     wide = float(rng.uniform(0.28, 0.42)) * tall
-    neck = float(rng.uniform(0.35, 0.75)) * wide
+    mouth = float(rng.uniform(0.35, 0.75)) * wide
     t = np.linspace(0, 1, 17)
     belly = float(rng.uniform(0.8, 1.5))
-    outer = 0.55 * wide * (1 - t) + neck * t + (wide - 0.5 * neck) * np.sin(np.pi * t**belly) * 0.6
+    outer = (
+        0.55 * wide * (1 - t) + mouth * t + (wide - 0.5 * mouth) * np.sin(np.pi * t**belly) * 0.6
+    )
     outer *= wide / outer.max()
     profile = [(float(r), float(h)) for r, h in zip(outer, t * tall, strict=True)]
     wall = 0.005
     profile += [(profile[-1][0] - wall, tall), (0.9 * profile[-3][0] - wall, 0.86 * tall)]
-    profile += [(0.6 * neck, 0.7 * tall)]
+    profile += [(0.6 * mouth, 0.7 * tall)]
     b.add(material, lathe(profile, 24).moved(x, y, z), name="vase")
 
 

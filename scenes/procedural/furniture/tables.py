@@ -87,8 +87,8 @@ def round_table(
             ),
         )
         for k in range(4):
-            reach = 0.62 * radius
-            foot = [(reach, 0, 0.0), (reach - 0.02, 0, 0.045), (0.06, 0, 0.2)]
+            extent = 0.62 * radius
+            foot = [(extent, 0, 0.0), (extent - 0.02, 0, 0.045), (0.06, 0, 0.2)]
             arm = post(foot, [(0.06, 0.045), (0.05, 0.04), (0.03, 0.04)])
             b.add(wood, arm.turned("z", 45 + 90 * k))
     b.surface(0, 0, height, 0.62 * radius, 0.62 * radius)

@@ -33,7 +33,7 @@ def curtains(
     b = Builder("curtains", "curtain", "on_wall")
     off = 0.1  # metres from the wall to the rod
     bunch = min(max(0.25 * width, 0.26), 0.6) * float(rng.uniform(0.85, 1.25))
-    reach = width / 2 + float(rng.uniform(0.14, 0.24))
+    half_span = width / 2 + float(rng.uniform(0.14, 0.24))
     hem, top = 0.015, height - 0.035
     for side in (-1.0, 1.0):
         count, rows = 90, 14
@@ -50,7 +50,7 @@ def curtains(
         x = s[None, :] * spread[:, None] + 0.01 * np.sin(2 * wave) * t[:, None]
         y = -off + deep[None, :] * swing[:, None] * np.sin(wave) * (1 + 0.25 * t[:, None])
         z = top + (hem - top) * t
-        outer = side * (reach - x)
+        outer = side * (half_span - x)
         points = np.stack(
             [outer, np.broadcast_to(y, x.shape), np.broadcast_to(z[:, None], x.shape)], axis=-1
         )
@@ -60,12 +60,12 @@ def curtains(
             turn = 2 * np.pi * np.arange(14) / 14
             ring = np.stack([0 * turn, 0.017 * np.cos(turn), 0.017 * np.sin(turn) - 0.006], axis=1)
             loop = tube(ring, 0.0022, 8, closed=True)
-            b.add(style.metal, loop.moved(side * (reach - at), -off, height), name="ring")
-    end = reach + 0.07
+            b.add(style.metal, loop.moved(side * (half_span - at), -off, height), name="ring")
+    end = half_span + 0.07
     b.add(style.metal, bar((-end, -off, height), (end, -off, height), 0.0105, 12), name="rod")
     for side in (-1, 1):
         b.add(style.metal, sphere(0.022, 14, 8).moved(side * end, -off, height), name="rod")
-        x = side * (reach + 0.025)
+        x = side * (half_span + 0.025)
         b.add(style.metal, bar((x, -0.003, height), (x, -off, height), 0.007, 8), name="bracket")
         b.add(
             style.metal,
@@ -101,14 +101,14 @@ def rug(
         spacing = 0.03
         for side in (-1, 1):
             for v in np.arange(-depth / 2 + 0.015, depth / 2, spacing):
-                reach = float(rng.uniform(0.04, 0.055))
+                length = float(rng.uniform(0.04, 0.055))
                 start = side * (width / 2 - 0.003)
                 b.add(
                     style.rug,
                     box(
-                        (reach, 0.009, 0.003),
+                        (length, 0.009, 0.003),
                         (
-                            start + side * reach / 2,
+                            start + side * length / 2,
                             float(v) + float(rng.uniform(-0.004, 0.004)),
                             0.0015,
                         ),

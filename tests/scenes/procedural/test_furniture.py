@@ -159,8 +159,8 @@ def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
     return float((a * np.cross(b, c)).sum() / 6)
 
 
-def ray_caster(thing: FurniturePiece) -> RayCaster:
-    return RayCaster(np.concatenate([corners(part) for part in thing.parts]))
+def ray_caster(made: FurniturePiece) -> RayCaster:
+    return RayCaster(np.concatenate([corners(part) for part in made.parts]))
 
 
 def test_the_catalogue_has_kinds_for_every_room() -> None:
@@ -270,10 +270,10 @@ def test_a_style_is_coordinated_physical_and_seeded() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_meshes_are_sound(kind: str) -> None:
     for seed in SEEDS:
-        thing = piece(kind, seed)
-        names = [part.name for part in thing.parts]
+        made = piece(kind, seed)
+        names = [part.name for part in made.parts]
         assert len(set(names)) == len(names)
-        for part in thing.parts:
+        for part in made.parts:
             where = f"{kind}, seed {seed}, {part.name}"
             count = len(part.vertices)
             assert np.isfinite(part.vertices).all() and np.isfinite(part.uvs).all(), where
@@ -281,7 +281,7 @@ def test_meshes_are_sound(kind: str) -> None:
             assert part.faces.min() >= 0 and part.faces.max() < count, where
             assert areas(corners(part)).min() > 1e-11, where
             assert len(np.unique(part.faces)) == count or len(part.faces) < count * 3, where
-        assert sum(len(part.faces) for part in thing.parts) <= BUDGET, (kind, seed)
+        assert sum(len(part.faces) for part in made.parts) <= BUDGET, (kind, seed)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -299,16 +299,16 @@ def test_solid_parts_are_closed_and_wound_outwards(kind: str) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_pieces_rest_on_what_carries_them(kind: str) -> None:
     for seed in SEEDS:
-        thing = piece(kind, seed)
-        low, high = thing.bounds
+        made = piece(kind, seed)
+        low, high = made.bounds
         where = f"{kind}, seed {seed}: {low} {high}"
-        if thing.anchor in FLOOR:
+        if made.anchor in FLOOR:
             assert low[2] == pytest.approx(0, abs=1e-3), where
-        elif thing.anchor == "ceiling":
+        elif made.anchor == "ceiling":
             assert high[2] == pytest.approx(0, abs=1e-3), where
         else:
             assert high[1] == pytest.approx(0, abs=1e-3), where
-            assert thing.mount_height + low[2] >= -1e-6, where
+            assert made.mount_height + low[2] >= -1e-6, where
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -358,9 +358,9 @@ def test_equal_seeds_make_equal_pieces_and_others_differ(kind: str) -> None:
 def test_things_can_stand_on_the_surfaces(kind: str) -> None:
     soft = {"sofa": 0.035, "pouf": 0.02}
     for seed in list(SEEDS)[:6]:
-        thing = piece(kind, seed)
-        caster = ray_caster(thing) if thing.surfaces else None
-        for surface in thing.surfaces:
+        made = piece(kind, seed)
+        caster = ray_caster(made) if made.surfaces else None
+        for surface in made.surfaces:
             assert caster is not None
             x, y = np.meshgrid(np.linspace(-0.95, 0.95, 4), np.linspace(-0.95, 0.95, 3))
             points = np.stack(
@@ -387,11 +387,11 @@ def test_tables_and_cupboards_offer_surfaces() -> None:
 @pytest.mark.parametrize("kind", [k for k in KINDS if FURNITURE_KINDS[k].category == "lamp"])
 def test_lamps_shine_out_of_themselves(kind: str) -> None:
     for seed in list(SEEDS)[:8]:
-        thing = piece(kind, seed)
-        glowing = [part for part in thing.parts if part.lumens > 0]
-        assert glowing, (kind, seed)
-        assert 150 <= sum(part.lumens for part in glowing) <= 4500
-        for part in glowing:
+        made = piece(kind, seed)
+        emitting = [part for part in made.parts if part.lumens > 0]
+        assert emitting, (kind, seed)
+        assert 150 <= sum(part.lumens for part in emitting) <= 4500
+        for part in emitting:
             assert 2000 <= part.kelvin <= 6500
             rng = np.random.default_rng(seed)
             triangles = corners(part)
@@ -402,7 +402,7 @@ def test_lamps_shine_out_of_themselves(kind: str) -> None:
             away = normals + rng.normal(size=normals.shape) * 0.3
             away /= np.linalg.norm(away, axis=1, keepdims=True)
             origins = chosen.mean(axis=1) + 1e-4 * normals
-            free = np.isinf(ray_caster(thing).cast(origins, away)[0])
+            free = np.isinf(ray_caster(made).cast(origins, away)[0])
             assert free.mean() > 0.2, (kind, seed, part.name, free.mean())
 
 

@@ -60,13 +60,13 @@ class Home:
     def bodies(self) -> dict[str, list[tuple[Polygon, float, float]]]:
         """Object id -> connected bodies of its meshes: (hull of footprint, lowest, highest z)."""
         return {
-            thing.id: [body for shape in thing.shapes for body in self._bodies(shape)]
-            for thing in self.scene.objects
+            item.id: [body for shape in item.shapes for body in self._bodies(shape)]
+            for item in self.scene.objects
         }
 
-    def triangles(self, thing: SceneObject) -> np.ndarray:
+    def triangles(self, item: SceneObject) -> np.ndarray:
         """Corners (N, 3, 3) of all triangles of an object, metres."""
-        return np.concatenate([self.mesh(shape).corners for shape in thing.shapes])
+        return np.concatenate([self.mesh(shape).corners for shape in item.shapes])
 
     def mesh(self, shape: str) -> Mesh:
         return read_ply(self.folder / "meshes" / f"{shape}.ply")
@@ -112,7 +112,7 @@ def _room_count(home: Home) -> int:
 
 
 def furniture_of(home: Home) -> list[SceneObject]:
-    return [thing for thing in home.scene.objects if not thing.is_structure]
+    return [item for item in home.scene.objects if not item.is_structure]
 
 
 def test_every_file_is_used_and_every_reference_exists(homes: list[Home]) -> None:
@@ -128,7 +128,7 @@ def test_every_file_is_used_and_every_reference_exists(homes: list[Home]) -> Non
         }
         assert named == present
         shapes = [node.get("id") for node in root.iter("shape")]
-        assert sorted(shapes) == sorted(id for thing in home.scene.objects for id in thing.shapes)
+        assert sorted(shapes) == sorted(id for item in home.scene.objects for id in item.shapes)
         assert len(shapes) <= 600
 
 
@@ -155,8 +155,8 @@ def test_light_settings_share_plan_and_furniture(homes: list[Home], tmp_path: Pa
     home = min((home for home in homes if home.scene.lighting == "night"), key=_room_count)
     scene = make_home(tmp_path / "day", "day", SMALL, home.seed, "day")
     assert scene.plan == home.scene.plan
-    assert [thing.bbox_min for thing in scene.objects] == [
-        thing.bbox_min for thing in home.scene.objects
+    assert [item.bbox_min for item in scene.objects] == [
+        item.bbox_min for item in home.scene.objects
     ]
     windows = {portal.room for portal in scene.portals if portal.clear}
     assert not [light for light in scene.lights if light.kind == "area" and light.room in windows]
@@ -280,9 +280,9 @@ def test_light_enters_a_home_through_portals_only(homes: list[Home]) -> None:
         scene = mi.load_file(str(home.scene.xml), optimize=False, parallel=False)
         outdoors = {
             shape
-            for thing in home.scene.objects
-            if thing.id.startswith("outside")
-            for shape in thing.shapes
+            for item in home.scene.objects
+            if item.id.startswith("outside")
+            for shape in item.shapes
         }
         rng = generator(home.seed, "leaks")
         origins, directions = _rays_inside(home, rng, 400 if mi.variant()[0] == "s" else 20_000)
@@ -402,7 +402,7 @@ def test_a_variant_keeps_the_plan_and_differs_in_what_may_vary(
         return make_home(folder, "twin", params, home.seed, home.scene.lighting, number)
 
     def furniture(scene: Scene) -> list[Any]:
-        return [(thing.id, thing.bbox_min) for thing in scene.objects if not thing.is_structure]
+        return [(item.id, item.bbox_min) for item in scene.objects if not item.is_structure]
 
     def outdoors(scene: Scene) -> list[Any]:
         return [(t.id, t.bbox_min) for t in scene.objects if t.id.startswith("outside")]
@@ -436,25 +436,25 @@ def test_a_variant_keeps_the_plan_and_differs_in_what_may_vary(
 def test_rooms_are_furnished(homes: list[Home]) -> None:
     for home in homes:
         for room in home.scene.rooms:
-            inside = [thing for thing in furniture_of(home) if thing.room == room.id]
+            inside = [item for item in furniture_of(home) if item.room == room.id]
             assert len(inside) >= 5, f"seed {home.seed}: {room.name} has {len(inside)} things"
             shape = Polygon(room.floor).buffer(2e-3)
-            for thing in inside:
-                for footprint, low, high in home.bodies[thing.id]:
-                    assert low > -2e-3 and high < room.ceiling_z + 2e-3, thing.id
-                    in_bay = thing.bbox_min[2] > 0.2
-                    assert in_bay or shape.covers(footprint), f"seed {home.seed}: {thing.id}"
+            for item in inside:
+                for footprint, low, high in home.bodies[item.id]:
+                    assert low > -2e-3 and high < room.ceiling_z + 2e-3, item.id
+                    in_bay = item.bbox_min[2] > 0.2
+                    assert in_bay or shape.covers(footprint), f"seed {home.seed}: {item.id}"
 
 
 def test_nothing_intersects(homes: list[Home]) -> None:
     for home in homes:
-        things = [
-            thing
-            for thing in home.scene.objects
-            if not thing.is_structure or thing.category in ("door", "window")
+        items = [
+            item
+            for item in home.scene.objects
+            if not item.is_structure or item.category in ("door", "window")
         ]
-        for index, first in enumerate(things):
-            for second in things[index + 1 :]:
+        for index, first in enumerate(items):
+            for second in items[index + 1 :]:
                 if first.is_structure and second.is_structure:
                     continue
                 if _boxes_meet(first, second):
@@ -470,15 +470,15 @@ def test_nothing_intersects(homes: list[Home]) -> None:
 def test_furniture_leaves_room_for_skirting(homes: list[Home]) -> None:
     for home in homes:
         for room in home.scene.rooms:
-            trim = [thing for thing in home.scene.objects if thing.id == f"trim-{room.id}"]
+            trim = [item for item in home.scene.objects if item.id == f"trim-{room.id}"]
             if not trim or trim[0].bbox_min[2] > 0.1:
                 continue
             high = min(top for _, low, top in home.bodies[trim[0].id] if low < 0.1)
             clear = Polygon(room.floor).buffer(-0.013, join_style="mitre")
-            for thing in furniture_of(home):
-                for footprint, low, _ in home.bodies[thing.id]:
-                    if thing.room == room.id and low < high - 0.005:
-                        assert clear.covers(footprint), f"seed {home.seed}: {thing.id}"
+            for item in furniture_of(home):
+                for footprint, low, _ in home.bodies[item.id]:
+                    if item.room == room.id and low < high - 0.005:
+                        assert clear.covers(footprint), f"seed {home.seed}: {item.id}"
 
 
 def _boxes_meet(first: SceneObject, second: SceneObject) -> bool:
@@ -513,13 +513,13 @@ def _cross(home: Home, first: SceneObject, second: SceneObject) -> bool:
 
 def _pierces(one: np.ndarray, other: np.ndarray) -> bool:
     starts = one.reshape(-1, 3)
-    ways = np.roll(one, -1, axis=1).reshape(-1, 3) - starts
-    lengths = np.linalg.norm(ways, axis=1)
+    edges = np.roll(one, -1, axis=1).reshape(-1, 3) - starts
+    lengths = np.linalg.norm(edges, axis=1)
     return any(
-        ((reach > 3e-3) & (reach < length - 3e-3)).any()
-        for start, way, length in zip(starts, ways, lengths, strict=True)
+        ((distances > 3e-3) & (distances < length - 3e-3)).any()
+        for start, edge, length in zip(starts, edges, lengths, strict=True)
         if length > 6e-3
-        for reach in [hits(start, way / length, other)]
+        for distances in [hits(start, edge / length, other)]
     )
 
 
@@ -538,15 +538,15 @@ def test_nothing_floats(homes: list[Home]) -> None:
         for room in home.scene.rooms:
             walls = Polygon(room.floor).exterior
             solid = [
-                thing
-                for thing in home.scene.objects
-                if thing.room == room.id and (not thing.is_structure or thing.category == "window")
+                item
+                for item in home.scene.objects
+                if item.room == room.id and (not item.is_structure or item.category == "window")
             ]
-            for thing in solid:
-                if thing.is_structure:
+            for item in solid:
+                if item.is_structure:
                     continue
-                low, high = thing.bbox_min[2], thing.bbox_max[2]
-                footprint = shapely.box(*thing.bbox_min[:2], *thing.bbox_max[:2])
+                low, high = item.bbox_min[2], item.bbox_max[2]
+                footprint = shapely.box(*item.bbox_min[:2], *item.bbox_max[:2])
                 held = (
                     low < 0.003
                     or high > room.ceiling_z - 0.003
@@ -554,22 +554,22 @@ def test_nothing_floats(homes: list[Home]) -> None:
                     or any(
                         -0.02 < low - top < 0.012 and footprint.intersects(below)
                         for other in solid
-                        if other.id != thing.id
+                        if other.id != item.id
                         for below, _, top in home.bodies[other.id]
                     )
                 )
-                assert held, f"seed {home.seed}: {thing.id} floats at {low:.3f}"
+                assert held, f"seed {home.seed}: {item.id} floats at {low:.3f}"
 
 
 def test_rooms_can_be_walked(homes: list[Home]) -> None:
     """Floor wide enough for a person of 0.4 m joins all doors of a room."""
     for home in homes:
         for room in home.plan.rooms:
-            things = [thing for thing in furniture_of(home) if thing.room == room.id]
+            items = [item for item in furniture_of(home) if item.room == room.id]
             standing = [
                 footprint
-                for thing in things
-                for footprint, low, high in home.bodies[thing.id]
+                for item in items
+                for footprint, low, high in home.bodies[item.id]
                 if high > 0.07 and low < 1.7
             ]
             blocked = shapely.union_all(standing).buffer(0.2) if standing else Polygon()
@@ -724,6 +724,6 @@ def test_a_thousand_homes_keep_the_rules(first: int, tmp_path: Path) -> None:
             test_rooms_can_be_walked,
         ):
             rule([home])
-        seen.add(tuple((thing.category, thing.bbox_min) for thing in home.scene.objects))
+        seen.add(tuple((item.category, item.bbox_min) for item in home.scene.objects))
         shutil.rmtree(home.folder)
     assert len(seen) == 50
