@@ -114,7 +114,7 @@ def facing_normals(hits: Hits, directions: Float64Array) -> Float64Array:
     geometric = hits.geometric_normal.astype(np.float64)
     shading = hits.shading_normal.astype(np.float64)
     shading = np.where(_dots(shading, geometric) < 0, -shading, shading)
-    shading = np.where(_dots(shading, directions) > 0, -shading, shading)
+    shading = np.where(_dots(geometric, directions) > 0, -shading, shading)
     return unit(shading - np.maximum(_dots(shading, directions), 0) * directions)
 
 

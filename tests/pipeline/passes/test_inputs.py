@@ -11,8 +11,9 @@ import pytest
 from PIL import Image
 
 from pipeline.frames import Channels
-from pipeline.passes.inputs import render_inputs
+from pipeline.passes.inputs import facing_normals, render_inputs
 from pipeline.render.scene import cast, open_scene, render_ids, set_variant
+from pipeline.render.scene_geometry import Hits
 from pipeline.views import View
 from scenes.errors import InputError
 from tests.fixtures.render import (
@@ -65,6 +66,17 @@ def test_normals_face_the_camera_whatever_the_winding(tmp_path: Path) -> None:
     sphere = inputs(tmp_path / "sphere", ball("s", (0, 2, 1.5), 0.5, diffuse()), view)
     along = sum(sphere[f"N.{n}"] * pixel_rays(view)[..., i] for i, n in enumerate("XYZ"))
     assert (along[sphere["valid"] > 0] <= 1e-6).all()
+
+
+def test_interpolated_normals_at_a_silhouette_become_perpendicular_to_the_ray() -> None:
+    """The surface faces the ray, the interpolated normal does not: it is bent, not flipped."""
+    directions = np.tile([0.0, 1.0, 0.0], (3, 1))
+    geometric = np.array([[-1, -0.1, 0], [1, 0.1, 0], [0, -1, 0]], dtype=np.float32)
+    shading = np.array([[-1, 0.1, 0], [-1, 0.1, 0], [0.6, -0.8, 0]], dtype=np.float32)
+    none = np.zeros(3, dtype=np.float32)
+    hits = Hits(np.zeros(3, np.int32), none, geometric, geometric, shading, geometric)
+    expected = [[-1, 0, 0], [-1, 0, 0], [0.6, -0.8, 0]]
+    np.testing.assert_allclose(facing_normals(hits, directions), expected, atol=1e-6)
 
 
 def test_known_points_land_on_their_pixels(tmp_path: Path) -> None:
