@@ -6,7 +6,7 @@ room, so that floors meet under doors and floors and ceilings leave no gaps.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import shapely
 from shapely.geometry import Polygon
@@ -24,6 +24,8 @@ from scenes.sweethome.home import RoomShape, Surface
 _CRACK = 0.02  # metres: gaps between walls up to this size count as closed
 _SMALLEST = 1.0  # square metres of a closed space that makes a room
 _NARROW = 0.3  # metres: half the least width of such a space
+_TALL = 0.7  # of the storey's height, that walls of rooms have; less under sloping roofs
+_WALLED = 0.9  # of a room's area
 _INSET = 0.01  # metres that slabs stay behind the outer faces of walls
 _DOOR = 0.1  # metres: a door or window opens a space no farther away
 _PLAIN_FLOOR = Surface(color=0xFFC8C2B8)
@@ -52,13 +54,22 @@ def find_spaces(
     """Return the rooms of a storey. Where drawn rooms overlap, the later one covers the earlier.
 
     Closed spaces without a drawn room are rooms too, if a door or window leads into them, or if
-    the storey has neither drawn rooms nor doors.
+    the storey has neither drawn rooms nor doors. Rooms whose ceiling is hidden in the application,
+    which is how its users look into a home, get one where walls of a room's height enclose them;
+    terraces and galleries stay open.
     """
     solid = unary_union([world_region(one.outline.region) for one in walls])
     inside = _enclosed_region(solid)
-    drawn = []
+    tall = _enclosed_region(
+        unary_union([world_region(one.outline.region) for one in walls if _is_tall(one, storey)])
+    )
+    drawn: list[tuple[RoomShape, BaseGeometry]] = []
     for shape in storey.rooms:
         region = _region(shape)
+        if not region.is_empty and not shape.ceiling_visible and _is_walled(region, tall):
+            changes.note("hidden ceilings of rooms that walls enclose were shown: {}",
+                         shape.name or shape.id)  # fmt: skip
+            shape = replace(shape, ceiling_visible=True, floor_visible=True)
         if region.is_empty:
             changes.note("rooms without area were left out: {}", shape.name or shape.id)
         elif shape.floor_visible or shape.ceiling_visible:
@@ -104,6 +115,17 @@ def find_spaces(
         )
         if not (floor.is_empty and ceiling.is_empty)
     ]
+
+
+def _is_tall(wall: PlannedWall, storey: Storey) -> bool:
+    """Whether a wall is as high as those of rooms, not of terraces."""
+    lowest = min(wall.top_at_start, wall.top_at_end) - storey.elevation
+    return lowest >= _TALL * storey.height
+
+
+def _is_walled(region: BaseGeometry, enclosed: BaseGeometry) -> bool:
+    """Whether nearly all of a region lies in what tall walls enclose."""
+    return bool(region.intersection(enclosed).area >= _WALLED * region.area)
 
 
 def _region(shape: RoomShape) -> BaseGeometry:

@@ -170,3 +170,19 @@ def test_walls_as_lines_stand_where_they_are_drawn(tmp_path: Path) -> None:
     assert low[:2] == pytest.approx([0, -3.2], abs=0.006)
     assert high[:2] == pytest.approx([4.2, 0], abs=0.006)
     assert any("drawn as lines" in change for change in scene.changes)
+
+
+@pytest.mark.parametrize("visible", ["true", "false"])
+def test_a_hidden_ceiling_is_shown_where_walls_enclose_the_room(
+    tmp_path: Path, visible: str
+) -> None:
+    body = draw.home(
+        draw.box_walls(0, 0, 420, 320)
+        + draw.room(10, 10, 400, 300, name="Room", ceilingVisible=visible)
+        + draw.box_walls(600, 0, 420, 320, tag="b", height=90)
+        + draw.room(610, 10, 400, 300, name="Terrace", ceilingVisible="false")
+    )
+    scene = import_scene(draw.pack(tmp_path / "a.sh3d", body), tmp_path / "scene")
+    assert [(room.name, round(room.ceiling_z, 2)) for room in scene.rooms] == [("Room", 2.5)]
+    noted = [change for change in scene.changes if "hidden ceilings" in change]
+    assert len(noted) == (visible == "false") and all("Room" in change for change in noted)
