@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -436,7 +437,7 @@ def read_home(path: Path, text: bytes, changes: Changes) -> Home:
         if not camera.name:
             cameras[number] = replace(camera, name=f"{camera.attribute or 'camera'}")
     return Home(
-        name=top.text("name"),
+        name=re.split(r"[\\/]", top.text("name"))[-1],  # often a whole path
         version=version,
         wall_height=top.number("wallHeight", 250.0),
         properties=properties,

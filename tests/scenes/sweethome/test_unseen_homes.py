@@ -186,3 +186,9 @@ def test_a_hidden_ceiling_is_shown_where_walls_enclose_the_room(
     assert [(room.name, round(room.ceiling_z, 2)) for room in scene.rooms] == [("Room", 2.5)]
     noted = [change for change in scene.changes if "hidden ceilings" in change]
     assert len(noted) == (visible == "false") and all("Room" in change for change in noted)
+
+
+@pytest.mark.parametrize("name", ["/Users/somebody/Desktop/cottage.sh3d", r"C:\homes\cottage.sh3d"])
+def test_folders_in_a_home_s_name_stay_private(tmp_path: Path, name: str) -> None:
+    scene = bring(tmp_path, draw.usual(name=name))
+    assert scene.credits[0].title == "cottage"
