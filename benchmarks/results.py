@@ -1,8 +1,8 @@
-"""The results: `results.json`, written after every row, and the page made from it.
+"""Benchmark results: `results.json`, written after every row, and the page made from it.
 
-A run that is interrupted leaves what it has; topics that are not complete are named as such in
-both files. Topics that were measured on another machine, with other versions or other code than
-this run's are not kept beside its own.
+An interrupted run leaves the rows it has; both files name the incomplete topics. Topics that a run
+does not measure keep the rows of earlier runs. Each topic records the machine, the versions and
+the code that it was measured with, and the page states them where they differ between topics.
 """
 
 from __future__ import annotations
@@ -35,49 +35,60 @@ TITLES = {
 _CLOCKS = {"cpu": "processor", "wall": "wall", "": ""}
 _HEADER = """# Benchmarks
 
-Written by `make bench`, which measures everything on this page in one run; edit nothing here.
-Every figure is the median of repeats by turns (what is compared runs one after the other, again and
-again), with the lowest and the highest beside it. **Processor** is user and system time of all
-processes and threads, **wall** is what a waiting person feels. Ratios (x) are better or worse
-than 1 as their goals say; a goal that is missed stands as it is.
+Written by `make bench`; do not edit this page. Every figure is the median of several repeats, with
+the lowest and the highest beside it; the candidates of a comparison run alternately. **Processor**
+is the user and system time of all processes and threads, **wall** is elapsed time. Figures without
+a unit are ratios. Goals that are missed are listed like the others.
 """
 
 
 @dataclass
 class Results:
-    """What is measured so far; `sizes` says how much work a row was."""
+    """Rows by topic; `sizes` is "full", or "small" for a trial run."""
 
     path: Path
     page: Path
     sizes: str
     topics: dict[str, dict[str, Any]] = field(default_factory=dict)
 
-    def resume(self) -> None:
-        """Take over the topics of an earlier run of the same kind."""
+    def load(self) -> None:
+        """Read the topics of earlier runs.
+
+        Raises `InputError` if the file is damaged, so that a partial run never replaces it.
+        """
         if not self.path.is_file():
             return
-        try:
-            earlier = read_json(self.path)
-        except InputError:
-            return  # unreadable: measured anew
-        if isinstance(earlier, dict) and earlier.get("measured_on") == measured_on(self.sizes):
-            self.topics = dict(earlier["topics"])
+        earlier = read_json(self.path)
+        if not isinstance(earlier, dict) or not isinstance(earlier.get("topics"), dict):
+            raise InputError(f"{self.path}: not a file of benchmark results; remove it")
+        before = earlier.get("measured_on")
+        self.topics = {
+            name: {"measured_on": before, **topic} for name, topic in earlier["topics"].items()
+        }
 
     def complete(self, name: str) -> bool:
-        """Whether a topic has all its rows."""
+        """Return whether a topic has all its rows."""
         return bool(self.topics.get(name, {}).get("complete"))
 
+    def current(self, name: str) -> bool:
+        """Return whether a topic is complete and was measured with this machine and code."""
+        return self.complete(name) and self.topics[name]["measured_on"] == measured_on(self.sizes)
+
     def begin(self, name: str) -> None:
-        """Start a topic anew."""
-        self.topics[name] = {"complete": False, "rows": []}
+        """Start a topic without rows."""
+        self.topics[name] = {
+            "complete": False,
+            "measured_on": measured_on(self.sizes),
+            "rows": [],
+        }
 
     def add(self, name: str, row: Row) -> None:
-        """A further row of a topic."""
+        """Add a row to a topic and write both files."""
         self.topics[name]["rows"].append(row.plain())
         self.save()
 
     def end(self, name: str, seconds: float, others: float) -> None:
-        """A topic is complete; `others` is how many processors other programs kept busy."""
+        """Mark a topic complete; `others` is the mean number of processors in use by others."""
         self.topics[name] |= {
             "complete": True,
             "seconds": round(seconds, 1),
@@ -86,7 +97,7 @@ class Results:
         self.save()
 
     def save(self) -> None:
-        """Write both files."""
+        """Write the results file and the page."""
         ordered = {name: self.topics[name] for name in TITLES if name in self.topics}
         unfinished = [name for name in TITLES if not self.complete(name)]
         record = {
@@ -99,7 +110,7 @@ class Results:
 
 
 def measured_on(sizes: str) -> dict[str, Any]:
-    """The machine, the versions and the code: results are comparable where these are equal."""
+    """Return machine, versions and code; results with equal values are comparable."""
     return {
         "cpus": len(os.sched_getaffinity(0)),
         "processor": processor(),
@@ -113,7 +124,7 @@ def measured_on(sizes: str) -> dict[str, Any]:
 
 
 def processor() -> str:
-    """The processor's name where the system tells it."""
+    """Return the processor's name, or its architecture where the system has no name."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -123,36 +134,44 @@ def processor() -> str:
 
 
 def page_of(record: dict[str, Any]) -> str:
-    """`docs/benchmarks.md`, from what is in `results.json`."""
+    """Return `docs/benchmarks.md` as Markdown, from the content of `results.json`."""
     machine = record["measured_on"]
     parts = [_HEADER]
     if record["unfinished"]:
-        parts.append(f"**Not complete**: {', '.join(record['unfinished'])} still to be measured.\n")
+        parts.append(f"**Not complete**: not measured yet: {', '.join(record['unfinished'])}.\n")
     if machine["sizes"] != "full":
         parts.append("**A trial run at small sizes**: its figures mean nothing.\n")
-    parts.append(
-        f"Machine: {machine['cpus']} of {machine['processor']}, {machine['memory_gib']} GiB, "
-        f"{machine['system']}. Python {machine['python']}; {machine['renderer']}; pbrnet "
-        f"{machine['code']}.\n"
-    )
+    parts.append(f"{_machine_line(machine)}\n")
     for name, topic in record["topics"].items():
-        parts.append(_section(name, topic))
+        parts.append(_section(name, topic, machine))
     return "\n".join(parts)
 
 
-def _section(name: str, topic: dict[str, Any]) -> str:
+def _machine_line(machine: dict[str, Any]) -> str:
+    trial = "" if machine["sizes"] == "full" else " Small sizes."
+    return (
+        f"Machine: {machine['cpus']} of {machine['processor']}, {machine['memory_gib']} GiB, "
+        f"{machine['system']}. Python {machine['python']}; {machine['renderer']}; pbrnet "
+        f"{machine['code']}.{trial}"
+    )
+
+
+def _section(name: str, topic: dict[str, Any], machine: dict[str, Any]) -> str:
     lines = [f"## {TITLES[name]}", ""]
+    measured = topic.get("measured_on") or machine
+    if measured != machine:
+        lines += [f"Measured by another run. {_machine_line(measured)}", ""]
     if topic["complete"]:
         lines.append(
-            f"{topic['seconds']:.0f} s; other programs kept {topic['others_busy']:.1f} processors "
-            "busy meanwhile."
+            f"Took {topic['seconds']:.0f} s; other programs used {topic['others_busy']:.1f} "
+            "processors meanwhile."
         )
     else:
         lines.append("Not complete.")
     lines += ["", "| row | figure | range | clock | goal |", "|---|---:|---:|---|---|"]
     lines += [_line(row) for row in topic["rows"]]
     lines.append("")
-    lines += [f"- **{row['name']}**: {row['meaning']}." for row in _told_once(topic["rows"])]
+    lines += [f"- **{row['name']}**: {row['meaning']}." for row in _by_meaning(topic["rows"])]
     return "\n".join([*lines, ""])
 
 
@@ -167,8 +186,8 @@ def _line(row: dict[str, Any]) -> str:
     return f"| {row['name']} | {value} | {between} | {_CLOCKS[row.get('clock', '')]} | {goal} |"
 
 
-def _told_once(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The first row of each meaning."""
+def _by_meaning(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the first row of each meaning."""
     first: dict[str, dict[str, Any]] = {}
     for row in rows:
         first.setdefault(row["meaning"], row)
@@ -176,21 +195,21 @@ def _told_once(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def figure(value: float, unit: str) -> str:
-    """A figure to three digits, with its unit."""
+    """Format a figure with three significant digits and its unit."""
     digits = f"{value:.3g}" if abs(value) < 1000 else f"{value:,.0f}"
     return digits if unit == "x" else f"{digits} {unit}".replace(" /", "/")
 
 
-class Bystanders:
-    """How many processors other programs keep busy, from here on."""
+class OtherLoad:
+    """Processor time that other programs use from the creation of this object on."""
 
     def __init__(self) -> None:
-        self.busy, self.ours = self._read()
+        self.busy, self.own = self._read()
 
     def processors(self, wall: float) -> float:
-        """Their mean over the `wall` seconds since."""
-        busy, ours = self._read()
-        return max(0.0, (busy - self.busy) - (ours - self.ours)) / max(wall, 1e-9)
+        """Return their mean number of busy processors over the `wall` seconds since then."""
+        busy, own = self._read()
+        return max(0.0, (busy - self.busy) - (own - self.own)) / max(wall, 1e-9)
 
     @staticmethod
     def _read() -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""A measured figure, the goal it was measured for, and whether that is met."""
+"""Rows of the benchmark tables: a measured figure, its goal, and whether it is met."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from benchmarks.timing import Clock, Spread
 
 @dataclass(frozen=True)
 class Goal:
-    """At most or at least so much."""
+    """Upper or lower limit of a figure."""
 
     sense: Literal["<=", ">="]
     limit: float
@@ -19,17 +19,17 @@ class Goal:
         return f"{self.sense} {self.limit:g}"
 
     def met(self, value: float) -> bool:
-        """Whether a figure reaches it."""
+        """Return whether a figure is within the limit."""
         return value <= self.limit if self.sense == "<=" else value >= self.limit
 
 
 def at_most(limit: float) -> Goal:
-    """A goal that small figures meet."""
+    """Return a goal with an upper limit."""
     return Goal("<=", limit)
 
 
 def at_least(limit: float) -> Goal:
-    """A goal that large figures meet."""
+    """Return a goal with a lower limit."""
     return Goal(">=", limit)
 
 
@@ -37,8 +37,8 @@ def at_least(limit: float) -> Goal:
 class Row:
     """One figure: median and range of its repeats, in `unit` ("x" for a ratio).
 
-    `clock` says which clock it was taken by, "" for none (errors, figures computed from others).
-    A row that could not be measured has no `spread`, and `missing` says why.
+    `clock` is the clock it was measured with, "" for none (errors, figures computed from others).
+    A row that could not be measured has no `spread`; `missing` is the reason.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Row:
 
     @property
     def verdict(self) -> str:
-        """The goal and what became of it, in words; empty without a goal."""
+        """Goal and result as text; empty without a goal."""
         if self.goal is None:
             return ""
         if self.spread is None:
@@ -59,7 +59,7 @@ class Row:
         return f"{self.goal}: {'met' if self.goal.met(self.spread.value) else 'MISSED'}"
 
     def plain(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the row as JSON data."""
         row: dict[str, Any] = {"name": self.name, "meaning": self.meaning, "unit": self.unit}
         if self.clock:
             row["clock"] = self.clock
@@ -76,5 +76,5 @@ class Row:
 
 
 def missing(name: str, meaning: str, why: str, goal: Goal | None = None) -> Row:
-    """A row that this machine could not measure."""
+    """Return a row that could not be measured on this machine."""
     return Row(name, meaning, None, goal=goal, missing=why)

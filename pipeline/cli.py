@@ -1,4 +1,4 @@
-"""The `pbrnet` command: one click group, its commands loaded when they are asked for."""
+"""The `pbrnet` command: a click group whose commands are imported on use."""
 
 from __future__ import annotations
 
@@ -13,14 +13,17 @@ import click
 
 from scenes.errors import MachineError, PbrnetError
 
-UNEXPECTED = 70  # exit code of a fault of ours, as in sysexits.h
-# Command: where it is defined, and its line in `pbrnet --help` (so that help loads nothing heavy).
+UNEXPECTED = 70  # exit code of a fault of pbrnet, as in sysexits.h
+# Command: its definition and its line in `pbrnet --help`, which then imports no command.
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Stages, in the order of dvc.yaml": {
-        "assets": ("pipeline.commands.stages:assets", "Fetch optional furniture catalogues."),
-        "scenes": ("pipeline.commands.stages:scenes", "Make procedural homes, import scenes."),
+        "assets": (
+            "pipeline.commands.stages:assets",
+            "Fetch and convert furniture catalogues (optional).",
+        ),
+        "scenes": ("pipeline.commands.stages:scenes", "Generate procedural homes, import scenes."),
         "cameras": ("pipeline.commands.stages:cameras", "Sample views that see much furniture."),
-        "inputs": ("pipeline.commands.stages:inputs", "Render depth, normal, reflectance."),
+        "inputs": ("pipeline.commands.stages:inputs", "Render depth, normals and reflectance."),
         "illumination": (
             "pipeline.commands.stages:illumination",
             "Render panoramas of the visible light sources.",
@@ -29,14 +32,20 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
             "pipeline.commands.stages:groundtruth",
             "Path-trace shading and colour of every view.",
         ),
-        "dataset": ("pipeline.commands.data:dataset", "Check the frames and pack them."),
-        "backbone": ("model.commands.networks:backbone", "Get the perceptual loss's features."),
-        "train": ("model.commands.networks:train", "Train a network, ours or a baseline."),
+        "dataset": (
+            "pipeline.commands.data:dataset",
+            "Check the frames and pack them into Parquet.",
+        ),
+        "backbone": (
+            "model.commands.networks:backbone",
+            "Get the pretrained features of the perceptual loss.",
+        ),
+        "train": ("model.commands.networks:train", "Train a network or a baseline."),
         "evaluate": (
             "model.commands.networks:evaluate",
             "Measure the networks on the test scenes.",
         ),
-        "report": ("model.commands.report:report", "Write the self-contained HTML report."),
+        "report": ("model.commands.report:report", "Write a self-contained HTML report."),
     },
     "Halves of groundtruth": {
         "shading": ("pipeline.commands.stages:shading", "Path-trace textureless shading only."),
@@ -45,40 +54,40 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Tools": {
         "import": (
             "pipeline.commands.import_scene:import_command",
-            "Bring in one scene of your own.",
+            "Import one scene file.",
         ),
-        "inspect": ("pipeline.commands.data:inspect", "Say what a file holds, and draw it."),
-        "study": ("model.studies.commands:study", "Repeat the paper's studies."),
-        "predict": ("model.commands.predict:predict", "Make images through the trained networks."),
+        "inspect": ("pipeline.commands.data:inspect", "Describe a file and draw it."),
+        "study": ("model.studies.commands:study", "Run the studies of the paper."),
+        "predict": ("model.commands.predict:predict", "Render images with the trained networks."),
         "pretrained": (
             "model.commands.networks:pretrained",
-            "Pack trained networks to be passed on.",
+            "Pack trained networks for distribution.",
         ),
         "reference": (
             "model.commands.networks:reference",
-            "Keep a run's figures and a sheet of pictures.",
+            "Save a run's metrics and pictures as reference.",
         ),
         "export": (
             "model.commands.networks:export",
-            "Write the networks for other programs (ONNX).",
+            "Export the networks to ONNX.",
         ),
-        "cost": ("pipeline.commands.cost:cost", "Say how many core-hours a run will take."),
-        "preset": ("pipeline.commands.setup:preset", "Put a parameter preset in place."),
-        "doctor": ("pipeline.commands.setup:doctor", "Say what this machine has and lacks."),
+        "cost": ("pipeline.commands.cost:cost", "Forecast the core-hours of a run."),
+        "preset": ("pipeline.commands.setup:preset", "Copy a parameter preset to params.yaml."),
+        "doctor": ("pipeline.commands.setup:doctor", "Report what this machine has and lacks."),
     },
 }
 COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are imported on use and listed by topic."""
+    """Group whose commands are imported on use and listed by topic."""
 
     def list_commands(self, context: click.Context) -> list[str]:
-        """All command names, in the order of `GROUPS`."""
+        """Return all command names, in the order of `GROUPS`."""
         return list(COMMANDS)
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
-        """Import and return a command, None if there is no such one."""
+        """Import and return a command, or None if there is none of this name."""
         if name not in COMMANDS:
             return None
         module, attribute = COMMANDS[name][0].split(":")
@@ -98,22 +107,22 @@ class LazyGroup(click.Group):
     epilog="""\b
 Examples:
   pbrnet preset quick                     start from the quick-start parameters
-  dvc repro                               run every stage that is out of date
-  pbrnet groundtruth --workers 8          run one stage alone
+  dvc repro                               run the stages that are out of date
+  pbrnet groundtruth --workers 8          run one stage
   pbrnet import room.xml --out data/scenes/room
   pbrnet inspect data/dataset
 
-Exit codes: 0 all that was asked for is done, 1 part of it failed, 2 bad usage or parameters,
-3 bad input file, 4 the machine lacks something, 70 a fault of pbrnet, 130 interrupted.
+Exit codes: 0 success, 1 some scenes or views failed, 2 wrong usage or parameters, 3 wrong input
+file, 4 the machine lacks something, 70 a fault of pbrnet, 130 interrupted.
 Shell completion: eval "$(_PBRNET_COMPLETE=bash_source pbrnet)" (or zsh_source, fish_source).""",
 )
 @click.version_option(package_name="pbrnet")
 def cli() -> None:
-    """Render training data physically based, and learn to imitate the renderer."""
+    """Render indoor training data by path tracing, and train networks that imitate the renderer."""
 
 
 def main(arguments: list[str] | None = None) -> Any:
-    """Run the command line; every failure becomes one message and an exit code."""
+    """Run the command line; turn every failure into a message and an exit code."""
     try:
         status = cli.main(args=arguments, prog_name="pbrnet", standalone_mode=False)
     except click.ClickException as error:
@@ -121,11 +130,12 @@ def main(arguments: list[str] | None = None) -> Any:
         sys.exit(error.exit_code)
     except (KeyboardInterrupt, click.Abort):
         click.echo(
-            "\nInterrupted. Finished files are kept; the same command goes on from there.", err=True
+            "\nInterrupted. Finished files are kept; run the same command again to resume.",
+            err=True,
         )
         sys.exit(130)
     except BrokenPipeError:
-        # The reader of our output went away; keep the interpreter from complaining at exit.
+        # The reader of the output has gone; keep the interpreter from reporting it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except PbrnetError as error:

@@ -15,8 +15,8 @@ Attributes: `worldToCamera` (4x4, OpenCV axes) and `pbrnet`, a JSON object with 
 spp, noise, renderer, `fingerprint` of everything that determines the pixels, and `digest` of the
 pixels.
 
-Files are read and written with OpenEXR's own package only: Mitsuba's bitmap code hangs when
-its thread pool has one thread.
+Files are read and written with the package OpenEXR, because Mitsuba's bitmap code hangs if its
+thread pool has one thread.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Frame:
     meta: dict[str, Any]
 
     def stack(self, *names: str) -> Float32Array:
-        """Several channels as float32 (H, W, len(names))."""
+        """Return several channels as float32 (H, W, len(names))."""
         return np.stack([self.channels[name].astype(np.float32) for name in names], axis=-1)
 
     @property
@@ -85,9 +85,9 @@ def frame_path(data: Path, kind: Kind, view: View) -> Path:
 def write_frame(path: Path, kind: Kind, channels: Channels, view: View, **meta: Any) -> None:
     """Write a frame by rename; `meta` must hold `fingerprint`.
 
-    `channels` holds exactly the names of `layout(kind)`, each (H, W). Values beyond half's
-    range are clamped to it, and their number is kept in the attribute as `clamped`.
-    Raises ValueError for wrong channels or NaN, `MachineError` for a full disk.
+    `channels` holds exactly the names of `layout(kind)`, each (H, W). Values beyond the range
+    of half floats are clamped; the attribute `clamped` is their number. Raises ValueError for
+    wrong channels, NaN or infinity, and `MachineError` for a full disk.
     """
     dtypes = layout(kind)
     if set(channels) != set(dtypes):
@@ -126,7 +126,10 @@ def write_pixels(path: Path, pixels: Channels, view: View, meta: dict[str, Any])
 
 
 def read_frame(path: Path, verify: bool = True) -> Frame:
-    """Read a frame; `InputError` if it is missing, truncated, foreign or (if `verify`) damaged."""
+    """Read a frame.
+
+    Raises `InputError` if it is missing, truncated, no pbrnet frame, or, with `verify`, damaged.
+    """
     meta = read_meta(path)
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
@@ -139,7 +142,7 @@ def read_frame(path: Path, verify: bool = True) -> Frame:
 
 
 def read_meta(path: Path) -> dict[str, Any]:
-    """Read only the `pbrnet` attribute of a frame; errors as in `read_frame`."""
+    """Read only the `pbrnet` attribute of a frame; raises `InputError` like `read_frame`."""
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: no such frame")
@@ -214,7 +217,7 @@ def _read_name(stream: BinaryIO) -> bytes:
 
 
 def _write_error(path: Path, error: Exception) -> Exception:
-    words = str(error).lower()
-    if "no space" in words or getattr(error, "errno", None) == errno.ENOSPC:
+    message = str(error).lower()
+    if "no space" in message or getattr(error, "errno", None) == errno.ENOSPC:
         return MachineError(f"{path}: the disk is full; free some space and run again")
     return MachineError(f"{path}: cannot be written ({error})")

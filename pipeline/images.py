@@ -1,6 +1,6 @@
-"""Arrays into pictures a person can read: colour maps, contact sheets, PNG and JPEG bytes.
+"""Pictures of arrays: false colours, contact sheets, and PNG and JPEG encoding.
 
-Every function takes linear, scene-referred arrays and returns uint8 (H, W, 3), sRGB.
+Functions named `*_picture` take linear, scene-referred arrays and return uint8 (H, W, 3) in sRGB.
 """
 
 from __future__ import annotations
@@ -23,34 +23,34 @@ from scenes.image_files import open_image
 
 Picture = UInt8Array
 
-_CHUNK = "pbrnet"  # of a PNG: what the picture shows
-NOTHING = np.array([38, 38, 42], dtype=np.uint8)  # where there is no surface or no light
+_CHUNK = "pbrnet"  # text chunk of a PNG that describes the picture
+NOTHING = np.array([38, 38, 42], dtype=np.uint8)  # colour of pixels without surface or light
 
 
 def color_map(values: FloatingArray, low: float, high: float, name: str = "viridis") -> Picture:
-    """Scalars (H, W) through one of matplotlib's colour maps, `low` to `high`."""
+    """Map scalars (H, W) from `low` to `high` through one of matplotlib's colour maps."""
     span = high - low if high > low else 1.0
     unit = np.clip((np.asarray(values, dtype=np.float64) - low) / span, 0, 1)
     return to_bytes(matplotlib.colormaps[name](unit)[..., :3])
 
 
 def depth_picture(depth: FloatingArray, valid: npt.NDArray[np.generic] | None = None) -> Picture:
-    """Depth (H, W), metres, logarithmic: near is bright, far is violet, no surface is grey."""
+    """Draw depth (H, W) in metres, logarithmic: near is bright, far violet, no surface grey."""
     depth = np.asarray(depth, dtype=np.float64)
     there = depth > 0 if valid is None else np.asarray(valid) > 0
-    # Logarithmic, so that a house across the street leaves colours for the room.
+    # Logarithmic, so that distant houses outdoors do not use up the colours of the room.
     height = -np.log(np.maximum(depth, 1e-3))
     seen = height[there]
     near, far = (float(seen.max()), float(seen.min())) if seen.size else (1.0, 0.0)
     span = max(near - far, 1e-6)
-    # The map's dark foot is left out: far must not look like nothing.
+    # The dark end of the map is not used: far must differ from no surface.
     picture = color_map(height, far - 0.25 * span, near, "magma")
     picture[~there] = NOTHING
     return picture
 
 
 def normal_picture(normal: FloatingArray, valid: npt.NDArray[np.generic] | None = None) -> Picture:
-    """Unit normals (H, W, 3) in camera axes: red right, green up, blue towards the camera."""
+    """Draw unit normals (H, W, 3) in camera axes: red right, green up, blue to the camera."""
     normal = np.asarray(normal, dtype=np.float32)
     there = (normal != 0).any(axis=-1) if valid is None else np.asarray(valid) > 0
     picture = to_bytes(0.5 + 0.5 * normal * np.array([1, -1, -1], dtype=np.float32))
@@ -59,18 +59,18 @@ def normal_picture(normal: FloatingArray, valid: npt.NDArray[np.generic] | None 
 
 
 def reflectance_picture(reflectance: FloatingArray) -> Picture:
-    """Linear reflectance (H, W, 3) in [0, 1]."""
+    """Draw linear reflectance (H, W, 3) in [0, 1]."""
     return to_bytes(encode_srgb(np.clip(np.asarray(reflectance, dtype=np.float32), 0, 1)))
 
 
 def intensity_picture(intensity: FloatingArray, decades: float = 4.0) -> Picture:
-    """Panorama luminance (h, w), logarithmic over the `decades` below its maximum."""
+    """Draw panorama luminance (h, w), logarithmic over the `decades` below its maximum."""
     intensity = np.asarray(intensity, dtype=np.float64)
     top = float(intensity.max(initial=0.0))
     if top <= 0:
         return np.broadcast_to(NOTHING, (*intensity.shape, 3)).copy()
     floor = top * 10.0**-decades
-    # Dim sources must still stand out from the darkness around them: start above the map's foot.
+    # Start above the dark end of the map, so that dim sources differ from no light.
     logarithm = np.log10(np.maximum(intensity, floor) / floor)
     picture = color_map(logarithm + 0.25 * decades, 0, 1.25 * decades, "inferno")
     picture[intensity <= 0] = NOTHING
@@ -78,12 +78,12 @@ def intensity_picture(intensity: FloatingArray, decades: float = 4.0) -> Picture
 
 
 def distance_picture(distance: FloatingArray) -> Picture:
-    """Panorama distance (h, w), metres to the light source: near is bright, none is grey."""
+    """Draw panorama distance (h, w) in metres to the light: near is bright, no light grey."""
     return depth_picture(distance)
 
 
 def tint_picture(tint: FloatingArray) -> Picture:
-    """Colours of light (h, w, 3), of luminance 1, each as bright as can be; none is grey."""
+    """Draw colours of light (h, w, 3) of luminance 1 at full brightness; no light is grey."""
     tint = np.asarray(tint, dtype=np.float32)
     strongest = tint.max(axis=-1, keepdims=True)
     picture = reflectance_picture(tint / np.where(strongest > 0, strongest, 1))
@@ -92,22 +92,22 @@ def tint_picture(tint: FloatingArray) -> Picture:
 
 
 def share_picture(share: FloatingArray) -> Picture:
-    """Shares (H, W) in [0, 1]: 0 is black, 1 is white."""
+    """Draw shares (H, W) in [0, 1]: 0 is black, 1 is white."""
     return to_bytes(np.repeat(np.asarray(share, dtype=np.float32)[..., None], 3, axis=-1))
 
 
 def tone_picture(image: FloatingArray, exposure: Exposure) -> Picture:
-    """Linear HDR (H, W, 3) through the photographic operator."""
+    """Tone-map linear HDR (H, W, 3)."""
     return to_bytes(tonemap(image, exposure))
 
 
 def error_picture(error: FloatingArray, high: float = 1.0) -> Picture:
-    """Errors (H, W), 0 to `high`: dark is right, bright is wrong."""
+    """Draw errors (H, W) from 0 (dark) to `high` (bright)."""
     return color_map(error, 0.0, high, "magma")
 
 
 def fit(picture: Picture, width: int) -> Picture:
-    """The picture no wider than `width` pixels; area-averaged if it has to shrink."""
+    """Shrink a picture to at most `width` pixels by area averaging."""
     height_now, width_now = picture.shape[:2]
     if width_now <= width:
         return picture
@@ -116,7 +116,7 @@ def fit(picture: Picture, width: int) -> Picture:
 
 
 def enlarge(picture: Picture, width: int) -> Picture:
-    """Small pictures in whole multiples, hard pixel edges, up to about `width` pixels wide."""
+    """Enlarge a small picture by a whole factor, to at most `width` pixels, with hard edges."""
     factor = max(1, width // picture.shape[1])
     return picture.repeat(factor, axis=0).repeat(factor, axis=1)
 
@@ -128,7 +128,7 @@ def contact_sheet(
     gap: int = 6,
     background: tuple[int, int, int] = (24, 24, 27),
 ) -> Picture:
-    """Pictures in rows of `columns`, each centred in its cell above its label."""
+    """Arrange pictures in rows of `columns`, each centred in its cell above its label."""
     if not pictures:
         return np.full((32, 32, 3), background, dtype=np.uint8)
     columns = max(1, min(columns, len(pictures)))
@@ -169,9 +169,9 @@ def contact_sheet(
 
 
 def png_bytes(picture: Picture, facts: Mapping[str, Any] | None = None) -> bytes:
-    """Deterministic PNG: same pixels and facts, same bytes (no time).
+    """Encode as PNG, deterministically (without a time stamp).
 
-    `facts`, what the picture shows and whose work it is, go into one text chunk as JSON.
+    `facts`, such as content and author of the picture, go into one text chunk as JSON.
     """
     stream, text = io.BytesIO(), PngInfo()
     if facts is not None:
@@ -181,7 +181,7 @@ def png_bytes(picture: Picture, facts: Mapping[str, Any] | None = None) -> bytes
 
 
 def png_facts(source: bytes) -> dict[str, Any] | None:
-    """The facts that `png_bytes` put into a picture; None if it holds none."""
+    """Return the facts that `png_bytes` stored in a PNG; None if there are none."""
     with open_image(source) as image:
         text = image.info.get(_CHUNK)
     facts = json.loads(text) if isinstance(text, str) else None
@@ -189,14 +189,14 @@ def png_facts(source: bytes) -> dict[str, Any] | None:
 
 
 def jpeg_bytes(picture: Picture, quality: int = 85) -> bytes:
-    """JPEG of photographs-like pictures, for pages that must stay small."""
+    """Encode as JPEG."""
     stream = io.BytesIO()
     Image.fromarray(picture).save(stream, "JPEG", quality=quality, optimize=True)
     return stream.getvalue()
 
 
 def read_picture(source: bytes) -> Picture:
-    """PNG or JPEG bytes as uint8 (H, W, 3)."""
+    """Decode PNG or JPEG bytes to uint8 (H, W, 3)."""
     with open_image(source) as image:
         return np.asarray(image.convert("RGB"))
 

@@ -1,4 +1,4 @@
-"""All parameters of the pipeline: `params.yaml` into frozen, checked dataclasses, read once."""
+"""Parameters of the pipeline: frozen, checked dataclasses, read from `params.yaml`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scenes.errors import ParameterError
 from scenes.params import AssetParams, SceneParams
 
 Variant = Literal["auto", "llvm_ad_rgb", "cuda_ad_rgb", "scalar_rgb"]
-# What the networks can be compared with; `_own`: trained with its paper's loss, not with ours.
+# Baselines of the comparison; `_own`: trained with the loss of its own paper.
 Baseline = Literal[
     "plus",
     "hybrid",
@@ -41,24 +41,26 @@ class ImageParams:
 
 @dataclass(frozen=True)
 class FarmParams:
-    """How the work is spread over dask workers; never changes a pixel."""
+    """Distribution of the work over dask workers; never changes a pixel."""
 
     workers: int = field(default=0, metadata=within(0, 4096))  # 0: one per allowed CPU
     batch: int = field(default=8, metadata=within(1, 1024))  # views of one scene per task
     window: int = field(default=2, metadata=within(1, 64))  # tasks in flight per worker
     retries: int = field(default=2, metadata=within(0, 10))  # further attempts for a failing view
-    time_limit: int = field(default=3600, metadata=within(0, 1_000_000))  # seconds a view; 0: none
-    recycle: int = field(default=100, metadata=within(0, 1_000_000))  # scenes a process; 0: any
+    time_limit: int = field(
+        default=3600, metadata=within(0, 1_000_000)
+    )  # seconds per view; 0: none
+    recycle: int = field(default=100, metadata=within(0, 1_000_000))  # scenes per process; 0: any
     checksums: bool = True  # compare the pixels of frames that are kept with their checksums
-    # how workers come by scenes and hand over frames: in the data folder, by dask, or as can be
+    # scenes and frames in the shared data folder, through dask, or chosen for each worker
     transfer: Literal["auto", "shared", "send"] = "auto"
-    cache_mb: int = field(default=4096, metadata=within(1, 1 << 30))  # sent scenes, per machine
+    cache_mb: int = field(default=4096, metadata=within(1, 1 << 30))  # received scenes, per machine
     variant: Variant = "auto"
 
 
 @dataclass(frozen=True)
 class CameraParams:
-    """View sampling after PBRS (Zhang et al. 2017): the paper's text, plus real clearance."""
+    """View sampling after PBRS (Zhang et al. 2017), with a clearance test."""
 
     views_per_room: int = field(default=2, metadata=within(1, 64))
     views_per_scene: int = field(default=8, metadata=within(1, 1024))
@@ -71,15 +73,15 @@ class CameraParams:
     min_coverage: float = field(default=0.01, metadata=within(0, 1))  # of the pixels, per object
     min_score: float = field(default=0.0, metadata=within(0))
     clearance: float = field(default=0.10, metadata=within(0, 2))  # metres around the eye
-    # a view is blocked when more than `max_near` of it is nearer than `near` metres
+    # a view is blocked if more than `max_near` of it is nearer than `near` metres
     near: float = field(default=0.8, metadata=within(0, 10))
     max_near: float = field(default=0.2, metadata=within(0, 1))
-    # of the objects that count, those in the camera's own room must be at least this share
+    # least share of the counted objects that must be in the camera's own room
     min_own: float = field(default=0.5, metadata=within(0, 1))
-    # views of one room may share at most this much of what they see, furniture pixel by pixel
+    # largest share of furniture pixels that two views of one room may have in common
     max_alike: float = field(default=0.6, metadata=within(0, 1))
     stored_views: bool = True  # keep the cameras that imported scenes bring with them
-    # id render: pixels a side of the candidate images, and candidates per room and sector
+    # id render: width of the candidate images in pixels, and candidates per room and sector
     id_width: int = field(default=80, metadata=within(16, 640))
     candidates: int = field(default=12, metadata=within(1, 4096))
 
@@ -91,10 +93,10 @@ class IlluminationParams:
     width: int = field(default=160, metadata=within(16, 4096))
     supersampling: int = field(default=4, metadata=within(1, 16))  # per axis, per pixel
     light_samples: int = field(default=64, metadata=within(1, 4096))  # per small light
-    shadow_rays: int = field(default=8, metadata=within(0, 1024))  # a pixel; 0: no visibility
+    shadow_rays: int = field(default=8, metadata=within(0, 1024))  # per pixel; 0: no visibility
 
     def verify(self, where: str) -> None:
-        """The height must be whole; raises ValueError."""
+        """Raise ValueError unless the height is a whole number."""
         if self.width % 2:
             raise ValueError(f"{where}.width: {self.width} is odd; the height is half of it")
 
@@ -105,18 +107,18 @@ class GroundTruthParams:
 
     spp: int = field(default=64, metadata=within(1, 1 << 20))
     block_spp: int = field(default=16, metadata=within(1, 4096))  # one seeded block
-    # a view is done when its noise is below this, after min_spp to spp samples; 0: always spp
+    # relative error below which a view is finished, after min_spp to spp samples; 0: always spp
     noise: float = field(default=0.0, metadata=within(0, 1))
     min_spp: int = field(default=16, metadata=within(1, 1 << 20))
     max_depth: int = field(default=11, metadata=within(1, 1000))
     rr_depth: int = field(default=3, metadata=within(1, 1000))
     denoise: Literal["none", "oidn"] = "none"
-    joint: bool = True  # both from one trace of paths, where the variant can
-    # which lights paths ask, in a joint trace: by what they add to the view, or all alike
+    joint: bool = True  # both from one trace of paths, if the variant can
+    # emitter sampling of a joint trace: by contribution to the view, or uniform
     lights: Literal["planned", "uniform"] = "planned"
 
     def verify(self, where: str) -> None:
-        """Blocks must divide the samples, and the least be no more; raises ValueError."""
+        """Raise ValueError unless block_spp divides spp and min_spp is at most spp."""
         if self.noise and self.min_spp > self.spp:
             raise ValueError(f"{where}.min_spp: {self.min_spp} is more than spp ({self.spp})")
         if self.spp % self.block_spp and self.spp > self.block_spp:
@@ -125,24 +127,24 @@ class GroundTruthParams:
 
 @dataclass(frozen=True)
 class NoisyParams:
-    """A few samples a pixel beside the truth and independent of it, for networks that take them."""
+    """A few samples per pixel, independent of the ground truth, as input of a network."""
 
     spp: int = field(default=0, metadata=within(0, 16))  # 0: none
 
 
 @dataclass(frozen=True)
 class ShadingParams:
-    """What stands in for every removed colour."""
+    """Neutral reflectance of the textureless shading."""
 
     albedo: float = field(default=0.5, metadata=within(0.01, 1))
 
 
 @dataclass(frozen=True)
 class CheckParams:
-    """When a finished frame is rejected from the dataset; each rejection is listed."""
+    """Limits beyond which a view is rejected from the dataset; every rejection is listed."""
 
-    # Relative standard error, root mean square over pixels: 0 is exact, 1 would be an image whose
-    # every pixel owes its light to a single block of samples.
+    # Relative standard error, root mean square over pixels: 0 is exact; 1 is an image in which
+    # every pixel has its light from a single block of samples.
     max_noise: float = field(default=0.75, metadata=within(0))
     min_valid: float = field(default=0.5, metadata=within(0, 1))  # share of pixels with a surface
     max_black: float = field(default=0.9, metadata=within(0, 1))  # share of pixels at exactly 0
@@ -153,16 +155,16 @@ class CheckParams:
 
 @dataclass(frozen=True)
 class SplitParams:
-    """Shares of plans in each split, by plan, never by view; the rest trains."""
+    """Shares of the floor plans in each split; the rest is the training split."""
 
     validation: float = field(default=0.1, metadata=within(0, 0.9))
     test: float = field(default=0.2, metadata=within(0, 0.9))
-    # What is only tested on, besides those shares: names of plans or of scenes, whose whole plan
-    # is meant then; or patterns of them such as "villa-*".
+    # Further plans of the test split: names of plans, or of scenes for their whole plan, or
+    # patterns such as "villa-*".
     test_only: tuple[str, ...] = ()
 
     def kept_back(self, plans: Mapping[str, str]) -> set[str]:
-        """The plans that `test_only` means, of `plans`: scene -> plan."""
+        """Return the plans that `test_only` names; `plans` maps scene ids to plans."""
         return {
             plan
             for scene, plan in plans.items()
@@ -185,9 +187,9 @@ class DatasetParams:
 class BackboneParams:
     """Pretrained features of the perceptual loss."""
 
-    # auto: VGG-19 from `weights` or torch's cache, else download if allowed, else the packaged net
+    # auto: VGG-19 from `weights` or torch's cache, else by download if allowed, else EfficientNet
     network: Literal["auto", "vgg19", "efficientnet_lite0"] = "auto"
-    weights: str = ""  # a VGG-19 file with torchvision's state-dict names
+    weights: str = ""  # file with VGG-19 weights under torchvision's state-dict names
     download: bool = False
 
 
@@ -199,9 +201,9 @@ class LossParams:
     part: tuple[float, ...] = (1.0, 1.5, 1.5, 0.5, 0.0, 0.0)
 
     def verify(self, where: str) -> None:
-        """Six weights; raises ValueError."""
+        """Raise ValueError unless there are six weights."""
         if len(self.part) != 6:
-            raise ValueError(f"{where}.part: {len(self.part)} weights, six are needed")
+            raise ValueError(f"{where}.part: {len(self.part)} weights; six are needed")
 
 
 @dataclass(frozen=True)
@@ -209,9 +211,9 @@ class StageTrainParams:
     """One network's training."""
 
     epochs: int = field(default=12, metadata=within(1, 100_000))
-    steps_per_epoch: int = field(default=0, metadata=within(0, 10_000_000))  # 0: each view once
+    steps_per_epoch: int = field(default=0, metadata=within(0, 10_000_000))  # 0: every view once
     width: int = field(default=32, metadata=within(1, 1024))  # channels of the first level
-    # how deep: resolutions of a U-Net, layers of CAN, halvings of pix2pix, blocks of CycleGAN
+    # depth: resolutions of a U-Net, layers of CAN, halvings of pix2pix, blocks of CycleGAN
     levels: int = field(default=5, metadata=within(1, 16))
 
 
@@ -223,22 +225,24 @@ class TrainParams:
     batch: int = field(default=1, metadata=within(1, 256))
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
     device: Literal["auto", "cpu", "cuda"] = "auto"
-    # constant: the paper; cosine: the rate falls to nothing by the last step, best for short runs
+    # constant: as in the paper; cosine: the rate falls to 0 by the last step, best for short runs
     decay: Literal["constant", "cosine"] = "constant"
     exposure: Literal["own", "shared"] = "shared"
-    flips: bool = True  # mirror every second view, drawn by lot
-    # How the panorama joins the image, see docs/networks.md
+    flips: bool = True  # mirror views at random with probability 1/2
+    # placement of the panorama in the network's input, see docs/networks.md
     panorama: Literal["resize", "normal"] = "normal"
     checkpoint_steps: int = field(default=500, metadata=within(1))
     loss: LossParams = LossParams()
     shading: StageTrainParams = StageTrainParams()
     composition: StageTrainParams = StageTrainParams(levels=3)
-    # those that `pbrnet train baselines` trains and `pbrnet evaluate` must find
+    # baselines that `pbrnet train baselines` trains and `pbrnet evaluate` measures
     baselines: tuple[Baseline, ...] = ("unet",)
-    plus: StageTrainParams = StageTrainParams()  # shading with direct light given
-    hybrid: StageTrainParams = StageTrainParams(width=16)  # a few noisy samples given
-    unet: StageTrainParams = StageTrainParams()  # the direct U-Net
-    end_to_end: StageTrainParams = StageTrainParams()  # both networks at once, on colour alone
+    plus: StageTrainParams = StageTrainParams()  # direct light as a further input
+    hybrid: StageTrainParams = StageTrainParams(width=16)  # noisy samples as a further input
+    unet: StageTrainParams = StageTrainParams()  # one U-Net from inputs to colour
+    end_to_end: StageTrainParams = (
+        StageTrainParams()
+    )  # both networks trained together, on colour alone
     can: StageTrainParams = StageTrainParams(width=32, levels=10)
     can_own: StageTrainParams = StageTrainParams(width=32, levels=10)
     pix2pix: StageTrainParams = StageTrainParams(width=64, levels=8)
@@ -247,9 +251,9 @@ class TrainParams:
     cyclegan_own: StageTrainParams = StageTrainParams(width=64, levels=9)
 
     def verify(self, where: str) -> None:
-        """No baseline twice, and layouts that can be built; raises ValueError."""
+        """Raise ValueError for a repeated baseline or for too few levels."""
         if len(set(self.baselines)) < len(self.baselines):
-            raise ValueError(f"{where}.baselines: {list(self.baselines)} names one twice")
+            raise ValueError(f"{where}.baselines: {list(self.baselines)} names a baseline twice")
         for name, least in (("can", 3), ("pix2pix", 2)):
             for section in (name, f"{name}_own"):
                 levels = getattr(self, section).levels
@@ -259,7 +263,7 @@ class TrainParams:
 
 @dataclass(frozen=True)
 class ToneParams:
-    """Reinhard's photographic operator as PBRS used it."""
+    """Reinhard's photographic operator as in PBRS."""
 
     key: float = field(default=0.8, metadata=within(above=0))
     burn: float = field(default=0.2, metadata=within(above=0))
@@ -303,7 +307,7 @@ def load_params(path: Path, seed: int | None = None) -> Params:
         data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise ParameterError(
-            f"{path}: no such parameter file; put one in place with: pbrnet preset quick"
+            f"{path}: no such parameter file; write one with: pbrnet preset quick"
         ) from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ParameterError(f"{path}: not valid YAML ({error})") from None

@@ -1,4 +1,4 @@
-"""Progress of long work: a bar with rate and time left on a terminal, plain lines elsewhere."""
+"""Progress of a long task: a bar on a terminal, plain lines elsewhere, on standard error."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from tqdm import tqdm
 
 
 class Progress:
-    """Counts finished items; use as a context manager and call `advance`.
+    """Counter of finished items, as a context manager.
 
-    On a terminal a bar is redrawn in place; elsewhere a line is printed at most every
-    `every` seconds and once at the end. Everything goes to standard error.
+    On a terminal a bar with rate and remaining time is redrawn in place; elsewhere a line is
+    printed at most every `every` seconds and once at the end. `unit` is a plural noun.
     """
 
     def __init__(self, total: int, label: str, unit: str = "views", every: float = 10.0) -> None:
         self.total, self.label, self.unit, self.every = total, label, unit, every
         self.done = 0
-        self._started = self._spoke = time.monotonic()
+        self._started = self._printed = time.monotonic()
         self._bar = (
             tqdm(total=total, desc=label, unit=unit.removesuffix("s"), file=sys.stderr)
             if sys.stderr.isatty()
@@ -38,7 +38,7 @@ class Progress:
         if self._bar is not None:
             self._bar.close()
         else:
-            self._say()
+            self._print()
 
     def advance(self, count: int = 1, note: str = "") -> None:
         """Count `count` more finished items; `note` is shown beside the bar."""
@@ -47,8 +47,8 @@ class Progress:
             if note:
                 self._bar.set_postfix_str(note, refresh=False)
             self._bar.update(count)
-        elif time.monotonic() - self._spoke >= self.every:
-            self._say(note)
+        elif time.monotonic() - self._printed >= self.every:
+            self._print(note)
 
     def write(self, line: str) -> None:
         """Print a line without disturbing the bar."""
@@ -57,9 +57,9 @@ class Progress:
         else:
             print(line, file=sys.stderr, flush=True)
 
-    def _say(self, note: str = "") -> None:
-        self._spoke = time.monotonic()
-        seconds = self._spoke - self._started
+    def _print(self, note: str = "") -> None:
+        self._printed = time.monotonic()
+        seconds = self._printed - self._started
         rate = self.done / seconds if seconds > 0 else 0.0
         left = (
             f", {(self.total - self.done) / rate:.0f} s left" if 0 < self.done < self.total else ""

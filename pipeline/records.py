@@ -1,4 +1,4 @@
-"""What a stage writes beside its data: the list of failures, and the lock on a data folder."""
+"""List of a stage's failures, and the lock on a data folder."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scenes.files import machine_errors, write_json
 
 @dataclass(frozen=True)
 class Failure:
-    """A scene or view that could not be done; `view_id` is empty where a whole scene failed."""
+    """A scene or view that failed in a stage; `view_id` is empty for a whole scene."""
 
     stage: str
     scene_id: str
@@ -28,7 +28,7 @@ class Failure:
 
 
 def save_failures(data: Path, stage: str, failures: list[Failure]) -> None:
-    """Write `data/failures/<stage>.json`, or remove it when nothing failed."""
+    """Write `data/failures/<stage>.json`, or remove it if there are no failures."""
     path = data / "failures" / f"{stage}.json"
     if failures:
         write_json(path, [asdict(failure) for failure in failures])
@@ -38,10 +38,10 @@ def save_failures(data: Path, stage: str, failures: list[Failure]) -> None:
 
 @contextmanager
 def data_lock(data: Path, stage: str) -> Iterator[None]:
-    """Hold the data folder for one run; raises `PbrnetError` if another run holds it, and
-    `MachineError` if it cannot be written.
+    """Lock the data folder for one run.
 
-    The lock is the kernel's and ends with the process, however that ends.
+    Raises `PbrnetError` if another run holds the lock and `MachineError` if the folder cannot be
+    written. The kernel releases the lock when the process ends, however it ends.
     """
     path = data / ".lock"
     with machine_errors(path):
@@ -54,8 +54,7 @@ def data_lock(data: Path, stage: str) -> Iterator[None]:
             stream.seek(0)
             holder = stream.read().strip() or "another run"
             raise PbrnetError(
-                f"{data}: in use by {holder}; wait for it to end, or give this run another "
-                "folder with --data"
+                f"{data}: in use by {holder}; wait for it to end, or use another folder with --data"
             ) from None
         with machine_errors(path):
             stream.seek(0)

@@ -1,4 +1,4 @@
-"""Pages and cards are filled in from the templates that lie beside their packages."""
+"""Jinja environments for the templates of a package."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 
 def templates(package: str, *, markup: bool = True) -> Environment:
-    """What renders the templates of `package`; a name that a template misses is an error.
+    """Return an environment for the folder `templates` of `package`.
 
-    With `markup` values are escaped for HTML.
+    An undefined name in a template is an error. With `markup` values are escaped for HTML.
     """
     return Environment(
         loader=PackageLoader(package),

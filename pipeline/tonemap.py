@@ -1,8 +1,8 @@
-"""Reinhard's photographic tone mapping with PBRS's key and burn: the one place that tone-maps.
+"""Reinhard's photographic tone mapping with the parameters key and burn of PBRS.
 
 Reinhard et al., *Photographic Tone Reproduction for Digital Images* (2002), equations 1, 2 and 4,
-with the meaning of `burn` that the renderer of PBRS gave it: 0 compresses everything,
-1 lets everything above the key burn out. Luminance is mapped, chromaticity kept.
+with `burn` as in the renderer of PBRS: 0 compresses all luminance, 1 clips all luminance above the
+key. The operator maps luminance and keeps chromaticity.
 """
 
 from __future__ import annotations
@@ -20,21 +20,23 @@ Image = FloatingArray
 
 @dataclass(frozen=True)
 class Exposure:
-    """`scale` multiplies radiance before compression; `white` is the scaled luminance that maps
-    to 1 (infinite where nothing burns out)."""
+    """Parameters of the operator for one image.
+
+    `scale` multiplies radiance before compression; `white` is the scaled luminance that maps to 1
+    (infinite if nothing is clipped).
+    """
 
     scale: float
     white: float
 
 
 def exposure_of(image: Image, tone: ToneParams) -> Exposure:
-    """The exposure of linear HDR `image` (H, W, 3) by its own log-average luminance.
+    """Return the exposure of linear HDR `image` (H, W, 3) from its log-average luminance.
 
-    For the log average, luminance is averaged over blocks of 8x8 pixels first: the logarithm of
-    a noisy pixel is low on average, so single pixels would brighten an image the more, the
-    noisier it is (2.5 times at 16 samples a pixel of a room by night). Blocks at exactly zero
-    carry no light information and are left out; an all-black image has scale 1. White comes
-    from the brightest pixel.
+    Luminance is averaged over blocks of 8x8 pixels before the logarithm: the logarithm of a noisy
+    pixel is too low on average, so an average over pixels would brighten noisy images (2.5 times
+    at 16 samples per pixel of a room at night). Blocks that are exactly zero are left out; an
+    all-black image has scale 1. White comes from the brightest pixel.
     """
     lum = luminance(np.asarray(image, dtype=np.float64))
     means = _block_means(lum)
@@ -47,7 +49,7 @@ def exposure_of(image: Image, tone: ToneParams) -> Exposure:
 
 
 def _block_means(values: Image, side: int = 8) -> Image:
-    """Means over blocks of `side` x `side` pixels; those at the right and bottom may be cut."""
+    """Return means over blocks of `side` x `side` pixels; the last ones may be smaller."""
     corners = [np.arange(0, size, side) for size in values.shape]
     sums = np.add.reduceat(np.add.reduceat(values, corners[0], axis=0), corners[1], axis=1)
     heights, widths = (
@@ -57,7 +59,7 @@ def _block_means(values: Image, side: int = 8) -> Image:
 
 
 def tonemap(image: Image, exposure: Exposure) -> Float32Array:
-    """Linear HDR (..., 3) to display values: compressed, sRGB-encoded, float32 in [0, 1]."""
+    """Map linear HDR (..., 3) to display values: compressed, sRGB-encoded, float32 in [0, 1]."""
     scaled = np.maximum(np.asarray(image, dtype=np.float32), 0) * np.float32(exposure.scale)
     lum = luminance(scaled)[..., None]
     factor = (1 + lum / np.float32(exposure.white**2)) / (1 + lum)
@@ -65,7 +67,7 @@ def tonemap(image: Image, exposure: Exposure) -> Float32Array:
 
 
 def untonemap(display: Image, exposure: Exposure) -> Float32Array:
-    """The inverse of `tonemap` up to its clipping: display values to linear HDR, float32."""
+    """Invert `tonemap`, but for its clipping: display values (..., 3) to linear HDR, float32."""
     compressed = decode_srgb(np.clip(np.asarray(display, dtype=np.float32), 0, 1))
     lum = luminance(compressed)[..., None].astype(np.float64)
     # mapped = L (1 + L / w^2) / (1 + L)  <=>  L^2 / w^2 + L (1 - mapped) - mapped = 0
@@ -77,5 +79,5 @@ def untonemap(display: Image, exposure: Exposure) -> Float32Array:
 
 
 def to_bytes(display: Image) -> UInt8Array:
-    """Display values in [0, 1] to 8 bits."""
+    """Round display values in [0, 1] to uint8."""
     return np.clip(np.rint(np.asarray(display) * 255), 0, 255).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Views: a camera in a scene, in the OpenCV convention, and the files that list them."""
+"""Views, which are cameras in a scene in the OpenCV convention, and camera files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Matrix = tuple[tuple[float, ...], ...]
 
 @dataclass(frozen=True)
 class View:
-    """One camera.
+    """A camera in a scene.
 
     `camera_to_world` is 4x4 and rigid, metres; the camera frame is OpenCV's: x right, y down,
     z forward. `K` is 3x3 in pixels with pixel centres at +0.5:
@@ -40,14 +40,15 @@ class View:
     seen: dict[str, int] = field(default_factory=dict)  # object id -> pixels in the id render
 
     def verify(self, where: str) -> None:
-        """Check names, shapes, rigidity and focal lengths; raises ValueError."""
+        """Raise ValueError for wrong names, shapes, poses or focal lengths."""
         check_name(self.scene_id, "a scene's id", where, ValueError)
         check_name(self.view_id, "a view's id", where, ValueError)
         pose, intrinsics = np.array(self.camera_to_world), np.array(self.K)
         if pose.shape != (4, 4) or intrinsics.shape != (3, 3):
             raise ValueError(f"{where}: camera_to_world must be 4x4 and K 3x3")
-        turn = pose[:3, :3]
-        if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-4) or np.linalg.det(turn) < 0:
+        rotation = pose[:3, :3]
+        orthonormal = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4)
+        if not orthonormal or np.linalg.det(rotation) < 0:
             raise ValueError(f"{where}.camera_to_world: not a rotation and a translation")
         if intrinsics[0, 0] <= 0 or intrinsics[1, 1] <= 0:
             raise ValueError(f"{where}.K: focal lengths must be positive")
@@ -70,7 +71,7 @@ class View:
 
 @dataclass(frozen=True)
 class CameraFile:
-    """`data/cameras/<scene_id>.json`: the views kept, and why the other candidates were not."""
+    """Content of `data/cameras/<scene_id>.json`: the views, and rejected candidates by reason."""
 
     scene_id: str
     views: tuple[View, ...]
@@ -80,7 +81,7 @@ class CameraFile:
 
 
 def look(eye: Any, towards: Any, up: Any = (0.0, 0.0, 1.0)) -> Float64Array:
-    """`camera_to_world` (4, 4) of a camera at `eye` that looks along `towards`, OpenCV axes."""
+    """Return `camera_to_world` (4, 4) of a camera at `eye` that looks along `towards`."""
     forward = np.asarray(towards, dtype=np.float64)
     forward = forward / np.linalg.norm(forward)
     right = np.cross(forward, np.asarray(up, dtype=np.float64))
@@ -92,7 +93,7 @@ def look(eye: Any, towards: Any, up: Any = (0.0, 0.0, 1.0)) -> Float64Array:
 
 
 def intrinsics_of(image: ImageParams) -> Float64Array:
-    """`K` (3, 3) in pixels with square pixels: the half-angle in x fixes the focal length."""
+    """Return `K` (3, 3) for square pixels; the half-angle in x gives the focal length."""
     focal = 0.5 * image.width / math.tan(image.half_fov_x)
     return np.array(
         [[focal, 0.0, 0.5 * image.width], [0.0, focal, 0.5 * image.height], [0.0, 0.0, 1.0]]
@@ -100,7 +101,7 @@ def intrinsics_of(image: ImageParams) -> Float64Array:
 
 
 def as_matrix(array: Float64Array) -> Matrix:
-    """A 2-D array as nested tuples of Python floats."""
+    """Return a 2-D array as nested tuples of Python floats."""
     return tuple(tuple(float(value) for value in row) for row in array)
 
 
@@ -110,10 +111,10 @@ def save_cameras(path: Path, cameras: CameraFile) -> None:
 
 
 def load_cameras(path: Path) -> CameraFile:
-    """Read and check a camera file; `InputError` names what is wrong."""
+    """Read and check a camera file; raises `InputError` that names the fault."""
     cameras = build(CameraFile, read_json(path), str(path), InputError)
     check_name(cameras.scene_id, "a scene's id", str(path), InputError)
     names = [view.view_id for view in cameras.views]
     if len(set(names)) != len(names):
-        raise InputError(f"{path}: a view_id is used twice")
+        raise InputError(f"{path}: two views have the same view_id")
     return cameras

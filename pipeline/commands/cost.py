@@ -1,4 +1,4 @@
-"""`pbrnet cost`: core-hours that a run will take, before it starts."""
+"""`pbrnet cost`: forecast of the core-hours of a run."""
 
 from __future__ import annotations
 
@@ -19,15 +19,32 @@ from scenes.errors import ParameterError
 @click.command(
     epilog="""\b
 Examples:
-  pbrnet cost                                 what params.yaml asks for
-  pbrnet cost --views 500000 --cores 1000     the paper's scale
+  pbrnet cost                                 a run of params.yaml
+  pbrnet cost --views 500000 --cores 1000     the paper's number of views
   pbrnet cost --params params/paper.yaml --data small/data
-  pbrnet cost --check                         how far it was off where that is known"""
+  pbrnet cost --check                         errors of the forecast for measured scenes"""
 )
-@click.option("--views", type=click.IntRange(1), default=None, help="Views, instead of params'.")
-@click.option("--scenes", type=click.IntRange(1), default=None, help="Scenes, instead of params'.")
-@click.option("--cores", type=click.IntRange(1), default=None, help="Cores that will work.")
-@click.option("--check", is_flag=True, help="Predict measured scenes from others instead.")
+@click.option(
+    "--views",
+    type=click.IntRange(1),
+    default=None,
+    help="Number of views, instead of that of the parameters.",
+)
+@click.option(
+    "--scenes",
+    type=click.IntRange(1),
+    default=None,
+    help="Number of scenes, instead of that of the parameters.",
+)
+@click.option(
+    "--cores",
+    type=click.IntRange(1),
+    default=None,
+    help="Number of cores, for the duration of the run.",
+)
+@click.option(
+    "--check", is_flag=True, help="Print only the errors of the forecast for measured scenes."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @common_options
 def cost(
@@ -39,26 +56,26 @@ def cost(
     check: bool,
     as_json: bool,
 ) -> None:
-    """Say how many core-hours the rendering stages will take.
+    """Forecast the core-hours of the rendering stages.
 
-    The estimate comes from what earlier views cost, in DATA/ledger.parquet: render a few first,
-    on the machines that will do the work. How far it may be off is measured by predicting one
-    half of those scenes from the other, again and again; --check shows that alone. Views
-    are expected to be as many in each scene as cameras.views_per_scene allows.
+    The forecast is fitted to the cost of earlier views in DATA/ledger.parquet: render a few first,
+    on the same kind of machines. Its error is measured by cross-validation between halves of those
+    scenes; --check prints these errors only. Without --views, every scene counts with
+    cameras.views_per_scene views.
     """
     costs, errors = fit_costs(read_ledger(data))
     if check:
         _show_check(errors, as_json)
         return
-    asked = {"noisy": params.noisy.spp, "visibility": params.illumination.shadow_rays}
-    costs = [cost for cost in costs if asked.get(cost.stage, True)]
+    enabled = {"noisy": params.noisy.spp, "visibility": params.illumination.shadow_rays}
+    costs = [cost for cost in costs if enabled.get(cost.stage, True)]
     each = params.cameras.views_per_scene
     if scenes is None:
         wanted = params.scenes
         made = (wanted.homes + wanted.furnished_homes) * wanted.variants + len(wanted.imports)
         scenes = made if views is None else math.ceil(views / each)
     if not scenes:
-        raise ParameterError("the parameters ask for no scenes; say how many with --scenes")
+        raise ParameterError("the parameters contain no scenes; give their number with --scenes")
     views = views or scenes * each
     seconds = {
         cost.stage: cost.total(scenes, views, samples_of(cost.stage, params)) for cost in costs
@@ -76,24 +93,24 @@ def cost(
         click.echo(json.dumps(facts, indent=2))
         return
     click.echo(f"{views:,} views of {scenes:,} scenes, {params.image.width}x{params.image.height}")
-    click.echo(f"{'stage':14}{'core-hours':>12}{'a view, s':>12}   measured")
+    click.echo(f"{'stage':14}{'core-hours':>12}{'s per view':>12}   views or scenes measured")
     for cost in costs:
         worst = errors[cost.stage].worst
-        told = "" if math.isnan(worst) else f", unseen scenes within {worst:.0%}"
+        note = "" if math.isnan(worst) else f", error within {worst:.0%}"
         spent = seconds[cost.stage]
         click.echo(
-            f"{cost.stage:14}{spent / 3600:>12,.2f}{spent / views:>12.3f}   {cost.measured}{told}"
+            f"{cost.stage:14}{spent / 3600:>12,.2f}{spent / views:>12.3f}   {cost.measured}{note}"
         )
     if params.noisy.spp and all(cost.stage != "noisy" for cost in costs):
-        click.echo("noisy: asked for, but the ledger has none yet: not in the sum")
-    off = "too few scenes to say how sure" if math.isnan(error) else f"within {error:.0%}"
-    click.echo(f"{'together':14}{hours:>12,.2f}{hours * 3600 / views:>12.3f}   {off}")
+        click.echo("noisy: not in the sum, because the ledger has no such frames yet")
+    note = "error unknown: too few scenes" if math.isnan(error) else f"error within {error:.0%}"
+    click.echo(f"{'together':14}{hours:>12,.2f}{hours * 3600 / views:>12.3f}   {note}")
     if cores:
-        click.echo(f"on {cores:,} cores: {_span(hours / cores)}, if all are busy all the time")
+        click.echo(f"on {cores:,} cores: {_span(hours / cores)}, if all of them are always busy")
 
 
 def _show_check(found: dict[str, HeldOut], as_json: bool) -> None:
-    """How well measured scenes are predicted from others."""
+    """Print the errors of the cross-validation."""
     if as_json:
         facts = {
             name: {
@@ -103,11 +120,13 @@ def _show_check(found: dict[str, HeldOut], as_json: bool) -> None:
         }
         click.echo(json.dumps(facts, indent=2))
         return
-    click.echo("Half of the measured scenes predict the other half, drawn a hundred times:")
-    click.echo(f"{'stage':14}{'total: usual':>14}{'95 % within':>14}{'a scene: usual':>17}")
+    click.echo(
+        "Error of forecasts of half of the measured scenes from the other half (100 random halves):"
+    )
+    click.echo(f"{'stage':14}{'total: median':>14}{'95 % within':>14}{'scene: median':>17}")
     for name, error in found.items():
         if math.isnan(error.usual):
-            click.echo(f"{name:14}   too few scenes to say")
+            click.echo(f"{name:14}   too few scenes")
             continue
         click.echo(f"{name:14}{error.usual:>14.1%}{error.worst:>14.1%}{error.scene:>17.1%}")
 

@@ -1,4 +1,4 @@
-"""`pbrnet dataset` and `pbrnet inspect`: pack frames, describe and draw files."""
+"""`pbrnet dataset` and `pbrnet inspect`: packing of frames, description of files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from pipeline.dataset.card import DatasetSummary
 from pipeline.dataset.checksums import verify_sums
 from pipeline.dataset.pack import pack_dataset
 from pipeline.images import png_bytes
-from pipeline.inspection.describe import inspect_diversity, inspect_path, with_leaks
+from pipeline.inspection.datasets import inspect_diversity
+from pipeline.inspection.describe import inspect_path
+from pipeline.inspection.scenes import with_leaks
 from pipeline.params import Params
 from scenes.files import atomic_file
 
@@ -19,14 +21,14 @@ from scenes.files import atomic_file
 @click.command(
     epilog="""\b
 Examples:
-  pbrnet dataset                       check the frames in data/ and pack them
-  pbrnet dataset --data /mnt/big/data  the same, elsewhere
+  pbrnet dataset                       pack the frames in data/
+  pbrnet dataset --data /mnt/big/data  pack those of another data folder
 
-Views that do not pass the checks are listed in data/dataset/rejected.csv with the reason."""
+Views that do not pass the checks are listed with the reason in data/dataset/rejected.csv."""
 )
 @common_options
 def dataset(params: Params, data: Path) -> None:
-    """Check every view's frames and pack them into Parquet shards with a dataset card."""
+    """Check the frames of every view and pack them into Parquet shards with a dataset card."""
     summary = pack_dataset(data, params)
     for line in _summary_lines(summary, data / "dataset"):
         click.echo(line)
@@ -49,36 +51,40 @@ def _summary_lines(summary: DatasetSummary, folder: Path) -> list[str]:
 @click.command(
     epilog="""\b
 Examples:
-  pbrnet inspect data/scenes/home-0000                 rooms, sizes, lights, and pictures
-  pbrnet inspect data/cameras/home-0000.json           views, and why others were dropped
-  pbrnet inspect data/color/home-0000/000.exr          figures of every channel, and pictures
-  pbrnet inspect data/dataset --out sheet.png          columns, sizes, and a contact sheet
-  pbrnet inspect data/dataset --diversity              histograms of what its views show
-  pbrnet inspect data/dataset --verify --text-only      its files against their checksums
-  pbrnet inspect data/ledger.parquet                   what everything cost
+  pbrnet inspect data/scenes/home-0000                 rooms, sizes, lights; plan and renders
+  pbrnet inspect data/cameras/home-0000.json           views and rejected candidates
+  pbrnet inspect data/color/home-0000/000.exr          statistics and pictures of the channels
+  pbrnet inspect data/dataset --out sheet.png          columns, sizes; a sheet of previews
+  pbrnet inspect data/dataset --diversity              histograms of its views' statistics
+  pbrnet inspect data/dataset --verify --text-only     compare its files with their checksums
+  pbrnet inspect data/ledger.parquet                   costs by stage
   pbrnet inspect data/scenes/flat --leaks --text-only  gaps that let light through
-  pbrnet inspect models/shading.safetensors --json     layers and card, machine-readable
-  pbrnet inspect data/assets                           catalogues, and a sheet of their pieces"""
+  pbrnet inspect models/shading.safetensors --json     layers and model card as JSON
+  pbrnet inspect data/assets                           catalogues; a sheet of their pieces"""
 )
 @click.argument("path", type=click.Path(path_type=Path))
 @click.option(
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),
     default=None,
-    help="Where to draw it.  [default: inspect-<name>.png, here]",
+    help="Picture to write.  [default: inspect-NAME.png in the current folder]",
 )
-@click.option("--text-only", is_flag=True, help="Draw nothing.")
-@click.option("--plan-only", is_flag=True, help="Of a scene draw the plan, without rendering.")
+@click.option("--text-only", is_flag=True, help="Write no picture.")
+@click.option("--plan-only", is_flag=True, help="For a scene: draw only the plan, without renders.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 @click.option(
     "--diversity",
     is_flag=True,
-    help="Of a dataset: objects, depth, brightness, colour and lights of its views, by source.",
+    help="For a dataset: statistics of objects, depth, luminance, colour and lights, by source.",
 )
-@click.option("--verify", is_flag=True, help="Of a dataset: compare its files' checksums first.")
-@click.option("--leaks", is_flag=True, help="Of a scene: where light gets in besides by portals.")
 @click.option(
-    "--seed", type=int, default=None, expose_value=False, help="Not used: nothing is random."
+    "--verify", is_flag=True, help="For a dataset: compare its files with their checksums."
+)
+@click.option(
+    "--leaks", is_flag=True, help="For a scene: find gaps, other than portals, that let light in."
+)
+@click.option(
+    "--seed", type=int, default=None, expose_value=False, help="Has no effect: nothing is random."
 )
 def inspect(
     path: Path,
@@ -90,13 +96,14 @@ def inspect(
     verify: bool,
     leaks: bool,
 ) -> None:
-    """Say what PATH holds (scene, frame, shard, dataset, model, catalogues ...), and draw it.
+    """Describe PATH (scene, camera file, frame, shard, dataset, ledger, network or catalogues).
 
-    Of a scene the picture shows the plan, a dollhouse view from above and two quick renders.
+    Prints the description and writes a picture. The picture of a scene has the plan, a dollhouse
+    view from above and two quick renders.
     """
     if verify:
         count = verify_sums(path if path.is_dir() else path.parent)
-        click.echo(f"{count} files are as they were written", err=as_json)
+        click.echo(f"{count} files match their checksums", err=as_json)
     inspection = inspect_diversity(path) if diversity else inspect_path(path, renders=not plan_only)
     if leaks:
         inspection = with_leaks(inspection, path)
@@ -106,4 +113,4 @@ def inspect(
         picture = png_bytes(inspection.draw())
         with atomic_file(target) as partial:
             partial.write_bytes(picture)
-        click.echo(f"\nDrawn: {target}", err=as_json)
+        click.echo(f"\nPicture: {target}", err=as_json)

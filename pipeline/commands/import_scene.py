@@ -1,4 +1,4 @@
-"""`pbrnet import`: import one scene from any source, and print a summary."""
+"""`pbrnet import`: import of one scene file into a scene folder."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _sections() -> dict[str, list[str]]:
     every: dict[str, list[str]] = {}
     for name, titles in takers.items():
         if len(titles) == len(SOURCES):
-            every.setdefault("Every kind of file, but for scene folders", []).append(name)
+            every.setdefault("All kinds of files, but not scene folders", []).append(name)
         elif len(titles) > 1:
             shared.setdefault(", ".join(titles), []).append(name)
         else:
@@ -78,7 +78,7 @@ def _click_type(hint: Any, default: Any) -> dict[str, Any]:
 
 
 class SectionedCommand(click.Command):
-    """A command whose help lists options by the kind of file that they are for."""
+    """Command whose help groups the options by the kind of file that they apply to."""
 
     def format_options(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options in sections."""
@@ -106,28 +106,30 @@ Examples:
   pbrnet import flat.obj --out data/scenes/flat --up z --scale 0.01 --author "A. Maker" \\
       --licence CC-BY-4.0
 \b
-All kinds, options and limits: docs/scenes.md.""",
+Kinds of files, options and limits: docs/scenes.md.""",
 )
 @click.argument("path", type=click.Path(path_type=Path))
 @click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
     required=True,
-    help="Scene folder to make; its name becomes the scene's id.",
+    help="Scene folder to write; its name is the scene's id.",
 )
-@click.option("--id", "scene_id", default=None, help="Another id than the folder's name.")
+@click.option(
+    "--id", "scene_id", default=None, help="Id of the scene, if not the name of the folder."
+)
 @click.option(
     "--variants",
     type=click.IntRange(0, 999),
     default=0,
-    help="Scenes to make beside it, OUT-v1 and so on, with other finishes and light.",
+    help="Number of variants to write to OUT-v1 and so on, with other finishes and light.",
 )
 @click.option(
     "--seed",
     type=click.IntRange(0),
     default=0,
     show_default=True,
-    help="Of the variants; the import itself makes no random choice.",
+    help="Seed of the variants; the import itself is not random.",
 )
 @_import_options
 def import_command(
@@ -138,12 +140,12 @@ def import_command(
     seed: int,
     **options: Any,
 ) -> None:
-    """Bring the scene PATH into the scene folder OUT and say what was found, changed and lost.
+    """Import the scene PATH into the scene folder OUT and report what was found and changed.
 
-    PATH is a Mitsuba XML file of version 0.4 to 3.x (a house of the PBRS release, too), a Sweet
-    Home 3D home (.sh3d), a glTF, GLB or OBJ model of a building or of one object, which gets a
-    room of its own, or a scene folder with scene.json. Options for another kind of file than
-    PATH are refused.
+    PATH is a Mitsuba XML file of version 0.4 to 3.x (also of the PBRS release), a Sweet Home 3D
+    home (.sh3d), a glTF, GLB or OBJ model, or a scene folder with scene.json. A model may be a
+    building or a single object, which is placed in a room. Options for other kinds of files are
+    refused.
     """
     given = _given_options(path, options)
     started = time.monotonic()
@@ -193,7 +195,7 @@ def _given_options(path: Path, options: dict[str, Any]) -> dict[str, Any]:
 
 
 def summary(scene: Scene) -> list[str]:
-    """What a scene holds, and what its importer changed, as lines of text."""
+    """Return lines of text on the content of a scene and the changes of its importer."""
     lines = [f"scene {scene.scene_id}: {scene.source.get('kind', '')}, light: {scene.lighting}"]
     for room in scene.rooms:
         west, south = (min(point[axis] for point in room.floor) for axis in (0, 1))
@@ -203,12 +205,12 @@ def summary(scene: Scene) -> list[str]:
             f"  room     {room.id:10} {room.type:9} {east - west:5.2f} x {north - south:.2f} m, "
             f"{height:.2f} m high{'' if room.has_light else ', no light'}"
         )
-    things = Counter(thing.category for thing in scene.objects if not thing.is_structure)
-    structure = sum(thing.is_structure for thing in scene.objects)
-    shapes = sum(len(thing.shapes) for thing in scene.objects)
-    named = ", ".join(f"{count} {name}" for name, count in things.most_common(12))
+    items = Counter(item.category for item in scene.objects if not item.is_structure)
+    structure = sum(item.is_structure for item in scene.objects)
+    shapes = sum(len(item.shapes) for item in scene.objects)
+    named = ", ".join(f"{count} {name}" for name, count in items.most_common(12))
     lines += [
-        f"  objects  {sum(things.values())} ({named}) and {structure} parts of the building",
+        f"  objects  {sum(items.values())} ({named}) and {structure} parts of the building",
         f"  lights   {_counted(Counter(light.kind for light in scene.lights))}",
         f"  portals  {_counted(Counter(portal.kind for portal in scene.portals))}",
         f"  views    {len(scene.source.get('views', []))} stored",

@@ -1,4 +1,4 @@
-"""Options that commands share, turned into checked parameters before any work starts."""
+"""Options that commands share."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ Command = Callable[..., Any]
 
 
 def common_options(command: Command) -> Command:
-    """Add `--params`, `--seed` and `--data`; the command receives `params` and `data`."""
+    """Add `--params`, `--seed` and `--data` to a command, which receives `params` and `data`.
+
+    The options of `farm_options` are merged into `params.farm`.
+    """
 
     @click.option(
         "--params",
@@ -26,7 +29,12 @@ def common_options(command: Command) -> Command:
         show_default=True,
         help="Parameter file.",
     )
-    @click.option("--seed", type=int, default=None, help="Root seed, instead of the file's.")
+    @click.option(
+        "--seed",
+        type=int,
+        default=None,
+        help="Root seed, instead of the one in the parameter file.",
+    )
     @click.option(
         "--data",
         type=click.Path(path_type=Path, file_okay=False),
@@ -36,8 +44,8 @@ def common_options(command: Command) -> Command:
     )
     @wraps(command)
     def wrapped(params_file: Path, seed: int | None, **others: Any) -> Any:
-        asked = {name: others.pop(name, None) for name in ("workers", "transfer")}
-        given = {name: value for name, value in asked.items() if value is not None}
+        options = {name: others.pop(name, None) for name in ("workers", "transfer")}
+        given = {name: value for name, value in options.items() if value is not None}
         params = load_params(params_file, seed)
         params = replace(params, farm=replace(params.farm, **given))
         return command(params=params, **others)
@@ -46,22 +54,22 @@ def common_options(command: Command) -> Command:
 
 
 def farm_options(command: Command) -> Command:
-    """Add `--scheduler`, `--transfer` and `--workers`; use above `common_options`, see there."""
+    """Add `--scheduler`, `--transfer` and `--workers`; use it above `common_options`."""
     command = click.option(
         "--scheduler",
         metavar="ADDRESS",
         default=None,
-        help="Dask scheduler to use; else DASK_SCHEDULER_ADDRESS, else workers of our own.",
+        help="Dask scheduler.  [default: DASK_SCHEDULER_ADDRESS, else local workers]",
     )(command)
     command = click.option(
         "--transfer",
         type=click.Choice(["auto", "shared", "send"]),
         default=None,
-        help="Scenes and frames by the shared data folder, sent by dask, or (auto) as can be.",
+        help="Scenes and frames in the shared data folder, through dask, or chosen per worker.",
     )(command)
     return click.option(
         "--workers",
         type=click.IntRange(0),
         default=None,
-        help="Own workers to start; 0 is one per allowed CPU.",
+        help="Number of local workers; 0: one per allowed CPU.",
     )(command)

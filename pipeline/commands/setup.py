@@ -1,4 +1,4 @@
-"""`pbrnet preset` and `pbrnet doctor`: parameters in place, and what this machine has."""
+"""`pbrnet preset` and `pbrnet doctor`: parameter presets and a check of the machine."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ NETWORKS = ("shading", "composition", *get_args(Baseline))
     epilog="""\b
 Examples:
   pbrnet preset                list the presets
-  pbrnet preset quick          ten minutes on two cores
-  pbrnet preset paper --force  480x360 at the paper's scale; a cluster's work"""
+  pbrnet preset quick          the quick start, for a machine with two cores
+  pbrnet preset paper --force  480x360 at the paper's scale, for a cluster"""
 )
 @click.argument("name", required=False)
-@click.option("--force", is_flag=True, help="Overwrite a changed parameter file.")
+@click.option("--force", is_flag=True, help="Overwrite a parameter file that was edited.")
 @click.option(
     "--presets",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("params"),
     show_default=True,
-    help="Folder of presets.",
+    help="Folder with the presets.",
 )
 @click.option(
     "--params",
@@ -49,19 +49,21 @@ Examples:
     show_default=True,
     help="Parameter file to write.",
 )
-@click.option("--seed", type=click.IntRange(0), default=None, help="Root seed to write into it.")
+@click.option(
+    "--seed", type=click.IntRange(0), default=None, help="Root seed to write into the file."
+)
 def preset(name: str | None, force: bool, presets: Path, target: Path, seed: int | None) -> None:
-    """Put the parameter preset NAME in place of params.yaml; without NAME, list them."""
+    """Copy the parameter preset NAME to params.yaml; without NAME, list the presets."""
     available = {path.stem: path for path in sorted(presets.glob("*.yaml"))}
     if not available:
-        raise ParameterError(f"{presets}: no presets there; run this in the project's folder")
+        raise ParameterError(f"{presets}: no presets found; run this command in the project folder")
     if name is None:
         for label, path in available.items():
             first = path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
             click.echo(f"{label:12} {first}")
         return
     if name not in available:
-        raise ParameterError(f"{name}: no such preset (there are: {', '.join(available)})")
+        raise ParameterError(f"{name}: no such preset; available: {', '.join(available)}")
     text = available[name].read_text(encoding="utf-8")
     if seed is not None:
         lines = text.splitlines(keepends=True)
@@ -71,17 +73,17 @@ def preset(name: str | None, force: bool, presets: Path, target: Path, seed: int
         current = target.read_text(encoding="utf-8")
         if current != text and current not in known:
             raise ParameterError(
-                f"{target}: has changes that no preset holds; "
-                "keep a copy, or overwrite it with --force"
+                f"{target}: was edited and is equal to no preset; keep a copy, then overwrite it "
+                "with --force"
             )
     load_params(available[name])
     write_text(target, text)
-    click.echo(f"{target} now holds the preset {name!r}; go on with: dvc repro")
+    click.echo(f"{target} now holds the preset {name!r}; next: dvc repro")
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the doctor's report; `advice` is empty where nothing needs doing."""
+    """One line of the report of `pbrnet doctor`; `advice` is empty if there is nothing to do."""
 
     topic: str
     state: str
@@ -95,21 +97,21 @@ Examples:
   pbrnet doctor
   pbrnet doctor --json | jq .
 
-Exit code 4 if something needed is missing; what is only slower or optional does not count."""
+Exit code 4 if a required package is missing; slower or optional parts do not count."""
 )
 @click.option("--json", "as_json", is_flag=True, help="Print machine-readable JSON.")
 @click.option("--seed", type=int, default=None, hidden=True)
 def doctor(as_json: bool, seed: int | None) -> None:
-    """Say what this machine has: variant, LLVM, GPU, threads, memory, weights, catalogues."""
+    """Report this machine's CPUs, memory, packages, LLVM, GPU, networks and catalogues."""
     findings = examine()
     if as_json:
         click.echo(json.dumps([asdict(finding) for finding in findings], indent=1))
     else:
         for finding in findings:
-            mark = (
-                click.style("ok  ", fg="green") if finding.ok else click.style("look", fg="yellow")
+            status = (
+                click.style("ok  ", fg="green") if finding.ok else click.style("warn", fg="yellow")
             )
-            click.echo(f"{mark} {finding.topic:12} {finding.state}")
+            click.echo(f"{status} {finding.topic:12} {finding.state}")
             if finding.advice:
                 click.echo(f"{'':17} {finding.advice}")
     if any(finding.topic == "packages" and not finding.ok for finding in findings):
@@ -117,7 +119,7 @@ def doctor(as_json: bool, seed: int | None) -> None:
 
 
 def examine() -> list[Finding]:
-    """Everything the doctor reports, in a fixed order."""
+    """Return all findings of `pbrnet doctor`, in a fixed order."""
     cpus = len(os.sched_getaffinity(0))
     memory = psutil.virtual_memory()
     disk = shutil.disk_usage(Path.cwd())
@@ -127,16 +129,18 @@ def examine() -> list[Finding]:
             f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
             True,
         ),
-        Finding("threads", f"{cpus} allowed of {os.cpu_count()}", True),
+        Finding("threads", f"{cpus} of {os.cpu_count()} CPUs allowed", True),
         Finding(
             "memory",
             f"{memory.available / 2**30:.1f} of {memory.total / 2**30:.1f} GiB free",
             memory.total >= 7 * 2**30,
-            "" if memory.total >= 7 * 2**30 else "8 GiB are assumed; use fewer --workers",
+            ""
+            if memory.total >= 7 * 2**30
+            else "the default number of workers needs 8 GiB; use fewer --workers",
         ),
         Finding(
             "disk",
-            f"{disk.free / 2**30:.1f} GiB free here",
+            f"{disk.free / 2**30:.1f} GiB free in {Path.cwd()}",
             disk.free >= 4 * 2**30,
             "" if disk.free >= 4 * 2**30 else "the quick start needs about 4 GiB",
         ),
@@ -159,18 +163,20 @@ def _packages() -> Finding:
         except importlib.metadata.PackageNotFoundError:
             missing.append(name)
     if missing:
-        return Finding("packages", f"missing: {', '.join(missing)}", False, "run: make repro")
+        return Finding(
+            "packages", f"missing: {', '.join(missing)}", False, "install them with: make env"
+        )
     return Finding("packages", ", ".join(found), True)
 
 
 def _llvm() -> Finding:
     if drjit.has_backend(drjit.JitBackend.LLVM):
-        return Finding("LLVM", "found; rendering in llvm_ad_rgb", True)
+        return Finding("LLVM", "found; the variant is llvm_ad_rgb", True)
     return Finding(
         "LLVM",
-        "not found; rendering in scalar_rgb, about three times slower",
+        "not found; the variant is scalar_rgb, about three times slower",
         False,
-        "apt-get install libllvm15, or set DRJIT_LIBLLVM_PATH to a libLLVM.so",
+        "install libllvm15 (apt-get), or set DRJIT_LIBLLVM_PATH to a libLLVM.so",
     )
 
 
@@ -178,9 +184,9 @@ def _cuda() -> Finding:
     render = drjit.has_backend(drjit.JitBackend.CUDA)
     train = torch.cuda.is_available()
     if render or train:
-        words = [word for word, has in (("rendering", render), ("training", train)) if has]
-        return Finding("GPU", f"CUDA for {' and '.join(words)}", True)
-    return Finding("GPU", "none; not needed", True)
+        uses = [use for use, works in (("rendering", render), ("training", train)) if works]
+        return Finding("GPU", f"CUDA for {' and '.join(uses)}", True)
+    return Finding("GPU", "none (optional)", True)
 
 
 def _vgg() -> Finding:
@@ -190,9 +196,9 @@ def _vgg() -> Finding:
         return Finding("VGG-19", str(weights[0]), True)
     return Finding(
         "VGG-19",
-        "no weights in torch's cache; the packaged ImageNet network stands in",
+        "no weights in torch's cache; the packaged EfficientNet-Lite0 is used instead",
         True,
-        "to use VGG-19 as the paper does, set backbone.weights or backbone.download",
+        "for VGG-19 as in the paper, set backbone.weights or backbone.download",
     )
 
 
@@ -200,7 +206,7 @@ def _trained() -> Finding:
     present = _networks_in(Path("models"))
     if present:
         return Finding("models", f"trained: {', '.join(present)}", True)
-    return Finding("models", "none trained here yet", True, "they come with: dvc repro")
+    return Finding("models", "none trained yet", True, "train them with: dvc repro")
 
 
 def _pretrained() -> Finding:
@@ -211,7 +217,7 @@ def _pretrained() -> Finding:
         "pretrained",
         f"no networks in {PACKED}",
         True,
-        "not needed; trained ones are packed with: pbrnet pretrained",
+        "optional; pack trained networks with: pbrnet pretrained",
     )
 
 

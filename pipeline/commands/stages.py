@@ -1,4 +1,4 @@
-"""Commands of the stages that fill the data folder."""
+"""Commands of the stages from assets to ground truth."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from pipeline.stages.scenes import run_scenes
 @click.command(
     epilog="""\b
 Examples:
-  pbrnet assets --params params.yaml    with assets.enabled: true
-  pbrnet inspect data/assets            what is in them, as a sheet of pictures"""
+  pbrnet assets                 with assets.enabled: true in params.yaml
+  pbrnet inspect data/assets    show the pieces"""
 )
 @farm_options
 @common_options
 def assets(params: Params, data: Path, scheduler: str | None) -> None:
-    """Fetch optional furniture catalogues and convert their pieces into DATA/assets.
+    """Fetch furniture catalogues and convert their pieces into DATA/assets.
 
-    Off by default (assets.enabled): procedural homes bring their own furniture. Catalogues are
-    the .sh3f files of assets.folder, or else of the Debian packages in assets.debian.
+    Off by default (assets.enabled): procedural homes have built-in furniture. Catalogues are the
+    .sh3f files in assets.folder, or else those of the Debian packages in assets.debian.
     """
     click.echo(str(run_assets(data, params, scheduler)))
 
@@ -37,17 +37,18 @@ def assets(params: Params, data: Path, scheduler: str | None) -> None:
 @click.command(
     epilog="""\b
 Examples:
-  pbrnet scenes                      what params.yaml asks for
+  pbrnet scenes                            the scenes of params.yaml
   pbrnet scenes --seed 7 --data /tmp/seven"""
 )
 @farm_options
 @common_options
 def scenes(params: Params, data: Path, scheduler: str | None) -> None:
-    """Make procedural homes from seeds, and bring in the scenes of scenes.imports.
+    """Generate procedural homes and import the scenes listed in scenes.imports.
 
-    Keeps the scenes that are up to date, and those that 'pbrnet import' put into DATA/scenes.
+    Scenes that are up to date are kept, and so are scenes that 'pbrnet import' put into
+    DATA/scenes.
     """
-    _say(run_scenes(data, params, scheduler))
+    _print_summary(run_scenes(data, params, scheduler))
 
 
 @click.command(
@@ -59,24 +60,27 @@ Examples:
 @farm_options
 @common_options
 def cameras(params: Params, data: Path, scheduler: str | None) -> None:
-    """Sample views that see much furniture; says why the other candidates were not taken."""
-    _say(run_cameras(data, params, scheduler))
+    """Sample views that see much furniture; prints why other candidates were rejected."""
+    _print_summary(run_cameras(data, params, scheduler))
 
 
 @click.command(epilog="Example:  pbrnet inputs --workers 4")
 @farm_options
 @common_options
 def inputs(params: Params, data: Path, scheduler: str | None) -> None:
-    """Render depth, normal, reflectance, valid mask and object ids of every view."""
-    _say(run_inputs(data, params, scheduler))
+    """Render depth, normals, reflectance, valid mask and object ids of every view."""
+    _print_summary(run_inputs(data, params, scheduler))
 
 
 @click.command(epilog="Example:  pbrnet illumination --workers 4")
 @farm_options
 @common_options
 def illumination(params: Params, data: Path, scheduler: str | None) -> None:
-    """Render panoramas of every light source that the camera position can see."""
-    _say(run_illumination(data, params, scheduler))
+    """Render a panorama of the light sources visible from each camera.
+
+    With illumination.shadow_rays also renders how much of their light reaches each pixel.
+    """
+    _print_summary(run_illumination(data, params, scheduler))
 
 
 @click.command(
@@ -90,9 +94,9 @@ Examples:
 def groundtruth(params: Params, data: Path, scheduler: str | None) -> None:
     """Path-trace textureless shading and full colour of every view, both from one trace.
 
-    Frames that are up to date are kept, so an interrupted run goes on where it stopped.
+    Frames that are up to date are kept, so an interrupted run resumes where it stopped.
     """
-    _say(run_groundtruth(data, params, scheduler))
+    _print_summary(run_groundtruth(data, params, scheduler))
 
 
 @click.command(epilog="Example:  pbrnet shading --workers 4")
@@ -101,9 +105,9 @@ def groundtruth(params: Params, data: Path, scheduler: str | None) -> None:
 def shading(params: Params, data: Path, scheduler: str | None) -> None:
     """Path-trace only the textureless shading of every view.
 
-    Where both come from one trace, one of them costs as much as both: see pbrnet groundtruth.
+    'pbrnet groundtruth' renders shading and colour from one trace, at the cost of one of them.
     """
-    _say(run_groundtruth(data, params, scheduler, truths=("shading",)))
+    _print_summary(run_groundtruth(data, params, scheduler, truths=("shading",)))
 
 
 @click.command(epilog="Example:  pbrnet color --workers 4")
@@ -112,10 +116,10 @@ def shading(params: Params, data: Path, scheduler: str | None) -> None:
 def color(params: Params, data: Path, scheduler: str | None) -> None:
     """Path-trace only the full colour of every view.
 
-    Where both come from one trace, one of them costs as much as both: see pbrnet groundtruth.
+    'pbrnet groundtruth' renders shading and colour from one trace, at the cost of one of them.
     """
-    _say(run_groundtruth(data, params, scheduler, truths=("color",)))
+    _print_summary(run_groundtruth(data, params, scheduler, truths=("color",)))
 
 
-def _say(summary: Summary) -> None:
+def _print_summary(summary: Summary) -> None:
     click.echo(str(summary))

@@ -1,6 +1,6 @@
-"""How long things will take, as far as the ledger tells: who works on what first goes by it.
+"""Estimated seconds of scenes and views, from the ledger, for the scheduling of the farm.
 
-Only the order of work depends on these figures, never a pixel.
+Only the order of the work depends on these figures, never a pixel.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ Estimate = Callable[[str, str, str], float]  # stage, scene, view -> seconds
 
 
 def estimator(ledger: pa.Table) -> Estimate:
-    """From what was made before: the same thing's seconds, else those of its stage on average,
-    times how much longer than others its scene took in whatever stages it has been through.
+    """Return a function that estimates the seconds of a stage, scene and view.
 
-    1 s for a stage that the ledger does not know.
+    A view that was made before has its recorded seconds. Another one has the mean of its stage,
+    times the mean ratio of its scene to other scenes over the stages recorded for it. Stages that
+    the ledger does not contain count as 1 s.
     """
     known: dict[tuple[str, str, str], float] = {}
     stages: dict[str, list[float]] = defaultdict(list)

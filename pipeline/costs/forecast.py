@@ -1,10 +1,9 @@
-"""What a run will cost, from what earlier views cost: a model fitted to the ledger.
+"""Forecast of a run's cost in core-seconds: a linear model fitted to the ledger.
 
-The cost of a stage in core-seconds is linear in three things: how often a worker meets a scene
-(it opens it and compiles its kernels), how many views there are, and how many samples (or pixels,
-where nothing is sampled) those views have. Coefficients are not negative (Lawson and Hanson's
-NNLS). Scenes differ, so the fit is tried on scenes that it has not seen: half of them, drawn at
-random again and again, predict the other half, and the error is part of the answer.
+The cost of a stage is linear in three counts: scenes that a worker opens (with the compilation of
+their kernels), views, and samples of those views (pixels for a stage that does not sample). The
+coefficients are not negative (NNLS of Lawson and Hanson). The error of the forecast is measured by
+cross-validation: random halves of the scenes predict the other halves.
 """
 
 from __future__ import annotations
@@ -24,47 +23,44 @@ from scenes.errors import InputError
 from scenes.seeds import generator
 
 SCENE_STAGES = ("scenes", "cameras")
-# truth: shading and colour of a view together
+# "truth" is shading and colour of a view together
 VIEW_STAGES = ("inputs", "illumination", "visibility", "truth", "noisy")
 TOGETHER = "together"
 _TRUTHS = ("shading", "color")
-_SAME = 1.5  # views whose sizes differ by less say nothing of how cost grows with size
+_SAME = 1.5  # ratio of sizes below which the cost per sample cannot be separated
 _HALVES = 100  # draws of half of the scenes
-_FEWEST = 4  # scenes that can be halved to any purpose
+_MIN_SCENES = 4  # for a cross-validation
 
 Rows = list[dict[str, Any]]
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """How well half of the scenes predict the others, as shares of what those cost.
+    """Relative errors of the cross-validation; all nan with fewer than four scenes."""
 
-    All nan with fewer than four scenes.
-    """
-
-    usual: float  # error of the total: the median of all draws
-    worst: float  # what 95 % of the draws stay within
-    scene: float  # error of a single scene, the median
+    usual: float  # of the total, median over all draws
+    worst: float  # of the total, 95th percentile over all draws
+    scene: float  # of a single scene, median
 
 
 @dataclass(frozen=True)
 class StageCost:
-    """Core-seconds of one stage: each scene, each view, each sample (or pixel) of a view."""
+    """Core-seconds of a stage per scene, per view, and per sample (or pixel) of a view."""
 
     stage: str
     scene: float
     view: float
     sample: float
-    measured: int  # things that the fit has seen
+    measured: int  # rows of the ledger that the fit used
 
     def total(self, scenes: int, views: int, samples: float) -> float:
-        """Core-seconds of so many scenes and views, of `samples` samples a view."""
+        """Return core-seconds for these numbers of scenes, views and samples per view."""
         return scenes * self.scene + views * (self.view + samples * self.sample)
 
 
 @dataclass(frozen=True)
 class Measured:
-    """The rows of a stage: which scene, whether its first, how many samples, core-seconds."""
+    """Rows of a stage, (N,) each: index of the scene, 1 if first use, samples, core-seconds."""
 
     scene: npt.NDArray[np.intp]
     first: Float64Array
@@ -72,7 +68,7 @@ class Measured:
     seconds: Float64Array
 
     def part(self, of: BoolArray) -> Measured:
-        """Rows of the scenes for which `of` is true."""
+        """Return the rows of the scenes for which `of` is true."""
         chosen = of[self.scene]
         return Measured(
             self.scene[chosen], self.first[chosen], self.samples[chosen], self.seconds[chosen]
@@ -80,10 +76,10 @@ class Measured:
 
 
 def fit_costs(ledger: pa.Table) -> tuple[list[StageCost], dict[str, HeldOut]]:
-    """The cost of every stage that the ledger has rows of, in the order of the chain, and how well
-    each of them, and all `TOGETHER`, are predicted for scenes that the fit has not seen.
+    """Fit the cost of every stage in the ledger, in the order of the pipeline.
 
-    Raises `InputError` if it has none of ground truth, without which there is nothing to say.
+    Returns the costs and, by stage and for all `TOGETHER`, the errors of the cross-validation.
+    Raises `InputError` if the ledger has no rows of the ground truth.
     """
     stages, scenes = _measured(ledger)
     costs = [
@@ -93,7 +89,7 @@ def fit_costs(ledger: pa.Table) -> tuple[list[StageCost], dict[str, HeldOut]]:
 
 
 def samples_of(stage: str, params: Params) -> float:
-    """What a view of this stage has of that which its cost grows with."""
+    """Return the samples (or pixels) of a view in this stage."""
     image, panorama = params.image, params.illumination
     if stage == "illumination":
         return panorama.width**2 / 2
@@ -102,7 +98,7 @@ def samples_of(stage: str, params: Params) -> float:
 
 
 def _measured(ledger: pa.Table) -> tuple[dict[str, Measured], int]:
-    """The rows of every stage in the order of the chain, and how many scenes there are."""
+    """Return the rows of every stage in the order of the pipeline, and the number of scenes."""
     by_stage: dict[str, Rows] = {}
     for row in ledger.to_pylist():
         if row["seconds"] is not None:
@@ -110,8 +106,8 @@ def _measured(ledger: pa.Table) -> tuple[dict[str, Measured], int]:
     by_stage["truth"] = _truths(by_stage)
     if not by_stage["truth"]:
         raise InputError(
-            "the ledger has no ground truth yet: render a few views first (pbrnet groundtruth), "
-            "their cost is what the estimate is made from"
+            "the ledger has no ground truth yet; the forecast needs the cost of a few views, "
+            "render some first: pbrnet groundtruth"
         )
     names = sorted({row["scene_id"] for rows in by_stage.values() for row in rows})
     numbers = {name: number for number, name in enumerate(names)}
@@ -128,10 +124,9 @@ def _measured(ledger: pa.Table) -> tuple[dict[str, Measured], int]:
 
 
 def _truths(by_stage: Mapping[str, Rows]) -> Rows:
-    """Shading and colour of each view as one: they come from one trace, or one after the other.
+    """Merge the rows of shading and colour of each view.
 
-    Views that have one of them only are left out (their other half was not done yet), unless all
-    are like that.
+    Views with only one of them are left out as unfinished, unless all views are like that.
     """
     both: dict[tuple[str, str], Rows] = {}
     for row in (row for stage in _TRUTHS for row in by_stage.get(stage, [])):
@@ -153,11 +148,11 @@ def _samples(row: dict[str, Any]) -> float:
 
 
 def _fit(stage: str, rows: Measured) -> tuple[float, float, float]:
-    """Core-seconds of each scene, each view and each sample."""
+    """Return core-seconds per scene, per view and per sample."""
     if stage in SCENE_STAGES:
         return float(rows.seconds.mean()), 0.0, 0.0
     largest = float(rows.samples.max())
-    grows = largest > 0  # of older rows the size may not be known
+    grows = largest > 0  # older rows may have no size
     varies = not grows or largest > _SAME * rows.samples.min()
     columns = [rows.first]
     columns += [rows.samples / largest] if grows else []
@@ -168,7 +163,7 @@ def _fit(stage: str, rows: Measured) -> tuple[float, float, float]:
 
 
 def _predict(stage: str, seen: Measured, wanted: Measured) -> Float64Array:
-    """Core-seconds of each wanted row."""
+    """Return the predicted core-seconds of each wanted row, (N,)."""
     scene, view, sample = _fit(stage, seen)
     if stage in SCENE_STAGES:
         return np.full(len(wanted.seconds), scene)
@@ -176,9 +171,9 @@ def _predict(stage: str, seen: Measured, wanted: Measured) -> Float64Array:
 
 
 def _held_out(stages: Mapping[str, Measured], scenes: int) -> dict[str, HeldOut]:
-    """The errors of each stage, and of their sum, over many draws of half of the scenes."""
+    """Return the errors of each stage and of their sum over many random halves of the scenes."""
     names = [*stages, TOGETHER]
-    if scenes < _FEWEST:
+    if scenes < _MIN_SCENES:
         return dict.fromkeys(names, HeldOut(np.nan, np.nan, np.nan))
     totals: dict[str, list[float]] = {name: [] for name in names}
     singles: dict[str, list[float]] = {name: [] for name in names}

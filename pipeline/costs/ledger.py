@@ -1,7 +1,7 @@
-"""What everything cost: `data/ledger.parquet`, one row for each scene, camera file and frame.
+"""Ledger of costs: `data/ledger.parquet`, one row per scene, camera file and frame.
 
-Costs are a record of the machines that did the work: nothing that determines data reads them.
-Frames that were rendered together share their seconds evenly.
+Costs describe the machines that did the work; no output depends on them. Frames of one trace share
+its seconds evenly.
 """
 
 from __future__ import annotations
@@ -20,36 +20,45 @@ from scenes.files import atomic_file
 KEY = ("stage", "scene_id", "view_id")
 SCHEMA = pa.schema(
     [
-        pa.field("stage", pa.string(), metadata={"meaning": "the pass: scenes, ... color"}),
+        pa.field("stage", pa.string(), metadata={"meaning": "stage or pass: scenes, ... color"}),
         pa.field("scene_id", pa.string()),
         pa.field("view_id", pa.string(), metadata={"meaning": "empty: the whole scene"}),
         pa.field("seconds", pa.float64(), metadata={"unit": "s"}),
-        pa.field("opening", pa.float64(), metadata={"unit": "s", "meaning": "of them, opening"}),
-        pa.field("first", pa.bool_(), metadata={"meaning": "the worker's first of this scene"}),
-        pa.field("threads", pa.int32(), metadata={"meaning": "that the worker rendered with"}),
+        pa.field(
+            "opening",
+            pa.float64(),
+            metadata={"unit": "s", "meaning": "part of seconds for opening the scene"},
+        ),
+        pa.field(
+            "first", pa.bool_(), metadata={"meaning": "first item of this scene on its worker"}
+        ),
+        pa.field("threads", pa.int32(), metadata={"meaning": "threads of the worker"}),
         pa.field("width", pa.int32(), metadata={"unit": "px"}),
         pa.field("height", pa.int32(), metadata={"unit": "px"}),
-        pa.field("spp", pa.int32(), metadata={"meaning": "samples a pixel; null: not sampled"}),
-        pa.field("noise", pa.float64(), metadata={"meaning": "relative error, estimated"}),
-        pa.field("bytes", pa.int64(), metadata={"meaning": "of the frame's file"}),
-        pa.field("peak_mb", pa.float64(), metadata={"meaning": "the worker's memory at most, MB"}),
-        pa.field("memory_mb", pa.float64(), metadata={"meaning": "the worker's memory then, MB"}),
+        pa.field("spp", pa.int32(), metadata={"meaning": "samples per pixel; null: not sampled"}),
+        pa.field("noise", pa.float64(), metadata={"meaning": "estimated relative error"}),
+        pa.field("bytes", pa.int64(), metadata={"meaning": "size of the file"}),
+        pa.field("peak_mb", pa.float64(), metadata={"meaning": "worker's peak memory, MB"}),
+        pa.field("memory_mb", pa.float64(), metadata={"meaning": "worker's memory at the end, MB"}),
         pa.field("worker", pa.string(), metadata={"meaning": "host:process"}),
         pa.field("ended", pa.timestamp("ms", "UTC"), metadata={"meaning": "by the worker's clock"}),
-        pa.field("attempt", pa.int32(), metadata={"meaning": "which try of this run succeeded"}),
-        pa.field("times", pa.int32(), metadata={"meaning": "how often it was made, all runs"}),
+        pa.field("attempt", pa.int32(), metadata={"meaning": "attempt of this run that succeeded"}),
+        pa.field("times", pa.int32(), metadata={"meaning": "number of times made, over all runs"}),
         pa.field("renderer", pa.string()),
     ]
 )
 
 
 def ledger_path(data: Path) -> Path:
-    """Where the ledger of a data folder lies."""
+    """Return the path of a data folder's ledger."""
     return Path(data) / "ledger.parquet"
 
 
 def read_ledger(data: Path) -> pa.Table:
-    """All rows, sorted by `KEY`; none where nothing was made yet. `InputError` if damaged."""
+    """Return all rows, sorted by `KEY`; an empty table if there is no ledger yet.
+
+    Raises `InputError` if the file is damaged.
+    """
     path = ledger_path(data)
     if not path.is_file():
         return SCHEMA.empty_table()
@@ -58,14 +67,14 @@ def read_ledger(data: Path) -> pa.Table:
     except (OSError, pa.ArrowException) as error:
         reason = " ".join(str(error).split())
         raise InputError(
-            f"{path}: not a ledger of costs ({reason}); remove it and run again"
+            f"{path}: not a ledger of costs ({reason}); remove it and run the command again"
         ) from None
 
 
 class Ledger:
-    """Adds rows to a data folder's ledger: written by rename, now and then and by `save`.
+    """Writer of a data folder's ledger: every `every` seconds and by `save`, by rename.
 
-    A thing that is made again replaces its row, and `times` counts on.
+    A scene, camera file or frame that is made again replaces its row, and `times` increases.
     """
 
     def __init__(self, data: Path, every: float = 30.0) -> None:
@@ -75,7 +84,7 @@ class Ledger:
         self._saved = time.monotonic()
 
     def add(self, key: tuple[str, str, str], **costs: Any) -> None:
-        """Add the row of stage, scene and view; `costs` are columns, absent ones null."""
+        """Add the row of a stage, scene and view; `costs` are columns, missing ones are null."""
         unknown = set(costs) - set(SCHEMA.names)
         if unknown:
             raise ValueError(f"no column {sorted(unknown)} in the ledger")
@@ -85,7 +94,7 @@ class Ledger:
             self.save()
 
     def save(self) -> None:
-        """Write the rows that are not on the disk yet."""
+        """Write the rows that were added since the last save."""
         if not self._new:
             return
         started = time.monotonic()
@@ -100,7 +109,7 @@ class Ledger:
             pq.write_table(self._table, partial, compression="zstd")
         self._new.clear()
         self._saved = time.monotonic()
-        # Writing takes longer as the table grows: never more than a twentieth of the time.
+        # Writing takes longer as the table grows: spend at most a twentieth of the time on it.
         self.every = max(self.every, 20 * (self._saved - started))
 
 

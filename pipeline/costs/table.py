@@ -1,4 +1,4 @@
-"""The ledger of costs as a table by stage, and as a figure."""
+"""Summary of the ledger by stage, as a table and as a figure."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _COLOR = "#3b76af"
 
 
 def is_ledger(schema: pa.Schema) -> bool:
-    """Whether a Parquet file with this schema is a ledger."""
+    """Return whether a Parquet schema is that of a ledger."""
     return set(SCHEMA.names) <= set(schema.names)
 
 
 def ledger_table(ledger: pa.Table) -> list[dict[str, Any]]:
-    """A line for each stage: how many things, their seconds, noise, megabytes and memory."""
+    """Return a row per stage: numbers of items, seconds, noise, file sizes and memory."""
     lines = []
     for stage, rows in _by_stage(ledger):
         seconds = _column(rows, "seconds")
@@ -45,7 +45,7 @@ def ledger_table(ledger: pa.Table) -> list[dict[str, Any]]:
 
 
 def draw_ledger(ledger: pa.Table) -> Figure:
-    """Seconds of each thing by stage, the time of each stage, and the workers' memory."""
+    """Draw the seconds per item and stage, the hours per stage, and the workers' peak memory."""
     stages = _by_stage(ledger)
     names = [stage for stage, _ in stages]
     page = Figure(figsize=(12, 4), dpi=100, layout="constrained")
@@ -53,14 +53,14 @@ def draw_ledger(ledger: pa.Table) -> Figure:
     spread.boxplot([_column(rows, "seconds") for _, rows in stages], whis=(5, 95), sym=".")
     spread.set_xticks(range(1, len(names) + 1), names, rotation=30)
     spread.set_yscale("log")
-    spread.set_title("seconds each (box: half, whiskers: 90 %)", fontsize=10)
+    spread.set_title("seconds per item (box: 50 %, whiskers: 90 %)", fontsize=10)
     total.bar(names, [_column(rows, "seconds").sum() / 3600 for _, rows in stages], color=_COLOR)
     total.tick_params(axis="x", rotation=30)
     total.set_title("worker-hours", fontsize=10)
     peaks = _column(ledger, "peak_mb")
     memory.hist(peaks, bins=30, color=_COLOR)
     memory.set_xlabel("MB")
-    memory.set_title("a worker's memory at most, at each thing made", fontsize=10)
+    memory.set_title("peak memory of the worker, by item", fontsize=10)
     return page
 
 
@@ -73,7 +73,7 @@ def _by_stage(ledger: pa.Table) -> list[tuple[str, pa.Table]]:
 
 
 def _column(rows: pa.Table, name: str) -> Float64Array:
-    """The values that are there."""
+    """Return the values that are not null, float64."""
     return np.array(rows[name].drop_null().to_pylist(), dtype=np.float64)
 
 

@@ -1,4 +1,4 @@
-"""What converted furniture catalogues hold, in words and as a sheet of pictures."""
+"""Descriptions and pictures of converted furniture catalogues and their pieces."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from scenes.assets.index import PREVIEW, Asset, AssetIndex, IndexEntry
 from scenes.procedural.furnishing.asset_sampler import build_kind_index
 
 _COLUMNS = 12
-_ROWS = 2  # of one category
+_ROWS = 2  # per category
 _GAP = np.array([24, 24, 27], dtype=np.uint8)  # the sheet's background
 
 
 def describe_index(index: AssetIndex) -> dict[str, Any]:
-    """Libraries, pieces by category and licence, stand-ins for the generator's kinds, refusals."""
+    """Return sections on libraries, pieces by category and licence, and refused pieces."""
     return {
         "Libraries": [
             {
@@ -52,8 +52,8 @@ def _triangles(pieces: tuple[IndexEntry, ...]) -> dict[str, int]:
 
 
 def describe_asset(asset: Asset) -> dict[str, Any]:
-    """One piece: sizes, parts, where things stand on it, checks, whose it is."""
-    piece, told = asset.piece, asset.provenance
+    """Return sections on a piece: sizes, provenance, parts, support surfaces and checks."""
+    piece, origin = asset.piece, asset.provenance
     return {
         "General": {
             "name": piece.name,
@@ -67,10 +67,10 @@ def describe_asset(asset: Asset) -> dict[str, Any]:
         "Provenance": {
             "creator": piece.creator,
             "licence": piece.licence,
-            "library": f"{told.library} {told.version}",
-            "file": f"{told.file}, SHA-256 {told.sha256}",
-            "package": told.package,
-            "provider": told.provider,
+            "library": f"{origin.library} {origin.version}",
+            "file": f"{origin.file}, SHA-256 {origin.sha256}",
+            "package": origin.package,
+            "provider": origin.provider,
         },
         "Parts": [
             {
@@ -82,7 +82,7 @@ def describe_asset(asset: Asset) -> dict[str, Any]:
             }
             for part in asset.parts
         ],
-        "Things stand on": [
+        "Support surfaces": [
             {
                 "height m": level.z,
                 "size m": f"{2 * level.half_x:.2f} x {2 * level.half_y:.2f}",
@@ -101,7 +101,7 @@ def describe_asset(asset: Asset) -> dict[str, Any]:
 
 
 def draw_index(index: AssetIndex) -> Picture:
-    """Pieces of every category, the commonest first, a row or two of each."""
+    """Draw pieces of every category, the largest first, at most two rows each."""
     by_category: dict[str, list[IndexEntry]] = {}
     for piece in index.pieces:
         by_category.setdefault(piece.category, []).append(piece)
@@ -127,7 +127,7 @@ def draw_index(index: AssetIndex) -> Picture:
 
 
 def draw_asset(folder: Path) -> Picture:
-    """The piece's picture, enlarged."""
+    """Draw the piece's preview, enlarged."""
     return enlarge(_preview(folder), 448)
 
 

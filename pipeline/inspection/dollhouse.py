@@ -1,7 +1,7 @@
-"""Pictures of a scene to look at: a dollhouse view from above, and quick renders of two views.
+"""Dollhouse view and quick renders of a scene.
 
-The dollhouse is an orthographic picture under an even sky, without what lies above the rooms'
-walls; shapes, materials and places are the scene's own. Both work on one CPU.
+The dollhouse view is an orthographic render under a constant sky, without ceilings and anything
+above them.
 """
 
 from __future__ import annotations
@@ -36,25 +36,27 @@ from scenes.seeds import derive
 
 _WIDTH = 640  # pixels
 _SPP, _DEPTH = 16, 4
-_ELEVATION, _AZIMUTH = math.radians(68), math.radians(-60)  # of the eye, from the middle
+_ELEVATION, _AZIMUTH = math.radians(68), math.radians(-60)  # of the camera, seen from the centre
 _MARGIN = 0.4  # metres around the rooms
-_LIP = 0.02  # metres from a room's rim that belong to its walls
-_CUT = 0.15  # metres below a storey's lowest ceiling from which things are lifted off
-_PAPER = np.array([246.0, 245.0, 241.0])  # behind it
+_WALL_MARGIN = 0.02  # metres inside a room's outline that count as wall
+_CUT = 0.15  # metres below a storey's lowest ceiling, above which items are removed
+_BACKGROUND = np.array([246.0, 245.0, 241.0])
 _SURROUNDINGS = ("ground", "outdoors", "tree", "house", "hedge")
-_QUICK = GroundTruthParams(spp=16, block_spp=8, denoise="oidn", joint=False)  # colour is enough
+_QUICK = GroundTruthParams(
+    spp=16, block_spp=8, denoise="oidn", joint=False
+)  # only colour is needed
 _QUICK_WIDTH = 320
 
 
 def draw_dollhouse(scene: Scene) -> Picture:
-    """The lowest storey of the scene that has rooms, from above and the side, ceilings off."""
+    """Render the lowest storey with rooms from above at an angle, without ceilings."""
     set_variant("auto")
     lowest = min((room.floor_z for room in scene.rooms), default=scene_floor(scene))
     storey = [room for room in scene.rooms if room.floor_z < lowest + 1.0]
     cut = min((room.ceiling_z for room in storey), default=lowest + 2.5) - _CUT
     low, high = _extent(scene, lowest, cut)
     with tempfile.TemporaryDirectory(prefix="pbrnet-dollhouse-") as folder:
-        path = _opened_up(scene, cut, low, high, Path(folder))
+        path = _cutaway_scene(scene, cut, low, high, Path(folder))
         loaded = mi.load_file(str(path), optimize=False, parallel=False)
         image = np.asarray(mi.render(loaded, spp=_SPP, seed=0), dtype=np.float32)
         guides = np.asarray(mi.render(loaded, integrator=_guides(), spp=_SPP, seed=0))
@@ -63,18 +65,18 @@ def draw_dollhouse(scene: Scene) -> Picture:
     bands = {band: np.ascontiguousarray(color[..., index]) for index, band in enumerate(RGB)}
     clean = denoise(bands, np.ascontiguousarray(albedo), np.ascontiguousarray(normal))
     linear = np.stack([clean[band] for band in RGB], axis=-1)
-    # Under a sky of radiance 1 light is about reflectance: no exposure to find.
+    # Under a sky of radiance 1, radiance is about the reflectance: no exposure is needed.
     picture = to_bytes(encode_srgb(np.clip(linear, 0, 1)))
-    # Edges keep their share of the paper that everything stands on.
+    # Antialiased edges are blended with the background.
     shown = np.clip(np.linalg.norm(normal, axis=-1, keepdims=True), 0, 1)
-    return np.rint(shown * picture + (1 - shown) * _PAPER).astype(np.uint8)
+    return np.rint(shown * picture + (1 - shown) * _BACKGROUND).astype(np.uint8)
 
 
 def quick_renders(scene: Scene, views: Sequence[View], count: int = 2) -> list[tuple[str, Picture]]:
-    """Name and picture of up to `count` views, from different rooms if it can be.
+    """Render up to `count` views, of different rooms where possible; return names and pictures.
 
-    Without `views`, sampled or stored with the scene, they are sampled here; a scene where
-    nothing can be seen yields none. 16 samples a pixel, denoised.
+    Views are sampled if `views` is empty; a scene without any view gives an empty list. 16 samples
+    per pixel, denoised.
     """
     set_variant("auto")
     opened = open_scene(load_scene(scene.folder))
@@ -85,20 +87,22 @@ def quick_renders(scene: Scene, views: Sequence[View], count: int = 2) -> list[t
     )
     found = views or sample_cameras(opened, opened.scene, params, 0).views
     pictures = []
-    for view in _spread(found, count):
-        channels, _ = PASSES["color"].render(opened, _shrunk(view), params, derive(0, view.view_id))
+    for view in _best_views(found, count):
+        channels, _ = PASSES["color"].render(
+            opened, _resized(view), params, derive(0, view.view_id)
+        )
         linear = np.stack([channels[band] for band in RGB], axis=-1).astype(np.float32)
         pictures.append((view.view_id, tone_picture(linear, exposure_of(linear, ToneParams()))))
     return pictures
 
 
 def scene_floor(scene: Scene) -> float:
-    """The lowest point of the scene's things, metres; of a scene without rooms its floor."""
-    near = [thing for thing in scene.objects if thing.category not in _SURROUNDINGS]
-    return min((thing.bbox_min[2] for thing in near), default=0.0)
+    """Return the lowest z of the scene's objects, in metres: its floor if it has no rooms."""
+    near = [item for item in scene.objects if item.category not in _SURROUNDINGS]
+    return min((item.bbox_min[2] for item in near), default=0.0)
 
 
-def _spread(views: Sequence[View], count: int) -> list[View]:
+def _best_views(views: Sequence[View], count: int) -> list[View]:
     best = sorted(views, key=lambda view: (-view.score, view.view_id))
     chosen: list[View] = []
     for view in best:
@@ -108,7 +112,7 @@ def _spread(views: Sequence[View], count: int) -> list[View]:
     return chosen[:count]
 
 
-def _shrunk(view: View) -> View:
+def _resized(view: View) -> View:
     scale = min(1.0, _QUICK_WIDTH / view.width)
     width, height = round(view.width * scale), max(1, round(view.height * scale))
     factor = width / view.width
@@ -121,11 +125,11 @@ def _shrunk(view: View) -> View:
 
 
 def _extent(scene: Scene, floor: float, cut: float) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest corner (3,) of what is to be shown."""
+    """Return the lowest and highest corner (3,) of the region to show."""
     points = [(x, y) for room in scene.rooms for x, y in room.floor]
     if not points:
-        near = [thing for thing in scene.objects if thing.category not in _SURROUNDINGS]
-        points = [corner[:2] for thing in near for corner in (thing.bbox_min, thing.bbox_max)]
+        near = [item for item in scene.objects if item.category not in _SURROUNDINGS]
+        points = [corner[:2] for item in near for corner in (item.bbox_min, item.bbox_max)]
     flat = np.array(points or [(-2.0, -2.0), (2.0, 2.0)])
     return (
         np.array([*(flat.min(axis=0) - _MARGIN), floor]),
@@ -133,35 +137,37 @@ def _extent(scene: Scene, floor: float, cut: float) -> tuple[np.ndarray, np.ndar
     )
 
 
-def _opened_up(scene: Scene, cut: float, low: np.ndarray, high: np.ndarray, folder: Path) -> Path:
-    """A copy of `scene.xml` without what lies above `cut` or far outside, under an even sky."""
+def _cutaway_scene(
+    scene: Scene, cut: float, low: np.ndarray, high: np.ndarray, folder: Path
+) -> Path:
+    """Write a copy of `scene.xml` under a constant sky, without shapes above `cut` or far away."""
     root: Element = defusedxml.ElementTree.parse(scene.xml).getroot()
-    for item in [*root.findall("emitter"), *root.findall("sensor"), *root.findall("integrator")]:
-        root.remove(item)
-    for item in root.iter("string"):
-        if item.get("name") == "filename":
-            item.set("value", str((scene.folder / item.get("value", "")).resolve()))
-    owner = {name: thing for thing in scene.objects for name in thing.shapes}
+    for node in [*root.findall("emitter"), *root.findall("sensor"), *root.findall("integrator")]:
+        root.remove(node)
+    for node in root.iter("string"):
+        if node.get("name") == "filename":
+            node.set("value", str((scene.folder / node.get("value", "")).resolve()))
+    owner = {name: item for item in scene.objects for name in item.shapes}
     for shape in root.findall("shape"):
-        thing = owner.get(shape.get("id", ""))
-        middle = None if thing is None else 0.5 * np.add(thing.bbox_min, thing.bbox_max)
+        item = owner.get(shape.get("id", ""))
+        middle = None if item is None else 0.5 * np.add(item.bbox_min, item.bbox_max)
         outside = middle is not None and bool(((middle < low - 2) | (middle > high + 2))[:2].any())
-        if thing is not None and (
-            thing.category in ("ceiling", *_SURROUNDINGS) or thing.bbox_min[2] >= cut or outside
+        if item is not None and (
+            item.category in ("ceiling", *_SURROUNDINGS) or item.bbox_min[2] >= cut or outside
         ):
             root.remove(shape)
             continue
         for emitter in shape.findall("emitter"):
             shape.remove(emitter)
-        if thing is not None and thing.is_structure and thing.bbox_max[2] > cut:
+        if item is not None and item.is_structure and item.bbox_max[2] > cut:
             _cut_open(shape, cut, scene.rooms, root, folder)
     emitter = Element("emitter", {"type": "constant"})
     emitter.append(Element("rgb", {"name": "radiance", "value": "1"}))
     path = Element("integrator", {"type": "path"})
     path.append(Element("integer", {"name": "max_depth", "value": str(_DEPTH)}))
     path.append(Element("boolean", {"name": "hide_emitters", "value": "true"}))
-    for item in (_sensor(low, high), emitter, path):
-        root.insert(0, item)
+    for node in (_sensor(low, high), emitter, path):
+        root.insert(0, node)
     target = folder / "scene.xml"
     ElementTree(root).write(target, encoding="utf-8", xml_declaration=True)
     return target
@@ -170,9 +176,9 @@ def _opened_up(scene: Scene, cut: float, low: np.ndarray, high: np.ndarray, fold
 def _cut_open(
     shape: Element, cut: float, rooms: Sequence[Room], root: Element, folder: Path
 ) -> None:
-    """Take the lid off a mesh: the triangles that lie wholly above `cut` over a room.
+    """Remove the triangles of a mesh that lie wholly above `cut` over a room.
 
-    Tops of walls stay, which lie beside the rooms.
+    The tops of walls are beside the rooms and stay.
     """
     file = next((item for item in shape.findall("string") if item.get("name") == "filename"), None)
     if file is None or shape.get("type") != "ply":
@@ -181,7 +187,7 @@ def _cut_open(
     x, y, _ = mesh.corners.mean(axis=1).T
     over = np.zeros(len(mesh.faces), dtype=bool)
     for room in rooms:
-        over |= shapely.contains_xy(Polygon(room.floor).buffer(-_LIP), x, y)
+        over |= shapely.contains_xy(Polygon(room.floor).buffer(-_WALL_MARGIN), x, y)
     keep = (mesh.corners[:, :, 2].min(axis=1) < cut) | ~over
     if keep.all():
         return
@@ -195,7 +201,7 @@ def _cut_open(
 
 
 def _sensor(low: np.ndarray, high: np.ndarray) -> Element:
-    """An orthographic sensor that frames the box from `low` to `high` (3,)."""
+    """Return an orthographic sensor that frames the box from `low` to `high` (3,)."""
     back = np.array(
         [
             math.cos(_ELEVATION) * math.cos(_AZIMUTH),
@@ -209,11 +215,11 @@ def _sensor(low: np.ndarray, high: np.ndarray) -> Element:
     flat = np.stack([corners @ side, corners @ up], axis=1)
     half = 0.5 * np.ptp(flat, axis=0)
     middle = 0.5 * (low + high)
-    reach = float(np.linalg.norm(high - low))
+    diagonal = float(np.linalg.norm(high - low))
     pose = np.eye(4)
     # Mitsuba's sensor looks along +z with +x to the left.
     pose[:3, 0], pose[:3, 1], pose[:3, 2] = -side * half[0], up * half[0], -back
-    pose[:3, 3] = middle + (reach + 10.0) * back
+    pose[:3, 3] = middle + (diagonal + 10.0) * back
     height = int(min(max(_WIDTH * half[1] / half[0], 200), 2 * _WIDTH))
     made = Element("sensor", {"type": "orthographic"})
     transform = Element("transform", {"name": "to_world"})
@@ -224,7 +230,7 @@ def _sensor(low: np.ndarray, high: np.ndarray) -> Element:
         film.append(Element("integer", {"name": name, "value": str(value)}))
     film.append(Element("string", {"name": "pixel_format", "value": "rgb"}))
     film.append(Element("rfilter", {"type": "box"}))
-    far = Element("float", {"name": "far_clip", "value": f"{2 * reach + 100:.6g}"})
+    far = Element("float", {"name": "far_clip", "value": f"{2 * diagonal + 100:.6g}"})
     made.extend([transform, far, Element("sampler", {"type": "multijitter"}), film])
     return made
 

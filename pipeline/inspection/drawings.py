@@ -1,4 +1,4 @@
-"""Pictures of what a file of ours holds: plans, frames, sheets of previews, sizes of layers."""
+"""Pictures of scenes, frames, datasets and networks: plans, channels, previews, layer sizes."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ _DRAWN = (
 
 
 def draw_scene(scene: Scene, views: Sequence[View] = ()) -> Picture:
-    """The plan, and below it the dollhouse view and two quick renders."""
+    """Draw the plan, and below it the dollhouse view and two quick renders."""
     pictures = quick_renders(scene, views)
     renders = contact_sheet([picture for _, picture in pictures], 1, [name for name, _ in pictures])
     house = draw_dollhouse(scene)
@@ -68,7 +68,7 @@ def draw_scene(scene: Scene, views: Sequence[View] = ()) -> Picture:
 
 
 def draw_plan(scene: Scene, views: Sequence[View] = ()) -> Picture:
-    """The scene from above, one plan a storey: rooms, furniture, lights, portals, cameras."""
+    """Draw a plan per storey: rooms, furniture, lights, portals and cameras."""
     levels = sorted({round(room.floor_z, 1) for room in scene.rooms}) or [0.0]
     figure = Figure(figsize=(9 * len(levels), 8.5), dpi=110, layout="constrained")
     all_axes = figure.subplots(1, len(levels), squeeze=False)[0]
@@ -78,14 +78,14 @@ def draw_plan(scene: Scene, views: Sequence[View] = ()) -> Picture:
             if round(room.floor_z, 1) == level:
                 _draw_room(axes, room)
         here = [
-            thing
-            for thing in scene.objects
-            if level - 0.5 <= thing.bbox_min[2] < above - 0.3 and not thing.is_structure
+            item
+            for item in scene.objects
+            if level - 0.5 <= item.bbox_min[2] < above - 0.3 and not item.is_structure
         ]
-        # The largest first, so that what stands on something is seen on it.
-        for thing in sorted(here, key=lambda thing: -_footprint(thing)):
-            (left, bottom, _), (right, top, _) = thing.bbox_min, thing.bbox_max
-            lit = not emitting.isdisjoint(thing.shapes)
+        # The largest first, so that small items on furniture stay visible.
+        for item in sorted(here, key=lambda item: -_footprint(item)):
+            (left, bottom, _), (right, top, _) = item.bbox_min, item.bbox_max
+            lit = not emitting.isdisjoint(item.shapes)
             axes.add_patch(
                 Rectangle(
                     (left, bottom),
@@ -101,7 +101,7 @@ def draw_plan(scene: Scene, views: Sequence[View] = ()) -> Picture:
                 axes.text(
                     (left + right) / 2,
                     (bottom + top) / 2,
-                    thing.category,
+                    item.category,
                     fontsize=6,
                     ha="center",
                     va="center",
@@ -133,7 +133,7 @@ def draw_plan(scene: Scene, views: Sequence[View] = ()) -> Picture:
 
 
 def draw_frame(frame: Frame) -> Picture:
-    """All channels of a frame as labelled pictures."""
+    """Draw all channels of a frame as labelled pictures."""
     channels, tone = frame.channels, ToneParams()
     names = set(channels)
     pictures: list[tuple[str, Picture]] = []
@@ -182,7 +182,7 @@ def draw_frame(frame: Frame) -> Picture:
 
 
 def draw_previews(files: Sequence[pq.ParquetFile], most: int = _SHEET_PICTURES) -> Picture:
-    """A contact sheet of previews, spread evenly over the rows."""
+    """Draw a contact sheet of previews, spread evenly over the rows."""
     total = sum(file.metadata.num_rows for file in files)
     wanted = set(np.unique(np.linspace(0, total - 1, min(total, most)).astype(int)).tolist())
     pictures, labels, row = [], [], 0
@@ -198,7 +198,7 @@ def draw_previews(files: Sequence[pq.ParquetFile], most: int = _SHEET_PICTURES) 
 
 
 def draw_cameras(cameras: CameraFile) -> Picture:
-    """Cameras from above, where there is no plan to draw them on."""
+    """Draw cameras from above without a plan."""
     figure = Figure(figsize=(8, 8), dpi=110, layout="constrained")
     axes = figure.subplots()
     for view in cameras.views:
@@ -206,12 +206,12 @@ def draw_cameras(cameras: CameraFile) -> Picture:
     axes.set_aspect("equal")
     axes.margins(0.3)
     axes.autoscale_view()
-    axes.set_title(f"{cameras.scene_id}: cameras from above (its scene is not here)", fontsize=10)
+    axes.set_title(f"{cameras.scene_id}: cameras from above (scene not found)", fontsize=10)
     return picture_of(figure)
 
 
 def draw_layers(name: str, counts: Counter[str]) -> Picture:
-    """Bars of how many parameters each layer of a network has."""
+    """Draw the number of parameters of each layer of a network as bars."""
     shown = list(counts.items())[:60]
     figure = Figure(figsize=(9, 1.2 + 0.2 * len(shown)), dpi=110, layout="constrained")
     axes = figure.subplots()
@@ -227,7 +227,7 @@ def draw_layers(name: str, counts: Counter[str]) -> Picture:
 
 
 def picture_of(figure: Figure) -> Picture:
-    """A figure as pixels."""
+    """Render a figure to pixels."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     stream = io.BytesIO()
@@ -236,14 +236,14 @@ def picture_of(figure: Figure) -> Picture:
 
 
 def floor_area(polygon: Sequence[Point2]) -> float:
-    """Square metres of a polygon (shoelace formula)."""
+    """Return the area of a polygon in square metres (shoelace formula)."""
     x, y = np.array(polygon).T
     return float(0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
 
 
-def counted(things: Sized, noun: str) -> str:
-    """How many there are, in words."""
-    return f"{len(things)} {noun}{'' if len(things) == 1 else 's'}"
+def counted(items: Sized, noun: str) -> str:
+    """Return the number of items with a noun, in the plural unless there is one."""
+    return f"{len(items)} {noun}{'' if len(items) == 1 else 's'}"
 
 
 def _draw_room(axes: Axes, room: Room) -> None:
@@ -256,7 +256,7 @@ def _draw_room(axes: Axes, room: Room) -> None:
             alpha=0.8,
         )
     )
-    # In the corner: the middle belongs to the furniture.
+    # In the corner, because furniture covers the middle.
     corner = max(room.floor, key=lambda point: point[1] - point[0])
     axes.annotate(
         f"{room.name}, {floor_area(room.floor):.1f} m²",
@@ -306,7 +306,7 @@ def _channel_picture(channel: Channel, frame: Frame) -> tuple[str, Picture]:
 
 
 def _label_picture(labels: np.ndarray[Any, Any]) -> Picture:
-    """Object indices as colours that differ between neighbours; none is grey."""
+    """Draw object indices in different colours; no object is grey."""
     hashed = labels.astype(np.uint32) * np.uint32(2654435761)
     shifts = [(hashed >> np.uint32(shift)).astype(np.uint8) for shift in (8, 16, 24)]
     picture: Picture = (np.stack(shifts, axis=-1) // 2 + 96).astype(np.uint8)
@@ -315,11 +315,11 @@ def _label_picture(labels: np.ndarray[Any, Any]) -> Picture:
 
 
 def _extent(points: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """The two points (2, 2) farthest apart: an upright polygon seen from above is a line."""
+    """Return the two points (2, 2) farthest apart: a vertical polygon is a line in the plan."""
     gaps = np.linalg.norm(points[:, None] - points[None], axis=-1)
     first, last = np.unravel_index(gaps.argmax(), gaps.shape)
     return points[[first, last]]
 
 
-def _footprint(thing: Any) -> float:
-    return float((thing.bbox_max[0] - thing.bbox_min[0]) * (thing.bbox_max[1] - thing.bbox_min[1]))
+def _footprint(item: Any) -> float:
+    return float((item.bbox_max[0] - item.bbox_min[0]) * (item.bbox_max[1] - item.bbox_min[1]))

@@ -1,4 +1,4 @@
-"""How large a scene is: triangles, textures, and the memory they take once it is open."""
+"""Size of a scene: triangles, textures, bytes on disk and estimated memory when open."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from scenes.contract import Scene
 from scenes.errors import InputError
 from scenes.image_files import UnreadableImage, open_image
 
-_CORNER = 3 * 4  # bytes of a triangle's indices; its vertices count as they lie in the file
-_TREE = 64  # bytes of a triangle in the structure that rays are traced through, about
-_TEXEL = 4  # bytes of a channel of a texture in memory: float32
-_KINDS = 6  # categories with a row of their own
+_CORNER = 3 * 4  # bytes of a triangle's indices; vertices are counted by their size in the file
+_TREE = 64  # bytes per triangle of the acceleration structure, approximate
+_TEXEL = 4  # bytes per texel and channel in memory: float32
+_KINDS = 6  # largest categories, which have their own rows
 
 
 def scene_sizes(scene: Scene) -> list[dict[str, Any]]:
-    """A row for the building, for each of the largest categories of things, and for textures.
+    """Return a row for the building, for each of the largest categories, and for textures.
 
     Columns: what, shapes, triangles, pixels, MB on disk, MB in memory (an estimate).
     """
     owner = {
-        name: "building" if thing.is_structure else thing.category
-        for thing in scene.objects
-        for name in thing.shapes
+        name: "building" if item.is_structure else item.category
+        for item in scene.objects
+        for name in item.shapes
     }
     shapes: Counter[str] = Counter()
     triangles: Counter[str] = Counter()
@@ -56,7 +56,7 @@ def scene_sizes(scene: Scene) -> list[dict[str, Any]]:
 
 
 def triangles_of(path: Path) -> int:
-    """How many faces the header of a PLY file claims."""
+    """Return the number of faces in the header of a PLY file."""
     with path.open("rb") as stream:
         for line in stream.read(4096).split(b"end_header")[0].splitlines():
             if line.startswith(b"element face"):

@@ -1,4 +1,4 @@
-"""Views that see much furniture, chosen as PBRS did (Zhang et al. 2017, section 3.2).
+"""Sampling of views that see much furniture, after PBRS (Zhang et al. 2017, section 3.2).
 
 In each room, eyes lie on a jittered grid inside the floor polygon at a person's height and look
 slightly down, once into every direction sector. A candidate's score is the sum, over the objects
@@ -7,10 +7,10 @@ that cover more than `min_coverage` of its pixels, of log(pixels / minimum pixel
 the best `views_per_room` of each room, then at most `views_per_scene`, the best of every room
 before the second best of any.
 
-Beyond PBRS: clearance is real (nothing within `clearance` of the eye in any direction, and the
-eye is not inside furniture); a view that a near thing blocks, that looks mostly into another room,
-or that shows nearly the same as a better one of its room is refused; and every candidate that is
-not kept is counted with its reason.
+Additions to PBRS: nothing may lie within `clearance` of the eye in any direction, and the eye must
+not be inside furniture; views are rejected that a near object blocks, that look mostly into another
+room, or that show nearly the same as a better view of their room; and every rejected candidate is
+counted by its reason.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from scenes.geometry.directions import fibonacci_sphere
 from scenes.seeds import generator
 
 REVISION = 2
-_ENCLOSED = 0.75  # share of directions in which one piece of furniture is seen from inside it
+_ENCLOSED = 0.75  # share of directions that hit one object if the eye is inside it
 _RAYS = 192  # directions of the clearance test: 2.6 cm apart at 10 cm
-_PIXELS = 1 << 21  # traced at once
+_PIXELS = 1 << 21  # per trace
 
 NO_LIGHT = "room has no lamp, window or door"
 OUTSIDE = "outside the room"
@@ -59,7 +59,7 @@ BEYOND_SCENE = "beyond cameras.views_per_scene"
 
 @dataclass(frozen=True)
 class Candidate:
-    """A camera to be scored: where it is, where it looks."""
+    """A camera that is to be scored, with its room and direction sector."""
 
     room: Room
     sector: int
@@ -68,23 +68,22 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Sight:
-    """What a camera sees: its score and the pixels of every object."""
+    """Score of a camera and the pixels of every object that it sees."""
 
     score: float
-    objects: tuple[str, ...]  # those that count
-    seen: dict[str, int]
-    nearness: float  # share of the pixels nearer than `near`, as `_nearness` says
+    objects: tuple[str, ...]  # ids of the objects that count
+    seen: dict[str, int]  # object id -> pixels
+    nearness: float  # share of the pixels nearer than `near`
 
 
 def sample_cameras(
     render_scene: RenderScene, scene: Scene, params: Params, seed: int
 ) -> CameraFile:
-    """The views of a scene and, by reason, the candidates that were not taken.
+    """Return the views of a scene and the number of rejected candidates by reason.
 
-    Deterministic in the scene, `params.cameras`, `params.image` and `seed`. A scene that yields
-    no view is an outcome like any other. Views that came with an imported scene
-    (`scene.source["views"]`) are kept beside the sampled ones, whatever their score, if
-    `params.cameras.stored_views`. `candidates` counts the sampled ones:
+    Deterministic in the scene, `params.cameras`, `params.image` and `seed`. A scene may have no
+    view. With `params.cameras.stored_views`, views of an imported scene
+    (`scene.source["views"]`) are added, whatever their score. They are not candidates:
     candidates = sampled views + sum of `rejected`.
     """
     options = params.cameras
@@ -93,15 +92,15 @@ def sample_cameras(
     total = 0
     for room in sorted(scene.rooms, key=lambda room: room.id):
         rng = generator(seed, "cameras", scene.scene_id, room.id)
-        found, lost = _room_candidates(render_scene, room, options, rng)
+        found, excluded = _room_candidates(render_scene, room, options, rng)
         candidates += found
-        rejected += lost
-        total += len(found) + sum(lost.values())
-    sights = _look_around(render_scene, scene, [c.pose for c in candidates], params)
-    rooms = {thing.id: thing.room for thing in scene.objects if not thing.is_structure}
+        rejected += excluded
+        total += len(found) + sum(excluded.values())
+    sights = _sights(render_scene, scene, [c.pose for c in candidates], params)
+    rooms = {item.id: item.room for item in scene.objects if not item.is_structure}
     passed = []
     for candidate, sight in zip(candidates, sights, strict=True):
-        reason = _refusal(candidate.room, sight, rooms, options)
+        reason = _rejection(candidate.room, sight, rooms, options)
         if reason:
             rejected[reason] += 1
         else:
@@ -126,17 +125,17 @@ def sample_cameras(
 def score_ids(
     ids: npt.NDArray[np.uint32], scene: Scene, min_coverage: float
 ) -> list[tuple[float, tuple[str, ...], dict[str, int]]]:
-    """Score, ids of the objects that count, and pixels by object id, of each image (N, H, W).
+    """Return score, ids of the counted objects and pixels by object id of each image (N, H, W).
 
-    An object counts if it is no structure and covers more than `min_coverage` of the pixels;
-    the score is the sum of log(pixels / minimum) over counted objects.
+    An object counts if it is not structure and covers more than `min_coverage` of the pixels. The
+    score is the sum of log(pixels / minimum) over the counted objects.
     """
     count, size = len(ids), int(np.prod(ids.shape[1:]))
     kinds = len(scene.objects) + 1
     flat = ids.reshape(count, -1).astype(np.int64) + np.arange(count)[:, None] * kinds
     pixels = np.bincount(flat.ravel(), minlength=count * kinds).reshape(count, kinds)[:, 1:]
     minimum = max(1.0, min_coverage * size)
-    furniture = np.array([not thing.is_structure for thing in scene.objects], dtype=bool)
+    furniture = np.array([not item.is_structure for item in scene.objects], dtype=bool)
     results = []
     for row in pixels:
         counted = np.flatnonzero(furniture & (row > minimum))
@@ -149,7 +148,7 @@ def score_ids(
 def _room_candidates(
     render_scene: RenderScene, room: Room, options: CameraParams, rng: np.random.Generator
 ) -> tuple[list[Candidate], Counter[str]]:
-    """Candidates of a room that are worth a look, and the others by reason."""
+    """Return the candidates of a room to be scored, and the numbers of the others by reason."""
     rejected: Counter[str] = Counter()
     polygon = shapely.make_valid(Polygon(room.floor))
     eyes = _grid(polygon.bounds, options, rng)
@@ -180,7 +179,7 @@ def _room_candidates(
 def _grid(
     bounds: tuple[float, float, float, float], options: CameraParams, rng: np.random.Generator
 ) -> Float64Array:
-    """Eyes (N, 3), one jittered in each cell over `bounds`; z is height above the floor."""
+    """Return eyes (N, 3), one jittered per cell over `bounds`; z is the height above the floor."""
     low_x, low_y, high_x, high_y = bounds
     across = max(1, math.ceil((high_x - low_x) / options.grid))
     along = max(1, math.ceil((high_y - low_y) / options.grid))
@@ -191,7 +190,7 @@ def _grid(
 
 
 def _azimuths(count: int, sectors: int, rng: np.random.Generator) -> Float64Array:
-    """One direction in each sector for each eye, radians from +X towards +Y, (count, sectors)."""
+    """Return an azimuth per eye and sector, radians from +X towards +Y, (count, sectors)."""
     spread = rng.random((count, sectors))
     azimuths: Float64Array = (np.arange(sectors) + spread) * (2 * math.pi / sectors)
     return azimuths
@@ -200,30 +199,31 @@ def _azimuths(count: int, sectors: int, rng: np.random.Generator) -> Float64Arra
 def _surroundings(
     render_scene: RenderScene, eyes: Float64Array, clearance: float
 ) -> tuple[BoolArray, BoolArray]:
-    """For each eye (N, 3): is something within `clearance`; is it inside a piece of furniture."""
+    """Return for each eye (N, 3) whether a surface is within `clearance` and whether it is inside
+    furniture, bool (N,) each."""
     if not len(eyes):
         return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
     directions = fibonacci_sphere(_RAYS)
-    distance, thing = cast(
+    distance, hit = cast(
         render_scene, np.repeat(eyes, _RAYS, axis=0), np.tile(directions, (len(eyes), 1))
     )
-    distance, thing = distance.reshape(-1, _RAYS), thing.reshape(-1, _RAYS)
+    distance, hit = distance.reshape(-1, _RAYS), hit.reshape(-1, _RAYS)
     structure = np.array([o.is_structure for o in render_scene.scene.objects] + [True])
     enclosed = np.zeros(len(eyes), dtype=bool)
-    for index, row in enumerate(thing):
+    for index, row in enumerate(hit):
         values, counts = np.unique(row[~structure[row]], return_counts=True)
         enclosed[index] = len(values) > 0 and counts.max() > _ENCLOSED * _RAYS
     return distance.min(axis=1) < clearance, enclosed
 
 
-def _look_around(
+def _sights(
     render_scene: RenderScene,
     scene: Scene,
     poses: list[Float64Array],
     params: Params,
     half_fov_x: float | None = None,
 ) -> Iterator[Sight]:
-    """What each camera sees, by small id images with all cameras of a chunk traced together."""
+    """Yield the sight of each camera from a small id image; a chunk of cameras per trace."""
     options = params.cameras
     height = max(1, round(options.id_width * params.image.height / params.image.width))
     small = replace(
@@ -249,7 +249,7 @@ def _nearness(
     image: ImageParams,
     near: float,
 ) -> Float64Array:
-    """Share (N,) of each view, on a coarse raster, that shows something nearer than `near`."""
+    """Return the share of each view that is nearer than `near`, on a coarse raster, (N,)."""
     across, down = 12, 9
     slope = math.tan(image.half_fov_x)
     x, y = np.meshgrid(
@@ -264,8 +264,10 @@ def _nearness(
     return share
 
 
-def _refusal(room: Room, sight: Sight, rooms: dict[str, str | None], options: CameraParams) -> str:
-    """Why a candidate is no view, empty if it is one; `rooms` has the room of each object."""
+def _rejection(
+    room: Room, sight: Sight, rooms: dict[str, str | None], options: CameraParams
+) -> str:
+    """Return why a candidate is rejected, or ""; `rooms` maps object ids to room ids."""
     known = [rooms[name] for name in sight.objects if rooms[name] is not None]
     if sight.nearness > options.max_near:
         return BLOCKED
@@ -284,7 +286,7 @@ def _choose(
     options: CameraParams,
     rejected: Counter[str],
 ) -> list[tuple[Candidate, Sight]]:
-    """The best of each sector, then of each room, then of the scene; counts the rest."""
+    """Return the best of each sector, then room, then scene; count the others in `rejected`."""
     sectors: dict[tuple[str, int], tuple[Candidate, Sight]] = {}
     for candidate, sight in passed:
         key = (candidate.room.id, candidate.sector)
@@ -296,7 +298,7 @@ def _choose(
         kept = rooms.setdefault(best[0].room.id, [])
         if len(kept) >= options.views_per_room:
             rejected[BEYOND_ROOM] += 1
-        elif any(_alikeness(best[1], view[1], furniture) > options.max_alike for view in kept):
+        elif any(_overlap(best[1], view[1], furniture) > options.max_alike for view in kept):
             rejected[ALIKE] += 1
         else:
             kept.append(best)
@@ -312,8 +314,8 @@ def _choose(
     return [view for _, _, _, view in ranked[: options.views_per_scene]]
 
 
-def _alikeness(one: Sight, other: Sight, furniture: set[str]) -> float:
-    """Share of the furniture pixels that two views have in common, [0, 1]."""
+def _overlap(one: Sight, other: Sight, furniture: set[str]) -> float:
+    """Return the share of furniture pixels that two views have in common, in [0, 1]."""
     names = (one.seen.keys() | other.seen.keys()) & furniture
     common = sum(min(one.seen.get(name, 0), other.seen.get(name, 0)) for name in names)
     together = sum(max(one.seen.get(name, 0), other.seen.get(name, 0)) for name in names)
@@ -323,7 +325,7 @@ def _alikeness(one: Sight, other: Sight, furniture: set[str]) -> float:
 def _stored_views(
     render_scene: RenderScene, scene: Scene, params: Params, taken: set[str]
 ) -> list[View]:
-    """The cameras that an imported scene brought with it, with the size of all other frames."""
+    """Return the cameras stored in an imported scene, with the image size of the parameters."""
     views = []
     for number, stored in enumerate(scene.source.get("views", [])):
         try:
@@ -338,7 +340,7 @@ def _stored_views(
         while name in taken:
             name += "-again"
         taken.add(name)
-        (sight,) = _look_around(render_scene, scene, [pose], params, half_fov_x)
+        (sight,) = _sights(render_scene, scene, [pose], params, half_fov_x)
         image = replace(params.image, half_fov_x=half_fov_x)
         named = next((room for room in scene.rooms if room.id == stored.get("room")), None)
         room = named or _room_at(scene, pose[:3, 3])
@@ -378,8 +380,7 @@ def _room_at(scene: Scene, eye: Any) -> Room | None:
 
 
 def _room_names(scene: Scene) -> dict[str, str]:
-    """A name that is safe in file names for each room, unique also where two ids differ only in
-    characters that are not."""
+    """Return a name per room id that is safe in file names and unique in the scene."""
     names: dict[str, str] = {}
     for room in sorted(scene.rooms, key=lambda room: room.id):
         name = _slug(room.id)

@@ -142,7 +142,7 @@ def test_bad_camera_files_are_refused(tmp_path: Path, view: View) -> None:
         load_cameras(path)
     data = plain(CameraFile("home", (view, view)))
     write_json(path, data)
-    with pytest.raises(InputError, match="used twice"):
+    with pytest.raises(InputError, match="same view_id"):
         load_cameras(path)
     data["views"] = data["views"][:1]
     data["views"][0]["camera_to_world"][0][0] += 0.5

@@ -59,7 +59,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("name", "kind", "words"),
     [
-        ("scenes/home-0000", "scene", ["2 rooms", "sofa", "20.0", "CC0-1.0", "lumens together"]),
+        ("scenes/home-0000", "scene", ["2 rooms", "sofa", "20.0", "CC0-1.0", "total lumens"]),
         ("scenes/home-0000/scene.json", "scene", ["2 rooms"]),
         ("scenes/home-0000/scene.xml", "scene", ["2 rooms"]),
         ("cameras/home-0000.json", "cameras", ["3 views", "too few objects  20", "sofa, lamp"]),
@@ -126,7 +126,11 @@ def huge_header(path: Path) -> None:
         ("color/home-0000/000.exr", foreign_exr, "not a pbrnet frame"),
         ("dataset/train-00000-of-00001.parquet", cut, "damaged, truncated or not Parquet"),
         ("dataset/train-00000-of-00001.parquet", empty, "damaged, truncated or not Parquet"),
-        ("dataset/train-00000-of-00001.parquet", foreign_parquet, "not ours: no column preview"),
+        (
+            "dataset/train-00000-of-00001.parquet",
+            foreign_parquet,
+            "not a shard of pbrnet: no column preview",
+        ),
         ("cameras/home-0000.json", cut, "not valid JSON"),
         ("scenes/home-0000/scene.json", cut, "not valid JSON"),
         ("shading.safetensors", cut, "not a readable safetensors"),
@@ -149,7 +153,7 @@ def test_what_it_does_not_know_it_says(tmp_path: Path, name: str) -> None:
     (tmp_path / "notes.txt").write_text("hello")
     (tmp_path / "folder").mkdir()
     (tmp_path / "other.json").write_text("[1, 2]")
-    with pytest.raises(InputError, match=r"nothing here|can inspect a scene folder"):
+    with pytest.raises(InputError, match=r"no such file or folder|can inspect a scene folder"):
         inspect_path(tmp_path / name)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -88,3 +89,10 @@ def test_paper_preset_holds_the_papers_figures() -> None:
     assert (params.train.shading.epochs, params.train.composition.epochs) == (14, 12)
     assert params.train.shading.steps_per_epoch == params.train.composition.steps_per_epoch == 20000
     assert (params.train.batch, params.train.learning_rate) == (1, 1e-4)
+
+
+def test_no_preset_claims_how_long_it_takes() -> None:
+    """The README states the measured duration of the quick start; the other places do not."""
+    help_text = (ROOT / "pipeline" / "commands" / "setup.py").read_text()
+    for text in [help_text, *(path.read_text() for path in (ROOT / "params.yaml", *PRESETS))]:
+        assert not re.search(r"\bminutes?\b", text)

@@ -28,6 +28,7 @@ from pipeline.dataset.pack import pack_dataset
 from pipeline.params import SplitParams
 from pipeline.render.scene import set_variant
 from scenes.contract import Portal
+from scenes.errors import InputError
 from tests.fixtures.dataset import make_data, small_params
 
 
@@ -162,14 +163,14 @@ def test_a_references_own_error_is_taken_off() -> None:
     assert reference.own == pytest.approx(wanted / 2, rel=0.05)
 
 
-def run_topic(results: Results, rows: list[Row], fails: bool = False) -> None:
+def run_topic(results: Results, rows: list[Row], name: str = "shards", fails: bool = False) -> None:
     def topic(bench: Bench) -> Iterator[Row]:
         yield from rows
         if fails:
             raise KeyboardInterrupt
 
     bench = Bench(results.path.parent, SMALL, results.path.parent)
-    measure("shards", topic, bench, results)
+    measure(name, topic, bench, results)
 
 
 def fresh(folder: Path, sizes: str = "full") -> Results:
@@ -190,7 +191,7 @@ def test_the_page_tells_figures_ranges_goals_and_what_is_missing(tmp_path: Path)
     assert "| speed | 1,234/s | 1,000/s to 2,000/s | processor |  |" in page
     assert "| other | not measured: it is not here | | | >= 2.5 |" in page
     assert "- **reading**: rows a second." in page
-    assert "**Not complete**: render, variant" in page
+    assert "**Not complete**: not measured yet: render, variant" in page
     assert "trial" not in page
     kept = json.loads((tmp_path / "results.json").read_text())["topics"]["shards"]
     assert kept["complete"] and [row.get("met") for row in kept["rows"]] == [False, None, None]
@@ -204,21 +205,44 @@ def test_an_interrupted_run_leaves_its_rows_and_says_so(tmp_path: Path) -> None:
     assert "shards" in record["unfinished"]
     assert "Not complete." in page_of(record)
     resumed = fresh(tmp_path)
-    resumed.resume()
+    resumed.load()
     assert not resumed.complete("shards")
     run_topic(resumed, ROWS)
     assert resumed.complete("shards")
 
 
-def test_results_of_another_kind_of_run_are_not_kept(tmp_path: Path) -> None:
+def test_a_partial_run_keeps_the_other_topics_even_of_other_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`make bench ONLY=render` after a change of the code: the rows of `shards` stay."""
+    run_topic(fresh(tmp_path), ROWS)
+    before = json.loads((tmp_path / "results.json").read_text())
+    monkeypatch.setattr("benchmarks.results.code_version", lambda: "other code")
+    later = fresh(tmp_path)
+    later.load()
+    assert later.complete("shards") and not later.current("shards")
+    run_topic(later, ROWS[1:2], "render")
+    after = json.loads((tmp_path / "results.json").read_text())
+    assert after["topics"]["shards"] == before["topics"]["shards"]
+    assert [row["name"] for row in after["topics"]["render"]["rows"]] == ["speed"]
+    page = (tmp_path / "page.md").read_text()
+    assert "| reading | 1.3 |" in page and page.count("| speed |") == 2
+    code = before["measured_on"]["code"]
+    assert "Measured by another run. Machine: " in page and code in page
+
+
+def test_results_of_other_sizes_are_not_current(tmp_path: Path) -> None:
     run_topic(fresh(tmp_path), ROWS)
     small = fresh(tmp_path, "small")
-    small.resume()
-    assert not small.topics
+    small.load()
+    assert not small.current("shards")
+
+
+def test_a_damaged_results_file_is_refused_and_kept(tmp_path: Path) -> None:
     (tmp_path / "results.json").write_text("{")
-    broken = fresh(tmp_path)
-    broken.resume()
-    assert not broken.topics
+    with pytest.raises(InputError, match=r"results\.json"):
+        fresh(tmp_path).load()
+    assert (tmp_path / "results.json").read_text() == "{"
 
 
 def test_a_trial_run_is_called_one(tmp_path: Path) -> None:

@@ -569,7 +569,7 @@ def test_checksums_find_what_is_damaged_missing_or_foreign(packed: Path, tmp_pat
     folder = tmp_path / "dataset"
     shutil.copytree(packed / "dataset", folder)
     inspect = ["inspect", str(folder), "--verify", "--text-only"]
-    assert "files are as they were written" in CliRunner().invoke(cli, inspect).output
+    assert "files match their checksums" in CliRunner().invoke(cli, inspect).output
     done = subprocess.run(["sha256sum", "--check", "--strict", "SHA256SUMS"], cwd=folder)
     assert done.returncode == 0
     assert verify_sums(folder) == len(list(folder.iterdir())) - 1

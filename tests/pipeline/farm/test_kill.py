@@ -231,7 +231,7 @@ def test_interrupt_leaves_whole_files_and_says_how_to_go_on(fresh: Path, undistu
     started = time.monotonic()
     words = _finish(process, (130,))
     assert time.monotonic() - started < 15
-    assert "goes on from there" in words and "Traceback" not in words
+    assert "same command again to resume" in words and "Traceback" not in words
     assert not list(fresh.rglob(".partial-*"))
     whole = _files(undisturbed)
     assert all(whole[name] == pixels for name, pixels in _files(fresh).items())

@@ -1,0 +1,66 @@
+"""Description of a file in sections, as aligned text, JSON and a picture."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from pipeline.images import Picture
+
+Table = list[dict[str, Any]]
+# A section is a mapping of names to values, a table, or a list of sentences.
+Section = dict[str, Any] | Table | list[str]
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """Description of a file: `sections` as plain data, `draw` renders the picture."""
+
+    kind: str
+    title: str
+    sections: dict[str, Section]
+    draw: Callable[[], Picture]
+
+    @property
+    def text(self) -> str:
+        """Title and sections as aligned text."""
+        parts = [self.title]
+        for name, section in self.sections.items():
+            if section:
+                parts.append(f"\n{name}\n" + "\n".join(_section_lines(section)))
+        return "\n".join(parts)
+
+    @property
+    def json(self) -> str:
+        """Kind, title and sections as JSON."""
+        content = {"kind": self.kind, "title": self.title, **self.sections}
+        return json.dumps(content, indent=1, default=str)
+
+
+def _section_lines(section: Section) -> list[str]:
+    if isinstance(section, dict):
+        width = max(len(key) for key in section)
+        return [f"  {key:{width}}  {_shorten(value)}" for key, value in section.items()]
+    if isinstance(section[0], str):
+        return [f"  - {sentence}" for sentence in section]
+    rows = [row for row in section if isinstance(row, dict)]
+    names = list(rows[0])
+    widths = {name: max(len(name), *(len(str(row[name])) for row in rows)) for name in names}
+    numeric = {name: all(isinstance(row[name], (int, float)) for row in rows) for name in names}
+    lines = ["  " + "  ".join(_pad(name, widths[name], numeric[name]) for name in names).rstrip()]
+    lines += [
+        "  " + "  ".join(_pad(row[name], widths[name], numeric[name]) for name in names).rstrip()
+        for row in rows
+    ]
+    return lines
+
+
+def _shorten(value: Any, most: int = 120) -> str:
+    text = str(value)
+    return text if len(text) <= most else f"{text[: most - 1]}…"
+
+
+def _pad(value: Any, width: int, right: bool) -> str:
+    return f"{value!s:>{width}}" if right else f"{value!s:<{width}}"
