@@ -25,7 +25,7 @@ def test_help_knows_every_kind_and_sorts_the_options() -> None:
             "Mitsuba, glTF, GLB, OBJ:",
             "Mitsuba only:",
             "Sweet Home 3D only:",
-            "Every kind of file, but for scene folders:",
+            "All kinds of files, but not scene folders:",
         )
     )
     assert models < text.index("--scale") < text.index("--sky") < mitsuba

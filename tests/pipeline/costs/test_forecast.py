@@ -119,7 +119,7 @@ def test_the_command_says_core_hours(tmp_path: Path) -> None:
 
 
 def test_without_measured_views_there_is_no_estimate(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="render a few views first"):
+    with pytest.raises(InputError, match="no ground truth yet"):
         fit_costs(read_ledger(tmp_path))
     measured(tmp_path, 2, ((160, 120, 16),))
     assert all(np.isnan(error.worst) for error in fit_costs(read_ledger(tmp_path))[1].values())
@@ -155,7 +155,7 @@ def test_the_check_finds_a_law_that_unseen_scenes_do_not_follow(tmp_path: Path) 
 def test_noisy_frames_count_where_they_are_asked_for(tmp_path: Path) -> None:
     measured(tmp_path, 6, ((160, 120, 16),))
     with_noisy = "scenes: {homes: 10}\nimage: {width: 160, height: 120}\nnoisy: {spp: 4}\n"
-    assert "the ledger has none yet" in asked(tmp_path, params=with_noisy)
+    assert "the ledger has no such frames yet" in asked(tmp_path, params=with_noisy)
     ledger = Ledger(tmp_path)
     for scene in range(6):
         ledger.add(

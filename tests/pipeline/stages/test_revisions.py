@@ -12,7 +12,7 @@ from pipeline.params import Params
 from pipeline.stages import scene_jobs
 from pipeline.stages.assets import _CONVERTER
 from pipeline.versions import source_revision
-from scenes.assets.index import Index, Usable, save_index
+from scenes.assets.index import AssetIndex, IndexEntry, save_index
 from tests.fixtures.paths import ROOT
 
 HOME, IMPORT, PIECE = scene_jobs._HOME_CODE, scene_jobs._IMPORT_CODE, (_CONVERTER,)
@@ -77,7 +77,7 @@ def test_homes_do_not_depend_on_importers(sources: Path) -> None:
 
 
 def test_a_furnished_home_depends_on_the_content_of_its_catalogue(tmp_path: Path) -> None:
-    piece = Usable(
+    piece = IndexEntry(
         key="library/chair",
         name="Chair",
         category="chair",
@@ -99,7 +99,9 @@ def test_a_furnished_home_depends_on_the_content_of_its_catalogue(tmp_path: Path
     found = []
     for fingerprint in ("of the first conversion", "of another conversion"):
         (tmp_path / "assets").mkdir(exist_ok=True)
-        save_index(tmp_path / "assets", Index((), (replace(piece, fingerprint=fingerprint),), ()))
+        save_index(
+            tmp_path / "assets", AssetIndex((), (replace(piece, fingerprint=fingerprint),), ())
+        )
         (job,) = scene_jobs.home_jobs(tmp_path / "scenes", params)
         found.append(job.fingerprint)
     assert found[0] != found[1]
