@@ -12,7 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.params import ToneParams
-from scenes.arrays import Float32Array, FloatingArray, UInt8Array
+from scenes.arrays import (
+    ArrayOrTensor,
+    Float32Array,
+    FloatingArray,
+    UInt8Array,
+    array_namespace,
+)
 from scenes.color import decode_srgb, encode_srgb, luminance
 
 Image = FloatingArray
@@ -58,12 +64,15 @@ def _block_means(values: Image, side: int = 8) -> Image:
     return sums / np.outer(heights, widths)
 
 
-def tonemap(image: Image, exposure: Exposure) -> Float32Array:
+def tonemap(image: ArrayOrTensor, exposure: Exposure) -> ArrayOrTensor:
     """Map linear HDR (..., 3) to display values: compressed, sRGB-encoded, float32 in [0, 1]."""
-    scaled = np.maximum(np.asarray(image, dtype=np.float32), 0) * np.float32(exposure.scale)
+    xp = array_namespace(image)
+    scale = xp.asarray(exposure.scale, dtype=xp.float32)
+    white2 = xp.asarray(exposure.white**2, dtype=xp.float32)
+    scaled = xp.clip(xp.asarray(image, dtype=xp.float32), 0, None) * scale
     lum = luminance(scaled)[..., None]
-    factor = (1 + lum / np.float32(exposure.white**2)) / (1 + lum)
-    return encode_srgb(np.clip(scaled * factor, 0, 1))
+    factor = (1 + lum / white2) / (1 + lum)
+    return encode_srgb(xp.clip(scaled * factor, 0, 1))
 
 
 def untonemap(display: Image, exposure: Exposure) -> Float32Array:

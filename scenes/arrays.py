@@ -1,7 +1,8 @@
-"""Array types by dtype, for annotations; docstrings add shapes and units."""
+"""Array types by dtype, for annotations, and the library that an array belongs to."""
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -15,3 +16,13 @@ Int32Array = npt.NDArray[np.int32]
 Int64Array = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 UInt8Array = npt.NDArray[np.uint8]
+ArrayOrTensor = Any  # a NumPy array; while a network is exported, a torch tensor
+
+
+def array_namespace(array: ArrayOrTensor) -> Any:
+    """Return the module that computes with this array: `numpy`, or `torch` for a tensor.
+
+    Functions that use only what both modules share work on both, so that torch's exporter traces
+    the code that otherwise runs on arrays. Nothing is imported: a tensor's module is loaded.
+    """
+    return sys.modules[type(array).__module__.partition(".")[0]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.arrays import AnyArray
+from scenes.arrays import AnyArray, ArrayOrTensor, array_namespace
 
 Color = tuple[float, float, float]  # linear Rec. 709 RGB
 REC709 = np.array([0.2126, 0.7152, 0.0722])  # luminance of linear RGB
@@ -18,23 +18,24 @@ XYZ_TO_RGB = np.array(  # CIE XYZ to linear Rec. 709 RGB (ITU-R BT.709, D65)
 Image = AnyArray  # any floating dtype
 
 
-def luminance(image: Image) -> Image:
+def luminance(image: ArrayOrTensor) -> ArrayOrTensor:
     """Rec. 709 luminance (...) of linear RGB (..., 3), in the image's dtype."""
-    return image @ REC709.astype(image.dtype)
+    xp = array_namespace(image)
+    return image @ xp.asarray(REC709, dtype=image.dtype)
 
 
-def encode_srgb(linear: Image) -> Image:
+def encode_srgb(linear: ArrayOrTensor) -> ArrayOrTensor:
     """Linear values in [0, 1] to sRGB in [0, 1] (IEC 61966-2-1), in the array's floating dtype."""
-    exponent = linear.dtype.type(1 / 2.4)
-    high = 1.055 * np.maximum(linear, 0.0031308) ** exponent - 0.055
-    return np.where(linear <= 0.0031308, 12.92 * linear, high)
+    xp = array_namespace(linear)
+    high = 1.055 * xp.clip(linear, 0.0031308, None) ** (1 / 2.4) - 0.055
+    return xp.where(linear <= 0.0031308, 12.92 * linear, high)
 
 
-def decode_srgb(encoded: Image) -> Image:
+def decode_srgb(encoded: ArrayOrTensor) -> ArrayOrTensor:
     """sRGB values in [0, 1] to linear ones (IEC 61966-2-1), in the array's floating dtype."""
-    exponent = encoded.dtype.type(2.4)
-    high = ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** exponent
-    return np.where(encoded <= 0.04045, encoded / 12.92, high)
+    xp = array_namespace(encoded)
+    high = ((xp.clip(encoded, 0.04045, None) + 0.055) / 1.055) ** 2.4
+    return xp.where(encoded <= 0.04045, encoded / 12.92, high)
 
 
 def decode_srgb_value(encoded: float) -> float:

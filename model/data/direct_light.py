@@ -1,74 +1,131 @@
-"""Direct light, as far as a panorama tells: what the sources it shows do to every pixel.
+"""Direct lighting of a view by the light sources that its panorama shows.
 
-`pipeline.passes.panorama_lights` says where they stand. What is missing is what only rays would
-tell: bounces, lamps hidden from the camera, and shadows, but for those that the rays of
-`pipeline.passes.visibility` found.
+The positions and intensities of the sources come from `pipeline.passes.panorama_lights`. The
+result lacks indirect light and the light of lamps that the camera position cannot see; shadows are
+those of `pipeline.passes.visibility`, where the view has them.
+
+Functions take NumPy arrays, and tensors while a network is exported (`model.release.onnx_export`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+import torch
+from torch._higher_order_ops.scan import scan
 
-from model.data.reader import Example
-from pipeline.passes.panorama_lights import sources, unshadowed_irradiance
-from scenes.arrays import AnyArray, Float32Array
+from model.data.reader import ViewInputs
+from pipeline.passes.panorama_lights import (
+    CELLS,
+    cell_sources,
+    irradiance_per_intensity,
+    sources,
+    unshadowed_irradiance,
+)
+from scenes.arrays import ArrayOrTensor, array_namespace
+from scenes.geometry import directions
 
 
-def direct_shading(example: Example, albedo: float) -> Float32Array:
-    """Radiance of a grey matte copy of the view under its panorama's sources, (H, W, 3).
+def direct_light(view: ViewInputs, albedo: float) -> tuple[ArrayOrTensor, ArrayOrTensor]:
+    """Direct light that surfaces reflect, and sources in view: linear radiance (H, W, 3) each.
 
-    What `surface_light` says, and added to it what a pixel sees of the sources themselves, which
-    is all there is where no surface is.
+    Surfaces are matte and of reflectance `albedo`, shadowed by the view's `visibility`, unshadowed
+    where that is None; 0 where there is no surface. Sources are what the panorama shows in the
+    direction of each pixel.
     """
-    directions = pixel_directions(example.intrinsics, example.depth.shape)
-    return surface_light(example, albedo) + seen_sources(panorama_radiance(example), directions)
+    rays, radiance = pixel_directions(view), panorama_radiance(view)
+    irradiance = panorama_irradiance(view, rays * view.depth[..., None], radiance)
+    reflected = albedo / np.pi * irradiance
+    if view.visibility is not None:
+        reflected = reflected * view.visibility[..., None]
+    return reflected, panorama_lookup(radiance, rays)
 
 
-def surface_light(example: Example, albedo: float) -> Float32Array:
-    """Radiance (H, W, 3) that surfaces of the reflectance `albedo` return.
+def direct_shading(view: ViewInputs, albedo: float) -> ArrayOrTensor:
+    """Radiance (H, W, 3) of a matte copy of the view, direct light only: sum of `direct_light`."""
+    reflected, sources_in_view = direct_light(view, albedo)
+    return reflected + sources_in_view
 
-    With the shadows of the view's `visibility`, without any where it is not known.
+
+def panorama_irradiance(
+    view: ViewInputs, points: ArrayOrTensor, radiance: ArrayOrTensor
+) -> ArrayOrTensor:
+    """Unshadowed irradiance float32 (H, W, 3) at points (H, W, 3) in camera axes; 0 off surfaces.
+
+    The sum over all sources of cosine x intensity / squared distance. `radiance` (h, w, 3) is
+    `panorama_radiance`.
     """
-    directions = pixel_directions(example.intrinsics, example.depth.shape)
-    places, power = sources(panorama_radiance(example), example.distance)
-    points = (directions * example.depth[..., None])[example.valid]
-    lit = np.zeros((*example.depth.shape, 3), np.float32)
-    lit[example.valid] = (
-        albedo / np.pi * _irradiance(points, example.normal[example.valid], places, power)
-    )
-    return lit if example.visibility is None else lit * example.visibility[..., None]
-
-
-def panorama_radiance(example: Example) -> Float32Array:
-    """Linear RGB (h, w, 3) of a panorama's sources; grey where their colour is not known."""
-    tint = np.ones(3, np.float32) if example.tint is None else example.tint
-    return np.asarray(example.intensity[..., None] * tint, dtype=np.float32)
-
-
-def pixel_directions(intrinsics: AnyArray, shape: tuple[int, ...]) -> Float32Array:
-    """Camera rays (H, W, 3) through the pixel centres, scaled to z = 1."""
-    y, x = np.mgrid[: shape[0], : shape[1]] + 0.5
-    pixels = np.stack([x, y, np.ones_like(x)], axis=-1)
-    return np.asarray(pixels @ np.linalg.inv(intrinsics).T, dtype=np.float32)
-
-
-def seen_sources(panorama: AnyArray, directions: AnyArray) -> Float32Array:
-    """What the panorama's nearest pixel holds, along directions (H, W, 3) of any length.
-
-    `panorama` is (h, w) or (h, w, 3), and so is the result, (H, W) or (H, W, 3).
-    """
-    height, width = panorama.shape[:2]
-    x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
-    azimuth = np.arctan2(x, z)
-    polar = np.arctan2(np.hypot(x, z), -y)
-    row = np.minimum((polar / np.pi * height).astype(int), height - 1)
-    column = ((azimuth / (2 * np.pi) + 0.5) * width).astype(int) % width
-    return np.asarray(panorama[row, column], dtype=np.float32)
-
-
-def _irradiance(points: AnyArray, normals: AnyArray, places: AnyArray, power: AnyArray) -> AnyArray:
-    """Irradiance (P, 3) at points (P, 3) with unit normals from point sources, unshadowed."""
-    irradiance = np.zeros((len(points), 3), np.float32)
-    for some, brought in unshadowed_irradiance(points, normals, places):
-        irradiance[some] = brought @ power
+    if array_namespace(points) is torch:
+        return _traced_irradiance(view, points, radiance)
+    places, intensities = sources(radiance, view.distance)
+    found = np.zeros((int(view.valid.sum()), 3), np.float32)
+    for block, factor in unshadowed_irradiance(points[view.valid], view.normal[view.valid], places):
+        found[block] = factor @ intensities
+    irradiance = np.zeros(points.shape, np.float32)
+    irradiance[view.valid] = found
     return irradiance
+
+
+def _traced_irradiance(
+    view: ViewInputs, points: torch.Tensor, radiance: torch.Tensor
+) -> torch.Tensor:
+    """The same as a graph: a loop over the rows of `CELLS`, of a number known beforehand.
+
+    The array version drops dark cells and pixels without a surface, whose numbers depend on the
+    data.
+    """
+    places, intensities, _ = cell_sources(radiance, view.distance)
+    rows = [each.reshape(*CELLS, 3).float() for each in (places, intensities)]
+    flat, normals = points.reshape(-1, 3), view.normal.reshape(-1, 3)
+
+    def add_row(
+        total: torch.Tensor, row: Sequence[torch.Tensor]
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        place, intensity = row
+        total = total + irradiance_per_intensity(flat, normals, place) @ intensity
+        return total, intensity.sum()
+
+    total = torch.zeros_like(flat)
+    if torch.compiler.is_exporting():
+        total, _ = scan(add_row, total, rows)
+    else:  # here `scan` would compile the loop's body first, for seconds
+        for row in zip(*rows, strict=True):
+            total, _ = add_row(total, row)
+    return total.reshape(points.shape) * view.valid[..., None]
+
+
+def panorama_radiance(view: ViewInputs) -> ArrayOrTensor:
+    """Linear RGB radiance float32 (h, w, 3) of the panorama's sources; grey without a `tint`."""
+    xp = array_namespace(view.intensity)
+    tint = xp.ones(3, dtype=xp.float32) if view.tint is None else view.tint
+    return xp.asarray(view.intensity[..., None] * tint, dtype=xp.float32)
+
+
+def pixel_directions(view: ViewInputs) -> ArrayOrTensor:
+    """Rays float32 (H, W, 3) through the pixel centres, scaled to z = 1, in camera axes."""
+    height, width = view.depth.shape
+    if array_namespace(view.depth) is np:
+        return directions.pixel_directions(view.intrinsics, width, height).astype(np.float32)
+    # ONNX has no matrix inverse, and K is upper triangular.
+    K = view.intrinsics
+    y = (torch.arange(height)[:, None] + 0.5 - K[1, 2]) / K[1, 1]
+    x = (torch.arange(width) + 0.5 - K[0, 2] - K[0, 1] * y) / K[0, 0]
+    return torch.stack([x, y.expand(x.shape), torch.ones_like(x)], dim=-1)
+
+
+def panorama_lookup(panorama: ArrayOrTensor, rays: ArrayOrTensor) -> ArrayOrTensor:
+    """Values float32 of the panorama's nearest pixel in the directions of rays (H, W, 3).
+
+    Rays may have any length. `panorama` is (h, w) or (h, w, 3), the result (H, W) or (H, W, 3).
+    """
+    xp = array_namespace(panorama)
+    height, width = panorama.shape[:2]
+    precision = xp.float64 if xp is np else xp.float32  # ONNX Runtime's arctangent is float32
+    x, y, z = xp.moveaxis(xp.asarray(rays, dtype=precision), -1, 0)
+    azimuth = xp.arctan2(x, z)
+    polar = xp.arctan2(xp.sqrt(x * x + z * z), -y)
+    row = xp.clip(xp.asarray(polar / np.pi * height, dtype=xp.int64), None, height - 1)
+    column = xp.asarray((azimuth / (2 * np.pi) + 0.5) * width, dtype=xp.int64)
+    column = xp.where(column >= width, column - width, column)  # straight behind, from the right
+    return xp.asarray(panorama[row, column], dtype=xp.float32)

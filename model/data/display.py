@@ -1,6 +1,7 @@
-"""Display values and radiance as tensors: `pipeline.tonemap` for networks and what leaves torch.
+"""Tone mapping of batches (N, 3, H, W), differentiable, for networks and losses.
 
-Images are (N, 3, H, W); everything has a gradient everywhere, and uses nothing that ONNX lacks.
+`pipeline.tonemap` is the same for single images (H, W, 3). Everything has a finite gradient
+everywhere and uses only operators that ONNX has.
 """
 
 from __future__ import annotations
@@ -9,9 +10,9 @@ import torch
 from torch.nn import functional
 
 from pipeline.params import ToneParams
-from scenes.color import REC709
+from scenes.color import REC709, decode_srgb, encode_srgb
 
-BLOCK = 8  # pixels a side over which the log average takes means, as `pipeline.tonemap` has it
+BLOCK = 8  # pixels a side of the blocks that the log average takes means of, see `exposure_of`
 
 
 def luminance(image: torch.Tensor) -> torch.Tensor:
@@ -19,36 +20,29 @@ def luminance(image: torch.Tensor) -> torch.Tensor:
     return sum(float(weight) * image[:, k : k + 1] for k, weight in enumerate(REC709))  # type: ignore[return-value]
 
 
-def decoded(display: torch.Tensor) -> torch.Tensor:
-    """sRGB to linear."""
-    high = ((display.clamp(min=0.04045) + 0.055) / 1.055) ** 2.4
-    return torch.where(display <= 0.04045, display / 12.92, high)
+def tint_display(display: torch.Tensor, color: torch.Tensor) -> torch.Tensor:
+    """Display values (N, 3, H, W) under light of another colour (N, 3, 1, 1), linear RGB.
 
-
-def encoded(linear: torch.Tensor) -> torch.Tensor:
-    """Linear to sRGB."""
-    high = 1.055 * linear.clamp(min=0.0031308) ** (1 / 2.4) - 0.055
-    return torch.where(linear <= 0.0031308, 12.92 * linear, high)
-
-
-def recoloured(display: torch.Tensor, tint: torch.Tensor) -> torch.Tensor:
-    """What display values (N, 3, H, W) show, in light of the colour `tint` (N, 3, 1, 1).
-
-    Reinhard's operator keeps hues, so the light's colour multiplies what it leaves.
+    Reinhard's operator keeps chromaticity, so the light's colour multiplies what it gives, before
+    the sRGB encoding.
     """
-    return encoded(decoded(display) * tint)
+    return encode_srgb(decode_srgb(display) * color)
 
 
-def displayed(scaled: torch.Tensor, white: torch.Tensor | float) -> torch.Tensor:
-    """`pipeline.tonemap.tonemap` of exposed radiance; `white` a number or (N, 1, 1, 1)."""
+def tonemap_exposed(scaled: torch.Tensor, white: torch.Tensor | float) -> torch.Tensor:
+    """Exposed radiance (N, 3, H, W) to display values in [0, 1], see `pipeline.tonemap.tonemap`.
+
+    `white` is a number or (N, 1, 1, 1).
+    """
     lum = luminance(scaled)
-    return encoded((scaled * (1 + lum / white**2) / (1 + lum)).clamp(0, 1))
+    return encode_srgb((scaled * (1 + lum / white**2) / (1 + lum)).clamp(0, 1))
 
 
 def log_average(lum: torch.Tensor) -> torch.Tensor:
-    """exp of the mean logarithm of block means above 0, of luminance (N, 1, H, W): (N, 1, 1, 1).
+    """Log-average luminance (N, 1, 1, 1) of luminance (N, 1, H, W).
 
-    As `exposure_of` has it: the key where all is dark.
+    exp of the mean logarithm of block means above 0, as in `pipeline.tonemap.exposure_of`; the key
+    of the tone mapping where all is dark.
     """
     height, width = lum.shape[-2:]
     pad = (0, -width % BLOCK, 0, -height % BLOCK)

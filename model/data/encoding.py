@@ -1,9 +1,12 @@
-"""From a view to what the networks take and give.
+"""Encoding of views for the networks: inputs and targets as tensors.
 
 Inputs are scale-free where the target is: shading is tone-mapped by its own log average, so
 brightening every light changes nothing, and panoramic intensity is taken relative to its mean
-over the sphere. Logarithms tame the ranges: a bare bulb is 10^5 times a dim wall. Images are
+over the sphere. Logarithms compress the ranges: a bare bulb is 10^5 times a dim wall. Images are
 centred about 0: without that a short training finds brightness but not colour.
+
+The encoder takes NumPy arrays. While a network is exported (`model.release.onnx_export`) it takes
+tensors, and torch's exporter traces it.
 """
 
 from __future__ import annotations
@@ -14,11 +17,12 @@ from typing import Literal, TypeVar
 import numpy as np
 import torch
 
-from model.data.direct_light import panorama_radiance, pixel_directions, seen_sources, surface_light
-from model.data.reader import Example
+from model.data.direct_light import direct_light as direct_light_of
+from model.data.display import log_average
+from model.data.reader import Example, ViewInputs
 from pipeline.params import ToneParams
 from pipeline.tonemap import Exposure, exposure_of, tonemap
-from scenes.arrays import AnyArray
+from scenes.arrays import AnyArray, ArrayOrTensor, array_namespace
 from scenes.color import encode_srgb, luminance
 from scenes.errors import InputError
 
@@ -26,56 +30,74 @@ Value = TypeVar("Value", AnyArray, torch.Tensor)
 Policy = Literal["own", "shared"]
 Tensors = dict[str, torch.Tensor]
 
-# Channels of every encoded input, and of what only some networks are given beside them.
-DIRECT = 8
-SAMPLES = 6
+# Channels of every encoded input, then of the inputs that only some networks take.
 CHANNELS = {"depth": 2, "normal": 3, "intensity": 1, "distance": 1, "reflectance": 3}
-RETURNED = 0.9  # of the light that surfaces pass on, what meets another: windows take the rest
-FAINTEST = 0.02  # band of a light's colour, beside a luminance of 1
-GREY = 0.5  # reflectance the networks are given where there is no surface
-WHITE = 20.0  # scaled luminance that maps to white, as usual indoors, where it is not known
-NEAR, MIDDLE, FAR = 0.05, 2.5, 100.0  # metres: depths and distances are clamped to the range
+DIRECT_LIGHT_CHANNELS = 8
+NOISY_SAMPLES_CHANNELS = 6
+# Closed fraction of a room as an integrating sphere: of the light that surfaces reflect, the share
+# that meets another surface. Windows take the rest.
+CLOSED_FRACTION = 0.9
+MIN_LIGHT_BAND = 0.02  # smallest band of a light's colour, which has luminance 1
+NEUTRAL = 0.5  # reflectance shown to the networks where there is no surface; albedo of shading
+DEFAULT_WHITE = 20.0  # exposed luminance that maps to white where unknown: usual indoors
+# Metres: depths and distances are clamped to [MIN, MAX], and depth is relative to REFERENCE.
+MIN_DEPTH, REFERENCE_DEPTH, MAX_DEPTH = 0.05, 2.5, 100.0
 
 
-def encode(examples: Sequence[Example], direct: bool = False, noisy: bool = False) -> Tensors:
+def encode(
+    examples: Sequence[Example], direct_light: bool = False, noisy_samples: bool = False
+) -> Tensors:
     """Network inputs, float32 (N, C, H, W), `CHANNELS` each; all views must be of one size.
 
-    * `depth`: ln(depth / `MIDDLE`), 0 where there is no surface; and the validity mask
+    `encode_inputs`, and with `noisy_samples` also `noisy` and `denoised`: colour and shading of a
+    few samples a pixel, linear radiance, as traced and denoised. Raises `InputError` for a view
+    without samples.
+    """
+    encoded = encode_inputs(examples, direct_light)
+    if noisy_samples:
+        encoded["noisy"] = _stack([_pair(e, e.noisy_color, e.noisy_shading) for e in examples])
+        encoded["denoised"] = _stack(
+            [_pair(e, e.denoised_color, e.denoised_shading) for e in examples]
+        )
+    return encoded
+
+
+def encode_inputs(views: Sequence[ViewInputs], direct_light: bool = False) -> Tensors:
+    """The encoder: float32 (N, C, H, W), `CHANNELS` each; traceable, see the module.
+
+    * `depth`: ln(depth / `REFERENCE_DEPTH`), 0 where there is no surface; and the validity mask
     * `normal`: camera frame, unit
     * `intensity`: relative to its mean over the sphere by solid angle; all 0 where no light shows
-    * `distance`: metres, at most `FAR`; both are made logarithmic by the network, which may have
-      to average them first
-    * `reflectance`: `see_through`, sRGB-encoded and `centred`, like the display values it meets
-    * `direct`, if asked for: `direct_shading` divided by the light's colour, tone-mapped by its own
-      log average and `WHITE` and `centred`; ln of its luminance, relative to that average; ln of
-      that colour, the same everywhere; and the share of the light that arrives. With it `tint`,
-      (N, 3, 1, 1): the colour, see `light_color`; `gain`, (N, 3, 1, 1), see `interreflection`; and
-      `brightness`, (N, 1, 1, 1): the log average of reflectance times tint and gain, as much as
-      colour is brighter than shading of `GREY`
-    * `noisy` and `denoised`, if asked for: colour and shading of few samples, linear radiance, as
-      they were traced and denoised. `InputError` for a view without
+    * `distance`: metres, at most `MAX_DEPTH`; both are made logarithmic by the network, which may
+      have to average them first
+    * `reflectance`: `neutral_background`, sRGB-encoded and `centred` like display values
+
+    With `direct_light` also:
+
+    * `direct`, 8 channels: `direct_shading` divided by the light's colour, tone-mapped by its own
+      log average and `DEFAULT_WHITE`, and `centred`; ln of its luminance, relative to that average,
+      over 4; ln of that colour, the same everywhere; and the share of the light that arrives
+    * `tint`, (N, 3, 1, 1): that colour, see `light_color`
+    * `gain`, (N, 3, 1, 1): see `interreflection`
+    * `brightness`, (N, 1, 1, 1): the log average of reflectance times tint and gain over `NEUTRAL`,
+      by which colour is brighter than shading
     """
-    given = {
-        "depth": _stack([_depth(example) for example in examples]),
-        "normal": _stack([example.normal for example in examples]),
-        "intensity": _stack([_intensity(example.intensity) for example in examples]),
-        "distance": _stack([np.minimum(example.distance, FAR)[..., None] for example in examples]),
-        "reflectance": reflectances(examples),
+    encoded = {
+        "depth": _stack([_depth(view) for view in views]),
+        "normal": _stack([view.normal for view in views]),
+        "intensity": _stack([_relative_intensity(view.intensity) for view in views]),
+        "distance": _stack([_clamped_distance(view.distance) for view in views]),
+        "reflectance": encode_reflectance(views),
     }
-    if direct:
-        known = [_direct(example) for example in examples]
-        given |= {name: _stack([each[name] for each in known]) for name in known[0]}
-    if noisy:
-        given["noisy"] = _stack([_both(e, e.noisy_color, e.noisy_shading) for e in examples])
-        given["denoised"] = _stack(
-            [_both(e, e.denoised_color, e.denoised_shading) for e in examples]
-        )
-    return given
+    if direct_light:
+        known = [_direct_light(view) for view in views]
+        encoded |= {name: _stack([each[name] for each in known]) for name in known[0]}
+    return encoded
 
 
-def reflectances(examples: Sequence[Example]) -> torch.Tensor:
-    """`encode`'s `reflectance` alone, which is all that the composition network sees of a view."""
-    return _stack([centred(encode_srgb(see_through(e, GREY))) for e in examples])
+def encode_reflectance(views: Sequence[ViewInputs]) -> torch.Tensor:
+    """`reflectance` of `encode_inputs` alone, the only image the composition network takes."""
+    return _stack([centred(encode_srgb(neutral_background(view, NEUTRAL))) for view in views])
 
 
 def targets(examples: Sequence[Example], policy: Policy) -> Tensors:
@@ -108,38 +130,44 @@ def color_exposure(example: Example, policy: Policy) -> Exposure:
     return example.exposure_shading if policy == "shared" else example.exposure_color
 
 
-def see_through(example: Example, grey: float) -> AnyArray:
-    """Reflectance with `grey` where there is no surface, float32 (H, W, 3).
+def neutral_background(view: ViewInputs, neutral: float) -> ArrayOrTensor:
+    """Reflectance with `neutral` where there is no surface, float32 (H, W, 3).
 
-    What is seen through a window looks alike in shading and in colour, as a surface does whose
-    reflectance is the grey of the shading frames. With the 0 of the dataset windows would be black.
+    What a window shows looks alike in shading and in colour, as does a surface whose reflectance is
+    the neutral grey of the shading frames. With the dataset's 0 the product of shading and
+    reflectance would make windows black.
     """
-    return np.where(example.valid[..., None], example.reflectance, np.float32(grey))
+    xp = array_namespace(view.reflectance)
+    return xp.where(view.valid[..., None], view.reflectance, neutral)
 
 
-def interreflection(example: Example) -> AnyArray:
-    """How much more light than a room of `GREY` this one holds by its bounces, (1, 1, 3).
+def interreflection(view: ViewInputs) -> ArrayOrTensor:
+    """Gain of the light in this room by interreflection over a room of `NEUTRAL`, (1, 1, 3).
 
-    Light that a surface passes on meets the next: of reflectance m each time, with `RETURNED` of
-    it, that makes 1 + r m + (r m)^2 + ... = 1 / (1 - r m), as in an integrating sphere. m is the
-    mean of what the view shows, band by band: it is this that makes a beige room orange.
+    Light that a surface reflects meets the next: with mean reflectance m and the closed fraction f
+    of the room that makes 1 + f m + (f m)^2 + ... = 1 / (1 - f m), as in an integrating sphere. m
+    is the mean of the visible surfaces, band by band: this makes a beige room orange.
     """
-    if not example.valid.any():
-        return np.ones((1, 1, 3), dtype=np.float32)
-    mean = example.reflectance[example.valid].mean(axis=0, dtype=np.float64)
-    gain = (1 - RETURNED * GREY) / (1 - RETURNED * mean)
-    return gain.astype(np.float32).reshape(1, 1, 3)
+    xp = array_namespace(view.reflectance)
+    surfaces = view.valid.sum()
+    total = (view.reflectance * view.valid[..., None]).sum(axis=(0, 1), dtype=xp.float64)
+    mean = total / xp.clip(surfaces, 1, None)
+    gain = (1 - CLOSED_FRACTION * NEUTRAL) / (1 - CLOSED_FRACTION * mean)
+    gain = xp.where(surfaces > 0, gain, 1.0)
+    return xp.asarray(gain, dtype=xp.float32).reshape(1, 1, 3)
 
 
-def light_color(lit: AnyArray) -> AnyArray:
-    """The mean colour of direct light (H, W, 3) on surfaces: linear RGB of luminance 1, (1, 1, 3).
+def light_color(reflected: ArrayOrTensor) -> ArrayOrTensor:
+    """Mean colour (1, 1, 3) of the direct light (H, W, 3) on surfaces: linear RGB of luminance 1.
 
-    White in the dark. No band is below `FAINTEST`, so that light can be divided by it.
+    White in the dark. No band is below `MIN_LIGHT_BAND`, so that light can be divided by it.
     """
-    total = lit.sum(axis=(0, 1), dtype=np.float64)
-    seen = float(luminance(total))
-    color = np.maximum(total / seen, FAINTEST) if seen > 0 else np.ones(3)
-    return (color / luminance(color)).astype(np.float32).reshape(1, 1, 3)
+    xp = array_namespace(reflected)
+    total = reflected.sum(axis=(0, 1), dtype=xp.float64)
+    brightness = luminance(total)
+    color = xp.clip(total / xp.where(brightness > 0, brightness, 1.0), MIN_LIGHT_BAND, None)
+    color = xp.where(brightness > 0, color, 1.0)
+    return xp.asarray(color / luminance(color), dtype=xp.float32).reshape(1, 1, 3)
 
 
 def centred(display: Value) -> Value:
@@ -157,53 +185,74 @@ def to_batch(image: AnyArray) -> torch.Tensor:
     return _stack([image])
 
 
-def solid_angles(height: int, width: int) -> AnyArray:
-    """Steradians of each pixel of an equirectangular image, float32 (height, 1)."""
-    edges = np.cos(np.linspace(0, np.pi, height + 1))
-    return ((edges[:-1] - edges[1:]) * (2 * np.pi / width)).astype(np.float32)[:, None]
+def solid_angles(panorama: ArrayOrTensor) -> ArrayOrTensor:
+    """Solid angle in steradians of each row's pixels of a panorama (h, w), float32 (h, 1)."""
+    xp = array_namespace(panorama)
+    height, width = panorama.shape
+    edges = xp.cos(xp.arange(height + 1, dtype=xp.float64) * (np.pi / height))
+    strips = (edges[:-1] - edges[1:]) * (2 * np.pi / width)
+    return xp.asarray(strips, dtype=xp.float32)[:, None]
 
 
-def _depth(example: Example) -> AnyArray:
-    log = np.log(np.clip(example.depth, NEAR, FAR) / MIDDLE)
-    valid = example.valid.astype(np.float32)
-    return np.stack([log * valid, valid], axis=-1)
+def _depth(view: ViewInputs) -> ArrayOrTensor:
+    xp = array_namespace(view.depth)
+    log = xp.log(xp.clip(view.depth, MIN_DEPTH, MAX_DEPTH) / REFERENCE_DEPTH)
+    valid = xp.asarray(view.valid, dtype=xp.float32)
+    return xp.stack([log * valid, valid], axis=-1)
 
 
-def _direct(example: Example) -> dict[str, AnyArray]:
-    """`encode`'s inputs of networks that are given the direct light, images (H, W, C)."""
-    lit = surface_light(example, GREY)
-    tint, gain = light_color(lit), interreflection(example)
-    directions = pixel_directions(example.intrinsics, example.depth.shape)
-    light = (lit + seen_sources(panorama_radiance(example), directions)) / tint
-    scale = exposure_of(light, ToneParams()).scale
-    display = tonemap(light, Exposure(scale, WHITE))
-    log = np.log(np.maximum(luminance(light)[..., None] * scale / ToneParams().key, 1e-3)) / 4
-    everywhere = np.broadcast_to(np.log(tint), display.shape)
-    arrives = np.ones_like(log) if example.visibility is None else example.visibility[..., None]
+def _relative_intensity(intensity: ArrayOrTensor) -> ArrayOrTensor:
+    xp = array_namespace(intensity)
+    mean = (intensity * solid_angles(intensity)).sum() / (4 * np.pi)
+    relative = intensity / xp.where(mean > 0, mean, xp.ones_like(mean))
+    return xp.where(mean > 0, relative, 0.0)[..., None]
+
+
+def _clamped_distance(distance: ArrayOrTensor) -> ArrayOrTensor:
+    return array_namespace(distance).clip(distance, None, MAX_DEPTH)[..., None]
+
+
+def _direct_light(view: ViewInputs) -> dict[str, ArrayOrTensor]:
+    """The inputs that `direct_light` adds to `encode_inputs`, images (H, W, C)."""
+    xp = array_namespace(view.depth)
+    key = ToneParams().key
+    reflected, sources_in_view = direct_light_of(view, NEUTRAL)
+    tint, gain = light_color(reflected), interreflection(view)
+    light = (reflected + sources_in_view) / tint
+    scale = _exposure_scale(light)
+    display = tonemap(light, Exposure(scale, DEFAULT_WHITE))
+    log = xp.log(xp.clip(luminance(light)[..., None] * scale / key, 1e-3, None)) / 4
+    everywhere = xp.broadcast_to(xp.log(tint), display.shape)
+    arrives = xp.ones_like(log) if view.visibility is None else view.visibility[..., None]
+    lit = neutral_background(view, NEUTRAL) * xp.where(view.valid[..., None], tint * gain, 1.0)
+    brightness = key / _exposure_scale(lit) / NEUTRAL
     return {
-        "direct": np.concatenate([centred(display), log, everywhere, arrives], axis=-1),
+        "direct": xp.concatenate([centred(display), log, everywhere, arrives], axis=-1),
         "tint": tint,
         "gain": gain,
-        "brightness": _brightness(example, tint * gain),
+        "brightness": xp.asarray(brightness).reshape(1, 1, 1),
     }
 
 
-def _brightness(example: Example, gain: AnyArray) -> AnyArray:
-    held = see_through(example, GREY) * np.where(example.valid[..., None], gain, np.float32(1))
-    return np.array([[[ToneParams().key / exposure_of(held, ToneParams()).scale / GREY]]])
+def _exposure_scale(image: ArrayOrTensor) -> ArrayOrTensor:
+    """`Exposure.scale` of linear radiance (H, W, 3) by its own log average, a number."""
+    if array_namespace(image) is np:
+        return exposure_of(image, ToneParams()).scale
+    return ToneParams().key / log_average(luminance(image)[None, None])[0, 0, 0, 0]
 
 
-def _both(example: Example, color: AnyArray | None, shading: AnyArray | None) -> AnyArray:
+def _pair(example: Example, color: AnyArray | None, shading: AnyArray | None) -> AnyArray:
     if color is None or shading is None:
-        raise InputError(f"{example.name}: comes without the noisy samples that the network takes")
+        raise InputError(
+            f"{example.name}: has no noisy samples, which the network takes as input; set "
+            "noisy.spp to 1 to 4, then run: pbrnet groundtruth, pbrnet dataset"
+        )
     return np.concatenate([color, shading], axis=-1)
 
 
-def _intensity(intensity: AnyArray) -> AnyArray:
-    mean = float((intensity * solid_angles(*intensity.shape)).sum() / (4 * np.pi))
-    return (intensity / mean if mean > 0 else np.zeros_like(intensity))[..., None]
-
-
-def _stack(images: Sequence[AnyArray]) -> torch.Tensor:
+def _stack(images: Sequence[ArrayOrTensor]) -> torch.Tensor:
+    """Images (H, W, C) as one batch, float32 (N, C, H, W)."""
+    if array_namespace(images[0]) is torch:
+        return torch.stack(list(images)).float().permute(0, 3, 1, 2)
     batch = np.stack(images).astype(np.float32).transpose(0, 3, 1, 2)
     return torch.from_numpy(np.ascontiguousarray(batch))

@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pipeline.tonemap import Exposure
-from scenes.arrays import AnyArray
+from scenes.arrays import AnyArray, ArrayOrTensor
 from scenes.errors import InputError
 from scenes.files import digest_bytes, digest_file
 from scenes.seeds import generator
@@ -59,31 +59,40 @@ SCALARS = (
 _SHARD = re.compile(r"(train|validation|test)-(\d{5})-of-(\d{5})\.parquet")
 
 
-@dataclass(frozen=True)
-class Example:
-    """One view, as the networks meet it; camera frame OpenCV (x right, y down, z forward)."""
+@dataclass(frozen=True, kw_only=True)
+class ViewInputs:
+    """What the networks are given of a view; camera frame OpenCV (x right, y down, z forward).
+
+    NumPy arrays; tensors while a network is exported.
+    """
+
+    depth: ArrayOrTensor  # float32 (H, W), z-depth in metres, 0 where there is no surface
+    normal: ArrayOrTensor  # float32 (H, W, 3), unit, facing the camera
+    reflectance: ArrayOrTensor  # float32 (H, W, 3), linear, [0, 1]
+    valid: ArrayOrTensor  # bool (H, W), whether there is a surface
+    intensity: ArrayOrTensor  # float32 (h, w = 2h), luminance of visible light sources, else 0
+    distance: ArrayOrTensor  # float32 (h, w), metres to them, 0 elsewhere
+    intrinsics: ArrayOrTensor  # float64 (3, 3), pixel centres at +0.5
+    # float32 (h, w, 3), colour of the light sources, of luminance 1; None: white
+    tint: ArrayOrTensor | None = None
+    # float32 (H, W), [0, 1], share of the sources' direct light that arrives; None: all
+    visibility: ArrayOrTensor | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Example(ViewInputs):
+    """One view of the dataset: the networks' inputs and the truth."""
 
     scene_id: str
     view_id: str
-    depth: AnyArray  # float32 (H, W), z-depth in metres, 0 where there is no surface
-    normal: AnyArray  # float32 (H, W, 3), unit, facing the camera
-    reflectance: AnyArray  # float32 (H, W, 3), linear, [0, 1]
-    valid: AnyArray  # bool (H, W), whether there is a surface
-    intensity: AnyArray  # float32 (h, w = 2h), luminance of visible light sources, 0 elsewhere
-    distance: AnyArray  # float32 (h, w), metres to them, 0 elsewhere
-    intrinsics: AnyArray  # float64 (3, 3), pixel centres at +0.5
     shading: AnyArray  # float32 (H, W, 3), linear HDR radiance without textures and colours
     color: AnyArray  # float32 (H, W, 3), linear HDR radiance
     exposure_shading: Exposure  # by shading's own log-average luminance
     exposure_color: Exposure  # by color's own
     noisy_color: AnyArray | None = None  # as color, of few samples of their own; None: not read
     noisy_shading: AnyArray | None = None  # as shading, of the same paths
-    denoised_color: AnyArray | None = None  # what the denoiser makes of noisy_color
-    denoised_shading: AnyArray | None = None  # and of noisy_shading
-    tint: AnyArray | None = None  # float32 (h, w, 3), the lights' colour, luminance 1; None: white
-    visibility: AnyArray | None = (
-        None  # float32 (H, W), share of that light that arrives; None: all
-    )
+    denoised_color: AnyArray | None = None  # noisy_color, denoised
+    denoised_shading: AnyArray | None = None  # noisy_shading, denoised
 
     @property
     def name(self) -> str:

@@ -18,8 +18,8 @@ from model.data.encoding import (
     Tensors,
     color_exposure,
     encode,
-    reflectances,
-    see_through,
+    encode_reflectance,
+    neutral_background,
     to_batch,
     to_image,
 )
@@ -95,14 +95,14 @@ class Networks:
         if shading is None:
             shading = self.shading(example)
         if method in PRODUCTS:
-            given = see_through(example, self.card.albedo)
+            given = neutral_background(example, self.card.albedo)
             color = PRODUCTS[method](given, shading, example.exposure_shading, self.card)
             return Prediction(method, shading, color)
         network = self.modules["composition"]
         composed = self._run(
             "composition",
             lambda given: network(given["shading"], given["reflectance"]),
-            {"shading": to_batch(shading), "reflectance": reflectances([example])},
+            {"shading": to_batch(shading), "reflectance": encode_reflectance([example])},
         )
         return Prediction(method, shading, to_image(composed))
 
@@ -124,7 +124,7 @@ class Networks:
         if made.shading is not None:
             shading = untonemap(made.shading, example.exposure_shading)
         if made.method in PRODUCTS and made.shading is not None:
-            given = see_through(example, self.card.albedo)
+            given = neutral_background(example, self.card.albedo)
             display = made.shading
             color = linear_product(given, display, example.exposure_shading, self.card)
             color_by = example.exposure_shading

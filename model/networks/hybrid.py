@@ -15,10 +15,11 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from model.data.display import decoded, displayed, log_average, luminance
-from model.data.encoding import CHANNELS, SAMPLES, Tensors
+from model.data.display import log_average, luminance, tonemap_exposed
+from model.data.encoding import CHANNELS, NOISY_SAMPLES_CHANNELS, Tensors
 from model.networks.objective import Alone, Batch
 from model.networks.pbrnet import Architecture, UNet
+from scenes.color import decode_srgb
 
 GUIDES = ("depth", "normal", "reflectance")
 LEAST = 0.03  # reflectance that every surface is taken to have beside its own
@@ -33,7 +34,12 @@ class HybridNet(nn.Module):
     def __init__(self, architecture: Architecture) -> None:
         super().__init__()
         guides = sum(CHANNELS[name] for name in GUIDES)
-        self.unet = UNet(guides + 2 * SAMPLES, architecture.width, architecture.levels, SAMPLES)
+        self.unet = UNet(
+            guides + 2 * NOISY_SAMPLES_CHANNELS,
+            architecture.width,
+            architecture.levels,
+            NOISY_SAMPLES_CHANNELS,
+        )
         nn.init.zeros_(self.unet.out.bias)  # type: ignore[arg-type]
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
@@ -42,7 +48,7 @@ class HybridNet(nn.Module):
 
     def parts(self, inputs: Tensors) -> tuple[torch.Tensor, torch.Tensor]:
         """Shading and colour, linear radiance, float32 (N, 3, H, W), not negative."""
-        reflectance = decoded((inputs["reflectance"].float() + 1) / 2) + LEAST
+        reflectance = decode_srgb((inputs["reflectance"].float() + 1) / 2) + LEAST
         noisy, denoised = inputs["noisy"].float(), inputs["denoised"].float()
         known = [inputs[name] for name in GUIDES]
         average = log_average(luminance(denoised[:, 3:]))
@@ -69,7 +75,7 @@ class Exposed(Alone):
         with self.half():
             shading, color = self.network.parts(batch.inputs)
             scale, white = truth["exposure_color"].split(1, dim=1)
-            loss = self.criterion(displayed(color * scale, white), batch.truth)
+            loss = self.criterion(tonemap_exposed(color * scale, white), batch.truth)
         for image, name in ((color, "color"), (shading, "shading")):
             scale = truth[f"exposure_{name}"][:, :1]
             logs = [(scale * each + LOG_FLOOR).log() for each in (image, truth[name])]

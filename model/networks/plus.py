@@ -15,10 +15,11 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from model.data.display import decoded, displayed, luminance, recoloured
-from model.data.encoding import DIRECT, GREY, WHITE, Tensors, centred
+from model.data.display import luminance, tint_display, tonemap_exposed
+from model.data.encoding import DEFAULT_WHITE, DIRECT_LIGHT_CHANNELS, NEUTRAL, Tensors, centred
 from model.networks.objective import Alone, Batch
 from model.networks.pbrnet import Architecture, Branch, GuidedNet, Panorama, UNet
+from scenes.color import decode_srgb
 
 
 class PlusNet(nn.Module):
@@ -39,7 +40,7 @@ class PlusNet(nn.Module):
 
     def parts(self, inputs: Tensors) -> tuple[torch.Tensor, torch.Tensor]:
         """Shading and colour, display values (N, 3, H, W), not clamped."""
-        shading = recoloured(self.shading(inputs).float(), self.color(inputs["tint"]))
+        shading = tint_display(self.shading(inputs).float(), self.color(inputs["tint"]))
         given = inputs["reflectance"]
         valid = inputs["depth"][:, 1:]
         gain = 1 + valid * (inputs["gain"] - 1)  # light from outdoors does not bounce indoors
@@ -56,7 +57,7 @@ class LitNet(GuidedNet):
     def __init__(self, width: int, levels: int, panorama: Panorama) -> None:
         super().__init__(("depth", "normal"), width, levels, panorama)
         branch = max(1, width // 2)
-        self.direct = Branch(DIRECT, branch)
+        self.direct = Branch(DIRECT_LIGHT_CHANNELS, branch)
         self.unet = UNet(5 * branch, width, levels)
         nn.init.zeros_(self.unet.out.bias)  # type: ignore[arg-type]
 
@@ -90,18 +91,18 @@ class LightColor(nn.Module):
 def multiplied(
     shading: torch.Tensor, reflectance: torch.Tensor, gain: torch.Tensor | float = 1.0
 ) -> torch.Tensor:
-    """Reflectance x shading, all in display values (N, 3, H, W): `product` with white at `WHITE`.
+    """Reflectance x shading, all in display values (N, 3, H, W): `product`, white `DEFAULT_WHITE`.
 
     The linear product is multiplied by `gain`; with 1 both images have one exposure, as under the
     policy `shared`. Differentiable everywhere.
     """
-    light = decoded(shading)
+    light = decode_srgb(shading)
     seen = luminance(light)
     half = 0.5 * (1 - seen)
     # Reinhard's operator, solved for the luminance that it was given
-    scaled = seen / (half + torch.sqrt(half**2 + seen / WHITE**2 + 1e-12))
-    linear = light * (scaled / seen.clamp(min=1e-6)) * decoded(reflectance) * (gain / GREY)
-    return displayed(linear, WHITE)
+    scaled = seen / (half + torch.sqrt(half**2 + seen / DEFAULT_WHITE**2 + 1e-12))
+    linear = light * (scaled / seen.clamp(min=1e-6)) * decode_srgb(reflectance) * (gain / NEUTRAL)
+    return tonemap_exposed(linear, DEFAULT_WHITE)
 
 
 class Decomposed(Alone):

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from scenes.arrays import AnyArray
+from scenes.arrays import AnyArray, ArrayOrTensor, array_namespace
 from scenes.color import luminance
 
 CELLS = (32, 64)  # rows and columns of the grid over the sphere that collects the sources
@@ -22,56 +22,86 @@ _CHUNK = 1 << 22  # points x sources held at once
 def sources(radiance: AnyArray, distance: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Return positions (S, 3) in camera axes and radiant intensities (S, 3) of point lights.
 
-    `radiance` is linear RGB (h, w, 3), `distance` metres (h, w). The pixels of a cell of `CELLS`
-    form one point light at their mean position, weighted by intensity. A pixel of radiance L,
-    solid angle w and distance d has the intensity L w d^2: that of an emitter with equal radiance
-    towards the surfaces and towards the camera.
+    `radiance` is linear RGB (h, w, 3), `distance` metres (h, w); the result is float32, one point
+    light for each cell with light, see `cell_sources`.
     """
+    positions, intensities, power = cell_sources(radiance, distance)
+    lit = power > 0
+    return positions[lit].astype(np.float32), intensities[lit].astype(np.float32)
+
+
+def cell_sources(
+    radiance: ArrayOrTensor, distance: ArrayOrTensor
+) -> tuple[ArrayOrTensor, ArrayOrTensor, ArrayOrTensor]:
+    """Return the point lights of all cells of `CELLS`, row by row and dark ones too, in float64.
+
+    Positions (C, 3) in camera axes: the mean of the cell's pixels, weighted by intensity; radiant
+    intensities (C, 3); and their luminances (C,). A pixel of radiance L, solid angle w and
+    distance d has the intensity L w d^2: that of an emitter with equal radiance towards the
+    surfaces and towards the camera.
+    """
+    xp = array_namespace(distance)
+    radiance, distance = (xp.asarray(each, dtype=xp.float64) for each in (radiance, distance))
     height, width = distance.shape
-    edges = np.cos(np.linspace(0, np.pi, height + 1))
-    angle = (edges[:-1] - edges[1:])[:, None] * (2 * np.pi / width)
-    bright = luminance(radiance.astype(np.float64))
-    lit = bright > 0
-    share = (angle * distance.astype(np.float64) ** 2)[lit]
-    power, bands = bright[lit] * share, radiance[lit] * share[:, None]
-    positions = (panorama_directions(height, width) * distance[..., None])[lit]
-    row, column = np.nonzero(lit)
-    cell = row * CELLS[0] // height * CELLS[1] + column * CELLS[1] // width
-    count = CELLS[0] * CELLS[1]
-    total = np.bincount(cell, power, count)
-    kept = total > 0
-    summed = np.stack(
-        [np.bincount(cell, power * positions[:, k], count) for k in range(3)], axis=-1
-    )
-    centre = summed[kept] / total[kept, None]
-    light = np.stack([np.bincount(cell, bands[:, k], count) for k in range(3)], axis=-1)[kept]
-    return centre.astype(np.float32), light.astype(np.float32)
+    edges = xp.cos(xp.arange(height + 1, dtype=xp.float64) * (np.pi / height))
+    solid_angle = (edges[:-1] - edges[1:])[:, None] * (2 * np.pi / width)
+    share = solid_angle * distance**2
+    power, bands = (luminance(radiance) * share)[..., None], radiance * share[..., None]
+    places = panorama_directions(distance) * distance[..., None]
+    row, column = xp.arange(height) * CELLS[0] // height, xp.arange(width) * CELLS[1] // width
+    cell = row[:, None] * CELLS[1] + column
+    sums = _sum_by_cell(cell, xp.concatenate([power, power * places, bands], axis=-1))
+    total = sums[:, 0]
+    positions = sums[:, 1:4] / xp.where(total > 0, total, 1.0)[:, None]
+    return positions, sums[:, 4:], total
 
 
-def panorama_directions(height: int, width: int) -> AnyArray:
-    """Return unit directions (height, width, 3) of a panorama's pixel centres, camera axes."""
-    polar = (np.arange(height) + 0.5)[:, None] / height * np.pi  # from the top row, which is up
-    azimuth = ((np.arange(width) + 0.5)[None] / width * 2 - 1) * np.pi  # from straight ahead
-    x, z = np.sin(polar) * np.sin(azimuth), np.sin(polar) * np.cos(azimuth)
-    return np.stack([x, np.broadcast_to(-np.cos(polar), x.shape), z], axis=-1)
+def _sum_by_cell(cell: ArrayOrTensor, values: ArrayOrTensor) -> ArrayOrTensor:
+    """Sums (C, K) of the values (h, w, K) over each cell's pixels; `cell` (h, w) numbers them."""
+    count, bands = CELLS[0] * CELLS[1], values.shape[-1]
+    cell, values = cell.reshape(-1), values.reshape(-1, bands)
+    xp = array_namespace(values)
+    if xp is np:
+        columns = [np.bincount(cell, values[:, k], count) for k in range(bands)]
+        return np.stack(columns, axis=-1)
+    return xp.zeros((count, bands), dtype=values.dtype).index_add(0, cell, values)
+
+
+def panorama_directions(panorama: ArrayOrTensor) -> ArrayOrTensor:
+    """Unit directions (h, w, 3) of the pixel centres of a panorama (h, w) in camera axes."""
+    xp = array_namespace(panorama)
+    height, width = panorama.shape
+    row, column = (xp.arange(size, dtype=xp.float64) + 0.5 for size in (height, width))
+    polar = row[:, None] / height * np.pi  # from the top row, which is up
+    azimuth = (column[None] / width * 2 - 1) * np.pi  # from straight ahead
+    x, z = xp.sin(polar) * xp.sin(azimuth), xp.sin(polar) * xp.cos(azimuth)
+    return xp.stack([x, xp.broadcast_to(-xp.cos(polar), x.shape), z], axis=-1)
 
 
 def unshadowed_irradiance(
     points: AnyArray, normals: AnyArray, positions: AnyArray
 ) -> Iterator[tuple[slice, AnyArray]]:
-    """Yield the irradiance per radiant intensity, 1/m^2, of each source at each point.
+    """`irradiance_per_intensity` (p, S), for a block of the points at a time to bound memory.
 
-    `points` and unit `normals` are (P, 3), `positions` of the sources (S, 3), in the same axes.
-    Yields (slice of the points, array (p, S)) for some points at a time.
+    Yields the block's slice of the points, and its values.
     """
     step = max(1, _CHUNK // max(1, len(positions)))
     for start in range(0, len(points), step):
-        some = slice(start, start + step)
-        point, normal = points[some], normals[some]
-        squared = (
-            (point**2).sum(axis=1)[:, None] + (positions**2).sum(axis=1) - 2 * point @ positions.T
-        )
-        squared = np.maximum(squared, NEAREST**2)
-        cosine = normal @ positions.T - (normal * point).sum(axis=1)[:, None]
-        np.maximum(cosine, 0, out=cosine)
-        yield some, cosine / (squared * np.sqrt(squared))
+        block = slice(start, start + step)
+        yield block, irradiance_per_intensity(points[block], normals[block], positions)
+
+
+def irradiance_per_intensity(
+    points: ArrayOrTensor, normals: ArrayOrTensor, positions: ArrayOrTensor
+) -> ArrayOrTensor:
+    """Irradiance (P, S) at points (P, 3) from unit point sources at positions (S, 3), in 1/m^2.
+
+    Cosine over squared distance, unshadowed. `normals` (P, 3) are unit; all in the same axes.
+    """
+    xp = array_namespace(points)
+    squared = (
+        (points**2).sum(axis=1)[:, None] + (positions**2).sum(axis=1) - 2 * points @ positions.T
+    )
+    squared = xp.clip(squared, NEAREST**2, None)
+    cosine = normals @ positions.T - (normals * points).sum(axis=1)[:, None]
+    return xp.clip(cosine, 0, None) / (squared * xp.sqrt(squared))

@@ -116,7 +116,7 @@ def _light(scene: RenderScene, view: View, params: IlluminationParams, lights: L
     if not lights.lamps and lights.environment is None:
         return 0.0
     panorama = render_illumination(replace(scene, lights=lights), view, params)["intensity.Y"]
-    return float((panorama * solid_angles(*panorama.shape)).sum())
+    return float((panorama * solid_angles(panorama)).sum())
 
 
 def _only(lights: Lights, chosen: BoolArray, environment: bool) -> Lights:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from model.data.direct_light import direct_shading
-from model.data.encoding import GREY, see_through
+from model.data.encoding import NEUTRAL, neutral_background
 from model.data.reader import Example
 from model.evaluation.inference import Networks
 from model.evaluation.product import linear_product
@@ -168,7 +168,9 @@ def predictions(networks: Networks, example: Example, scale: float) -> Images:
     images = {
         "shading": untonemap(shading, exposure),
         "pbrnet": untonemap(networks.predict("pbrnet", example, shading).color, of_color),
-        "product": linear_product(see_through(example, card.albedo), shading, exposure, card),
+        "product": linear_product(
+            neutral_background(example, card.albedo), shading, exposure, card
+        ),
     }
     for name in networks.baselines:
         images[name] = untonemap(networks.predict(name, example).color, of_color)
@@ -177,7 +179,7 @@ def predictions(networks: Networks, example: Example, scale: float) -> Images:
 
 def direct_image(example: Example) -> AnyArray:
     """The panorama's direct light on the view, (H, W, 3): what no network is needed for."""
-    return direct_shading(example, GREY)
+    return direct_shading(example, NEUTRAL)
 
 
 def level(direct: AnyArray) -> float:

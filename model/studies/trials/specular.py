@@ -21,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import binary_opening, maximum_filter, median_filter
 
-from model.data.direct_light import pixel_directions, seen_sources
+from model.data.direct_light import panorama_lookup, pixel_directions
 from model.data.reader import Example
 from model.evaluation.metrics import flip_map, psnr
 from scenes.arrays import AnyArray, BoolArray
@@ -65,9 +65,9 @@ def measure_apart(truth: AnyArray, image: AnyArray, specular: BoolArray) -> dict
 
 def _light_sources(example: Example) -> BoolArray:
     """Pixels that look at a light source, or a pixel of the panorama past one, (H, W)."""
-    directions = pixel_directions(example.intrinsics, example.depth.shape)
+    directions = pixel_directions(example)
     nearby = maximum_filter(example.intensity, size=3, mode=("nearest", "wrap"))
-    lit: BoolArray = seen_sources(nearby, directions) > 0
+    lit: BoolArray = panorama_lookup(nearby, directions) > 0
     return lit
 
 

@@ -47,10 +47,10 @@ def with_lamp(view: Example, place: tuple[float, float, float], power: float) ->
     metres = float(np.linalg.norm(place))
     toward = np.array(place) / metres
     row, column = np.unravel_index(
-        (panorama_directions(height, width) @ toward).argmax(), (height, width)
+        (panorama_directions(view.intensity) @ toward).argmax(), (height, width)
     )
     intensity, distance = view.intensity.copy(), view.distance.copy()
-    intensity[row, column] = power / (solid_angles(height, width)[row, 0] * metres**2)
+    intensity[row, column] = power / (solid_angles(view.intensity)[row, 0] * metres**2)
     distance[row, column] = metres
     return replace(view, intensity=intensity, distance=distance)
 
@@ -64,7 +64,7 @@ def test_a_lamp_lights_a_wall_by_cosine_and_square_of_distance(
     # where the panorama's pixel has the lamp: its centre is half a pixel off at most
     lamp = sources(panorama_radiance(view), view.distance)[0][0].astype(float)
     assert np.linalg.norm(lamp - place) < np.linalg.norm(place) * np.pi / 128
-    point = pixel_directions(view.intrinsics, SIZE).astype(float) * 2.0
+    point = pixel_directions(view).astype(float) * 2.0
     away = lamp - point
     metres = np.linalg.norm(away, axis=-1)
     expected = 0.5 / np.pi * 3.0 * np.maximum(-away[..., 2] / metres, 0) / metres**2
@@ -111,7 +111,7 @@ def test_the_colour_of_the_light_is_taken_out_and_told() -> None:
     color = np.float32([1.8, 0.85, 0.1])
     color /= luminance(color)
     warm = replace(view, tint=(view.intensity > 0)[..., None] * color)
-    white, told = (encode([each], direct=True) for each in (view, warm))
+    white, told = (encode([each], direct_light=True) for each in (view, warm))
     assert told["tint"].flatten().tolist() == pytest.approx(color.tolist(), rel=1e-3)
     assert white["tint"].flatten().tolist() == pytest.approx([1, 1, 1], rel=1e-5)
     assert np.allclose(told["direct"][:, :4], white["direct"][:, :4], atol=2e-3)
@@ -130,7 +130,7 @@ def test_where_no_surface_is_the_source_behind_it_is_seen() -> None:
 
 def test_no_light_is_black_and_finite() -> None:
     assert not direct_shading(wall(), 0.5).any()
-    assert encode([wall()], direct=True)["direct"].isfinite().all()
+    assert encode([wall()], direct_light=True)["direct"].isfinite().all()
 
 
 def test_direct_light_mirrors_with_its_view_and_ignores_brightness(tmp_path: Path) -> None:
@@ -141,8 +141,8 @@ def test_direct_light_mirrors_with_its_view_and_ignores_brightness(tmp_path: Pat
     assert direct_shading(mirrored(example), 0.5) == pytest.approx(lit[:, ::-1], rel=1e-3)
     brighter = replace(example, intensity=100 * example.intensity)
     for one, other in zip(
-        encode([example], direct=True)["direct"],
-        encode([brighter], direct=True)["direct"],
+        encode([example], direct_light=True)["direct"],
+        encode([brighter], direct_light=True)["direct"],
         strict=True,
     ):
         assert np.allclose(one, other, atol=1e-4)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from model.data.encoding import see_through
+from model.data.encoding import neutral_background
 from model.data.reader import Dataset
 from model.evaluation import evaluate as evaluation
 from model.evaluation.evaluate import LeakError, evaluate
@@ -219,7 +219,9 @@ def test_the_product_shows_the_sky_as_bright_as_shading_does(trained: Folders) -
         reflectance=np.where(sky[..., None], np.float32(0), example.reflectance),
     )
     shading = tonemap(example.shading, example.exposure_shading)
-    image = product(see_through(outside, 0.5), shading, example.exposure_shading, networks.card)
+    image = product(
+        neutral_background(outside, 0.5), shading, example.exposure_shading, networks.card
+    )
     assert np.abs(image - shading)[sky].max() < 2e-3
     inside = product(example.reflectance, shading, example.exposure_shading, networks.card)
     assert np.array_equal(image[~sky], inside[~sky])

@@ -17,7 +17,7 @@ from model.data.encoding import encode, radiances, targets
 from model.data.reader import NOISY_IMAGES, Dataset, Example, mirrored
 from model.evaluation.evaluate import evaluate
 from model.evaluation.inference import load_networks
-from model.networks.hybrid import REACH, Exposed, HybridNet, displayed
+from model.networks.hybrid import REACH, Exposed, HybridNet, tonemap_exposed
 from model.networks.objective import Batch, Setting
 from model.networks.pbrnet import Architecture
 from model.training import train
@@ -73,7 +73,7 @@ def untrained(width: int = 8, levels: int = 3, spread: float = 0.0) -> HybridNet
 
 def parts(network: HybridNet, example: Example) -> tuple[np.ndarray, np.ndarray]:
     with torch.no_grad():
-        shading, color = network.parts(encode([example], noisy=True))
+        shading, color = network.parts(encode([example], noisy_samples=True))
     return shading[0].permute(1, 2, 0).numpy(), color[0].permute(1, 2, 0).numpy()
 
 
@@ -92,11 +92,21 @@ def example_of(rng: np.random.Generator, width: int, height: int) -> Example:
     normal = rng.normal(size=color.shape).astype(np.float32)
     panorama = np.zeros((8, 16), np.float32)
     return Example(
-        "s", "v", 1 + color[..., 0], normal / np.linalg.norm(normal, axis=-1, keepdims=True),
-        rng.random(color.shape, dtype=np.float32), np.ones(color.shape[:2], bool),
-        panorama, panorama, np.eye(3), color, color, Exposure(1, 2), Exposure(1, 2),
-        *(rng.exponential(1, color.shape).astype(np.float32) for _ in range(4)),
-    )  # fmt: skip
+        scene_id="s",
+        view_id="v",
+        depth=1 + color[..., 0],
+        normal=normal / np.linalg.norm(normal, axis=-1, keepdims=True),
+        reflectance=rng.random(color.shape, dtype=np.float32),
+        valid=np.ones(color.shape[:2], bool),
+        intensity=panorama,
+        distance=panorama,
+        intrinsics=np.eye(3),
+        shading=color,
+        color=color,
+        exposure_shading=Exposure(1, 2),
+        exposure_color=Exposure(1, 2),
+        **{name: rng.exponential(1, color.shape).astype(np.float32) for name in NOISY_IMAGES},
+    )
 
 
 def test_it_changes_light_by_a_bounded_factor(view: Example) -> None:
@@ -130,7 +140,7 @@ def test_no_light_and_far_too_much_of_it(view: Example, spoil: str) -> None:
     network = untrained(spread=1.0)
     images = parts(network, spoiled)
     assert all(np.isfinite(image).all() and image.min() >= 0 for image in images)
-    exposed_loss(network, spoiled, encode([spoiled], noisy=True)).backward()  # type: ignore[no-untyped-call]
+    exposed_loss(network, spoiled, encode([spoiled], noisy_samples=True)).backward()  # type: ignore[no-untyped-call]
     assert all(p.grad is not None and p.grad.isfinite().all() for p in network.parameters())
 
 
@@ -139,7 +149,7 @@ def test_what_the_loss_sees_is_what_is_displayed() -> None:
     image = rng.exponential(1, (20, 30, 3)).astype(np.float32)
     exposure = Exposure(1.7, 6.0)
     scaled = torch.from_numpy(exposure.scale * image.transpose(2, 0, 1).copy())[None]
-    found = displayed(scaled, torch.full((1, 1, 1, 1), exposure.white))
+    found = tonemap_exposed(scaled, torch.full((1, 1, 1, 1), exposure.white))
     np.testing.assert_allclose(
         found[0].permute(1, 2, 0).numpy(), tonemap(image, exposure), atol=1e-4
     )
@@ -158,7 +168,7 @@ def exposed_loss(network: HybridNet, example: Example, inputs: dict[str, Any]) -
 
 def test_it_learns_what_the_denoiser_does_wrong(view: Example) -> None:
     network = untrained(width=12, levels=3, spread=0.01)
-    inputs = encode([view], noisy=True)
+    inputs = encode([view], noisy_samples=True)
     optimiser = torch.optim.Adam(network.parameters(), 3e-3)
     truth = tonemap(view.color, view.exposure_shading)
 
@@ -181,8 +191,8 @@ def test_samples_are_read_where_asked_for_and_turn_with_the_view(tmp_path: Path)
     write_shard(tmp_path / "train-00000-of-00001.parquet", rows)
     (plain,) = Dataset(tmp_path, "train").ordered()
     assert plain.noisy_color is None and mirrored(plain).noisy_shading is None
-    with pytest.raises(InputError, match=r"a/v000: comes without the noisy samples"):
-        encode([plain], noisy=True)
+    with pytest.raises(InputError, match=r"a/v000: has no noisy samples"):
+        encode([plain], noisy_samples=True)
     (example,) = Dataset(tmp_path, "train", noisy=True).ordered()
     for name in NOISY_IMAGES:
         assert np.array_equal(getattr(example, name), rows[0][name].astype(np.float32))

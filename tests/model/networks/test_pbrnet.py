@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import nn
 
-from model.data.encoding import CHANNELS, DIRECT, SAMPLES
+from model.data.encoding import CHANNELS, DIRECT_LIGHT_CHANNELS, NOISY_SAMPLES_CHANNELS
 from model.methods import build_network
 from model.networks.pbrnet import Architecture, Kind, NormalPanorama, Panorama, averaged, look_up
 from model.training.backbone import EfficientNetLite0, Vgg19
@@ -25,8 +25,8 @@ def inputs(
     random = torch.Generator().manual_seed(0)
     tensors = {}
     more: dict[Kind, dict[str, int]] = {
-        "plus": {"direct": DIRECT, "tint": 3, "gain": 3},
-        "hybrid": {"noisy": SAMPLES, "denoised": SAMPLES},
+        "plus": {"direct": DIRECT_LIGHT_CHANNELS, "tint": 3, "gain": 3},
+        "hybrid": {"noisy": NOISY_SAMPLES_CHANNELS, "denoised": NOISY_SAMPLES_CHANNELS},
     }
     for name, channels in {**CHANNELS, **(more.get(kind, {}) if kind else {})}.items():
         sizes = {

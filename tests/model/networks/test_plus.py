@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from model.data import display
-from model.data.encoding import WHITE, encode, interreflection
+from model.data.encoding import DEFAULT_WHITE, encode, interreflection
 from model.data.reader import Dataset
 from model.evaluation.product import linear_product
 from model.networks.pbrnet import Architecture
@@ -31,7 +31,7 @@ def test_the_product_in_the_network_is_the_product() -> None:
     rng = np.random.default_rng(0)
     shading = rng.random((30, 40, 3), dtype=np.float32)
     reflectance = rng.random((30, 40, 3), dtype=np.float32)
-    exposure = Exposure(1.0, WHITE)
+    exposure = Exposure(1.0, DEFAULT_WHITE)
     expected = tonemap(linear_product(reflectance, shading, exposure, Card()), exposure)  # type: ignore[arg-type]
     given = [torch.from_numpy(i.transpose(2, 0, 1).copy())[None]
              for i in (shading, encode_srgb(reflectance))]  # fmt: skip
@@ -52,10 +52,12 @@ def test_it_starts_as_the_room_without_shadows(tmp_path: Path) -> None:
     network = PlusNet(Architecture("plus", 8, 3))
     for unet in (network.shading.unet, network.correction):
         torch.nn.init.zeros_(unet.out.weight)
-    given = encode([example], direct=True)
+    given = encode([example], direct_light=True)
     with torch.no_grad():
         shading, color = network.parts(given)
-    assert torch.equal(shading, display.recoloured((given["direct"][:, :3] + 1) / 2, given["tint"]))
+    assert torch.equal(
+        shading, display.tint_display((given["direct"][:, :3] + 1) / 2, given["tint"])
+    )
     gain = 1 + given["depth"][:, 1:] * (given["gain"] - 1)
     assert torch.equal(color, multiplied(shading, (given["reflectance"] + 1) / 2, gain))
 
@@ -64,10 +66,10 @@ def test_light_bounces_as_in_an_integrating_sphere(tmp_path: Path) -> None:
     """Worked by hand: with nine tenths returned, red walls of 0.8 hold 0.55 / 0.28 of grey's."""
     example = next(Dataset(box_dataset(tmp_path) / "dataset", "train").ordered())
     walls = np.where(example.valid[..., None], np.float32([0.8, 0.5, 0.0]), 0)
-    found = encode([replace(example, reflectance=walls)], direct=True)["gain"]
+    found = encode([replace(example, reflectance=walls)], direct_light=True)["gain"]
     assert found.flatten().tolist() == pytest.approx([0.55 / 0.28, 1.0, 0.55])
     nothing = replace(example, valid=np.zeros_like(example.valid), reflectance=0 * walls)
-    assert encode([nothing], direct=True)["gain"].flatten().tolist() == [1, 1, 1]
+    assert encode([nothing], direct_light=True)["gain"].flatten().tolist() == [1, 1, 1]
 
 
 def test_what_is_seen_outdoors_takes_no_colour_from_the_room(tmp_path: Path) -> None:
@@ -77,7 +79,7 @@ def test_what_is_seen_outdoors_takes_no_colour_from_the_room(tmp_path: Path) -> 
     network = PlusNet(Architecture("plus", 8, 3))
     for unet in (network.shading.unet, network.correction):
         torch.nn.init.zeros_(unet.out.weight)
-    given = encode([replace(example, valid=valid)], direct=True)
+    given = encode([replace(example, valid=valid)], direct_light=True)
     given["reflectance"] = torch.zeros_like(given["reflectance"])  # the grey of display values
     given["gain"] = torch.tensor([1.5, 1.0, 0.5]).reshape(1, 3, 1, 1)
     with torch.no_grad():
@@ -94,13 +96,13 @@ def test_under_the_policy_own_its_product_has_an_exposure_of_its_own(tmp_path: P
     for unet in (network.shading.unet, network.correction):
         torch.nn.init.zeros_(unet.out.weight)
     for view in (example, dark):
-        given = encode([view], direct=True)
+        given = encode([view], direct_light=True)
         with torch.no_grad():
             shading, color = network.parts(given)
-        light = untonemap(shading[0].permute(1, 2, 0).numpy(), Exposure(1.0, WHITE))
+        light = untonemap(shading[0].permute(1, 2, 0).numpy(), Exposure(1.0, DEFAULT_WHITE))
         held = light * view.reflectance / 0.5 * interreflection(view)
         own = exposure_of(held, ToneParams())
-        expected = tonemap(held, Exposure(own.scale, WHITE))
+        expected = tonemap(held, Exposure(own.scale, DEFAULT_WHITE))
         assert color[0].permute(1, 2, 0).numpy() == pytest.approx(expected, abs=0.03)
         assert 0.3 < float(color.mean()) < 0.7, "neither too dark nor too bright"
 
@@ -117,8 +119,8 @@ def test_its_room_has_the_colour_of_its_light(tmp_path: Path) -> None:
     for tint in (np.ones(3, np.float32), color):
         view = replace(example, tint=(example.intensity > 0)[..., None] * tint)
         with torch.no_grad():
-            shading = network.parts(encode([view], direct=True))[0]
-        seen.append(untonemap(shading[0].permute(1, 2, 0).numpy(), Exposure(1.0, WHITE)))
+            shading = network.parts(encode([view], direct_light=True))[0]
+        seen.append(untonemap(shading[0].permute(1, 2, 0).numpy(), Exposure(1.0, DEFAULT_WHITE)))
     unclipped = (seen[0] > 0.02).all(axis=-1) & (seen[0] < 0.3).all(axis=-1)
     assert unclipped.sum() > 100
     expected = np.broadcast_to(color, seen[0].shape)[unclipped]
@@ -149,6 +151,6 @@ def test_any_size_and_no_light(tmp_path: Path) -> None:
     dark = replace(example, intensity=0 * example.intensity)
     network = PlusNet(Architecture("plus", 8, 4)).eval()
     with torch.no_grad():
-        color = network(encode([dark], direct=True))
+        color = network(encode([dark], direct_light=True))
     assert color.shape == (1, 3, 23, 37)
     assert color.isfinite().all()

@@ -1,66 +1,102 @@
-"""The exported networks say the same as the networks, to whoever opens the file."""
+"""The exported networks and their encoding give what the package gives, at any size."""
 
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from PIL import Image
 
-from model.data.encoding import encode
-from model.data.reader import Dataset, Example
-from model.evaluation.inference import Networks, load_networks
-from model.release.onnx_export import GRID, INPUTS, Chain, export_onnx, on_grid
-from model.training import train as training
-from model.training.backbone import make_backbone
-from model.training.train import Folders, train_network
-from pipeline.params import BackboneParams, Params, StageTrainParams, TrainParams
+from model.data.encoding import Policy, Tensors, encode, encode_inputs
+from model.data.reader import Example, ViewInputs
+from model.networks.pbrnet import Panorama
+from model.release.onnx_export import (
+    GRID,
+    PLUS_INPUTS,
+    ExportedMethod,
+    export_onnx,
+    exported_inputs,
+    on_grid,
+)
 from scenes.errors import MachineError
-from tests.fixtures.model import box_dataset
 from tests.fixtures.paths import ROOT
-
-SMALL = StageTrainParams(epochs=1, width=4, levels=3)
-
-
-@pytest.fixture(scope="module", params=["normal", "resize"])
-def trained(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Folders:
-    """Both networks, barely trained, beside their dataset."""
-    root = tmp_path_factory.mktemp("export")
-    folders = Folders(*(root / part for part in ("data", "models", "metrics", "plots", "models")))
-    box_dataset(folders.data, 4, 0, 2, width=37, height=23, panorama=40)
-    make_backbone(BackboneParams(network="efficientnet_lite0"), folders.models)
-    train = TrainParams(panorama=request.param, shading=SMALL, composition=SMALL)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training.os, "sched_getaffinity", lambda _process: {0})
-        for name in ("shading", "composition"):
-            train_network(name, Params(train=train), folders)
-    return folders
+from tests.model.release.conftest import ExportedFile, untrained
 
 
-def columns(example: Example) -> dict[str, Any]:
-    return {name: getattr(example, name).astype(np.float32) for name in INPUTS}
+def columns(example: Example) -> dict[str, torch.Tensor]:
+    """All inputs that an exported file may take, float32."""
+    given = {name: getattr(example, name) for name in PLUS_INPUTS if name != "K"}
+    given |= {"K": example.intrinsics, "visibility": example.visibility}
+    return {
+        name: torch.from_numpy(value.astype(np.float32))
+        for name, value in given.items()
+        if value is not None
+    }
 
 
-def predicted(networks: Networks, example: Example) -> tuple[Any, Any]:
-    made = networks.predict("pbrnet", example)
-    return made.shading, made.color
+def traced_encoding(example: Example) -> Tensors:
+    """The encoder's inputs for `plus`, computed with tensors as in the exported graph."""
+    given = columns(example)
+    given["intrinsics"] = given.pop("K")
+    view = ViewInputs(**{**given, "valid": given["valid"] > 0})
+    return encode_inputs([view], direct_light=True)
 
 
-def test_the_chain_is_the_two_networks_with_their_encoding(trained: Folders) -> None:
-    networks = load_networks(trained.models)
-    for example in Dataset(trained.data / "dataset", "test").ordered():
-        given = {name: torch.from_numpy(value) for name, value in columns(example).items()}
+def test_the_encoder_gives_the_same_for_tensors_and_for_arrays(views: list[Example]) -> None:
+    unlit = replace(views[0], intensity=0 * views[0].intensity, distance=0 * views[0].distance)
+    sky = replace(views[0], valid=np.zeros_like(views[0].valid))
+    for example in (*views, replace(views[0], visibility=None), unlit, sky):
+        ours, theirs = traced_encoding(example), encode([example], direct_light=True)
+        assert ours.keys() == theirs.keys()
+        for name, value in theirs.items():
+            assert ours[name].shape == value.shape and ours[name].dtype == torch.float32
+            assert ours[name].numpy() == pytest.approx(value.numpy(), rel=1e-3, abs=2e-3), name
+
+
+def test_without_light_all_inputs_stay_dark(views: list[Example]) -> None:
+    dark = replace(views[0], intensity=0 * views[0].intensity, distance=0 * views[0].distance)
+    for given in (traced_encoding(dark), encode([dark], direct_light=True)):
+        assert not given["intensity"].any()
+        assert (given["direct"][:, :3] == -1).all(), "black, centred"
+        assert given["tint"].flatten().tolist() == [1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("method", "panorama", "exposure", "shadows"),
+    [
+        ("pbrnet", "normal", "shared", False),
+        ("pbrnet", "resize", "shared", False),
+        ("plus", "normal", "shared", False),
+        ("plus", "normal", "own", False),
+        ("plus", "normal", "own", True),
+    ],
+)
+def test_the_exported_module_draws_what_the_method_draws(
+    method: str,
+    panorama: Panorama,
+    exposure: Policy,
+    shadows: bool,
+    views: list[Example],
+    tmp_path: Path,
+) -> None:
+    """Sky included: there the networks are shown a grey, not the dataset's black."""
+    networks = untrained(tmp_path, method, panorama, exposure, shadows)
+    names = exported_inputs(networks)
+    assert ("K" in names, "visibility" in names) == (method == "plus", shadows)
+    chain = ExportedMethod(networks).eval()
+    dark = replace(views[0], intensity=0 * views[0].intensity, distance=0 * views[0].distance)
+    for example in (*views, dark):
+        given = columns(example)
+        made = networks.predict(method, example)
         with torch.no_grad():
-            made = Chain(networks)(**given)
-        for ours, theirs in zip(made, predicted(networks, example), strict=True):
-            assert np.abs(ours.numpy() - theirs).max() < 1e-4
+            shading, color = chain(**{name: given[name] for name in names})
+        assert made.shading is not None and made.color.std() > 0.02
+        assert np.abs(shading.numpy() - made.shading).max() < 1e-3
+        assert np.abs(color.numpy() - made.color).max() < 1e-3
 
 
 @pytest.mark.parametrize("size", [(16, 32), (32, 64), (33, 66), (80, 160), (100, 200)])
@@ -70,57 +106,38 @@ def test_averaging_on_the_grid_is_adaptive_pooling(size: tuple[int, int]) -> Non
     assert torch.allclose(on_grid(panorama), pooled, atol=1e-5)
 
 
-def test_a_dark_panorama_stays_dark(trained: Folders) -> None:
-    networks = load_networks(trained.models)
-    example = next(Dataset(trained.data / "dataset", "test").ordered())
-    dark = replace(example, intensity=example.intensity * 0, distance=example.distance * 0)
-    assert float(encode([dark])["intensity"].abs().sum()) == 0
-    given = {name: torch.from_numpy(value) for name, value in columns(dark).items()}
-    with torch.no_grad():
-        shading, _ = Chain(networks)(**given)
-    assert np.abs(shading.numpy() - networks.shading(dark)).max() < 1e-4
-
-
 def test_without_the_packages_it_says_how_to_get_them(
-    trained: Folders, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    networks = untrained(tmp_path / "models", "pbrnet")
     monkeypatch.setattr("model.release.onnx_export.importlib.util.find_spec", lambda _name: None)
+    (tmp_path / "out").mkdir()
     with pytest.raises(MachineError, match=r"pip install 'pbrnet\[onnx\]'"):
-        export_onnx(load_networks(trained.models), tmp_path / "model.onnx")
-    assert list(tmp_path.iterdir()) == []
+        export_onnx(networks, tmp_path / "out" / "model.onnx")
+    assert list((tmp_path / "out").iterdir()) == []
 
 
 @pytest.mark.slow
-def test_the_file_draws_the_same_pictures_of_any_size(trained: Folders, tmp_path: Path) -> None:
-    runtime = pytest.importorskip("onnxruntime", reason="the extra pbrnet[onnx] is not installed")
-    pytest.importorskip("onnxscript", reason="the extra pbrnet[onnx] is not installed")
-    networks = load_networks(trained.models)
-    path = tmp_path / "model.onnx"
-    export_onnx(networks, path)
-    assert [file.name for file in tmp_path.iterdir()] == ["model.onnx"]  # weights inside
-    session = runtime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-    facts = session.get_modelmeta().custom_metadata_map
-    assert json.loads(facts["shading"])["sha256"] == networks.cards["shading"].sha256
-    for index, (width, height, panorama) in enumerate(((37, 23, 40), (64, 48, 64), (9, 7, 128))):
-        box_dataset(tmp_path / str(index), 0, 0, 2, width=width, height=height, panorama=panorama)
-        folder = tmp_path / str(index) / "dataset"
-        example = next(Dataset(folder, "test").ordered())
-        made = session.run(None, columns(example))
-        for ours, theirs in zip(made, predicted(networks, example), strict=True):
-            assert ours.shape == (height, width, 3)
-            assert np.abs(ours - theirs).max() < 1e-3
-
-    example_script = ROOT / "examples" / "consume" / "with_onnx.py"
-    guard = "import sys; sys.modules['torch'] = None; sys.argv = sys.argv[1:]; import runpy; "
-    guard += "runpy.run_path(sys.argv[0])"
-    words = [str(example_script), str(path), str(tmp_path / "1" / "dataset")]
-    done = subprocess.run(
-        [sys.executable, "-c", guard, *words],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert done.returncode == 0, done.stderr
-    with Image.open(tmp_path / "picture.png") as image:
-        assert image.size == (128, 48)
+@pytest.mark.parametrize(
+    ("method", "panorama"), [("pbrnet", "normal"), ("pbrnet", "resize"), ("plus", "normal")]
+)
+def test_the_file_draws_the_same_pictures_of_any_size(
+    method: str, panorama: Panorama, views: list[Example], exported: Callable[..., ExportedFile]
+) -> None:
+    made = exported(method, panorama)
+    assert [file.name for file in made.path.parent.iterdir()] == ["model.onnx"]  # weights inside
+    weights = sum(4 * card.parameters for card in made.networks.cards.values())
+    assert made.path.stat().st_size < weights + 250_000
+    assert str(ROOT).encode() not in made.path.read_bytes()
+    facts = made.session.get_modelmeta().custom_metadata_map
+    for name, card in made.networks.cards.items():
+        assert json.loads(facts[name])["sha256"] == card.sha256
+    names = [given.name for given in made.session.get_inputs()]
+    assert names == exported_inputs(made.networks)
+    for example in views:
+        given = columns(example)
+        expected = made.networks.predict(method, example)
+        shading, color = made.session.run(None, {name: given[name].numpy() for name in names})
+        assert color.shape == example.color.shape
+        assert np.abs(color - expected.color).max() < 1e-3
+        assert np.abs(shading - expected.shading).max() < 1e-3

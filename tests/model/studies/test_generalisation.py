@@ -110,7 +110,7 @@ def matte_view() -> Example:
     fields |= {"intensity": dark, "intrinsics": row["K"].reshape(3, 3)}
     color = 2 * images["reflectance"] * images["shading"]
     valid = np.ones(row["depth"].shape, bool)
-    return Example("a", "v", valid=valid, color=color, **images, **fields)
+    return Example(scene_id="a", view_id="v", valid=valid, color=color, **images, **fields)
 
 
 def test_a_mirror_is_found_and_nothing_else() -> None:

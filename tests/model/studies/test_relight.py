@@ -80,7 +80,7 @@ def test_sources_are_told_apart(tmp_path: Path) -> None:
     opened = open_scene(scene)
     seen = sources_of(opened, view, PARAMS.illumination)
     lit = render_illumination(opened, view, PARAMS.illumination)["intensity.Y"]
-    total = float((lit * solid_angles(*lit.shape)).sum())
+    total = float((lit * solid_angles(lit)).sum())
     assert seen.lamps + seen.outdoors == pytest.approx(total, rel=1e-4)
     # A ball of radiance 3 and radius 0.15 m, seen whole from a metre and a half away.
     away = np.linalg.norm(np.array([0.5, 0.8, 2.5]) - view.eye)
@@ -158,7 +158,7 @@ def test_the_added_lamp_is_at_the_left_rear_and_in_the_panorama(
     _, columns = np.nonzero(more > 1e-6)
     assert len(columns) and columns.max() < width / 4, "in the left quarter, which is the left rear"
     cap = 2 * math.pi * (1 - math.sqrt(1 - (RADIUS / np.linalg.norm(local)) ** 2))
-    assert float((more * solid_angles(*more.shape)).sum()) == pytest.approx(7.0 * cap, rel=0.03)
+    assert float((more * solid_angles(more)).sum()) == pytest.approx(7.0 * cap, rel=0.03)
 
 
 def test_a_lamp_is_never_put_inside_furniture(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from model.data.direct_light import surface_light
+from model.data.direct_light import direct_light
 from model.data.encoding import encode
 from model.evaluation.predict import example_of
 from pipeline.frames import Channels, kinds_of
@@ -204,9 +204,9 @@ def test_what_is_given_to_the_network_has_the_shadows(tmp_path: Path) -> None:
     example = example_of(view, render_inputs(scene, view), light, Card(), None)  # type: ignore[arg-type]
     bare = replace(example, visibility=None)
     assert example.visibility is not None
-    shaded, lit = surface_light(example, 0.5), surface_light(bare, 0.5)
+    shaded, lit = (direct_light(each, 0.5)[0] for each in (example, bare))
     assert np.array_equal(shaded, lit * example.visibility[..., None])
-    direct, plain = (encode([each], direct=True)["direct"] for each in (example, bare))
+    direct, plain = (encode([each], direct_light=True)["direct"] for each in (example, bare))
     assert np.array_equal(direct[0, -1].numpy(), example.visibility)
     assert (plain[0, -1] == 1).all() and not np.array_equal(direct[0, 0], plain[0, 0])
 

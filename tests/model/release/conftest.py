@@ -1,0 +1,90 @@
+"""Views and exported files that the tests of ONNX export share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model.data.encoding import Policy
+from model.data.reader import Dataset, Example
+from model.evaluation.inference import Networks, load_networks
+from model.networks.pbrnet import Panorama
+from model.release.onnx_export import export_onnx
+from tests.fixtures.model import box_dataset
+from tests.fixtures.predictor import untrained_models
+
+SIZES = ((37, 23, 40), (64, 48, 64), (9, 7, 128))  # width, height, panorama width
+
+
+@dataclass(frozen=True)
+class ExportedFile:
+    """Networks and the ONNX file made of them."""
+
+    networks: Networks
+    path: Path
+    session: Any  # onnxruntime's
+
+
+def untrained(
+    models: Path,
+    method: str,
+    panorama: Panorama = "normal",
+    exposure: Policy = "shared",
+    shadows: bool = False,
+) -> Networks:
+    """The method's networks with random weights, saved in `models`."""
+    names = ("plus",) if method == "plus" else ("shading", "composition")
+    untrained_models(models, names, levels=2, panorama=panorama, exposure=exposure, shadows=shadows)
+    return load_networks(models, [method])
+
+
+@pytest.fixture(scope="session")
+def views(tmp_path_factory: pytest.TempPathFactory) -> list[Example]:
+    """Views of `SIZES`: each with sky, a lamp in view, lights of many colours, and shadows."""
+    folder = tmp_path_factory.mktemp("views")
+    found = []
+    for width, height, panorama in SIZES:
+        size = {"width": width, "height": height, "panorama": panorama}
+        data = box_dataset(folder / str(width), 0, 0, 2, **size)
+        example = next(Dataset(data / "dataset", "test").ordered())
+        sky = np.zeros_like(example.valid)
+        sky[:3, : width // 2] = True
+        random = np.random.default_rng(width)
+        colors = random.uniform(0.3, 2, (panorama // 2, panorama, 3))
+        found.append(
+            replace(
+                example,
+                valid=~sky,
+                depth=np.where(sky, 0, example.depth).astype(np.float32),
+                normal=np.where(sky[..., None], 0, example.normal).astype(np.float32),
+                reflectance=np.where(sky[..., None], 0, example.reflectance).astype(np.float32),
+                tint=colors.astype(np.float32),
+                visibility=random.integers(0, 9, sky.shape).astype(np.float32) / 8,
+            )
+        )
+    return found
+
+
+@pytest.fixture(scope="session")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., ExportedFile]:
+    """Export a method's networks, each once a session; `plus` is given shadows."""
+    runtime = pytest.importorskip("onnxruntime", reason="the extra pbrnet[onnx] is not installed")
+    pytest.importorskip("onnxscript", reason="the extra pbrnet[onnx] is not installed")
+
+    @cache
+    def make(method: str, panorama: Panorama) -> ExportedFile:
+        folder = tmp_path_factory.mktemp("exported")
+        networks = untrained(folder / "models", method, panorama, shadows=method == "plus")
+        path = folder / "file" / "model.onnx"
+        path.parent.mkdir()
+        export_onnx(networks, path)
+        session = runtime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+        return ExportedFile(networks, path, session)
+
+    return lambda method, panorama="normal": make(method, panorama)
