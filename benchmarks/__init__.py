@@ -1,1 +1,1 @@
-"""Measured ratios: `make bench`."""
+"""Benchmarks: `make bench`."""

@@ -1,4 +1,4 @@
-"""What the rows are measured on: homes from seeds, their views, and how much work each row is."""
+"""Scenes, views and amounts of work of the benchmarks."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ dataset: {{splits: {{test: 0, validation: 0}}, row_group: 16, checks: {{max_nois
 
 @dataclass(frozen=True)
 class Sizes:
-    """How much work: `FULL` is what counts, under half an hour on two quiet cores."""
+    """Amounts of work; `FULL` takes about half an hour on two idle cores."""
 
     homes: int = 6  # more than workers, as in any dataset
     lit: int = 6  # more homes, for equal-time error
@@ -62,7 +62,7 @@ SMALL = Sizes(  # for trying the program: its figures mean nothing
 
 
 class Bench:
-    """Homes in a folder, made when first asked for."""
+    """Homes and views in a folder, made on first use."""
 
     def __init__(self, folder: Path, sizes: Sizes, tools: Path) -> None:
         self.folder, self.sizes = folder, sizes
@@ -72,7 +72,7 @@ class Bench:
 
     @cached_property
     def params(self) -> Params:
-        """Those of the stages."""
+        """Parameters of the stages."""
         sizes = self.sizes
         text = _PARAMETERS.format(homes=sizes.homes, views=sizes.views, spp=sizes.spp)
         write_text(self.parameters, text)
@@ -80,29 +80,29 @@ class Bench:
 
     @cached_property
     def views(self) -> dict[str, list[View]]:
-        """Views of each home, at the stages' size."""
+        """Views of each home, at the size of the stages."""
         return _made(self.data, self.params)
 
     @cached_property
     def lit(self) -> dict[str, list[View]]:
-        """A view each of homes with lamps in at least three rooms, by day, evening and night."""
+        """One view of each home with lamps in at least three rooms, by day, evening and night."""
         file = self.folder / "lit.yaml"
         write_text(file, _LIT.format(homes=self.sizes.lit))
         return _made(self.folder / "lit", load_params(file))
 
     @property
     def home(self) -> str:
-        """The home with the most views, the first of them."""
+        """Name of the home with the most views."""
         return max(self.views, key=lambda name: len(self.views[name]))
 
     def open(self, name: str, lit: bool = False) -> RenderScene:
-        """A home of `views`, or of `lit`, ready to render; its views are known then."""
+        """Open a home of `views`, or of `lit`, for rendering."""
         assert name in (self.lit if lit else self.views)
         return open_scene(load_scene((self.folder / "lit" if lit else self.data) / "scenes" / name))
 
 
 def _made(data: Path, params: Params) -> dict[str, list[View]]:
-    """Homes and cameras below `data`; views by home."""
+    """Make homes and cameras below `data`; return the views by home."""
     run_scenes(data, params)
     run_cameras(data, params)
     names = [path.name for path in scene_folders(data / "scenes")]
@@ -110,14 +110,14 @@ def _made(data: Path, params: Params) -> dict[str, list[View]]:
 
 
 def resized(view: View, size: tuple[int, int]) -> View:
-    """The same camera with so many pixels, (width, height)."""
+    """Return the same camera with another image size (width, height)."""
     width, height = size
     matrix = as_matrix(intrinsics_of(ImageParams(width=width, height=height)))
     return replace(view, width=width, height=height, K=matrix)
 
 
 def python(*words: str) -> None:
-    """Run this interpreter in a process of its own, in the project's folder."""
+    """Run this interpreter as a separate process in the project folder."""
     command = [sys.executable, *words]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     if done.returncode != 0:
@@ -125,16 +125,15 @@ def python(*words: str) -> None:
 
 
 def pixels(truth: Truth) -> Float64Array:
-    """The image of a truth, (H, W, 3)."""
+    """Return the image of a render, (H, W, 3)."""
     return np.stack([truth[0][band] for band in "RGB"], axis=-1).astype(np.float64)
 
 
 class Reference:
-    """A long render in two independent halves, so that its own error is known.
+    """A long render in two independent halves, whose difference gives its own error.
 
-    Errors against it are mean squared ones over the squared mean, with both images cut at what
-    99 % of the reference's values are below: the last per cent is lamps and the sky, whose
-    brightness would outweigh the room.
+    Errors are mean squared errors over the squared mean. Both images are clamped at the 99 %
+    quantile of the reference: lamps and sky above it would outweigh the room.
     """
 
     def __init__(self, first: npt.ArrayLike, second: npt.ArrayLike) -> None:
@@ -145,8 +144,7 @@ class Reference:
         self.own = self._squares(halves[0], halves[1]) / 4
 
     def error(self, image: npt.ArrayLike) -> float:
-        """Relative squared error of an image that shares no samples with the reference; its own
-        error is taken off."""
+        """Return the relative squared error of an image, minus the reference's own error."""
         return max(self._squares(np.asarray(image, np.float64), self.image) - self.own, 1e-12)
 
     def _squares(self, first: AnyArray, second: AnyArray) -> float:

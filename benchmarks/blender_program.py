@@ -1,15 +1,15 @@
-"""Blender Cycles renders a clay scene: run by the interpreter of an environment that has `bpy`.
+"""Render server for Blender Cycles, run by an interpreter that has `bpy`.
 
     python -P blender_program.py SCENE.json
 
-SCENE.json is what `benchmarks.clay` writes: PLY meshes with a diffuse colour each, a camera, a
-constant sky, windows. The program imports nothing of pbrnet. It answers each line on standard
-input, {"spp": 64, "seed": 1, "portals": false, "out": "image.exr"}, with one on standard
-output that begins with "@": the seconds that rendering took, by processor and by the clock.
+SCENE.json is written by `benchmarks.clay`: PLY meshes with a diffuse colour each, a camera, a
+constant sky, and windows. The program imports nothing of pbrnet. For each line on standard input,
+{"spp": 64, "seed": 1, "portals": false, "out": "image.exr"}, it prints a line that begins with "@":
+the rendering time in processor and wall seconds.
 
-No denoiser, no clamping, no adaptive sampling, no light tree to get wrong with a single light;
-one-pixel box filter, linear Rec. 709: what is compared is path tracing. Data stay in memory
-between renders (`use_persistent_data`), so that from the second on only rendering is timed.
+The settings are those of a plain path tracer: no denoiser, clamping, adaptive sampling or light
+tree; one-pixel box filter, linear Rec. 709. Data stay in memory between renders
+(`use_persistent_data`), so that from the second render on only rendering is timed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from mathutils import Matrix, Vector
 
 
 def main(path: Path) -> None:
-    """Build the scene, then render as asked until standard input ends."""
+    """Build the scene, then render the requests until standard input ends."""
     description = json.loads(path.read_text(encoding="utf-8"))
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
@@ -42,12 +42,12 @@ def main(path: Path) -> None:
 
 
 def answer(**fields: Any) -> None:
-    """One line that the other side reads; Blender itself writes there, too."""
+    """Print one answer line; Blender itself prints to the same stream."""
     print("@" + json.dumps(fields), flush=True)
 
 
 def add_mesh(file: Path, name: str, reflectance: list[float]) -> None:
-    """A mesh with a diffuse material, facetted."""
+    """Add a flat-shaded mesh with a diffuse material."""
     bpy.ops.wm.ply_import(filepath=str(file), forward_axis="Y", up_axis="Z", merge_verts=False)
     thing = bpy.context.selected_objects[0]
     material = bpy.data.materials.new(name)
@@ -65,7 +65,7 @@ def add_mesh(file: Path, name: str, reflectance: list[float]) -> None:
 
 
 def add_sky(scene: Any, radiance: float) -> None:
-    """The same radiance from everywhere."""
+    """Add a constant environment."""
     world = bpy.data.worlds.new("sky")
     world.use_nodes = True
     background = world.node_tree.nodes["Background"]
@@ -75,7 +75,7 @@ def add_sky(scene: Any, radiance: float) -> None:
 
 
 def add_camera(scene: Any, camera: dict[str, Any]) -> None:
-    """`camera_to_world` comes in OpenCV axes; Blender's camera looks along -z, y up."""
+    """Add a camera from `camera_to_world` in OpenCV axes; Blender's looks along -z, y up."""
     data = bpy.data.cameras.new("camera")
     data.sensor_fit = "HORIZONTAL"
     data.angle = camera["fov_x"]
@@ -87,8 +87,7 @@ def add_camera(scene: Any, camera: dict[str, Any]) -> None:
 
 
 def add_portal(scene: Any, corners: list[list[float]]) -> Any:
-    """A rectangle, given by a corner, its two neighbours and the inward normal, that guides
-    rays to the sky."""
+    """Add a light portal: a rectangle by a corner, its two neighbours and the inward normal."""
     corner, first, second, inward = (Vector(values) for values in corners)
     across, along = first - corner, second - corner
     data = bpy.data.lights.new("portal", "AREA")
@@ -104,7 +103,7 @@ def add_portal(scene: Any, corners: list[list[float]]) -> Any:
 
 
 def settings(scene: Any, description: dict[str, Any]) -> None:
-    """A plain path tracer with as many bounces as the other side."""
+    """Set a plain path tracer with the given number of bounces."""
     camera, cycles, picture = description["camera"], scene.cycles, scene.render
     picture.engine = "CYCLES"
     cycles.device = "CPU"

@@ -1,9 +1,8 @@
-"""A home as clay under a constant sky: what Mitsuba and Blender Cycles both have, and no more.
+"""Clay scenes for the comparison with Blender Cycles: diffuse meshes under a constant sky.
 
-Every shape becomes its triangles, facetted, with one diffuse colour drawn from a seed; lamps
-go out, panes are left out, and all light comes from a white sky through the windows. The folder
-is a scene of the contract, so that this project renders it as it renders all scenes, with
-`cycles.json` beside it for `benchmarks/blender_program.py`.
+Every shape becomes its triangles, flat-shaded, with one diffuse colour drawn from a seed. Lamps and
+panes are removed, and all light comes from a white sky through the windows. The folder is a scene
+of the scene contract, with `cycles.json` beside it for `benchmarks/blender_program.py`.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ _SHAPE = (
 
 
 def write_clay(scene: RenderScene, view: View, max_depth: int, folder: Path) -> Scene:
-    """Write the clay of a scene, and for the other renderer one view of it; returns the scene."""
+    """Write the clay scene and, for Cycles, one view of it; return the scene."""
     kept: list[tuple[str, list[float]]] = []
     with writing_scene(folder) as partial:
         for shape, clear in zip(scene.geometry.shapes, scene.geometry.clear, strict=True):
@@ -56,14 +55,14 @@ def write_clay(scene: RenderScene, view: View, max_depth: int, folder: Path) -> 
 
 
 def _triangles(mesh: Any) -> Mesh:
-    """A Mitsuba mesh as it is in memory, in the world."""
+    """Return the mesh of a Mitsuba shape in world space."""
     parameters = mi.traverse(mesh)
     vertices = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
     return Mesh(vertices, np.array(parameters["faces"], dtype=np.int64).reshape(-1, 3))
 
 
 def _bare(scene: Scene, name: str, shapes: set[str]) -> Scene:
-    """The scene's description with the shapes that are left, and the sky as its only light."""
+    """Return the scene's description with the remaining shapes and the sky as the only light."""
     objects = [
         replace(thing, shapes=tuple(shape for shape in thing.shapes if shape in shapes))
         for thing in scene.objects
@@ -95,7 +94,7 @@ def _description(
 
 
 def windows_of(portals: tuple[Portal, ...]) -> list[list[list[float]]]:
-    """Rectangles around the portals: a corner, its two neighbours, the normal that points in."""
+    """Return rectangles around the portals: a corner, its two neighbours, the inward normal."""
     rectangles = portal_rectangles(portals)
     rows: list[list[Float64Array]] = [
         [corner, corner + first, corner + second, -normal]

@@ -1,8 +1,8 @@
-"""Rows against Blender Cycles: the same clay, camera, sky and depth, error at equal core-seconds.
+"""Rows of the comparison with Blender Cycles: error at equal core-seconds.
 
-Cycles comes from the package `bpy`, in an environment of its own that is made when it is missing.
-Where that cannot be had the rows say so. First the two renderers' long renders are compared: only
-if they are images of the same scene does a common reference, their mean, make sense.
+Both renderers get the same clay scene, camera, sky and path depth. Cycles is the package `bpy`, in
+an environment of its own that is made on demand; the rows say so if that fails. First the long
+renders of both are compared: their mean is the common reference only if they show the same scene.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ Tried = tuple[np.ndarray, float]  # an image, and core-seconds
 
 
 class BlenderMissing(Exception):
-    """Why there is no Blender here."""
+    """Blender is not available; the message is the reason."""
 
 
 @dataclass
 class Blender:
-    """A process that renders the clay with Cycles."""
+    """A process that renders the clay scene with Cycles."""
 
     process: subprocess.Popen[str]
     folder: Path
     version: str = ""
 
     def answer(self) -> dict[str, Any]:
-        """Its next answer; Blender's own lines in between are skipped."""
+        """Return the next answer; skips Blender's own output."""
         assert self.process.stdout is not None
         for line in self.process.stdout:
             if line.startswith("@"):
@@ -60,7 +60,7 @@ class Blender:
         raise BlenderMissing(f"the renderer ended with status {self.process.wait()}")
 
     def render(self, portals: bool, spp: int, seed: int) -> Tried:
-        """An image and its core-seconds, by the renderer's own processor clock."""
+        """Return an image and its core-seconds, by the renderer's processor clock."""
         out = self.folder / f"cycles-{seed}-{portals}.exr"
         job = {"spp": spp, "seed": seed, "portals": portals, "out": str(out)}
         assert self.process.stdin is not None
@@ -71,7 +71,7 @@ class Blender:
 
 
 def blender_python(tools: Path, given: Path | None) -> Path:
-    """An interpreter that has `bpy`: the one that is given, or of an environment made in `tools`.
+    """Return an interpreter that has `bpy`: the given one, or of an environment in `tools`.
 
     Raises `BlenderMissing` if there is none and none can be made.
     """
@@ -90,14 +90,14 @@ def blender_python(tools: Path, given: Path | None) -> Path:
 
 
 def has_bpy(interpreter: Path) -> bool:
-    """Whether this interpreter exists and can import `bpy`."""
+    """Return whether an interpreter exists and can import `bpy`."""
     if not interpreter.is_file():
         return False
     return subprocess.run([interpreter, "-c", "import bpy"], capture_output=True).returncode == 0
 
 
 def run_step(command: list[str]) -> None:
-    """Run a command of the installation; `BlenderMissing` with its last words if it fails."""
+    """Run a command of the installation; raises `BlenderMissing` if it fails."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE)
     except (OSError, subprocess.TimeoutExpired) as error:
@@ -109,7 +109,7 @@ def run_step(command: list[str]) -> None:
 
 @contextmanager
 def blender(interpreter: Path, scene: Path) -> Iterator[Blender]:
-    """The clay in `scene`, open in a process of its own."""
+    """Open the clay scene in a Blender process."""
     command = [str(interpreter), "-P", str(PROGRAM), str(scene / "cycles.json")]
     process = subprocess.Popen(
         command,
@@ -132,7 +132,7 @@ def blender(interpreter: Path, scene: Path) -> Iterator[Blender]:
 
 
 def cycles_rows(bench: Bench, given: Path | None = None) -> Iterator[Row]:
-    """Ours against Cycles as it comes, and against Cycles with light portals in the windows."""
+    """Yield rows against Cycles with default settings and with light portals."""
     goal = at_least(2.5)
     if not integrator.available():
         yield missing(NAME, MEANING, "joint traces are not in scalar variants", goal)
@@ -227,7 +227,7 @@ def _own_references(
 
 
 def _apart(reference: Reference, long: dict[str, np.ndarray]) -> float:
-    """Largest relative difference of the two long renders' means, of three bands."""
+    """Return the largest relative difference of the two long renders' means, over bands."""
     means = [
         np.minimum(long[name], reference.limit).mean(axis=(0, 1)) for name in ("portals", "planned")
     ]
@@ -235,7 +235,7 @@ def _apart(reference: Reference, long: dict[str, np.ndarray]) -> float:
 
 
 def _bright_view(bench: Bench) -> View:
-    """The view of the home to which most of the sky's light comes."""
+    """Return the view of the home that receives most light from the sky."""
     views = bench.views[bench.home]
     folder = bench.folder / "probe"
     home = bench.open(bench.home)

@@ -1,7 +1,7 @@
-"""Rows about the ground truth stage as it is run: workers, files and start-up included.
+"""Rows about the ground truth stage as a whole: workers, files and start-up included.
 
-Whole processes are compared, start, scene loading and compilation included. A plain loop over
-the views, one process with all threads, is what anyone would write first.
+Complete processes are compared, including scene loading and compilation. The baseline is a plain
+loop over the views in one process with all threads.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pipeline.pathtrace import integrator
 
 
 def farm_rows(bench: Bench) -> Iterator[Row]:
-    """Overhead over the loops, and what a second worker brings."""
+    """Yield the overhead over the plain loops and the speed-up with a second worker."""
     count = sum(len(views) for views in bench.views.values())
     truth = bench.params.groundtruth
     size = f"{count} views of {len(bench.views)} homes, 160x120, {truth.spp} spp"
@@ -60,7 +60,7 @@ def farm_rows(bench: Bench) -> Iterator[Row]:
 
 
 def _stage(bench: Bench, workers: int) -> None:
-    """The stage from scratch, with so many workers of one thread on as many processors."""
+    """Run the stage from scratch with a number of one-thread workers on as many processors."""
     for kind in ("shading", "color"):
         shutil.rmtree(bench.data / kind, ignore_errors=True)
     where = ("--params", str(bench.parameters), "--data", str(bench.data))

@@ -1,10 +1,9 @@
 """Memory of a worker process over hundreds of scenes: `python -m benchmarks.memory`.
 
-A few procedural homes, each many times under another name, are opened and rendered one after the
-other by one worker that is never replaced; after each scene its resident memory is noted (the
-ledger has it). The first time that each home is met is the warm-up: its kernels are compiled, and
-memory rises to what the largest home takes. From then on it should stay. Homes get their cameras
-once; a camera is as good in a copy.
+A few procedural homes, each copied many times under other names, are opened and rendered by one
+worker that is never replaced; the ledger records its resident memory after each scene. The first
+use of each home is the warm-up: kernels are compiled, and memory rises to the need of the largest
+home. After that it should stay constant. Cameras are sampled once per home and copied.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ _COLORS = ("#1f6fb2", "#c9541a", "#2c8a4b")
 
 @dataclass(frozen=True)
 class Course:
-    """A worker's memory in one stage: MB after each scene, in the order of work."""
+    """A worker's memory in one stage, in MB after each scene, in the order of work."""
 
     stage: str
     memory: tuple[float, ...]
@@ -52,23 +51,23 @@ class Course:
 
     @property
     def growth(self) -> float:
-        """How much the most of any later part is above the most of the first after the warm-up.
+        """Relative growth of the peak memory after the first part that follows the warm-up.
 
-        Parts have as many scenes as there are homes, so that all homes are in each.
+        A part has as many scenes as there are homes, so that every home is in each part.
         """
         peaks = self.peaks
         return max(peaks[1:]) / peaks[0] - 1 if len(peaks) > 1 else 0.0
 
     @property
     def peaks(self) -> tuple[float, ...]:
-        """The most memory in each part after the warm-up."""
+        """Peak memory of each part after the warm-up."""
         size = self.warm_up
         starts = range(size, len(self.memory) - size + 1, size)
         return tuple(max(self.memory[start : start + size]) for start in starts)
 
 
 def parameters(homes: int, recycle: int = 0) -> Params:
-    """Small views, one a scene, by one worker."""
+    """Return parameters for small views, one per scene, and one worker."""
     return Params(
         image=ImageParams(width=32, height=24),
         farm=FarmParams(workers=1, batch=1, recycle=recycle),
@@ -82,7 +81,7 @@ def parameters(homes: int, recycle: int = 0) -> Params:
 def measure(
     folder: Path, homes: int, scenes: int, recycle: int = 0, stages: Sequence[str] = ("truth",)
 ) -> list[Course]:
-    """Make the homes below `folder`, multiply them to so many scenes, and run the stages."""
+    """Make homes below `folder`, copy them to this number of scenes, and run the stages."""
     params = parameters(homes, recycle)
     run_scenes(folder, params)
     run_cameras(folder, params)
@@ -93,9 +92,9 @@ def measure(
 
 
 def multiply(data: Path, count: int) -> None:
-    """Copies of the scenes that have views, under other names, until there are `count`.
+    """Copy the scenes that have views under other names until there are `count`.
 
-    Meshes and textures are links to the same files; to the pipeline they are scenes like others.
+    Meshes and textures are links to the same files; for the pipeline they are separate scenes.
     """
     root = data / "scenes"
     cameras = {path.stem: load_cameras(path) for path in (data / "cameras").glob("*.json")}
@@ -120,7 +119,7 @@ def multiply(data: Path, count: int) -> None:
 
 
 def courses(folder: Path, homes: int, stages: Sequence[str]) -> list[Course]:
-    """What the ledger says of each of the stages."""
+    """Return the memory of each stage from the ledger."""
     rows = [row for row in read_ledger(folder).to_pylist() if row["ended"] is not None]
     found = []
     for stage in stages:
@@ -131,7 +130,7 @@ def courses(folder: Path, homes: int, stages: Sequence[str]) -> list[Course]:
 
 
 def draw(found: Sequence[Course]) -> Figure:
-    """Memory over scenes, a line a stage; grey: the warm-up."""
+    """Draw memory over scenes, one line per stage; the warm-up is grey."""
     page = Figure(figsize=(9, 4), dpi=100, layout="constrained")
     axes = page.subplots()
     axes.axvspan(0, max(course.warm_up for course in found), color="#dddddd", linewidth=0)
@@ -161,7 +160,7 @@ def draw(found: Sequence[Course]) -> Figure:
     show_default=True,
 )
 def main(homes: int, scenes: int, stages: tuple[str, ...], recycle: int, out: Path) -> None:
-    """Measure and draw."""
+    """Measure memory and draw it."""
     with tempfile.TemporaryDirectory(prefix="pbrnet-memory-") as folder:
         found = measure(Path(folder), homes, scenes, recycle, stages)
     with atomic_file(out) as partial:

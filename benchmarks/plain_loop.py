@@ -1,9 +1,9 @@
-"""What anyone would write first: `mi.render` over the views, one after the other.
+"""Baseline of the ground truth stage: a plain loop of `mi.render` over the views.
 
     python -m benchmarks.plain_loop DATA PARAMS [--joint]
 
-renders colour and textureless shading of every view under DATA, one after the other or (`--joint`)
-from one trace of paths, and keeps nothing. `make bench` compares the ground truth stage with it.
+Renders colour and textureless shading of every view under DATA, separately or (`--joint`) from one
+trace of paths, and writes nothing.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from scenes.contract import load_scene, scene_folders
 
 
 def plain_sensor(view: View, sampler: str) -> Any:
-    """A view's camera as Mitsuba's own documentation would write it."""
+    """Return a view's camera in the form of Mitsuba's documentation."""
     return mi.load_dict(
         {
             "type": "perspective",
@@ -41,7 +41,7 @@ def plain_sensor(view: View, sampler: str) -> Any:
 
 
 def plain_loop(data: Path, params: Params) -> None:
-    """Render all views of all scenes with Mitsuba's own film and path tracer."""
+    """Render all views of all scenes with Mitsuba's film and path tracer."""
     truth = params.groundtruth
     integrator = mi.load_dict({"type": "path", "max_depth": truth.max_depth})
     for folder in scene_folders(data / "scenes"):
@@ -57,7 +57,7 @@ def plain_loop(data: Path, params: Params) -> None:
 
 
 def joint_loop(data: Path, params: Params) -> None:
-    """The same images from joint traces."""
+    """Render the same images from joint traces."""
     for folder in scene_folders(data / "scenes"):
         scene = open_scene(load_scene(folder))
         for view in load_cameras(data / "cameras" / f"{folder.name}.json").views:

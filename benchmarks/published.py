@@ -1,13 +1,13 @@
 """Rows beside published figures: core-hours of one 640x480 view.
 
-None of the published figures says how noisy its images are, so equal error cannot be had from
-them: ours is given at a stated noise, and theirs as they are told.
+The publications do not state the noise of their images, so that a comparison at equal error is
+impossible: our figure is given at a stated noise.
 
-* Hypersim (Roberts et al. 2021): 231 vCPU-years for 77,400 images of 1024x768, V-Ray; here by
-  pixels, 640x480 of them. A vCPU is a hardware thread.
-* PBRS (Zhang et al. 2017), as the paper of PBR-Net (Dai et al. 2020) tells it: a month on
-  hundreds of machines with 56 cores, for about 500,000 images of 640x480, Mitsuba 0.5; read here as
-  200 machines, the least that "hundreds" can mean.
+* Hypersim (Roberts et al. 2021): 231 vCPU-years for 77,400 images of 1024x768, V-Ray; scaled by
+  pixels to 640x480. A vCPU is a hardware thread.
+* PBRS (Zhang et al. 2017), as reported by PBR-Net (Dai et al. 2020): a month on hundreds of
+  machines with 56 cores, for about 500,000 images of 640x480, Mitsuba 0.5; counted as 200 machines,
+  the least that "hundreds" can mean.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ NOISE = 0.05  # relative standard error, root mean square over the pixels
 
 
 def published_rows(bench: Bench) -> Iterator[Row]:
-    """Core-hours of both images of a view, at a stated noise, home by home."""
+    """Yield the core-hours of both images of a view, at a stated noise, home by home."""
     if not integrator.available():
         yield missing("core-hours a view", "640x480", "joint traces are not in scalar variants")
         return
@@ -53,7 +53,7 @@ def published_rows(bench: Bench) -> Iterator[Row]:
 
 
 def _core_hours(bench: Bench, name: str) -> float:
-    """Of the first view of a home."""
+    """Return the core-hours of the first view of a home."""
     size = SIZE if bench.sizes.large[0] > SIZE[0] // 2 else bench.sizes.large
     scene, view = bench.open(name), resized(bench.views[name][0], size)
     truth = replace(bench.params.groundtruth, spp=_samples(bench))
@@ -67,6 +67,6 @@ def _core_hours(bench: Bench, name: str) -> float:
 
 
 def _samples(bench: Bench) -> int:
-    """A pixel: two blocks, the least that tell their noise."""
+    """Return samples per pixel: two blocks, the least that give a noise estimate."""
     truth = bench.params.groundtruth
     return min(truth.spp, 2 * truth.block_spp)

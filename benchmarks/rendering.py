@@ -1,4 +1,4 @@
-"""Rows about single renders: joint against plain, LLVM against scalar, the cheap passes' share."""
+"""Rows about single renders: joint and plain traces, LLVM and scalar, and the other passes."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _UNSEEN = (
 def plain_render(
     scene: RenderScene, view: View, spp: int, seed: int, depth: int, sampler: str = "multijitter"
 ) -> np.ndarray:
-    """`mi.render` with Mitsuba's `path` and film, as its documentation has it: (H, W, 3)."""
+    """Render with Mitsuba's `path` and film by `mi.render`; return (H, W, 3)."""
     integrator = mi.load_dict({"type": "path", "max_depth": depth})
     sensor = plain_sensor(view, sampler)
     image = mi.render(scene.mitsuba, sensor=sensor, integrator=integrator, spp=spp, seed=seed)
@@ -50,7 +50,7 @@ def plain_render(
 
 
 def render_rows(bench: Bench) -> Iterator[Row]:
-    """What a view's passes cost beside each other, and the cameras."""
+    """Yield the costs of a view's passes relative to each other, and of camera sampling."""
     sizes, params = bench.sizes, bench.params
     if not joint.available():
         yield missing("joint trace", "colour and shading in one trace", "not in scalar variants")
@@ -179,7 +179,7 @@ print(json.dumps([spent.cpu, spent.wall]))
 
 
 def variant_rows(bench: Bench) -> Iterator[Row]:
-    """The scalar variant against the one in use; each time in processes of their own."""
+    """Yield the scalar variant against the active one, each in processes of its own."""
     current = str(mi.variant())
     name = f"scalar_rgb / {current}"
     meaning = "a plain render by `path`, the kernel compiled before"

@@ -1,9 +1,9 @@
-"""Real scenes through the whole chain: `python -m benchmarks.scenes FOLDER --out DIR`.
+"""Real scenes through the whole pipeline: `python -m benchmarks.scenes FOLDER --out DIR`.
 
-Brings in every scene file below FOLDER (homes, Mitsuba scenes, houses of the PBRS release, glTF),
-each in a process of its own, runs all stages up to the dataset at a small size, and writes one
-table, DIR/scenes.md, and a sheet of each scene's colour frames. Exits with 1 if an import failed,
-took more than its time or memory, or a stage failed.
+Imports every scene file below FOLDER (homes, Mitsuba scenes, houses of the PBRS release, glTF),
+each in its own process, runs all stages up to the dataset at a small size, and writes a table,
+DIR/scenes.md, and a sheet of each scene's colour frames. Exits with 1 if an import failed or
+exceeded its time or memory, or if a stage failed.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ sys.exit(main())
 
 @dataclass(frozen=True)
 class Cost:
-    """What an import took: processor seconds, seconds by the clock, largest resident MB."""
+    """Cost of an import: processor seconds, wall seconds, peak resident MB."""
 
     seconds: float
     clock: float
@@ -72,7 +72,7 @@ class Cost:
 
 
 def scene_files(folder: Path) -> list[Path]:
-    """The scene files below `folder`; of a PBRS house only its template."""
+    """Return the scene files below `folder`; of a PBRS house only its template."""
     found = []
     for path in sorted(folder.rglob("*")):
         if path.suffix.lower() not in SUFFIXES or not path.is_file():
@@ -90,7 +90,7 @@ def scene_files(folder: Path) -> list[Path]:
 
 
 def bring(path: Path, folder: Path, out: Path) -> Cost:
-    """Import `path` in a process of its own; its peak memory is its own, too."""
+    """Import `path` in its own process, so that the peak memory is that of the import."""
     words = [sys.executable, "-c", IMPORT, "import", str(path), "--out", str(out)]
     if path.suffix.lower() == ".xml":
         words += ["--root", str(folder)]
@@ -109,7 +109,7 @@ def bring(path: Path, folder: Path, out: Path) -> Cost:
 
 
 def leaks_of(scene: Scene) -> tuple[str, list[Leak]]:
-    """How much light gets in besides by portals: the worst room's share, and all."""
+    """Return the light that enters other than by portals: the share of the worst room, and all."""
     leaks = find_leaks(open_scene(scene))
     if not leaks:
         return "0" if scene.rooms else "-", leaks
@@ -118,7 +118,7 @@ def leaks_of(scene: Scene) -> tuple[str, list[Leak]]:
 
 
 def sheet(data: Path, scene_id: str, out: Path) -> None:
-    """The colour frames of a scene as a picture."""
+    """Return the colour frames of a scene as a contact sheet."""
     views = load_cameras(data / "cameras" / f"{scene_id}.json").views
     pictures, labels = [], []
     for view in views:
@@ -131,7 +131,7 @@ def sheet(data: Path, scene_id: str, out: Path) -> None:
 
 
 def row(data: Path, path: Path, cost: Cost, accepted: int, worst: str) -> str:
-    """A line of the table."""
+    """Return a line of the table."""
     if cost.error:
         return f"| {path.name} | refused: {cost.error.splitlines()[-1]} |" + " |" * 11
     scene = load_scene(data / "scenes" / scene_name(path))
@@ -147,7 +147,7 @@ def row(data: Path, path: Path, cost: Cost, accepted: int, worst: str) -> str:
 
 
 def attempt(stage: Callable[[Path, Params], object], data: Path, params: Params) -> bool:
-    """Run a stage; what fails in it is said, and the others go on with what there is."""
+    """Run a stage; print its failures and continue with the rest."""
     try:
         click.echo(str(stage(data, params)))
     except StageError as error:
@@ -175,7 +175,7 @@ def main(
     most_seconds: float,
     most_gib: float,
 ) -> None:
-    """Bring every scene below FOLDER through the chain and write DIR/scenes.md."""
+    """Run every scene below FOLDER through the pipeline and write DIR/scenes.md."""
     data = out.resolve() / "data"
     data.mkdir(parents=True, exist_ok=True)
     parameters = out / "params.yaml"

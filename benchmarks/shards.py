@@ -1,8 +1,8 @@
-"""Rows about the dataset's shards: reading them against reading the EXR frames, and writing.
+"""Rows about shards: reading them compared with reading EXR frames, and writing.
 
-Both give what a training loop needs, float32 images of one view after the other, with all
-threads that the machine has. Pixels come from the page cache: the disk is not what is measured.
-EXR files are read without comparing checksums, shards with the columns of images alone.
+Both readers give the input of a training loop, float32 images of one view after the other, with all
+threads of the machine. Files are in the page cache, so that the disk is not measured. EXR files are
+read without comparing checksums; of shards only the image columns are read.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ _TURNS = 5  # reading is quick and noisy
 
 
 def shard_rows(bench: Bench) -> Iterator[Row]:
-    """At two sizes of images: the quick start's and that of the paper's kind."""
+    """Yield rows at two image sizes: the quick start's and the paper's kind."""
     for size in ((160, 120), bench.sizes.large):
         data, params = _frames(bench, size)
         yield from _rows_at(data, params, f"{size[0]}x{size[1]}")
 
 
 def _frames(bench: Bench, size: tuple[int, int]) -> tuple[Path, Params]:
-    """Frames of some views of the homes, at this size."""
+    """Render frames of some views of the homes, at this size."""
     sizes = bench.sizes
     data = bench.folder / f"shards-{size[0]}"
     options = bench.params
@@ -65,7 +65,7 @@ def _frames(bench: Bench, size: tuple[int, int]) -> tuple[Path, Params]:
 
 
 def views_of(data: Path) -> list[View]:
-    """All views below a data folder."""
+    """Return all views below a data folder."""
     files = sorted((data / "cameras").glob("*.json"))
     return [view for path in files for view in load_cameras(path).views]
 
@@ -125,7 +125,7 @@ def _read_frames(pool: ThreadPoolExecutor, data: Path, views: list[View]) -> Non
 
 
 def read_view(data: Path, view: View) -> dict[str, np.ndarray]:
-    """A view's images from its four files, float32, by column name."""
+    """Return a view's images from its frames, float32, by column name."""
     frames = {kind: read_frame(frame_path(data, kind, view), verify=False) for kind in KINDS}
     inputs, panorama = frames["inputs"], frames["illumination"].channels
     return {
@@ -143,7 +143,7 @@ def read_view(data: Path, view: View) -> dict[str, np.ndarray]:
 
 
 def read_columns(folder: Path) -> int:
-    """All images of all shards with pyarrow alone, float32; returns the number of values."""
+    """Read all images of all shards with pyarrow alone, float32; return the number of values."""
     count = 0
     for path in sorted(folder.glob("*.parquet")):
         with pq.ParquetFile(path) as file:
@@ -161,7 +161,7 @@ def _read_stream(folder: Path) -> None:
 
 
 def _bound_row(folder: Path, frames: list[Spent], size: str) -> Row:
-    """What a reader could reach that did nothing but undo ZSTD."""
+    """Return the speed of decompressing ZSTD alone, an upper bound for any reader."""
     packed = _packed_pages(folder)
     codec = pa.Codec("zstd")
     spent = by_turns({"zstd": lambda: [codec.decompress(*page) for page in packed]}, _TURNS)
@@ -176,7 +176,7 @@ def _bound_row(folder: Path, frames: list[Spent], size: str) -> Row:
 
 
 def _packed_pages(folder: Path) -> list[tuple[bytes, int]]:
-    """The images as they lie in the pages: bytes split into streams, compressed; their sizes."""
+    """Return the images' compressed pages, byte streams split, with their raw sizes."""
     codec, pages = pa.Codec("zstd", 3), []
     for path in sorted(folder.glob("*.parquet")):
         table = pq.read_table(path, columns=list(IMAGES))

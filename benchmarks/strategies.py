@@ -1,9 +1,9 @@
-"""Rows about equal-time error: what each way of sampling makes of the same seconds.
+"""Rows about error at equal time, by sampling strategy.
 
 Efficiency is 1 / (mean squared error x core-seconds), which does not depend on the number of
-samples. Each row is that of one way over that of plain `path` with Mitsuba's default sampler:
-geometric means over homes of different light, each with lamps in several rooms. A reference's own
-error is known and taken off.
+samples. Each row is the efficiency of a strategy over that of plain `path` with Mitsuba's default
+sampler: a geometric mean over homes of different light, each with lamps in several rooms. The
+reference's own error is subtracted.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ _GOAL = at_most(0.4)
 
 @dataclass(frozen=True)
 class Tried:
-    """One render: core-seconds, and by image the relative squared error."""
+    """One render: core-seconds, and the relative squared error by image."""
 
     cpu: float
     error: dict[str, float]
 
 
 def strategy_rows(bench: Bench) -> Iterator[Row]:
-    """Every home with the planned joint trace, then every strategy as a mean over homes."""
+    """Yield a row per home for the planned joint trace, then the means of every strategy."""
     if not integrator.available():
         yield missing("strategies", "equal-time error", "joint traces are not in scalar variants")
         return
@@ -68,7 +68,7 @@ def strategy_rows(bench: Bench) -> Iterator[Row]:
 
 
 def summary(homes: Sequence[dict[str, Spread]], spp: int) -> Iterator[Row]:
-    """Geometric means over homes of each way's efficiency, and what error remains at equal time."""
+    """Yield geometric means of the efficiencies over homes, and the error at equal time."""
     for name, shown in _SHOWN.items():
         yield Row(
             shown,
@@ -93,7 +93,7 @@ def _over(values: Sequence[float]) -> Spread:
 
 
 def _of_home(bench: Bench, scene: RenderScene, view: View) -> dict[str, Spread]:
-    """Efficiency of every way over plain `path`'s in one view."""
+    """Return the efficiency of every strategy over plain `path` in one view."""
     sizes, grey = bench.sizes, bench.params.shading.albedo
     truth = replace(bench.params.groundtruth, spp=sizes.spp)
     ways = ways_of(scene, view, truth, grey)
@@ -119,7 +119,7 @@ def _of_home(bench: Bench, scene: RenderScene, view: View) -> dict[str, Spread]:
 def ways_of(
     scene: RenderScene, view: View, truth: GroundTruthParams, grey: float
 ) -> dict[str, Way]:
-    """Ways to a view's images; the plain ones give one image each."""
+    """Return strategies that render a view's images; the plain ones render one image each."""
 
     def plain(kind: str, sampler: str, spp: int, seed: int) -> Images:
         form = scene if kind == "color" else scene.neutral(grey)
@@ -146,7 +146,7 @@ def _try(way: Callable[[], Images], references: dict[str, Reference]) -> Tried:
 
 
 def _gain(plain: list[Tried], tried: Tried, kinds: tuple[str, ...]) -> float:
-    """Efficiency of one way over that of the plain renders that make the same images."""
+    """Return the efficiency over that of the plain renders that make the same images."""
     theirs = sum(render.cpu for render in plain) * float(
         np.mean([render.error[kind] for render, kind in zip(plain, kinds, strict=True)])
     )

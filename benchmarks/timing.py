@@ -1,9 +1,8 @@
-"""Timing by turns: what is compared runs one after the other, again and again, never in blocks.
+"""Timing of candidates that run alternately, with two clocks.
 
-Two clocks are read. `cpu` is user and system time of this process and of its children that have
-ended, threads together: what other processes do on the machine hardly changes it, so ratios of
-cost are taken from it. `wall` is what a waiting person feels; it is right on a quiet machine
-only, and taken where parallel work is the question.
+`cpu` is the user and system time of this process and of its ended children, over all threads. Other
+processes on the machine hardly change it, so cost ratios are measured with it. `wall` is elapsed
+time; it is right only on an idle machine and is used for parallel work.
 """
 
 from __future__ import annotations
@@ -20,19 +19,19 @@ Clock = Literal["cpu", "wall"]
 
 @dataclass(frozen=True)
 class Spent:
-    """Seconds that something took, by both clocks."""
+    """Seconds by both clocks."""
 
     cpu: float
     wall: float
 
     def by(self, clock: Clock) -> float:
-        """Seconds by one of them."""
+        """Return the seconds by one clock."""
         return self.cpu if clock == "cpu" else self.wall
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Repeats of one figure: the middle one and the range."""
+    """Median and range of repeated measurements."""
 
     value: float
     low: float
@@ -41,14 +40,14 @@ class Spread:
 
 
 def now() -> Spent:
-    """Both clocks; only differences mean anything."""
+    """Return both clocks; only differences are meaningful."""
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = time.process_time() + children.ru_utime + children.ru_stime
     return Spent(cpu, time.perf_counter())
 
 
 def spend(work: Callable[[], object], clock: Callable[[], Spent] = now) -> Spent:
-    """Do the work once and say what it took."""
+    """Run the work once; return the seconds it took."""
     before = clock()
     work()
     after = clock()
@@ -61,7 +60,10 @@ def by_turns(
     warm: bool = True,
     clock: Callable[[], Spent] = now,
 ) -> dict[str, list[Spent]]:
-    """Each of the `ways` `repeats` times, by turns; `warm`: a first turn is not counted."""
+    """Run each candidate `repeats` times, alternately; return their seconds by name.
+
+    With `warm` a first round is not counted.
+    """
     spent: dict[str, list[Spent]] = {name: [] for name in ways}
     for turn in range(-1 if warm else 0, repeats):
         for name, work in ways.items():
@@ -72,13 +74,13 @@ def by_turns(
 
 
 def spread(values: Sequence[float]) -> Spread:
-    """Median and range of repeated figures; ValueError if there are none."""
+    """Return median and range; raises ValueError if there are no values."""
     if not values:
         raise ValueError("no repeats to take a median of")
     return Spread(statistics.median(values), min(values), max(values), len(values))
 
 
 def ratio(above: Sequence[Spent], below: Sequence[Spent], clock: Clock) -> Spread:
-    """Seconds of one way over those of the other, turn by turn."""
+    """Return the ratio of seconds of two candidates, round by round."""
     pairs = zip(above, below, strict=True)
     return spread([a.by(clock) / b.by(clock) for a, b in pairs])

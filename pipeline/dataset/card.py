@@ -1,8 +1,8 @@
-"""What the dataset says about itself: a README card and a Croissant description.
+"""Description of the dataset: a README card and a Croissant file.
 
-The card follows the Hugging Face dataset card (YAML front matter, then Markdown); the
-description is Croissant 1.0, JSON-LD after the specification of MLCommons. Both are
-functions of the data alone: no date, no machine.
+The card follows the Hugging Face dataset card (YAML front matter, then Markdown); the description
+is Croissant 1.0, JSON-LD after the specification of MLCommons. Both depend on the data alone: they
+contain no date and no machine.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ HUB_LICENCES = ("CC0-1.0", "CC-BY-3.0", "CC-BY-4.0", "CC-BY-SA-4.0", "MIT", "Apa
 
 @dataclass(frozen=True)
 class DatasetSummary:
-    """What the dataset stage wrote."""
+    """Numbers of rows, scenes and rejected views, and the shards of a packed dataset."""
 
     rows: dict[str, int]  # per split
     scenes: dict[str, int]  # per split, scenes with rows
@@ -42,22 +42,22 @@ class DatasetSummary:
 
     @property
     def total(self) -> int:
-        """Rows in all splits."""
+        """Number of rows in all splits."""
         return sum(self.rows.values())
 
     @property
     def sampled(self) -> int:
-        """Views sampled = rows + rejected."""
+        """Number of sampled views: rows and rejected views."""
         return self.total + sum(self.rejected.values())
 
 
 def licence_of(scene: Scene) -> str:
-    """SPDX expression over all parts of a scene, e.g. "CC-BY-3.0 AND CC0-1.0"."""
+    """Return the SPDX expression over all parts of a scene, e.g. "CC-BY-3.0 AND CC0-1.0"."""
     return " AND ".join(sorted({credit.licence for credit in scene.credits}))
 
 
 def attribution_of(scene: Scene) -> str:
-    """One line that names title, author and licence of every part of a scene."""
+    """Return one line with title, author and licence of every part of a scene."""
     return "; ".join(
         sorted(
             {f"{credit.title} by {credit.author} ({credit.licence})" for credit in scene.credits}
@@ -68,7 +68,7 @@ def attribution_of(scene: Scene) -> str:
 def dataset_card(
     summary: DatasetSummary, columns: Sequence[Column], scenes: Sequence[Scene], params: Params
 ) -> str:
-    """The README: front matter, how to load, columns, counts, sources, limits."""
+    """Return the README: front matter, loading, columns, counts, sources, limits."""
     licences = sorted({credit.licence for scene in scenes for credit in scene.credits})
     environment = templates("pipeline.dataset", markup=False)
     environment.filters["cell"] = _table_cell
@@ -243,7 +243,7 @@ def _size_category(rows: int) -> str:
 
 
 def _credits(scenes: Sequence[Scene]) -> list[tuple[Credit, int]]:
-    """Each distinct work with the number of scenes it is in, most used first."""
+    """Return each distinct work with its number of scenes, the most used first."""
     uses: Counter[tuple[str, str, str, str]] = Counter()
     for scene in scenes:
         uses.update(
@@ -271,7 +271,7 @@ def _type_name(column: Column) -> str:
 
 
 def _table_cell(text: object) -> str:
-    """Text that cannot break out of a Markdown table."""
+    """Escape text for a cell of a Markdown table."""
     return str(text).replace("|", "\\|").replace("\n", " ").replace("<", "&lt;")
 
 

@@ -1,11 +1,10 @@
-"""What keeps a view out of the dataset, each with a named reason and the figure behind it.
+"""Checks that reject views from the dataset, each with a named reason and its measured value.
 
-`load_frames` reads a view's frames and says what is missing or damaged; `check_frames` is
-a pure function of pixels and limits. Views are never dropped silently: whatever these return is
-listed in `rejected.csv`.
+`load_frames` reads a view's frames and reports missing or damaged ones; `check_frames` is a pure
+function of pixels and limits. Every rejected view is listed in `rejected.csv`.
 
-A panorama without any light is no reason: a room lit through an open door is worth learning
-from, and the dataset card counts such views.
+A panorama without any light is not rejected: a room lit through an open door is a valid view, and
+the dataset card counts such views.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ _FIREFLY_FLOOR = 0.5  # of the image's mean luminance
 
 @dataclass(frozen=True)
 class Rejection:
-    """Why a view is not in the dataset: a key of `REASONS`, and the figures."""
+    """Reason for which a view is rejected: a key of `REASONS`, and the measured values."""
 
     reason: str
     detail: str
@@ -63,10 +62,10 @@ class Rejection:
 
 
 def read_failures(data: Path) -> dict[tuple[str, str], str]:
-    """What the rendering stages gave up on: (scene_id, view_id) -> stage and message.
+    """Return the failures of the rendering stages: (scene_id, view_id) -> stage and message.
 
-    Reads `data/failures/*.json`, each a list of objects with `scene_id`, `view_id`, `error`;
-    entries without a view concern a whole scene and are left to the stage's own report.
+    Reads `data/failures/*.json`, each a list of objects with `scene_id`, `view_id`, `error`.
+    Entries without a view concern a whole scene and are left to the stage's own report.
     """
     failures: dict[tuple[str, str], str] = {}
     for path in sorted((Path(data) / "failures").glob("*.json")):
@@ -84,9 +83,9 @@ def read_failures(data: Path) -> dict[tuple[str, str], str]:
 def load_frames(
     data: Path, view: View, failures: Mapping[tuple[str, str], str], kinds: Sequence[Kind]
 ) -> Frames | Rejection:
-    """Read and verify a view's frames of these kinds, or say why they are no use.
+    """Read and verify a view's frames of these kinds, or return the reason of its rejection.
 
-    A frame that is there and sound counts, even if an earlier run had listed the view as failed.
+    A sound frame counts, even if an earlier run listed the view as failed.
     """
     frames: Frames = {}
     for kind in kinds:
@@ -111,10 +110,10 @@ def load_frames(
 def check_frames(
     view: View, frames: Mapping[Kind, Frame], size: Size, panorama: Size, limits: CheckParams
 ) -> Rejection | None:
-    """The first reason not to use these frames, None if there is none.
+    """Return the first reason to reject these frames, or None.
 
     `size` and `panorama` are (width, height) of the dataset's images and panoramas. Noisy frames
-    are not refused for their noise.
+    are not rejected for their noise.
     """
     inputs = frames["inputs"].channels
     renders = {kind: frames[kind].rgb for kind in ("shading", "color")}
@@ -134,21 +133,21 @@ def check_frames(
 
 
 def black_share(image: Float32Array) -> float:
-    """Share of pixels of linear RGB (H, W, 3) at exactly zero."""
+    """Return the share of pixels of linear RGB (H, W, 3) that are exactly zero."""
     return float((image == 0).all(axis=-1).mean())
 
 
 def blown_share(image: Float32Array) -> float:
-    """Share of pixels of linear RGB (H, W, 3) with a channel at half's largest value."""
+    """Return the share of pixels of linear RGB (H, W, 3) with a channel at half's maximum."""
     return float((image >= HALF_MAX).any(axis=-1).mean())
 
 
 def firefly_share(image: Float32Array) -> float:
-    """Share of pixels of linear RGB (H, W, 3) that stand alone: 16 times brighter than all but
-    two of their eight neighbours, and than half the image's mean.
+    """Return the share of fireflies among the pixels of linear RGB (H, W, 3).
 
-    So path-tracing speckles count. The grain of an undersampled image does not, it is `noise`,
-    and the corner of a bright window (three bright neighbours) does not either.
+    A firefly is 16 times brighter than all but two of its eight neighbours, and than half the
+    image's mean. This detects speckles of path tracing, but neither the grain of an undersampled
+    image, which is `noise`, nor the corner of a bright window, which has three bright neighbours.
     """
     lum = luminance(image)
     height, width = lum.shape
@@ -167,7 +166,7 @@ def firefly_share(image: Float32Array) -> float:
 
 
 def noise_of(frame: Frame) -> float | None:
-    """A rendered frame's relative noise estimate, None if it carries none."""
+    """Return a rendered frame's relative noise estimate, or None if it has none."""
     return _figure(frame, "noise")
 
 

@@ -1,4 +1,4 @@
-"""Checksums of a dataset: `SHA256SUMS`, as `sha256sum --check` reads it."""
+"""Checksums of a dataset: `SHA256SUMS`, in the format of `sha256sum --check`."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ _LINE = re.compile(r"([0-9a-f]{64})  ([^/\0]+)")
 
 
 def write_sums(folder: Path) -> None:
-    """Write the checksums of all files in `folder`, by name."""
+    """Write the checksums of all files in `folder`, sorted by name."""
     names = sorted(path.name for path in folder.iterdir() if path.is_file() and path.name != SUMS)
     write_text(folder / SUMS, "".join(f"{digest_file(folder / name)}  {name}\n" for name in names))
 
 
 def verify_sums(folder: Path) -> int:
-    """Compare all files with their checksums; returns how many there are.
+    """Compare all files with their checksums; return their number.
 
-    Raises `InputError` that names every file that is missing, damaged or not on the list.
+    Raises `InputError` that names every file that is missing, damaged or not listed.
     """
     path = Path(folder) / SUMS
     try:

@@ -1,8 +1,8 @@
-"""The dataset's columns: types, shapes, units and meaning, stated once.
+"""Columns of the dataset: types, shapes, units and meaning.
 
-The Parquet schema, the dataset card and the Croissant description are all made from here.
-Images are flat fixed-size lists, row-major, with their shape in the field's metadata:
-Hugging Face `datasets` cannot read Arrow's tensor type, and this form loads everywhere.
+The Parquet schema, the dataset card and the Croissant description are made from this module.
+Images are flat fixed-size lists, row-major, with their shape in the field's metadata: Hugging
+Face `datasets` cannot read Arrow's tensor type, and this form loads everywhere.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pipeline.channels import dataset_channels
 
 @dataclass(frozen=True)
 class Column:
-    """One column; `shape` is empty for scalars, and `dtype` then the scalar's type."""
+    """A column; for a scalar `shape` is empty and `dtype` is the type of the column."""
 
     name: str
     dtype: pa.DataType
@@ -30,12 +30,12 @@ class Column:
 
     @property
     def length(self) -> int:
-        """Numbers in one cell."""
+        """Number of values in one cell."""
         return math.prod(self.shape)
 
     @property
     def is_image(self) -> bool:
-        """Whether this is a picture or panorama: large, and never searched by value."""
+        """True for images and panoramas, which are large and never searched by value."""
         return len(self.shape) >= 2 and self.length > 16
 
     @property
@@ -66,8 +66,7 @@ def dataset_columns(
 ) -> tuple[Column, ...]:
     """Return all columns, in order, for images and panoramas of these (width, height).
 
-    Image columns are those of `pipeline.channels`. With `shadows` those of visibility frames are
-    added at the end, with `noisy` those of noisy frames.
+    `shadows` adds the column of visibility frames and `noisy` those of noisy frames, at the end.
     """
     text, single, double = pa.string(), pa.float32(), pa.float64()
     return (
@@ -130,7 +129,7 @@ def _noisy_columns(size: tuple[int, int], panorama: tuple[int, int]) -> tuple[Co
 
 
 def arrow_schema(columns: tuple[Column, ...]) -> pa.Schema:
-    """The Parquet schema, with the features that Hugging Face `datasets` reads from it."""
+    """Return the Parquet schema, with the features that Hugging Face `datasets` reads."""
     features = {column.name: _feature(column) for column in columns}
     huggingface = json.dumps({"info": {"features": features}}, sort_keys=False)
     return pa.schema(

@@ -1,8 +1,7 @@
-"""How varied a dataset's views are: figures of every view, and their distributions by source.
+"""Diversity of a dataset: statistics of every view, and their distributions by source.
 
-What networks learn by heart is what repeats. These are the quantities in which indoor views differ
-most visibly: how much stands in them, how far they look, how bright and how colourful they are, and
-how many lights surround the camera.
+The statistics are quantities in which indoor views differ visibly: number of objects, depth,
+luminance, saturation, and number and extent of lights around the camera.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ _BINS = 24
 
 @dataclass(frozen=True)
 class Quantity:
-    """One figure of a view: its name in tables, its axis label, and how it is binned."""
+    """A statistic of a view: its name in tables, its axis label, and its binning."""
 
     name: str
     label: str
@@ -47,12 +46,12 @@ QUANTITIES = (
 
 
 def view_figures(row: dict[str, Any]) -> dict[str, float]:
-    """The figures of one view, by the names of `QUANTITIES`.
+    """Return the statistics of one view, by the names of `QUANTITIES`.
 
-    `row` holds `objects` and, as arrays, `depth` (H, W) metres, `valid` (H, W), `color` and
-    `reflectance` (H, W, 3) linear, `intensity` (h, 2 h). Depth is averaged over what is valid;
+    `row` holds `objects` and, as arrays, `depth` (H, W) in metres, `valid` (H, W), `color` and
+    `reflectance` (H, W, 3), linear, and `intensity` (h, 2 h). Depth is averaged over valid pixels;
     saturation is (max - min) / max of linear reflectance, averaged over pixels; a light is a
-    connected region of the panorama, whose left and right edges meet; its share is of the
+    connected region of the panorama, whose left and right edges meet; `lit` is a share of the
     sphere's solid angle.
     """
     valid = np.asarray(row["valid"]) > 0
@@ -72,7 +71,7 @@ def view_figures(row: dict[str, Any]) -> dict[str, float]:
 
 
 def count_lights(shining: BoolArray) -> int:
-    """Connected regions (also by corners) of an equirectangular mask (h, w)."""
+    """Return the number of connected regions (also by corners) of a panorama mask (h, w)."""
     labels, count = ndimage.label(shining, structure=np.ones((3, 3)))
     # Regions that touch across the seam are one: union by walking their pairs.
     parent = list(range(count + 1))
@@ -94,7 +93,7 @@ def count_lights(shining: BoolArray) -> int:
 
 
 def dataset_figures(shards: Sequence[Path]) -> dict[str, dict[str, Float64Array]]:
-    """Source -> quantity -> its values over all views; reads one row group at a time.
+    """Return source -> quantity -> values (N,) over all views; reads one row group at a time.
 
     Raises `InputError` for shards that lack a column, such as those of an older version.
     """
@@ -122,7 +121,7 @@ def dataset_figures(shards: Sequence[Path]) -> dict[str, dict[str, Float64Array]
 
 
 def summary_table(figures: dict[str, dict[str, Float64Array]]) -> list[dict[str, Any]]:
-    """One row a source and quantity: views, the 5 %, 50 % and 95 % points, and mean."""
+    """Return a row per source and quantity: views, 5 %, 50 % and 95 % quantiles, and mean."""
     return [
         {
             "source": source,
@@ -144,7 +143,7 @@ def summary_table(figures: dict[str, dict[str, Float64Array]]) -> list[dict[str,
 
 
 def draw_figures(figures: dict[str, dict[str, Float64Array]]) -> Figure:
-    """Histograms of every quantity, one outline a source, as shares of that source's views."""
+    """Draw histograms of every quantity, one outline per source, as shares of its views."""
     page = Figure(figsize=(12, 6.5), dpi=100, layout="constrained")
     colors = ("#3b76af", "#c9682d", "#4f9a54", "#a5435e", "#7a5ea8", "#6b6b6b")
     for axes, quantity in zip(page.subplots(2, 3).flat, QUANTITIES, strict=True):

@@ -1,8 +1,8 @@
-"""The dataset stage: check every view's frames and pack them into Parquet shards.
+"""Packing of the dataset: checks of every view's frames, and Parquet shards by split.
 
-Reads `data/scenes`, `data/cameras` and the frames; writes `data/dataset/`, which
-is complete or absent: shards by split, a README card, `croissant.json`, `rejected.csv` (views
-sampled = rows + rejected) and `scenes.csv` (every scene, also those without any view).
+Reads `data/scenes`, `data/cameras` and the frames; writes `data/dataset/`, which is complete or
+absent: shards by split, a README card, `croissant.json`, `rejected.csv` (views sampled = rows +
+rejected) and `scenes.csv` (every scene, also those without any view).
 
 The same frames and parameters give the same bytes, whatever the number of threads. Memory is
 bounded by one row group per split and a few views in preparation, whatever the number of views.
@@ -55,7 +55,7 @@ class Rejected:
 
 @dataclass(frozen=True)
 class Packed:
-    """What one pass over all views wrote."""
+    """Shards, rows and rejected views of one pass over all views."""
 
     files: tuple[str, ...]  # shard names, sorted
     rows: Counter[str]  # per scene
@@ -66,8 +66,8 @@ class Packed:
 def pack_dataset(data: Path, params: Params) -> DatasetSummary:
     """Check and pack all views below `data`; `data/dataset` appears by rename.
 
-    Raises `InputError` if there are no views, if none passes the checks, or if a scene or
-    camera file is broken, and `MachineError` if the disk is full.
+    Raises `InputError` if there are no views, if none passes the checks, or if a scene or camera
+    file is broken, and `MachineError` if the disk is full.
     """
     data = Path(data)
     with data_lock(data, "dataset"):
@@ -157,7 +157,7 @@ def _prepare(
     failures: Mapping[tuple[str, str], str],
     params: Params,
 ) -> dict[str, Any] | Rejection:
-    """A view's row, or why it has none."""
+    """Return the row of a view, or the reason of its rejection."""
     frames = load_frames(data, view, failures, kinds_of(params))
     if isinstance(frames, Rejection):
         return frames
@@ -171,7 +171,7 @@ def _prepare(
 def _in_order(
     pool: ThreadPoolExecutor, function: Callable[[A], B], items: Iterable[A], window: int
 ) -> Iterator[B]:
-    """Results of `function` in the order of `items`, at most `window` of them ahead of time."""
+    """Yield results of `function` in the order of `items`, at most `window` computed ahead."""
     pending: deque[Future[B]] = deque()
     for item in items:
         pending.append(pool.submit(function, item))
@@ -187,7 +187,7 @@ def _emptied(
     splits: Mapping[str, str],
     params: Params,
 ) -> bool:
-    """Whether a split has lost all its plans to rejections though the others could fill it."""
+    """Return whether rejections emptied a split that the other plans could fill."""
     if len(kept) == len(candidates):
         return False
     filled = {splits[source.plan] for source in kept}

@@ -1,4 +1,4 @@
-"""A view as a row of the dataset: every cell, from its frames, its camera and its scene."""
+"""Rows of the dataset: the cells of a view, from its frames, camera and scene."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from scenes.contract import Scene
 def make_row(
     scene: Scene, view: View, split: str, frames: Frames, tone: ToneParams, preview_width: int
 ) -> dict[str, Any]:
-    """One row by column name; images as arrays in the frames' own precision."""
+    """Return one row by column name; images are arrays in the precision of the frames."""
     shading, color = frames["shading"], frames["color"]
     own_shading, own_color = exposure_of(shading.rgb, tone), exposure_of(color.rgb, tone)
     preview = fit(tone_picture(color.rgb, own_color), preview_width)
@@ -72,14 +72,14 @@ def _image(frame: Frame, channel: Channel) -> AnyArray:
 
 
 def _objects_in(view: View, scene: Scene) -> int:
-    """How many objects, parts of the building aside, cover more than 1 % of what is seen."""
+    """Return the number of objects, without structure, that each cover over 1 % of the view."""
     furniture = {thing.id for thing in scene.objects if not thing.is_structure}
     least = 0.01 * sum(view.seen.values())
     return sum(pixels > least for name, pixels in view.seen.items() if name in furniture)
 
 
 def _signed(seed: Any) -> int | None:
-    """A 64-bit seed as two's complement, which Parquet's integers can hold."""
+    """Return a 64-bit seed in two's complement, for Parquet's signed integers."""
     if not isinstance(seed, int):
         return None
     seed &= (1 << 64) - 1

@@ -1,4 +1,4 @@
-"""Rows into Parquet files of bounded size, a row group in memory at a time."""
+"""Parquet shards of bounded size, written one row group at a time."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ REPEATED = (
 
 
 class ShardWriter:
-    """Rows of one split into row groups and capped files; keeps one row group in memory.
+    """Writer of the rows of one split as row groups in files of bounded size.
 
-    Close it to get the shards' final names; a writer that is left by an exception leaves
-    nothing usable, its folder is thrown away.
+    Keeps one row group in memory. `close` gives the shards their final names; after an exception
+    the caller removes the folder.
     """
 
     def __init__(
@@ -46,13 +46,13 @@ class ShardWriter:
         self._writer: pq.ParquetWriter | None = None
 
     def add(self, row: Mapping[str, Any]) -> None:
-        """Add a row; writes a row group when enough are together."""
+        """Add a row; write a row group once there are enough rows."""
         self._rows.append(dict(row))
         if len(self._rows) >= self.row_group:
             self._flush()
 
     def close(self) -> list[str]:
-        """Write what is left and name the files `<split>-00000-of-0000N.parquet`."""
+        """Write the remaining rows and name the files `<split>-00000-of-0000N.parquet`."""
         if self._rows:
             self._flush()
         self._finish()
@@ -64,7 +64,7 @@ class ShardWriter:
         return names
 
     def abandon(self) -> None:
-        """Let go of the open file, whether or not it can be completed."""
+        """Close the open file, whether or not it can be completed."""
         if self._writer is not None:
             # On a full disk the footer fails as the rows before it did.
             with suppress(OSError, pa.ArrowException):
@@ -114,7 +114,7 @@ class ShardWriter:
 
 
 def to_table(rows: Sequence[Mapping[str, Any]], columns: tuple[Column, ...]) -> pa.Table:
-    """Rows as an Arrow table of `arrow_schema(columns)`."""
+    """Return rows as an Arrow table of `arrow_schema(columns)`."""
     arrays = []
     for column in columns:
         values = [row[column.name] for row in rows]

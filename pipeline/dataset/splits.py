@@ -1,4 +1,4 @@
-"""Which scenes the dataset is made of, and which split each of them falls into."""
+"""Scenes of the dataset with their cameras, and their split into train, validation and test."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ SPLITS = ("train", "validation", "test")
 
 @dataclass(frozen=True)
 class Source:
-    """A scene with its camera file, None where the cameras stage left none."""
+    """A scene with its camera file, which is None if the cameras stage wrote none."""
 
     scene: Scene
     cameras: CameraFile | None
 
     @property
     def plan(self) -> str:
-        """Scenes of one plan stay in one split."""
+        """Name of the floor plan; scenes of one plan are in one split."""
         return self.scene.plan or self.scene.scene_id
 
     @property
     def views(self) -> list[View]:
-        """Views sampled in it, sorted by id."""
+        """Sampled views, sorted by id."""
         views = self.cameras.views if self.cameras else ()
         return sorted(views, key=lambda view: view.view_id)
 
 
 def read_sources(data: Path) -> list[Source]:
-    """All scenes below `data`, sorted by id, with their camera files.
+    """Return all scenes below `data`, sorted by id, with their camera files.
 
-    Raises `InputError` if there are none, or cameras of a scene that is not there.
+    Raises `InputError` if there are none, or if a camera file has no scene.
     """
     cameras = {}
     for path in sorted((data / "cameras").glob("*.json")):
@@ -62,14 +62,15 @@ def read_sources(data: Path) -> list[Source]:
 
 
 def split_plans(sources: Sequence[Source], shares: SplitParams, seed: int) -> dict[str, str]:
-    """Plan -> split, so that whole plans fall into one split; deterministic in `seed`.
+    """Return plan -> split, so that whole plans are in one split; deterministic in `seed`.
 
-    Every plan draws a number from the seed and its own name. Within a light setting, plans stand
-    in the order of their numbers, spread evenly over [0, 1); all plans in that order are dealt
-    first to test, then to validation, the rest to train. So each split sees the light settings in
-    proportion, no split is empty by chance (from two plans on there is a test plan, from three
-    on a validation plan, where their shares are above 0), and adding a scene moves at most the
-    plans at the borders. Plans that `shares.test_only` names are dealt to test beforehand.
+    Every plan draws a number from the seed and its own name. Within a light setting, plans are
+    ordered by their numbers and spaced evenly over [0, 1). In the merged order of all settings the
+    first plans are the test split, the next ones the validation split, the others the training
+    split. So each split has the light settings in proportion, no split is empty by chance (there is
+    a test plan from two plans on and a validation plan from three on, if their shares are above 0),
+    and a further scene moves at most the plans at the borders. Plans that `shares.test_only` names
+    are in the test split beforehand.
     """
     kept_back = shares.kept_back({source.scene.scene_id: source.plan for source in sources})
     strata: dict[str, dict[str, int]] = defaultdict(dict)

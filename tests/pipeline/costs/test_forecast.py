@@ -49,7 +49,7 @@ def truth_of(data: Path) -> StageCost:
 
 
 def asked(data: Path, *words: str, params: str = "scenes: {homes: 10}\n") -> str:
-    """What `pbrnet cost` says."""
+    """Output of `pbrnet cost`."""
     (data / "params.yaml").write_text(params)
     run = CliRunner().invoke(
         cli, ["cost", "--data", str(data), "--params", str(data / "params.yaml"), *words]

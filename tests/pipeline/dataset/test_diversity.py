@@ -1,4 +1,4 @@
-"""What a dataset's diversity is measured by, against views whose figures are known."""
+"""Statistics of diversity, against views whose values are known."""
 
 from __future__ import annotations
 

@@ -376,7 +376,7 @@ def test_scenes_are_made_kept_renewed_and_removed(tmp_path: Path) -> None:
 
 
 def test_a_clock_that_jumps_makes_nothing_again(data: Path) -> None:
-    """What holds is told by fingerprints: times of files mean nothing."""
+    """Fingerprints decide, not the modification times of files."""
     for path in sorted(data.rglob("*.exr"))[::2]:
         os.utime(path, (4e9, 4e9))
     for path in sorted(data.rglob("scene.xml")):
