@@ -130,31 +130,31 @@ def _house(
     rng: np.random.Generator, name: str, at: np.ndarray, degrees: float, ground: float
 ) -> SceneItem:
     """Neighbouring house with a gable roof and dark windows in light frames, facing the home."""
-    wide, deep = float(rng.uniform(8, 14)), float(rng.uniform(7, 10))
+    width, depth = float(rng.uniform(8, 14)), float(rng.uniform(7, 10))
     storeys = int(rng.integers(1, 4))
     high = 2.9 * storeys + 0.4
     eaves, ridge = 0.4, float(rng.uniform(1.5, 3.5))
-    walls = span((-wide / 2, -deep / 2, -0.3), (wide / 2, deep / 2, high))
+    walls = span((-width / 2, -depth / 2, -0.3), (width / 2, depth / 2, high))
     roof = prism(
         [
-            (-deep / 2 - eaves, 0.0),
-            (deep / 2 + eaves, 0.0),
+            (-depth / 2 - eaves, 0.0),
+            (depth / 2 + eaves, 0.0),
             (0.0, ridge),
         ],
-        -wide / 2 - eaves,
-        wide / 2 + eaves,
+        -width / 2 - eaves,
+        width / 2 + eaves,
     )
     # The gable was extruded along z: permute the axes so that it runs along x with its tip up.
     vertices = np.stack([roof.vertices[:, 2], roof.vertices[:, 0], roof.vertices[:, 1]], axis=1)
     roof = BodyMesh(vertices + np.array([0, 0, high]), roof.faces, roof.uvs)
     panes, frames = [], []
-    columns = max(2, int(wide / 2.6))
+    columns = max(2, int(width / 2.6))
     for storey in range(storeys):
         for column in range(columns):
-            x = wide * ((column + 0.5) / columns - 0.5)
+            x = width * ((column + 0.5) / columns - 0.5)
             z = 0.9 + 2.9 * storey
             for side in (-1, 1):
-                y = side * deep / 2
+                y = side * depth / 2
                 panes.append(box((1.1, 0.06, 1.3), (x, y, z)))
                 frames += [
                     box((1.3, 0.12, 0.09), (x, y, z - 0.09)),
@@ -226,13 +226,13 @@ def _tree(rng: np.random.Generator, name: str, at: np.ndarray, ground: float) ->
 
 def _hedge(rng: np.random.Generator, centre: np.ndarray, half: float, ground: float) -> BodyMesh:
     """Clipped hedge around the garden; each side is missing with probability 1/4."""
-    height, thick = float(rng.uniform(0.9, 1.9)), 0.7
+    height, thickness = float(rng.uniform(0.9, 1.9)), 0.7
     surface = noise(rng, 64, 0.9)
     runs = []
     for side in range(4):
         if rng.random() < 0.25:
             continue
-        length = 2 * half - thick
+        length = 2 * half - thickness
         count = max(8, int(length / 0.35))
         # Rounded cross-section, extruded along the side with a rough surface.
         profile = np.array(
@@ -250,7 +250,7 @@ def _hedge(rng: np.random.Generator, centre: np.ndarray, half: float, ground: fl
         run = np.zeros((count, len(profile), 3))
         run[..., 0] = np.linspace(-length / 2, length / 2, count)[:, None]
         rough = 0.06 * surface[np.arange(count)[:, None] % 64, np.arange(len(profile)) + 8 * side]
-        run[..., 1] = profile[:, 0] * thick * (1 + rough)
+        run[..., 1] = profile[:, 0] * thickness * (1 + rough)
         run[..., 2] = profile[:, 1] * height * (1 + 0.6 * rough) - 0.05
         runs.append(_extruded(run).moved(y=-half).turned("z", 90.0 * side))
     if not runs:

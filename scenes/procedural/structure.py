@@ -340,9 +340,9 @@ def _portal(opening: Opening, clear: bool) -> Portal:
 def _window(opening: Opening, finishes: Finishes) -> SceneItem:
     """Window with frame, sashes, glazing bars, handles and sill, without panes."""
     edge, width = opening.edge, opening.width
-    wide, deep = FRAME
+    wide, depth = FRAME
     middle = -pane_depth(opening)
-    near, far = middle + deep / 2, middle - deep / 2
+    near, far = middle + depth / 2, middle - depth / 2
     z0 = opening.z0 if opening.z0 > 0 else 0.004
     z1 = opening.z1
     frame = [
@@ -358,7 +358,7 @@ def _window(opening: Opening, finishes: Finishes) -> SceneItem:
     for number in range(sashes):
         s0 = wide + clear * number / sashes
         s1 = wide + clear * (number + 1) / sashes
-        front, back = near + 0.012, middle - deep / 4
+        front, back = near + 0.012, middle - depth / 4
         low, high = z0 + wide - 0.01, z1 - wide + 0.01
         gap = 0.0015
         left, right = (
@@ -434,8 +434,8 @@ def _door(opening: Opening, finishes: Finishes) -> SceneItem:
         _edge_span(edge, width - LINING, width + LAP, near, far, 0.0, top + LAP),
         _edge_span(edge, LINING, width - LINING, near, far, top - LINING, top + LAP),
     ]
-    wide, thick = CASING
-    for face, out in ((near, near + thick), (far, far - thick)):
+    wide, thickness = CASING
+    for face, out in ((near, near + thickness), (far, far - thickness)):
         inset = LINING - 0.005
         lining += [
             _edge_span(edge, -wide + inset, inset, face, out, 0.0, top + wide - inset),

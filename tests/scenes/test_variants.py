@@ -81,7 +81,7 @@ def test_the_plan_stays_and_the_finishes_change(base: Scene) -> None:
     assert changed == set(made.source["finishes"]["shapes"])
 
 
-def test_finishes_lie_in_true_size(base: Scene) -> None:
+def test_finishes_have_true_size(base: Scene) -> None:
     made = varied(base)
     root = ElementTree.parse(made.xml).getroot()
     tiles: dict[str, set[float]] = {}
@@ -106,7 +106,7 @@ def test_finishes_lie_in_true_size(base: Scene) -> None:
         assert (made.folder / file.get("value", "")).is_file()
 
 
-def test_slanting_faces_keep_their_length_along_and_up() -> None:
+def test_uvs_of_oblique_walls_are_metric() -> None:
     # A wall that runs at 30 degrees: 2 m long, 1 m high.
     run = 2 * np.array([np.cos(0.5), np.sin(0.5), 0])
     up = np.array([0.0, 0, 1])
@@ -116,7 +116,7 @@ def test_slanting_faces_keep_their_length_along_and_up() -> None:
     assert np.ptp(made.uvs, axis=0) == pytest.approx([2, 1])
 
 
-def test_each_variant_differs_and_comes_again_to_the_bit(base: Scene) -> None:
+def test_variants_differ_and_are_reproducible_to_the_bit(base: Scene) -> None:
     first, other = varied(base, 1), varied(base, 2)
     assert first.source["finishes"] != other.source["finishes"] or (
         first.source["light"] != other.source["light"]

@@ -99,13 +99,13 @@ class RoomSpace:
     def _register_opening(self, opening: Opening) -> None:
         edge, width = opening.edge_in(self.room.id), opening.width
         margin = CASING[0] if opening.kind != "window" else 0.045
-        deep = 0.06 if opening.kind == "window" else 0.12
-        front = edge.strip(-margin, width + margin, 0.0, deep)
+        depth = 0.06 if opening.kind == "window" else 0.12
+        front = edge.strip(-margin, width + margin, 0.0, depth)
         self._blocked = np.concatenate([self._blocked, _raised(front, opening.z0 - 0.05, 2.3)])
         if opening.kind == "window":
             return
-        deep = 0.7 if opening.kind != "patio" else 0.6
-        self._keep_clear(edge.strip(0, width, 0.0, deep), "passage")
+        depth = 0.7 if opening.kind != "patio" else 0.6
+        self._keep_clear(edge.strip(0, width, 0.0, depth), "passage")
         self.doors.append(edge.at(width / 2, 0.35))
         if opening.kind in ("door", "entrance") and opening.swing == self.room.id:
             self._keep_clear(edge.strip(0, width, 0.0, width), "swing")

@@ -37,17 +37,19 @@ from scenes.procedural.furniture.style import (
 from scenes.procedural.piece import FurniturePiece, Material
 
 
-def _tap(spout: float, tall: float) -> BodyMesh:
+def _tap(spout: float, height: float) -> BodyMesh:
     """Basin mixer at the origin, spout towards the front (-Y)."""
     t = np.linspace(0, 0.5 * np.pi, 6)
-    bend = np.stack([0 * t, -0.05 + 0.05 * np.cos(t), tall - 0.05 + 0.05 * np.sin(t)], axis=1)
-    path = np.concatenate([[[0, 0, 0.0]], bend, [[0, -spout, tall - 0.012]]])
+    bend = np.stack([0 * t, -0.05 + 0.05 * np.cos(t), height - 0.05 + 0.05 * np.sin(t)], axis=1)
+    path = np.concatenate([[[0, 0, 0.0]], bend, [[0, -spout, height - 0.012]]])
     return merge(
         [
             cylinder(0.023, 0, 0.014, 20, bevel=0.003),
             tube(path, 0.0125, 12),
-            bar((0, -spout + 0.008, tall - 0.006), (0, -spout + 0.004, tall - 0.034), 0.0105, 10),
-            bar((0, -0.008, tall), (0, 0.035, tall + 0.035), 0.005, 8),
+            bar(
+                (0, -spout + 0.008, height - 0.006), (0, -spout + 0.004, height - 0.034), 0.0105, 10
+            ),
+            bar((0, -0.008, height), (0, 0.035, height + 0.035), 0.005, 8),
         ]
     )
 
@@ -308,7 +310,7 @@ def toilet(rng: np.random.Generator, style: Style) -> FurniturePiece:
 
 def shower(rng: np.random.Generator, style: Style, width: float = 0.9) -> FurniturePiece:
     """A corner shower: tray, glass screens and door; walls at its back (+Y) and left (-X)."""
-    half, tall = width / 2, float(rng.uniform(1.9, 2.0))
+    half, height = width / 2, float(rng.uniform(1.9, 2.0))
     b = Builder("shower", "shower", "corner", front_clearance=0.6)
     rings = [
         superellipse(half, half, 0.0, 30, 64),
@@ -322,35 +324,35 @@ def shower(rng: np.random.Generator, style: Style, width: float = 0.9) -> Furnit
     pane = 0.008
     edge = half - 0.025
     b.add(
-        GLASS, span((edge - pane, -edge + 0.01, 0.052), (edge, half - 0.012, tall)), name="screen"
+        GLASS, span((edge - pane, -edge + 0.01, 0.052), (edge, half - 0.012, height)), name="screen"
     )
     split = -0.02
-    b.add(GLASS, span((split, -edge, 0.052), (edge - 0.012, -edge + pane, tall)), name="screen")
+    b.add(GLASS, span((split, -edge, 0.052), (edge - 0.012, -edge + pane, height)), name="screen")
     ajar = float(rng.uniform(10, 50)) if rng.random() < 0.5 else 0.0
-    long = half + split - 0.03
-    door = span((0.004, -pane / 2, 0.058), (long, pane / 2, tall - 0.004)).turned("z", -ajar)
+    length = half + split - 0.03
+    door = span((0.004, -pane / 2, 0.058), (length, pane / 2, height - 0.004)).turned("z", -ajar)
     hinge = (-half + 0.024, -edge + pane / 2)
     b.add(GLASS, door.moved(*hinge), name="door")
     for side in (-1.0, 1.0):
         knob = cylinder(0.014, 0.002, 0.03, 16, bevel=0.003).turned("x", 90.0 * side)
         b.add(
-            CHROME, knob.moved(long - 0.06, 0, 1.05).turned("z", -ajar).moved(*hinge), name="knob"
+            CHROME, knob.moved(length - 0.06, 0, 1.05).turned("z", -ajar).moved(*hinge), name="knob"
         )
     b.add(
         style.metal,
-        span((edge - 0.02, half - 0.02, 0.05), (edge + 0.012, half, tall + 0.002)),
+        span((edge - 0.02, half - 0.02, 0.05), (edge + 0.012, half, height + 0.002)),
         name="profile",
     )
     b.add(
         style.metal,
-        span((-half, -edge - 0.01, 0.05), (-half + 0.022, -edge + 0.02, tall + 0.002)),
+        span((-half, -edge - 0.01, 0.05), (-half + 0.022, -edge + 0.02, height + 0.002)),
         name="profile",
     )
     b.add(
         style.metal,
         bar(
-            (edge - 0.004, -edge + 0.004, tall - 0.02),
-            (edge - 0.004, half - 0.005, tall - 0.02),
+            (edge - 0.004, -edge + 0.004, height - 0.02),
+            (edge - 0.004, half - 0.005, height - 0.02),
             0.009,
             8,
         ),

@@ -60,10 +60,10 @@ class _Wrinkles:
         up = np.zeros_like(s)
         for a, c, phase in self.waves:
             up += 0.4 * np.sin(a * s + c * t + phase)
-        for turn, at, wide in self.creases:
+        for turn, at, width in self.creases:
             along = -s * np.sin(turn) + t * np.cos(turn)
             across = s * np.cos(turn) + t * np.sin(turn) + 0.04 * np.sin(5 * along)
-            up += 1.6 * np.exp(-(((across - at) / wide) ** 2)) * np.exp(-((along / 0.6) ** 2))
+            up += 1.6 * np.exp(-(((across - at) / width) ** 2)) * np.exp(-((along / 0.6) ** 2))
         return self.height * up
 
     def fold(self, along: Float64Array, side: int) -> Float64Array:

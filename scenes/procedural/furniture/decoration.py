@@ -62,14 +62,14 @@ def _leaf(length: float, width: float, droop: float, rows: int = 7) -> BodyMesh:
 
 
 def _add_pot(
-    b: Builder, rng: np.random.Generator, style: Style, radius: float, tall: float
+    b: Builder, rng: np.random.Generator, style: Style, radius: float, height: float
 ) -> None:
     """Add a pot with soil."""
     wall = 0.08 * radius
     kind = rng.random()
     if kind < 0.25:
-        add_basket(b, 0, 0, 0, (radius, radius), tall, 2.0)
-        b.add(SOIL, cylinder(radius - 0.028, 0.5 * tall, 0.82 * tall, 28), name="soil")
+        add_basket(b, 0, 0, 0, (radius, radius), height, 2.0)
+        b.add(SOIL, cylinder(radius - 0.028, 0.5 * height, 0.82 * height, 28), name="soil")
         return
     material = TERRACOTTA if kind < 0.5 else style.accents[int(rng.integers(len(style.accents)))]
     if kind > 0.8:
@@ -77,17 +77,22 @@ def _add_pot(
     foot = float(rng.uniform(0.65, 0.9)) * radius
     profile = [
         (foot, 0.0),
-        (radius - 0.06 * radius, 0.86 * tall),
-        (radius, 0.87 * tall),
-        (radius, tall),
-        (radius - wall, tall),
-        (radius - 1.6 * wall, 0.7 * tall),
+        (radius - 0.06 * radius, 0.86 * height),
+        (radius, 0.87 * height),
+        (radius, height),
+        (radius - wall, height),
+        (radius - 1.6 * wall, 0.7 * height),
     ]
     b.add(material, lathe(profile, 28), name="pot")
     b.add(
         SOIL,
         lathe(
-            [(0.8 * radius, 0.72 * tall), (radius - 1.25 * wall, 0.86 * tall), (0, 0.89 * tall)], 24
+            [
+                (0.8 * radius, 0.72 * height),
+                (radius - 1.25 * wall, 0.86 * height),
+                (0, 0.89 * height),
+            ],
+            24,
         ),
         name="soil",
     )
@@ -149,8 +154,8 @@ def _foliage(
             extent = 0.33 * rise * float(rng.uniform(0.4, 1.0)) * (1.25 - 0.6 * share)
             path = branch(turn, extent, base + 0.92 * rise * share)
             b.add(stalk, tube(path, np.linspace(0.013, 0.005, 6) * rise, 8), name="stalks")
-            long = float(rng.uniform(0.24, 0.34)) * rise
-            leaf = _leaf(long, 0.62 * long, float(rng.uniform(0.7, 1.5)))
+            length = float(rng.uniform(0.24, 0.34)) * rise
+            leaf = _leaf(length, 0.62 * length, float(rng.uniform(0.7, 1.5)))
             tilt = float(rng.uniform(-35, 10))
             b.add(
                 leaves[int(rng.integers(2))],
@@ -169,9 +174,9 @@ def _foliage(
             fine = np.linspace(0.35, 1.0, 11)
             at = np.stack([np.interp(fine, np.linspace(0, 1, 6), path[:, c]) for c in range(3)], 1)
             for j, point in enumerate(at):
-                long = 0.26 * rise * float(np.sin(np.pi * (0.25 + 0.68 * j / 10))) + 0.02
+                length = 0.26 * rise * float(np.sin(np.pi * (0.25 + 0.68 * j / 10))) + 0.02
                 for side in (-1, 1):
-                    blade = _leaf(long, 0.13 * long, 0.8, rows=5)
+                    blade = _leaf(length, 0.13 * length, 0.8, rows=5)
                     spread = side * float(rng.uniform(42, 62)) * (1 - 0.04 * j)
                     b.add(
                         leaves[int(rng.integers(2))],
@@ -181,8 +186,8 @@ def _foliage(
     else:
         for k in range(int(rng.integers(12, 18))):
             turn = k * 2.4 + float(rng.uniform(-0.3, 0.3))
-            long = rise * float(rng.uniform(0.55, 1.0))
-            blade = _leaf(long, max(0.1 * rise, 0.012), float(rng.uniform(0.02, 0.25)), rows=9)
+            length = rise * float(rng.uniform(0.55, 1.0))
+            blade = _leaf(length, max(0.1 * rise, 0.012), float(rng.uniform(0.02, 0.25)), rows=9)
             lean = float(rng.uniform(68, 86))
             near = 0.45 * radius * float(rng.uniform(0.1, 1.0))
             b.add(
@@ -198,20 +203,20 @@ def _foliage(
 def vase(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A vase, sometimes with twigs."""
     b = Builder("vase", "vase", "on_top")
-    tall = float(rng.uniform(0.16, 0.34))
-    add_vase(b, rng, style.accents[int(rng.integers(len(style.accents)))], 0, 0, 0, tall)
+    height = float(rng.uniform(0.16, 0.34))
+    add_vase(b, rng, style.accents[int(rng.integers(len(style.accents)))], 0, 0, 0, height)
     if rng.random() < 0.6:
         twig = Material("wood", hex_color("#6a4c34"), 0.8)
         bloom = style.cushions[int(rng.integers(len(style.cushions)))]
         for k in range(int(rng.integers(5, 9))):
             turn = k * 2.4
-            extent, top = float(rng.uniform(0.05, 0.14)), tall + float(rng.uniform(0.14, 0.3))
+            extent, top = float(rng.uniform(0.05, 0.14)), height + float(rng.uniform(0.14, 0.3))
             t = np.linspace(0, 1, 5)
             path = np.stack(
                 [
                     extent * t**1.5 * np.cos(turn),
                     extent * t**1.5 * np.sin(turn),
-                    0.72 * tall + (top - 0.72 * tall) * t,
+                    0.72 * height + (top - 0.72 * height) * t,
                 ],
                 1,
             )
@@ -253,7 +258,7 @@ def _picture_plane(w: float, h: float, y: float) -> BodyMesh:
 
 
 def _add_frame(
-    b: Builder, material: Material, width: float, height: float, rail: float, deep: float
+    b: Builder, material: Material, width: float, height: float, rail: float, depth: float
 ) -> None:
     """Add four frame rails centred at the origin, with their back on the wall y = 0."""
     w, h = width / 2, height / 2
@@ -261,13 +266,13 @@ def _add_frame(
         b.add(
             material,
             span(
-                (side * w - rail * (side > 0), -deep, -h),
+                (side * w - rail * (side > 0), -depth, -h),
                 (side * w + rail * (side < 0), 0, h),
                 0.003,
                 "z",
             ),
             span(
-                (-w + rail, -deep + 0.0005, side * h - rail * (side > 0)),
+                (-w + rail, -depth + 0.0005, side * h - rail * (side > 0)),
                 (w - rail, -0.0003, side * h + rail * (side < 0)),
                 0.003,
                 "x",
@@ -334,22 +339,23 @@ def television(
     """A flat television on its feet."""
     width = float(rng.uniform(0.9, 1.3)) if width is None else width
     b = Builder("television", "television", "on_top")
-    tall = width * 0.575
+    height = width * 0.575
     z = 0.07
     b.add(
         BLACK_PLASTIC,
-        span((-width / 2, -0.012, z), (width / 2, 0.014, z + tall), 0.003),
+        span((-width / 2, -0.012, z), (width / 2, 0.014, z + height), 0.003),
         name="case",
     )
     b.add(
         BLACK_PLASTIC,
-        rounded_box((0.7 * width, 0.05, 0.5 * tall), (0, 0.03, z + 0.1 * tall), 0.015, inner=1),
+        rounded_box((0.7 * width, 0.05, 0.5 * height), (0, 0.03, z + 0.1 * height), 0.015, inner=1),
         name="case",
     )
     b.add(
         SCREEN,
         span(
-            (-width / 2 + 0.009, -0.0135, z + 0.018), (width / 2 - 0.009, -0.0115, z + tall - 0.009)
+            (-width / 2 + 0.009, -0.0135, z + 0.018),
+            (width / 2 - 0.009, -0.0115, z + height - 0.009),
         ),
         name="screen",
     )
@@ -372,15 +378,15 @@ def television(
 def monitor(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A computer monitor with keyboard and mouse in front."""
     width = float(rng.uniform(0.52, 0.64))
-    tall = 0.585 * width
+    height = 0.585 * width
     b = Builder("computer monitor", "monitor", "on_top")
     y, z = 0.13, float(rng.uniform(0.09, 0.14))
     b.add(
         BLACK_PLASTIC,
-        span((-width / 2, y - 0.012, z), (width / 2, y + 0.014, z + tall), 0.003),
+        span((-width / 2, y - 0.012, z), (width / 2, y + 0.014, z + height), 0.003),
         name="case",
     )
-    w, h, middle = width / 2 - 0.008, tall / 2 - 0.011, z + tall / 2 + 0.003
+    w, h, middle = width / 2 - 0.008, height / 2 - 0.011, z + height / 2 + 0.003
     if rng.random() < 0.5:
         dark = span((-w, y - 0.0135, middle - h), (w, y - 0.0115, middle + h))
         b.add(SCREEN, dark, name="screen")
@@ -459,10 +465,10 @@ def books_stack(rng: np.random.Generator, style: Style) -> FurniturePiece:
 def fruit_bowl(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A bowl with five to seven fruits."""
     b = Builder("fruit bowl", "bowl", "on_top")
-    radius, tall = float(rng.uniform(0.12, 0.16)), float(rng.uniform(0.06, 0.09))
+    radius, height = float(rng.uniform(0.12, 0.16)), float(rng.uniform(0.06, 0.09))
     b.add(
         style.wood if rng.random() < 0.4 else style.accents[int(rng.integers(5))],
-        _bowl(radius, tall),
+        _bowl(radius, height),
         name="bowl",
     )
     colors = ("#b8322a", "#d98a2b", "#8aa83a", "#d9c23a", "#c24a2a")
@@ -471,7 +477,7 @@ def fruit_bowl(rng: np.random.Generator, style: Style) -> FurniturePiece:
         size = float(rng.uniform(0.033, 0.04))
         ring = 0.0 if k == count - 1 else 0.52 * radius
         turn = 2 * np.pi * k / max(count - 1, 1)
-        z = 0.45 * tall + size + (0.045 if ring == 0 else 0.0)
+        z = 0.45 * height + size + (0.045 if ring == 0 else 0.0)
         fruit = Material("plastic", hex_color(colors[int(rng.integers(len(colors)))]), 0.4)
         apple = [
             (0.0, -0.82),
@@ -494,9 +500,9 @@ def fruit_bowl(rng: np.random.Generator, style: Style) -> FurniturePiece:
     return b.piece()
 
 
-def _bowl(radius: float, tall: float) -> BodyMesh:
+def _bowl(radius: float, height: float) -> BodyMesh:
     t = np.linspace(0, 1, 7)
-    outer = [(radius * (0.45 + 0.55 * float(s) ** 0.6), float(s) * tall) for s in t]
+    outer = [(radius * (0.45 + 0.55 * float(s) ** 0.6), float(s) * height) for s in t]
     inner = [(r - 0.006, max(z, 0.008)) for r, z in outer[::-1]]
     return lathe([*outer, *inner[:-1], (inner[-1][0] - 0.004, 0.008)], 32)
 
@@ -547,16 +553,16 @@ def candle(rng: np.random.Generator, style: Style) -> FurniturePiece:
     for k in range(3):
         turn = 2 * np.pi * k / 3 + 0.4
         x, y = 0.052 * float(np.cos(turn)), 0.052 * float(np.sin(turn))
-        radius, tall = float(rng.uniform(0.024, 0.034)), float(rng.uniform(0.06, 0.16))
+        radius, height = float(rng.uniform(0.024, 0.034)), float(rng.uniform(0.06, 0.16))
         b.add(
             wax,
             lathe(
                 [
                     (radius, 0.0035),
-                    (radius, tall),
-                    (0.8 * radius, tall),
-                    (0.6 * radius, tall - 0.006),
-                    (0, tall - 0.007),
+                    (radius, height),
+                    (0.8 * radius, height),
+                    (0.6 * radius, height - 0.006),
+                    (0, height - 0.007),
                 ],
                 22,
             ).moved(x, y),
@@ -564,7 +570,7 @@ def candle(rng: np.random.Generator, style: Style) -> FurniturePiece:
         )
         b.add(
             BLACK_PLASTIC,
-            bar((x, y, tall - 0.009), (x + 0.002, y, tall + 0.008), 0.0012, 8),
+            bar((x, y, height - 0.009), (x + 0.002, y, height + 0.008), 0.0012, 8),
             name="wick",
         )
     return b.piece()
@@ -588,8 +594,8 @@ def wall_clock(rng: np.random.Generator, style: Style) -> FurniturePiece:
         )
         b.add(BLACK_PLASTIC, mark.turned("y", 30 * k), name="marks")
     hour, minute = float(rng.uniform(0, 360)), float(rng.uniform(0, 360))
-    for length, wide, angle, y in ((0.52, 0.009, hour, -0.026), (0.76, 0.006, minute, -0.029)):
-        hand = box((wide, 0.0018, length * radius + 0.02), (0, y, -0.02))
+    for length, width, angle, y in ((0.52, 0.009, hour, -0.026), (0.76, 0.006, minute, -0.029)):
+        hand = box((width, 0.0018, length * radius + 0.02), (0, y, -0.02))
         b.add(BLACK_PLASTIC, hand.turned("y", angle), name="hands")
     b.add(BLACK_PLASTIC, cylinder(0.008, 0.021, 0.033, 14).turned("x", 90), name="hands")
     return b.piece()
@@ -657,7 +663,7 @@ def coat_hooks(rng: np.random.Generator, style: Style) -> FurniturePiece:
 
 def _add_coat(b: Builder, rng: np.random.Generator, cloth: Material, x: float) -> None:
     """Add a hanging coat with two sleeves, sagging shoulders and folds down to the hem."""
-    long = float(rng.uniform(0.75, 1.0))
+    length = float(rng.uniform(0.75, 1.0))
     count, rows = 48, 13
     t = np.linspace(0, 1, rows) ** 1.4
     angle = 2 * np.pi * np.arange(count) / count
@@ -674,7 +680,7 @@ def _add_coat(b: Builder, rng: np.random.Generator, cloth: Material, x: float) -
         groove = 1 - 0.35 * strength * np.exp(-(((angle - 1.5 * np.pi) / 0.16) ** 2))
         rings[k, :, 0] = x + half_x[k] * np.cos(angle) * fold
         rings[k, :, 1] = -0.1 + half_y[k] * np.sin(angle) * fold * groove
-        rings[k, :, 2] = -0.02 - long * t[k]
+        rings[k, :, 2] = -0.02 - length * t[k]
     b.add(cloth, loft(rings[::-1]), name="coat")
     for side in (-1, 1):
         sag = float(rng.uniform(-0.01, 0.02))
@@ -692,23 +698,27 @@ def storage_box(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A lidded box of cardboard or an open basket."""
     b = Builder("storage box", "box", "free")
     width, depth = float(rng.uniform(0.3, 0.42)), float(rng.uniform(0.24, 0.34))
-    tall = float(rng.uniform(0.2, 0.3))
+    height = float(rng.uniform(0.2, 0.3))
     if rng.random() < 0.5:
         paper = Material("paper", style.accents[int(rng.integers(5))].color, 0.85)
-        b.add(paper, box((width, depth, tall - 0.02), (0, 0, 0), 0.002), name="box")
+        b.add(paper, box((width, depth, height - 0.02), (0, 0, 0), 0.002), name="box")
         b.add(
-            paper, box((width + 0.008, depth + 0.008, 0.06), (0, 0, tall - 0.06), 0.002), name="lid"
+            paper,
+            box((width + 0.008, depth + 0.008, 0.06), (0, 0, height - 0.06), 0.002),
+            name="lid",
         )
         b.add(
-            style.metal, box((0.07, 0.004, 0.03), (0, -depth / 2 - 0.001, 0.5 * tall)), name="label"
+            style.metal,
+            box((0.07, 0.004, 0.03), (0, -depth / 2 - 0.001, 0.5 * height)),
+            name="label",
         )
-        b.surface(0, 0, tall, width / 2 - 0.02, depth / 2 - 0.02)
+        b.surface(0, 0, height, width / 2 - 0.02, depth / 2 - 0.02)
     else:
-        add_basket(b, 0, 0, 0, (width / 2, depth / 2), tall)
+        add_basket(b, 0, 0, 0, (width / 2, depth / 2), height)
         b.add(
             style.throw,
             rounded_box(
-                (width - 0.06, depth - 0.06, 0.12), (0, 0, tall - 0.13), 0.05, (0, 0, 0.02)
+                (width - 0.06, depth - 0.06, 0.12), (0, 0, height - 0.13), 0.05, (0, 0, 0.02)
             ),
             name="linen",
         )
@@ -717,15 +727,15 @@ def storage_box(rng: np.random.Generator, style: Style) -> FurniturePiece:
 
 def waste_bin(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """An open round bin."""
-    radius, tall = float(rng.uniform(0.11, 0.14)), float(rng.uniform(0.26, 0.33))
+    radius, height = float(rng.uniform(0.11, 0.14)), float(rng.uniform(0.26, 0.33))
     b = Builder("waste bin", "bin", "free")
     material = (
         style.metal if rng.random() < 0.5 else WICKER if rng.random() < 0.3 else BLACK_PLASTIC
     )
     profile = [
         (0.8 * radius, 0.0),
-        (radius, tall),
-        (radius - 0.004, tall),
+        (radius, height),
+        (radius - 0.004, height),
         (0.8 * radius - 0.004, 0.006),
     ]
     b.add(material, lathe(profile, 32), name="bin")
@@ -737,12 +747,19 @@ def bottle(rng: np.random.Generator, style: Style) -> FurniturePiece:
     b = Builder("bottle and glasses", "glass", "on_top")
     tints = ("#24361f", "#3a2413", "#1c2f38")
     dark = Material("plastic", hex_color(tints[int(rng.integers(3))]), 0.1)
-    tall, wide = float(rng.uniform(0.28, 0.33)), float(rng.uniform(0.034, 0.041))
-    body = [(wide - 0.002, 0.0), (wide, 0.006), (wide, 0.62 * tall), (0.8 * wide, 0.71 * tall)]
-    neck = [(0.015, 0.8 * tall), (0.0145, tall), (0.0, tall)]
+    height, width = float(rng.uniform(0.28, 0.33)), float(rng.uniform(0.034, 0.041))
+    body = [
+        (width - 0.002, 0.0),
+        (width, 0.006),
+        (width, 0.62 * height),
+        (0.8 * width, 0.71 * height),
+    ]
+    neck = [(0.015, 0.8 * height), (0.0145, height), (0.0, height)]
     b.add(dark, lathe([*body, *neck], 26), name="bottle")
     b.add(
-        LABEL, lathe([(wide + 0.0004, 0.22 * tall), (wide + 0.0004, 0.5 * tall)], 26), name="label"
+        LABEL,
+        lathe([(width + 0.0004, 0.22 * height), (width + 0.0004, 0.5 * height)], 26),
+        name="label",
     )
     for x, y in ((0.1, -0.03), (0.085, 0.075)):
         glass = [(0.028, 0.0), (0.034, 0.1), (0.0325, 0.1), (0.0265, 0.006), (0.0, 0.006)]

@@ -334,15 +334,15 @@ def fridge(rng: np.random.Generator, style: Style, width: float = 0.6) -> Furnit
             rounded_box((width - 0.002, 0.06, z1 - z0), (0, f + 0.03, z0), 0.012, inner=1),
             name="door",
         )
-        long = min(0.4, 0.6 * (z1 - z0))
-        start = z1 - 0.05 - long if (z1 == split) else z0 + 0.05
+        length = min(0.4, 0.6 * (z1 - z0))
+        start = z1 - 0.05 - length if (z1 == split) else z0 + 0.05
         x = side * (width / 2 - 0.05)
         b.add(
             STEEL,
-            bar((x, f - 0.035, start), (x, f - 0.035, start + long), 0.009, 10),
+            bar((x, f - 0.035, start), (x, f - 0.035, start + length), 0.009, 10),
             name="handle",
         )
-        for z in (start + 0.03, start + long - 0.03):
+        for z in (start + 0.03, start + length - 0.03):
             b.add(STEEL, bar((x, f + 0.003, z), (x, f - 0.035, z), 0.006, 8), name="handle")
     if rng.random() < 0.6:
         for _ in range(int(rng.integers(2, 5))):
@@ -437,9 +437,9 @@ def extractor_hood(
     return b.piece()
 
 
-def _pot(radius: float, tall: float, lid: bool = False) -> BodyMesh:
+def _pot(radius: float, height: float, lid: bool = False) -> BodyMesh:
     """Pot with two handles, open or with a lid."""
-    profile = [(radius - 0.006, 0.0), (radius, 0.006), (radius, tall), (radius - 0.003, tall)]
+    profile = [(radius - 0.006, 0.0), (radius, 0.006), (radius, height), (radius - 0.003, height)]
     profile += [(radius - 0.006, 0.01), (0.0, 0.008)] if not lid else []
     meshes = [
         lathe(
@@ -447,22 +447,22 @@ def _pot(radius: float, tall: float, lid: bool = False) -> BodyMesh:
             if not lid
             else [
                 *profile[:3],
-                (0.92 * radius, tall + 0.008),
-                (0.03, tall + 0.022),
-                (0, tall + 0.022),
+                (0.92 * radius, height + 0.008),
+                (0.03, height + 0.022),
+                (0, height + 0.022),
             ],
             32,
         )
     ]
     if lid:
         meshes += [
-            cylinder(0.006, tall + 0.015, tall + 0.036, 10),
-            sphere(0.017, 14, 8).scaled(z=0.7).moved(z=tall + 0.042),
+            cylinder(0.006, height + 0.015, height + 0.036, 10),
+            sphere(0.017, 14, 8).scaled(z=0.7).moved(z=height + 0.042),
         ]
     t = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 8)
     for side in (-1, 1):
         ear = np.stack(
-            [side * (radius - 0.003 + 0.03 * np.cos(t)), 0.035 * np.sin(t), 0 * t + 0.75 * tall],
+            [side * (radius - 0.003 + 0.03 * np.cos(t)), 0.035 * np.sin(t), 0 * t + 0.75 * height],
             axis=1,
         )
         meshes.append(tube(ear, 0.005, 8))
@@ -523,26 +523,28 @@ def kettle(rng: np.random.Generator, style: Style) -> FurniturePiece:
 def microwave(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A microwave oven."""
     width, depth = float(rng.uniform(0.44, 0.52)), float(rng.uniform(0.34, 0.39))
-    tall = float(rng.uniform(0.26, 0.3))
+    height = float(rng.uniform(0.26, 0.3))
     b = Builder("microwave", "microwave", "on_top")
     case = STEEL if rng.random() < 0.5 else BLACK_PLASTIC if rng.random() < 0.5 else WHITE_PAINT
     f = -depth / 2
     b.add(
-        case, span((-width / 2, f + 0.012, 0.012), (width / 2, depth / 2, tall), 0.004), name="case"
+        case,
+        span((-width / 2, f + 0.012, 0.012), (width / 2, depth / 2, height), 0.004),
+        name="case",
     )
     b.add(
         case,
-        span((-width / 2, f, 0.014), (width / 2 - 0.122, f + 0.0115, tall - 0.002), 0.003),
+        span((-width / 2, f, 0.014), (width / 2 - 0.122, f + 0.0115, height - 0.002), 0.003),
         name="door",
     )
     b.add(
         SCREEN,
-        span((-width / 2 + 0.035, f - 0.0015, 0.05), (width / 2 - 0.16, f + 0.001, tall - 0.04)),
+        span((-width / 2 + 0.035, f - 0.0015, 0.05), (width / 2 - 0.16, f + 0.001, height - 0.04)),
         name="window",
     )
     b.add(
         BLACK_PLASTIC,
-        span((width / 2 - 0.12, f, 0.014), (width / 2, f + 0.0115, tall - 0.002), 0.002),
+        span((width / 2 - 0.12, f, 0.014), (width / 2, f + 0.0115, height - 0.002), 0.002),
         name="panel",
     )
     for row in range(4):
@@ -553,13 +555,13 @@ def microwave(rng: np.random.Generator, style: Style) -> FurniturePiece:
         STEEL,
         bar(
             (width / 2 - 0.14, f - 0.025, 0.05),
-            (width / 2 - 0.14, f - 0.025, tall - 0.05),
+            (width / 2 - 0.14, f - 0.025, height - 0.05),
             0.007,
             8,
         ),
         name="handle",
     )
-    for z in (0.07, tall - 0.07):
+    for z in (0.07, height - 0.07):
         b.add(
             STEEL,
             bar((width / 2 - 0.14, f + 0.002, z), (width / 2 - 0.14, f - 0.025, z), 0.005, 8),

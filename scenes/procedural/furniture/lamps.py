@@ -77,16 +77,16 @@ def pendant_lamp(
     lumens = float(rng.uniform(900, 1600))
     b.add(style.metal, lathe([(0.05, -0.025), (0.055, -0.012), (0.055, 0.0)], 24), name="rose")
     if kind == "drum":
-        radius, tall = rng.uniform(0.17, 0.25), rng.uniform(0.17, 0.24)
-        _add_shade(b, style, radius, radius * rng.uniform(0.75, 1.0), -drop, -drop + tall, lumens)
-        top = -drop + tall - 0.021
+        radius, height = rng.uniform(0.17, 0.25), rng.uniform(0.17, 0.24)
+        _add_shade(b, style, radius, radius * rng.uniform(0.75, 1.0), -drop, -drop + height, lumens)
+        top = -drop + height - 0.021
         b.add(OPAL, cylinder(0.022, top - 0.07, top - 0.01, 16), name="socket")
         b.add(OPAL, sphere(0.042, 16, 10).moved(z=top - 0.105), name="bulb")
     elif kind == "dome":
-        radius, tall = rng.uniform(0.16, 0.24), rng.uniform(0.16, 0.22)
+        radius, height = rng.uniform(0.16, 0.24), rng.uniform(0.16, 0.22)
         t = np.linspace(0, np.pi / 2, 9)
         outer = [
-            (radius * float(np.cos(a)) + 0.02 * float(np.sin(a)), -drop + tall * float(np.sin(a)))
+            (radius * float(np.cos(a)) + 0.02 * float(np.sin(a)), -drop + height * float(np.sin(a)))
             for a in t
         ]
         inner = [(max(r - 0.004, 0.003), z - 0.004 * (z > -drop)) for r, z in outer[::-1]]
@@ -97,7 +97,9 @@ def pendant_lamp(
             name="reflector",
         )
         b.add(
-            style.metal, cylinder(0.024, -drop + tall - 0.012, -drop + tall + 0.03, 16), name="cap"
+            style.metal,
+            cylinder(0.024, -drop + height - 0.012, -drop + height + 0.03, 16),
+            name="cap",
         )
         body = [
             (0.0, -drop + 0.001),
@@ -106,7 +108,7 @@ def pendant_lamp(
             (radius - 0.012, -drop + 0.016),
         ]
         b.add(OPAL, lathe(body, 36), name="diffuser", lumens=0.8 * lumens, kelvin=style.kelvin)
-        top = -drop + tall + 0.028
+        top = -drop + height + 0.028
     else:
         radius = float(rng.uniform(0.12, 0.17))
         b.add(
@@ -132,10 +134,10 @@ def ceiling_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
     b = Builder("ceiling lamp", "lamp", "ceiling")
     lumens = float(rng.uniform(1200, 2400))
     if rng.random() < 0.6:
-        radius, deep = rng.uniform(0.15, 0.24), rng.uniform(0.07, 0.1)
+        radius, depth = rng.uniform(0.15, 0.24), rng.uniform(0.07, 0.1)
         b.add(style.metal, cylinder(radius + 0.008, -0.03, 0.0, 40, bevel=0.004), name="rim")
         t = np.linspace(0, np.pi / 2, 8)
-        bowl = [(radius * float(np.sin(a)), -0.03 - (deep - 0.03) * float(np.cos(a))) for a in t]
+        bowl = [(radius * float(np.sin(a)), -0.03 - (depth - 0.03) * float(np.cos(a))) for a in t]
         b.add(
             OPAL,
             lathe([*bowl, (radius, -0.025)], 40),
@@ -222,13 +224,13 @@ def floor_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
 def table_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A lamp with a turned ceramic or wooden body and a cloth shade."""
     b = Builder("table lamp", "lamp", "on_top")
-    body, tall = rng.uniform(0.2, 0.28), rng.uniform(0.15, 0.2)
+    body, height = rng.uniform(0.2, 0.28), rng.uniform(0.15, 0.2)
     material = style.wood if rng.random() < 0.4 else style.accents[int(rng.integers(5))]
-    wide = float(rng.uniform(0.05, 0.085))
+    width = float(rng.uniform(0.05, 0.085))
     power = float(rng.uniform(0.7, 1.6))
     t = np.linspace(0, 1, 11)
-    radii = 0.016 + (wide - 0.016) * np.sin(np.pi * t**power) ** 0.8
-    profile = [(0.9 * wide, 0.0), (0.9 * wide, 0.012)]
+    radii = 0.016 + (width - 0.016) * np.sin(np.pi * t**power) ** 0.8
+    profile = [(0.9 * width, 0.0), (0.9 * width, 0.012)]
     profile += [
         (float(r), 0.012 + float(s) * (body - 0.012)) for r, s in zip(radii, t, strict=True)
     ]
@@ -236,10 +238,10 @@ def table_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
     low = float(rng.uniform(0.12, 0.16))
     z0 = body - 0.015
     _add_shade(
-        b, style, low, low * rng.uniform(0.6, 0.95), z0, z0 + tall, float(rng.uniform(350, 550))
+        b, style, low, low * rng.uniform(0.6, 0.95), z0, z0 + height, float(rng.uniform(350, 550))
     )
-    b.add(style.metal, bar((0, 0, body - 0.004), (0, 0, z0 + tall - 0.018), 0.005, 10))
-    b.add(OPAL, sphere(0.028, 14, 8).moved(z=z0 + 0.5 * tall), name="bulb")
+    b.add(style.metal, bar((0, 0, body - 0.004), (0, 0, z0 + height - 0.018), 0.005, 10))
+    b.add(OPAL, sphere(0.028, 14, 8).moved(z=z0 + 0.5 * height), name="bulb")
     return b.piece()
 
 
@@ -306,13 +308,13 @@ def light_strip(rng: np.random.Generator, style: Style, width: float = 0.6) -> F
     """A slim wall lamp for above a mirror or below wall cupboards."""
     b = Builder("mirror lamp", "lamp", "on_wall", mount_height=float(rng.uniform(1.98, 2.08)))
     metal = CHROME if rng.random() < 0.6 else style.metal
-    deep = float(rng.uniform(0.036, 0.05))
+    depth = float(rng.uniform(0.036, 0.05))
     b.add(metal, box((0.09, 0.03, 0.04), (0, -0.015, -0.02), 0.003), name="plate")
     b.add(metal, box((width, 0.022, 0.03), (0, -0.055, -0.008), 0.003), name="rail")
     b.add(metal, bar((0, -0.028, 0), (0, -0.05, 0), 0.009, 8))
     b.add(
         OPAL,
-        rounded_box((width - 0.02, deep, 0.035), (0, -0.06, -0.042), 0.016, steps=2, inner=2),
+        rounded_box((width - 0.02, depth, 0.035), (0, -0.06, -0.042), 0.016, steps=2, inner=2),
         name="diffuser",
         lumens=float(rng.uniform(500, 800)),
         kelvin=style.kelvin + 500,

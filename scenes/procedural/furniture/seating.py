@@ -33,8 +33,8 @@ def dining_chair(rng: np.random.Generator, style: Style) -> FurniturePiece:
     back = ("slats", "rails", "pad")[int(rng.integers(3))]
     padded = back == "pad" or rng.random() < 0.5
     b = Builder("dining chair", "chair", "free", front_clearance=0.5)
-    thick = 0.036
-    x, front, rear = width / 2 - thick / 2, -depth / 2 + 0.03, depth / 2 - 0.05
+    thickness = 0.036
+    x, front, rear = width / 2 - thickness / 2, -depth / 2 + 0.03, depth / 2 - 0.05
     lean = rng.uniform(0.06, 0.1)
     under = seat - 0.03
     for side in (-1, 1):
@@ -42,7 +42,7 @@ def dining_chair(rng: np.random.Generator, style: Style) -> FurniturePiece:
             wood,
             post(
                 [(side * x, front, 0), (side * x, front, under + 0.002)],
-                [(0.7 * thick, 0.7 * thick), (thick, thick)],
+                [(0.7 * thickness, 0.7 * thickness), (thickness, thickness)],
             ),
             post(
                 [
@@ -52,7 +52,13 @@ def dining_chair(rng: np.random.Generator, style: Style) -> FurniturePiece:
                     (side * x, rear + 0.4 * lean, 0.6 * top + 0.4 * seat),
                     (side * x, rear + lean, top),
                 ],
-                [(0.028, 0.03), (0.03, thick), (0.03, thick), (0.028, 0.028), (0.026, 0.022)],
+                [
+                    (0.028, 0.03),
+                    (0.03, thickness),
+                    (0.03, thickness),
+                    (0.028, 0.028),
+                    (0.026, 0.022),
+                ],
             ),
             # Rails below the seat and a stretcher between the legs.
             box((0.018, rear - front - 0.03, 0.05), (side * x, (front + rear) / 2, under - 0.05)),
@@ -237,13 +243,13 @@ def _throw(rng: np.random.Generator, arm: float, inside: float, side: float) -> 
 
 def stool(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A round stool, low or of bar height."""
-    tall = bool(rng.random() < 0.35)
-    seat = rng.uniform(0.62, 0.68) if tall else rng.uniform(0.43, 0.48)
+    height = bool(rng.random() < 0.35)
+    seat = rng.uniform(0.62, 0.68) if height else rng.uniform(0.43, 0.48)
     radius = rng.uniform(0.15, 0.19)
-    b = Builder("bar stool" if tall else "stool", "stool", "free")
+    b = Builder("bar stool" if height else "stool", "stool", "free")
     wood = style.wood
     frame = leg_material(style, wood)
-    spread = radius * (1.15 if tall else 1.05)
+    spread = radius * (1.15 if height else 1.05)
     ring = 0.35 * seat
     for k in range(4):
         angle = np.pi / 4 + k * np.pi / 2

@@ -49,35 +49,35 @@ def add_books(
     x = low + 0.004
     stop = low + fill * (high - low)
     while True:
-        thick = float(rng.uniform(0.014, 0.045))
-        tall = min(float(rng.normal(0.22, 0.03)), headroom - 0.015)
-        deep = min(0.16, max(0.11, 0.68 * tall), depth - 0.018)
+        thickness = float(rng.uniform(0.014, 0.045))
+        height = min(float(rng.normal(0.22, 0.03)), headroom - 0.015)
+        deep = min(0.16, max(0.11, 0.68 * height), depth - 0.018)
         lean = float(rng.uniform(6, 16)) if rng.random() < 0.08 else 0.0
         sine, cosine = np.sin(np.radians(lean)), np.cos(np.radians(lean))
-        need = thick * cosine + tall * sine
-        if x + need > stop or tall < 0.1:
+        need = thickness * cosine + height * sine
+        if x + need > stop or height < 0.1:
             return
         y = front + float(rng.uniform(0.0, 0.018))
-        cover, pages = _book(thick, tall, deep)
+        cover, pages = _book(thickness, height, deep)
         # A leaning book touches the shelf with its lower right corner.
-        at = (x + float(tall * sine), y, z + float(thick * sine))
+        at = (x + float(height * sine), y, z + float(thickness * sine))
         binding = style.books[int(rng.integers(len(style.books)))]
         b.add(binding, cover.turned("y", -lean).moved(*at), name="books")
         b.add(PAGES, pages.turned("y", -lean).moved(*at), name="pages")
         x += float(need) + 0.0008
 
 
-def _book(thick: float, tall: float, deep: float) -> tuple[BodyMesh, BodyMesh]:
+def _book(thickness: float, height: float, depth: float) -> tuple[BodyMesh, BodyMesh]:
     """Binding and pages of a book: spine at y = 0, bottom at z = 0, left cover at x = 0."""
     board = 0.0022
     cover = merge(
         [
-            span((0, 0.0, 0), (thick, board, tall)),
-            span((0, board, 0), (board, deep, tall)),
-            span((thick - board, board, 0), (thick, deep, tall)),
+            span((0, 0.0, 0), (thickness, board, height)),
+            span((0, board, 0), (board, depth, height)),
+            span((thickness - board, board, 0), (thickness, depth, height)),
         ]
     )
-    pages = span((board, board, 0.003), (thick - board, deep - 0.004, tall - 0.004))
+    pages = span((board, board, 0.003), (thickness - board, depth - 0.004, height - 0.004))
     return cover, pages
 
 
@@ -93,14 +93,14 @@ def add_stack(
 ) -> float:
     """Add a stack of books at (x, y, z); returns the height of its top."""
     for _ in range(count):
-        thick, tall = float(rng.uniform(0.015, 0.035)), float(rng.uniform(0.19, 0.26))
-        cover, pages = _book(thick, tall, 0.7 * tall)
+        thickness, height = float(rng.uniform(0.015, 0.035)), float(rng.uniform(0.19, 0.26))
+        cover, pages = _book(thickness, height, 0.7 * height)
         angle = turn + float(rng.uniform(-8, 8))
         binding = style.books[int(rng.integers(len(style.books)))]
         for material, mesh, name in ((binding, cover, "books"), (PAGES, pages, "pages")):
-            lying = mesh.moved(-thick / 2, -0.35 * tall, -tall / 2).turned("y", 90)
-            b.add(material, lying.turned("z", 90 + angle).moved(x, y, z + thick / 2), name=name)
-        z += thick + 0.0004
+            lying = mesh.moved(-thickness / 2, -0.35 * height, -height / 2).turned("y", 90)
+            b.add(material, lying.turned("z", 90 + angle).moved(x, y, z + thickness / 2), name=name)
+        z += thickness + 0.0004
     return z
 
 
@@ -111,21 +111,21 @@ def add_vase(
     x: float,
     y: float,
     z: float,
-    tall: float,
+    height: float,
 ) -> None:
     """Add a vase with an open mouth."""
-    wide = float(rng.uniform(0.28, 0.42)) * tall
-    mouth = float(rng.uniform(0.35, 0.75)) * wide
+    width = float(rng.uniform(0.28, 0.42)) * height
+    mouth = float(rng.uniform(0.35, 0.75)) * width
     t = np.linspace(0, 1, 17)
     belly = float(rng.uniform(0.8, 1.5))
     outer = (
-        0.55 * wide * (1 - t) + mouth * t + (wide - 0.5 * mouth) * np.sin(np.pi * t**belly) * 0.6
+        0.55 * width * (1 - t) + mouth * t + (width - 0.5 * mouth) * np.sin(np.pi * t**belly) * 0.6
     )
-    outer *= wide / outer.max()
-    profile = [(float(r), float(h)) for r, h in zip(outer, t * tall, strict=True)]
+    outer *= width / outer.max()
+    profile = [(float(r), float(h)) for r, h in zip(outer, t * height, strict=True)]
     wall = 0.005
-    profile += [(profile[-1][0] - wall, tall), (0.9 * profile[-3][0] - wall, 0.86 * tall)]
-    profile += [(0.6 * mouth, 0.7 * tall)]
+    profile += [(profile[-1][0] - wall, height), (0.9 * profile[-3][0] - wall, 0.86 * height)]
+    profile += [(0.6 * mouth, 0.7 * height)]
     b.add(material, lathe(profile, 24).moved(x, y, z), name="vase")
 
 
@@ -191,9 +191,9 @@ def bookshelf(
 
 
 def add_garment(
-    b: Builder, rng: np.random.Generator, material: Material, x: float, rail: float, long: float
+    b: Builder, rng: np.random.Generator, material: Material, x: float, rail: float, length: float
 ) -> None:
-    """Add a garment of length `long` on a hanger, below a rail along x at height `rail`."""
+    """Add a garment on a hanger below a rail along x at height `rail`, `length` metres long."""
     n, m = 25, 9
     t = np.linspace(0, 1, m)
     angle = 2 * np.pi * np.arange(n - 1) / (n - 1)
@@ -205,7 +205,7 @@ def add_garment(
         fold = 1 + 0.3 * t[k] * np.sin(5 * angle + phase)
         rings[k, :, 0] = half_thick[k] * np.cos(angle) * fold
         rings[k, :, 1] = half_wide[k] * np.sin(angle)
-        rings[k, :, 2] = -0.07 - long * t[k]
+        rings[k, :, 2] = -0.07 - length * t[k]
     b.add(material, loft(rings[::-1]).moved(x, 0.0, rail), name="garment")
     b.add(CHROME, bar((x, 0, rail - 0.08), (x, 0, rail + 0.012), 0.003, 8), name="hanger")
 
@@ -405,16 +405,19 @@ def wall_shelf(
 ) -> FurniturePiece:
     """A wall shelf on brackets with books and a vase, at eye height."""
     width = float(rng.uniform(0.6, 1.1)) if width is None else width
-    depth, thick = rng.uniform(0.2, 0.25), 0.025
+    depth, thickness = rng.uniform(0.2, 0.25), 0.025
     b = Builder("wall shelf", "shelf", "on_wall", mount_height=float(rng.uniform(1.35, 1.6)))
-    b.add(style.wood, span((-width / 2, -depth, -thick), (width / 2, 0, 0), 0.002))
+    b.add(style.wood, span((-width / 2, -depth, -thickness), (width / 2, 0, 0), 0.002))
     for side in (-1, 1):
         x = side * (width / 2 - 0.12)
         b.add(
             style.metal,
-            span((x - 0.012, -0.004, -0.16), (x + 0.012, 0, -thick - 0.0005)),
-            span((x - 0.012, -depth + 0.03, -thick - 0.0045), (x + 0.012, -0.004, -thick - 0.0005)),
-            bar((x, -0.006, -0.13), (x, -depth + 0.06, -thick - 0.003), 0.005, 8),
+            span((x - 0.012, -0.004, -0.16), (x + 0.012, 0, -thickness - 0.0005)),
+            span(
+                (x - 0.012, -depth + 0.03, -thickness - 0.0045),
+                (x + 0.012, -0.004, -thickness - 0.0005),
+            ),
+            bar((x, -0.006, -0.13), (x, -depth + 0.06, -thickness - 0.003), 0.005, 8),
         )
     middle = float(rng.uniform(-0.1, 0.3)) * width
     add_books(

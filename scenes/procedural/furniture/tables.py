@@ -37,14 +37,14 @@ def dining_table(
             box((width, each, top), (0, (k - (planks - 1) / 2) * each, height - top), 0.0015, "x"),
             name="top",
         )
-    thick = rng.uniform(0.055, 0.08)
+    thickness = rng.uniform(0.055, 0.08)
     under = height - top
     b.add(
         leg_material(style, wood),
-        *feet(style, width, depth, under + 0.002, thick, 0.03, splay=0.015),
+        *feet(style, width, depth, under + 0.002, thickness, 0.03, splay=0.015),
     )
     apron = 0.08
-    x, y = width / 2 - 0.03 - thick / 2, depth / 2 - 0.03 - thick / 2
+    x, y = width / 2 - 0.03 - thickness / 2, depth / 2 - 0.03 - thickness / 2
     for side in (-1, 1):
         b.add(
             wood,

@@ -42,13 +42,13 @@ def curtains(
         pleats = float(round(bunch / rng.uniform(0.045, 0.06)))
         phase = np.cumsum(rng.uniform(0.6, 1.4, count))
         phase = 2 * np.pi * pleats * (phase - phase[0]) / (phase[-1] - phase[0])
-        deep = 0.036 * (0.75 + 0.35 * np.sin(3.1 * s + rng.uniform(0, 6)))
+        depth = 0.036 * (0.75 + 0.35 * np.sin(3.1 * s + rng.uniform(0, 6)))
         drift = rng.uniform(-0.5, 0.5, 3)
         spread = bunch * (1 + 0.18 * t**1.5)  # wider at the hem than at the rod
         swing = 1 - 0.25 * np.exp(-(((t - 0.02) / 0.08) ** 2))
         wave = phase[None, :] + 0.5 * t[:, None] * np.sin(2 * np.pi * s * 1.5 + drift[0])
         x = s[None, :] * spread[:, None] + 0.01 * np.sin(2 * wave) * t[:, None]
-        y = -off + deep[None, :] * swing[:, None] * np.sin(wave) * (1 + 0.25 * t[:, None])
+        y = -off + depth[None, :] * swing[:, None] * np.sin(wave) * (1 + 0.25 * t[:, None])
         z = top + (hem - top) * t
         outer = side * (half_span - x)
         points = np.stack(
@@ -82,19 +82,19 @@ def rug(
     width = float(rng.uniform(1.6, 2.4)) if width is None else width
     depth = float(rng.uniform(1.1, 1.7)) if depth is None else depth
     b = Builder("rug", "rug", "centre")
-    thick = float(rng.uniform(0.008, 0.014))
+    thickness = float(rng.uniform(0.008, 0.014))
     if abs(width - depth) < 0.05 * width and rng.random() < 0.6:
         rings = [
             superellipse(width / 2 - inset, width / 2 - inset, z, 2.0, 64)
-            for z, inset in ((0.0, 0.0), (0.7 * thick, 0.0), (thick, 0.006))
+            for z, inset in ((0.0, 0.0), (0.7 * thickness, 0.0), (thickness, 0.006))
         ]
         b.add(style.rug, loft(np.stack(rings)))
         return b.piece()
     n, m = 25, 17
     x, y = np.meshgrid(np.linspace(-1, 1, n), np.linspace(-1, 1, m), indexing="ij")
     lie = 0.0015 * np.sin(4 * x + rng.uniform(0, 6)) * np.sin(3 * y + rng.uniform(0, 6))
-    points = np.stack([x * width / 2, y * depth / 2, thick + lie], axis=-1)
-    mesh = thick_sheet(points, thick - 0.002)
+    points = np.stack([x * width / 2, y * depth / 2, thickness + lie], axis=-1)
+    mesh = thick_sheet(points, thickness - 0.002)
     mesh.vertices[:, 2] -= mesh.vertices[:, 2].min()
     b.add(style.rug, mesh)
     if rng.random() < 0.6:

@@ -218,7 +218,7 @@ def test_an_inverted_or_open_body_would_be_noticed() -> None:
     assert not is_closed(mesh.vertices, flipped)
 
 
-def test_a_cushion_is_closed_and_as_large_as_asked() -> None:
+def test_a_cushion_is_closed_and_has_the_requested_size() -> None:
     mesh = pillow((0.6, 0.4, 0.15), rng=generator(0, "pillow"))
     assert is_closed(mesh.vertices, mesh.faces)
     assert mesh.vertices[:, 2].min() == pytest.approx(0, abs=1e-9)
@@ -297,7 +297,7 @@ def test_solid_parts_are_closed_and_wound_outwards(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_pieces_rest_on_what_carries_them(kind: str) -> None:
+def test_pieces_touch_their_anchor(kind: str) -> None:
     for seed in SEEDS:
         made = piece(kind, seed)
         low, high = made.bounds
@@ -355,7 +355,7 @@ def test_equal_seeds_make_equal_pieces_and_others_differ(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_things_can_stand_on_the_surfaces(kind: str) -> None:
+def test_support_surfaces_are_flat_and_free(kind: str) -> None:
     soft = {"sofa": 0.035, "pouf": 0.02}
     for seed in list(SEEDS)[:6]:
         made = piece(kind, seed)
@@ -385,7 +385,7 @@ def test_tables_and_cupboards_offer_surfaces() -> None:
 
 
 @pytest.mark.parametrize("kind", [k for k in KINDS if FURNITURE_KINDS[k].category == "lamp"])
-def test_lamps_shine_out_of_themselves(kind: str) -> None:
+def test_lamps_emit_outwards_without_obstruction(kind: str) -> None:
     for seed in list(SEEDS)[:8]:
         made = piece(kind, seed)
         emitting = [part for part in made.parts if part.lumens > 0]
@@ -436,7 +436,7 @@ def test_backs_are_at_the_back(kind: str) -> None:
         ("shower", {"width": 1.0}),
     ],
 )
-def test_sizes_asked_for_are_kept(kind: str, options: dict[str, float]) -> None:
+def test_requested_sizes_are_kept(kind: str, options: dict[str, float]) -> None:
     style = make_style(generator(1, "style"))
     for seed in SEEDS:
         made = FURNITURE_KINDS[kind].make(generator(seed, kind), style, **options)

@@ -211,7 +211,7 @@ def test_the_plain_mitsuba_command_renders_a_home(homes: list[Home], tmp_path: P
     assert (tmp_path / "out.exr").stat().st_size > 100
 
 
-def test_plans_keep_the_rules_of_living() -> None:
+def test_plans_are_habitable() -> None:
     outlines = set()
     for seed in range(60):
         plan = make_plan(generator(seed, "plan"), 1, 6)
@@ -255,7 +255,7 @@ def test_openings_pierce_walls_from_face_to_face() -> None:
             assert all(first.distance(second) > 0.05 for second in holes[index + 1 :])
 
 
-def test_portals_lie_in_outer_walls_and_look_out(homes: list[Home]) -> None:
+def test_portals_lie_in_outer_walls_and_face_outdoors(homes: list[Home]) -> None:
     for home in homes:
         wall = Polygon(home.plan.outline).difference(Polygon(home.plan.inner)).buffer(1e-3)
         rooms = {room.id: Polygon(room.floor) for room in home.scene.rooms}
@@ -710,7 +710,7 @@ def _makes_a_home(root: Path, seed: int) -> None:
 @pytest.mark.check
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("first", range(1000, 2000, 50))
-def test_a_thousand_homes_keep_the_rules(first: int, tmp_path: Path) -> None:
+def test_a_thousand_homes_are_sound(first: int, tmp_path: Path) -> None:
     """All homes are made and differ; nothing intersects or floats; all rooms can be walked."""
     seen = set()
     for seed in range(first, first + 50):

@@ -108,8 +108,8 @@ def _lay_mat(furnisher: Furnisher, before: PlacedPiece | None) -> None:
     if before is None or not furnisher.chance(0.75):
         return
     mat = furnisher.make("rug", width=0.8, depth=0.5)
-    deep = float(-before.piece.bounds[0, 1]) + 0.32
-    x, y, _ = before.pose.apply(np.array([[0.0, -deep, 0.0]]))[0]
+    depth = float(-before.piece.bounds[0, 1]) + 0.32
+    x, y, _ = before.pose.apply(np.array([[0.0, -depth, 0.0]]))[0]
     furnisher.space.try_place(
         "rug", mat, Pose(float(x), float(y), 0.0, before.pose.yaw), zone=False
     )

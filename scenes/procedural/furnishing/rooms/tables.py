@@ -62,7 +62,7 @@ def _place_chairs(furnisher: Furnisher, table: PlacedPiece, round_one: bool) -> 
     rng, space = furnisher.rng, furnisher.space
     low, high = table.piece.bounds
     chair = furnisher.make("dining_chair")
-    deep = float(np.ptp(chair.bounds[:, 1]))
+    depth = float(np.ptp(chair.bounds[:, 1]))
     seats: list[tuple[float, float]] = []  # yaw relative to the table, offset along its edge
     if round_one:
         seats = [(0.0, 0.0), (90.0, 0.0), (180.0, 0.0), (270.0, 0.0)]
@@ -79,7 +79,7 @@ def _place_chairs(furnisher: Furnisher, table: PlacedPiece, round_one: bool) -> 
         # At yaw 0 the chair is beyond the table's +Y edge and faces -Y.
         edge = float(high[1]) if relative_yaw in (0.0, 180.0) else float(high[0])
         for pulled in (float(rng.uniform(-0.12, 0.12)), 0.12, 0.3):
-            distance = edge + deep / 2 - 0.16 + pulled
+            distance = edge + depth / 2 - 0.16 + pulled
             local = Pose(0.0, 0.0, 0.0, relative_yaw).apply(np.array([[offset, distance, 0.0]]))
             if relative_yaw == 180.0:
                 local[0, 0] = offset

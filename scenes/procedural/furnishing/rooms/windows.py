@@ -27,20 +27,20 @@ def furnish_windows(furnisher: Furnisher) -> None:
 def fill_sills(furnisher: Furnisher) -> None:
     """Place small objects on window sills."""
     for window in furnisher.space.windows():
-        deep = pane_depth(window) - 0.05
-        if window.z0 <= 0 or deep < 0.14:
+        depth = pane_depth(window) - 0.05
+        if window.z0 <= 0 or depth < 0.14:
             continue
         for _ in range(int(furnisher.rng.integers(0, 3))):
             kind = str(furnisher.rng.choice(["small_plant", "small_plant", "vase", "candle"]))
             piece = furnisher.make(kind)
             low, high = piece.bounds
             size = float((high - low)[:2].max())
-            if size > deep + 0.04 or high[2] > window.z1 - window.z0:
+            if size > depth + 0.04 or high[2] > window.z1 - window.z0:
                 continue
             s = float(furnisher.rng.uniform(size / 2 + 0.08, window.width - size / 2 - 0.08))
             centre = 0.5 * (low + high)
             # Centred on the sill, but in front of the window handles.
-            x, y = window.edge.at(s, -min(deep / 2 - 0.03, deep - 0.06 - size / 2))
+            x, y = window.edge.at(s, -min(depth / 2 - 0.03, depth - 0.06 - size / 2))
             pose = Pose(float(x - centre[0]), float(y - centre[1]), window.z0 + 0.022, 0.0)
             furnisher.space.place_on_sill(kind, piece, pose, window)
 
