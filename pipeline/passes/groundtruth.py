@@ -82,7 +82,7 @@ def render_truth(
         sensor = make_sensor(view, copies)
         return mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=seed)
 
-    (truth,) = _render(launch, view, params, seed, 1)
+    (truth,) = render_blocks(launch, view, params, seed, 1)
     return truth
 
 
@@ -109,7 +109,7 @@ def render_both(
     def launch(copies: int, spp: int, seed: int) -> Any:
         return tracer.launch(scene, version, view, copies, path, spp, seed)
 
-    color, shading = _render(launch, view, params, seed, 2)
+    color, shading = render_blocks(launch, view, params, seed, 2)
     return Truths(color, shading)
 
 
@@ -127,23 +127,24 @@ def _rooms_box(rooms: tuple[Room, ...]) -> Float64Array:
     return np.array([low, high])
 
 
-def _render(
+def render_blocks(
     launch: Launch, view: View, params: GroundTruthParams, seed: int, images: int
 ) -> list[Truth]:
-    """Render blocks until the noise target or `spp` is reached.
+    """Render blocks until the noise target or `spp` is reached; return the images' means.
 
-    A launch returns `images` images of three bands each.
+    `launch(copies, spp, seed)` returns that many blocks side by side, each of `images` images of
+    three bands.
     """
     spp, blocks = block_sizes(params)
-    least = blocks
+    min_blocks = blocks
     if params.noise:
-        least = min(blocks, max(2, -(-params.min_spp // spp)))
-    at_once = blocks_at_once(least, spp * view.width * view.height)
+        min_blocks = min(blocks, max(2, -(-params.min_spp // spp)))
+    per_launch = blocks_per_launch(min_blocks, spp * view.width * view.height)
     statistics = [BlockStatistics(view.height, view.width) for _ in range(images)]
-    for first in range(0, blocks, at_once):
-        if first >= least and all(each.noise() <= params.noise for each in statistics):
+    for first in range(0, blocks, per_launch):
+        if first >= min_blocks and all(each.noise() <= params.noise for each in statistics):
             break
-        copies = min(at_once, blocks - first)  # the last launch may be smaller
+        copies = min(per_launch, blocks - first)  # the last launch may be smaller
         pixels = launch(copies, spp, derive32(seed, "block", first))
         bands = np.asarray(pixels, dtype=np.float64)
         bands = bands.reshape(view.height, copies, view.width, images, 3)
@@ -166,7 +167,7 @@ def block_sizes(params: GroundTruthParams) -> tuple[int, int]:
     return stratified(size), spp // size
 
 
-def blocks_at_once(blocks: int, samples: int) -> int:
+def blocks_per_launch(blocks: int, samples: int) -> int:
     """Return the number of blocks that are traced in one launch: a divisor of `blocks`.
 
     `samples` is the number of samples in one block. Each launch has a fixed cost (see

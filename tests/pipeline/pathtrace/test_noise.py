@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pipeline.params import GroundTruthParams, load_params
-from pipeline.passes.groundtruth import render_both, render_truth
+from pipeline.passes.groundtruth import render_blocks, render_both, render_truth
 from pipeline.pathtrace.noise import BlockStatistics, firefly_light
 from pipeline.render.scene import RenderScene, open_scene, set_variant
 from scenes.errors import ParameterError
@@ -86,12 +86,25 @@ def test_a_view_stops_when_its_noise_is_low_enough(tmp_path: Path) -> None:
     assert most["spp"] == 16 and most["noise"] > 1e-3
 
 
-def test_a_view_that_never_reaches_its_target_takes_all_samples(tmp_path: Path) -> None:
-    scene = room(tmp_path, ROOMS["lit"])
-    short, _ = rendered(scene, 0, spp=80, block_spp=16, noise=1e-6, min_spp=32)
-    assert short["spp"] == 80  # two blocks at once do not divide five
-    uneven, _ = rendered(scene, 0, spp=256, block_spp=16, noise=1e-6, min_spp=80)
-    assert uneven["spp"] == 256
+@pytest.mark.parametrize(
+    ("spp", "least", "launches"),
+    [(80, 32, [2, 2, 1]), (1024, 80, [5] * 12 + [4])],  # of blocks of 16 samples
+)
+def test_a_view_that_never_reaches_its_target_takes_all_samples(
+    spp: int, least: int, launches: list[int]
+) -> None:
+    """Though the blocks of one launch do not divide all blocks."""
+    view, random, sizes = make_view(size=(160, 120)), np.random.default_rng(0), []
+
+    def launch(copies: int, samples: int, seed: int) -> np.ndarray:
+        assert samples == 16
+        sizes.append(copies)
+        return random.random((120, copies * 160, 3), dtype=np.float32)
+
+    params = GroundTruthParams(spp=spp, block_spp=16, noise=1e-6, min_spp=least)
+    ((_, statistics),) = render_blocks(launch, view, params, 0, 1)
+    assert statistics["spp"] == spp and statistics["blocks"] == spp // 16
+    assert sizes == launches
 
 
 def test_both_truths_of_a_view_reach_the_target(tmp_path: Path) -> None:
