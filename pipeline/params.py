@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Literal
 
@@ -162,14 +160,6 @@ class SplitParams:
     # Further plans of the test split: names of plans, or of scenes for their whole plan, or
     # patterns such as "villa-*".
     test_only: tuple[str, ...] = ()
-
-    def kept_back(self, plans: Mapping[str, str]) -> set[str]:
-        """Return the plans that `test_only` names; `plans` maps scene ids to plans."""
-        return {
-            plan
-            for scene, plan in plans.items()
-            if any(fnmatchcase(name, each) for name in (scene, plan) for each in self.test_only)
-        }
 
 
 @dataclass(frozen=True)

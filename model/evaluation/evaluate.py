@@ -24,6 +24,7 @@ from model.methods import METHODS as TRAINED
 from model.training.store import ModelCard
 from model.training.train import Folders
 from pipeline.costs.ledger import read_ledger
+from pipeline.dataset.held_out import kept_back
 from pipeline.images import error_picture, png_bytes
 from pipeline.params import Params
 from pipeline.progress import Progress
@@ -132,8 +133,8 @@ def _kept_back(
     do on sources that training never saw. None where it names none of them."""
     known = dataset.plans()
     plans = {score.scene_id: known.get(score.scene_id, score.scene_id) for score in scores}
-    kept_back = params.dataset.splits.kept_back(plans)
-    theirs = [score for score in scores if plans[score.scene_id] in kept_back]
+    held_out = kept_back(params.dataset.splits.test_only, plans)
+    theirs = [score for score in scores if plans[score.scene_id] in held_out]
     if not theirs:
         return None
     return {

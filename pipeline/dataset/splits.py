@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipeline.dataset.held_out import kept_back
 from pipeline.params import SplitParams
 from pipeline.views import CameraFile, View, load_cameras
 from scenes.contract import Scene, load_scene, scene_folders
@@ -72,11 +73,12 @@ def split_plans(sources: Sequence[Source], shares: SplitParams, seed: int) -> di
     and a further scene moves at most the plans at the borders. Plans that `shares.test_only` names
     are in the test split beforehand.
     """
-    kept_back = shares.kept_back({source.scene.scene_id: source.plan for source in sources})
+    plans = {source.scene.scene_id: source.plan for source in sources}
+    held_out = kept_back(shares.test_only, plans)
     strata: dict[str, dict[str, int]] = defaultdict(dict)
     settings: dict[str, str] = {}
     for source in sorted(sources, key=lambda source: source.scene.scene_id):
-        if source.plan in kept_back:
+        if source.plan in held_out:
             continue
         setting = settings.setdefault(source.plan, source.scene.lighting)
         strata[setting][source.plan] = derive(seed, "split", source.plan)
@@ -94,7 +96,7 @@ def split_plans(sources: Sequence[Source], shares: SplitParams, seed: int) -> di
             test -= 1
     names = ["test"] * test + ["validation"] * validation
     dealt = dict(zip(order, names + ["train"] * (len(order) - len(names)), strict=True))
-    return dealt | dict.fromkeys(sorted(kept_back), "test")
+    return dealt | dict.fromkeys(sorted(held_out), "test")
 
 
 def _quota(share: float, plans: int, least: int) -> int:

@@ -30,7 +30,8 @@ from model.studies.trials.plan import (
     seed_of,
 )
 from model.training.train import Folders
-from pipeline.params import Params, SplitParams
+from pipeline.dataset.held_out import kept_back
+from pipeline.params import Params
 from scenes.errors import InputError
 from scenes.files import digest_bytes
 from scenes.seeds import generator
@@ -71,7 +72,7 @@ class Other:
     def scenes(self, scenes: Collection[str], plans: Mapping[str, str]) -> set[str]:
         """Those of these scenes that are of this source, with all others of their plans."""
         known = {scene: plans.get(scene, scene) for scene in scenes}
-        meant = SplitParams(test_only=(self.pattern,)).kept_back(known)
+        meant = kept_back((self.pattern,), known)
         return {scene for scene, plan in known.items() if plan in meant}
 
 
