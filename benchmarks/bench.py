@@ -116,12 +116,12 @@ def resized(view: View, size: tuple[int, int]) -> View:
     return replace(view, width=width, height=height, K=matrix)
 
 
-def python(*words: str) -> None:
+def python(*arguments: str) -> None:
     """Run this interpreter as a separate process in the project folder."""
-    command = [sys.executable, *words]
+    command = [sys.executable, *arguments]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     if done.returncode != 0:
-        raise RuntimeError(f"{' '.join(words)} failed:\n{done.stderr[-2000:]}")
+        raise RuntimeError(f"{' '.join(arguments)} failed:\n{done.stderr[-2000:]}")
 
 
 def pixels(truth: Truth) -> Float64Array:

@@ -49,7 +49,7 @@ def answer(**fields: Any) -> None:
 def add_mesh(file: Path, name: str, reflectance: list[float]) -> None:
     """Add a flat-shaded mesh with a diffuse material."""
     bpy.ops.wm.ply_import(filepath=str(file), forward_axis="Y", up_axis="Z", merge_verts=False)
-    thing = bpy.context.selected_objects[0]
+    node = bpy.context.selected_objects[0]
     material = bpy.data.materials.new(name)
     material.use_nodes = True
     tree = material.node_tree
@@ -59,9 +59,9 @@ def add_mesh(file: Path, name: str, reflectance: list[float]) -> None:
     diffuse.inputs["Roughness"].default_value = 0.0
     output = tree.nodes.new("ShaderNodeOutputMaterial")
     tree.links.new(diffuse.outputs["BSDF"], output.inputs["Surface"])
-    thing.data.materials.clear()
-    thing.data.materials.append(material)
-    thing.data.shade_flat()
+    node.data.materials.clear()
+    node.data.materials.append(material)
+    node.data.shade_flat()
 
 
 def add_sky(scene: Any, radiance: float) -> None:
@@ -80,10 +80,10 @@ def add_camera(scene: Any, camera: dict[str, Any]) -> None:
     data.sensor_fit = "HORIZONTAL"
     data.angle = camera["fov_x"]
     data.clip_start, data.clip_end = 1e-3, 1e5
-    thing = bpy.data.objects.new("camera", data)
-    scene.collection.objects.link(thing)
-    thing.matrix_world = Matrix(camera["camera_to_world"]) @ Matrix.Diagonal((1, -1, -1, 1))
-    scene.camera = thing
+    node = bpy.data.objects.new("camera", data)
+    scene.collection.objects.link(node)
+    node.matrix_world = Matrix(camera["camera_to_world"]) @ Matrix.Diagonal((1, -1, -1, 1))
+    scene.camera = node
 
 
 def add_portal(scene: Any, corners: list[list[float]]) -> Any:
@@ -93,13 +93,13 @@ def add_portal(scene: Any, corners: list[list[float]]) -> Any:
     data = bpy.data.lights.new("portal", "AREA")
     data.shape, data.size, data.size_y = "RECTANGLE", across.length, along.length
     data.cycles.is_portal = True
-    thing = bpy.data.objects.new("portal", data)
-    scene.collection.objects.link(thing)
+    node = bpy.data.objects.new("portal", data)
+    scene.collection.objects.link(node)
     x, z = across.normalized(), -inward.normalized()  # lamps shine along their -z
     y = z.cross(x)
     turn = Matrix((x, y, z)).transposed().to_4x4()
-    thing.matrix_world = Matrix.Translation(corner + (across + along) / 2) @ turn
-    return thing
+    node.matrix_world = Matrix.Translation(corner + (across + along) / 2) @ turn
+    return node
 
 
 def settings(scene: Any, description: dict[str, Any]) -> None:

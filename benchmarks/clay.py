@@ -64,8 +64,8 @@ def _triangles(mesh: Any) -> Mesh:
 def _bare(scene: Scene, name: str, shapes: set[str]) -> Scene:
     """Return the scene's description with the remaining shapes and the sky as the only light."""
     objects = [
-        replace(thing, shapes=tuple(shape for shape in thing.shapes if shape in shapes))
-        for thing in scene.objects
+        replace(item, shapes=tuple(shape for shape in item.shapes if shape in shapes))
+        for item in scene.objects
     ]
     return replace(
         scene, scene_id=name, objects=tuple(objects), lights=(Light("sky", "environment"),)

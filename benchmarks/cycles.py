@@ -103,8 +103,8 @@ def run_step(command: list[str]) -> None:
     except (OSError, subprocess.TimeoutExpired) as error:
         raise BlenderMissing(str(error)) from None
     if done.returncode != 0:
-        words = (done.stderr.strip() or done.stdout.strip() or "no word why").splitlines()
-        raise BlenderMissing(f"bpy cannot be installed: {words[-1]}")
+        lines = (done.stderr.strip() or done.stdout.strip() or "no message").splitlines()
+        raise BlenderMissing(f"bpy cannot be installed: {lines[-1]}")
 
 
 @contextmanager
@@ -204,8 +204,8 @@ def _ways(
         return found[0], spent.cpu
 
     def planned(spp: int, seed: int) -> Tried:
-        asked = replace(truth, spp=spp, block_spp=min(truth.block_spp, spp))
-        return timed(lambda: pixels(render_both(clay, view, asked, grey, seed).color))
+        settings = replace(truth, spp=spp, block_spp=min(truth.block_spp, spp))
+        return timed(lambda: pixels(render_both(clay, view, settings, grey, seed).color))
 
     def path(spp: int, seed: int) -> Tried:
         return timed(lambda: plain_render(clay, view, spp, seed, truth.max_depth))

@@ -61,8 +61,8 @@ def render_rows(bench: Bench) -> Iterator[Row]:
     grey = scene.neutral(params.shading.albedo)
 
     def both(spp: int, seed: int) -> object:
-        asked = replace(truth, spp=spp)
-        return render_both(scene, view, asked, params.shading.albedo, seed)
+        settings = replace(truth, spp=spp)
+        return render_both(scene, view, settings, params.shading.albedo, seed)
 
     ways: dict[str, Callable[[int], object]] = {
         "color": lambda spp: plain_render(scene, view, spp, 0, depth),
@@ -190,12 +190,12 @@ def variant_rows(bench: Bench) -> Iterator[Row]:
     spent: dict[str, list[Spent]] = {"scalar_rgb": [], current: []}
     for _ in range(bench.sizes.repeats):
         for variant, kept in spent.items():
-            words = [variant, str(bench.data), home, str(spp)]
-            kept.append(_in_process(words))
+            arguments = [variant, str(bench.data), home, str(spp)]
+            kept.append(_in_process(arguments))
     yield Row(name, meaning, ratio(spent["scalar_rgb"], spent[current], "cpu"), clock="cpu")
 
 
-def _in_process(words: list[str]) -> Spent:
-    command: list[Any] = [sys.executable, "-c", _VARIANT, *words]
+def _in_process(arguments: list[str]) -> Spent:
+    command: list[Any] = [sys.executable, "-c", _VARIANT, *arguments]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     return Spent(*json.loads(done.stdout.splitlines()[-1]))

@@ -91,12 +91,12 @@ def scene_files(folder: Path) -> list[Path]:
 
 def bring(path: Path, folder: Path, out: Path) -> Cost:
     """Import `path` in its own process, so that the peak memory is that of the import."""
-    words = [sys.executable, "-c", IMPORT, "import", str(path), "--out", str(out)]
+    command = [sys.executable, "-c", IMPORT, "import", str(path), "--out", str(out)]
     if path.suffix.lower() == ".xml":
-        words += ["--root", str(folder)]
+        command += ["--root", str(folder)]
     started = time.monotonic()
     process = subprocess.Popen(
-        words, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     )
     assert process.stderr is not None
     said, _, peak = process.stderr.read().rstrip().rpartition("\n")
@@ -137,11 +137,11 @@ def row(data: Path, path: Path, cost: Cost, accepted: int, worst: str) -> str:
     scene = load_scene(data / "scenes" / scene_name(path))
     views = len(load_cameras(data / "cameras" / f"{scene.scene_id}.json").views)
     triangles = sum(triangles_of(file) for file in sorted((scene.folder / "meshes").glob("*.ply")))
-    things = sum(not thing.is_structure for thing in scene.objects)
+    items = sum(not item.is_structure for item in scene.objects)
     name = path.parent.name if path.suffix.lower() == ".xml" else path.name
     return (
         f"| {name[:24]} | {cost.seconds:.1f} | {cost.megabytes:.0f} | {len(scene.rooms)} "
-        f"| {things} | {len(scene.lights)} | {len(scene.portals)} | {triangles:,} | {views} "
+        f"| {items} | {len(scene.lights)} | {len(scene.portals)} | {triangles:,} | {views} "
         f"| {accepted} | {worst} | {len(scene.changes)} |"
     )
 
@@ -186,10 +186,12 @@ def main(
     files = scene_files(folder)
     twice = [name for name, count in Counter(map(scene_name, files)).items() if count > 1]
     if twice:
-        raise click.ClickException(f"several files would be called {', '.join(twice)}; rename some")
+        raise click.ClickException(
+            f"several files would have the scene id {', '.join(twice)}; rename some"
+        )
     for path in files:
         place = data / "scenes" / scene_name(path)
-        # What an earlier run brought in and measured stays: the rest of the chain resumes, too.
+        # Keep imports and costs of an earlier run; the other stages resume as well.
         noted = out / f"cost-{place.name}.json"
         if noted.is_file() and (place / "scene.json").is_file():
             costs[path] = build(Cost, read_json(noted))

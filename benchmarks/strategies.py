@@ -126,8 +126,8 @@ def ways_of(
         return {kind: plain_render(form, view, spp, seed, truth.max_depth, sampler)}
 
     def together(lights: Literal["planned", "uniform"], spp: int, seed: int) -> Images:
-        asked = replace(truth, spp=spp, block_spp=min(truth.block_spp, spp), lights=lights)
-        truths = render_both(scene, view, asked, grey, seed)
+        settings = replace(truth, spp=spp, block_spp=min(truth.block_spp, spp), lights=lights)
+        truths = render_both(scene, view, settings, grey, seed)
         return {"color": pixels(truths.color), "shading": pixels(truths.shading)}
 
     return {

@@ -155,7 +155,7 @@ def main(arguments: list[str] | None = None) -> Any:
 def unexpected(error: Exception) -> str:
     """Keep an unexpected error's traceback in a file; return one line that says where."""
     lines = str(error).strip().splitlines() or [""]
-    words = f"unexpected {type(error).__name__}: {lines[0][:200]}".rstrip(": ")
+    message = f"unexpected {type(error).__name__}: {lines[0][:200]}".rstrip(": ")
     text = "".join(traceback.format_exception(error))
     try:
         with tempfile.NamedTemporaryFile(
@@ -164,8 +164,8 @@ def unexpected(error: Exception) -> str:
         ) as file:  # fmt: skip
             file.write(f"{sys.argv}\n{text}")
     except OSError as failure:
-        return f"{words} (details could not be written: {failure.strerror})"
-    return f"{words}\nThis is a fault of pbrnet. Details to report: {file.name}"
+        return f"{message} (details could not be written: {failure.strerror})"
+    return f"{message}\nThis is a fault of pbrnet. Details to report: {file.name}"
 
 
 if __name__ == "__main__":

@@ -179,16 +179,16 @@ def write_croissant(folder: Path, columns: Sequence[Column], scenes: Sequence[Sc
 
 def _croissant_field(column: Column) -> dict[str, Any]:
     source: dict[str, Any] = {"fileSet": {"@id": "shards"}, "extract": {"column": column.name}}
-    words = [column.description]
+    sentences = [column.description]
     if column.shape:
-        words.append(f"Flat, row-major; shape {' x '.join(map(str, column.shape))}.")
+        sentences.append(f"Flat, row-major; shape {' x '.join(map(str, column.shape))}.")
     if column.unit:
-        words.append(f"Unit: {column.unit}.")
+        sentences.append(f"Unit: {column.unit}.")
     field: dict[str, Any] = {
         "@type": "cr:Field",
         "@id": f"views/{column.name}",
         "name": column.name,
-        "description": " ".join(words),
+        "description": " ".join(sentences),
         "dataType": _croissant_type(column),
         "source": source,
     }

@@ -99,8 +99,8 @@ def load_frames(
             frame = read_frame(path)
         except InputError as error:
             # Without the path: the list must not depend on where the data lie.
-            words = str(error).removeprefix(f"{path}: ").replace(str(path), path.name)
-            return Rejection("damaged", f"{kind}: {_one_line(words)}")
+            message = str(error).removeprefix(f"{path}: ").replace(str(path), path.name)
+            return Rejection("damaged", f"{kind}: {_one_line(message)}")
         if frame.meta.get("kind") != kind:
             return Rejection("damaged", f"{kind}: holds a frame of kind {frame.meta.get('kind')!r}")
         frames[kind] = frame
@@ -182,8 +182,8 @@ def _stale(view: View, frames: Mapping[Kind, Frame]) -> Rejection | None:
             if made_for.get(key) != getattr(view, key):
                 return Rejection("stale", f"{kind}: its {key} is {made_for.get(key)!r}")
         for key in ("camera_to_world", "K"):
-            theirs = np.array(made_for.get(key, ()), dtype=np.float64)
-            if not np.array_equal(theirs, np.array(getattr(view, key))):
+            rendered_with = np.array(made_for.get(key, ()), dtype=np.float64)
+            if not np.array_equal(rendered_with, np.array(getattr(view, key))):
                 return Rejection("stale", f"{kind}: rendered with another {key}; render it again")
     return None
 
@@ -267,8 +267,8 @@ def _chance_light(frames: Mapping[Kind, Frame], limit: float) -> Rejection | Non
     for kind in ("shading", "color"):
         share = _figure(frames[kind], "firefly_light")
         if share is not None and not share <= limit:
-            words = f"{kind}: {share:.1%} of the light is in fireflies, limit {limit:.1%}"
-            return Rejection("fireflies", words)
+            message = f"{kind}: {share:.1%} of the light is in fireflies, limit {limit:.1%}"
+            return Rejection("fireflies", message)
     return None
 
 

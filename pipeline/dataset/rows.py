@@ -73,7 +73,7 @@ def _image(frame: Frame, channel: Channel) -> AnyArray:
 
 def _objects_in(view: View, scene: Scene) -> int:
     """Return the number of objects, without structure, that each cover over 1 % of the view."""
-    furniture = {thing.id for thing in scene.objects if not thing.is_structure}
+    furniture = {item.id for item in scene.objects if not item.is_structure}
     least = 0.01 * sum(view.seen.values())
     return sum(pixels > least for name, pixels in view.seen.items() if name in furniture)
 

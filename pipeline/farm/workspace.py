@@ -33,7 +33,7 @@ _CACHED_LISTS = 64  # scenes whose lists of files the command keeps in memory
 
 @dataclass(frozen=True)
 class Workspace:
-    """The command's data folder, as workers are told about it."""
+    """The command's data folder, as it is described to workers."""
 
     data: Path
     transfer: Transfer

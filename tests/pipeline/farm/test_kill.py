@@ -9,12 +9,18 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pipeline.dataset.pack import pack_dataset
+from pipeline.params import Params, load_params
+from pipeline.stages.cameras import run_cameras
+from pipeline.stages.groundtruth import run_groundtruth
+from pipeline.stages.illumination import run_illumination
+from pipeline.stages.inputs import run_inputs
 from tests.fixtures.dask_processes import dask_cluster, dask_scheduler, dask_worker, workers_of
 from tests.fixtures.paths import ROOT
 from tests.fixtures.stages import write_room
@@ -28,7 +34,14 @@ cameras: {views_per_room: 4}
 groundtruth: {spp: 64, block_spp: 16, max_depth: 5}
 """
 STAGES = ("inputs", "illumination", "groundtruth", "dataset")
-RESULTS = ("inputs", "illumination", "visibility", "shading", "color", "dataset")
+RUN: dict[str, Callable[[Path, Params], object]] = {
+    "cameras": run_cameras,
+    "inputs": run_inputs,
+    "illumination": run_illumination,
+    "groundtruth": run_groundtruth,
+    "dataset": pack_dataset,
+}
+FRAMES = ("inputs", "illumination", "visibility", "shading", "color")
 
 
 def _start(data: Path, stage: str, *options: str) -> subprocess.Popen[bytes]:
@@ -53,16 +66,20 @@ def _finish(process: subprocess.Popen[bytes], codes: Sequence[int] = (0,)) -> st
 
 
 def _run(data: Path, *stages: str) -> None:
+    """Run stages in this process."""
+    parameters = data.parent / "params.yaml"
+    parameters.write_text(PARAMETERS)
+    params = load_params(parameters)
     for stage in stages:
-        _finish(_start(data, stage))
+        RUN[stage](data, params)
 
 
-def _files(data: Path) -> dict[str, bytes]:
-    """Every frame and every file of the packed dataset."""
+def _files(data: Path, folders: Sequence[str] = (*FRAMES, "dataset")) -> dict[str, bytes]:
+    """Every frame and every file of the packed dataset, or the files of some folders."""
     return {
         str(path.relative_to(data)): path.read_bytes()
-        for result in RESULTS
-        for path in sorted((data / result).rglob("*"))
+        for folder in folders
+        for path in sorted((data / folder).rglob("*"))
         if path.is_file()
     }
 
@@ -85,6 +102,14 @@ def fresh(undisturbed: Path, tmp_path: Path) -> Path:
     for folder in ("scenes", "cameras"):
         shutil.copytree(undisturbed / folder, tmp_path / "data" / folder)
     return tmp_path / "data"
+
+
+@pytest.fixture
+def before_truth(fresh: Path, undisturbed: Path) -> Path:
+    """The same with inputs and panoramas: only the ground truth is missing."""
+    for folder in ("inputs", "illumination", "visibility"):
+        shutil.copytree(undisturbed / folder, fresh / folder)
+    return fresh
 
 
 def _wait_for_frames(
@@ -122,38 +147,39 @@ def test_main_process_killed(fresh: Path, undisturbed: Path, seed: int) -> None:
     assert _files(fresh) == _files(undisturbed)
 
 
-def test_workers_killed(fresh: Path, undisturbed: Path) -> None:
-    rng = np.random.default_rng(2)
-    _run(fresh, "inputs", "illumination")
+def test_workers_killed(before_truth: Path, undisturbed: Path) -> None:
+    rng, fresh = np.random.default_rng(2), before_truth
     process = _start(fresh, "groundtruth")
+    killed = 0
     for _ in range(2):
         _wait_for_frames(fresh, process, 1)
         time.sleep(rng.uniform(0.0, 1.0))
         workers = [p for p in workers_of(process) if "spawn_main" in " ".join(p.cmdline())]
         if workers:
             workers[int(rng.integers(len(workers)))].kill()
+            killed += 1
     _finish(process)
-    _run(fresh, "dataset")
-    assert _files(fresh) == _files(undisturbed)
+    assert killed
+    assert _files(fresh, FRAMES) == _files(undisturbed, FRAMES)
     assert not (fresh / "failures" / "groundtruth.json").exists()
 
 
-def test_scheduler_killed(fresh: Path, undisturbed: Path, tmp_path: Path) -> None:
-    _run(fresh, "inputs", "illumination")
+def test_scheduler_killed(before_truth: Path, undisturbed: Path, tmp_path: Path) -> None:
+    fresh = before_truth
     with dask_cluster(tmp_path / "dask") as cluster:
         process = _start(fresh, "groundtruth", "--scheduler", cluster.address)
         _wait_for_frames(fresh, process, 1)
         cluster.scheduler.kill()
         if process.wait(timeout=120):
             assert "scheduler has gone" in _finish(process, (4,))
-    _run(fresh, "groundtruth", "dataset")
-    assert _files(fresh) == _files(undisturbed)
+    _run(fresh, "groundtruth")
+    assert _files(fresh, FRAMES) == _files(undisturbed, FRAMES)
 
 
 def test_workers_in_other_folders_come_and_go(
-    fresh: Path, undisturbed: Path, tmp_path: Path
+    before_truth: Path, undisturbed: Path, tmp_path: Path
 ) -> None:
-    _run(fresh, "inputs", "illumination")
+    fresh = before_truth
     with dask_cluster(tmp_path / "early") as cluster:
         process = _start(fresh, "groundtruth", "--scheduler", cluster.address)
         _wait_for_frames(fresh, process, 1)
@@ -161,8 +187,7 @@ def test_workers_in_other_folders_come_and_go(
             _wait_for_frames(fresh, process, 3)
             cluster.worker.terminate()
             _finish(process)
-    _run(fresh, "dataset")
-    assert _files(fresh) == _files(undisturbed)
+    assert _files(fresh, FRAMES) == _files(undisturbed, FRAMES)
 
 
 def test_a_worker_with_other_code_is_refused(fresh: Path, tmp_path: Path) -> None:

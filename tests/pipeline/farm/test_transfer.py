@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from pipeline.params import Params, load_params
+from pipeline.stages.cameras import run_cameras
+from pipeline.stages.groundtruth import run_groundtruth
+from pipeline.stages.illumination import run_illumination
+from pipeline.stages.inputs import run_inputs
+from pipeline.stages.scenes import run_scenes
+from scenes.errors import MachineError
 from tests.fixtures.dask_processes import (
     can_hide,
     dask_scheduler,
@@ -30,6 +38,13 @@ farm: {batch: 2, retries: 1}
 cameras: {views_per_room: 3}
 groundtruth: {spp: 16, block_spp: 8, max_depth: 4}
 """
+RUN: dict[str, Callable[[Path, Params, str | None], object]] = {
+    "scenes": run_scenes,
+    "cameras": run_cameras,
+    "inputs": run_inputs,
+    "illumination": run_illumination,
+    "groundtruth": run_groundtruth,
+}
 STAGES = ("cameras", "inputs", "illumination", "groundtruth")
 RESULTS = ("cameras", "inputs", "illumination", "visibility", "shading", "color")
 
@@ -41,12 +56,12 @@ def _command(data: Path, stage: str, *options: str) -> list[str]:
     return [sys.executable, "-m", "pipeline.cli", *words]
 
 
-def _run(data: Path, stage: str, *options: str, code: int = 0) -> str:
-    done = subprocess.run(
-        _command(data, stage, *options), capture_output=True, text=True, timeout=500, check=False
-    )
-    assert done.returncode == code, done.stderr
-    return done.stderr
+def _run(data: Path, stage: str, scheduler: str | None = None, **farm: Any) -> None:
+    """Run a stage in this process, with parameters of the farm."""
+    parameters = data.parent / "params.yaml"
+    parameters.write_text(PARAMETERS)
+    params = load_params(parameters)
+    RUN[stage](data, replace(params, farm=replace(params.farm, **farm)), scheduler)
 
 
 def _results(data: Path) -> dict[str, bytes]:
@@ -91,12 +106,12 @@ def test_workers_elsewhere_make_the_same_bits(fresh: Path, local: Path, tmp_path
         dask_scheduler(tmp_path) as (address, _),
         dask_worker(address, place, hidden=fresh, processes=2),
     ):
-        _run(fresh, "cameras", "--scheduler", address)
+        _run(fresh, "cameras", address)
         there = _cached_files(place / "cache")
         scenes = [p for p in (fresh / "scenes").rglob("*") if p.is_file()]
         assert len(there) == len({path.read_bytes() for path in scenes}), "each content, once"
         for stage in STAGES[1:]:
-            _run(fresh, stage, "--scheduler", address)
+            _run(fresh, stage, address)
         after = _cached_files(place / "cache")
         assert after.keys() == there.keys(), "nothing was sent again"
     assert _results(fresh) == _results(local)
@@ -110,7 +125,7 @@ def test_a_damaged_copy_is_found_and_sent_again(fresh: Path, local: Path, tmp_pa
         dask_scheduler(tmp_path) as (address, _),
         dask_worker(address, place, hidden=fresh),
     ):
-        _run(fresh, "cameras", "--scheduler", address)
+        _run(fresh, "cameras", address)
         xml = (fresh / "scenes" / "alpha" / "scene.xml").read_bytes()
         (cached,) = [path for path in _cached_files(place / "cache") if path.read_bytes() == xml]
         cached.write_bytes(xml.replace(b"0.5", b"0.7", 1))
@@ -118,7 +133,7 @@ def test_a_damaged_copy_is_found_and_sent_again(fresh: Path, local: Path, tmp_pa
         dask_scheduler(tmp_path / "two") as (address, _),
         dask_worker(address, place, hidden=fresh),
     ):
-        _run(fresh, "groundtruth", "--scheduler", address)
+        _run(fresh, "groundtruth", address)
     assert cached.read_bytes() == xml
     whole = _results(local)
     assert all(whole[name] == pixels for name, pixels in _results(fresh).items())
@@ -150,29 +165,30 @@ def test_sharing_and_other_workers_side_by_side(fresh: Path, local: Path, tmp_pa
     assert all(whole[name] == pixels for name, pixels in made.items())
 
 
-def test_a_folder_that_must_be_shared_is_asked_for(fresh: Path, tmp_path: Path) -> None:
+def test_a_folder_that_must_be_shared_is_asked_for(
+    fresh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with (
         dask_scheduler(tmp_path) as (address, _),
         dask_worker(address, tmp_path / "far", hidden=fresh),
     ):
-        said = _run(fresh, "cameras", "--scheduler", address, "--transfer", "shared", code=4)
-        assert "does not see" in said and "farm.transfer: auto" in said
+        with pytest.raises(MachineError, match=r"does not see .* farm\.transfer: auto"):
+            _run(fresh, "cameras", address, transfer="shared")
         shutil.rmtree(fresh / "scenes")
-        said = _run(fresh, "scenes", "--scheduler", address)
-        assert "runs on local workers instead" in said
+        _run(fresh, "scenes", address)
+        assert "runs on local workers instead" in capsys.readouterr().err
     assert (fresh / "scenes" / "home-0000" / "scene.json").is_file()
 
 
-def test_own_workers_can_be_sent_to(local: Path, tmp_path: Path) -> None:
+def test_own_workers_can_be_sent_to(
+    local: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The same way without a cluster, for those who want to try it."""
     data = tmp_path / "data"
     for folder in ("scenes", "cameras"):
         shutil.copytree(local / folder, data / folder)
-    os.environ["PBRNET_CACHE"] = str(tmp_path / "cache")
-    try:
-        _run(data, "inputs", "--transfer", "send", "--workers", "2")
-    finally:
-        del os.environ["PBRNET_CACHE"]
+    monkeypatch.setenv("PBRNET_CACHE", str(tmp_path / "cache"))
+    _run(data, "inputs", transfer="send", workers=2)
     assert _cached_files(tmp_path / "cache")
     whole = _results(local)
     made = {name: pixels for name, pixels in _results(data).items() if name.startswith("inputs")}
