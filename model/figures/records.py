@@ -1,4 +1,4 @@
-"""What the stages have left on the disk, read for the report; what is not there is noted."""
+"""Reader of everything the stages have written; notes what is missing or damaged."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ METRICS = {
 
 @dataclass(frozen=True)
 class Places:
-    """Where the stages have left things."""
+    """Folders of the stages' outputs."""
 
     data: Path = Path("data")
     models: Path = Path("models")
@@ -42,7 +42,7 @@ class Places:
 
 
 class Records:
-    """What there is; `missing` gathers a sentence for each thing that is absent or damaged."""
+    """Outputs of all stages; `missing` has a sentence for each that is missing or damaged."""
 
     def __init__(self, places: Places) -> None:
         self.places = places
@@ -52,14 +52,17 @@ class Records:
         self.cameras = self._cameras()
         self.shards = self._shards()
         self.evaluation: dict[str, Any] = self.json(
-            places.metrics / "evaluation.json", "No evaluation yet; it is made by: pbrnet evaluate"
+            places.metrics / "evaluation.json", "No evaluation yet; make it with: pbrnet evaluate"
         )
         self.models = {
             path.stem: self.json(path, "") for path in sorted(places.models.glob("*.json"))
         }
 
     def json(self, path: Path, absent: str) -> dict[str, Any]:
-        """A JSON object; empty and noted if the file is absent or damaged."""
+        """Read a JSON object; empty, with a note, if the file is missing or damaged.
+
+        `absent`: the note for a missing file; empty for none.
+        """
         if not path.is_file():
             if absent:
                 self.missing.append(absent)
@@ -70,14 +73,14 @@ class Records:
             self.missing.append(str(error))
             return {}
         if not isinstance(content, dict):
-            self.missing.append(f"{path} is damaged (no JSON object); make it again")
+            self.missing.append(f"{path} is damaged (not a JSON object); make it again")
             return {}
         return content
 
     def study(self, name: str, kind: type[Result], command: str = "") -> Result | None:
-        """`metrics/studies/NAME.json`, checked; None without one, and noted if it is damaged.
+        """Read `metrics/studies/NAME.json` as `kind`; None if missing, with a note if damaged.
 
-        `command`: what makes it, if not `pbrnet study NAME`.
+        `command`: command that writes it, if not `pbrnet study NAME`.
         """
         path = self.places.metrics / "studies" / f"{name}.json"
         content = self.json(path, "")
@@ -89,24 +92,25 @@ class Records:
             self.missing.append(f"{error}; make it again with: {command or f'pbrnet study {name}'}")
             return None
 
-    def study_picture(self, name: str, wide: int = 1200, png: bool = False) -> str:
-        """`metrics/studies/NAME.png` as a data URI, at most `wide` pixels; "" without one.
+    def study_picture(self, name: str, width: int | None = 1200, png: bool = False) -> str:
+        """Return `metrics/studies/NAME.png` as a data URI; an empty string if missing or damaged.
 
-        `png`: without loss.
+        `width`: largest width in pixels, None to keep the size; `png`: as PNG, without loss.
         """
         path = self.places.metrics / "studies" / f"{name}.png"
         if not path.is_file():
             return ""
         try:
-            return uri(fit(read_picture(path.read_bytes()), wide), png=png)
+            picture = read_picture(path.read_bytes())
+            return uri(picture if width is None else fit(picture, width), png=png)
         except (InputError, OSError, ValueError):
             self.missing.append(f"{path} is damaged; make it again with: pbrnet study {name}")
             return ""
 
     def csv(self, path: Path, *numbers: str) -> list[dict[str, Any]]:
-        """Lines of a CSV file; the columns `numbers` as floats, None where they are empty.
+        """Read the lines of a CSV file; the columns `numbers` as floats, None where empty.
 
-        Nothing if the file is absent; damaged files are noted once and count as absent.
+        Empty if the file is missing, or damaged, which is noted once.
         """
         if path not in self._tables:
             self._tables[path] = []
@@ -118,7 +122,7 @@ class Records:
         return self._tables[path]
 
     def _index(self) -> list[tuple[str, str]]:
-        """(scene_id, view_id) of all rows, in the order of the shards."""
+        """Return (scene_id, view_id) of all rows, in the order of the shards."""
         keys = []
         for shard in self.shards:
             table = shard.read(columns=["scene_id", "view_id"])
@@ -128,7 +132,7 @@ class Records:
         return keys
 
     def spread(self, count: int) -> list[tuple[str, str]]:
-        """Keys of rows spread evenly over all scenes."""
+        """Return at most `count` keys of rows, spread evenly over all scenes."""
         keys = sorted(self._index())
         if not keys:
             return []
@@ -136,7 +140,7 @@ class Records:
         return [keys[int(place)] for place in places]
 
     def rows(self, wanted: set[tuple[str, str]]) -> dict[tuple[str, str], dict[str, Any]]:
-        """The wanted rows, images as arrays; reads one row group at a time."""
+        """Read the `wanted` rows, images as arrays, one row group at a time."""
         rows = {}
         for shard in self.shards:
             for group in range(shard.num_row_groups):
@@ -154,9 +158,11 @@ class Records:
         return rows
 
     def scores(self) -> list[dict[str, Any]]:
+        """Return the lines of `metrics/evaluation.csv`."""
         return self.csv(self.places.metrics / "evaluation.csv", *METRICS)
 
     def example_keys(self) -> dict[str, list[tuple[str, str]]]:
+        """Return the keys of the best and worst views of the evaluation."""
         chosen = self.evaluation.get("examples", {})
         return {
             group: [(str(key[0]), str(key[1])) for key in chosen.get(group, []) if len(key) == 2]
@@ -164,6 +170,7 @@ class Records:
         }
 
     def example_picture(self, scene_id: str, view_id: str, part: str) -> Picture | None:
+        """Read a picture of an example view; None if missing or damaged."""
         path = self.places.metrics / "examples" / f"{scene_id}--{view_id}--{part}.png"
         if not path.is_file():
             return None
@@ -183,7 +190,7 @@ class Records:
             except InputError as error:
                 self.missing.append(f"A scene cannot be read: {error}")
         if not scenes:
-            self.missing.append("No scenes yet; they are made by: pbrnet scenes")
+            self.missing.append("No scenes yet; make them with: pbrnet scenes")
         return scenes
 
     def _cameras(self) -> list[Any]:
@@ -194,7 +201,7 @@ class Records:
             except InputError as error:
                 self.missing.append(f"A camera file cannot be read: {error}")
         if not cameras:
-            self.missing.append("No cameras yet; they are made by: pbrnet cameras")
+            self.missing.append("No cameras yet; make them with: pbrnet cameras")
         return cameras
 
     def _shards(self) -> list[pq.ParquetFile]:
@@ -203,9 +210,11 @@ class Records:
             try:
                 shards.append(pq.ParquetFile(path))
             except (pa.ArrowInvalid, OSError) as error:
-                self.missing.append(f"{path} cannot be read ({error}); run: pbrnet dataset")
+                self.missing.append(
+                    f"{path} cannot be read ({error}); make it again with: pbrnet dataset"
+                )
         if not shards:
-            self.missing.append("No dataset yet; it is made by: pbrnet dataset")
+            self.missing.append("No dataset yet; make it with: pbrnet dataset")
         return shards
 
 
@@ -221,7 +230,7 @@ def _read_csv(path: Path, numbers: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def _unpack(table: pa.Table, index: int) -> dict[str, Any]:
-    """Row `index`, image columns as arrays of their own shape."""
+    """Return row `index`, image columns as arrays of their shape."""
     row = {}
     for field in table.schema:
         cell = table[field.name][index]

@@ -1,4 +1,4 @@
-"""How well the networks do: learning curves, the table of methods, best and worst views."""
+"""Results of the evaluation for the report: learning curves, table of methods, example views."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from model.figures.charts import line_chart, strip_plot
 from model.figures.records import METRICS, Records
 from model.figures.row_pictures import MODALITIES, draw, shrink, uri
-from model.figures.svg import line_chart, strip_plot
 from pipeline.images import Picture
 
 METHODS = {
@@ -52,6 +52,7 @@ EXAMPLE_PARTS = {
 
 
 def result_table(records: Records) -> dict[str, Any] | None:
+    """Return the table of methods for the report's template; None without an evaluation."""
     evaluation = records.evaluation
     if not evaluation:
         return None
@@ -74,7 +75,7 @@ def result_table(records: Records) -> dict[str, Any] | None:
 
 
 def _rows(methods: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """A row a method, with its figures in words and the best of each column marked."""
+    """Return a row per method with formatted figures; the best of each column is marked."""
     best = {}
     for name, (_, higher, _) in METRICS.items():
         means = {
@@ -106,6 +107,7 @@ def _cell(figure: Mapping[str, Any] | None, digits: int, best: bool) -> dict[str
 
 
 def score_strips(records: Records) -> list[dict[str, Any]]:
+    """Return strip plots of FLIP and SSIM of every view, by method."""
     groups: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for line in records.scores():
         for name in ("flip", "ssim"):
@@ -124,13 +126,13 @@ def score_strips(records: Records) -> list[dict[str, Any]]:
 
 
 def learning_curves(records: Records) -> list[dict[str, Any]]:
+    """Return the learning curves of all trained networks, with their last losses."""
     curves = []
     columns = {"training": "train_loss", "validation": "validation_loss"}
     paths = {
         path.stem.removeprefix("train_"): path
         for path in sorted(records.places.plots.glob("train_*.csv"))
     }
-    # Those of the chain first, in its order, then whatever else was trained.
     for name in known_first(paths, NETWORKS):
         path = paths[name]
         lines = records.csv(path, "step", *columns.values())
@@ -144,14 +146,12 @@ def learning_curves(records: Records) -> list[dict[str, Any]]:
                 {
                     "title": NETWORKS.get(name, name),
                     "svg": line_chart(series, "step", "loss"),
-                    "series": list(series),
                     "last": {label: points[-1][1] for label, points in series.items()},
                 }
             )
     if not curves:
         records.missing.append(
-            "No learning curves yet; they are made by: pbrnet train shading, "
-            "pbrnet train composition"
+            "No learning curves yet; make them with: pbrnet train shading, pbrnet train composition"
         )
     return curves
 
@@ -161,6 +161,7 @@ def best_and_worst(
     keys: Mapping[str, Sequence[tuple[str, str]]],
     rows: Mapping[tuple[str, str], dict[str, Any]],
 ) -> dict[str, list[dict[str, Any]]]:
+    """Return the pictures of the best and worst views; `keys`: group -> views."""
     scores = {
         (line["scene_id"], line["view_id"]): line
         for line in records.scores()
@@ -190,7 +191,7 @@ def _example(
         drawn["True shading"] = draw("shading", row)
     drawn[EXAMPLE_PARTS["shading"]] = parts.pop("shading")
     if row is not None:
-        # As the networks saw it: under the exposure policy they were trained with.
+        # Under the exposure policy of the training.
         drawn["Truth"] = draw("color", row, shared)
     drawn.update({EXAMPLE_PARTS[part]: picture for part, picture in parts.items()})
     figures = [
@@ -210,13 +211,13 @@ def _example(
 
 
 def known_first(names: Iterable[str], known: Iterable[str]) -> list[str]:
-    """`names` in the order of `known`, then those it does not hold, sorted."""
+    """Sort `names`: in the order of `known`, then unknown names alphabetically."""
     order = list(known)
     return sorted(names, key=lambda name: (order.index(name) if name in order else 99, name))
 
 
 def figure_of(values: Mapping[str, Any], name: str) -> dict[str, Any] | None:
-    """A metric's mean and interval; a bare number stands for a mean alone."""
+    """Return mean and interval of a metric; None if missing. A bare number is a mean."""
     figure = values.get(name)
     if isinstance(figure, (int, float)):
         return {"mean": float(figure), "low": None, "high": None}

@@ -1,4 +1,4 @@
-"""Rows of the dataset as pictures of the report."""
+"""Pictures of dataset rows for the report."""
 
 from __future__ import annotations
 
@@ -27,25 +27,28 @@ from pipeline.images import (
 )
 from pipeline.tonemap import Exposure
 
-THUMBNAIL = 320  # pixels wide at most
+THUMBNAIL = 320  # largest width, pixels
 MODALITIES = {
-    "color": ("Colour", "The finished image, path traced; tone-mapped to look at."),
-    "shading": ("Shading", "The same light on the same shapes, every colour removed."),
-    "reflectance": ("Reflectance", "Base colour, without any light."),
-    "normal": ("Normal", "Where surfaces face: red right, green up, blue towards the camera."),
+    "color": ("Colour", "The path-traced image, tone-mapped for display."),
+    "shading": ("Shading", "The same geometry and light with grey, diffuse surfaces."),
+    "reflectance": ("Reflectance", "Base colour of the surfaces, without light."),
+    "normal": ("Normal", "Surface normals: red is right, green up, blue towards the camera."),
     "depth": (
         "Depth",
         "Distance along the optical axis, logarithmic: near is bright, far is violet.",
     ),
-    "intensity": ("Illumination: intensity", "Light sources all around the camera, logarithmic."),
-    "distance": ("Illumination: distance", "How far away each of them is: near is bright."),
-    "tint": ("Illumination: colour", "The colour of each of them, whatever its brightness."),
-    "visibility": ("Shadows", "How much of their direct light reaches each surface."),
+    "intensity": (
+        "Illumination: intensity",
+        "Radiance of the light sources in all directions around the camera, logarithmic.",
+    ),
+    "distance": ("Illumination: distance", "Distance of each light source: near is bright."),
+    "tint": ("Illumination: colour", "Colour of each light source, without its brightness."),
+    "visibility": ("Shadows", "Share of the sources' direct light that reaches each surface."),
 }
 
 
 def draw(name: str, row: Mapping[str, Any], shared: bool = False) -> Picture:
-    """One image column of a row as a picture; `shared` shows colour under shading's exposure."""
+    """Draw an image column of a row; `shared`: colour under the exposure of shading."""
     values = row[name]
     if name in ("color", "shading"):
         by = "shading" if shared else name
@@ -64,7 +67,7 @@ def draw(name: str, row: Mapping[str, Any], shared: bool = False) -> Picture:
 
 
 def mosaic(sheet: Sequence[Mapping[str, Any]], columns: int, rows: int) -> str:
-    """So many previews side by side as one small data URI; nothing if there are too few."""
+    """Return a grid of previews as a small data URI; empty if there are too few rows."""
     if len(sheet) < columns * rows:
         return ""
     places = np.linspace(0, len(sheet) - 1, columns * rows).astype(int)
@@ -75,15 +78,17 @@ def mosaic(sheet: Sequence[Mapping[str, Any]], columns: int, rows: int) -> str:
 
 
 def shrink(picture: Picture) -> Picture:
-    """Thumbnail size; what is much smaller keeps hard pixel edges."""
+    """Scale to thumbnail size; small pictures are enlarged by whole pixels."""
     return enlarge(fit(picture, THUMBNAIL), THUMBNAIL)
 
 
 def uri(picture: Picture, png: bool = False) -> str:
+    """Encode a picture as a data URI, JPEG or (`png`) PNG."""
     content = png_bytes(picture) if png else jpeg_bytes(picture)
     kind = "png" if png else "jpeg"
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
 def row_label(row: Mapping[str, Any]) -> str:
+    """Return scene, view, room type and lighting of a row."""
     return f"{row['scene_id']} {row['view_id']} · {row['room_type']}, {row['lighting']}"

@@ -1,8 +1,7 @@
-"""The report stage: one self-contained HTML page that shows what happened.
+"""Report stage: one self-contained HTML page about a run.
 
-It reads whatever is there (data, models, metrics, plots) and puts a sentence in the place of what
-is not, naming the command that makes it. Pictures are embedded; the page asks the network for
-nothing.
+The page shows the outputs that exist (data, models, metrics, plots); for missing ones it names the
+command that makes them. Pictures are embedded, so the page needs no network.
 """
 
 from __future__ import annotations
@@ -20,6 +19,8 @@ import pyarrow as pa
 import yaml
 from markupsafe import Markup
 
+from model.figures.charts import inline_svg
+from model.figures.diagrams import TALL, WIDE, Node, chain, panorama_guide
 from model.figures.records import METRICS, Places, Records
 from model.figures.results import (
     best_and_worst,
@@ -29,75 +30,69 @@ from model.figures.results import (
     score_strips,
 )
 from model.figures.row_pictures import MODALITIES, THUMBNAIL, draw, mosaic, row_label, shrink, uri
-from model.figures.svg import TALL, WIDE, Node, chain, panorama_guide
-from model.report.cost_charts import cost_drawings
-from model.studies.flicker.results import flicker_study
-from model.studies.illumination.results import light_study
-from model.studies.pairs.results import pairs_table
-from model.studies.time.results import time_study
-from model.studies.trials.results import trials_tables
+from model.figures.section import page_templates
+from model.studies.registry import report_sections
+from pipeline.costs.charts import LedgerChart, ledger_charts
 from pipeline.costs.ledger import read_ledger
 from pipeline.dataset.checks import REASONS
 from pipeline.images import enlarge, fit, png_facts, read_picture
 from pipeline.params import Params
-from pipeline.templating import templates
+from pipeline.plotting import new_chart
 from scenes.checked import plain
 from scenes.errors import InputError
 from scenes.files import write_text
 
 SHEET_VIEWS = 12
+_MISSING = "not made yet"
 PACKAGES = ("pbrnet", "mitsuba", "drjit", "numpy", "torch", "OpenEXR", "pyarrow", "dask")
 
 
 def write_report(places: Places, params: Params, out: Path) -> list[str]:
-    """Write the page to `out` by rename; returns a sentence for each part that is missing."""
+    """Write the page to `out` by rename; return a sentence for each missing or damaged part."""
     page = _Page(places, params)
     write_text(out, page.render())
     return page.records.missing
 
 
 class _Page:
-    """Gathers the parts one after the other."""
+    """Content of the page, section by section."""
 
     def __init__(self, places: Places, params: Params) -> None:
         self.params = params
         self.records = Records(places)
 
     def render(self) -> str:
-        """The whole page."""
+        """Render the page."""
         wanted = self.records.spread(SHEET_VIEWS)
         examples = self.records.example_keys()
         rows = self.records.rows({*wanted, *(key for group in examples.values() for key in group)})
         sheet = [rows[key] for key in wanted if key in rows]
-        environment = templates("model.report")
-        environment.filters["thousands"] = lambda number: f"{number:,}".replace(",", " ")
-        environment.filters["seconds"] = _duration
-        return environment.get_template("report.html").render(
-            headline=self._headline(),
-            chain=self._chain(sheet),
-            sheets=self._sheets(sheet),
-            guide=self._guide(sheet),
-            candidates=self._candidates(),
-            rejected=self._rejected(),
-            reasons=REASONS,
-            dataset=self._dataset(),
-            curves=learning_curves(self.records),
-            results=result_table(self.records),
-            strips=score_strips(self.records),
-            pairs=pairs_table(self.records),
-            light=light_study(self.records),
-            clock=time_study(self.records),
-            trials=trials_tables(self.records),
-            steady=flicker_study(self.records),
-            examples=best_and_worst(self.records, examples, rows),
-            predictions=self._predictions(),
-            costs=self._costs(),
-            imports=self._imports(),
-            credits=self._credits(),
-            backbone=self._backbone(),
-            parameters=yaml.safe_dump(plain(self.params), sort_keys=False, allow_unicode=True),
-            versions=_versions(),
-            notes=self.records.missing,
+        return (
+            page_templates("model.report")
+            .get_template("report.html")
+            .render(
+                headline=self._headline(),
+                chain=self._chain(sheet),
+                sheets=self._sheets(sheet),
+                guide=self._guide(sheet),
+                candidates=self._candidates(),
+                rejected=self._rejected(),
+                reasons=REASONS,
+                dataset=self._dataset(),
+                curves=learning_curves(self.records),
+                results=result_table(self.records),
+                strips=score_strips(self.records),
+                studies=report_sections(self.records),
+                examples=best_and_worst(self.records, examples, rows),
+                predictions=self._predictions(),
+                costs=self._costs(),
+                imported=self._imported_scenes(),
+                credits=self._credits(),
+                backbone=self._backbone(),
+                parameters=yaml.safe_dump(plain(self.params), sort_keys=False, allow_unicode=True),
+                versions=_versions(),
+                notes=self.records.missing,
+            )
         )
 
     def _headline(self) -> list[tuple[str, str]]:
@@ -131,7 +126,7 @@ class _Page:
         }
         backbone = self._backbone()
         nodes = {
-            "scenes": Node("Scenes", f"{len(self.records.scenes)} with {rooms} rooms", scenes),
+            "scenes": Node("Scenes", f"{len(self.records.scenes)}, {rooms} rooms", scenes),
             "cameras": Node("Cameras", f"{views} views", picture.get("color", "")),
             "inputs": Node("Inputs", size, picture.get("normal", "")),
             "illumination": Node(
@@ -143,7 +138,7 @@ class _Page:
                 "Ground truth", f"{self.params.groundtruth.spp} samples", picture.get("shading", "")
             ),
             "dataset": Node("Dataset", f"{rows} rows", many),
-            "backbone": Node("Backbone", backbone.get("network", "not there yet")),
+            "backbone": Node("Backbone", backbone.get("network", _MISSING)),
             "shading": Node(
                 "Shading network", _epochs(epochs.get("shading")), self._shown("shading")
             ),
@@ -152,14 +147,14 @@ class _Page:
             ),
             "evaluate": Node(
                 "Evaluation",
-                f"ꟻLIP {flip['mean']:.3f}" if flip else "not there yet",
+                f"ꟻLIP {flip['mean']:.3f}" if flip else _MISSING,
                 self._shown("error"),
             ),
         }
         return {"wide": chain(nodes, WIDE, "wide"), "tall": chain(nodes, TALL, "tall")}
 
     def _shown(self, part: str) -> str:
-        """A small version of the best example's picture of that kind, if there is one."""
+        """Return a small picture of the best example as a data URI; empty if there is none."""
         for scene_id, view_id in self.records.example_keys().get("best", []):
             picture = self.records.example_picture(scene_id, view_id, part)
             if picture is not None:
@@ -172,18 +167,18 @@ class _Page:
         return [
             {
                 "title": title,
-                "words": words,
+                "description": words,
                 "wide": name in ("intensity", "distance", "tint"),
                 "pictures": [
                     {"uri": uri(shrink(draw(name, row))), "label": row_label(row)} for row in sheet
                 ],
             }
             for name, (title, words) in MODALITIES.items()
-            if name in sheet[0]  # not every dataset has all of them
+            if name in sheet[0]  # some columns are optional
         ]
 
     def _guide(self, sheet: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
-        """One panorama, large, with its directions: the one that shows most light sources."""
+        """Return the panorama with most light sources, with its directions."""
         if not sheet:
             return None
         row = max(sheet, key=lambda row: np.count_nonzero(row["intensity"]))
@@ -207,12 +202,12 @@ class _Page:
         }
 
     def _candidates(self) -> dict[str, Any]:
-        dropped: Counter[str] = Counter()
+        rejected: Counter[str] = Counter()
         for file in self.records.cameras:
-            dropped.update(file.rejected)
+            rejected.update(file.rejected)
         total = sum(file.candidates for file in self.records.cameras)
         kept = sum(len(file.views) for file in self.records.cameras)
-        return {"total": total, "kept": kept, "bars": _bars(dropped.most_common())}
+        return {"total": total, "kept": kept, "bars": _bars(rejected.most_common())}
 
     def _rejected(self) -> dict[str, Any] | None:
         path = self.records.places.data / "dataset" / "rejected.csv"
@@ -249,7 +244,7 @@ class _Page:
         }
 
     def _predictions(self) -> list[dict[str, Any]]:
-        """What `pbrnet predict` left behind."""
+        """Return the pictures that `pbrnet predict` has written."""
         shown: list[dict[str, Any]] = []
         missing = self.records.missing
         for path in sorted(self.records.places.predictions.glob("*.png")):
@@ -260,7 +255,7 @@ class _Page:
                 missing.append(f"{path} is damaged; make it again with: pbrnet predict")
                 continue
             if facts is None or "prediction" not in facts:
-                missing.append(f"{path} was not made by pbrnet predict and is not shown")
+                missing.append(f"{path} was not written by pbrnet predict and is not shown")
                 continue
             shown.append(
                 {
@@ -307,14 +302,13 @@ class _Page:
                     per_view[key] += cost  # type: ignore[assignment]
         return {
             "table": table,
-            "bars": _bars([(str(line["stage"]), float(str(line["total"]))) for line in table]),
-            "drawings": cost_drawings(rows),
+            "charts": [_cost_chart(chart) for chart in ledger_charts(rows)],
             "again": again,
             "views": len(per_view),
             "each": mean(per_view.values()) if per_view else 0.0,
         }
 
-    def _imports(self) -> list[dict[str, Any]]:
+    def _imported_scenes(self) -> list[dict[str, Any]]:
         return [
             {
                 "id": scene.scene_id,
@@ -348,6 +342,12 @@ class _Page:
         }
 
 
+def _cost_chart(chart: LedgerChart) -> dict[str, Any]:
+    figure, axes = new_chart()
+    chart.draw(axes)
+    return {"title": chart.title, "caption": chart.caption, "svg": inline_svg(figure)}
+
+
 def _bars(counts: Iterable[tuple[str, float]]) -> list[dict[str, Any]]:
     pairs = list(counts)
     most = max((count for _, count in pairs), default=1) or 1
@@ -358,7 +358,7 @@ def _bars(counts: Iterable[tuple[str, float]]) -> list[dict[str, Any]]:
 
 
 def _first(card: Mapping[str, Any], *paths: tuple[str, ...]) -> Any:
-    """The first of several places in nested mappings that holds something."""
+    """Return the first value that exists at one of several paths in nested mappings."""
     for path in paths:
         value: Any = card
         for key in path:
@@ -370,16 +370,8 @@ def _first(card: Mapping[str, Any], *paths: tuple[str, ...]) -> Any:
 
 def _epochs(epochs: Any) -> str:
     if epochs is None:
-        return "not there yet"
+        return _MISSING
     return f"{epochs} epoch{'' if epochs == 1 else 's'}"
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 1:
-        return f"{1000 * seconds:.0f} ms"
-    if seconds < 120:
-        return f"{seconds:.1f} s"
-    return f"{seconds / 60:.1f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
 def _versions() -> list[tuple[str, str]]:

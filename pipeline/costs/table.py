@@ -1,4 +1,4 @@
-"""Summary of the ledger by stage, as a table and as a figure."""
+"""The cost ledger as a table by stage."""
 
 from __future__ import annotations
 
@@ -6,13 +6,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from matplotlib.figure import Figure
 
+from pipeline.costs.charts import stages_first
 from pipeline.costs.ledger import SCHEMA
 from scenes.arrays import Float64Array
-
-_ORDER = ("scenes", "cameras", "inputs", "illumination", "visibility", "shading", "color")
-_COLOR = "#3b76af"
 
 
 def is_ledger(schema: pa.Schema) -> bool:
@@ -44,30 +41,8 @@ def ledger_table(ledger: pa.Table) -> list[dict[str, Any]]:
     return lines
 
 
-def draw_ledger(ledger: pa.Table) -> Figure:
-    """Draw the seconds per item and stage, the hours per stage, and the workers' peak memory."""
-    stages = _by_stage(ledger)
-    names = [stage for stage, _ in stages]
-    page = Figure(figsize=(12, 4), dpi=100, layout="constrained")
-    spread, total, memory = page.subplots(1, 3)
-    spread.boxplot([_column(rows, "seconds") for _, rows in stages], whis=(5, 95), sym=".")
-    spread.set_xticks(range(1, len(names) + 1), names, rotation=30)
-    spread.set_yscale("log")
-    spread.set_title("seconds per item (box: 50 %, whiskers: 90 %)", fontsize=10)
-    total.bar(names, [_column(rows, "seconds").sum() / 3600 for _, rows in stages], color=_COLOR)
-    total.tick_params(axis="x", rotation=30)
-    total.set_title("worker-hours", fontsize=10)
-    peaks = _column(ledger, "peak_mb")
-    memory.hist(peaks, bins=30, color=_COLOR)
-    memory.set_xlabel("MB")
-    memory.set_title("peak memory of the worker, by item", fontsize=10)
-    return page
-
-
 def _by_stage(ledger: pa.Table) -> list[tuple[str, pa.Table]]:
-    found = ledger["stage"].unique().to_pylist()
-    known = [stage for stage in _ORDER if stage in found]
-    names = known + sorted(set(found) - set(known))
+    names = stages_first(ledger["stage"].unique().to_pylist())
     stages = np.array(ledger["stage"].to_pylist())
     return [(name, ledger.filter(pa.array(stages == name))) for name in names]
 

@@ -13,7 +13,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pipeline.costs.table import draw_ledger, is_ledger, ledger_table
+from pipeline.costs.charts import draw_ledger
+from pipeline.costs.table import is_ledger, ledger_table
 from pipeline.dataset.diversity import dataset_figures, draw_figures, summary_table
 from pipeline.frames import read_frame
 from pipeline.inspection.drawings import counted, draw_frame, draw_previews, picture_of

@@ -9,10 +9,13 @@ from pathlib import Path
 import pytest
 import yaml
 
+from model.studies.registry import STUDIES
 from tests.fixtures.paths import ROOT
 
 STAGES = yaml.safe_load((ROOT / "dvc.yaml").read_text())["stages"]
 _TRAINING = ("model/training/train.py",)
+# Imported by name, through the registry of the studies.
+REPORT_SECTIONS = tuple(f"model/studies/{name}/results.py" for name in STUDIES)
 ENTRIES: dict[str, tuple[str, ...]] = {
     "assets": ("pipeline/stages/assets.py",),
     "scenes": ("pipeline/stages/scene_jobs.py", "pipeline/stages/scene_work.py"),
@@ -26,7 +29,7 @@ ENTRIES: dict[str, tuple[str, ...]] = {
     "train_composition": _TRAINING,
     "train_baselines": _TRAINING,
     "evaluate": ("model/evaluation/evaluate.py",),
-    "report": ("model/report/page.py",),
+    "report": ("model/report/page.py", *REPORT_SECTIONS),
 }
 # Modules that call the passes of all rendering stages: each of these stages depends on the modules
 # themselves, and through its own entries on its own passes.

@@ -1,1 +1,1 @@
-"""Study of flicker between neighbouring views."""
+"""Temporal stability of predictions along a camera move."""

@@ -1,1 +1,1 @@
-"""Study of generalisation to unseen scenes."""
+"""Generalisation study: scenes of another source (Figures 14 and 15 of the paper)."""

@@ -1,4 +1,4 @@
-"""`pbrnet study generalisation`: scenes of another source, before and after fine-tuning."""
+"""`pbrnet study generalisation`."""
 
 from __future__ import annotations
 
@@ -6,36 +6,43 @@ from pathlib import Path
 
 import click
 
-from model.studies.generalisation.study import TUNING_VIEWS, Other, generalisation_study, prepare
-from model.studies.trials.options import FOLDER, carry_out, trial_options
-from model.studies.trials.plan import Wish
+from model.options import FOLDER
+from model.studies.generalisation.study import (
+    TUNING_VIEWS,
+    OtherSource,
+    generalisation_study,
+    prepare,
+)
+from model.studies.trials.options import run_or_list, trial_options
+from model.studies.trials.plan import TrialConfig
 from model.training.train import Folders
 from pipeline.params import Params
 
 
 @click.command(
+    "generalisation",
     epilog="""\b
 Examples:
   pbrnet study generalisation --other better/data --dry-run
   pbrnet study generalisation --other better/data --views 128 --steps 4000
   pbrnet study generalisation --source 'villa-*' --seeds 3
 
-Tuning takes whole floor plans of the source, drawn by lot, at most half of them; the others are
-tested on. Stopped, the same command goes on where it was. Packs the source's views below
-DATA/studies/generalisation, also in a dry run. Writes metrics/studies/generalisation.json and
-.png."""
+Fine-tuning uses whole floor plans of the source, chosen at random, at most half of them; the others
+are the test set. An interrupted study resumes when the command is run again. The source's views are
+packed below DATA/studies/generalisation, also in a dry run. Writes
+metrics/studies/generalisation.json and generalisation.png.""",
 )
 @click.option(
     "--other",
     type=FOLDER,
     default=None,
-    help="Data folder whose dataset is the other source.  [default: DATA, with --source]",
+    help="Data folder of the other source.  [default: DATA, with --source]",
 )
 @click.option(
     "--source",
     "pattern",
     default=None,
-    help="Its floor plans, or scenes of them, as 'villa-*'; those of DATA are not trained on.",
+    help="Floor plans or scenes of the source, as 'villa-*'; left out of the training on DATA.",
 )
 @click.option(
     "--views",
@@ -48,10 +55,10 @@ DATA/studies/generalisation, also in a dry run. Writes metrics/studies/generalis
     "--tuning-steps",
     type=click.IntRange(1),
     default=None,
-    help="Steps of the fine-tuning of each network.  [default: a quarter of the training's]",
+    help="Fine-tuning steps of each network.  [default: a quarter of the training steps]",
 )
 @trial_options()
-def generalisation(
+def command(
     params: Params,
     data: Path,
     models: Path,
@@ -63,17 +70,19 @@ def generalisation(
     seeds: int,
     steps: int | None,
 ) -> None:
-    """Meet another source, then tune on it (Figures 14, 15).
+    """Test on another source, then fine-tune on it (Figures 14, 15).
 
-    What is glossy is measured apart from the rest.
+    Specular and matte pixels are measured separately, too.
     """
     if other is None and pattern is None:
-        raise click.UsageError("say which source: --other FOLDER, --source PATTERN, or both")
+        raise click.UsageError("name the other source: --other FOLDER, --source PATTERN, or both")
     if other is not None and pattern is None and other.resolve() == data.resolve():
-        raise click.UsageError(f"--other {other} is DATA itself; name plans of it with --source")
-    source = Other(other or data, pattern or "*")
+        raise click.UsageError(
+            f"--other {other} is DATA itself; select floor plans of it with --source"
+        )
+    source = OtherSource(other or data, pattern or "*")
     folders = Folders.beside(data, models, models)
     packs = data / "studies" / "generalisation"
-    made = prepare(params, folders, source, Wish(seeds, steps), views, tuning_steps, packs)
+    made = prepare(params, folders, source, TrialConfig(seeds, steps), views, tuning_steps, packs)
     study = generalisation_study()
-    carry_out(study, params, made.folders, made.trials, dry_run, notes=made.notes)
+    run_or_list(study, params, made.folders, made.trials, dry_run, notes=made.notes)

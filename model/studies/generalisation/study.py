@@ -1,13 +1,13 @@
-"""Networks before scenes of another source: as they are, and fine-tuned on a few views of it.
+"""Generalisation to scenes of another source, before and after fine-tuning (Figures 14, 15).
 
-After the paper's Fig. 14 and 15. The networks train on the dataset's training split without the
-source; then they go on from there on some views of it, and both are measured on scenes of the
-source that neither has seen. Beside them stand networks that train on those few views alone, for
-as many steps as the others had in all: what the first training was good for.
+The networks train on the dataset's training split without the source (`before`), then they are
+fine-tuned on some views of the source (`tuned`). Both are tested on scenes of the source that
+neither has seen. Networks trained on the tuning views only, for as many steps as both trainings
+together (`alone`), show the benefit of the first training.
 
-The source's scenes are divided by floor plan, by lot: some to be tuned on, the others to be tested
-on, whatever split of their dataset they were in, as no network of this study has seen them. The
-division is the same in every repeat.
+Floor plans of the source are divided at random into tuning and test scenes, whatever split of their
+dataset they are in, because no network of this study has seen them. The division is the same in
+every repeat.
 """
 
 from __future__ import annotations
@@ -18,14 +18,15 @@ from pathlib import Path
 from typing import get_args
 
 from model.data.reader import Dataset, Split
-from model.studies.trials.packs import pack
+from model.studies.generalisation.results import LABELS
+from model.studies.trials.derived_splits import write_derived_split
 from model.studies.trials.plan import (
     STAGES,
-    Source,
-    Study,
+    TrainingSource,
     Trial,
+    TrialConfig,
+    TrialStudy,
     Variant,
-    Wish,
     scheduled,
     seed_of,
 )
@@ -41,14 +42,14 @@ BEFORE, TUNED, ALONE = "before", "tuned", "alone"
 
 
 @dataclass(frozen=True)
-class Other:
-    """Another source: a data folder, and which of its plans count."""
+class OtherSource:
+    """Another source of scenes: a data folder, and a pattern that selects its floor plans."""
 
     data: Path
-    pattern: str  # of floor plans or scenes, as in `dataset.splits.test_only`
+    pattern: str  # floor plans or scenes, as in `dataset.splits.test_only`
 
     def parts(self) -> list[Dataset]:
-        """The source's rows, split by split: whole plans.
+        """Return the source's rows of each split, whole floor plans.
 
         Raises `InputError` if there are none.
         """
@@ -70,15 +71,15 @@ class Other:
         return found
 
     def scenes(self, scenes: Collection[str], plans: Mapping[str, str]) -> set[str]:
-        """Those of these scenes that are of this source, with all others of their plans."""
+        """Return the scenes that belong to the source, with all scenes of the same floor plans."""
         known = {scene: plans.get(scene, scene) for scene in scenes}
-        meant = kept_back((self.pattern,), known)
-        return {scene for scene, plan in known.items() if plan in meant}
+        selected = kept_back((self.pattern,), known)
+        return {scene for scene, plan in known.items() if plan in selected}
 
 
 @dataclass(frozen=True)
 class Division:
-    """The source's scenes, and the views that those have."""
+    """Tuning and test scenes of the source, and their numbers of views."""
 
     tuning: tuple[str, ...]
     testing: tuple[str, ...]
@@ -87,20 +88,24 @@ class Division:
 
 
 @dataclass(frozen=True)
-class Prepared:
-    """What is to be run: `folders` has the scenes to be tested on as its test split."""
+class PreparedStudy:
+    """Trials of the study; the test split of `folders` holds the source's test scenes."""
 
     trials: list[Trial]
     folders: Folders
     notes: tuple[str, ...]
 
 
-def generalisation_study() -> Study:
-    """Before and after tuning, and tuned on alone; products beside them, as they know no gloss."""
-    return Study(
+def generalisation_study() -> TrialStudy:
+    """Return the study: before and after fine-tuning, and trained on the tuning views only.
+
+    The product is measured, too, because it cannot represent specular reflection.
+    """
+    return TrialStudy(
         name="generalisation",
         variants=tuple(Variant(name, STAGES, _methods(name)) for name in (BEFORE, TUNED, ALONE)),
         reference=BEFORE,
+        labels=LABELS,
         regions=True,
     )
 
@@ -108,9 +113,9 @@ def generalisation_study() -> Study:
 def divide(
     views: Mapping[str, int], plans: Mapping[str, str], wanted: int, seed: int, where: str
 ) -> Division:
-    """Whole plans by lot until they have `wanted` views, but at most half of the plans, to tune on.
+    """Divide floor plans at random: tuning plans up to `wanted` views, at most half of the plans.
 
-    `views`: scene -> its views. Raises `InputError` if there are fewer than two plans.
+    `views`: scene -> number of views. Raises `InputError` if there are fewer than two plans.
     """
     members: dict[str, list[str]] = {}
     for scene in sorted(views):
@@ -118,7 +123,7 @@ def divide(
     names = sorted(members)
     if len(names) < 2:
         raise InputError(
-            f"{where}: one floor plan only, {names[0]!r}; two are needed, to tune on and to test on"
+            f"{where}: one floor plan only, {names[0]!r}; fine-tuning and testing need at least two"
         )
     tuning: list[str] = []
     for index in generator(seed, "study", "division").permutation(len(names))[: len(names) // 2]:
@@ -137,15 +142,15 @@ def divide(
 def prepare(
     params: Params,
     folders: Folders,
-    other: Other,
-    wish: Wish,
+    other: OtherSource,
+    config: TrialConfig,
     tuning_views: int,
     tuning_steps: int | None,
     packs: Path,
-) -> Prepared:
-    """Plan the trials and pack the scenes to be tested on below `packs`.
+) -> PreparedStudy:
+    """Plan the trials and pack the test scenes below `packs`.
 
-    Raises `InputError` if the source and the training scenes are not apart.
+    Raises `InputError` if the source and the training scenes overlap.
     """
     home = Dataset(folders.data / "dataset", "train")
     home_plans = home.plans()
@@ -163,33 +168,33 @@ def prepare(
     if not trained:
         raise InputError(f"{where}: every training scene is of the source {other.pattern!r}")
 
-    mark = digest_bytes(*(part.fingerprint().encode() for part in parts))
-    tuning = _source(parts, division.tuning, "train", mark, packs)
-    testing = _source(parts, division.testing, "test", mark, packs)
+    fingerprint = digest_bytes(*(part.fingerprint().encode() for part in parts))
+    tuning = _source(parts, division.tuning, "train", fingerprint, packs)
+    testing = _source(parts, division.testing, "test", fingerprint, packs)
     testing.make()
-    own = Source(folders.data, home.fingerprint(), lambda: None)
+    own = TrainingSource(folders.data, home.fingerprint(), lambda: None)
     params = replace(params, evaluate=replace(params.evaluate, split="test"))
     trials = []
-    for repeat in range(wish.seeds):
+    for repeat in range(config.seeds):
         seeded = replace(params, seed=seed_of(params, repeat))
         before, tuned, alone = generalisation_study().variants
-        first = scheduled(seeded, before, wish.steps, len(home))
+        first = scheduled(seeded, before, config.steps, len(home))
         start = Trial(before, repeat, first, tuple(sorted(scenes)), trained, source=own)
         counts = _steps(first)
         more = {name: tuning_steps or max(1, count // 4) for name, count in counts.items()}
-        whole = {name: counts[name] + more[name] for name in counts}
+        all_steps = {name: counts[name] + more[name] for name in counts}
         given = (division.tuning, division.tuning_views)
-        second, third = _timed(first, tuned, more), _timed(first, alone, whole)
+        second, third = _with_steps(first, tuned, more), _with_steps(first, alone, all_steps)
         trials += [
             start,
             Trial(tuned, repeat, second, *given, source=tuning, start=start),
             Trial(alone, repeat, third, *given, source=tuning),
         ]
     notes = _notes(other, division, tuning_views, len({plans.get(name, name) for name in views}))
-    return Prepared(trials, replace(folders, data=testing.data), notes)
+    return PreparedStudy(trials, replace(folders, data=testing.data), notes)
 
 
-def _notes(other: Other, division: Division, wanted: int, plans: int) -> tuple[str, ...]:
+def _notes(other: OtherSource, division: Division, wanted: int, plans: int) -> tuple[str, ...]:
     source = (
         f"source: {other.pattern} in {other.data}, {plans} floor plans; tuned on "
         f"{division.tuning_views} views of {len(division.tuning)} scenes, tested on "
@@ -197,7 +202,10 @@ def _notes(other: Other, division: Division, wanted: int, plans: int) -> tuple[s
     )
     if division.tuning_views >= wanted:
         return (source,)
-    return source, f"{wanted} views to tune on were asked for, but half of the plans are tested on"
+    return (
+        source,
+        f"{wanted} tuning views were requested, but half of the floor plans are for testing",
+    )
 
 
 def _methods(name: str) -> dict[str, str]:
@@ -206,7 +214,7 @@ def _methods(name: str) -> dict[str, str]:
 
 
 def _views(parts: Sequence[Dataset]) -> dict[str, int]:
-    """Scene -> its views."""
+    """Return the number of views of every scene."""
     counts: dict[str, int] = {}
     for part in parts:
         for scene in part.column("scene_id"):
@@ -227,27 +235,27 @@ def _refuse_overlap(
         if scene in known or plans.get(scene, scene) in known:
             raise InputError(
                 f"{other}/dataset: the scene {scene!r} (plan {plans.get(scene, scene)!r}) has the "
-                f"name of one that is trained on in {home}/dataset; a source must be other scenes. "
-                "If it is, give its plans other names when making it"
+                f"name of a training scene in {home}/dataset; a source must consist of other "
+                "scenes. If it does, make it again with other names of scenes and plans"
             )
 
 
 def _source(
-    parts: Sequence[Dataset], scenes: Sequence[str], split: Split, mark: str, packs: Path
-) -> Source:
-    """These scenes of the source as a split of their own."""
-    own = digest_bytes(mark.encode(), split.encode(), *(scene.encode() for scene in scenes))
+    parts: Sequence[Dataset], scenes: Sequence[str], split: Split, fingerprint: str, packs: Path
+) -> TrainingSource:
+    """Return these scenes of the source as a split of their own."""
+    own = digest_bytes(fingerprint.encode(), split.encode(), *(scene.encode() for scene in scenes))
 
-    def few() -> Iterator[Dataset]:
+    def selected() -> Iterator[Dataset]:
         for part in parts:
             yield Dataset(part.folder, part.split, only=set(scenes) & (part.only or set()))
 
     data = packs / split
-    return Source(data, own, lambda: pack(data, own, few, split))
+    return TrainingSource(data, own, lambda: write_derived_split(data, own, selected, split))
 
 
-def _timed(params: Params, variant: Variant, counts: Mapping[str, int]) -> Params:
-    """So many steps of each of the two networks."""
+def _with_steps(params: Params, variant: Variant, counts: Mapping[str, int]) -> Params:
+    """Return the parameters with this number of steps for each network."""
     stages = {
         name: getattr(scheduled(params, variant, count, 1).train, name)
         for name, count in counts.items()

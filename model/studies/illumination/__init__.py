@@ -1,1 +1,1 @@
-"""Study of changed illumination."""
+"""Illumination study: predicted against rendered changes of light (Figure 10 of the paper)."""

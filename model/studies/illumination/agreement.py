@@ -1,8 +1,7 @@
-"""How well predicted changes of brightness follow rendered ones: direction, pattern and size.
+"""Agreement of predicted and rendered changes of brightness: direction, pattern and size.
 
-A change is the natural logarithm of the ratio of luminance after to before, for blocks of pixels.
-What is measured of many views follows from sums over their blocks, so that scenes can be drawn
-again and again for an interval without looking at a pixel twice.
+A change is ln(luminance after / before) of a block of pixels. All measures over many views follow
+from sums over their blocks, so bootstrap resampling of scenes needs no second pass over pixels.
 """
 
 from __future__ import annotations
@@ -12,19 +11,19 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from model.evaluation.metrics import RESAMPLES
-from model.studies.illumination.results import Agreement, Figure
+from model.studies.illumination.results import Agreement, Estimate
 from scenes.arrays import AnyArray
 from scenes.seeds import generator
 
 BLOCK = 8  # pixels a side
-LEAST = 0.05  # rendered changes below this are too small to have a direction
+LEAST_CHANGE = 0.05  # smaller rendered changes have no sign
 
-# One row of sums a view: see `sums`
+# Columns of `sums`
 _COUNT, _T, _P, _TT, _PP, _TP, _CTT, _CPP, _CTP, _CLEAR, _AGREE = range(11)
 
 
 def block_means(luminance: AnyArray, side: int = BLOCK) -> AnyArray:
-    """Means over whole blocks of `side` x `side` pixels of (H, W), float64; a rest is left out."""
+    """Return means over blocks of `side` x `side` pixels of (H, W), float64; a rest is ignored."""
     rows, columns = (size // side for size in luminance.shape)
     whole = luminance[: rows * side, : columns * side].astype(np.float64)
     means: AnyArray = whole.reshape(rows, side, columns, side).mean(axis=(1, 3))
@@ -32,25 +31,25 @@ def block_means(luminance: AnyArray, side: int = BLOCK) -> AnyArray:
 
 
 def log_change(before: AnyArray, after: AnyArray) -> AnyArray:
-    """ln(after / before) of block means; not a number where either is not above 0."""
+    """Return ln(after / before) of block means; NaN where either is not positive."""
     dark = (before <= 0) | (after <= 0)
     ratio = np.where(dark, 1.0, after) / np.where(dark, 1.0, before)
     return np.where(dark, np.nan, np.log(ratio))
 
 
 def sums(true: AnyArray, predicted: AnyArray) -> AnyArray:
-    """What all measures need of one view: float64 (11,), to be added up over views.
+    """Return the sums of one view that all measures need, float64 (11,), additive over views.
 
-    Count of blocks, sums, squares and products of both changes; the same squares and products with
-    the view's own means taken off; how many rendered changes are at least `LEAST`, and how many
-    of these are predicted with their sign. Blocks where either is not a number do not count.
+    Number of blocks; sums, squares and products of both changes; squares and products after
+    subtraction of the view's means; number of rendered changes of at least `LEAST_CHANGE`, and how
+    many of them are predicted with the correct sign. Blocks with NaN in either are ignored.
     """
     known = np.isfinite(true) & np.isfinite(predicted)
     t, p = true[known], predicted[known]
     if not len(t):
         return np.zeros(11)
     ct, cp = t - t.mean(), p - p.mean()
-    clear = np.abs(t) >= LEAST
+    clear = np.abs(t) >= LEAST_CHANGE
     return np.array(
         [
             *(len(t), t.sum(), p.sum(), t @ t, p @ p, t @ p),
@@ -62,10 +61,10 @@ def sums(true: AnyArray, predicted: AnyArray) -> AnyArray:
 
 
 def agreement(views: Mapping[str, Sequence[AnyArray]], seed: int) -> Agreement | None:
-    """All measures over `views`: scene -> `sums` of each of its views; None without a block.
+    """Return all measures over `views`: scene -> `sums` of each of its views; None without blocks.
 
-    Intervals are 95 %, from drawing whole scenes anew, as views of one scene are no independent
-    evidence; with one scene there are none.
+    Intervals are 95 % bootstrap intervals over scenes, because views of one scene are not
+    independent; with one scene there are none.
     """
     scenes = [scene for scene in sorted(views) if sum(row[_COUNT] for row in views[scene]) > 0]
     if not scenes:
@@ -85,7 +84,7 @@ def agreement(views: Mapping[str, Sequence[AnyArray]], seed: int) -> Agreement |
 
 
 def _correlation(s: AnyArray) -> AnyArray:
-    """Pearson's, over all blocks."""
+    """Pearson correlation over all blocks."""
     n = s[..., _COUNT]
     across = s[..., _TP] - s[..., _T] * s[..., _P] / n
     true = s[..., _TT] - s[..., _T] ** 2 / n
@@ -94,23 +93,23 @@ def _correlation(s: AnyArray) -> AnyArray:
 
 
 def _pattern(s: AnyArray) -> AnyArray:
-    """Pearson's with every view's own mean change taken off: where it gets brighter."""
+    """Pearson correlation after subtraction of every view's mean change."""
     return _cosine(s[..., _CTP], s[..., _CTT], s[..., _CPP], s[..., _COUNT])
 
 
 def _cosine(across: AnyArray, true: AnyArray, predicted: AnyArray, count: AnyArray) -> AnyArray:
-    # A change that is the same everywhere has no pattern; what is left of it is rounding.
-    even = np.minimum(true, predicted) <= 1e-9 * count
-    return np.where(even, np.nan, across / np.sqrt(np.where(even, 1.0, true * predicted)))
+    # A uniform change has no pattern; the remainder is rounding.
+    uniform = np.minimum(true, predicted) <= 1e-9 * count
+    return np.where(uniform, np.nan, across / np.sqrt(np.where(uniform, 1.0, true * predicted)))
 
 
 def _sign(s: AnyArray) -> AnyArray:
-    """The share of clear rendered changes whose sign is predicted."""
+    """Share of rendered changes above `LEAST_CHANGE` whose sign is predicted."""
     return _divided(s[..., _AGREE], s[..., _CLEAR])
 
 
 def _gain(s: AnyArray) -> AnyArray:
-    """How many times the rendered change is predicted: the slope of a line through no change."""
+    """Predicted per rendered change: the slope of a regression line through 0."""
     return _divided(s[..., _TP], s[..., _TT])
 
 
@@ -136,7 +135,7 @@ _MEASURES = {
 }
 
 
-def _figure(total: AnyArray, resampled: AnyArray, measure: object, scenes: int) -> Figure | None:
+def _figure(total: AnyArray, resampled: AnyArray, measure: object, scenes: int) -> Estimate | None:
     assert callable(measure)
     value = float(measure(total))
     if not np.isfinite(value):
@@ -144,6 +143,6 @@ def _figure(total: AnyArray, resampled: AnyArray, measure: object, scenes: int) 
     draws = measure(resampled)
     draws = draws[np.isfinite(draws)]
     if scenes < 2 or not len(draws):
-        return Figure(value, None, None)
+        return Estimate(value, None, None)
     low, high = np.quantile(draws, [0.025, 0.975])
-    return Figure(value, float(low), float(high))
+    return Estimate(value, float(low), float(high))

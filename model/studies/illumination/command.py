@@ -1,4 +1,4 @@
-"""`pbrnet study illumination`: does a prediction follow a change of light?"""
+"""`pbrnet study illumination`."""
 
 from __future__ import annotations
 
@@ -9,92 +9,99 @@ import click
 
 from model.figures.results import known_first
 from model.options import FOLDER, models_option
-from model.studies.illumination.results import CHANGES, SHOWN, Agreement, LightResult, in_words
-from model.studies.illumination.study import Wish, study_illumination
+from model.studies.illumination.results import (
+    CHANGES,
+    METHOD_TITLES,
+    Agreement,
+    IlluminationResult,
+    format_estimate,
+)
+from model.studies.illumination.study import IlluminationConfig, study_illumination
 from model.training.train import Folders
 from pipeline.commands.options import common_options
 from pipeline.params import Params
 
 
 @click.command(
+    "illumination",
     epilog="""\b
 Examples:
   pbrnet study illumination                        12 views of the evaluate split
-  pbrnet study illumination --views 40 --spp 256   surer, and much longer
+  pbrnet study illumination --views 40 --spp 256   smaller uncertainty, much longer
   pbrnet study illumination --factor 2             lamps twice as bright, outdoors half
 
-Needs trained networks, and the scenes and cameras that the dataset was made of. Stopped, it goes
-on from the last finished frame when started again; the frames lie in DATA/studies/illumination
-and may be deleted.""",
+Needs trained networks, and the scenes and cameras that the dataset was made from. An interrupted
+study resumes when the command is run again. The frames in DATA/studies/illumination may be deleted.
+Writes metrics/studies/illumination.json and illumination.png.""",
 )
 @click.option(
     "--views",
     type=click.IntRange(1),
     default=12,
     show_default=True,
-    help="Views at most, spread evenly over the split.",
+    help="Maximum number of views, spread evenly over the split.",
 )
 @click.option(
     "--spp",
     type=click.IntRange(2, 1 << 16),
     default=64,
     show_default=True,
-    help="Samples a pixel of what is rendered; it is denoised.",
+    help="Samples per pixel of the renderings, which are denoised.",
 )
 @click.option(
     "--factor",
     type=click.FloatRange(1.01, 1000),
     default=4.0,
     show_default=True,
-    help="How many times brighter lamps get, and darker sky and sun.",
+    help="Factor by which lamps get brighter, and sky and sun darker.",
 )
 @click.option(
     "--strength",
     type=click.FloatRange(0.01, 1000),
     default=1.0,
     show_default=True,
-    help="Light of the added lamp 2 m away, as times the view's average.",
+    help="Light of the added lamp at 2 m, relative to the view's average.",
 )
 @click.option(
     "--renders",
     type=FOLDER,
     default=None,
-    help="Where rendered frames are kept.  [default: DATA/studies/illumination]",
+    help="Folder of the rendered frames.  [default: DATA/studies/illumination]",
 )
 @models_option()
 @common_options
-def illumination(
-    params: Params, data: Path, models: Path, renders: Path | None, **wishes: Any
-) -> None:
-    """Change the light of test views and see whether the prediction follows (the paper's Fig. 10).
+def command(params: Params, data: Path, models: Path, renders: Path | None, **options: Any) -> None:
+    """Compare predicted with rendered changes of light (Figure 10).
 
     A lamp is added at the left rear of the camera, lamps get brighter, sky and sun darker, a lamp
-    is put out, panoramas are exchanged; the renderer gets the same change, but for the last.
+    is removed, panoramas are exchanged. All changes but the last are rendered, too.
     """
     folders = Folders.beside(data, models, models)
-    kept = renders or data / "studies" / "illumination"
-    result, target = study_illumination(params, folders, Wish(**wishes), kept)
+    frames = renders or data / "studies" / "illumination"
+    result, target = study_illumination(params, folders, IlluminationConfig(**options), frames)
     for line in _lines(result, target):
         click.echo(line)
 
 
-def _lines(result: LightResult, target: Path) -> list[str]:
+def _lines(result: IlluminationResult, target: Path) -> list[str]:
     lines = [
-        f"{result.views} views of {result.scenes} {result.split} scenes, {result.spp} samples a "
-        "pixel, denoised; changes are ln of luminance after / before"
+        f"{result.views} views of {result.scenes} {result.split} scenes, {result.spp} samples per "
+        "pixel, denoised; changes are ln(luminance after / before)"
     ]
     for name in known_first(result.changes, CHANGES):
         change = result.changes[name]
         lines.append(f"{CHANGES[name]} ({change.views} views):")
         lines += [
-            f"{method:>14}: {_words(change.methods[method], change.reference)}"
-            for method in known_first(change.methods, SHOWN)
+            f"{method:>14}: {_measures(change.methods[method], change.reference)}"
+            for method in known_first(change.methods, METHOD_TITLES)
         ]
-        lines += [f"  not in {count}: {why}" for why, count in sorted(change.skipped.items())]
-    return [*lines, f"{target}: all figures; the picture lies beside it"]
+        lines += [
+            f"  left out in {count}: {reason}" for reason, count in sorted(change.skipped.items())
+        ]
+    return [*lines, f"{target}: all figures; the picture is beside it"]
 
 
-def _words(found: Agreement, reference: str) -> str:
+def _measures(found: Agreement, reference: str) -> str:
     if reference != "rendered":
         return f"pattern {_figure(found, 'pattern')} against the panorama's direct light alone"
     predicted, rendered = (
@@ -107,5 +114,5 @@ def _words(found: Agreement, reference: str) -> str:
 
 
 def _figure(found: Agreement, name: str) -> str:
-    value, interval = in_words(getattr(found, name))
+    value, interval = format_estimate(getattr(found, name))
     return f"{value} ({interval})" if interval else value

@@ -1,8 +1,8 @@
-"""A view in two lights, rendered and predicted: by how much every block of pixels got brighter.
+"""Comparison of predicted and rendered changes of a view between two lights.
 
-The networks are given light without its scale (`model.data.encoding`): doubling all of it changes
-nothing they see. So how bright a picture is as a whole they cannot say, only where in it light is.
-That whole is put back from the panorama, see `level`.
+The networks receive light without its scale (`model.data.encoding`): doubling all light does not
+change their inputs. So they predict the distribution of light in an image, not its overall
+brightness, which is restored from the panorama, see `log_average`.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from scenes.arrays import AnyArray
 from scenes.color import luminance
 from scenes.seeds import derive
 
-ROWS = 2  # of the picture, for every kind of change
+ROWS = 2  # of the sheet, for every kind of change
 Images = dict[str, AnyArray]  # method -> linear radiance (H, W, 3)
 
 
 @dataclass(frozen=True)
-class Lit:
-    """A view in one light: its panorama, and what was rendered of it, if anything was."""
+class LitView:
+    """View under one light: its panorama and, if rendered, its ground truth."""
 
-    original: Example  # the dataset's row, whose exposure is kept
+    original: Example  # row of the dataset, with the exposure of all images
     intensity: AnyArray
     distance: AnyArray
     tint: AnyArray | None = None
@@ -44,7 +44,7 @@ class Lit:
 
     @property
     def example(self) -> Example:
-        """What the networks are given."""
+        """Input of the networks."""
         return replace(
             self.original,
             intensity=self.intensity,
@@ -55,21 +55,21 @@ class Lit:
 
 
 @dataclass(frozen=True)
-class Compared:
-    """One change: logarithmic changes of block means (rows, columns), and the pictures."""
+class Comparison:
+    """One change of light: logarithmic changes of block means (rows, columns), and images."""
 
     name: str
     original: Example
-    reference: str  # what `true` is: "rendered", or the "direct light" of the panorama
+    reference: str  # source of `true`: "rendered", or "direct light" of the panorama
     true: dict[str, AnyArray]  # of "shading" and "color"
     predicted: dict[str, AnyArray]  # by method
-    before: Lit
-    after: Lit
-    images: tuple[Images, Images]  # predicted radiance, in the unit of what was rendered
+    before: LitView
+    after: LitView
+    images: tuple[Images, Images]  # predicted radiance before and after, in the renderer's unit
 
 
-class Tally:
-    """Gathers what all views say, and a few of them to be shown."""
+class AgreementTally:
+    """Accumulator of agreement over views; keeps a few comparisons for the sheet."""
 
     def __init__(self) -> None:
         self._sums: dict[str, dict[str, dict[str, list[AnyArray]]]] = defaultdict(
@@ -77,10 +77,10 @@ class Tally:
         )
         self._views: Counter[str] = Counter()
         self._references: dict[str, str] = {}
-        self._shown: dict[str, list[Compared]] = defaultdict(list)
+        self._shown: dict[str, list[Comparison]] = defaultdict(list)
 
-    def add(self, changes: Iterator[Compared]) -> None:
-        """Take in the changes of one view."""
+    def add(self, changes: Iterator[Comparison]) -> None:
+        """Add the changes of one view."""
         for found in changes:
             scene = found.original.scene_id
             rendered = found.reference == "rendered"
@@ -95,12 +95,12 @@ class Tally:
             if len(shown) < ROWS and all(scene != other.original.scene_id for other in shown):
                 shown.append(found)
 
-    def rows(self) -> list[Compared]:
-        """Some of each kind of change, of different scenes."""
+    def rows(self) -> list[Comparison]:
+        """Return comparisons for the sheet: up to `ROWS` of each change, of different scenes."""
         return [found for group in self._shown.values() for found in group]
 
     def changes(self, skipped: Mapping[str, Mapping[str, int]], seed: int) -> dict[str, Change]:
-        """All figures, by the kind of change; `skipped`: kind -> reason -> views."""
+        """Return all measures by kind of change; `skipped`: kind -> reason -> number of views."""
         result = {}
         for name in sorted({*self._sums, *skipped}):
             methods = {
@@ -117,19 +117,21 @@ class Tally:
         return result
 
 
-def compare(networks: Networks, before: Lit, lit: Mapping[str, Lit]) -> Iterator[Compared]:
-    """Every changed light in `lit` against the light `before`, predicted and rendered.
+def compare(
+    networks: Networks, before: LitView, lit: Mapping[str, LitView]
+) -> Iterator[Comparison]:
+    """Compare every changed light in `lit` with the light `before`.
 
-    Where nothing was rendered, the change of the panorama's direct light stands for the truth: it
-    knows no shadows and no bounces, but which surfaces face the light.
+    Without a rendering, the change of the panorama's direct light is the reference, which has
+    neither shadows nor indirect light.
     """
     light = direct_image(before.example)
-    bright = level(light)
-    unit = 1 / (before.original.exposure_shading.scale * bright) if bright else 0.0
-    first = {**predictions(networks, before.example, bright * unit), "direct": light}
+    brightness = log_average(light)
+    unit = 1 / (before.original.exposure_shading.scale * brightness) if brightness else 0.0
+    first = {**predictions(networks, before.example, brightness * unit), "direct": light}
     for name, after in lit.items():
         light = direct_image(after.example)
-        then = {**predictions(networks, after.example, level(light) * unit), "direct": light}
+        then = {**predictions(networks, after.example, log_average(light) * unit), "direct": light}
         if before.shading is None or after.shading is None:
             reference = "direct light"
             direct = (luminance(first["direct"]), luminance(then.pop("direct")))
@@ -141,7 +143,7 @@ def compare(networks: Networks, before: Lit, lit: Mapping[str, Lit]) -> Iterator
                 "shading": (luminance(before.shading), luminance(after.shading)),
                 "color": (luminance(before.color), luminance(after.color)),
             }
-        yield Compared(
+        yield Comparison(
             name,
             before.original,
             reference,
@@ -154,10 +156,10 @@ def compare(networks: Networks, before: Lit, lit: Mapping[str, Lit]) -> Iterator
 
 
 def predictions(networks: Networks, example: Example, scale: float) -> Images:
-    """Linear radiance by method, and of `shading`: what the networks show, times `scale`.
+    """Return linear radiance by method, and of `shading`: predictions, inversely tone-mapped.
 
-    Their pictures are made linear as if exposed like the original view: the white point of a light
-    that nobody has rendered is not known.
+    The result is multiplied by `scale`. All predictions use the exposure of the original view,
+    because the white point of a light that was not rendered is unknown.
     """
     card = networks.card
     exposure = Exposure(1.0, example.exposure_shading.white)
@@ -178,15 +180,15 @@ def predictions(networks: Networks, example: Example, scale: float) -> Images:
 
 
 def direct_image(example: Example) -> AnyArray:
-    """The panorama's direct light on the view, (H, W, 3): what no network is needed for."""
+    """Return the panorama's direct light on the view, (H, W, 3); needs no network."""
     return direct_shading(example, NEUTRAL)
 
 
-def level(direct: AnyArray) -> float:
-    """How bright a view is as a whole, by its panorama: the log average of its direct light.
+def log_average(direct: AnyArray) -> float:
+    """Return the log average of a view's direct light, a measure of its overall brightness.
 
-    `direct_shading` sends the light of the sources in the panorama to every pixel, with its
-    shadows; it is linear in the light, as the renderer is. 0 where the panorama shows no source.
+    `direct`: result of `direct_image`, which is linear in the light, as the renderer is. 0 if the
+    panorama has no source.
     """
     return 1 / exposure_of(direct, ToneParams(key=1.0)).scale if direct.any() else 0.0
 

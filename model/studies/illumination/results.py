@@ -1,4 +1,4 @@
-"""The illumination study: its file's contract, and its part of the report."""
+"""Results of the illumination study: the JSON contract and the report section."""
 
 from __future__ import annotations
 
@@ -7,26 +7,27 @@ from typing import Any
 
 from model.figures.records import Records
 from model.figures.results import METHODS, known_first
+from model.figures.section import Section, render_section
 from scenes.checked import within
 
 CHANGES = {
     "added": "A lamp added at the left rear",
     "lamps": "All lamps brighter",
     "outdoors": "Sky and sun darker",
-    "without": "The brightest lamp put out",
+    "without": "The brightest lamp removed",
     "all": "All changes",
     "exchanged": "Another view's panorama",
 }
-SHOWN = {
-    "direct": "The panorama's direct light, no network",
+METHOD_TITLES = {
+    "direct": "Direct light of the panorama, without a network",
     "shading": "Predicted shading",
     **METHODS,
 }
 
 
 @dataclass(frozen=True)
-class Figure:
-    """A measure over all views, and its 95 % interval over scenes; None: one scene has none."""
+class Estimate:
+    """Measure over all views, with its 95 % interval over scenes; None with one scene."""
 
     value: float
     low: float | None
@@ -35,37 +36,35 @@ class Figure:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Predicted against rendered changes, ln of luminance after / before, over blocks of pixels.
+    """Agreement of predicted and rendered changes, ln(luminance after / before) of pixel blocks.
 
-    None where a measure does not exist: a change that is even everywhere has no pattern.
+    None where a measure is undefined: a uniform change has no pattern.
     """
 
     views: int = field(metadata=within(1))
     scenes: int = field(metadata=within(1))
     blocks: int = field(metadata=within(1))
-    correlation: Figure | None  # Pearson's, over the blocks of all views
-    pattern: Figure | None  # the same with every view's mean change taken off
-    sign: Figure | None  # share of clear rendered changes whose sign is predicted
-    gain: Figure | None  # predicted change per rendered change; 1: of the right size
-    true: Figure | None  # mean rendered change
-    predicted: Figure | None  # mean predicted change
+    correlation: Estimate | None  # Pearson, over the blocks of all views
+    pattern: Estimate | None  # the same after subtraction of every view's mean change
+    sign: Estimate | None  # share of rendered changes with a sign that is predicted
+    gain: Estimate | None  # predicted per rendered change; 1 is the correct size
+    true: Estimate | None  # mean rendered change
+    predicted: Estimate | None  # mean predicted change
 
 
 @dataclass(frozen=True)
 class Change:
-    """One kind of change."""
+    """Results of one kind of change."""
 
     views: int = field(metadata=within(0))
     skipped: dict[str, int]  # reason -> views
     methods: dict[str, Agreement]
-    reference: str = (
-        "rendered"  # or "direct light": of the panorama alone, where nothing is rendered
-    )
+    reference: str = "rendered"  # or "direct light" of the panorama, without a rendering
 
 
 @dataclass(frozen=True)
-class LightResult:
-    """`metrics/studies/illumination.json`."""
+class IlluminationResult:
+    """Contract of `metrics/studies/illumination.json`."""
 
     seed: int
     split: str
@@ -75,22 +74,25 @@ class LightResult:
     spp: int = field(metadata=within(1))
     denoiser: str
     renderer: str
-    factor: float = field(metadata=within(above=1))  # lamps times it, outdoors divided by it
+    factor: float = field(metadata=within(above=1))  # of lamps; outdoors its inverse
     strength: float = field(metadata=within(above=0))  # of the added lamp
     block: int = field(metadata=within(1))  # pixels a side
-    least: float = field(metadata=within(0))  # rendered changes below it have no sign
+    least: float = field(metadata=within(0))  # smaller rendered changes have no sign
     models: dict[str, str]  # name -> SHA-256 of the weights
     changes: dict[str, Change]
 
 
-def light_study(records: Records) -> dict[str, Any] | None:
-    """What the report shows of the study; None, and a note if damaged, without a result."""
-    result = records.study("illumination", LightResult)
+def report_section(records: Records) -> Section | None:
+    """Return the report section; None, and a note if damaged, without a result."""
+    result = records.study("illumination", IlluminationResult)
     if result is None:
         return None
-    return {
-        "result": result,
-        "groups": [
+    return render_section(
+        "model.studies.illumination",
+        "study-illumination",
+        "Response to changes of light",
+        result=result,
+        groups=[
             {
                 "title": CHANGES.get(name, name),
                 "views": change.views,
@@ -98,29 +100,29 @@ def light_study(records: Records) -> dict[str, Any] | None:
                 "skipped": sorted(change.skipped.items()),
                 "rows": [
                     _row(method, change.methods[method])
-                    for method in known_first(change.methods, SHOWN)
+                    for method in known_first(change.methods, METHOD_TITLES)
                 ],
             }
             for name in known_first(result.changes, CHANGES)
             for change in (result.changes[name],)
         ],
-        "picture": records.study_picture("illumination"),
-    }
+        picture=records.study_picture("illumination"),
+    )
 
 
 def _row(method: str, found: Agreement) -> dict[str, Any]:
     cells = [found.pattern, found.correlation, found.sign, found.gain]
     return {
         "name": method,
-        "words": SHOWN.get(method, method),
-        "cells": [in_words(figure) for figure in cells],
+        "title": METHOD_TITLES.get(method, method),
+        "cells": [format_estimate(figure) for figure in cells],
         "true": "–" if found.true is None else f"{found.true.value:+.2f}",
         "predicted": "–" if found.predicted is None else f"{found.predicted.value:+.2f}",
     }
 
 
-def in_words(figure: Figure | None) -> tuple[str, str]:
-    """A figure and its interval; a dash where there is none."""
+def format_estimate(figure: Estimate | None) -> tuple[str, str]:
+    """Format value and interval; a dash and an empty string for None."""
     if figure is None:
         return "–", ""
     if figure.low is None or figure.high is None:

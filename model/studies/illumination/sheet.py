@@ -1,4 +1,4 @@
-"""The illumination study's picture: rows of a view before and after, rendered and predicted."""
+"""Picture of the illumination study: views before and after, rendered and predicted."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from model.studies.illumination.agreement import BLOCK
-from model.studies.illumination.compare import Compared
+from model.studies.illumination.compare import Comparison
 from pipeline.images import (
     NOTHING,
     Picture,
@@ -19,37 +19,36 @@ from pipeline.images import (
 )
 from scenes.arrays import AnyArray
 
-_WIDTH = 240  # pixels of a picture, at most
-_SPAN = np.log(2.0)  # change at the ends of the colours
-SHORT = {
+_WIDTH = 240  # maximum width of a picture, pixels
+_SPAN = np.log(2.0)  # change at the ends of the colour map
+LABELS = {
     "added": "lamp added",
     "lamps": "lamps brighter",
     "outdoors": "outdoors darker",
-    "without": "lamp put out",
+    "without": "lamp removed",
     "exchanged": "other panorama",
 }
 METHOD = "pbrnet"
 
 
-def light_sheet(rows: Sequence[Compared]) -> Picture:
-    """A row for each: rendered before and after, predicted before and after, both changes.
+def comparison_sheet(rows: Sequence[Comparison]) -> Picture:
+    """Draw a row per comparison: rendered before and after, predicted before and after, changes.
 
-    Everything under the exposure of the view as it was. Changes have their mean taken off, which
-    stands below them. Where nothing was rendered, the panoramas stand in its place, and the change
-    of their direct light in that of the rendered one.
+    All images have the exposure of the original view. Changes are drawn without their mean, which
+    is in the label. Without a rendering, the panoramas and the change of their direct light replace
+    the rendered images.
     """
     pictures: list[Picture] = []
     labels: list[str] = []
     for found in rows:
         true, predicted = found.true["color"], found.predicted[METHOD]
         pictures += [fit(picture, _WIDTH) for picture in _row(found)]
-        labels += [SHORT[found.name], found.original.name, "predicted", "predicted, changed"]
-        what = "rendered" if found.reference == "rendered" else "direct light"
-        labels += [f"{what} {_mean(true)}", f"predicted {_mean(predicted)}"]
+        labels += [LABELS[found.name], found.original.name, "predicted", "predicted, changed"]
+        labels += [f"{found.reference} {_mean(true)}", f"predicted {_mean(predicted)}"]
     return contact_sheet(pictures, 6, labels)
 
 
-def _row(found: Compared) -> list[Picture]:
+def _row(found: Comparison) -> list[Picture]:
     exposure = found.original.exposure_shading
     before, after = found.before, found.after
     if before.color is not None and after.color is not None:
@@ -66,8 +65,10 @@ def _row(found: Compared) -> list[Picture]:
 
 
 def change_picture(change: AnyArray) -> Picture:
-    """Logarithmic changes (rows, columns) beside their mean: red brighter, blue darker, 2 times
-    either way at the ends."""
+    """Draw logarithmic changes (rows, columns) without their mean: red brighter, blue darker.
+
+    The colour map ends at a factor of 2.
+    """
     known = np.isfinite(change)
     centred = np.where(known, change, 0) - (change[known].mean() if known.any() else 0)
     picture = color_map(centred, -_SPAN, _SPAN, "RdBu_r")

@@ -1,8 +1,8 @@
-"""The illumination study (the paper's Fig. 10): does a prediction follow a change of light?
+"""Illumination study: predicted against rendered changes of light (Figure 10 of the paper).
 
-The light of a test view is changed, its panorama made anew as the illumination stage makes it, and
-both given to the networks; the renderer gets the same change. Compared is how much brighter every
-block of pixels got (`model.studies.illumination.compare`).
+The light of a test view is changed, and its panorama rendered again as by the illumination stage.
+The networks predict the view from the new panorama, and the renderer renders the same change.
+`model.studies.illumination.compare` compares the changes of brightness of pixel blocks.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from model.data.reader import Example
 from model.evaluation.evaluate import open_split
 from model.evaluation.inference import Networks
 from model.methods import trained_baselines
-from model.studies.illumination.agreement import BLOCK, LEAST
-from model.studies.illumination.cases import cases_of, lamp_radiance
-from model.studies.illumination.compare import Lit, Tally, compare
-from model.studies.illumination.results import LightResult
-from model.studies.illumination.sheet import light_sheet
-from model.studies.relight import LightChange, open_changed
-from model.studies.renders import (
-    Renders,
-    refuse_other_scene,
-    scene_of,
-    spread_over,
-    views_of,
+from model.studies.frame_store import (
+    FrameStore,
+    cameras_of,
+    check_same_scene,
+    evenly_spread_views,
+    load_dataset_scene,
     with_samples,
 )
+from model.studies.illumination.agreement import BLOCK, LEAST_CHANGE
+from model.studies.illumination.cases import lamp_radiance, possible_changes
+from model.studies.illumination.compare import AgreementTally, LitView, compare
+from model.studies.illumination.relight import LightChange, open_relit
+from model.studies.illumination.results import IlluminationResult
+from model.studies.illumination.sheet import comparison_sheet
 from model.training.train import Folders
 from pipeline.channels import TINT
 from pipeline.farm.scene_digest import scene_digest
@@ -50,54 +50,55 @@ from scenes.checked import plain
 from scenes.contract import Scene
 from scenes.files import atomic_file, sweep, write_json
 
-_NOTHING = LightChange()
-AS_IT_IS = ""  # the name of the case without a change
+_NO_CHANGE = LightChange()
+UNCHANGED = ""  # name of the case without a change
 
 
 @dataclass(frozen=True)
-class Wish:
-    """What to do."""
+class IlluminationConfig:
+    """Size of the study and of the changes."""
 
     views: int = 12  # at most
     spp: int = 64
-    factor: float = 4.0  # lamps times it, outdoors divided by it
+    factor: float = 4.0  # of lamps; outdoors its inverse
     strength: float = 1.0  # of the added lamp, see `lamp_radiance`
 
 
 @dataclass(frozen=True)
-class Subject:
-    """A view of the study."""
+class StudyView:
+    """A view of the study and its scene."""
 
     example: Example
     view: View
     scene: Scene
-    digest: str  # of the scene in its own light
+    digest: str  # of the unchanged scene
 
 
 @dataclass(frozen=True)
-class Case:
-    """A subject in a changed light."""
+class LightCase:
+    """A view under a changed light."""
 
-    subject: Subject
+    study_view: StudyView
     name: str  # of `model.studies.illumination.results.CHANGES`
     change: LightChange
 
 
 @dataclass
-class Plan:
-    """All cases, and per kind of change how many views cannot have it and why."""
+class CasePlan:
+    """All cases; and for every kind of change the reasons against it, with numbers of views."""
 
-    cases: list[Case] = field(default_factory=list)
+    cases: list[LightCase] = field(default_factory=list)
     skipped: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
 
 
 def study_illumination(
-    params: Params, folders: Folders, wish: Wish, renders: Path
-) -> tuple[LightResult, Path]:
-    """Run the study; writes `metrics/studies/illumination.json` and the picture beside it.
+    params: Params, folders: Folders, config: IlluminationConfig, renders: Path
+) -> tuple[IlluminationResult, Path]:
+    """Run the study and write `metrics/studies/illumination.json` and its picture.
 
-    Frames are kept below `renders`; those that hold are not made again. Raises as `open_split`,
-    and `InputError` if the scenes or cameras are not those that the dataset was made of.
+    Returns the result and the path of the JSON file. Frames below `renders` with a current
+    fingerprint are reused. Raises as `open_split`, and `InputError` if the scenes or cameras do not
+    match the dataset.
     """
     torch.set_num_threads(len(os.sched_getaffinity(0)))
     folder = folders.metrics / "studies"
@@ -105,72 +106,78 @@ def study_illumination(
         sweep(place)
     baselines = [name for name in trained_baselines(folders.models) if name == "plus"]
     networks, dataset = open_split(params, folders, baselines)
-    examples = spread_over(dataset, wish.views)
-    scenes = {name: scene_of(folders.data, name) for name in {e.scene_id for e in examples}}
-    views = views_of(folders.data, examples)
+    examples = evenly_spread_views(dataset, config.views)
+    scenes = {
+        name: load_dataset_scene(folders.data, name) for name in {e.scene_id for e in examples}
+    }
+    views = cameras_of(folders.data, examples)
     set_variant(params.farm.variant)
     digests = {name: scene_digest(scene.folder) for name, scene in scenes.items()}
-    subjects = [
-        Subject(example, view, scenes[view.scene_id], digests[view.scene_id])
+    views_of_study = [
+        StudyView(example, view, scenes[view.scene_id], digests[view.scene_id])
         for example, view in zip(examples, views, strict=True)
     ]
-    plan = _planned(subjects, params, wish, networks)
-    given = with_samples(params, wish.spp, denoise=True)
+    plan = _planned(views_of_study, params, config, networks)
+    given = with_samples(params, config.spp, denoise=True)
     _render_all(plan.cases, given, renders)
-    tally = _compared(plan, subjects, networks, given, renders)
-    result = LightResult(
+    tally = _compared(plan, views_of_study, networks, given, renders)
+    result = IlluminationResult(
         seed=params.seed,
         split=dataset.split,
-        views=len(subjects),
+        views=len(views_of_study),
         scenes=len(scenes),
         size=(views[0].width, views[0].height),
-        spp=wish.spp,
+        spp=config.spp,
         denoiser=denoiser_version(),
         renderer=renderer_version(),
-        factor=wish.factor,
-        strength=wish.strength,
+        factor=config.factor,
+        strength=config.strength,
         block=BLOCK,
-        least=LEAST,
+        least=LEAST_CHANGE,
         models={name: card.sha256 for name, card in sorted(networks.cards.items())},
         changes=tally.changes(plan.skipped, params.seed),
     )
     with atomic_file(folder / "illumination.png") as partial:
         facts = {"study": "illumination", "credits": _credits(scenes)}
-        partial.write_bytes(png_bytes(light_sheet(tally.rows()), facts))
+        partial.write_bytes(png_bytes(comparison_sheet(tally.rows()), facts))
     write_json(folder / "illumination.json", plain(result))
     return result, folder / "illumination.json"
 
 
-def _planned(subjects: list[Subject], params: Params, wish: Wish, networks: Networks) -> Plan:
-    """What every view can have; looks at the scenes, and that they are the dataset's."""
-    plan = Plan()
+def _planned(
+    views_of_study: list[StudyView], params: Params, config: IlluminationConfig, networks: Networks
+) -> CasePlan:
+    """Find the possible changes of every view; check that the scenes match the dataset."""
+    plan = CasePlan()
     key, albedo = networks.card.tone["key"], networks.card.albedo
-    with Progress(len(subjects), "study illumination: looking", "views") as progress:
-        for scene in {subject.scene.scene_id: subject.scene for subject in subjects}.values():
-            with open_changed(scene, _NOTHING) as opened:
-                for subject in subjects:
-                    if subject.scene is not scene:
+    with Progress(len(views_of_study), "study illumination: planning", "views") as progress:
+        for scene in {
+            study_view.scene.scene_id: study_view.scene for study_view in views_of_study
+        }.values():
+            with open_relit(scene, _NO_CHANGE) as opened:
+                for study_view in views_of_study:
+                    if study_view.scene is not scene:
                         continue
-                    packed = subject.example.intensity
-                    refuse_other_scene(opened, scene.folder, subject.view, packed, params)
-                    average = key / subject.example.exposure_shading.scale
-                    radiance = lamp_radiance(average, albedo, wish.strength)
-                    found = cases_of(
-                        opened, subject.view, params.illumination, wish.factor, radiance
+                    packed = study_view.example.intensity
+                    check_same_scene(opened, scene.folder, study_view.view, packed, params)
+                    average = key / study_view.example.exposure_shading.scale
+                    radiance = lamp_radiance(average, albedo, config.strength)
+                    found = possible_changes(
+                        opened, study_view.view, params.illumination, config.factor, radiance
                     )
-                    plan.cases.append(Case(subject, AS_IT_IS, _NOTHING))
-                    plan.cases += [Case(subject, *item) for item in found.changes.items()]
+                    plan.cases.append(LightCase(study_view, UNCHANGED, _NO_CHANGE))
+                    plan.cases += [LightCase(study_view, *item) for item in found.changes.items()]
                     for name, reason in found.skipped.items():
                         plan.skipped[name][reason] += 1
                     progress.advance()
     return plan
 
 
-def _render_all(cases: list[Case], params: Params, renders: Path) -> None:
-    """Make every frame that is not there; a scene is opened once for each light it has."""
-    groups: dict[tuple[str, LightChange], list[Case]] = defaultdict(list)
+def _render_all(cases: list[LightCase], params: Params, renders: Path) -> None:
+    """Render missing frames; a scene is opened once for each light."""
+    groups: dict[tuple[str, LightChange], list[LightCase]] = defaultdict(list)
     for case in cases:
-        groups[case.subject.scene.scene_id, case.change].append(case)
+        groups[case.study_view.scene.scene_id, case.change].append(case)
     kept = 0
     with Progress(len(cases), "study illumination: rendering", "views") as progress:
         for (_, change), group in groups.items():
@@ -179,16 +186,16 @@ def _render_all(cases: list[Case], params: Params, renders: Path) -> None:
             progress.advance(len(group) - len(due))
             if not due:
                 continue
-            with open_changed(due[0].subject.scene, change) as opened:
+            with open_relit(due[0].study_view.scene, change) as opened:
                 for case in due:
                     _render(opened, case, _store(case, params, renders))
                     progress.advance()
         if kept:
-            progress.write(f"study illumination: {kept} of {len(cases)} were there already")
+            progress.write(f"study illumination: {kept} of {len(cases)} cases are already rendered")
 
 
-def _render(opened: RenderScene, case: Case, store: Renders) -> None:
-    """The panorama, its shadows and both truths of a case."""
+def _render(opened: RenderScene, case: LightCase, store: FrameStore) -> None:
+    """Render panorama, its shadows, shading and colour of a case."""
     view, digest = _frame(case)
     settings = store.params.illumination
     panorama = render_illumination(opened, view, settings)
@@ -199,44 +206,48 @@ def _render(opened: RenderScene, case: Case, store: Renders) -> None:
         store.render(opened, view, digest)
 
 
-def _missing(case: Case, store: Renders) -> bool:
-    """Whether any frame of the case is not there."""
+def _missing(case: LightCase, store: FrameStore) -> bool:
+    """Return whether any frame of the case is missing."""
     made = [kind for kind in kinds_of(store.params) if kind not in ("inputs", "noisy")]
     return bool(store.missing(*_frame(case), made))
 
 
-def _store(case: Case, params: Params, renders: Path) -> Renders:
-    return Renders(renders / (case.name or "as-it-is"), params)
+def _store(case: LightCase, params: Params, renders: Path) -> FrameStore:
+    return FrameStore(renders / (case.name or "as-it-is"), params)
 
 
-def _frame(case: Case) -> tuple[View, str]:
-    """The view, and the digest of its scene in the case's light."""
-    subject = case.subject
-    return subject.view, fingerprint(scene=subject.digest, change=case.change)
+def _frame(case: LightCase) -> tuple[View, str]:
+    """Return the view, and the digest of its scene under the case's light."""
+    study_view = case.study_view
+    return study_view.view, fingerprint(scene=study_view.digest, change=case.change)
 
 
 def _compared(
-    plan: Plan, subjects: list[Subject], networks: Networks, params: Params, renders: Path
-) -> Tally:
-    """Predict every case and compare it with what was rendered, or with the next view's light."""
-    tally = Tally()
-    with Progress(len(subjects), "study illumination: comparing", "views") as progress:
-        for subject in subjects:
+    plan: CasePlan,
+    views_of_study: list[StudyView],
+    networks: Networks,
+    params: Params,
+    renders: Path,
+) -> AgreementTally:
+    """Predict every case and compare it with the rendering; exchange panoramas between views."""
+    tally = AgreementTally()
+    with Progress(len(views_of_study), "study illumination: comparing", "views") as progress:
+        for study_view in views_of_study:
             lit = {
                 case.name: _lit(case, params, renders)
                 for case in plan.cases
-                if case.subject is subject
+                if case.study_view is study_view
             }
-            before = lit.pop(AS_IT_IS)
-            other = _stranger(subject, subjects)
+            before = lit.pop(UNCHANGED)
+            other = _view_of_other_scene(study_view, views_of_study)
             if other is not None:
-                theirs = other.example
-                lit["exchanged"] = Lit(
+                exchanged = other.example
+                lit["exchanged"] = LitView(
                     before.example,
-                    theirs.intensity,
-                    theirs.distance,
-                    theirs.tint,
-                    np.ones_like(before.example.depth),  # nobody knows its shadows here
+                    exchanged.intensity,
+                    exchanged.distance,
+                    exchanged.tint,
+                    np.ones_like(before.example.depth),  # shadows are unknown
                 )
             else:
                 plan.skipped["exchanged"]["no other view"] += 1
@@ -245,11 +256,11 @@ def _compared(
     return tally
 
 
-def _lit(case: Case, params: Params, renders: Path) -> Lit:
-    store, view = _store(case, params, renders), case.subject.view
+def _lit(case: LightCase, params: Params, renders: Path) -> LitView:
+    store, view = _store(case, params, renders), case.study_view.view
     panorama = store.read("illumination", view)
-    return Lit(
-        case.subject.example,
+    return LitView(
+        case.study_view.example,
         panorama.channels["intensity.Y"],
         panorama.channels["distance.Z"],
         panorama.stack(*TINT),
@@ -259,21 +270,23 @@ def _lit(case: Case, params: Params, renders: Path) -> Lit:
     )
 
 
-def _shadows(store: Renders, view: View) -> AnyArray | None:
+def _shadows(store: FrameStore, view: View) -> AnyArray | None:
     if not store.params.illumination.shadow_rays:
         return None
     return store.read("visibility", view).channels["visibility.Y"].astype(np.float32)
 
 
-def _stranger(subject: Subject, subjects: list[Subject]) -> Subject | None:
-    """The next view of another scene, or if there is none of the same; None if it is alone."""
-    start = subjects.index(subject)
-    others = subjects[start + 1 :] + subjects[:start]
-    strange = [other for other in others if other.scene is not subject.scene]
-    return next(iter(strange or others), None)
+def _view_of_other_scene(
+    study_view: StudyView, views_of_study: list[StudyView]
+) -> StudyView | None:
+    """Return the next view of another scene, else of the same scene; None if there is none."""
+    start = views_of_study.index(study_view)
+    others = views_of_study[start + 1 :] + views_of_study[:start]
+    elsewhere = [other for other in others if other.scene is not study_view.scene]
+    return next(iter(elsewhere or others), None)
 
 
 def _credits(scenes: dict[str, Scene]) -> list[str]:
-    """Whose work the scenes in the picture are."""
+    """Return the credits of the scenes in the picture."""
     named = (credit for scene in scenes.values() for credit in scene.credits)
     return list(dict.fromkeys(f"{c.title} by {c.author}, {c.licence}" for c in named))

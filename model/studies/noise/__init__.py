@@ -1,1 +1,1 @@
-"""Study of noise in the training data."""
+"""Noise study: networks trained on noisy ground truth (Figure 11 of the paper)."""

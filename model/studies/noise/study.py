@@ -1,16 +1,14 @@
-"""Networks that learn from noisy truth (the paper's Fig. 11), judged against the clean one.
+"""Training on noisy ground truth, tested against the clean one (Figure 11 of the paper).
 
-The dataset's own truth has many samples a pixel, and may be denoised: nothing noisy is in it. So
-the training views are rendered again with few samples each, and the networks learn from the same
-inputs with those renderings in the place of shading and colour. What is denoised are the very same
-samples. Views, steps, seeds and the order of views are equal in all trials. They are measured on
-the dataset's own truth of other scenes, as every network is.
+The dataset's ground truth has many samples per pixel and may be denoised. So the training views are
+rendered again with few samples, and these renderings replace shading and colour; the inputs stay
+the same. The denoised variants use the same samples. Views, their order, steps and seeds are equal
+in all trials. All are tested on the dataset's ground truth of other scenes.
 
-Exposures are those of the noisy images themselves. Whoever has nothing but noisy renderings
-has no other; the clean images' would carry what thousands of samples know into the targets. It
-matters: the log average hardly depends on noise (it is one of 8x8 means), but white is where the
-brightest pixel is, which is a firefly where there is one, and so the targets get a little darker
-in their highlights. That is part of what noisy truth does.
+Exposures are computed from the noisy images, because a dataset of noisy renderings has no others;
+exposures of the clean images would pass information of thousands of samples into the targets. The
+log average, over 8x8 pixel means, hardly depends on noise. White is set by the brightest pixel, so
+a firefly compresses the highlights of its view. That is an effect of noisy ground truth, too.
 """
 
 from __future__ import annotations
@@ -20,10 +18,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from model.data.reader import Dataset, Example
-from model.studies.relight import LightChange, open_changed
-from model.studies.renders import Renders, refuse_other_scene, scene_of, views_of, with_samples
-from model.studies.trials.packs import TRUTHS, Truth, pack
-from model.studies.trials.plan import STAGES, Source, Study, Trial, Variant
+from model.studies.frame_store import (
+    FrameStore,
+    cameras_of,
+    check_same_scene,
+    load_dataset_scene,
+    opened_scene,
+    with_samples,
+)
+from model.studies.noise.results import LABELS
+from model.studies.trials.derived_splits import TRUTHS, TruthImages, write_derived_split
+from model.studies.trials.plan import STAGES, TrainingSource, Trial, TrialStudy, Variant
 from pipeline.farm.scene_digest import scene_digest
 from pipeline.params import Params
 from pipeline.passes.registry import pass_seed, postprocessed, render_truths
@@ -34,68 +39,71 @@ from scenes.arrays import AnyArray
 from scenes.checked import plain
 from scenes.files import digest_bytes, sweep
 
-SAMPLES = (4, 16, 64)  # a pixel, as in the paper
+SAMPLES = (4, 16, 64)  # per pixel, as in the paper
 CLEAN = "clean"
 
 
 @dataclass(frozen=True)
 class NoisyTruth:
-    """A truth of so many samples a pixel."""
+    """Ground truth with `spp` samples per pixel, raw or denoised."""
 
     spp: int
     denoised: bool
 
     @property
     def name(self) -> str:
-        """Of its variant, and of the folder of its frames."""
+        """Name of the variant and of the folder of frames."""
         return f"{'denoised' if self.denoised else 'raw'}-{self.spp}"
 
     @property
     def label(self) -> str:
-        """In the results."""
+        """Row label in the results."""
         return f"{self.spp} spp{', denoised' if self.denoised else ''}"
 
 
-def truths_of(samples: Sequence[int]) -> list[NoisyTruth]:
-    """Of every number of samples as they are, then denoised."""
+def noisy_truths(samples: Sequence[int]) -> list[NoisyTruth]:
+    """Return the raw ground truths for all numbers of samples, then the denoised ones."""
     return [NoisyTruth(spp, denoised) for denoised in (False, True) for spp in sorted(set(samples))]
 
 
-def noise_study(samples: Sequence[int] = SAMPLES) -> Study:
-    """The two networks, trained on each truth and on the clean one."""
-    return Study(
+def noise_study(samples: Sequence[int] = SAMPLES) -> TrialStudy:
+    """Return the study: both networks, trained on each ground truth and on the clean one."""
+    return TrialStudy(
         name="noise",
         variants=(
-            *(Variant(t.name, STAGES, {"pbrnet": t.label}) for t in truths_of(samples)),
+            *(Variant(t.name, STAGES, {"pbrnet": t.label}) for t in noisy_truths(samples)),
             Variant(CLEAN, STAGES, {"pbrnet": CLEAN}),
         ),
         reference=CLEAN,
+        labels=LABELS,
     )
 
 
-class NoisyTruths:
-    """Noisy truths of the training views: rendered when they are due, kept by fingerprint."""
+class NoisyTruthStore:
+    """Noisy ground truth of the training views, rendered on demand and kept by fingerprint."""
 
     def __init__(
         self, params: Params, data: Path, renders: Path, samples: Sequence[int], scenes: set[str]
     ) -> None:
-        """`scenes`: all that may be asked for.
+        """`scenes`: all training scenes of the trials.
 
-        Raises `InputError` if their folders or cameras are not those that the dataset was made of.
+        Raises `InputError` if their folders or cameras do not match the dataset.
         """
         sweep(renders)
         set_variant(params.farm.variant)
         self.params, self.data, self.renders = params, data, renders
-        self.truths: Mapping[str, NoisyTruth] = {t.name: t for t in truths_of(samples)}
+        self.truths: Mapping[str, NoisyTruth] = {t.name: t for t in noisy_truths(samples)}
         self.fingerprint = Dataset(data / "dataset", "train").fingerprint()
-        self.digests = {name: scene_digest(scene_of(data, name).folder) for name in sorted(scenes)}
-        self.panoramas: dict[str, tuple[str, AnyArray]] = {}  # of each scene's first view
+        self.digests = {
+            name: scene_digest(load_dataset_scene(data, name).folder) for name in sorted(scenes)
+        }
+        self.panoramas: dict[str, tuple[str, AnyArray]] = {}  # first view of each scene
         self.views: dict[tuple[str, str], View] = {}
-        for view in views_of(data, self._examples(scenes)):
+        for view in cameras_of(data, self._examples(scenes)):
             self.views[view.scene_id, view.view_id] = view
 
     def with_source(self, trial: Trial) -> Trial:
-        """The trial, learning from its variant's truth."""
+        """Return the trial with its variant's ground truth as training split."""
         name = trial.variant.name
         truth = self.truths.get(name)
         scenes = set(trial.scenes)
@@ -104,15 +112,18 @@ class NoisyTruths:
         if truth is not None:
             store = self._store(truth)
             parts += [plain(self.params.tone)]
-            parts += [self._mark(store, view) for view in views]
-        mark = digest_bytes(*(repr(part).encode() for part in parts))
-        place = self.renders / "packs" / name
+            parts += [self._fingerprint(store, view) for view in views]
+        fingerprint = digest_bytes(*(repr(part).encode() for part in parts))
+        folder = self.renders / "packs" / name
         return replace(
-            trial, source=Source(place, mark, lambda: self._make(place, mark, trial, truth))
+            trial,
+            source=TrainingSource(
+                folder, fingerprint, lambda: self._make(folder, fingerprint, trial, truth)
+            ),
         )
 
     def due(self, spp: int, scenes: Sequence[str]) -> list[View]:
-        """Views of these scenes that have to be rendered."""
+        """Return the views of these scenes with missing frames."""
         stores = [self._store(NoisyTruth(spp, denoised)) for denoised in (False, True)]
         wanted = set(scenes)
         return [
@@ -122,34 +133,35 @@ class NoisyTruths:
             and any(store.missing(view, self.digests[view.scene_id]) for store in stores)
         ]
 
-    def _make(self, place: Path, mark: str, trial: Trial, truth: NoisyTruth | None) -> None:
-        """The trial's training split, unless it is there."""
+    def _make(self, folder: Path, fingerprint: str, trial: Trial, truth: NoisyTruth | None) -> None:
+        """Render what is missing and write the trial's training split, unless it exists."""
 
         def parts() -> Iterator[Dataset]:
             if truth is not None:
                 self._render(truth.spp, trial.scenes)
             yield Dataset(self.data / "dataset", "train", only=trial.scenes)
 
-        def find(scene: str, view: str) -> Truth:
+        def lookup(scene: str, view: str) -> TruthImages:
             assert truth is not None
             store = self._store(truth)
             return {kind: store.read(kind, self.views[scene, view]).rgb for kind in TRUTHS}
 
-        pack(place, mark, parts, "train", self.params.tone, None if truth is None else find)
+        found = None if truth is None else lookup
+        write_derived_split(folder, fingerprint, parts, "train", self.params.tone, found)
 
     def _render(self, spp: int, scenes: Sequence[str]) -> None:
-        """Trace what is missing, and denoise the same samples."""
-        raw, denoised = (self._store(NoisyTruth(spp, which)) for which in (False, True))
+        """Path-trace missing frames, and denoise the same samples."""
+        raw, denoised = (self._store(NoisyTruth(spp, smooth)) for smooth in (False, True))
         due = self.due(spp, scenes)
         if not due:
             return
         names = list(dict.fromkeys(view.scene_id for view in due))
-        with Progress(len(due), f"study noise: {spp} samples a pixel", "views") as progress:
+        with Progress(len(due), f"study noise: {spp} samples per pixel", "views") as progress:
             for name in names:
-                scene, digest = scene_of(self.data, name), self.digests[name]
-                with open_changed(scene, LightChange()) as opened:
+                scene, digest = load_dataset_scene(self.data, name), self.digests[name]
+                with opened_scene(scene) as opened:
                     first, packed = self.panoramas[name]
-                    refuse_other_scene(
+                    check_same_scene(
                         opened, scene.folder, self.views[name, first], packed, self.params
                     )
                     for view in (view for view in due if view.scene_id == name):
@@ -160,13 +172,13 @@ class NoisyTruths:
                             denoised.write(kind, smooth[0], view, digest, **smooth[1])
                         progress.advance()
 
-    def _store(self, truth: NoisyTruth) -> Renders:
+    def _store(self, truth: NoisyTruth) -> FrameStore:
         params = with_samples(self.params, truth.spp, truth.denoised)
-        return Renders(self.renders / truth.name, params)
+        return FrameStore(self.renders / truth.name, params)
 
-    def _mark(self, store: Renders, view: View) -> str:
+    def _fingerprint(self, store: FrameStore, view: View) -> str:
         digest = self.digests[view.scene_id]
-        return "".join(store.mark(kind, view, digest) for kind in TRUTHS)
+        return "".join(store.fingerprint(kind, view, digest) for kind in TRUTHS)
 
     def _examples(self, scenes: set[str]) -> Iterator[Example]:
         for example in Dataset(self.data / "dataset", "train", only=scenes).ordered():

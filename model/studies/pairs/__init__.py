@@ -1,1 +1,1 @@
-"""Study of paired comparisons by human observers."""
+"""Paired comparison by observers (Table II of the paper)."""

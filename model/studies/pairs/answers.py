@@ -1,7 +1,7 @@
-"""The pairs study's key, the answers that people send back, and what follows from both.
+"""Key and answer files of the pairs study, and the score of the answers.
 
-Answer files come from other people's machines: they are read with a limit of size and depth, and
-every field is checked before it is believed.
+Answer files come from other machines and are not trusted: size and nesting are limited, and every
+field is checked.
 """
 
 from __future__ import annotations
@@ -17,44 +17,46 @@ from typing import Any, Literal, TypeVar
 
 from scipy.stats import binomtest
 
-from model.studies.pairs.results import PairsFigure, PairsResult
+from model.studies.pairs.results import MistakenRate, PairsResult
 from scenes.checked import build, within
 from scenes.errors import InputError
 
 T = TypeVar("T")
 Side = Literal["left", "right"]
-MAX_BYTES = 2**20  # of a key or an answer file; a thousand answers are 80 kB
+MAX_BYTES = 2**20  # of a key or answer file; a thousand answers take 80 kB
 MAX_PAIRS = 1000
-_LONGEST = 400  # characters of an error that quotes a file
+_MAX_MESSAGE = 400  # characters of an error that quotes a file
 
 
 @dataclass(frozen=True)
 class Pair:
-    """What hides behind a pair of the page."""
+    """Solution of a pair of the page."""
 
-    pair: str  # its id on the page
+    pair: str  # id on the page
     scene_id: str
     view_id: str
     method: str
-    truth: Side  # where the renderer's picture is
+    truth: Side  # side of the renderer's picture
 
 
 @dataclass(frozen=True)
 class Key:
-    """`NAME-key.json` beside the page `NAME.html`."""
+    """Contract of `NAME-key.json`, beside the page `NAME.html`."""
 
     study: Literal["pairs"]
     version: Literal[1]
     page: str
     seed: int
     split: str
-    seconds: float = field(metadata=within(above=0))  # that a pair is shown
-    answer_seconds: float = field(metadata=within(above=0))  # to answer after that
+    seconds: float = field(metadata=within(above=0))  # a pair is shown
+    answer_seconds: float = field(
+        metadata=within(above=0)
+    )  # for the answer, after the pair has disappeared
     models: dict[str, str]  # name -> SHA-256 of the weights
     pairs: tuple[Pair, ...]
 
     def verify(self, where: str) -> None:
-        """Raises ValueError if there are no pairs, or two of one id."""
+        """Raise ValueError if there are no pairs, or two with the same id."""
         names = [pair.pair for pair in self.pairs]
         if not names or len(set(names)) < len(names):
             raise ValueError(f"{where}.pairs: no pairs, or two with the same id")
@@ -62,52 +64,50 @@ class Key:
 
 @dataclass(frozen=True)
 class Answer:
-    """One person's choice in one pair."""
+    """Choice of one person in one pair."""
 
     pair: str
-    side: Side | None  # that was taken for the rendering; None: none in time
-    ms: int = field(metadata=within(0, 3_600_000))  # from the pictures' appearance
+    side: Side | None  # taken for the rendering; None: no answer in time
+    ms: int = field(metadata=within(0, 3_600_000))  # since the pictures appeared
     timed_out: bool
 
     def verify(self, where: str) -> None:
-        """Raises ValueError if it is both, an answer and none."""
+        """Raise ValueError if a side was chosen after the time, or none in time."""
         if self.timed_out != (self.side is None):
             raise ValueError(
                 f"{where}.timed_out: {self.timed_out}, but the side is {self.side!r}; "
-                "exactly the pairs without a side have timed out"
+                "it must be true exactly if the side is null"
             )
 
 
 @dataclass(frozen=True)
 class Answers:
-    """A downloaded answer file."""
+    """Contract of an answer file, as saved by the page."""
 
     study: Literal["pairs"]
     version: Literal[1]
     page: str
     seed: int
-    session: str  # drawn by the page for each person, 32 hex digits
+    session: str  # random id of a run, 32 hex digits
     answers: tuple[Answer, ...]
 
     def verify(self, where: str) -> None:
-        """Raises ValueError for a session that no page has drawn."""
+        """Raise ValueError for a malformed session id."""
         if not re.fullmatch(r"[0-9a-f]{32}", self.session):
             raise ValueError(f"{where}.session: {self.session!r} is not 32 hex digits")
 
 
 def read_key(path: Path) -> Key:
-    """The key of a page; `InputError` names file and field of what is wrong."""
+    """Read the key of a page; `InputError` names the file and the field of an error."""
     if not path.is_file():
-        raise InputError(
-            f"{path}: no such key; it is written beside the page by: pbrnet study pairs"
-        )
+        raise InputError(f"{path}: no such key; pbrnet study pairs writes it beside the page")
     return _read(Key, path)
 
 
 def read_answers(path: Path, key: Key) -> Answers:
-    """One person's answers to the key's page, every pair answered once.
+    """Read the answers of one person to the key's page, with every pair answered once.
 
-    Raises `InputError` that names the file and the field that does not fit.
+    `InputError` names the file and the field that does not match the key.
     """
     answers = _read(Answers, path)
     if answers.page != key.page:
@@ -129,13 +129,13 @@ def read_answers(path: Path, key: Key) -> Answers:
     if missing:
         raise InputError(
             f"{path}.answers: {len(missing)} of {len(known)} pairs are missing, "
-            f"{missing[0]!r} first; only whole runs count"
+            f"{missing[0]!r} first; only complete runs count"
         )
     return answers
 
 
 def read_all(paths: Sequence[Path], key: Key) -> list[Answers]:
-    """Everybody's answers; raises `InputError` if one person's come twice."""
+    """Read the answers of all persons; raises `InputError` if a run is given twice."""
     found: list[Answers] = []
     sessions: dict[str, Path] = {}
     for path in paths:
@@ -151,16 +151,16 @@ def read_all(paths: Sequence[Path], key: Key) -> list[Answers]:
 
 
 def score(key: Key, people: Sequence[Answers]) -> PairsResult:
-    """How often each method's picture was taken for the truth, over all people.
+    """Return the rate at which each method's picture was taken for the rendering, over all people.
 
-    With Wilson's 95 % interval (Wilson 1927), which takes every answer for independent; one half
-    is what guessing gives.
+    With Wilson's 95 % interval (Wilson 1927), which assumes independent answers; guessing gives one
+    half.
     """
-    behind = {pair.pair: pair for pair in key.pairs}
+    solutions = {pair.pair: pair for pair in key.pairs}
     counts = {pair.method: [0, 0, 0] for pair in key.pairs}  # answers, mistaken, timeouts
     for person in people:
         for answer in person.answers:
-            pair = behind[answer.pair]
+            pair = solutions[answer.pair]
             count = counts[pair.method]
             if answer.side is None:
                 count[2] += 1
@@ -178,16 +178,16 @@ def score(key: Key, people: Sequence[Answers]) -> PairsResult:
     )
 
 
-def _figure(answers: int, mistaken: int, timeouts: int) -> PairsFigure:
+def _figure(answers: int, mistaken: int, timeouts: int) -> MistakenRate:
     if not answers:
-        return PairsFigure(0, 0, timeouts, None, None, None)
+        return MistakenRate(0, 0, timeouts, None, None, None)
     around = binomtest(mistaken, answers).proportion_ci(0.95, method="wilson")
     low, high = (min(1.0, max(0.0, float(end))) for end in (around.low, around.high))
-    return PairsFigure(answers, mistaken, timeouts, mistaken / answers, low, high)
+    return MistakenRate(answers, mistaken, timeouts, mistaken / answers, low, high)
 
 
 def _read(cls: type[T], path: Path) -> T:
-    """A small JSON file as `cls`; whatever is wrong with it is an `InputError` of one line."""
+    """Read a small JSON file as `cls`; every error is an `InputError` of one line."""
     try:
         return build(cls, _parse(path), str(path), InputError)
     except InputError as error:
@@ -206,28 +206,28 @@ def _parse(path: Path) -> Any:
         raise InputError(f"{path}: more than {MAX_BYTES >> 10} KiB; not an answer file or a key")
     try:
         return json.loads(
-            content.decode("utf-8"), object_pairs_hook=_single, parse_constant=_no_number
+            content.decode("utf-8"), object_pairs_hook=_unique_keys, parse_constant=_refuse_constant
         )
     except RecursionError:
         raise InputError(f"{path}: nested too deeply; not an answer file or a key") from None
-    except ValueError as error:  # also what is not UTF-8, and numbers of thousands of digits
+    except ValueError as error:  # includes invalid UTF-8 and numbers with thousands of digits
         raise InputError(f"{path}: not valid JSON ({error})") from None
 
 
-def _single(items: list[tuple[str, Any]]) -> dict[str, Any]:
-    """An object whose keys come once: else two readers could see two different files."""
+def _unique_keys(items: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object, refusing repeated keys, which parsers interpret differently."""
     content = dict(items)
     if len(content) < len(items):
-        twice = Counter(name for name, _ in items).most_common(1)[0][0]
-        raise ValueError(f"the key {twice!r} comes twice in one object")
+        repeated = Counter(name for name, _ in items).most_common(1)[0][0]
+        raise ValueError(f"the key {repeated!r} comes twice in one object")
     return content
 
 
-def _no_number(text: str) -> Any:
-    raise ValueError(f"{text} is no number")
+def _refuse_constant(text: str) -> Any:
+    raise ValueError(f"{text} is not a number")
 
 
 def _readable(message: str) -> str:
-    """Without what could steer a terminal, and not longer than a few lines."""
+    """Replace control characters, and shorten the message to a few lines."""
     clean = "".join(letter if letter.isprintable() else "?" for letter in message)
-    return clean if len(clean) <= _LONGEST else clean[:_LONGEST] + " …"
+    return clean if len(clean) <= _MAX_MESSAGE else clean[:_MAX_MESSAGE] + " …"

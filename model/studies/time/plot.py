@@ -1,4 +1,4 @@
-"""The time study's plot: how far a picture is from the reference, against the seconds it takes."""
+"""Plot of the time study: error against the reference over seconds per view."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _LINES = {
     "planned": ("#7f7f7f", "--"),
     "planned_denoised": ("#1f77b4", "--"),
 }
-_COLUMNS = 2  # of the legend: three do not fit beside each other
+_COLUMNS = 2  # of the legend
 _MARKS = ("o", "s", "D", "^", "v", "P", "X", "*", "<", ">")
 _COLOURS = ("#d62728", "#ff7f0e", "#2ca02c", "#9467bd", "#8c564b", "#e377c2", "#bcbd22")
 
 
 def time_plot(result: TimeResult) -> bytes:
-    """A PNG of two panels, FLIP and SSIM, both against seconds a view on a logarithmic axis."""
+    """Return a PNG with two panels, FLIP and SSIM over seconds per view, logarithmic."""
     figure = time_figure(result)
     stream = io.BytesIO()
     figure.savefig(stream, format="png", metadata={"Software": None})
@@ -32,7 +32,7 @@ def time_plot(result: TimeResult) -> bytes:
 
 
 def time_figure(result: TimeResult) -> Figure:
-    """What `time_plot` draws."""
+    """Return the figure that `time_plot` encodes."""
     figure = Figure(figsize=(12, 5.4), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 2)

@@ -1,11 +1,10 @@
-"""The time study: seconds of every part, and how good a picture each way gives for its seconds.
+"""Time study: seconds of every part, and image quality of every method at equal time.
 
-Everything is timed by turns, one after the other and again from the start, so that whatever else
-the machine does falls on all alike; the first turn of a view, which compiles kernels, does not
-count. Seconds are a waiting person's, or (`clock`) those of all the process's threads together,
-which other processes hardly change. Rivals of the networks are the path tracer at a few samples a
-pixel, and the same denoised. All are compared with a reference of many more samples that shares no
-random number with them.
+A turn runs all parts one after the other; turns are repeated, so that other load on the machine
+affects all parts alike. The first turns of a view, which compile kernels, are not counted. Times
+are elapsed seconds or (`clock`) processor seconds of all threads, which other processes hardly
+change. Networks compete with the path tracer at a few samples per pixel, raw and denoised. All are
+compared with a reference of many more samples and independent random numbers.
 """
 
 from __future__ import annotations
@@ -31,10 +30,16 @@ from model.evaluation.inference import Networks
 from model.evaluation.metrics import flip_map, ssim
 from model.evaluation.predict import example_of, resized, sampled, shadows_of, with_samples_of
 from model.methods import METHODS, trained_baselines
-from model.studies.relight import LightChange, open_changed
-from model.studies.renders import Renders, scene_of, spread_over, views_of, with_samples
+from model.studies.frame_store import (
+    FrameStore,
+    cameras_of,
+    evenly_spread_views,
+    load_dataset_scene,
+    opened_scene,
+    with_samples,
+)
 from model.studies.time.plot import time_plot
-from model.studies.time.results import Clock, Point, Spent, TimeResult
+from model.studies.time.results import Clock, MethodPoint, PartSeconds, TimeResult
 from model.training.train import Folders
 from pipeline.farm.scene_digest import scene_digest
 from pipeline.frames import Channels
@@ -55,40 +60,40 @@ from scenes.errors import ParameterError
 from scenes.files import atomic_file, sweep, write_json
 from scenes.seeds import derive
 
-_MORE = 16  # times the samples of the longest rival that the reference has, unless asked for others
-_LEAST = 4  # at least so many times
-_SMALLEST = 16  # pixels a side, as of the dataset's images
-_WARM = 2  # turns: a launch is recorded in its first or second, and at full speed from the third on
+_REFERENCE_FACTOR = 16  # default samples of the reference, as a multiple of `max_spp`
+_MIN_REFERENCE_FACTOR = 4  # smallest multiple
+_MIN_SIZE = 16  # pixels a side, as for the dataset's images
+_WARM_UP_TURNS = 2  # a kernel launch is recorded in the first or second turn
 _PACKAGES = ("mitsuba", "drjit", "torch", "numpy", "pyoidn")
 
 
 @dataclass(frozen=True)
-class Wish:
-    """What to do."""
+class TimeConfig:
+    """Size of the study."""
 
     views: int = 4  # at most
     repeats: int = 3
     max_spp: int = 64
-    reference_spp: int = 0  # 0: `_MORE` times `max_spp`
+    reference_spp: int = 0  # 0: `_REFERENCE_FACTOR` times `max_spp`
     raw_reference: bool = False  # not denoised
-    size: tuple[int, int] | None = None  # width, height; None: the dataset's
+    size: tuple[int, int] | None = None  # width, height; None: as in the dataset
     clock: Clock = "wall"
 
     @property
     def reference(self) -> int:
-        """Samples a pixel of the reference; `ParameterError` if they are too few."""
-        samples = self.reference_spp or _MORE * self.max_spp
-        if samples < _LEAST * self.max_spp:
+        """Samples per pixel of the reference; raises `ParameterError` if they are too few."""
+        samples = self.reference_spp or _REFERENCE_FACTOR * self.max_spp
+        if samples < _MIN_REFERENCE_FACTOR * self.max_spp:
             raise ParameterError(
                 f"--reference-spp: {samples} is not allowed; a reference for --max-spp "
-                f"{self.max_spp} needs at least {_LEAST * self.max_spp}"
+                f"{self.max_spp} needs at least {_MIN_REFERENCE_FACTOR * self.max_spp}"
             )
         return samples
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What the turns over one view brought: seconds by part, and pictures by method and samples."""
+class ViewMeasurement:
+    """Measurements of one view: seconds by part and turn, errors by method and samples."""
 
     seconds: dict[str, list[float]]
     errors: dict[tuple[str, int | None], tuple[float, float]]  # FLIP, SSIM
@@ -96,41 +101,48 @@ class Outcome:
 
 
 def study_time(
-    params: Params, folders: Folders, wish: Wish, renders: Path
+    params: Params, folders: Folders, config: TimeConfig, renders: Path
 ) -> tuple[TimeResult, Path]:
-    """Run the study; writes `metrics/studies/time.json` and the plot `time.png` beside it.
+    """Run the study and write `metrics/studies/time.json` and the plot `time.png`.
 
-    References are kept below `renders` and not made again. Raises as `open_split`, `InputError` if
-    the scenes or cameras are not there, `ParameterError` for a reference of too few samples.
+    Returns the result and the path of the JSON file. Reference images are kept below `renders`.
+    Raises as `open_split`, `InputError` for missing scenes or cameras, `ParameterError` for a
+    reference of too few samples.
     """
-    if wish.size and min(wish.size) < _SMALLEST:
+    if config.size and min(config.size) < _MIN_SIZE:
         raise ParameterError(
-            f"--size: {wish.size} is not allowed; at least {_SMALLEST} pixels a side"
+            f"--size: {config.size} is not allowed; at least {_MIN_SIZE} pixels a side"
         )
-    reference = with_samples(params, wish.reference, denoise=not wish.raw_reference)
+    reference = with_samples(params, config.reference, denoise=not config.raw_reference)
     reference = replace(reference, seed=derive(params.seed, "study", "time", "reference"))
-    # Threads that wait for one another spin, which by the processor's clock would count as work.
-    torch.set_num_threads(1 if wish.clock == "cpu" else len(os.sched_getaffinity(0)))
+    # Waiting threads spin, which processor time would count as work.
+    torch.set_num_threads(1 if config.clock == "cpu" else len(os.sched_getaffinity(0)))
     folder = folders.metrics / "studies"
     for place in (folder, renders):
         sweep(place)
     networks, dataset = open_split(params, folders, trained_baselines(folders.models))
-    examples = spread_over(dataset, wish.views)
-    scenes = {name: scene_of(folders.data, name) for name in {e.scene_id for e in examples}}
-    views = views_of(folders.data, examples)
-    views = [resized(view, wish.size) for view in views] if wish.size else views
+    examples = evenly_spread_views(dataset, config.views)
+    scenes = {
+        name: load_dataset_scene(folders.data, name) for name in {e.scene_id for e in examples}
+    }
+    views = cameras_of(folders.data, examples)
+    views = [resized(view, config.size) for view in views] if config.size else views
     set_variant(params.farm.variant)
     machine = _machine()
     size = f"{views[0].width}x{views[0].height}"
-    store = Renders(renders / (f"{size}-raw" if wish.raw_reference else size), reference)
+    store = FrameStore(renders / (f"{size}-raw" if config.raw_reference else size), reference)
     _references(scenes, views, store)
-    outcomes = []
-    with Progress(len(views) * (_WARM + wish.repeats), "study time: by turns", "turns") as progress:
+    measurements = []
+    with Progress(
+        len(views) * (_WARM_UP_TURNS + config.repeats), "study time: turns", "turns"
+    ) as progress:
         for view in views:
-            with open_changed(scenes[view.scene_id], LightChange()) as opened:
-                bench = Bench(opened, view, params, networks, store, wish.clock)
-                outcomes.append(bench.run(_samples(wish.max_spp), wish.repeats, progress))
-    shaded = {name for name, card in networks.cards.items() if card.training.get("shadows")}
+            with opened_scene(scenes[view.scene_id]) as opened:
+                benchmark = ViewBenchmark(opened, view, params, networks, store, config.clock)
+                measurements.append(
+                    benchmark.run(_samples(config.max_spp), config.repeats, progress)
+                )
+    shadow_methods = {name for name, card in networks.cards.items() if card.training.get("shadows")}
     result = TimeResult(
         seed=params.seed,
         split=dataset.split,
@@ -138,18 +150,18 @@ def study_time(
         scenes=len(scenes),
         size=(views[0].width, views[0].height),
         panorama=params.illumination.width,
-        repeats=wish.repeats,
-        clock=wish.clock,
+        repeats=config.repeats,
+        clock=config.clock,
         dataset_spp=params.groundtruth.spp,
-        reference_spp=wish.reference,
-        reference_denoised=not wish.raw_reference,
-        reference_noise=mean(outcome.noise for outcome in outcomes),
+        reference_spp=config.reference,
+        reference_denoised=not config.raw_reference,
+        reference_noise=mean(measurement.noise for measurement in measurements),
         exposure=networks.card.exposure,
         machine=machine,
         versions=_versions(),
         models={name: card.sha256 for name, card in sorted(networks.cards.items())},
-        parts=_parts(outcomes),
-        points=_points(outcomes, shaded),
+        parts=_parts(measurements),
+        points=_points(measurements, shadow_methods),
     )
     with atomic_file(folder / "time.png") as partial:
         partial.write_bytes(time_plot(result))
@@ -157,8 +169,8 @@ def study_time(
     return result, folder / "time.json"
 
 
-class Bench:
-    """One view with all ways to a picture of it."""
+class ViewBenchmark:
+    """Timing of all parts and methods on one view."""
 
     def __init__(
         self,
@@ -166,7 +178,7 @@ class Bench:
         view: View,
         params: Params,
         networks: Networks,
-        store: Renders,
+        store: FrameStore,
         clock: Clock = "wall",
     ) -> None:
         self.now = time.process_time if clock == "cpu" else time.perf_counter
@@ -183,15 +195,15 @@ class Bench:
         self.seconds: dict[str, list[float]] = defaultdict(list)
         self.errors: dict[tuple[str, int | None], tuple[float, float]] = {}
 
-    def run(self, samples: list[int], repeats: int, progress: Progress) -> Outcome:
-        """`_WARM` turns that do not count, then so many that do."""
-        for turn in range(_WARM + repeats):
-            if turn == _WARM:
+    def run(self, samples: list[int], repeats: int, progress: Progress) -> ViewMeasurement:
+        """Run `_WARM_UP_TURNS` turns that are not counted, then `repeats` that are."""
+        for turn in range(_WARM_UP_TURNS + repeats):
+            if turn == _WARM_UP_TURNS:
                 self.seconds.clear()
             self._networks_turn()
             self._renderer_turn(samples)
             progress.advance()
-        return Outcome(dict(self.seconds), dict(self.errors), self.noise)
+        return ViewMeasurement(dict(self.seconds), dict(self.errors), self.noise)
 
     def _networks_turn(self) -> None:
         networks, example = self.networks, self.example
@@ -207,23 +219,23 @@ class Bench:
                 given = with_samples_of(example, noisy)
             part = "composition" if method == "pbrnet" else method
             made = self._timed(part, partial(networks.predict, method, given, shading))
-            self._note(method, None, made.color)
+            self._measure(method, None, made.color)
 
     def _renderer_turn(self, samples: list[int]) -> None:
         scene, view, params = self.scene, self.view, self.params
         albedo, normal = self._timed("guides", lambda: guides(scene, view))
         truth_seed = derive(self.seed, "truths")
         self._timed("truths", lambda: render_truths(scene, view, params, truth_seed))
-        ways: dict[str, Callable[[Params], Channels]] = {"mitsuba": self._plain}
+        renderers: dict[str, Callable[[Params], Channels]] = {"mitsuba": self._plain}
         if traced_together(params):
-            ways["planned"] = self._planned
+            renderers["planned"] = self._planned
         for spp in samples:
             given = with_samples(params, spp, denoise=False)
-            for name, way in ways.items():
-                image = self._timed(f"{name}_{spp}", partial(way, given))
+            for name, render in renderers.items():
+                image = self._timed(f"{name}_{spp}", partial(render, given))
                 clean = self._timed("denoiser", partial(denoise, image, albedo, normal))
-                self._note(name, spp, self._shown(image))
-                self._note(f"{name}_denoised", spp, self._shown(clean))
+                self._measure(name, spp, self._displayed(image))
+                self._measure(f"{name}_denoised", spp, self._displayed(clean))
 
     def _inputs(self) -> Channels:
         return render_inputs(self.scene, self.view)
@@ -235,30 +247,30 @@ class Bench:
         return any(card.training.get("shadows") for card in self.networks.cards.values())
 
     def _visibility(self) -> Channels:
-        """The shadows of the panorama's lights, if a network takes them."""
+        """Render shadows of the panorama's lights, if a network uses them."""
         if not self._shadows():
             return {}
         return shadows_of(self.scene, self.view, self.params, self.panorama, self.inputs)
 
     def _sampled(self, name: str) -> Channels:
-        """The noisy samples that a network takes."""
+        """Render the noisy samples that a network uses."""
         made = sampled(self.scene, self.view, self.params, self.networks.cards[name])
         assert made is not None
         return made
 
     def _plain(self, given: Params) -> Channels:
-        """Colour by Mitsuba's own path integrator."""
+        """Render colour with Mitsuba's path integrator."""
         return render_truth(self.scene.neutral(None), self.view, given.groundtruth, self.seed)[0]
 
     def _planned(self, given: Params) -> Channels:
-        """Colour, and shading with it, as the dataset's are made."""
+        """Render colour and shading together, as for the dataset; returns colour."""
         both = render_both(
             self.scene, self.view, given.groundtruth, given.shading.albedo, self.seed
         )
         return both.color[0]
 
-    def _shown(self, image: Channels) -> AnyArray:
-        """Display values under the truth's exposure."""
+    def _displayed(self, image: Channels) -> AnyArray:
+        """Return display values under the exposure of the ground truth."""
         example = self.example
         shared = self.networks.card.exposure == "shared"
         exposure = example.exposure_shading if shared else example.exposure_color
@@ -270,15 +282,15 @@ class Bench:
         self.seconds[part].append(self.now() - began)
         return made
 
-    def _note(self, method: str, spp: int | None, image: AnyArray) -> None:
-        """How far a picture is from the truth; every turn makes the same one."""
+    def _measure(self, method: str, spp: int | None, image: AnyArray) -> None:
+        """Measure the error of a picture once; it is the same in every turn."""
         if (method, spp) not in self.errors:
             flip = float(flip_map(self.truth, image).mean())
             self.errors[method, spp] = flip, ssim(self.truth, image)
 
 
-def _references(scenes: dict[str, Scene], views: list[View], store: Renders) -> None:
-    """Make the references that are not there."""
+def _references(scenes: dict[str, Scene], views: list[View], store: FrameStore) -> None:
+    """Render missing reference images."""
     with Progress(len(views), "study time: references", "views") as progress:
         for scene in scenes.values():
             digest = scene_digest(scene.folder)
@@ -287,52 +299,59 @@ def _references(scenes: dict[str, Scene], views: list[View], store: Renders) -> 
             progress.advance(len(mine) - len(due))
             if not due:
                 continue
-            with open_changed(scene, LightChange()) as opened:
+            with opened_scene(scene) as opened:
                 for view in due:
                     store.render(opened, view, digest)
                     progress.advance()
 
 
 def _samples(most: int) -> list[int]:
-    """1, 2, 4, … up to `most`."""
+    """Return 1, 2, 4, … up to `most`."""
     return [1 << power for power in range(most.bit_length()) if 1 << power <= most]
 
 
-def _parts(outcomes: list[Outcome]) -> dict[str, Spent]:
-    """Seconds of every part but the renderer's ladder of samples, which is in the points."""
-    names = [name for name in outcomes[0].seconds if not name.startswith(("mitsuba_", "planned_"))]
-    return {name: _spent(outcomes, name) for name in names}
+def _parts(measurements: list[ViewMeasurement]) -> dict[str, PartSeconds]:
+    """Return the seconds of every part except the renderers, which are in `_points`."""
+    names = [
+        name for name in measurements[0].seconds if not name.startswith(("mitsuba_", "planned_"))
+    ]
+    return {name: _part_seconds(measurements, name) for name in names}
 
 
-def _points(outcomes: list[Outcome], shaded: Collection[str]) -> tuple[Point, ...]:
-    """Every way to a picture, with the seconds of all that it needs."""
+def _points(
+    measurements: list[ViewMeasurement], shadow_methods: Collection[str]
+) -> tuple[MethodPoint, ...]:
+    """Return time and quality of every method; times include all parts that it needs."""
     points = []
-    for method, spp in outcomes[0].errors:
-        needs = _needs(method, spp, shaded)
-        seconds = mean(sum(median(outcome.seconds[part]) for part in needs) for outcome in outcomes)
-        flip, likeness = (
-            mean(outcome.errors[method, spp][index] for outcome in outcomes) for index in (0, 1)
+    for method, spp in measurements[0].errors:
+        needs = _parts_of(method, spp, shadow_methods)
+        seconds = mean(
+            sum(median(measurement.seconds[part]) for part in needs) for measurement in measurements
         )
-        points.append(Point(method, spp, seconds, flip, likeness))
+        flip, likeness = (
+            mean(measurement.errors[method, spp][index] for measurement in measurements)
+            for index in (0, 1)
+        )
+        points.append(MethodPoint(method, spp, seconds, flip, likeness))
     return tuple(sorted(points, key=lambda point: (point.method, point.spp or 0)))
 
 
-def _needs(method: str, spp: int | None, shaded: Collection[str]) -> tuple[str, ...]:
-    """The timed parts that make up a way to a picture; methods in `shaded` take shadows."""
+def _parts_of(method: str, spp: int | None, shadow_methods: Collection[str]) -> tuple[str, ...]:
+    """Return the timed parts that a method needs; those in `shadow_methods` need shadows."""
     if spp is not None:
         renderer = method.removesuffix("_denoised")
         more = ("guides", "denoiser") if method.endswith("_denoised") else ()
         return (f"{renderer}_{spp}", *more)
     networks = {"pbrnet": ("shading", "composition"), "product": ("shading", "product")}
     if method in METHODS and METHODS[method].noisy:
-        return ("inputs", "samples", method)  # it looks at no panorama
-    light = ("illumination", "visibility") if method in shaded else ("illumination",)
+        return ("inputs", "samples", method)  # without a panorama
+    light = ("illumination", "visibility") if method in shadow_methods else ("illumination",)
     return ("inputs", *light, *networks.get(method, (method,)))
 
 
-def _spent(outcomes: list[Outcome], part: str) -> Spent:
-    times = [outcome.seconds[part] for outcome in outcomes]
-    return Spent(
+def _part_seconds(measurements: list[ViewMeasurement], part: str) -> PartSeconds:
+    times = [measurement.seconds[part] for measurement in measurements]
+    return PartSeconds(
         mean(median(turns) for turns in times),
         mean(min(turns) for turns in times),
         mean(max(turns) for turns in times),
@@ -340,7 +359,7 @@ def _spent(outcomes: list[Outcome], part: str) -> Spent:
 
 
 def _machine() -> dict[str, str]:
-    """Where it was timed, and how busy the machine was before it began."""
+    """Describe the machine and its load before the study."""
     return {
         "processor": _processor(),
         "threads": f"{len(os.sched_getaffinity(0))} allowed of {os.cpu_count()}",

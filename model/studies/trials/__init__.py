@@ -1,1 +1,1 @@
-"""Training trials shared by the studies."""
+"""Training trials: planning, running, scoring and results, shared by the studies."""

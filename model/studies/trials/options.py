@@ -1,4 +1,4 @@
-"""What the commands of the studies that compare trainings share: options, and how they end."""
+"""Options and execution that the commands of the training studies share."""
 
 from __future__ import annotations
 
@@ -8,40 +8,40 @@ from typing import Any
 
 import click
 
-from model.studies.trials.compare import compare_trials
-from model.studies.trials.plan import Study, Trial
-from model.studies.trials.words import plan_lines, result_lines
+from model.options import FOLDER
+from model.studies.trials.plan import Trial, TrialConfig, TrialStudy, plan
+from model.studies.trials.summary import run_and_summarise
+from model.studies.trials.tables import plan_lines, result_lines
 from model.training.train import Folders
 from pipeline.commands.options import common_options
 from pipeline.params import Params
 
-FOLDER = click.Path(path_type=Path, file_okay=False)
 Command = Callable[..., Any]
 
 
 def trial_options(seeds: int = 1) -> Callable[[Command], Command]:
-    """The options of every such command, with so many trainings of each kind by default."""
+    """Add the options of every training study; `seeds` is the default of `--seeds`."""
     options = (
         click.option(
             "--models",
             type=FOLDER,
             default=Path("models"),
             show_default=True,
-            help="Folder with the backbone; metrics go along if it is another.",
+            help="Folder of the backbone; another folder than the default holds metrics, too.",
         ),
-        click.option("--dry-run", is_flag=True, help="Only list the trials and what they cost."),
+        click.option("--dry-run", is_flag=True, help="Only list the trials and their cost."),
         click.option(
             "--steps",
             type=click.IntRange(1),
             default=None,
-            help="Steps of each of the two networks.  [default: those of the parameters]",
+            help="Steps of each of the two networks.  [default: as in the parameters]",
         ),
         click.option(
             "--seeds",
             type=click.IntRange(1, 100),
             default=seeds,
             show_default=True,
-            help="Repeat every training with so many seeds.",
+            help="Number of seeds; every variant is trained once with each.",
         ),
     )
 
@@ -53,38 +53,49 @@ def trial_options(seeds: int = 1) -> Callable[[Command], Command]:
     return add
 
 
-def one_size(command: Command) -> Command:
-    """`--views`: the number of training views, one for all trials."""
+def views_option(command: Command) -> Command:
+    """Add `--views`, one number of training views for all trials, passed as a tuple."""
     return click.option(
         "--views",
         type=click.IntRange(1),
         default=None,
-        help="Training views at least: whole floor plans, drawn by lot.  [default: all]",
+        callback=lambda _context, _option, value: () if value is None else (value,),
+        help="Minimum of training views: whole floor plans in random order.  [default: all]",
     )(command)
 
 
-def carry_out(
-    study: Study,
+def run_study(
+    study: TrialStudy, params: Params, data: Path, models: Path, dry_run: bool, **config: Any
+) -> None:
+    """Plan the study with `TrialConfig(**config)` and run it, see `run_or_list`."""
+    folders = Folders.beside(data, models, models)
+    trials = plan(study, params, folders, TrialConfig(**config))
+    run_or_list(study, params, folders, trials, dry_run)
+
+
+def run_or_list(
+    study: TrialStudy,
     params: Params,
     folders: Folders,
     trials: Sequence[Trial],
     dry_run: bool,
-    first: Sequence[str] = (),
+    preparations: Sequence[str] = (),
     notes: Sequence[str] = (),
 ) -> None:
-    """Run the study and print its table; or, in a dry run, list the trials.
+    """Run the trials and print their table; in a dry run, only list them.
 
-    `first`: what has to be done before; `notes`: sentences that go along with the result.
+    `preparations`: lines of the dry run about work before the trainings; `notes`: sentences that
+    are stored with the result.
     """
     if dry_run:
-        for line in (*notes, *first, *plan_lines(study, trials, folders)):
+        for line in (*notes, *preparations, *plan_lines(study, trials, folders)):
             click.echo(line)
         return
 
-    def say(line: str) -> None:
+    def log(line: str) -> None:
         click.echo(line, err=True)
 
-    result, target = compare_trials(study, params, folders, trials, say, notes)
-    for line in result_lines(result):
+    result, target = run_and_summarise(study, params, folders, trials, log, notes)
+    for line in result_lines(result, study.labels):
         click.echo(line)
-    click.echo(f"{target}, {target.with_suffix('.png')}: show them with pbrnet report")
+    click.echo(f"{target}, {target.with_suffix('.png')}: shown by pbrnet report")

@@ -1,9 +1,9 @@
-"""Trainings side by side: what every study that compares them has in common.
+"""Planning of training studies: a study lists variants, a plan lists trials.
 
-A study is a list of variants; planned for so many repeats and sizes of the training set it becomes
-a list of trials. Every trial trains in a folder of its own below `metrics/studies/STUDY/`, where
-`trial.json` says what has been done under which fingerprint. A study that was stopped goes on:
-finished trials are kept, the one in the middle resumes from its checkpoint to the same bits.
+A trial is one training of one variant, for one seed and one set of training views. It has a folder
+of its own below `metrics/studies/STUDY/`, where `trial.json` records the finished work and its
+fingerprint. An interrupted study resumes: finished trials are kept, and the interrupted training
+continues from its checkpoint with a bit-identical result.
 """
 
 from __future__ import annotations
@@ -21,80 +21,82 @@ from scenes.checked import build, plain
 from scenes.errors import ParameterError
 from scenes.seeds import derive32, generator
 
-EPOCHS = 10  # at most: points of a learning curve
+EPOCHS = 10  # at most; an epoch is a point of a learning curve
+STAGES = ("shading", "composition")  # the two networks, in the order of training
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One of the things that a study compares."""
+    """One of the trainings that a study compares."""
 
     name: str
-    networks: tuple[str, ...]  # of the registry, in the order of training
-    methods: Mapping[str, str]  # method of the evaluation -> label in the results
-    changes: Mapping[str, Any] = field(default_factory=dict)  # parameters: path -> value
-    group: str = ""  # variants with another truth are not compared with one another
+    networks: tuple[str, ...]  # of `METHODS`, in the order of training
+    methods: Mapping[str, str]  # evaluation method -> row label
+    changes: Mapping[str, Any] = field(default_factory=dict)  # parameter path -> value
+    group: str = ""  # only variants of one group are compared
 
 
 @dataclass(frozen=True)
-class Study:
-    """What is compared, and with what."""
+class TrialStudy:
+    """Variants to compare, and how to show them."""
 
     name: str
     variants: tuple[Variant, ...]
-    reference: str  # label
-    sized: bool = False  # whether the number of training views varies
-    crop: float = 1.0  # share of height and width that the sheet of pictures shows
-    regions: bool = False  # whether specular regions are measured apart
+    reference: str  # label that all others are compared with
+    labels: Mapping[str, str] = field(default_factory=dict)  # titles of the row labels
+    varies_views: bool = False  # by default 1/4, 1/2 and all training views
+    crop: float = 1.0  # share of height and width that the picture shows
+    regions: bool = False  # measure specular and matte pixels separately
 
 
 @dataclass(frozen=True)
-class Wish:
-    """How much of it."""
+class TrialConfig:
+    """Size of a study: number of seeds, steps and training views."""
 
     seeds: int = 1
-    steps: int | None = None  # of each of the two networks; None: the parameters'
-    views: tuple[int, ...] = ()  # training-set sizes; empty: all, in a sized study 1/4, 1/2, all
+    steps: int | None = None  # of each of the two networks; None: as in the parameters
+    views: tuple[int, ...] = ()  # minimum sizes of the training set; empty: the study's default
 
 
 @dataclass(frozen=True)
-class Source:
-    """A training split that is made for a study, when a trial is about to learn from it."""
+class TrainingSource:
+    """Training split made for a study, written just before a trial needs it."""
 
-    data: Path  # folder whose `dataset` holds it once it is made
-    mark: str  # of all that determines it
-    make: Callable[[], None]  # does nothing if it is there
+    data: Path  # data folder; its `dataset` holds the split
+    fingerprint: str  # of everything that determines the split
+    make: Callable[[], None]  # does nothing if the split exists
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One training of one variant; everything that determines its weights but the pixels."""
+    """One training of one variant."""
 
     variant: Variant
     repeat: int
     params: Params  # with the variant's changes, its own seed and steps
-    scenes: tuple[str, ...]  # of the training split, that it learns from
-    views: int  # that those have
-    wanted: int | None = None  # views that were asked for; None: all
-    source: Source | None = None  # of what it learns from; None: the dataset's training split
-    start: Trial | None = None  # whose networks it goes on from; None: from random weights
+    scenes: tuple[str, ...]  # training scenes
+    views: int  # of these scenes
+    requested_views: int | None = None  # minimum of views; None: all
+    source: TrainingSource | None = None  # None: the dataset's training split
+    start: Trial | None = None  # trial whose networks are fine-tuned; None: random weights
 
     @property
     def name(self) -> str:
-        """Also its folder's."""
-        size = "" if self.wanted is None else f"-{self.wanted}"
+        """Name of the trial and of its folder."""
+        size = "" if self.requested_views is None else f"-{self.requested_views}"
         return f"{self.variant.name}{size}-{self.repeat}"
 
     @property
     def steps(self) -> dict[str, int]:
-        """Of every network it trains."""
+        """Training steps of every network."""
         stages: dict[str, StageTrainParams] = {
             name: getattr(self.params.train, name) for name in self.variant.networks
         }
         return {name: stage.epochs * stage.steps_per_epoch for name, stage in stages.items()}
 
 
-def plan(study: Study, params: Params, folders: Folders, wish: Wish) -> list[Trial]:
-    """All trials, a repeat after the other.
+def plan(study: TrialStudy, params: Params, folders: Folders, config: TrialConfig) -> list[Trial]:
+    """Return all trials, repeat by repeat.
 
     Raises `ParameterError` for impossible sizes, `InputError` for an unreadable dataset.
     """
@@ -105,34 +107,34 @@ def plan(study: Study, params: Params, folders: Folders, wish: Wish) -> list[Tri
     total = len(dataset)
     plans = dataset.plans()
     trials = []
-    for repeat in range(wish.seeds):
+    for repeat in range(config.seeds):
         seed = seed_of(params, repeat)
         seen: set[tuple[str, ...]] = set()
-        for wanted in _sizes(study, wish, total):
-            scenes = subset(counts, plans, total if wanted is None else wanted, seed)
-            if scenes in seen:  # too few plans to tell two sizes apart
+        for requested in _sizes(study, config, total):
+            scenes = subset(counts, plans, total if requested is None else requested, seed)
+            if scenes in seen:  # two sizes need the same whole plans
                 continue
             seen.add(scenes)
             views = sum(counts[scene] for scene in scenes)
             for variant in study.variants:
                 own = changed(replace(params, seed=seed), variant.changes)
-                own = scheduled(own, variant, wish.steps, total)
-                trials.append(Trial(variant, repeat, own, scenes, views, wanted))
+                own = scheduled(own, variant, config.steps, total)
+                trials.append(Trial(variant, repeat, own, scenes, views, requested))
     return trials
 
 
 def seed_of(params: Params, repeat: int) -> int:
-    """The seed of a repeat: the parameters' own, then others derived from it."""
+    """Return the seed of a repeat: the parameters' own for 0, derived from it for others."""
     return params.seed if repeat == 0 else derive32(params.seed, "study", "repeat", repeat)
 
 
 def subset(
-    counts: Mapping[str, int], plans: Mapping[str, str], wanted: int, seed: int
+    counts: Mapping[str, int], plans: Mapping[str, str], minimum: int, seed: int
 ) -> tuple[str, ...]:
-    """Scenes of whole floor plans, drawn by lot until they have at least `wanted` views.
+    """Return scenes of whole floor plans, taken in random order up to `minimum` views or more.
 
-    `counts`: scene -> its views; `plans`: scene -> floor plan (a scene without is its own).
-    A smaller subset of the same seed lies within a larger one.
+    `counts`: scene -> number of views; `plans`: scene -> floor plan (a scene without one is its
+    own plan). A smaller subset of the same seed is contained in a larger one.
     """
     members: dict[str, list[str]] = {}
     for scene in sorted(counts):
@@ -140,16 +142,16 @@ def subset(
     names = sorted(members)
     chosen: list[str] = []
     for index in generator(seed, "study", "subset").permutation(len(names)):
-        if sum(counts[scene] for scene in chosen) >= wanted:
+        if sum(counts[scene] for scene in chosen) >= minimum:
             break
         chosen += members[names[index]]
     return tuple(sorted(chosen))
 
 
-def _sizes(study: Study, wish: Wish, total: int) -> list[int | None]:
-    if not study.sized and not wish.views:
+def _sizes(study: TrialStudy, config: TrialConfig, total: int) -> list[int | None]:
+    if not study.varies_views and not config.views:
         return [None]
-    sizes = wish.views or (-(-total // 4), -(-total // 2), total)
+    sizes = config.views or (-(-total // 4), -(-total // 2), total)
     for size in sizes:
         if not 1 <= size <= total:
             raise ParameterError(
@@ -159,7 +161,7 @@ def _sizes(study: Study, wish: Wish, total: int) -> list[int | None]:
 
 
 def changed(params: Params, changes: Mapping[str, Any]) -> Params:
-    """The parameters with other values at these paths, such as `train.loss.kind`."""
+    """Return the parameters with other values at these paths, such as `train.loss.kind`."""
     content = plain(params)
     for path, value in changes.items():
         *sections, name = path.split(".")
@@ -171,10 +173,10 @@ def changed(params: Params, changes: Mapping[str, Any]) -> Params:
 
 
 def scheduled(params: Params, variant: Variant, steps: int | None, total: int) -> Params:
-    """Steps that do not depend on how many views a trial has.
+    """Return the parameters with the steps of a trial, independent of its number of views.
 
-    Both stages as the parameters say, or `steps` each; a network that replaces both stages gets as
-    many as both have together.
+    Each stage gets the steps of the parameters for `total` views, or `steps`; a network that
+    replaces both stages gets as many as both together.
     """
     train = params.train
     per_pass = math.ceil(total / train.batch)
@@ -189,6 +191,3 @@ def scheduled(params: Params, variant: Variant, steps: int | None, total: int) -
         stage = getattr(train, name)
         changes[name] = replace(stage, epochs=epochs, steps_per_epoch=count // epochs)
     return replace(params, train=replace(train, **changes))
-
-
-STAGES = ("shading", "composition")

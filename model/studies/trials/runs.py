@@ -1,8 +1,9 @@
-"""Trials trained, measured and kept: what a stopped study goes on from.
+"""Training and scoring of trials, with records that let an interrupted study resume.
 
-A trial's `trial.json` says what has been done under which fingerprint: over the parameters that
-determine its weights, its seed, the bytes of what it learns from (or all that determines them, of
-what is made for the study), the scenes, the backbone, and the trial whose networks it goes on from.
+`trial.json` of a trial records the finished work and its fingerprint. The fingerprint covers the
+parameters that determine the weights, the seed, the bytes of the training split (for a split made
+for the study: everything that determines them), the scenes, the backbone, and the trial whose
+networks are fine-tuned.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from model.data.reader import Dataset, subset_fingerprint
 from model.evaluation.evaluate import refuse_leaks
 from model.evaluation.metrics import find_lpips
 from model.methods import METHODS
-from model.studies.trials.plan import Study, Trial
-from model.studies.trials.scores import Scored, load_painters, picture_views, score_views
+from model.studies.trials.plan import Trial, TrialStudy
+from model.studies.trials.scores import ViewScores, load_predictors, picture_views, score_views
 from model.training.backbone import BackboneCard
 from model.training.store import ModelCard, load_model
 from model.training.train import Folders, train_network
@@ -28,36 +29,38 @@ from scenes.checked import build, plain
 from scenes.errors import InputError
 from scenes.files import digest_bytes, read_json, sweep, write_json
 
-Say = Callable[[str], None]
-PICTURED = 4  # views on the sheet
+Log = Callable[[str], None]
+SHEET_VIEWS = 4
 
 
 @dataclass
-class Record:
-    """`trial.json`: how far a trial has come."""
+class TrialRecord:
+    """Contract of `trial.json`: the finished work of a trial."""
 
-    fingerprint: str  # of all that determines the weights
-    trained: tuple[str, ...] = ()  # networks that are finished
-    measured: str = ""  # fingerprint of all that determines the scores
-    scores: tuple[Scored, ...] = ()
+    fingerprint: str  # of everything that determines the weights
+    trained: tuple[str, ...] = ()  # finished networks
+    measured: str = ""  # fingerprint of everything that determines the scores
+    scores: tuple[ViewScores, ...] = ()
 
 
-def run(study: Study, trials: Sequence[Trial], folders: Folders, say: Say) -> list[Record]:
-    """Train and measure every trial that is not done; their records in the same order.
+def run(
+    study: TrialStudy, trials: Sequence[Trial], folders: Folders, log: Log
+) -> list[TrialRecord]:
+    """Train and score every unfinished trial; return the records of all, in the same order.
 
-    Raises as `train_network` does; what was finished until then is kept.
+    Raises as `train_network`; finished work is kept then.
     """
     sweep(folders.metrics / "studies")
     fingerprints = _Fingerprints(folders, trials[0].params.evaluate.split)
     records = []
     for number, trial in enumerate(trials, start=1):
         place = folder_of(study, trial, folders)
-        record = fingerprints.kept(trial, place) or Record(fingerprints.training(trial))
+        record = fingerprints.kept(trial, place) or TrialRecord(fingerprints.training(trial))
         heading = f"study {study.name}: trial {number} of {len(trials)}, {trial.name}"
         if record.measured == fingerprints.scoring(trial):
-            say(f"{heading}: kept")
+            log(f"{heading}: kept")
         else:
-            say(f"{heading}: {trial.views} views, {sum(trial.steps.values())} steps")
+            log(f"{heading}: {trial.views} views, {sum(trial.steps.values())} steps")
             _train(study, trial, record, place, folders)
             _measure(study, trial, record, place, folders)
             record.measured = fingerprints.scoring(trial)
@@ -66,27 +69,27 @@ def run(study: Study, trials: Sequence[Trial], folders: Folders, say: Say) -> li
     return records
 
 
-def states(study: Study, trials: Sequence[Trial], folders: Folders) -> list[str]:
-    """Of every trial what is left to do: `train`, `go on`, `measure`, or `kept`."""
+def states(study: TrialStudy, trials: Sequence[Trial], folders: Folders) -> list[str]:
+    """Return the state of every trial: `train`, `resume`, `measure` or `kept`."""
     fingerprints = _Fingerprints(folders, trials[0].params.evaluate.split)
-    words = []
+    found = []
     for trial in trials:
         place = folder_of(study, trial, folders)
         record = fingerprints.kept(trial, place)
         if record is None:
-            words.append("train")
+            found.append("train")
         elif record.measured == fingerprints.scoring(trial):
-            words.append("kept")
+            found.append("kept")
         else:
             done = set(record.trained) == set(trial.variant.networks)
-            words.append("measure" if done else "go on")
-    return words
+            found.append("measure" if done else "resume")
+    return found
 
 
-def expected_seconds(trial: Trial, study: Study, folders: Folders) -> float | None:
-    """Of training, by the pace of finished trainings: of this study, else of the project's own.
+def expected_seconds(trial: Trial, study: TrialStudy, folders: Folders) -> float | None:
+    """Return the expected training time, by finished trainings of this study or of the project.
 
-    None if a network's pace is not known. An end-to-end step counts as one of each network.
+    None if there is none of a network's kind. An end-to-end step counts as a step of each network.
     """
     total = 0.0
     for name, steps in trial.steps.items():
@@ -99,13 +102,13 @@ def expected_seconds(trial: Trial, study: Study, folders: Folders) -> float | No
     return total
 
 
-def folder_of(study: Study, trial: Trial, folders: Folders) -> Path:
-    """Where a trial's models, curves, pictures and record lie."""
+def folder_of(study: TrialStudy, trial: Trial, folders: Folders) -> Path:
+    """Return the folder of a trial's models, curves, pictures and record."""
     return folders.metrics / "studies" / study.name / trial.name
 
 
 class _Fingerprints:
-    """What tells whether a trial's work still holds; reads every shard once."""
+    """Fingerprints of trainings and scores; reads every shard once."""
 
     def __init__(self, folders: Folders, split: Any) -> None:
         self.dataset = folders.data / "dataset"
@@ -116,11 +119,11 @@ class _Fingerprints:
 
     @cached_property
     def train(self) -> str:
-        """Of the project's own training split, for the trials that learn from it."""
+        """Fingerprint of the dataset's training split."""
         return Dataset(self.dataset, "train").fingerprint()
 
     def training(self, trial: Trial) -> str:
-        """Of all that determines the weights."""
+        """Fingerprint of everything that determines a trial's weights."""
         params = trial.params
         unused = {"checkpoint_steps", "device", "baselines"}
         shared = {
@@ -130,7 +133,7 @@ class _Fingerprints:
         }
         stages = {name: plain(getattr(params.train, name)) for name in trial.variant.networks}
         parts = (params.seed, shared, stages, plain(params.tone), params.shading.albedo)
-        whole = self.train if trial.source is None else trial.source.mark
+        whole = self.train if trial.source is None else trial.source.fingerprint
         subset = subset_fingerprint(whole, trial.scenes)
         own = digest_bytes(*(repr(part).encode() for part in (parts, subset, self.backbone)))
         return (
@@ -138,27 +141,29 @@ class _Fingerprints:
         )
 
     def scoring(self, trial: Trial) -> str:
-        """Of what it is measured on, and how."""
+        """Fingerprint of everything that determines a trial's scores."""
         parts = (self.training(trial), self.split, sorted(trial.variant.methods), self.lpips)
         return digest_bytes(*(repr(part).encode() for part in parts))
 
-    def kept(self, trial: Trial, place: Path) -> Record | None:
-        """What is done of a trial and still holds; None for nothing.
+    def kept(self, trial: Trial, place: Path) -> TrialRecord | None:
+        """Return a trial's record if its fingerprint is current, else None.
 
-        Raises `InputError` for a record that cannot be read: hours may hang on it.
+        Raises `InputError` for an unreadable record, which may stand for hours of training.
         """
         path = place / "trial.json"
         if not path.is_file():
             return None
         try:
-            record = build(Record, read_json(path), str(path), InputError)
+            record = build(TrialRecord, read_json(path), str(path), InputError)
         except InputError as error:
             raise InputError(f"{error}; delete {place} to train this trial again") from None
         return record if record.fingerprint == self.training(trial) else None
 
 
-def _train(study: Study, trial: Trial, record: Record, place: Path, folders: Folders) -> None:
-    """Train what is not yet trained, in order; a stranger's leavings go first."""
+def _train(
+    study: TrialStudy, trial: Trial, record: TrialRecord, place: Path, folders: Folders
+) -> None:
+    """Train the missing networks in order; first delete a folder with another fingerprint."""
     left = place / "trial.json"
     if left.is_file() and read_json(left).get("fingerprint") != record.fingerprint:
         shutil.rmtree(place)
@@ -176,7 +181,7 @@ def _train(study: Study, trial: Trial, record: Record, place: Path, folders: Fol
             start = folder_of(study, trial.start, folders) / f"{name}.safetensors"
             if not start.is_file():
                 raise InputError(
-                    f"{start}: no such model, but {trial.name} goes on from it; delete "
+                    f"{start}: no such model, but {trial.name} fine-tunes it; delete "
                     f"{start.parent} to train it again"
                 )
         train_network(name, trial.params, inner, start, trial.scenes)
@@ -184,22 +189,24 @@ def _train(study: Study, trial: Trial, record: Record, place: Path, folders: Fol
         write_json(left, plain(record))
 
 
-def _measure(study: Study, trial: Trial, record: Record, place: Path, folders: Folders) -> None:
-    """Score the variant's methods on the split, and draw a few views."""
+def _measure(
+    study: TrialStudy, trial: Trial, record: TrialRecord, place: Path, folders: Folders
+) -> None:
+    """Score the variant's methods on the evaluation split and draw a few views."""
     noisy = any(METHODS[name].noisy for name in trial.variant.networks)
     dataset = Dataset(folders.data / "dataset", trial.params.evaluate.split, noisy)
     exposure = trial.params.train.exposure
-    painters, cards = load_painters(trial.variant.methods, place)
+    predictors, cards = load_predictors(trial.variant.methods, place)
     refuse_leaks(dataset, cards)
     earlier = trial.start
     while earlier is not None:
         refuse_leaks(dataset, _cards(earlier, folder_of(study, earlier, folders)))
         earlier = earlier.start
-    wanted = picture_views(dataset, PICTURED)
+    wanted = picture_views(dataset, SHEET_VIEWS)
     label = f"study {study.name}: measure {trial.name}"
     albedo = trial.params.shading.albedo if study.regions else None
     record.scores = tuple(
-        score_views(dataset, painters, exposure, place / "views", wanted, label, albedo)
+        score_views(dataset, predictors, exposure, place / "views", wanted, label, albedo)
     )
 
 
@@ -211,8 +218,8 @@ def _is_stage(params: Params, name: str) -> bool:
     return isinstance(getattr(params.train, name), StageTrainParams)
 
 
-def _pace(network: str, study: Study, folders: Folders) -> float | None:
-    """Seconds a step, from the newest record that has them."""
+def _pace(network: str, study: TrialStudy, folders: Folders) -> float | None:
+    """Return seconds per step, of a trial of the study or of the project's own training."""
     own = (folders.metrics / "studies" / study.name).glob(f"*/train_{network}.json")
     paths: Collection[Path] = [*sorted(own), folders.metrics / f"train_{network}.json"]
     for path in paths:

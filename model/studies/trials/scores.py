@@ -1,4 +1,4 @@
-"""What a trial's networks are worth: scores of every view, intervals over scenes, a sheet."""
+"""Scores of a trial: metrics of every view, intervals over scenes, and a sheet of pictures."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from model.data.reader import Dataset, Example
 from model.evaluation.evaluate import image_of
 from model.evaluation.inference import PREDICTABLE, Networks, load_networks
 from model.evaluation.metrics import NAMES, bootstrap, find_lpips, measure
-from model.studies.trials.patterns import detail, grid
-from model.studies.trials.results import TrialsFigure
+from model.studies.trials.results import MetricEstimate
 from model.studies.trials.specular import measure_apart, specular_mask
+from model.studies.trials.texture import detail, grid
 from model.training.store import ModelCard
 from pipeline.images import Picture, contact_sheet, enlarge, png_bytes, read_picture
 from pipeline.progress import Progress
@@ -27,15 +27,15 @@ from scenes.files import atomic_directory
 from scenes.seeds import derive
 
 MEASURED = (*NAMES, "detail", "grid")
-SHOWN = 320  # pixels that a picture on the sheet is about wide
+SHEET_WIDTH = 320  # approximate width of a picture on the sheet, pixels
 
-Painter = Callable[[Example], AnyArray]  # display values (H, W, 3)
+Predictor = Callable[[Example], AnyArray]  # view -> display values (H, W, 3)
 Key = tuple[str, str]  # scene, view
 
 
 @dataclass(frozen=True)
-class Scored:
-    """A view as a method draws it, measured."""
+class ViewScores:
+    """Metrics of one view by one method."""
 
     scene_id: str
     view_id: str
@@ -43,39 +43,39 @@ class Scored:
     values: dict[str, float | None]  # by metric
 
 
-def load_painters(
+def load_predictors(
     methods: Iterable[str], folder: Path
-) -> tuple[dict[str, Painter], dict[str, ModelCard]]:
-    """How each method draws a view, from the models in `folder`, and the cards of those.
+) -> tuple[dict[str, Predictor], dict[str, ModelCard]]:
+    """Return the predictor of each method, from the models in `folder`, and their model cards.
 
     Raises `InputError` for a missing or damaged model.
     """
     networks = load_networks(folder, [name for name in methods if name in PREDICTABLE])
-    painters = {method: _painter(method, networks) for method in methods}
-    return painters, networks.cards
+    predictors = {method: _predictor(method, networks) for method in methods}
+    return predictors, networks.cards
 
 
 def score_views(
     dataset: Dataset,
-    painters: Mapping[str, Painter],
+    predictors: Mapping[str, Predictor],
     exposure: Policy,
     pictures: Path,
     wanted: Sequence[Key],
     label: str,
     albedo: float | None = None,
-) -> list[Scored]:
-    """Every metric of every view by every method, and `truth`, the renderer's own picture.
+) -> list[ViewScores]:
+    """Return the metrics of every view by every method and of `truth`, the renderer's picture.
 
-    The `wanted` views are drawn into the folder `pictures`: `SCENE--VIEW--METHOD.png`. With
-    `albedo`, the grey of the shading, what is specular is measured apart.
+    The `wanted` views are drawn into the folder `pictures`, as `SCENE--VIEW--METHOD.png`. With
+    `albedo`, the grey of the shading, specular and matte pixels are measured separately, too.
     """
     lpips = find_lpips()
-    rows: list[Scored] = []
+    rows: list[ViewScores] = []
     with Progress(len(dataset), label) as progress, atomic_directory(pictures) as partial:
         for example in dataset.ordered():
             truth = tonemap(example.color, color_exposure(example, exposure))
             mask = None if albedo is None else specular_mask(example, albedo)
-            drawn = {name: paint(example) for name, paint in painters.items()}
+            drawn = {name: predict_image(example) for name, predict_image in predictors.items()}
             for name, image in ({"truth": truth} | drawn).items():
                 values: dict[str, float | None] = dict.fromkeys(NAMES)
                 if name != "truth":
@@ -83,7 +83,7 @@ def score_views(
                 values |= {"detail": detail(truth, image), "grid": grid(image)}
                 if mask is not None and name != "truth":
                     values |= measure_apart(truth, image, mask)
-                rows.append(Scored(example.scene_id, example.view_id, name, values))
+                rows.append(ViewScores(example.scene_id, example.view_id, name, values))
                 if (example.scene_id, example.view_id) in wanted:
                     file = f"{example.scene_id}--{example.view_id}--{name}.png"
                     (partial / file).write_bytes(png_bytes(to_bytes(image)))
@@ -92,15 +92,15 @@ def score_views(
 
 
 def figures(
-    repeats: Sequence[Sequence[Scored]],
-    reference: Sequence[Sequence[Scored]] | None,
+    repeats: Sequence[Sequence[ViewScores]],
+    reference: Sequence[Sequence[ViewScores]] | None,
     seed: int,
     study: str,
 ) -> dict[str, Any]:
-    """Means and intervals of one method's scores, a list of views for each repeat.
+    """Return mean and interval of every metric of one method; `repeats`: its scores by repeat.
 
-    A view counts with its mean over the repeats; scenes are drawn for the interval. `reference`:
-    the same of the method that this one is compared with, view by view; None for that itself.
+    A view counts with its mean over the repeats; intervals resample scenes. `reference`: scores of
+    the method to compare with, view by view; None for the reference itself.
     """
     result: dict[str, Any] = {}
     others = {name for rows in repeats for row in rows for name in row.values} - set(MEASURED)
@@ -117,7 +117,7 @@ def figures(
             theirs = _by_view(reference, name)
             differences = {key: values[key] - theirs[key] for key in values if key in theirs}
             gain = bootstrap(_by_scene(differences), lots) if differences else None
-        result[name] = TrialsFigure(
+        result[name] = MetricEstimate(
             mean=interval.mean,
             low=interval.low,
             high=interval.high,
@@ -130,7 +130,7 @@ def figures(
 
 
 def picture_views(dataset: Dataset, count: int) -> list[Key]:
-    """The first view of each scene, then the second of each, until there are `count`."""
+    """Return `count` views: the first of each scene, then the second of each, and so on."""
     keys = zip(dataset.column("scene_id"), dataset.column("view_id"), strict=True)
     views: dict[str, list[str]] = {}
     for scene, view in sorted(keys):
@@ -140,10 +140,10 @@ def picture_views(dataset: Dataset, count: int) -> list[Key]:
 
 
 def sheet(columns: Mapping[str, tuple[Path, str]], wanted: Sequence[Key], crop: float) -> bytes:
-    """A PNG with a row a view and a column a method, all cut alike and enlarged by whole pixels.
+    """Return a PNG with a row per view and a column per method, cropped alike and enlarged.
 
-    `columns`: label -> folder of pictures and the method's name in it; the first column, the
-    truth, says where to cut: where it has most edges. `crop`: share of height and width.
+    `columns`: label -> folder of pictures and the method's name in it. The crop, a share of height
+    and width, is where the first column has most edges.
     """
     cells: list[Picture] = []
     labels: list[str] = []
@@ -151,14 +151,14 @@ def sheet(columns: Mapping[str, tuple[Path, str]], wanted: Sequence[Key], crop: 
         place: tuple[slice, slice] | None = None
         for label, (folder, method) in columns.items():
             picture = read_picture((folder / f"{scene}--{view}--{method}.png").read_bytes())
-            place = place or busiest(picture, crop)
-            cells.append(enlarge(picture[place], SHOWN))
+            place = place or busiest_window(picture, crop)
+            cells.append(enlarge(picture[place], SHEET_WIDTH))
             labels.append(f"{label}, {scene}" if label == next(iter(columns)) else label)
     return png_bytes(contact_sheet(cells, len(columns), labels))
 
 
-def busiest(picture: Picture, share: float) -> tuple[slice, slice]:
-    """Rows and columns of the window with the most edges; `share` of height and width."""
+def busiest_window(picture: Picture, share: float) -> tuple[slice, slice]:
+    """Return rows and columns of the window with most edges; `share`: of height and width."""
     height, width = picture.shape[:2]
     tall, wide = max(1, round(share * height)), max(1, round(share * width))
     grey = picture.astype(np.float64).mean(axis=-1)
@@ -171,12 +171,12 @@ def busiest(picture: Picture, share: float) -> tuple[slice, slice]:
     return slice(int(top), int(top) + tall), slice(int(left), int(left) + wide)
 
 
-def _painter(method: str, networks: Networks) -> Painter:
+def _predictor(method: str, networks: Networks) -> Predictor:
     return lambda example: image_of(method, example, None, networks)
 
 
-def _by_view(repeats: Sequence[Sequence[Scored]], name: str) -> dict[Key, float]:
-    """The metric of every view, its mean over the repeats."""
+def _by_view(repeats: Sequence[Sequence[ViewScores]], name: str) -> dict[Key, float]:
+    """Return the mean of a metric over the repeats, for every view."""
     values: dict[Key, list[float]] = {}
     for rows in repeats:
         for row in rows:

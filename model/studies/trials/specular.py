@@ -1,19 +1,21 @@
-"""Where a view shows more than reflectance x shading: gloss, mirrors and glass, measured apart.
+"""Masks of specular pixels, and metrics inside and outside of them.
 
-A dataset tells what was rendered, not what lobes a material has, and a glossy table that mirrors
-nothing bright is matte in the picture. So the mask asks for the effect: a matte surface's colour
-is its reflectance times shading over the shading's grey. Gloss breaks that, since what is mirrored
-keeps its brightness however dark the surface is, and a mirror shows the colours of other things.
-Pixels count whose colour is further than a factor `exp(LIMIT)` from the product, up or down, and
-as far from what that factor is around them.
+A dataset stores pictures, not material lobes, and a glossy surface that reflects nothing bright
+looks matte. So the mask marks the effect in the picture: the colour of a matte surface is
+reflectance x shading / grey of the shading. Specular reflection breaks this, because its brightness
+does not depend on the reflectance. A pixel is specular if its colour differs from the product by
+more than a factor `exp(LIMIT)`, up or down, and by as much from the typical factor around it.
 
-What else makes a difference is kept out as far as images allow. Light that has bounced off
-coloured walls changes slowly over a view: hence the second condition, with the median over a window
-of half the view. What the sun shines on outdoors has little of it: hence the first. Silhouettes,
-where reflectance is a sample and colour a mean over the pixel, are thin: only patches of 3x3 pixels
-count. Light sources are where the panorama has them. What remains in the mask beside gloss are
-strong colour bleeding in corners, and noise of a truth that has few samples. What the mask misses
-are glossy surfaces of the grey itself, for which the product is right in spite of the gloss.
+Other causes of a difference are excluded as far as possible:
+
+- colour bleeding varies slowly over a view: the factor is compared with its median over a window
+  of half the view;
+- silhouettes, where reflectance is a sample and colour a mean over the pixel, are thin: only
+  patches of 3x3 pixels count;
+- light sources are known from the panorama.
+
+The mask still includes strong colour bleeding in corners and the noise of a ground truth with few
+samples. It misses glossy surfaces whose reflectance is the grey itself.
 """
 
 from __future__ import annotations
@@ -28,14 +30,14 @@ from scenes.arrays import AnyArray, BoolArray
 from scenes.color import luminance
 
 LIMIT = 0.4  # of the natural logarithm
-FLOOR = 0.03  # of the log-average shading: darker light makes no difference
-LEAST = 0.005  # share of a view from which on a region is measured
+FLOOR = 0.03  # of the log-average shading, added to both sides of the ratio
+LEAST = 0.005  # share of a view below which a region is not measured
 REGIONS = ("specular", "matte")
-_STRIDE = 4  # the wide median is taken of every fourth pixel
+_STRIDE = 4  # pixels between samples of the median
 
 
 def specular_mask(example: Example, albedo: float) -> BoolArray:
-    """Where colour is not reflectance x shading / `albedo`, bool (H, W); see the module."""
+    """Return where colour is not reflectance x shading / `albedo`, bool (H, W)."""
     product = example.reflectance * example.shading / np.float32(albedo)
     shading = luminance(example.shading)
     floor = FLOOR * float(np.exp(np.mean(np.log(np.maximum(shading, 1e-9)))))
@@ -49,10 +51,10 @@ def specular_mask(example: Example, albedo: float) -> BoolArray:
 
 
 def measure_apart(truth: AnyArray, image: AnyArray, specular: BoolArray) -> dict[str, float | None]:
-    """PSNR and FLIP within the mask and outside, by name; None for what is hardly there.
+    """Return PSNR and FLIP inside and outside of the mask; None below `LEAST` of the pixels.
 
-    `truth`, `image`: display values (H, W, 3). FLIP looks at the whole images first: it knows what
-    surrounds a pixel.
+    `truth`, `image`: display values (H, W, 3). FLIP is computed on the whole images, then averaged
+    over the region.
     """
     errors = flip_map(truth, image)
     values: dict[str, float | None] = {}
@@ -64,7 +66,7 @@ def measure_apart(truth: AnyArray, image: AnyArray, specular: BoolArray) -> dict
 
 
 def _light_sources(example: Example) -> BoolArray:
-    """Pixels that look at a light source, or a pixel of the panorama past one, (H, W)."""
+    """Return pixels that show a light source or its surrounding pixel of the panorama, (H, W)."""
     directions = pixel_directions(example)
     nearby = maximum_filter(example.intensity, size=3, mode=("nearest", "wrap"))
     lit: BoolArray = panorama_lookup(nearby, directions) > 0
@@ -72,7 +74,7 @@ def _light_sources(example: Example) -> BoolArray:
 
 
 def _around(ratio: AnyArray) -> AnyArray:
-    """The median over a window of half the view, (H, W), in steps of a few pixels."""
+    """Return the median over a window of half the view, (H, W), in steps of `_STRIDE` pixels."""
     few = ratio[::_STRIDE, ::_STRIDE]
     height, width = few.shape
     wide = median_filter(few, size=(height // 2 | 1, width // 2 | 1), mode="nearest")

@@ -1,4 +1,4 @@
-"""The report is one file that shows all there is, and says what is not there."""
+"""The report is one file that shows all outputs and names the missing ones."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ import pytest
 from click.testing import CliRunner
 
 from model.commands.report import report
-from model.figures.svg import TALL, WIDE, Node, chain, line_chart, panorama_guide, strip_plot
+from model.figures.charts import line_chart, line_figure, strip_figure, strip_plot
+from model.figures.diagrams import TALL, WIDE, Node, chain, panorama_guide
 from model.report.page import Places, write_report
 from pipeline.dataset.pack import pack_dataset
 from pipeline.frames import frame_path
@@ -80,7 +81,7 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Everything a finished run leaves: data, models, metrics, plots."""
+    """All outputs of a finished run: data, models, metrics, plots."""
     root = tmp_path_factory.mktemp("report")
     params = small_params()
     make_data(root / "data", params, scenes=4)
@@ -118,13 +119,13 @@ def text(root: Path) -> str:
 def test_the_page_nests_and_has_every_section(text: str) -> None:
     page = Page(text)
     assert set(SECTIONS) <= page.ids
-    assert "made by" not in page.text.replace("Made by pbrnet report", ""), "something is missing"
+    assert 'class="missing"' not in text.replace('<p class="missing">All scenes', "")
 
 
 def test_the_ledger_is_drawn(text: str) -> None:
     costs = text[text.index('id="costs"') : text.index('id="scenes"')]
-    assert costs.count("<svg") == 2  # all views had as many samples
-    assert "Who worked when" in costs and "Memory of the workers" in costs
+    assert costs.count("<svg") == 4  # all views had as many samples
+    assert "Worker timeline" in costs and "Memory of the workers" in costs
 
 
 def test_the_page_needs_nothing_from_outside(text: str) -> None:
@@ -154,8 +155,8 @@ def test_the_page_shows_all_modalities_results_and_reasons(text: str) -> None:
         "LPIPS is left out",
         "0.700 to 0.800",
         "renderer: color",
-        "The best predicted views",
-        "The worst predicted views",
+        "Views with the lowest error",
+        "Views with the highest error",
         "Predicted shading",
         "CC-BY-3.0",
         "replaced",
@@ -203,7 +204,7 @@ def test_predictions_are_shown_with_their_authors(root: Path, tmp_path: Path) ->
     for words in ("parlour/v7", "SSIM 0.321, models/fine", facts["credits"][0]):
         assert words in page.text
     assert len(missing) == 2
-    assert "holiday.png was not made by" in missing[0] and "torn.png is damaged" in missing[1]
+    assert "holiday.png was not written by" in missing[0] and "torn.png is damaged" in missing[1]
 
 
 @pytest.mark.parametrize(
@@ -212,7 +213,7 @@ def test_predictions_are_shown_with_their_authors(root: Path, tmp_path: Path) ->
         (("data", "models", "metrics", "plots"), "pbrnet scenes"),
         (("data/dataset",), "pbrnet dataset"),
         (("data/cameras",), "pbrnet cameras"),
-        (("data/ledger.parquet",), "No costs are on record"),
+        (("data/ledger.parquet",), "There is no cost ledger yet"),
         (("metrics",), "pbrnet evaluate"),
         (("metrics/examples",), ""),
         (("metrics/evaluation.csv",), ""),
@@ -273,15 +274,32 @@ def test_the_command_writes_by_rename(
 
 
 def test_charts_place_values_where_they_belong() -> None:
-    svg = str(line_chart({"loss": [(0, 1.0), (10, 3.0), (20, 2.0)]}, "step", "loss"))
-    points = [(float(x), float(y)) for x, y in re.findall(r'cx="([\d.]+)" cy="([\d.]+)"', svg)]
-    assert points[0][0] < points[1][0] < points[2][0]
-    assert points[1][1] < points[2][1] < points[0][1], "larger values are higher up"
-    assert points[1][0] - points[0][0] == pytest.approx(points[2][0] - points[1][0], abs=0.2)
-    steep = str(line_chart({"loss": [(0, 100.0), (1, 10.0), (2, 1.0)]}, "step", "loss"))
-    heights = [float(y) for y in re.findall(r'cy="([\d.]+)"', steep)]
-    assert "logarithmic" in steep
-    assert heights[1] - heights[0] == pytest.approx(heights[2] - heights[1], abs=0.2)
+    lines = {"loss": [(0, 1.0), (10, 3.0), (20, 2.0)], "gaps": [(0, 1.0), (5, float("nan"))]}
+    figure = line_figure(lines, "step", "loss")
+    assert figure is not None
+    (axes,) = figure.axes
+    assert np.array_equal(axes.lines[0].get_xydata(), lines["loss"])
+    assert np.array_equal(axes.lines[1].get_xydata(), [(0, 1.0)])
+    assert axes.get_yscale() == "linear" and axes.get_ylabel() == "loss"
+    steep = line_figure({"loss": [(0, 100.0), (1, 10.0), (2, 1.0)]}, "step", "loss")
+    assert steep is not None and steep.axes[0].get_yscale() == "log"
+    strips = strip_figure({"a": [1.0, 3.0], "b": []}, "SSIM")
+    assert strips is not None
+    ticks, mean = strips.axes[0].lines
+    assert sorted(set(np.asarray(ticks.get_xydata())[:2, 0])) == [1.0]
+    assert set(np.asarray(mean.get_xydata())[:, 0]) == {2.0}
+
+
+def test_charts_are_reproducible_and_follow_the_theme() -> None:
+    series = {"<training>": [(0.0, 1.125), (10.0, 3.0)], "validation": [(0.0, 2.0)]}
+    svg = line_chart(series, "step", "loss")
+    assert svg == line_chart(series, "step", "loss")
+    text = ElementTree.tostring(ElementTree.fromstring(svg), method="text", encoding="unicode")
+    assert "<training>" in text and "step" in text
+    assert {"var(--s0)", "var(--s1)", "var(--rule)", "var(--soft)"} <= set(
+        re.findall(r"var\(--\w+\)", svg)
+    )
+    assert not re.search(r": #[0-9a-f]{6}|<style|<metadata|20\d\d-", svg)
 
 
 @pytest.mark.parametrize(
@@ -336,7 +354,7 @@ def test_sources_kept_back_have_a_table_of_their_own(root: Path, tmp_path: Path)
     path.write_text(json.dumps(found))
     write_report(places(copy), small_params(), copy / "page.html")
     page = Page((copy / "page.html").read_text())
-    assert "Sources that training never saw" in page.text and "0.123" in page.text
+    assert "Test-only sources" in page.text and "0.123" in page.text
 
 
 def test_own_exposure_shows_the_truth_by_its_own_exposure(root: Path, tmp_path: Path) -> None:

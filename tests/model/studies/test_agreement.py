@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model.studies.illumination.agreement import LEAST, agreement, block_means, log_change, sums
-from model.studies.illumination.results import Agreement, Figure
+from model.studies.illumination.agreement import (
+    LEAST_CHANGE,
+    agreement,
+    block_means,
+    log_change,
+    sums,
+)
+from model.studies.illumination.results import Agreement, Estimate
 
 
 def rng() -> np.random.Generator:
@@ -19,7 +25,7 @@ def measured(pairs: dict[str, list[tuple[np.ndarray, np.ndarray]]]) -> Agreement
     return found
 
 
-def value(figure: Figure | None) -> float:
+def value(figure: Estimate | None) -> float:
     assert figure is not None
     return figure.value
 
@@ -62,12 +68,12 @@ def test_an_even_change_has_a_size_but_no_pattern() -> None:
     even = np.full((6, 8), np.log(2))
     found = measured({"a": [(even, even / 2)], "b": [(even, even / 2)]})
     assert found.pattern is None and found.correlation is None
-    assert found.gain == Figure(pytest.approx(0.5), pytest.approx(0.5), pytest.approx(0.5))
+    assert found.gain == Estimate(pytest.approx(0.5), pytest.approx(0.5), pytest.approx(0.5))
     assert value(found.sign) == 1
 
 
 def test_what_is_too_small_has_no_sign_and_what_is_dark_does_not_count() -> None:
-    true = np.array([[0.9 * LEAST, -0.9 * LEAST, 1.0, -1.0, np.nan, 1.0]])
+    true = np.array([[0.9 * LEAST_CHANGE, -0.9 * LEAST_CHANGE, 1.0, -1.0, np.nan, 1.0]])
     predicted = np.array([[-1.0, 1.0, 1.0, 1.0, 1.0, np.nan]])
     found = measured({"a": [(true, predicted)]})
     assert found.blocks == 4 and value(found.sign) == 0.5

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from model.studies.pairs.answers import Key, read_answers, read_key, score
-from model.studies.pairs.page import Wish, make_pairs
+from model.studies.pairs.study import PairsConfig, write_pairs_page
 from pipeline.params import Params
 from tests.fixtures.browser import PATIENCE, Browser, open_browser
 from tests.fixtures.study import workplace
@@ -37,8 +37,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """8 pairs, 4 of either method, after 2 of practice."""
     root = tmp_path_factory.mktemp("study")
     folders = workplace(root, views=10)
-    wish = Wish(8, SECONDS, ANSWER_SECONDS, ("pbrnet", "product"))
-    make_pairs(Params(), folders, wish, root / "pairs.html")
+    config = PairsConfig(8, SECONDS, ANSWER_SECONDS, ("pbrnet", "product"))
+    write_pairs_page(Params(), folders, config, root / "pairs.html")
     return root / "pairs.html"
 
 

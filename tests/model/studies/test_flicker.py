@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from model.data.reader import Example
 from model.report.page import Places, write_report
-from model.studies.flicker.study import Wish, flicker, match, moved
+from model.studies.flicker.study import FlickerConfig, flicker, move_cameras, reproject
 from pipeline.cli import cli
 from pipeline.params import Params
 from pipeline.tonemap import Exposure
@@ -45,11 +45,11 @@ def test_a_plane_that_faces_the_camera_shifts_by_focal_length_over_depth(pixels:
     """A step to the right of `pixels` x depth / focal moves the picture left by whole pixels."""
     depth = 2.5
     step = pixels * depth / VIEW.intrinsics[0, 0]
-    first, second = moved(VIEW, Wish("truck", 2, step))
+    first, second = move_cameras(VIEW, FlickerConfig("truck", 2, step))
     before = picture()
     after = np.roll(before, -pixels, axis=1)
     after[:, -pixels:] = 7.0  # comes into view: must not be looked at
-    found = match(plane(depth), plane(depth), first.pose, second.pose)
+    found = reproject(plane(depth), plane(depth), first.pose, second.pose)
     places, seen = found
     assert seen.sum() == HEIGHT * (WIDTH - pixels) and not seen[:, -pixels:].any()
     assert flicker([before, after], [found]).mean == 0
@@ -59,8 +59,8 @@ def test_a_plane_that_faces_the_camera_shifts_by_focal_length_over_depth(pixels:
 
 
 def test_a_static_camera_gives_nothing() -> None:
-    first, second = moved(VIEW, Wish("still", 2, 1.0))
-    found = match(plane(2), plane(2), first.pose, second.pose)
+    first, second = move_cameras(VIEW, FlickerConfig("still", 2, 1.0))
+    found = reproject(plane(2), plane(2), first.pose, second.pose)
     assert found[1].all()
     assert flicker([picture(), picture()], [found]).mean == 0
     assert flicker([picture(), picture() + 0.25], [found]).mean == pytest.approx(0.25)
@@ -68,20 +68,20 @@ def test_a_static_camera_gives_nothing() -> None:
 
 def test_a_dolly_magnifies_about_the_centre() -> None:
     """1 m nearer to a wall 4 m away: what is now at x from the centre was at 3/4 x."""
-    first, second = moved(VIEW, Wish("dolly", 2, 1.0))
-    (_, columns), seen = match(plane(4), plane(3), first.pose, second.pose)
+    first, second = move_cameras(VIEW, FlickerConfig("dolly", 2, 1.0))
+    (_, columns), seen = reproject(plane(4), plane(3), first.pose, second.pose)
     now = np.arange(WIDTH) + 0.5 - WIDTH / 2
     assert seen.all()
     assert np.allclose(columns[0] + 0.5 - WIDTH / 2, 0.75 * now)
 
 
 def test_a_pan_turns_right_and_has_no_parallax() -> None:
-    first, second = moved(VIEW, Wish("pan", 2, 10.0))
+    first, second = move_cameras(VIEW, FlickerConfig("pan", 2, 10.0))
     assert first.eye == pytest.approx(second.eye)
     assert second.pose[:3, 2] @ first.pose[:3, 0] == pytest.approx(np.sin(np.radians(10)))
     # the new centre was 10 degrees to the right, whatever its depth
     for depth in (1.0, 50.0):
-        (_, columns), _ = match(plane(depth), plane(depth), first.pose, second.pose)
+        (_, columns), _ = reproject(plane(depth), plane(depth), first.pose, second.pose)
         middle = 0.5 * (columns[24, 31] + columns[24, 32]) + 0.5 - WIDTH / 2
         assert middle == pytest.approx(np.tan(np.radians(10)) * VIEW.intrinsics[0, 0], rel=1e-3)
 
@@ -91,11 +91,11 @@ def test_what_was_hidden_before_is_not_compared() -> None:
     before, after = plane(3), plane(3)
     box = before.depth.copy()
     box[10:20, 10:20] = 1
-    _, seen = match(replace(before, depth=box), after, VIEW.pose, VIEW.pose)
+    _, seen = reproject(replace(before, depth=box), after, VIEW.pose, VIEW.pose)
     assert not seen[10:20, 10:20].any() and seen[:, 25:].all()
     holes = before.valid.copy()
     holes[30:] = False
-    _, seen = match(replace(before, valid=holes), after, VIEW.pose, VIEW.pose)
+    _, seen = reproject(replace(before, valid=holes), after, VIEW.pose, VIEW.pose)
     assert not seen[30:].any() and seen[:29].all()
 
 

@@ -225,8 +225,8 @@ def test_another_folder_from_the_command_to_the_report(
     write_report(Places(*(root / n for n in ("none", "models", "metrics"))), QUICK, target)
     page = target.read_text()
     section = page[page.index('id="study-generalisation"') : page.index('id="views"')]
-    assert "Then fine-tuned on it" in section and result.notes[0] in section
-    assert "gloss" in section
+    assert "Fine-tuned on the source" in section and result.notes[0] in section
+    assert "specular" in section
 
     steps = stop_at(monkeypatch, 10**9)
     assert run(*asked)[0] == 0 and steps() == 0
@@ -238,7 +238,7 @@ def test_another_folder_from_the_command_to_the_report(
     before.unlink()
     (studies / "tuned-0" / "trial.json").unlink()
     code, _, errors = run(*again)
-    assert code == 3 and "no such model, but tuned-0 goes on from it" in errors
+    assert code == 3 and "no such model, but tuned-0 fine-tunes it" in errors
 
 
 def test_a_source_within_the_dataset_is_not_trained_on(run: Run, folders: Folders) -> None:
@@ -271,7 +271,7 @@ def test_a_source_within_the_dataset_is_not_trained_on(run: Run, folders: Folder
         (("--source", "[abcd]"), 3, "every training scene is of the source"),
         (("--other", "data"), 2, "--other data is DATA itself"),
         (("--other", "nowhere"), 3, "no dataset shards here"),
-        (("--other", "../twin"), 3, "has the name of one that is trained on"),
+        (("--other", "../twin"), 3, "has the name of a training scene"),
     ],
 )
 def test_what_cannot_be_done_is_said(

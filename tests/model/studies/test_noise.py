@@ -14,8 +14,8 @@ import yaml
 
 from model.data.reader import IMAGES, Dataset
 from model.studies.noise import study
-from model.studies.noise.study import truths_of
-from model.studies.trials.packs import Truth, pack
+from model.studies.noise.study import noisy_truths
+from model.studies.trials.derived_splits import TruthImages, write_derived_split
 from model.studies.trials.results import TrialsResult
 from model.training.backbone import make_backbone
 from model.training.train import Folders, train_network
@@ -95,7 +95,7 @@ def test_rows_are_judged_against_the_clean_truth(folders: Folders) -> None:
 
 def test_only_the_truth_differs(folders: Folders) -> None:
     clean = list(Dataset(folders.data / "dataset", "train").ordered())
-    for truth in truths_of((1, 4)):
+    for truth in noisy_truths((1, 4)):
         for ours, theirs in zip(packed(folders, truth.name).ordered(), clean, strict=True):
             assert ours.name == theirs.name
             for name in set(IMAGES) - {"shading", "color"}:
@@ -155,12 +155,12 @@ def test_packs_of_the_same_rows_are_read_in_the_same_order(tmp_path: Path) -> No
     (data / "scenes.csv").write_text("scene_id,plan\na-0,a\na-1,a\nb-0,b\nc-0,c\n")
     some = Dataset(data, "train", only=["a-0", "c-0"])
 
-    def darker(scene: str, view: str) -> Truth:
+    def darker(scene: str, view: str) -> TruthImages:
         (row,) = (r for r in rows if (r["scene_id"], r["view_id"]) == (scene, view))
         return {kind: row[kind].astype(np.float32) / 4 for kind in ("shading", "color")}
 
-    pack(tmp_path / "same", "1", lambda: [some], "test")
-    pack(tmp_path / "other", "2", lambda: [some], "test", ToneParams(), darker)
+    write_derived_split(tmp_path / "same", "1", lambda: [some], "test")
+    write_derived_split(tmp_path / "other", "2", lambda: [some], "test", ToneParams(), darker)
     same, other = (Dataset(tmp_path / name / "dataset", "test") for name in ("same", "other"))
     orders = []
     for split in (same, other):
@@ -178,9 +178,9 @@ def test_a_pack_is_made_anew_only_for_another_mark(tmp_path: Path) -> None:
     path = tmp_path / "dataset" / "train-00000-of-00001.parquet"
     write_shard(path, box_rows(["a", "b"], 1, "train", **SIZE))
 
-    def scenes(name: str, mark: str) -> set[str]:
+    def scenes(name: str, fingerprint: str) -> set[str]:
         parts = [Dataset(tmp_path / "dataset", "train", only=[name])]
-        pack(tmp_path / "made", mark, lambda: parts, "train")
+        write_derived_split(tmp_path / "made", fingerprint, lambda: parts, "train")
         return set(Dataset(tmp_path / "made" / "dataset", "train").column("scene_id"))
 
     assert [scenes("a", "1"), scenes("b", "1"), scenes("b", "2")] == [{"a"}, {"a"}, {"b"}]
@@ -235,7 +235,7 @@ def test_other_scenes_than_the_datasets_are_refused(
 ) -> None:
     room(folders.data / "scenes" / "room-2", lamp=40.0)
     assert run(folders)[0] == 3
-    assert "not the scene that the dataset was made of" in capsys.readouterr().err
+    assert "not the scene that the dataset was made from" in capsys.readouterr().err
     shutil.rmtree(folders.data / "scenes" / "room-2")
     assert run(folders)[0] == 3
     assert "pbrnet scenes" in capsys.readouterr().err

@@ -29,7 +29,13 @@ from model.studies.pairs.answers import (
     read_key,
     score,
 )
-from model.studies.pairs.page import PRACTICE, Wish, alike, deal, make_pairs
+from model.studies.pairs.study import (
+    PRACTICE_PAIRS,
+    PairsConfig,
+    equal_length_pngs,
+    plan_pairs,
+    write_pairs_page,
+)
 from model.training.train import Folders
 from pipeline.cli import main
 from pipeline.images import read_picture
@@ -57,7 +63,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Folders:
 def made(folders: Folders, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A page of 12 pairs, its key beside it."""
     page = tmp_path_factory.mktemp("page") / "pairs.html"
-    make_pairs(Params(seed=5), folders, Wish(), page)
+    write_pairs_page(Params(seed=5), folders, PairsConfig(), page)
     return page
 
 
@@ -105,47 +111,47 @@ def test_pairs_are_dealt_fairly(
 ) -> None:
     names = [f"m{index}" for index in range(methods)]
     for seed in range(20):
-        dealt = deal(names, views, wanted, rng(seed))
-        assert (len(dealt.pairs), len(dealt.practice)) == (pairs, practice)
-        each = Counter(card.method for card in dealt.pairs)
-        assert dict(each) == dict.fromkeys(names, dealt.each)
-        left = Counter(card.method for card in dealt.pairs if card.truth == "left")
-        assert dict(left) == dict.fromkeys(names, dealt.each // 2)
-        numbers = [card.number for card in (*dealt.pairs, *dealt.practice)]
+        plan = plan_pairs(names, views, wanted, rng(seed))
+        assert (len(plan.pairs), len(plan.practice)) == (pairs, practice)
+        each = Counter(card.method for card in plan.pairs)
+        assert dict(each) == dict.fromkeys(names, plan.each)
+        left = Counter(card.method for card in plan.pairs if card.truth == "left")
+        assert dict(left) == dict.fromkeys(names, plan.each // 2)
+        numbers = [card.number for card in (*plan.pairs, *plan.practice)]
         assert len(set(numbers)) == len(numbers) and set(numbers) <= set(range(views))
 
 
 def test_the_seed_decides_the_order_the_sides_and_the_views() -> None:
-    assert deal(METHODS, 99, 48, rng(1)) == deal(METHODS, 99, 48, rng(1))
-    deals = [deal(METHODS, 99, 48, rng(seed)) for seed in range(400)]
-    assert len({deal.pairs for deal in deals}) == 400
+    assert plan_pairs(METHODS, 99, 48, rng(1)) == plan_pairs(METHODS, 99, 48, rng(1))
+    deals = [plan_pairs(METHODS, 99, 48, rng(seed)) for seed in range(400)]
+    assert len({plan_pairs.pairs for plan_pairs in deals}) == 400
     for place in (0, 1, 30, 47):
         # 400 throws of a fair coin: beyond 5 standard deviations once in two millions.
-        lefts = sum(deal.pairs[place].truth == "left" for deal in deals)
+        lefts = sum(plan_pairs.pairs[place].truth == "left" for plan_pairs in deals)
         assert abs(lefts - 200) < 50
-        ours = sum(deal.pairs[place].method == "pbrnet" for deal in deals)
+        ours = sum(plan_pairs.pairs[place].method == "pbrnet" for plan_pairs in deals)
         assert abs(ours - 400 / 3) < 48
-        assert len({deal.pairs[place].number for deal in deals}) > 80
+        assert len({plan_pairs.pairs[place].number for plan_pairs in deals}) > 80
     alternating = sum(
         first.truth != second.truth
-        for deal in deals
-        for first, second in zip(deal.pairs, deal.pairs[1:], strict=False)
+        for plan_pairs in deals
+        for first, second in zip(plan_pairs.pairs, plan_pairs.pairs[1:], strict=False)
     )
     assert 0.48 < alternating / (400 * 47) < 0.54, "half of 48 sides: 24/47 on average"
 
 
 def test_too_few_pairs_or_views_are_refused() -> None:
     with pytest.raises(ParameterError, match=r"--pairs: 5 is not allowed; 3 methods need .* 6"):
-        deal(METHODS, 99, 5, rng())
+        plan_pairs(METHODS, 99, 5, rng())
     with pytest.raises(InputError, match=r"has 5 views.*3 methods need at least 6.*--method"):
-        deal(METHODS, 5, 50, rng())
+        plan_pairs(METHODS, 5, 50, rng())
 
 
 def test_the_page_shows_what_the_key_says(folders: Folders, made: Path) -> None:
     key, content = read_key(made.with_name("pairs-key.json")), content_of(made)
     assert content["page"] == key.page and content["seed"] == key.seed == 5
     assert [pair["pair"] for pair in content["pairs"]] == [pair.pair for pair in key.pairs]
-    assert (len(content["pairs"]), len(content["practice"])) == (12, PRACTICE)
+    assert (len(content["pairs"]), len(content["practice"])) == (12, PRACTICE_PAIRS)
     networks = load_networks(folders.models)
     truths = {
         (example.scene_id, example.view_id): to_bytes(true_color(example, networks))
@@ -180,8 +186,11 @@ def test_the_seed_on_the_page_is_not_enough_to_draw_the_sides_again(
 ) -> None:
     """Other weights, the same seed: another draw."""
     untrained(tmp_path / "models", seed=1)
-    other = make_pairs(
-        Params(seed=5), replace(folders, models=tmp_path / "models"), Wish(), tmp_path / "b.html"
+    other = write_pairs_page(
+        Params(seed=5),
+        replace(folders, models=tmp_path / "models"),
+        PairsConfig(),
+        tmp_path / "b.html",
     ).key
     key = read_key(made.with_name("pairs-key.json"))
     assert [pair.truth for pair in other.pairs] != [pair.truth for pair in key.pairs]
@@ -204,7 +213,7 @@ def test_pictures_of_one_length_are_still_the_pictures() -> None:
     draw = rng()
     flat = np.full((30, 40, 3), 90, np.uint8)
     noisy = draw.integers(0, 256, (30, 40, 3)).astype(np.uint8)
-    pair = alike([flat, noisy], draw)
+    pair = equal_length_pngs([flat, noisy], draw)
     assert len(pair[0]) == len(pair[1]) and len(pair[0]) % 1024 == 0
     for png, picture in zip(pair, (flat, noisy), strict=True):
         assert np.array_equal(read_picture(png), picture)
@@ -213,25 +222,25 @@ def test_pictures_of_one_length_are_still_the_pictures() -> None:
 def test_made_twice_it_is_the_same_to_the_byte(
     folders: Folders, made: Path, tmp_path: Path
 ) -> None:
-    make_pairs(Params(seed=5), folders, Wish(), tmp_path / "pairs.html")
+    write_pairs_page(Params(seed=5), folders, PairsConfig(), tmp_path / "pairs.html")
     for name in ("pairs.html", "pairs-key.json"):
         assert (tmp_path / name).read_bytes() == made.with_name(name).read_bytes()
-    make_pairs(Params(seed=5), folders, Wish(), tmp_path / "pairs.html")
+    write_pairs_page(Params(seed=5), folders, PairsConfig(), tmp_path / "pairs.html")
 
 
 def test_the_key_of_another_page_is_kept_unless_it_may_go(folders: Folders, tmp_path: Path) -> None:
     page, key = tmp_path / "p.html", tmp_path / "p-key.json"
-    wish = Wish(methods=("pbrnet",), pairs=2)
-    first = make_pairs(Params(), folders, wish, page).key
+    config = PairsConfig(methods=("pbrnet",), pairs=2)
+    first = write_pairs_page(Params(), folders, config, page).key
     before = {path: path.read_bytes() for path in (page, key)}
     with pytest.raises(ParameterError, match=rf"p-key\.json: .*\({first.page}\).*--replace"):
-        make_pairs(Params(seed=1), folders, wish, page)
+        write_pairs_page(Params(seed=1), folders, config, page)
     assert {path: path.read_bytes() for path in (page, key)} == before
-    second = make_pairs(Params(seed=1), folders, wish, page, replace=True).key
+    second = write_pairs_page(Params(seed=1), folders, config, page, replace=True).key
     assert second.page != first.page and read_key(key) == second
     key.write_text("{")
     with pytest.raises(ParameterError, match="unreadable"):
-        make_pairs(Params(), folders, wish, page)
+        write_pairs_page(Params(), folders, config, page)
 
 
 # Wilson's interval for x of n with z = 1.959964, z^2 = 3.841459:
@@ -318,7 +327,7 @@ HOSTILE: dict[str, tuple[Callable[[], str], str]] = {
     "too large": (text(json.dumps(GOOD) + " " * MAX_BYTES), "more than 1024 KiB"),
     "a number of 9000 digits": (text('{"seed": ' + "9" * 9000 + "}"), "not valid JSON"),
     "a key twice": (text('{"page": "a", "page": "b"}'), "'page' comes twice"),
-    "NaN": (text(json.dumps(GOOD).replace("1200", "NaN")), "NaN is no number"),
+    "NaN": (text(json.dumps(GOOD).replace("1200", "NaN")), "NaN is not a number"),
     "infinite time": (text(json.dumps(GOOD).replace("1200", "1e999")), r"answers\[0\]\.ms"),
     "another study": (changed(["study"], "colours"), r"json\.study: 'colours' is not one of"),
     "another version": (changed(["version"], 2), r"json\.version: 2"),
@@ -436,9 +445,9 @@ def test_the_command_makes_scores_and_the_report_shows(run: Run, tmp_path: Path)
     places = Places(*(tmp_path / name for name in ("none", "models", "metrics")))
     write_report(places, Params(), tmp_path / "index.html")
     page = (tmp_path / "index.html").read_text()
-    section = page[page.index('id="pairs"') : page.index('id="views"')]
+    section = page[page.index('id="study-pairs"') : page.index('id="views"')]
     assert section.index("32.4 %") < section.index("67.6 %")
-    assert "2 people saw 12 pairs each" in section and 'href="#pairs"' in page
+    assert "2 people saw 12 pairs each" in section and 'href="#study-pairs"' in page
 
 
 @pytest.mark.parametrize(
@@ -461,7 +470,7 @@ def test_the_report_notes_a_damaged_result(tmp_path: Path, place: list[str], val
     places = Places(*(tmp_path / name for name in ("data", "models", "metrics")))
     notes = write_report(places, Params(), tmp_path / "index.html")
     assert any(str(path) in note and "pbrnet study pairs --score" in note for note in notes)
-    assert 'id="pairs"' not in (tmp_path / "index.html").read_text()
+    assert 'id="study-pairs"' not in (tmp_path / "index.html").read_text()
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from model.data.encoding import solid_angles
-from model.studies.illumination.cases import cases_of, lamp_radiance, sources_of
-from model.studies.illumination.lamp_position import RADIUS, left_rear
-from model.studies.relight import ADDED, AddedLamp, LightChange, open_changed
+from model.studies.illumination.cases import lamp_radiance, possible_changes, visible_light
+from model.studies.illumination.lamp_position import RADIUS, left_rear_position
+from model.studies.illumination.relight import ADDED_LAMP_ID, AddedLamp, LightChange, open_relit
 from pipeline.params import IlluminationParams
 from pipeline.passes.groundtruth import render_truth
 from pipeline.passes.illumination import render_illumination
@@ -33,14 +33,14 @@ def variant() -> str:
 
 def image(scene: Scene, change: LightChange, view: View) -> np.ndarray:
     """Rendered colour, float64 (H, W, 3)."""
-    with open_changed(scene, change) as opened:
+    with open_relit(scene, change) as opened:
         channels, _ = render_truth(opened, view, PARAMS.groundtruth, 5)
     return np.stack([channels[band] for band in "RGB"], -1).astype(np.float64)
 
 
 def panorama(scene: Scene, change: LightChange, view: View, width: int = 32) -> np.ndarray:
     """Intensity of the panorama."""
-    with open_changed(scene, change) as opened:
+    with open_relit(scene, change) as opened:
         return render_illumination(opened, view, IlluminationParams(width=width))["intensity.Y"]
 
 
@@ -78,7 +78,7 @@ def test_only_what_is_meant_gets_brighter(tmp_path: Path) -> None:
 def test_sources_are_told_apart(tmp_path: Path) -> None:
     scene, view = room(tmp_path / "s"), views("s")[0]
     opened = open_scene(scene)
-    seen = sources_of(opened, view, PARAMS.illumination)
+    seen = visible_light(opened, view, PARAMS.illumination)
     lit = render_illumination(opened, view, PARAMS.illumination)["intensity.Y"]
     total = float((lit * solid_angles(lit)).sum())
     assert seen.lamps + seen.outdoors == pytest.approx(total, rel=1e-4)
@@ -92,11 +92,9 @@ def test_sources_are_told_apart(tmp_path: Path) -> None:
 def test_the_scene_of_a_change_says_what_is_in_it(tmp_path: Path) -> None:
     scene = room(tmp_path / "s")
     untouched = scene.xml.read_bytes()
-    with open_changed(
-        scene, LightChange(without="lamp", added=AddedLamp((0, 0, 2), 0.1, 1))
-    ) as new:
-        assert [light.id for light in new.scene.lights] == ["sky", ADDED]
-        assert ADDED in [thing.id for thing in new.scene.objects]
+    with open_relit(scene, LightChange(without="lamp", added=AddedLamp((0, 0, 2), 0.1, 1))) as new:
+        assert [light.id for light in new.scene.lights] == ["sky", ADDED_LAMP_ID]
+        assert ADDED_LAMP_ID in [thing.id for thing in new.scene.objects]
     assert scene.xml.read_bytes() == untouched
 
 
@@ -106,14 +104,14 @@ def test_the_scene_of_a_change_says_what_is_in_it(tmp_path: Path) -> None:
         (
             '<emitter type="area"><texture type="bitmap" name="radiance">'
             '<string name="filename" value="x.png"/></texture></emitter>',
-            "radiance of an emitter of type 'area' is no plain number",
+            "radiance of an emitter of type 'area' is not a number",
         ),
-        ('<emitter type="projector"/>', "emitters of type 'projector' cannot be made brighter"),
+        ('<emitter type="projector"/>', "emitters of type 'projector' cannot be scaled"),
     ],
 )
 def test_what_cannot_be_scaled_is_named(tmp_path: Path, emitter: str, words: str) -> None:
     scene = write_scene(tmp_path / "s", ball("b", (0, 0, 1), 0.5, emitter), {"b": ("b",)})
-    with pytest.raises(InputError, match=words), open_changed(scene, LightChange(lamps=2.0)):
+    with pytest.raises(InputError, match=words), open_relit(scene, LightChange(lamps=2.0)):
         pass
 
 
@@ -122,7 +120,7 @@ def test_a_lamp_that_is_not_there_cannot_be_put_out(tmp_path: Path) -> None:
     for name in ("chandelier", "sky"):
         with (
             pytest.raises(InputError, match=f"no light '{name}'"),
-            open_changed(scene, LightChange(without=name)),
+            open_relit(scene, LightChange(without=name)),
         ):
             pass
 
@@ -142,14 +140,14 @@ def test_the_added_lamp_is_at_the_left_rear_and_in_the_panorama(
     scene = room(tmp_path / "s", window=False)
     view = replace(make_view(eye, towards), room="r")
     opened = open_scene(scene)
-    place = left_rear(opened, view)
+    place = left_rear_position(opened, view)
     assert place is not None
     local = (np.array(place) - view.eye) @ view.pose[:3, :3]
     assert local[0] < -RADIUS and local[2] < -RADIUS, "left of the camera, and behind it"
     assert all(abs(place[axis]) + RADIUS < 2 for axis in (0, 1)) and RADIUS < place[2] < 2.9
     lamp = AddedLamp(place, RADIUS, 7.0)
     width = 64
-    with open_changed(scene, LightChange(added=lamp)) as changed:
+    with open_relit(scene, LightChange(added=lamp)) as changed:
         new = render_illumination(changed, view, IlluminationParams(width=width))["intensity.Y"]
         # Behind the camera: nothing of the picture itself changes.
         for name, channel in render_inputs(changed, view).items():
@@ -163,41 +161,44 @@ def test_the_added_lamp_is_at_the_left_rear_and_in_the_panorama(
 
 def test_a_lamp_is_never_put_inside_furniture(tmp_path: Path) -> None:
     view = replace(make_view((0, 0, 1.5), (0, 1, -0.2)), room="r")
-    free = left_rear(open_scene(room(tmp_path / "free", window=False)), view)
+    free = left_rear_position(open_scene(room(tmp_path / "free", window=False)), view)
     assert free is not None
     box = ball("globe", free, 0.3, diffuse())
-    moved = left_rear(open_scene(room(tmp_path / "in", window=False, more=box)), view)
+    moved = left_rear_position(open_scene(room(tmp_path / "in", window=False, more=box)), view)
     assert moved is not None
     assert np.linalg.norm(np.array(moved) - free) > 0.3 + RADIUS, "neither in it nor through it"
     # A screen across the whole left rear hides all places.
     screen = quad("screen", (-0.25, -0.25, 1.5), (1, 1, 0), (4, 1.6), diffuse())
-    assert left_rear(open_scene(room(tmp_path / "out", window=False, more=screen)), view) is None
+    assert (
+        left_rear_position(open_scene(room(tmp_path / "out", window=False, more=screen)), view)
+        is None
+    )
 
 
 def test_in_a_corner_there_is_no_left_rear(tmp_path: Path) -> None:
     scene = room(tmp_path / "s")
     corner = replace(make_view((-1.8, -1.8, 1.5), (1, 1, -0.2)), room="r")
-    found = cases_of(open_scene(scene), corner, PARAMS.illumination, 4.0, 1.0)
+    found = possible_changes(open_scene(scene), corner, PARAMS.illumination, 4.0, 1.0)
     assert "added" not in found.changes and "no free place" in found.skipped["added"]
 
 
 def test_only_light_that_is_seen_is_changed(tmp_path: Path) -> None:
     view = views("s")[0]
     by_night = open_scene(room(tmp_path / "night", window=False))
-    found = cases_of(by_night, view, PARAMS.illumination, 4.0, 1.0)
+    found = possible_changes(by_night, view, PARAMS.illumination, 4.0, 1.0)
     assert found.changes["lamps"] == LightChange(lamps=4.0)
     assert found.skipped == {
         "outdoors": "no sky or sun in the panorama",
         "without": "the lamp is the only light in the panorama",
     }
     by_day = open_scene(room(tmp_path / "day"))
-    found = cases_of(by_day, view, PARAMS.illumination, 4.0, 1.0)
+    found = possible_changes(by_day, view, PARAMS.illumination, 4.0, 1.0)
     assert found.changes["outdoors"] == LightChange(outdoors=0.25)
     assert found.changes["without"] == LightChange(without="lamp")
     walls, names = room_walls(diffuse())
     hidden = ball("bulb", (0, 0, 9), 0.2, glow()), [Light("lamp", "area", ("bulb",))]
     dark = write_scene(tmp_path / "dark", walls + hidden[0], {"walls": names}, (), hidden[1])
-    found = cases_of(open_scene(dark), view, PARAMS.illumination, 4.0, 1.0)
+    found = possible_changes(open_scene(dark), view, PARAMS.illumination, 4.0, 1.0)
     assert set(found.changes) == {"added"}
 
 
@@ -219,6 +220,6 @@ def test_a_lamp_that_cannot_be_scaled_is_left_out_with_the_reason(tmp_path: Path
     image = '<texture type="checkerboard" name="radiance"/>'
     scene.xml.write_text(text.replace('<rgb name="radiance" value="3.0"/>', image))
     assert scene.xml.read_text() != text
-    found = cases_of(opened, view, PARAMS.illumination, 4.0, 1.0)
+    found = possible_changes(opened, view, PARAMS.illumination, 4.0, 1.0)
     assert set(found.changes) == {"added", "outdoors", "without"}
     assert "radiance of an emitter of type 'area'" in found.skipped["lamps"]

@@ -13,8 +13,8 @@ from model.data.encoding import color_exposure
 from model.data.reader import Dataset
 from model.evaluation.metrics import psnr
 from model.report.page import Places, write_report
-from model.studies.comparisons.study import table_study
-from model.studies.trials.plan import Wish, plan
+from model.studies.table.study import table_study
+from model.studies.trials.plan import TrialConfig, plan
 from model.studies.trials.results import TrialsResult
 from model.training.train import Folders
 from pipeline.cli import main
@@ -67,7 +67,7 @@ def run(
 
 
 def test_every_method_has_the_same_views_and_steps(folders: Folders) -> None:
-    trials = plan(table_study(METHODS), TABLE, folders, Wish(seeds=3, steps=7, views=(4,)))
+    trials = plan(table_study(METHODS), TABLE, folders, TrialConfig(seeds=3, steps=7, views=(4,)))
     assert len(trials) == 3 * 4
     for repeat in range(3):
         own = [trial for trial in trials if trial.repeat == repeat]
@@ -117,7 +117,7 @@ def test_the_table_from_the_command_to_the_report(
     write_report(Places(*(root / n for n in ("none", "models", "metrics"))), TABLE, page_of)
     page = page_of.read_text()
     section = page[page.index('id="study-table"') : page.index('id="views"')]
-    assert "One direct U-Net" in section and "standard deviation of the trainings" in section
+    assert "One direct U-Net" in section and "standard deviation over the trainings" in section
 
     with monkeypatch.context() as context:
         steps = stop_at(context, 10**9)

@@ -12,11 +12,11 @@ import pytest
 
 from model.figures.results import METHODS
 from model.report.page import Places, write_report
-from model.studies.renders import with_samples
+from model.studies.frame_store import with_samples
 from model.studies.time import study
 from model.studies.time.plot import time_figure
-from model.studies.time.results import PAPER, Point, TimeResult, beaten_by, part_rows
-from model.studies.time.study import Outcome, _needs
+from model.studies.time.results import PAPER, MethodPoint, TimeResult, fastest_better, part_rows
+from model.studies.time.study import ViewMeasurement, _parts_of
 from model.training.train import Folders
 from pipeline.cli import main
 from pipeline.images import read_picture
@@ -46,10 +46,10 @@ def result_of(place: Folders) -> TimeResult:
 
 
 def test_shadows_are_paid_by_those_that_take_them() -> None:
-    assert _needs("plus", None, {"plus"}) == ("inputs", "illumination", "visibility", "plus")
-    assert _needs("plus", None, ()) == ("inputs", "illumination", "plus")
-    assert _needs("unet", None, {"plus"}) == ("inputs", "illumination", "unet")
-    assert _needs("hybrid", None, {"plus"}) == ("inputs", "samples", "hybrid")
+    assert _parts_of("plus", None, {"plus"}) == ("inputs", "illumination", "visibility", "plus")
+    assert _parts_of("plus", None, ()) == ("inputs", "illumination", "plus")
+    assert _parts_of("unet", None, {"plus"}) == ("inputs", "illumination", "unet")
+    assert _parts_of("hybrid", None, {"plus"}) == ("inputs", "samples", "hybrid")
 
 
 def test_the_study_from_end_to_end_and_again(
@@ -61,7 +61,7 @@ def test_the_study_from_end_to_end_and_again(
     asked = ("--views", "1", "--repeats", "1", "--max-spp", "9", "--reference-spp", "256")
     assert run(place, *asked) == 0
     said = capsys.readouterr().out
-    assert "the paper: 10.2 s" in said and "time.json: all figures" in said
+    assert "in the paper: 10.2 s" in said and "time.json: all figures" in said
     result = result_of(place)
     assert (result.views, result.size, result.dataset_spp) == (1, (48, 40), 4)
     points = {(point.method, point.spp): point for point in result.points}
@@ -95,7 +95,7 @@ def test_the_study_from_end_to_end_and_again(
     def refuse(*_: Any, **__: Any) -> None:
         raise AssertionError("the reference was there")
 
-    monkeypatch.setattr(study.Renders, "render", refuse)
+    monkeypatch.setattr(study.FrameStore, "render", refuse)
     assert run(place, *asked) == 0
 
     metrics = tmp_path / "metrics"
@@ -103,7 +103,7 @@ def test_the_study_from_end_to_end_and_again(
     places = Places(tmp_path / "data", place.models, metrics, tmp_path, tmp_path)
     write_report(places, PARAMS, tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
-    assert "Equal time" in page and "10.2 s" in page and "its own relative standard error" in page
+    assert "Equal time" in page and "10.2 s" in page and "its relative standard error" in page
     (metrics / "studies" / "time.json").write_text('{"seed": 0}')
     notes = write_report(places, PARAMS, tmp_path / "report.html")
     assert any("time.json" in note and "pbrnet study time" in note for note in notes)
@@ -132,24 +132,24 @@ def test_what_cannot_be_is_refused(
 
 
 def test_a_point_is_beaten_only_by_what_is_better_in_no_more_time() -> None:
-    ours = Point("pbrnet", None, 1.0, 0.4, 0.8)
+    ours = MethodPoint("pbrnet", None, 1.0, 0.4, 0.8)
     rivals = (
-        Point("mitsuba", 1, 0.5, 0.5, 0.5),
-        Point("mitsuba", 8, 2.0, 0.1, 0.9),
-        Point("unet", None, 0.1, 0.1, 0.9),
+        MethodPoint("mitsuba", 1, 0.5, 0.5, 0.5),
+        MethodPoint("mitsuba", 8, 2.0, 0.1, 0.9),
+        MethodPoint("unet", None, 0.1, 0.1, 0.9),
     )
-    assert beaten_by(ours, (ours, *rivals)) is None
-    better = Point("mitsuba_denoised", 2, 0.9, 0.2, 0.9)
-    faster = Point("mitsuba_denoised", 1, 0.6, 0.3, 0.9)
-    assert beaten_by(ours, (ours, *rivals, better, faster)) == faster
+    assert fastest_better(ours, (ours, *rivals)) is None
+    better = MethodPoint("mitsuba_denoised", 2, 0.9, 0.2, 0.9)
+    faster = MethodPoint("mitsuba_denoised", 1, 0.6, 0.3, 0.9)
+    assert fastest_better(ours, (ours, *rivals, better, faster)) == faster
 
 
 def test_medians_of_turns_and_means_of_views() -> None:
-    outcomes = [
-        Outcome({"shading": [1.0, 9.0, 2.0], "composition": [1.0, 1.0, 1.0]}, {}, 0.1),
-        Outcome({"shading": [4.0, 4.0, 7.0], "composition": [3.0, 3.0, 3.0]}, {}, 0.1),
+    measurements = [
+        ViewMeasurement({"shading": [1.0, 9.0, 2.0], "composition": [1.0, 1.0, 1.0]}, {}, 0.1),
+        ViewMeasurement({"shading": [4.0, 4.0, 7.0], "composition": [3.0, 3.0, 3.0]}, {}, 0.1),
     ]
-    spent = study._parts(outcomes)["shading"]
+    spent = study._parts(measurements)["shading"]
     assert (spent.seconds, spent.low, spent.high) == (3.0, 2.5, 8.0)
 
 

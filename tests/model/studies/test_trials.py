@@ -20,12 +20,15 @@ from model.evaluation.evaluate import LeakError
 from model.methods import build_network
 from model.networks.pbrnet import Architecture
 from model.report.page import Places, write_report
-from model.studies.comparisons.study import composition_study, decomposition_study, loss_study
-from model.studies.trials.compare import compare
-from model.studies.trials.curve import power_law, promises
-from model.studies.trials.plan import Wish, plan, subset
-from model.studies.trials.results import TrialsFigure, TrialsResult, TrialsRow
-from model.studies.trials.scores import Scored, busiest, figures
+from model.studies.composition.study import composition_study
+from model.studies.decomposition.study import decomposition_study
+from model.studies.loss.study import loss_study
+from model.studies.trials.learning_curve import extrapolations, power_law
+from model.studies.trials.plan import TrialConfig, TrialStudy, plan, subset
+from model.studies.trials.results import MetricEstimate, TrialsResult, TrialsRow
+from model.studies.trials.runs import Log
+from model.studies.trials.scores import ViewScores, busiest_window, figures
+from model.studies.trials.summary import run_and_summarise
 from model.training import train
 from model.training.store import load_model
 from model.training.train import Folders, train_network
@@ -39,7 +42,7 @@ from tests.fixtures.model import box_rows, write_shard
 from tests.fixtures.training import Killed, stop_at
 from tests.fixtures.trial import PARAMS, SIZE, TRAIN, folders_in, trial_workplace
 
-QUICK = Wish(steps=2)
+QUICK = TrialConfig(steps=2)
 
 
 @pytest.fixture(autouse=True)
@@ -74,7 +77,14 @@ def folders(workplace: Callable[[str], Folders]) -> Folders:
 
 
 def silent(_line: str) -> None:
-    """For those who do not listen."""
+    """Ignore a message."""
+
+
+def run_all(
+    study: TrialStudy, params: Params, folders: Folders, config: TrialConfig, log: Log = silent
+) -> None:
+    """Plan and run a study."""
+    run_and_summarise(study, params, folders, plan(study, params, folders, config), log)
 
 
 # Which scenes are learned from
@@ -128,7 +138,7 @@ def test_a_dataset_of_some_scenes_holds_those_alone(folders: Folders) -> None:
 
 
 def test_trials_differ_in_what_is_compared_and_in_nothing_else(folders: Folders) -> None:
-    trials = plan(loss_study(PARAMS), PARAMS, folders, Wish(seeds=2, steps=30))
+    trials = plan(loss_study(), PARAMS, folders, TrialConfig(seeds=2, steps=30))
     assert [trial.name for trial in trials] == [
         f"{kind}-{repeat}" for repeat in (0, 1) for kind in ("l1", "fifth", "full", "part")
     ]
@@ -145,8 +155,8 @@ def test_trials_differ_in_what_is_compared_and_in_nothing_else(folders: Folders)
 
 def test_one_network_gets_the_steps_of_both_whatever_the_views(folders: Folders) -> None:
     study = decomposition_study(PARAMS)
-    trials = plan(study, PARAMS, folders, Wish(views=(2, 12)))
-    assert {trial.wanted for trial in trials} == {2, 12}
+    trials = plan(study, PARAMS, folders, TrialConfig(views=(2, 12)))
+    assert {trial.requested_views for trial in trials} == {2, 12}
     for trial in trials:
         wanted = {"two_stage": {"shading": 12, "composition": 12}}
         wanted |= {name: {name: 24} for name in ("end_to_end", "unet")}
@@ -176,14 +186,14 @@ def test_the_decomposition_compares_the_same_layers() -> None:
 
 
 def test_sizes_that_come_to_the_same_scenes_are_trained_once(folders: Folders) -> None:
-    trials = plan(decomposition_study(PARAMS), PARAMS, folders, Wish(views=(11, 12)))
+    trials = plan(decomposition_study(PARAMS), PARAMS, folders, TrialConfig(views=(11, 12)))
     assert {trial.views for trial in trials} == {12} and len(trials) == 3
 
 
 @pytest.mark.parametrize("views", [0, 13])
 def test_more_views_than_there_are_cannot_be_asked_for(folders: Folders, views: int) -> None:
     with pytest.raises(ParameterError, match=rf"--views: {views} is not allowed; .* 12 views"):
-        plan(decomposition_study(PARAMS), PARAMS, folders, Wish(views=(views,)))
+        plan(decomposition_study(PARAMS), PARAMS, folders, TrialConfig(views=(views,)))
 
 
 # Without supervision
@@ -247,20 +257,20 @@ def test_the_gradient_of_colour_reaches_both_networks_also_out_of_range() -> Non
 def test_finished_trials_are_kept_and_the_stopped_one_goes_on(
     workplace: Callable[[str], Folders], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    study, wish = loss_study(PARAMS), Wish(steps=3)
+    study, config = loss_study(), TrialConfig(steps=3)
     undisturbed, stopped = workplace("a"), workplace("b")
-    compare(study, PARAMS, undisturbed, wish, silent)
+    run_all(study, PARAMS, undisturbed, config)
     with monkeypatch.context() as context:
         # 6 steps a trial: the second is stopped in its composition network's last step
         steps = stop_at(context, 12)
         with pytest.raises(Killed):
-            compare(study, PARAMS, stopped, wish, silent)
+            run_all(study, PARAMS, stopped, config)
         assert steps() == 12
     assert not (stopped.metrics / "studies" / "loss.json").exists()
     said: list[str] = []
     with monkeypatch.context() as context:
         steps = stop_at(context, 10**9)
-        compare(study, PARAMS, stopped, wish, said.append)
+        run_all(study, PARAMS, stopped, config, said.append)
         # only the step after the last checkpoint, then both networks of two more trials
         assert steps() == 1 + 12
     assert [line.split(": ")[-1] for line in said][:1] == ["kept"]
@@ -272,12 +282,12 @@ def test_finished_trials_are_kept_and_the_stopped_one_goes_on(
 def test_what_is_done_is_not_done_again_until_something_changes(
     folders: Folders, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    study = composition_study(PARAMS)
+    study = composition_study()
 
-    def steps_of(params: Params, wish: Wish = QUICK) -> int:
+    def steps_of(params: Params, config: TrialConfig = QUICK) -> int:
         with monkeypatch.context() as context:
             steps = stop_at(context, 10**9)
-            compare(study, params, folders, wish, silent)
+            run_all(study, params, folders, config)
             return steps()
 
     assert steps_of(PARAMS) == 2 * 4
@@ -294,7 +304,7 @@ def test_what_is_done_is_not_done_again_until_something_changes(
     assert steps_of(measured) == 0
     result = read_json(folders.metrics / "studies" / "composition.json")
     assert result["split"] == "train" and result["views"] == 12
-    assert steps_of(PARAMS, Wish(steps=1)) == 2 * 2
+    assert steps_of(PARAMS, TrialConfig(steps=1)) == 2 * 2
     faster = replace(PARAMS, train=replace(PARAMS.train, learning_rate=2e-3))
     assert steps_of(faster) == 2 * 4
     change_shading(folders.data)
@@ -306,22 +316,22 @@ def test_a_record_that_cannot_be_read_stops_the_study(folders: Folders) -> None:
     place.mkdir(parents=True)
     (place / "trial.json").write_text('{"fingerprint": 3}')
     with pytest.raises(InputError, match=r"trial\.json\.fingerprint.*; delete .*shared-0 to train"):
-        compare(composition_study(PARAMS), PARAMS, folders, QUICK, silent)
+        run_all(composition_study(), PARAMS, folders, QUICK)
 
 
 def test_what_was_trained_on_is_not_measured(folders: Folders) -> None:
     table = (folders.data / "dataset" / "scenes.csv").read_text()
     (folders.data / "dataset" / "scenes.csv").write_text(table.replace("t-0,t", "t-0,a"))
     with pytest.raises(LeakError, match="'t-0' has the floor plan 'a'"):
-        compare(composition_study(PARAMS), PARAMS, folders, QUICK, silent)
+        run_all(composition_study(), PARAMS, folders, QUICK)
 
 
 # What comes out
 
 
-def row(scene: str, view: int, value: float) -> Scored:
+def row(scene: str, view: int, value: float) -> ViewScores:
     values: dict[str, float | None] = dict.fromkeys(("psnr", "flip", "lpips", "detail", "grid"))
-    return Scored(scene, f"v{view}", "m", {"ssim": value, **values})
+    return ViewScores(scene, f"v{view}", "m", {"ssim": value, **values})
 
 
 def test_figures_are_those_worked_out_by_hand() -> None:
@@ -346,10 +356,10 @@ def test_figures_are_those_worked_out_by_hand() -> None:
 def test_the_sheet_is_cut_where_there_is_most_to_see() -> None:
     picture = np.full((40, 60, 3), 90, np.uint8)
     picture[24:34:2, 38:52] = 200
-    rows, columns = busiest(picture, 0.5)
+    rows, columns = busiest_window(picture, 0.5)
     assert (rows.stop - rows.start, columns.stop - columns.start) == (20, 30)
     assert rows.start <= 24 and rows.stop >= 33 and columns.start <= 38 and columns.stop >= 52
-    assert busiest(picture, 1.0) == (slice(0, 40), slice(0, 60))
+    assert busiest_window(picture, 1.0) == (slice(0, 40), slice(0, 60))
 
 
 Run = Callable[..., tuple[int, str, str]]
@@ -441,7 +451,7 @@ def test_decomposition_draws_its_curve(run: Run, folders: Folders) -> None:
     assert card.data.views < 12 and card.training["steps"] == 2
     page, _ = report_of(folders)
     section = page[page.index('id="study-decomposition"') : page.index('id="views"')]
-    assert "against the number of training views" in section and section.count("<svg") == 2
+    assert "by number of training views" in section and section.count("<svg") == 2
 
 
 def test_a_power_law_is_found_again_and_promises_its_value() -> None:
@@ -452,11 +462,13 @@ def test_a_power_law_is_found_again_and_promises_its_value() -> None:
         power_law((50.0, 50.0), (0.5, 0.4))
 
     def row(label: str, size: float | None, error: float | None) -> TrialsRow:
-        figure = None if error is None else TrialsFigure(error, None, None, None, None, None, None)
+        figure = (
+            None if error is None else MetricEstimate(error, None, None, None, None, None, None)
+        )
         return TrialsRow(label, f"{size}", size, 1, {"flip": figure})
 
     rows = [row("unet", *point) for point in zip(views, errors, strict=True)]
-    (sentence,) = promises([row("truth", None, 0.0), *rows, row("can", 50.0, 0.5)])
+    (sentence,) = extrapolations([row("truth", None, 0.0), *rows, row("can", 50.0, 0.5)])
     assert "-15.9 % with every doubling" in sentence  # 2 ** -0.25
     assert f"gives {0.8 * 4000**-0.25:.3f} with 4000 views" in sentence
 

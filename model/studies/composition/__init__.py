@@ -1,0 +1,1 @@
+"""Composition study: a network against multiplication (Figure 9 of the paper)."""

@@ -1,0 +1,47 @@
+"""Registry of the studies: the command and the report section of each follow from its line here.
+
+A study NAME is a folder of this package. `NAME/command.py` defines `command`, the click command
+`pbrnet study NAME`. `NAME/results.py` defines `report_section(records)`, its section of the report.
+Both are imported by name when they are needed, so that the report and `pbrnet study --help` do
+not import torch.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import click
+
+from model.figures.records import Records
+from model.figures.section import Section
+
+# Name: its line in `pbrnet study --help`. The report has the sections in this order.
+STUDIES = {
+    "pairs": "Blind pairs: which picture is the rendering? (Table II)",
+    "illumination": "Change the light and compare with the renderer (Figure 10).",
+    "time": "Time every part; networks and renderer at equal time.",
+    "loss": "Compare four losses (Figure 7).",
+    "decomposition": "Compare two stages with one (Figure 8).",
+    "composition": "Compare composition network and product (Figure 9).",
+    "table": "Train all methods alike and compare them (Table I).",
+    "noise": "Train on noisy ground truth (Figure 11).",
+    "generalisation": "Test on another source, then fine-tune (Figures 14, 15).",
+    "flicker": "Measure temporal stability along a camera move.",
+}
+
+
+def study_command(name: str) -> click.Command:
+    """Import and return the click command of a study."""
+    command: click.Command = _module(name, "command").command
+    return command
+
+
+def report_sections(records: Records) -> list[Section]:
+    """Return the report sections of all studies that have results."""
+    sections = (_module(name, "results").report_section(records) for name in STUDIES)
+    return [section for section in sections if section is not None]
+
+
+def _module(study: str, part: str) -> Any:
+    return importlib.import_module(f"{__package__}.{study}.{part}")

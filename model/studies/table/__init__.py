@@ -1,0 +1,1 @@
+"""Method table: all methods trained alike (Table I of the paper)."""

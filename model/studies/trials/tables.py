@@ -1,0 +1,76 @@
+"""Console output of the training studies: the list of trials and the table of results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from model.studies.trials.plan import Trial, TrialStudy
+from model.studies.trials.results import LABELS, MEASURES, MetricEstimate, TrialsResult
+from model.studies.trials.runs import expected_seconds, states
+from model.training.train import Folders
+
+
+def plan_lines(study: TrialStudy, trials: Sequence[Trial], folders: Folders) -> list[str]:
+    """Return a line for each trial, and the expected time of all."""
+    lines, total, unknown = [], 0.0, False
+    width = max(len(trial.name) for trial in trials)
+    for trial, state in zip(trials, states(study, trials, folders), strict=True):
+        seconds = expected_seconds(trial, study, folders)
+        if state in ("train", "resume"):
+            unknown |= seconds is None
+            total += seconds or 0.0
+        steps = ", ".join(f"{name} {count}" for name, count in trial.steps.items())
+        time = "time unknown" if seconds is None else f"about {_format_time(seconds)}"
+        lines.append(f"{trial.name:<{width}}  {state:<7}  {trial.views} views, {steps}, {time}")
+    least = "at least " if unknown else "about "
+    lines.append(f"{len(trials)} trials, {least}{_format_time(total)} of training left")
+    if unknown:
+        lines.append("the time of a network is known once one of its kind has been trained")
+    return lines
+
+
+def result_lines(result: TrialsResult, labels: Mapping[str, str]) -> list[str]:
+    """Return a table with a row a label and a column a metric.
+
+    A cell has the mean, its 95 % interval over scenes in brackets and, with several trainings, the
+    standard deviation of their means after ±. `labels`: titles of the study's labels.
+    """
+    measured = [name for name in MEASURES if any(row.metrics.get(name) for row in result.rows)]
+    rows = [["", *(MEASURES[name][0] for name in measured)]]
+    groups: list[str] = [""]
+    for row in result.rows:
+        cells = [_cell(row.metrics.get(name), MEASURES[name][2]) for name in measured]
+        rows.append([row.label, *cells])
+        groups.append(row.group)
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = [*result.notes, f"{result.views} views of {result.scenes} {result.split} scenes"]
+    for index, cells in enumerate(rows):
+        if groups[index] and groups[index] != groups[index - 1]:
+            lines.append(f"{groups[index]}:")
+        padded = (cell.ljust(width) for cell, width in zip(cells, widths, strict=True))
+        lines.append(("  " + "  ".join(padded)).rstrip())
+    lines.append("in brackets: 95 % intervals over scenes" + _spread_note(result.repeats))
+    titles = LABELS | dict(labels)
+    lines.append(f"{result.reference}: {titles.get(result.reference, result.reference)}")
+    return lines
+
+
+def _spread_note(repeats: int) -> str:
+    if repeats < 2:
+        return "; one training each, so the spread of trainings is unknown"
+    return f"; after ±: standard deviation over {repeats} trainings"
+
+
+def _cell(figure: MetricEstimate | None, digits: int) -> str:
+    if figure is None:
+        return "–"
+    text = f"{figure.mean:.{digits}f}"
+    if figure.low is not None and figure.high is not None:
+        text += f" ({figure.low:.{digits}f} to {figure.high:.{digits}f})"
+    return text + ("" if figure.spread is None else f" ±{figure.spread:.{digits}f}")
+
+
+def _format_time(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
