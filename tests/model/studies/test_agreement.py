@@ -1,4 +1,4 @@
-"""Agreement of changes, on made ones whose answers are known."""
+"""Agreement of changes, for synthetic changes with known results."""
 
 from __future__ import annotations
 

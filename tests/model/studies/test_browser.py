@@ -1,4 +1,4 @@
-"""The page of blind pairs in a browser: answered by keys and clicks, interrupted, scored."""
+"""The page of blind pairs in a browser: keys and clicks, interruptions, scores."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.fixtures.study import workplace
 OPEN = "['shown', 'hidden'].includes(document.body.dataset.phase)"
 SECONDS, ANSWER_SECONDS = 0.5, 8.0  # the second is as long as a busy machine may take for a key
 
-# A gap is too short to be met from outside.
+# The gap is too short for a key from outside.
 PRESS_IN_EVERY_GAP = """
 window.pressed = 0;
 new MutationObserver(() => {
@@ -29,7 +29,7 @@ new MutationObserver(() => {
 }).observe(document.body, { attributeFilter: ["data-phase"] });
 """
 
-pytestmark = pytest.mark.check  # a browser wants a quiet machine
+pytestmark = pytest.mark.check  # a browser needs a quiet machine
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def one_browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 @pytest.fixture()
 def browser(one_browser: Browser, page: Path) -> Browser:
-    """At the page's start, with nothing kept from before."""
+    """A browser at the start of the page, with empty storage."""
     one_browser.open(page)
     one_browser.script("localStorage.clear()")
     one_browser.events.clear()
@@ -64,12 +64,12 @@ def key(page: Path) -> Key:
 
 
 def wait_for(browser: Browser, pair: str) -> None:
-    """Until that pair can be answered."""
+    """Wait until that pair can be answered."""
     browser.until(f"{OPEN} && document.body.dataset.pair === '{pair}'")
 
 
 def practise(browser: Browser) -> None:
-    """Start, do the practice round, and begin with what counts."""
+    """Start, answer the practice pairs, and begin the study."""
     browser.click("#start")
     for number in range(2):
         wait_for(browser, f"practice-{number}")
@@ -80,7 +80,7 @@ def practise(browser: Browser) -> None:
 
 
 def wanted(key: Key, number: int) -> str:
-    """The side to choose: the product's picture, and the truth beside ours."""
+    """Return the side to choose: the product's picture, and the truth in pairs of pbrnet."""
     pair = key.pairs[number]
     if pair.method == "pbrnet":
         return pair.truth
@@ -88,7 +88,7 @@ def wanted(key: Key, number: int) -> str:
 
 
 def saved(folder: Path) -> Path:
-    """The file that a download leaves, when it is whole."""
+    """Wait for a download and return its path."""
     end = time.monotonic() + PATIENCE
     while not (found := sorted(folder.glob("*.json"))):
         assert time.monotonic() < end, list(folder.iterdir())
@@ -206,7 +206,7 @@ def test_a_browser_that_keeps_nothing_is_warned_about(browser: Browser, key: Key
     added = browser.call("Page.addScriptToEvaluateOnNewDocument", source=refuse)
     try:
         browser.reload()
-        assert "does not let the page keep anything" in browser.script("document.body.innerText")
+        assert "does not allow the page to store data" in browser.script("document.body.innerText")
         practise(browser)
         wait_for(browser, key.pairs[0].pair)
         browser.press("f")

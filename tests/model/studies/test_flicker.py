@@ -139,21 +139,23 @@ def test_the_report_shows_it_and_notes_a_damaged_one(room: Path, tmp_path: Path)
     times = result["methods"]["product"]["mean"] / result["methods"]["renderer"]["mean"]
     write_report(Places(), Params(), Path("report.html"))
     page = Path("report.html").read_text()
-    assert "Steadiness along a camera move" in page and "a turn of 0.5° to the right" in page
+    assert (
+        "Temporal stability along a camera move" in page and "a turn of 0.5° to the right" in page
+    )
     assert (
         f'<td class="n">{times:.2f}</td>' in page
         and f"{result['methods']['product']['mean']:.4f}<small>" in page
     )
-    assert page.count('alt="The first, a middle and the last frame') == 1
+    assert page.count('alt="First, middle and last frame') == 1
     path.write_text(json.dumps(result | {"move": "loop"}))
     path.with_suffix(".png").write_bytes(b"no picture")
     notes = write_report(Places(), Params(), Path("report.html"))
     assert any("flicker.json.move: 'loop' is not one of" in note for note in notes)
-    assert "Steadiness" not in Path("report.html").read_text()
+    assert "Temporal stability" not in Path("report.html").read_text()
 
 
 def test_a_wall_in_the_way_is_said(room: Path) -> None:
     words = ["study", "flicker", str(room), "--view", "v0", "--step", "2", "--frames", "3"]
     done = CliRunner().invoke(cli, words)
     assert isinstance(done.exception, InputError)
-    assert "something is in its way after 4.0" in str(done.exception)
+    assert "an obstacle is 4.00 m away" in str(done.exception)

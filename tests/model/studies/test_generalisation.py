@@ -1,4 +1,4 @@
-"""Another source: divided by plan, tuned from where the training ended, gloss measured apart."""
+"""Generalisation study: division by plan, fine-tuning from trained networks, specular masks."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ QUICK = replace(
     ),
 )
 PLANS = {"v-0": "v", "v-1": "v", "w-0": "w", "x-0": "x", "y-0": "y"}
-GLOSS = slice(8, 20), slice(10, 26)  # rows and columns that mirror a lamp in the other source
+GLOSS = slice(8, 20), slice(10, 26)  # rows and columns of a specular reflection
 
 
 @pytest.fixture()
@@ -71,7 +71,7 @@ def run(
     return call
 
 
-# What is divided
+# Division
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -96,11 +96,11 @@ def test_one_plan_cannot_be_divided() -> None:
         divide({"v-0": 2, "v-1": 3}, PLANS, 1, 0, "there")
 
 
-# What is specular
+# Specular masks
 
 
 def matte_view() -> Example:
-    """A view of a box room of the analytic world: its colour is exactly the product."""
+    """Return a view of an analytic box room; its colour is exactly the product."""
     row = box_rows(["a"], 1, "train", width=80, height=60, panorama=16)[0]
     images = {
         name: row[name].astype(np.float32) for name in ("depth", "normal", "reflectance", "shading")
@@ -131,14 +131,14 @@ def test_a_mirror_is_found_and_nothing_else() -> None:
 def test_what_is_no_gloss_is_left_out() -> None:
     view = matte_view()
     height, width = view.valid.shape
-    # bounced light: twice as bright at one end of the view as at the other
+    # indirect light: twice as bright at one end of the view as at the other
     slope = np.linspace(0.8, 1.6, width, dtype=np.float32)[None, :, None]
     assert specular_mask(replace(view, color=slope * view.color), 0.5).mean() < 0.02
     # silhouettes: one pixel of another colour
     edges = view.color.copy()
     edges[:, 40], edges[30, :] = 5 * edges[:, 40], edges[30, :] / 5
     assert not specular_mask(replace(view, color=edges), 0.5).any()
-    # a lamp straight ahead, which the panorama has; without that it would be taken for a mirror
+    # a lamp in front, which the panorama has; otherwise it would count as specular
     lamp = np.zeros((height, width), bool)
     lamp[25:35, 34:46] = True
     lit = replace(view, color=np.where(lamp[..., None], np.float32(30.0), view.color))
@@ -205,7 +205,7 @@ def test_another_folder_from_the_command_to_the_report(
         assert tuned["training"]["started_from"] == first
     assert cards["alone"]["training"]["started_from"] is None
     assert cards["before"]["data"]["views"] == 12
-    # nothing that was learned from is measured
+    # training scenes are not tested
     scores = read_json(studies / "tuned-0" / "trial.json")["scores"]
     measured = {row["scene_id"] for row in scores}
     tuned_on = set(cards["tuned"]["data"]["scenes"])
@@ -213,7 +213,7 @@ def test_another_folder_from_the_command_to_the_report(
     assert cards["tuned"]["data"]["views"] >= 3
     assert f"tuned on {cards['tuned']['data']['views']} views" in result.notes[0]
     assert result.notes[0] in words
-    # where a lamp is mirrored, no product can be right, not even that of the true shading
+    # no product can represent a specular reflection, not even that of the true shading
     ceiling = rows["ceiling"].metrics
     assert ceiling["specular_flip"] and ceiling["matte_flip"]
     assert ceiling["specular_flip"].mean > 2 * ceiling["matte_flip"].mean
@@ -230,7 +230,7 @@ def test_another_folder_from_the_command_to_the_report(
 
     steps = stop_at(monkeypatch, 10**9)
     assert run(*asked)[0] == 0 and steps() == 0
-    # another first training: what goes on from it is done again, what does not is kept
+    # another first training: its fine-tuning is repeated, other trainings are kept
     again = ("--other", "../other", "--views", 3, "--steps", 3, "--tuning-steps", 2)
     assert run(*again)[0] == 0
     assert steps() == 2 * 3 + 2 * 2 + 2 * 5

@@ -1,4 +1,4 @@
-"""The illumination study: from scenes, dataset and networks to its file, and on after a kill."""
+"""Illumination study: from scenes, dataset and networks to its result, and resuming."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def examples(place: Folders) -> list[Example]:
 
 
 def run(place: Folders, *more: str) -> int:
-    """The command in the workplace, with few samples; returns the exit code."""
+    """Run the command in the project with few samples; return the exit code."""
     root = place.data.parent
     words = ["study", "illumination", "--spp", "4", "--params", str(root / "params.yaml")]
     words += ["--data", str(place.data), "--models", str(place.models), *more]
@@ -57,7 +57,7 @@ def result_of(place: Folders) -> IlluminationResult:
 
 @pytest.fixture
 def traced(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Names of the changes that are path traced, in turn."""
+    """Names of the changes that are path traced, in order."""
     names: list[str] = []
     real = study._render
 
@@ -83,7 +83,7 @@ def test_the_study_from_end_to_end_and_again(
         assert set(change.methods) == {"shading", "pbrnet", "product"} | (
             set() if name == "exchanged" else {"direct"}
         )
-    # Lamps are not all of the light, so four times brighter is between nothing and ln 4.
+    # Lamps are only part of the light, so a factor of 4 changes less than ln 4.
     for method, found in result.changes["lamps"].methods.items():
         assert found.true is not None and 0 < found.true.value < np.log(4), method
         assert found.predicted is not None and found.predicted.value > 0, method

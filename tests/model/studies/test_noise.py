@@ -1,4 +1,4 @@
-"""Noisy truth: nothing but the truth differs, its exposure is its own, and it is rendered once."""
+"""Noise study: only the ground truth and its exposures differ, and frames are rendered once."""
 
 from __future__ import annotations
 
@@ -17,11 +17,10 @@ from model.studies.noise import study
 from model.studies.noise.study import noisy_truths
 from model.studies.trials.derived_splits import TruthImages, write_derived_split
 from model.studies.trials.results import TrialsResult
-from model.training.backbone import make_backbone
 from model.training.train import Folders, train_network
 from pipeline.cli import main
 from pipeline.frames import read_frame
-from pipeline.params import BackboneParams, ToneParams
+from pipeline.params import ToneParams
 from pipeline.passes.denoise import denoise, guides
 from pipeline.render.scene import open_scene, set_variant
 from pipeline.tonemap import exposure_of
@@ -30,6 +29,7 @@ from scenes.checked import build, plain
 from scenes.contract import load_scene
 from scenes.errors import InputError
 from scenes.files import read_json
+from tests.fixtures.backbone import copy_backbone
 from tests.fixtures.light import PARAMS as LIT
 from tests.fixtures.light import lit_workplace, room
 from tests.fixtures.model import box_rows, write_shard
@@ -50,10 +50,10 @@ PARAMS = replace(
 
 @pytest.fixture(scope="module")
 def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One room to test on, two to train on, and what `pbrnet study noise` makes of them."""
+    """One test room, two training rooms, and the finished study."""
     root = tmp_path_factory.mktemp("noise")
     lit_workplace(root, scenes=1, train=2)
-    make_backbone(BackboneParams(network="efficientnet_lite0"), root / "models")
+    copy_backbone(root / "models")
     (root / "params.yaml").write_text(yaml.safe_dump(plain(PARAMS)))
     code, _ = run(folders_in(root))
     assert code == 0
@@ -62,7 +62,7 @@ def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture()
 def folders(template: Path, tmp_path: Path) -> Folders:
-    """A copy of what the study has left."""
+    """A copy of the finished study."""
     shutil.copytree(template, tmp_path / "work")
     return folders_in(tmp_path / "work")
 
@@ -78,7 +78,7 @@ def run(folders: Folders, *more: object) -> tuple[int, Path]:
 
 
 def packed(folders: Folders, name: str) -> Dataset:
-    """What the trials of that name have learned from."""
+    """Return the training split of the trials of that name."""
     return Dataset(folders.data / "studies" / "noise" / "packs" / name / "dataset", "train")
 
 
@@ -105,7 +105,7 @@ def test_only_the_truth_differs(folders: Folders) -> None:
                 frame = read_frame(path / f"{ours.view_id}.exr")
                 assert np.array_equal(getattr(ours, kind), frame.rgb)
                 assert frame.meta["spp"] == truth.spp
-                # by the noisy image alone, not by what more samples know
+                # from the noisy image, not from the clean one
                 own = exposure_of(frame.rgb, ToneParams())
                 assert getattr(ours, f"exposure_{kind}") == own
                 assert own != getattr(theirs, f"exposure_{kind}")
@@ -195,7 +195,7 @@ def test_what_is_done_is_not_done_again(
         raise AssertionError("rendered again")
 
     monkeypatch.setattr(study, "render_truths", refuse)
-    shutil.rmtree(folders.data / "studies")  # to have the room back
+    shutil.rmtree(folders.data / "studies")  # frames may be deleted
     steps = stop_at(monkeypatch, 10**9)
     code, studies = run(folders)
     assert code == 0 and steps() == 0

@@ -1,4 +1,4 @@
-"""Blind pairs: dealt fairly, made without giving the answer away, scored as by hand."""
+"""Blind pairs: a balanced plan, a page that does not reveal the solution, correct scores."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def made(folders: Folders, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def content_of(page: Path) -> dict[str, Any]:
-    """The data that the page carries."""
+    """Return the data embedded in the page."""
     found = re.search(
         r'<script type="application/json"[^>]*>(.*?)</script>', page.read_text(), re.S
     )
@@ -83,7 +83,7 @@ def png_of(uri: str) -> bytes:
 
 
 def chunks(png: bytes) -> list[tuple[bytes, int]]:
-    """Names and sizes of a PNG's chunks, in order."""
+    """Return names and sizes of a PNG's chunks, in order."""
     found, place = [], 8
     while place < len(png):
         (size,) = struct.unpack(">I", png[place : place + 4])
@@ -184,7 +184,7 @@ def test_the_page_does_not_tell_which_picture_is_the_truth(made: Path) -> None:
 def test_the_seed_on_the_page_is_not_enough_to_draw_the_sides_again(
     folders: Folders, made: Path, tmp_path: Path
 ) -> None:
-    """Other weights, the same seed: another draw."""
+    """With other weights, the same seed draws another plan."""
     untrained(tmp_path / "models", seed=1)
     other = write_pairs_page(
         Params(seed=5),
@@ -274,7 +274,7 @@ def test_scores_are_those_worked_out_by_hand(tmp_path: Path) -> None:
 
 
 def read_of(folder: Path, key: Key, content: Any) -> Answers:
-    """Through a file, as it comes."""
+    """Write an answer file and read it."""
     return read_answers(write(folder / "answers.json", content), key)
 
 
@@ -299,7 +299,7 @@ GOOD = answers_to(KEY, lambda index, pair: "truth")
 
 
 def changed(place: list[Any], value: Any) -> Callable[[], str]:
-    """The good file with one thing changed; a missing value removes it."""
+    """Return a valid file with one value changed, or removed for KeyError."""
 
     def make() -> str:
         content = json.loads(json.dumps(GOOD))

@@ -1,4 +1,4 @@
-"""A scene in another light: proportional where it must be, and lamps where they were asked for."""
+"""Relighting: images are linear in the light, and added lamps are in the right place."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def variant() -> str:
 
 
 def image(scene: Scene, change: LightChange, view: View) -> np.ndarray:
-    """Rendered colour, float64 (H, W, 3)."""
+    """Render colour, float64 (H, W, 3)."""
     with open_relit(scene, change) as opened:
         channels, _ = render_truth(opened, view, PARAMS.groundtruth, 5)
     return np.stack([channels[band] for band in "RGB"], -1).astype(np.float64)
 
 
 def panorama(scene: Scene, change: LightChange, view: View, width: int = 32) -> np.ndarray:
-    """Intensity of the panorama."""
+    """Render the intensity of the panorama."""
     with open_relit(scene, change) as opened:
         return render_illumination(opened, view, IlluminationParams(width=width))["intensity.Y"]
 
@@ -82,7 +82,7 @@ def test_sources_are_told_apart(tmp_path: Path) -> None:
     lit = render_illumination(opened, view, PARAMS.illumination)["intensity.Y"]
     total = float((lit * solid_angles(lit)).sum())
     assert seen.lamps + seen.outdoors == pytest.approx(total, rel=1e-4)
-    # A ball of radiance 3 and radius 0.15 m, seen whole from a metre and a half away.
+    # A sphere of radiance 3 and radius 0.15 m, fully visible at a distance of 1.5 m.
     away = np.linalg.norm(np.array([0.5, 0.8, 2.5]) - view.eye)
     cap = 2 * math.pi * (1 - math.sqrt(1 - (0.15 / away) ** 2))
     assert seen.lamps == pytest.approx(3.0 * cap, rel=0.02)
@@ -149,7 +149,7 @@ def test_the_added_lamp_is_at_the_left_rear_and_in_the_panorama(
     width = 64
     with open_relit(scene, LightChange(added=lamp)) as changed:
         new = render_illumination(changed, view, IlluminationParams(width=width))["intensity.Y"]
-        # Behind the camera: nothing of the picture itself changes.
+        # The lamp is behind the camera: the image itself does not change.
         for name, channel in render_inputs(changed, view).items():
             assert np.array_equal(channel, render_inputs(opened, view)[name]), name
     more = new - panorama(scene, LightChange(), view, width)

@@ -1,4 +1,4 @@
-"""The table of all methods: equal budgets, several trainings, figures that can be recomputed."""
+"""Method table: equal budgets, several trainings, scores that can be recomputed."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_the_table_from_the_command_to_the_report(
         assert rows[label].steps == 2 and rows[label].views == 12
     assert "standard deviation over 2 trainings" in words
 
-    # what no network has a part in can be worked out again, and does not depend on the seed
+    # scores without a network do not depend on the seed
     views = list(Dataset(folders.data / "dataset", "test", noisy=True).ordered())
     values = []
     for view in views:

@@ -1,4 +1,4 @@
-"""Blur and grid patterns: measured as they were made."""
+"""Texture metrics of synthetic blur and grid patterns."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def noise(height: int = 192, width: int = 256, spread: float = 0.05) -> np.ndarr
 
 
 def room(height: int = 120, width: int = 160) -> np.ndarray:
-    """Smooth walls that meet in a slanted and an upright edge, a lamp's glow, a little grain."""
+    """Smooth walls with a slanted and a vertical edge, a soft highlight, a little grain."""
     row, column = np.mgrid[:height, :width].astype(np.float64)
     wall = np.where(column < width * 0.4, 0.3, 0.6) + 0.2 * (row + 0.4 * column > height)
     glow = 0.15 * np.exp(-((row - 40) ** 2 + (column - 100) ** 2) / 800)
@@ -85,7 +85,7 @@ def test_a_grid_shows_in_a_picture_and_is_no_detail(period: int) -> None:
 
 
 def test_a_grid_that_changes_its_sign_is_still_one() -> None:
-    """As where a network makes it darker on one wall and brighter on the other."""
+    """The grid is darker on one wall and brighter on the other."""
     flat = np.full((96, 128, 3), 0.5)
     pattern = lines(8, 4 / 255, flat.shape)
     pattern[:, 64:] *= -1

@@ -1,4 +1,4 @@
-"""The time study: parts add up, the reference is better than what it judges, nothing is hidden."""
+"""Time study: parts add up, the reference is better than the methods it is compared with."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Folders:
 
 
 def run(place: Folders, *more: str) -> int:
-    """The command in the workplace; returns the exit code."""
+    """Run the command in the project; return the exit code."""
     root = place.data.parent
     words = ["study", "time", "--params", str(root / "params.yaml"), "--data", str(place.data)]
     with pytest.raises(SystemExit) as stopped:
@@ -68,7 +68,7 @@ def test_the_study_from_end_to_end_and_again(
     ladder = {spp for method, spp in points if method == "mitsuba"}
     assert ladder == {1, 2, 4, 8}, "powers of two up to 9"
     assert {method for method, spp in points if spp is None} == {"pbrnet", "product", "unet"}
-    # One view, one turn: the seconds of a way are the sum of its parts'.
+    # With one view and one turn, the time of a method is the sum of its parts.
     parts = {name: spent.seconds for name, spent in result.parts.items()}
     inputs = parts["inputs"] + parts["illumination"]
     for method, own in {
@@ -77,7 +77,7 @@ def test_the_study_from_end_to_end_and_again(
         "unet": parts["unet"],
     }.items():
         assert points[method, None].seconds == pytest.approx(inputs + own)
-    # More samples are nearer to the reference, and denoising helps the fewest of them.
+    # Error falls with samples, and denoising helps most for the fewest samples.
     assert points["mitsuba", 8].flip < points["mitsuba", 1].flip
     assert points["mitsuba", 8].ssim > points["mitsuba", 1].ssim
     assert points["mitsuba_denoised", 1].flip < points["mitsuba", 1].flip

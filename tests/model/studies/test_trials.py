@@ -1,4 +1,4 @@
-"""Studies that compare trainings: planned fairly, kept and resumed exactly, shown by the report."""
+"""Training studies: fair plans, exact resuming, results and their section of the report."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ QUICK = TrialConfig(steps=2)
 
 @pytest.fixture(autouse=True)
 def _one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Networks this small only wait for one another on two."""
+    """Small networks are slower on two threads."""
     monkeypatch.setattr(train.os, "sched_getaffinity", lambda _process: {0})
 
 
 @pytest.fixture(scope="module")
 def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A workplace that nobody works in."""
+    """A project that is only copied."""
     place = tmp_path_factory.mktemp("template")
     trial_workplace(place)
     return place
@@ -61,7 +61,7 @@ def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture()
 def workplace(template: Path, tmp_path: Path) -> Callable[[str], Folders]:
-    """A workplace of that name; as many as a test asks for."""
+    """Function that returns a copy of the project with a name."""
 
     def make(name: str) -> Folders:
         root = tmp_path / name
@@ -87,7 +87,7 @@ def run_all(
     run_and_summarise(study, params, folders, plan(study, params, folders, config), log)
 
 
-# Which scenes are learned from
+# Training scenes
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -134,7 +134,7 @@ def test_a_dataset_of_some_scenes_holds_those_alone(folders: Folders) -> None:
     assert len(Dataset(folders.data / "dataset", "train", only=[])) == 0
 
 
-# What is planned
+# Plans
 
 
 def test_trials_differ_in_what_is_compared_and_in_nothing_else(folders: Folders) -> None:
@@ -196,11 +196,11 @@ def test_more_views_than_there_are_cannot_be_asked_for(folders: Folders, views: 
         plan(decomposition_study(PARAMS), PARAMS, folders, TrialConfig(views=(views,)))
 
 
-# Without supervision
+# Training on colour only
 
 
 def change_shading(data: Path) -> None:
-    """Make every true shading of the training split a grey card, and leave all else."""
+    """Set every true shading of the training split to grey."""
     for path in sorted((data / "dataset").glob("train-*.parquet")):
         scenes = list(dict.fromkeys(pq.read_table(path, columns=["scene_id"])[0].to_pylist()))
         rows = box_rows(scenes, 2, "train", **SIZE)
@@ -212,7 +212,7 @@ def change_shading(data: Path) -> None:
 def test_the_end_to_end_network_never_hears_of_the_true_shading(
     workplace: Callable[[str], Folders],
 ) -> None:
-    """Other shading to learn from: other weights with supervision, the same bits without."""
+    """Other true shading changes the weights with supervision, and no bit without."""
     params = plan_params()
     places = [workplace(name) for name in ("a", "b")]
     change_shading(places[1].data)
@@ -251,7 +251,7 @@ def test_the_gradient_of_colour_reaches_both_networks_also_out_of_range() -> Non
         assert sum(float(value.grad.abs().sum()) for value in part.parameters()) > 0
 
 
-# Stopped and gone on
+# Resuming
 
 
 def test_finished_trials_are_kept_and_the_stopped_one_goes_on(
@@ -326,7 +326,7 @@ def test_what_was_trained_on_is_not_measured(folders: Folders) -> None:
         run_all(composition_study(), PARAMS, folders, QUICK)
 
 
-# What comes out
+# Results
 
 
 def row(scene: str, view: int, value: float) -> ViewScores:
@@ -335,7 +335,7 @@ def row(scene: str, view: int, value: float) -> ViewScores:
 
 
 def test_figures_are_those_worked_out_by_hand() -> None:
-    """Two scenes: resampled means are those of either scene twice, or of both."""
+    """With two scenes, resampled means are those of either scene twice, or of both."""
     ours = [[row("a", 0, 0.2), row("a", 1, 0.4), row("b", 0, 0.9)]]
     ours.append([row("a", 0, 0.4), row("a", 1, 0.6), row("b", 0, 0.7)])
     theirs = [[row("a", 0, 0.1), row("a", 1, 0.3), row("b", 0, 1.0)]] * 2

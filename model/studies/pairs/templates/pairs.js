@@ -6,25 +6,25 @@
   const part = (id) => document.getElementById(id);
   const pictures = { left: part("left-picture"), right: part("right-picture") };
 
-  let run = recall();
-  let tried = 0; // practice pairs seen
-  // still: nothing under way. gap: the next pair is being got ready. shown: the pictures are seen.
-  // hidden: they are gone, an answer is still taken.
+  let run = restoreRun();
+  let practiceDone = 0; // answered practice pairs
+  // still: no pair. gap: the next pair is being loaded. shown: the pictures are visible.
+  // hidden: the pictures have disappeared, an answer is still accepted.
   let phase = "still";
-  let turn = 0; // grows with everything that ends a pair, so that nothing belated touches the next
+  let turn = 0; // incremented at the end of a pair, so that late callbacks do not affect the next pair
   let timers = [];
-  let began = 0; // when the pictures appeared
-  let restAsked = false;
-  let lasting = true; // whether the browser keeps what it is given
+  let shownAt = 0; // time at which the pictures appeared, ms
+  let pauseRequested = false;
+  let storageWorks = true; // whether localStorage works
 
-  function fresh() {
+  function newRun() {
     const bytes = crypto.getRandomValues(new Uint8Array(16));
     const session = Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
     return { session, practised: study.practice.length === 0, answers: [], underway: null };
   }
 
-  // What this browser has kept of a run of this very page, or a new run.
-  function recall() {
+  // Return the stored run of this page, or a new one.
+  function restoreRun() {
     try {
       const kept = JSON.parse(localStorage.getItem(store));
       const fits =
@@ -33,27 +33,27 @@
         Array.isArray(kept.answers) &&
         kept.answers.length <= study.pairs.length &&
         kept.answers.every((answer, index) => answer.pair === study.pairs[index].pair);
-      return fits ? kept : fresh();
+      return fits ? kept : newRun();
     } catch {
-      return fresh();
+      return newRun();
     }
   }
 
-  function keep() {
+  function saveRun() {
     try {
       localStorage.setItem(store, JSON.stringify(run));
-      lasting = true;
+      storageWorks = true;
     } catch {
-      lasting = false;
+      storageWorks = false;
     }
-    part("warning").hidden = lasting;
+    part("warning").hidden = storageWorks;
   }
 
-  // The pair that is due; nothing after the last.
-  function due() {
+  // Return the next pair; null after the last.
+  function nextPair() {
     if (!run.practised) {
-      const words = `Practice ${tried + 1} of ${study.practice.length}`;
-      return { ...study.practice[tried], words, done: tried / study.practice.length, counts: false };
+      const words = `Practice ${practiceDone + 1} of ${study.practice.length}`;
+      return { ...study.practice[practiceDone], words, done: practiceDone / study.practice.length, counts: false };
     }
     const index = run.answers.length;
     if (index >= study.pairs.length) return null;
@@ -61,18 +61,18 @@
     return { ...study.pairs[index], words, done: index / study.pairs.length, counts: true };
   }
 
-  function enter(next) {
+  function setPhase(next) {
     phase = next;
     document.body.dataset.phase = next;
     const open = next === "shown" || next === "hidden";
     part("left").disabled = part("right").disabled = !open;
   }
 
-  function show(section) {
+  function showSection(section) {
     for (const name of ["intro", "trial", "rest", "done"]) part(name).hidden = name !== section;
   }
 
-  function stop() {
+  function stopPair() {
     turn += 1;
     timers.forEach(clearTimeout);
     timers = [];
@@ -81,13 +81,13 @@
     part("time-words").textContent = "\u00a0";
   }
 
-  async function begin() {
-    stop();
-    const mine = turn;
-    const pair = due();
+  async function startPair() {
+    stopPair();
+    const myTurn = turn;
+    const pair = nextPair();
     if (pair === null) return finish();
-    enter("gap");
-    show("trial");
+    setPhase("gap");
+    showSection("trial");
     document.body.dataset.pair = pair.pair;
     part("count").textContent = pair.words;
     part("progress").value = pair.done;
@@ -96,111 +96,111 @@
       for (const side of ["left", "right"]) pictures[side].src = pair[side];
       await Promise.all([waited, pictures.left.decode(), pictures.right.decode()]);
     } catch {
-      if (mine === turn) rest("The pictures cannot be drawn", "Try again, or open the page in another browser.");
+      if (myTurn === turn) pause("The pictures cannot be displayed", "Try again, or open the page in another browser.");
       return;
     }
-    if (mine !== turn) return;
+    if (myTurn !== turn) return;
     const { naturalWidth, naturalHeight } = pictures.left;
     part("pictures").style.setProperty("--aspect", `${naturalWidth} / ${naturalHeight}`);
-    requestAnimationFrame((now) => mine === turn && reveal(pair, now));
+    requestAnimationFrame((now) => myTurn === turn && showPair(pair, now));
   }
 
-  function reveal(pair, now) {
-    began = now;
-    enter("shown");
+  function showPair(pair, now) {
+    shownAt = now;
+    setPhase("shown");
     if (pair.counts) {
       run.underway = pair.pair;
-      keep();
+      saveRun();
     }
     timers = [
-      setTimeout(() => enter("hidden"), 1000 * study.seconds),
-      setTimeout(() => settle(null), limit),
+      setTimeout(() => setPhase("hidden"), 1000 * study.seconds),
+      setTimeout(() => recordAnswer(null), limit),
     ];
-    tick(turn);
+    updateTimer(turn);
   }
 
-  // The timer bar runs down once for the pictures, and once more for the answer.
-  function tick(mine) {
-    if (mine !== turn) return;
-    const passed = (performance.now() - began) / 1000;
+  // The timer bar runs once for the pictures, and once more for the answer.
+  function updateTimer(myTurn) {
+    if (myTurn !== turn) return;
+    const passed = (performance.now() - shownAt) / 1000;
     const seen = phase === "shown";
     const whole = seen ? study.seconds : study.answer_seconds;
     const left = Math.max(0, (seen ? study.seconds : study.seconds + study.answer_seconds) - passed);
     part("time").style.width = `${Math.min(100, (100 * left) / whole)}%`;
     const words = `${left.toFixed(1)} s left to ${seen ? "look" : "answer"}`;
     if (part("time-words").textContent !== words) part("time-words").textContent = words;
-    requestAnimationFrame(() => tick(mine));
+    requestAnimationFrame(() => updateTimer(myTurn));
   }
 
-  // Take the side, or null where none was chosen in time, and go on.
-  function settle(side) {
+  // Record a side, or null for none in time, and continue.
+  function recordAnswer(side) {
     if (phase !== "shown" && phase !== "hidden") return;
-    const pair = due();
-    const ms = Math.max(0, Math.round(performance.now() - began));
-    stop();
-    enter("still");
+    const pair = nextPair();
+    const ms = Math.max(0, Math.round(performance.now() - shownAt));
+    stopPair();
+    setPhase("still");
     if (pair.counts) {
       run.answers.push({ pair: pair.pair, side, ms, timed_out: side === null });
       run.underway = null;
     } else {
-      tried += 1;
-      run.practised = tried >= study.practice.length;
+      practiceDone += 1;
+      run.practised = practiceDone >= study.practice.length;
     }
-    keep();
-    if (due() === null) finish();
-    else if (!pair.counts && run.practised) rest("That was the practice", "From now on your answers count.");
-    else if (side === null) rest("No answer in time", "That happens. Go on when you are ready.");
-    else if (restAsked) rest("Pause", "Go on when you are ready.");
-    else begin();
+    saveRun();
+    if (nextPair() === null) finish();
+    else if (!pair.counts && run.practised) pause("End of the practice", "From now on, your answers count.");
+    else if (side === null) pause("No answer in time", "Continue when you are ready.");
+    else if (pauseRequested) pause("Pause", "Continue when you are ready.");
+    else startPair();
   }
 
-  function rest(title, words) {
-    stop();
-    enter("still");
-    restAsked = false;
+  function pause(title, words) {
+    stopPair();
+    setPhase("still");
+    pauseRequested = false;
     part("pause").disabled = false;
     const done = run.answers.length;
     const count = run.practised && done ? ` ${done} of ${study.pairs.length} pairs are done.` : "";
     part("rest-title").textContent = title;
     part("rest-words").textContent = words + count;
     part("status").textContent = `${title}. ${words}`;
-    show("rest");
+    showSection("rest");
     part("go").focus();
   }
 
-  // In the gap at once; while a pair is open, after it.
-  function askRest() {
+  // Pause at once in the gap, or after the current pair.
+  function requestPause() {
     if (phase === "gap") {
-      rest("Pause", "Go on when you are ready.");
+      pause("Pause", "Continue when you are ready.");
     } else if (phase === "shown" || phase === "hidden") {
-      restAsked = true;
+      pauseRequested = true;
       part("pause").disabled = true;
-      part("status").textContent = "Pausing after this pair.";
+      part("status").textContent = "Pause after this pair.";
     }
   }
 
   function finish() {
-    stop();
-    enter("still");
+    stopPair();
+    setPhase("still");
     const { study: kind, version, page, seed } = study;
     const answers = { study: kind, version, page, seed, session: run.session, answers: run.answers };
     const text = JSON.stringify(answers, null, 1) + "\n";
     const late = run.answers.filter((answer) => answer.timed_out).length;
     part("done-words").textContent =
       `You have answered ${run.answers.length - late} of ${run.answers.length} pairs.` +
-      (late ? ` In ${late} no answer came in time; they are left out.` : "");
+      (late ? ` ${late} timed out and are left out.` : "");
     part("text").value = text;
     const link = part("download");
     if (link.href) URL.revokeObjectURL(link.href);
     link.href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
     link.download = `pairs-${page}-${run.session.slice(0, 8)}.json`;
-    show("done");
+    showSection("done");
     link.focus();
   }
 
-  // A pair that was being shown when the page went away has been seen: it is not shown again.
-  function closeInterrupted() {
-    const pair = due();
+  // A pair that was visible when the page was closed is not shown again.
+  function countInterruptedPair() {
+    const pair = nextPair();
     if (run.underway !== null && pair !== null && pair.counts && pair.pair === run.underway) {
       run.answers.push({ pair: pair.pair, side: null, ms: Math.round(limit), timed_out: true });
     }
@@ -214,47 +214,47 @@
     if (!(key in sides) && key !== "p") return;
     event.preventDefault();
     if (event.repeat) return;
-    if (key === "p") askRest();
-    else settle(sides[key]);
+    if (key === "p") requestPause();
+    else recordAnswer(sides[key]);
   });
   for (const side of ["left", "right"]) {
     for (const name of [side, `${side}-frame`]) {
       part(name).addEventListener("click", () => {
-        // Else Space and Enter would choose this side again in the next pair.
+        // Otherwise, Space and Enter would choose this side again in the next pair.
         document.activeElement?.blur();
-        settle(side);
+        recordAnswer(side);
       });
     }
   }
-  part("start").addEventListener("click", begin);
-  part("go").addEventListener("click", begin);
-  part("pause").addEventListener("click", askRest);
+  part("start").addEventListener("click", startPair);
+  part("go").addEventListener("click", startPair);
+  part("pause").addEventListener("click", requestPause);
   part("again").addEventListener("click", () => {
-    if (!confirm("Remove these answers from this browser? Save them first.")) return;
-    run = fresh();
-    tried = 0;
-    keep();
+    if (!confirm("Delete these answers from this browser? Save them first.")) return;
+    run = newRun();
+    practiceDone = 0;
+    saveRun();
     part("resume").hidden = true;
     part("start").textContent = "Start";
-    show("intro");
+    showSection("intro");
   });
   document.addEventListener("visibilitychange", () => {
     if (document.visibilityState !== "hidden") return;
-    if (phase === "gap") rest("Pause", "Go on when you are ready.");
-    else settle(null);
+    if (phase === "gap") pause("Pause", "Continue when you are ready.");
+    else recordAnswer(null);
   });
   addEventListener("beforeunload", (event) => {
-    if (!lasting && run.answers.length) event.preventDefault();
+    if (!storageWorks && run.answers.length) event.preventDefault();
   });
 
-  closeInterrupted();
-  keep();
-  if (due() === null) {
+  countInterruptedPair();
+  saveRun();
+  if (nextPair() === null) {
     finish();
   } else if (run.answers.length) {
     part("resume").textContent =
-      `You have been here before: ${run.answers.length} of ${study.pairs.length} pairs are done.`;
+      `Your last session is stored: ${run.answers.length} of ${study.pairs.length} pairs are done.`;
     part("resume").hidden = false;
-    part("start").textContent = "Go on";
+    part("start").textContent = "Continue";
   }
 })();
