@@ -30,8 +30,9 @@ def plane(depth: float) -> Example:
     rgb = np.zeros((HEIGHT, WIDTH, 3), np.float32)
     panorama, exposure = np.zeros((8, 16), np.float32), Exposure(1.0, 1.0)
     return Example(
-        "box", "v0", whole, rgb, rgb, whole > 0, panorama, panorama, VIEW.intrinsics,
-        rgb, rgb, exposure, exposure,
+        scene_id="box", view_id="v0", depth=whole, normal=rgb, reflectance=rgb, valid=whole > 0,
+        intensity=panorama, distance=panorama, intrinsics=VIEW.intrinsics,
+        shading=rgb, color=rgb, exposure_shading=exposure, exposure_color=exposure,
     )  # fmt: skip
 
 
