@@ -149,8 +149,10 @@ def train_baselines(
 Examples:
   pbrnet evaluate                      the split that params.yaml names (evaluate.split)
   pbrnet evaluate --models models/room --data data/room
+  pbrnet evaluate --models weights --data data/room     the pretrained networks
 
-Refused if a test scene, or another scene of its floor plan, was trained on.""",
+Measures every method whose networks lie in the folder. Refused if a network was trained on a test
+scene or on another scene of its floor plan.""",
 )
 @models_option()
 @common_options

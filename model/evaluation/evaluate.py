@@ -17,9 +17,15 @@ import torch
 
 from model.data.encoding import color_exposure
 from model.data.reader import Dataset, Example
-from model.evaluation.inference import PREDICTABLE, PRODUCTS, Networks, load_networks
+from model.evaluation.inference import (
+    PREDICTABLE,
+    PRODUCTS,
+    Networks,
+    available,
+    load_networks,
+)
 from model.evaluation.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
-from model.methods import BASELINES, trained_baselines
+from model.methods import BASELINES
 from model.methods import METHODS as TRAINED
 from model.training.store import ModelCard
 from model.training.train import Folders
@@ -65,15 +71,16 @@ class Score:
 def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
     """Measure every method on the split; write `evaluation.json`, `.csv` and example pictures.
 
-    Methods: `pbrnet` (both networks), `product` (reflectance x predicted shading) by Reinhard's
-    operator and `product_linear`, every baseline of the registry that has been trained, beside
-    one that takes noisy samples `denoised`, what the denoiser alone makes of them, and
-    `ceiling` (reflectance x true shading), the best that `product` can do. Raises `InputError` if
-    a baseline that `train.baselines` names is missing, `LeakError` if a scene, or another scene of
-    its plan, was trained on.
+    Methods are those whose networks lie in the models folder: `pbrnet` (both networks), `product`
+    (reflectance x predicted shading) by Reinhard's operator and `product_linear`, and every method
+    of the registry that has been trained. Beside them `ceiling` (reflectance x true shading), the
+    upper bound of `product`, and, where the dataset's noisy samples are read, `denoised` (the
+    denoiser's result alone). Example pictures are ranked by the first method. Raises `InputError`
+    if there are no networks, or if the first stages are trained here and a method of
+    `train.baselines` is not, `LeakError` if a scene, or another scene of its plan, was trained on.
     """
     torch.set_num_threads(len(os.sched_getaffinity(0)))
-    networks, dataset = open_split(params, folders, _baselines(params, folders.models))
+    networks, dataset = open_split(params, folders, _methods_in(params, folders.models))
     lpips = find_lpips()
     scores: list[Score] = []
     with Progress(len(dataset), "evaluate") as progress:
@@ -88,7 +95,7 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
             progress.advance()
 
     ranked = sorted(
-        (score for score in scores if score.method == "pbrnet"),
+        (score for score in scores if score.method == networks.methods[0]),
         key=lambda score: (score.values["flip"], score.scene_id, score.view_id),
     )
     best, worst = ranked[:EXAMPLES], ranked[EXAMPLES:][-EXAMPLES:][::-1]
@@ -145,15 +152,15 @@ def _kept_back(
 
 
 def open_split(
-    params: Params, folders: Folders, baselines: Sequence[str]
+    params: Params, folders: Folders, methods: Sequence[str]
 ) -> tuple[Networks, Dataset]:
-    """The networks, these baselines and the split they are measured on.
+    """Return the networks of these methods and the split they are measured on.
 
     Raises `LeakError` as `refuse_leaks` does, `InputError` if a network is missing or was trained
     with another tone mapping than the parameters'.
     """
-    networks = load_networks(folders.models, ("pbrnet", *PRODUCTS, *baselines))
-    noisy = any(TRAINED[name].noisy for name in baselines)
+    networks = load_networks(folders.models, methods)
+    noisy = any(TRAINED[name].noisy for name in networks.baselines)
     dataset = Dataset(folders.data / "dataset", params.evaluate.split, noisy)
     refuse_leaks(dataset, networks.cards)
     if networks.card.tone != plain(params.tone):
@@ -164,10 +171,20 @@ def open_split(
     return networks, dataset
 
 
-def _baselines(params: Params, models: Path) -> list[str]:
-    """Those that are named, which must be there, and those that are there."""
-    present = trained_baselines(models)
-    return [name for name in BASELINES if name in present or name in params.train.baselines]
+def _methods_in(params: Params, models: Path) -> list[str]:
+    """Methods to measure: all whose networks lie in the folder, in the order of `PREDICTABLE`.
+
+    Where `pbrnet` has been trained, those of `train.baselines` are expected too: they are named
+    even if they are missing, so that loading them fails.
+    """
+    present = available(models)
+    if not present:
+        raise InputError(
+            f"{models}: no trained networks here; train them (pbrnet train shading, pbrnet train "
+            "composition), or name another folder with --models"
+        )
+    expected = params.train.baselines if "pbrnet" in present else ()
+    return [name for name in PREDICTABLE if name in present or name in expected]
 
 
 def refuse_leaks(dataset: Dataset, cards: Mapping[str, ModelCard]) -> None:
@@ -181,7 +198,8 @@ def refuse_leaks(dataset: Dataset, cards: Mapping[str, ModelCard]) -> None:
     scenes = sorted(set(dataset.column("scene_id")))
     for name, card in cards.items():
         for scene in scenes:
-            if scene in card.data.scenes:
+            # Where plans are known, another scene may have the name: homes are numbered.
+            if scene in card.data.scenes and scene not in plans:
                 raise LeakError(
                     f"scene {scene!r} is in the {dataset.split} split, but {name} was trained on "
                     "it; train again on this dataset's own training split"
@@ -211,7 +229,7 @@ def time_networks(dataset: Dataset, networks: Networks, views: int) -> dict[str,
         return made
 
     for example in examples:
-        shading = timed("shading", networks.shading, example)
+        shading = timed("shading", networks.shading, example) if networks.two_stage else None
         for method in networks.methods:
             part = "composition" if method == "pbrnet" else method
             timed(part, networks.predict, method, example, shading)
@@ -263,14 +281,13 @@ def image_of(
 
 
 def _images(example: Example, networks: Networks) -> dict[str, AnyArray]:
-    """Every method's picture of a view, and `shading`, the predicted shading."""
-    shading = networks.shading(example)
-    methods = ["pbrnet", "ceiling", *PRODUCTS, *networks.baselines]
+    """Every method's picture of a view, and `shading`, the shading network's, if it is there."""
+    shading = networks.shading(example) if networks.two_stage else None
+    methods = [networks.methods[0], "ceiling", *networks.methods[1:]]
     if example.denoised_color is not None:
         methods.append("denoised")
-    return {"shading": shading} | {
-        method: image_of(method, example, shading, networks) for method in methods
-    }
+    images = {method: image_of(method, example, shading, networks) for method in methods}
+    return images if shading is None else {"shading": shading, **images}
 
 
 def _summary(scores: Sequence[Score], seed: int) -> dict[str, Any]:
@@ -302,8 +319,10 @@ def _draw_examples(
     folder: Path, dataset: Dataset, networks: Networks, chosen: Iterable[Score]
 ) -> None:
     wanted = {(score.scene_id, score.view_id) for score in chosen}
-    names = {"pbrnet": "prediction", "shading": "shading", "product": "product"}
+    leading = networks.methods[0]
+    names = {"shading": "shading", "product": "product"}
     names |= {name: name for name in networks.baselines}
+    names[leading] = "prediction"
     with atomic_directory(folder) as partial:
         for example in dataset.ordered():
             if (example.scene_id, example.view_id) not in wanted:
@@ -314,7 +333,7 @@ def _draw_examples(
                 if method in images:
                     picture = to_bytes(images[method])
                     (partial / f"{stem}--{name}.png").write_bytes(png_bytes(picture))
-            errors = flip_map(true_color(example, networks), images["pbrnet"])
+            errors = flip_map(true_color(example, networks), images[leading])
             (partial / f"{stem}--error.png").write_bytes(png_bytes(error_picture(errors)))
 
 

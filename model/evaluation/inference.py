@@ -77,6 +77,11 @@ class Networks:
         return self.cards[needed(self.methods[0])[-1]]
 
     @property
+    def two_stage(self) -> bool:
+        """Whether the shading network, the paper's first stage, is among them."""
+        return "shading" in self.modules
+
+    @property
     def baselines(self) -> list[str]:
         """The methods that are one network of their own."""
         return [method for method in self.methods if method in BASELINES]

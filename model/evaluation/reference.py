@@ -13,10 +13,9 @@ from typing import Any
 
 from model.data.reader import Dataset, Example
 from model.evaluation.evaluate import METHODS, image_of, open_split, true_color
-from model.evaluation.inference import load_networks
+from model.evaluation.inference import PREDICTABLE, available, load_networks
 from model.evaluation.metrics import NAMES, bootstrap
 from model.methods import METHODS as TRAINED
-from model.methods import trained_baselines
 from model.training.train import Folders
 from pipeline.images import contact_sheet, enlarge, png_bytes
 from pipeline.params import Params
@@ -47,8 +46,9 @@ def summary(params: Params, folders: Folders) -> dict[str, Any]:
     if not path.is_file():
         raise InputError(f"{path}: no such file; make it with: pbrnet evaluate")
     found: dict[str, Any] = read_json(path)
-    cards = load_networks(folders.models, ("pbrnet", *trained_baselines(folders.models))).cards
-    trained = cards["shading"].data
+    networks = load_networks(folders.models, available(folders.models))
+    cards = networks.cards
+    trained = cards.get("shading", networks.card).data
     return {
         "methods": _flat(found["methods"]),
         "intervals": _intervals(found["methods"]),
@@ -94,7 +94,7 @@ def sheet(params: Params, folders: Folders, methods: Sequence[str], count: int) 
     pictures, labels = [], []
     for scene, view, flip in chosen:
         example = rows[scene, view]
-        shading = networks.shading(example)
+        shading = networks.shading(example) if networks.two_stage else None
         images = [true_color(example, networks)]
         images += [image_of(method, example, shading, networks) for method in methods]
         pictures += [enlarge(to_bytes(image), SHOWN) for image in images]
@@ -103,12 +103,20 @@ def sheet(params: Params, folders: Folders, methods: Sequence[str], count: int) 
 
 
 def _shown(models: Path, methods: Sequence[str]) -> list[str]:
-    """The trained baselines among the methods; for `denoised`, whichever takes its samples."""
+    """Methods of the folder to load: those shown, and for `denoised` one that takes its samples.
+
+    `pbrnet` comes first if it is there, so that all sheets have one exposure.
+    """
     return [
         name
-        for name in trained_baselines(models)
-        if name in methods or ("denoised" in methods and TRAINED[name].noisy)
-    ]
+        for name in PREDICTABLE
+        if name in available(models)
+        and (
+            name == "pbrnet"
+            or name in methods
+            or ("denoised" in methods and name in TRAINED and TRAINED[name].noisy)
+        )
+    ] or available(models)[:1]
 
 
 def _examples(dataset: Dataset, chosen: Sequence[tuple[str, str, float]]) -> Iterator[Example]:

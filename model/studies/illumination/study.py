@@ -17,7 +17,7 @@ import torch
 
 from model.data.reader import Example
 from model.evaluation.evaluate import open_split
-from model.evaluation.inference import Networks
+from model.evaluation.inference import PRODUCTS, Networks
 from model.methods import trained_baselines
 from model.studies.frame_store import (
     FrameStore,
@@ -105,7 +105,7 @@ def study_illumination(
     for place in (folder, renders):
         sweep(place)
     baselines = [name for name in trained_baselines(folders.models) if name == "plus"]
-    networks, dataset = open_split(params, folders, baselines)
+    networks, dataset = open_split(params, folders, ("pbrnet", *PRODUCTS, *baselines))
     examples = evenly_spread_views(dataset, config.views)
     scenes = {
         name: load_dataset_scene(folders.data, name) for name in {e.scene_id for e in examples}

@@ -131,7 +131,8 @@ def write_pairs_page(
     """
     torch.set_num_threads(len(os.sched_getaffinity(0)))
     methods = config.methods or ("pbrnet", "product", *trained_baselines(folders.models))
-    networks, dataset = open_split(params, folders, [name for name in methods if name in BASELINES])
+    trained = [name for name in methods if name in BASELINES]
+    networks, dataset = open_split(params, folders, ("pbrnet", *trained))
     weights = {name: card.sha256 for name, card in sorted(networks.cards.items())}
     # The seed is on the page; the secret is not, so that nobody who has only the page and this
     # program can reconstruct the sides.

@@ -26,7 +26,7 @@ import torch
 
 from model.data.reader import Example
 from model.evaluation.evaluate import open_split, true_color
-from model.evaluation.inference import Networks
+from model.evaluation.inference import PRODUCTS, Networks
 from model.evaluation.metrics import flip_map, ssim
 from model.evaluation.predict import example_of, resized, sampled, shadows_of, with_samples_of
 from model.methods import METHODS, trained_baselines
@@ -120,7 +120,9 @@ def study_time(
     folder = folders.metrics / "studies"
     for place in (folder, renders):
         sweep(place)
-    networks, dataset = open_split(params, folders, trained_baselines(folders.models))
+    networks, dataset = open_split(
+        params, folders, ("pbrnet", *PRODUCTS, *trained_baselines(folders.models))
+    )
     examples = evenly_spread_views(dataset, config.views)
     scenes = {
         name: load_dataset_scene(folders.data, name) for name in {e.scene_id for e in examples}

@@ -21,6 +21,7 @@ from model.evaluation.evaluate import LeakError, evaluate
 from model.evaluation.inference import load_networks
 from model.evaluation.predict import resized
 from model.evaluation.product import product, product_linear
+from model.evaluation.reference import sheet, summary
 from model.training.backbone import make_backbone
 from model.training.train import Folders, train_network
 from pipeline.cli import main
@@ -38,6 +39,7 @@ from pipeline.params import (
     TrainParams,
 )
 from pipeline.tonemap import Exposure, tonemap
+from pipeline.versions import PACKED
 from pipeline.views import View, as_matrix, intrinsics_of
 from scenes.color import decode_srgb
 from scenes.contract import load_scene
@@ -128,6 +130,41 @@ def test_a_scene_that_was_trained_on_is_refused(workplace: Callable[..., Folders
     with pytest.raises(LeakError, match=r"'train-room-1' is in the test split.*trained on"):
         evaluate(PARAMS, folders)
     assert not folders.metrics.exists()
+
+
+def test_a_home_of_the_same_number_but_another_plan_is_not_refused(
+    workplace: Callable[..., Folders],
+) -> None:
+    folders = workplace(["train-room-1", "fresh"], plans="train-room-1,a-plan\nfresh,b-plan\n")
+    assert evaluate(PARAMS, folders)["views"] == 4
+
+
+def test_packed_networks_are_measured_without_the_first_stages(tmp_path: Path) -> None:
+    """The pretrained `plus` and `hybrid` on a dataset of one's own, with a home of their number."""
+    folders = replace(folders_in(tmp_path), models=PACKED)
+    rows = box_rows(["mine", "home-0000"], 1, "test", noisy=True, **SIZE)
+    for row in rows:
+        row["visibility"] = np.ones((SIZE["height"], SIZE["width"]), np.float16)
+    write_shard(folders.data / "dataset" / "test-00000-of-00001.parquet", rows)
+    plans = "scene_id,plan\nmine,a-plan\nhome-0000,b-plan\n"
+    (folders.data / "dataset" / "scenes.csv").write_text(plans)
+    result = evaluate(Params(evaluate=EvaluateParams(timing_views=1)), folders)
+    assert list(result["methods"]) == ["plus", "hybrid", "denoised", "ceiling"]
+    for values in result["methods"].values():
+        assert 0 < values["ssim"]["mean"] <= 1
+    assert set(result["timing"]) == {"plus", "hybrid"}
+    drawn = {path.stem.split("--")[-1] for path in (folders.metrics / "examples").iterdir()}
+    assert drawn == {"prediction", "hybrid", "error"}
+    assert summary(Params(), folders)["networks"].keys() == {"plus", "hybrid"}
+    assert sheet(Params(), folders, ["plus", "denoised"], 2)[:4] == b"\x89PNG"
+
+
+def test_a_folder_without_networks_is_refused_with_what_to_do(
+    trained: Folders, tmp_path: Path
+) -> None:
+    folders = replace(folders_in(tmp_path), data=trained.data)
+    with pytest.raises(InputError, match=r"no trained networks here.*pbrnet train shading"):
+        evaluate(PARAMS, folders)
 
 
 def test_another_scene_of_a_plan_that_was_trained_on_is_refused(
