@@ -50,3 +50,16 @@ def open_image(source: Path | bytes, *, load: bool = True) -> Image.Image:
     except Exception as error:  # decoders raise what their authors did not foresee
         raise UnreadableImage(f"damaged ({type(error).__name__}: {error})") from None
     return image
+
+
+def is_intact(path: Path) -> bool:
+    """Return whether all checksums of an image file are right and its end is there.
+
+    Pillow decodes some files with such errors; libpng, and so Mitsuba, refuses them.
+    """
+    try:
+        with Image.open(path, formats=FORMATS) as image:
+            image.verify()
+    except Exception:
+        return False
+    return True

@@ -71,7 +71,13 @@ def import_scene(
                 f"{name}: not for {path.suffix} files; they take {', '.join(known)}"
             )
     opened = opened or OpenedFiles(path.parent)
-    return IMPORTERS[source](path, out, scene_id, build(source, options, path.name), opened)
+    made = build(source, options, path.name)
+    try:
+        return IMPORTERS[source](path, out, scene_id, made, opened)
+    except InputError as error:
+        if path.name in str(error):
+            raise
+        raise InputError(f"{path}: {error}") from None
 
 
 def _copy_folder(path: Path, out: Path, scene_id: str, opened: OpenedFiles) -> Scene:

@@ -13,7 +13,7 @@ from PIL import Image
 from scenes.arrays import Float32Array, Float64Array, FloatingArray, UInt8Array
 from scenes.color import decode_srgb, encode_srgb
 from scenes.errors import InputError
-from scenes.image_files import MAX_PIXELS, UnreadableImage, open_image
+from scenes.image_files import MAX_PIXELS, UnreadableImage, is_intact, open_image
 from scenes.importing.changes import Changes
 
 _COPIED = {"JPEG": (".jpg", ("RGB", "L")), "PNG": (".png", ("RGB", "L", "RGBA", "LA"))}
@@ -103,7 +103,9 @@ class TextureStore:
             return self._save_rgb(np.clip(read_exr(path), 0, 1), name)
         image = open_image(path)
         suffix, modes = _COPIED.get(image.format or "", ("", ()))
-        if suffix and image.mode in modes:
+        if suffix and image.mode in modes and not is_intact(path):
+            self.changes.note("an image with wrong checksums was written anew: {}", path.name)
+        elif suffix and image.mode in modes:
             shutil.copyfile(path, self.folder / (name + suffix))
             (self.folder / (name + suffix)).chmod(0o644)
             return f"{self.folder.name}/{name}{suffix}"

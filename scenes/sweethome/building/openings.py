@@ -19,7 +19,7 @@ from scenes.sweethome.building.cutouts import UnreadablePath, path_region
 from scenes.sweethome.building.solids import polygons
 from scenes.sweethome.home import HomePiece
 
-_TOUCH = 1.0  # square centimetres of overlap that make a door cut a wall
+_TOUCH = 1.0  # square centimetres: smallest overlap with a wall, and cut-out, that count
 _PAST = 3.0  # cm by which a hole is deeper than the wall, skirting included
 _AT_FLOOR = 0.5  # cm: a hole that starts no higher above the floor has no sill
 _SUNK = 1.5  # cm that such a hole extends into the floor, so that no wall shows there
@@ -124,10 +124,14 @@ def opening_of(piece: HomePiece, elevation: float, changes: Changes) -> Opening 
         up = 1.0 - (cut.top + cut.height * points[:, 1])
         return np.stack([mirror * across * piece.width, bottom + up * piece.height], axis=1)
 
+    shape = shapely.transform(region, placed)
+    if shape.area < _TOUCH:
+        changes.note("doors and windows with an empty cut-out cut no wall: {}", piece.name)
+        return None
     return Opening(
         piece=piece,
         centre=np.array([piece.x, piece.y]),
         across=np.array([cosine, sine]),
         out=np.array([-sine, cosine]),
-        shape=shapely.transform(region, placed),
+        shape=shape,
     )

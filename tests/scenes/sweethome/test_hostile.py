@@ -1,4 +1,4 @@
-"""Homes that are damaged or made to harm: a clear error or a note, quickly, and nothing outside."""
+"""Damaged and hostile homes: refused with a clear error, or imported with a note, in time."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from shapely.geometry import Polygon
 
 from scenes.contract import Scene
 from scenes.errors import InputError, ParameterError
@@ -33,6 +34,7 @@ def quick() -> Iterator[None]:
 
 
 def bring(folder: Path, xml: str | bytes, members: dict[str, str | bytes] | None = None) -> Scene:
+    folder.mkdir(exist_ok=True)
     return import_scene(draw.pack(folder / "test.sh3d", xml, members), folder / "out")
 
 
@@ -188,39 +190,64 @@ def said(scene: Scene) -> str:
     return " ".join(scene.changes)
 
 
+NO_MODEL = "CAME IN AS OPEN HOLES (1): window"
+
+
 @pytest.mark.parametrize(
-    "body",
+    ("body", "added", "note"),
     [
-        draw.wall("w", (0, 0), (0, 0)),
-        draw.wall("w", (0, 0), (100, 0), thickness=0),
-        draw.wall("w", (0, 0), (100, 0), wallAtStart="w", wallAtEnd="w"),
-        draw.wall("w", (0, 0), (100, 0), wallAtEnd="nowhere", level="nowhere"),
-        draw.wall("a", (0, 0), (100, 0), wallAtEnd="a", wallAtStart="a") * 2,
-        draw.wall("w", (0, 0), (100, 0), arcExtent=2 * math.pi),
-        draw.wall("w", (0, 0), (100, 0), arcExtent=6.28),
-        draw.wall("w", (0, 0), (100, 0), height=-100),
-        "<room><point x='0' y='0'/><point x='9' y='9'/></room>",
-        "<room><point x='0' y='0'/><point x='300' y='300'/><point x='300' y='0'/>"
-        "<point x='0' y='300'/></room>",
-        draw.window(x=100, y=0, cutOutShape="M0,0 lots of nonsense"),
-        draw.window(x=100, y=0, cutOutShape="M0,0 L9,9 Z"),
-        draw.window(x=100, y=0, wallWidth=0),
-        draw.window(x=100, y=0, width=0),
-        draw.piece(model="m", x=100, y=100, width=0),
-        draw.piece(model="m", x=100, y=100, modelRotation="0 0 0 0 0 0 0 0 0"),
-        draw.piece(model="m", x=100, y=100, staircaseCutOutShape="no shape"),
-        draw.piece("pieceOfFurniture",
-                   "<transformation name='sweethome3d_hinge_1' matrix='0 0 0 0 0 0 0 0 0 0 0 0'/>",
-                   model="m", x=100, y=100),
-        draw.lamp(x=100, y=100, power=7),
-        "<compass x='0' y='0' diameter='1' latitude='1.57' longitude='0' timeZone='../../etc'/>",
-        "<observerCamera attribute='observerCamera' x='0' y='0' z='0' yaw='0' pitch='1.5708' "
-        "fieldOfView='99' time='9007199254740000'/>",
+        (draw.wall("w", (0, 0), (0, 0)), 0, "walls without length were left out: w"),
+        (draw.wall("w", (0, 0), (100, 0), thickness=0), 1, "became sheets of 5 mm: w"),
+        (draw.wall("w", (0, 0), (100, 0), wallAtStart="w", wallAtEnd="w"), 1, ""),
+        (draw.wall("w", (0, 0), (100, 0), wallAtEnd="nowhere", level="nowhere"), 1, ""),
+        (draw.wall("a", (0, 0), (100, 0), wallAtEnd="a", wallAtStart="a") * 2, 2, ""),
+        (draw.wall("w", (0, 0), (100, 0), arcExtent=2 * math.pi), 1, ""),
+        (draw.wall("w", (0, 0), (100, 0), arcExtent=6.28), 1, ""),
+        (draw.wall("w", (0, 0), (100, 0), height=-100), 0, "walls without height were left out: w"),
+        ("<room><point x='0' y='0'/><point x='9' y='9'/></room>", 0, "rooms without area"),
+        (draw.window(x=100, y=0, cutOutShape="M0,0 lots of nonsense"), 0, "became rectangles"),
+        (draw.window(x=100, y=0, cutOutShape="M0,0 L9,9 Z"), 0, "became rectangles: window"),
+        (draw.window(x=100, y=0), 0, NO_MODEL),
+        (draw.window(x=100, y=0, wallWidth=0), 0, "an empty cut-out cut no wall: window"),
+        (draw.window(x=100, y=0, wallHeight=0), 0, "an empty cut-out cut no wall: window"),
+        (draw.window(x=100, y=0, width=0), 0, "pieces without size were left out: window"),
+        (draw.piece(model="m", x=100, y=100, width=0), 0, "pieces without size were left out"),
+        (draw.piece(model="m", x=100, y=100, modelRotation="0 0 0 0 0 0 0 0 0"), 1, ""),
+        (draw.piece(model="m", x=100, y=100, staircaseCutOutShape="no shape"), 1,
+         "stairwell shapes that cannot be read became rectangles"),
+        (draw.piece("pieceOfFurniture",
+                    "<transformation name='sweethome3d_hinge_1' "
+                    "matrix='0 0 0 0 0 0 0 0 0 0 0 0'/>",
+                    model="m", x=100, y=100), 1, ""),
+        (draw.lamp(x=100, y=100, power=7), 1, "CAME IN AS BARE BULBS (1): bulb"),
+        ("<compass x='0' y='0' diameter='1' latitude='1.57' longitude='0' "
+         "timeZone='../../etc'/>", 0, "the time zone '../../etc' is not known"),
+        ("<observerCamera attribute='observerCamera' x='0' y='0' z='0' yaw='0' pitch='1.5708' "
+         "fieldOfView='99' time='9007199254740000'/>", 0, "the home's time cannot be read"),
     ],
 )  # fmt: skip
-def test_odd_homes_come_in(tmp_path: Path, body: str) -> None:
-    scene = bring(tmp_path, draw.usual(body), {"m": draw.BOX})
-    assert len(scene.rooms) >= 1
+def test_an_odd_element_leaves_the_home_as_it_is(
+    tmp_path: Path, body: str, added: int, note: str
+) -> None:
+    usual = bring(tmp_path / "usual", draw.usual(), {"m": draw.BOX})
+    scene = bring(tmp_path / "odd", draw.usual(body), {"m": draw.BOX})
+    assert scene.rooms[0].floor == usual.rooms[0].floor
+    assert len(scene.rooms) == len(usual.rooms) == 1
+    ids = {one.id for one in scene.objects}
+    assert ids >= {one.id for one in usual.objects}
+    assert len(ids) == len(usual.objects) + added
+    new = [one for one in scene.changes if one not in usual.changes]
+    assert any(note in one for one in new) if note else not new
+
+
+def test_a_room_that_crosses_itself_is_two_triangles(tmp_path: Path) -> None:
+    crossed = (
+        "<room><point x='0' y='0'/><point x='300' y='300'/><point x='300' y='0'/>"
+        "<point x='0' y='300'/></room>"
+    )
+    scene = bring(tmp_path, draw.usual(crossed))
+    assert len(scene.rooms) == 2
+    assert Polygon(scene.rooms[1].floor).area == pytest.approx(2.25, abs=0.1)
 
 
 @pytest.mark.parametrize(
