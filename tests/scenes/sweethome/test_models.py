@@ -319,7 +319,7 @@ class Test3ds:
             (files.mesh_3ds(faces=[[0, 1, 99]], smoothing=[1]), "does not exist"),
             (files.mesh_3ds(points=np.full((8, 3), np.inf)), "finite"),
             (files.mesh_3ds(faces=[]), "no faces"),
-            (files.chunk(0x4000, b"endless"), "without end"),
+            (files.chunk(0x4000, b"endless"), "without a terminating zero"),
         ],
     )
     def test_damaged(self, mesh: bytes, words: str) -> None:
