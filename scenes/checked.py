@@ -1,4 +1,4 @@
-"""Plain data (from YAML or JSON) into frozen dataclasses, refusing what does not fit."""
+"""Conversion of plain data (YAML, JSON) to frozen dataclasses, with checks of keys and values."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def build(cls: type[T], data: Any, where: str = "", error: type[PbrnetError] = P
 
 
 def plain(value: Any) -> Any:
-    """The reverse: dataclasses and tuples into mappings and lists that JSON can hold."""
+    """Convert dataclasses, tuples and paths to mappings, lists and text for JSON."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {
             field.name: plain(getattr(value, field.name))

@@ -1,4 +1,4 @@
-"""The scene contract: what every scene source delivers and every stage relies on.
+"""Scene contract: the scene folder that every scene source writes and every stage reads.
 
 A scene is a folder `data/scenes/<scene_id>/` with
 
@@ -31,7 +31,7 @@ Point3 = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Credit:
-    """Whose work a part of the scene is, and on what terms it may be used."""
+    """Author and licence of a part of the scene."""
 
     part: str  # what it covers: "geometry", a file name, or "everything"
     title: str
@@ -55,7 +55,7 @@ class Room:
 
 @dataclass(frozen=True)
 class SceneObject:
-    """One thing a person would name; `shapes` are the ids of its shapes in `scene.xml`."""
+    """One object, such as a chair or a wall; `shapes` are the ids of its shapes in `scene.xml`."""
 
     id: str
     name: str
@@ -69,7 +69,7 @@ class SceneObject:
 
 @dataclass(frozen=True)
 class Light:
-    """A source of light, lit in this scene."""
+    """A light source that is on in this scene."""
 
     id: str
     kind: Literal["area", "point", "spot", "directional", "sun", "sky", "environment"]
@@ -114,7 +114,7 @@ class Scene:
         return self.folder / "scene.xml"
 
     def verify(self, where: str) -> None:
-        """Refuse what no stage could use; raises ValueError."""
+        """Check schema, credits, ids and rooms; raises ValueError."""
         prefix = where or self.scene_id
         if self.schema != SCHEMA:
             raise ValueError(f"{prefix}: schema {self.schema}, this version reads {SCHEMA}")
@@ -167,5 +167,5 @@ def load_scene(folder: Path) -> Scene:
 
 
 def scene_folders(root: Path) -> list[Path]:
-    """The complete scenes below `data/scenes`, sorted by id."""
+    """Return the complete scene folders below `data/scenes`, sorted by id."""
     return sorted(path.parent for path in Path(root).glob("*/scene.json"))

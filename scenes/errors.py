@@ -1,4 +1,4 @@
-"""Errors meant for the reader: what was wrong, where, and what to do about it."""
+"""Exceptions with a message for the user: the problem, its place and a remedy."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class ParameterError(PbrnetError):
 
 
 class InputError(PbrnetError):
-    """A file given to us cannot be used: broken, missing, hostile or of an unknown kind."""
+    """An input file cannot be used: damaged, missing, hostile or of an unknown kind."""
 
     exit_code = 3
 

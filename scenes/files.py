@@ -1,4 +1,4 @@
-"""The one place that writes files and folders: complete or absent, by rename."""
+"""Atomic writing of files and folders (complete or absent, by rename), JSON and digests."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MAX_FILES = 200_000  # of a folder that is copied
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; on success it becomes `path`, on failure it is gone.
+    """Yield a temporary path beside `path`; renamed to `path` on success, removed on failure.
 
     Raises `MachineError` when the disk is full or the folder cannot be written.
     """
@@ -44,7 +44,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_directory(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder beside `path`; on success it replaces `path`, else it is gone."""
+    """Yield a temporary folder beside `path`; it replaces `path` on success, else is removed."""
     path = Path(path)
     with machine_errors(path):
         partial, lock = _new_partial(path, folder=True)
@@ -86,7 +86,7 @@ def _new_partial(path: Path, folder: bool) -> tuple[Path, int]:
 
 
 def remove_partials(folder: Path) -> int:
-    """Delete all that is half written in `folder` (not below it); returns how many there were.
+    """Delete partial files and folders directly in `folder`; returns their number.
 
     For folders that nobody else writes in, as their lock is held. Else see `sweep`.
     """
@@ -97,9 +97,9 @@ def remove_partials(folder: Path) -> int:
 
 
 def sweep(folder: Path) -> int:
-    """Delete what killed writers left half written in `folder` and below; returns how many.
+    """Delete partial files of killed writers in `folder` and below; returns their number.
 
-    What a living one is writing is left alone.
+    Partial files of running writers are kept.
     """
     removed = 0
     for place, folders, files in os.walk(folder):
@@ -110,7 +110,7 @@ def sweep(folder: Path) -> int:
 
 
 def _abandoned(partial: Path) -> bool:
-    """Delete it unless its writer holds it; whether that was done."""
+    """Delete a partial file unless its writer is running; returns whether it was deleted."""
     try:
         lock = os.open(partial, os.O_RDONLY)
     except OSError:  # gone meanwhile, or not ours
@@ -132,7 +132,7 @@ def _remove(partial: Path) -> None:
 
 
 def _lock(handle: int, how: int) -> bool:
-    """Whether the lock is had; a file system that knows no locks gives it to everybody."""
+    """Return whether the lock was acquired; always true on file systems without locks."""
     try:
         fcntl.flock(handle, how)
     except BlockingIOError:
@@ -194,7 +194,7 @@ def digest_file(path: Path) -> str:
 
 
 def digest_folder(folder: Path) -> str:
-    """SHA-256 over names and contents of all files below `folder`, whatever the listing order."""
+    """SHA-256 over names and contents of all files below `folder`, sorted by path."""
     files = sorted(file for file in Path(folder).rglob("*") if file.is_file())
     parts = []
     for file in files:
@@ -216,7 +216,7 @@ def _flush(path: Path) -> None:
 
 @contextmanager
 def machine_errors(path: Path) -> Iterator[None]:
-    """Turn the disk's refusals (full, read-only, no permission) into `MachineError`."""
+    """Convert errors of the disk (full, read-only, no permission) to `MachineError`."""
     try:
         yield
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Parameters of scene making, read once at the rim."""
+"""Parameters of the assets and scenes stages."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class AssetParams:
     texture_size: int = field(default=1024, metadata=within(16, 8192))  # pixels, longer side
 
     def verify(self, where: str) -> None:
-        """There must be something to take; raises ValueError."""
+        """Check that enabled assets have a source; raises ValueError."""
         if self.enabled and not self.folder and not self.debian:
             raise ValueError(f"{where}.folder: empty, and no package in debian; name either")
         for name in self.debian:
@@ -35,7 +35,7 @@ class AssetParams:
 
 @dataclass(frozen=True)
 class SceneParams:
-    """Which scenes the `scenes` stage makes."""
+    """Parameters of the `scenes` stage."""
 
     homes: int = field(default=12, metadata=within(0, 1_000_000))
     # Scenes of one plan: the home itself, and others that differ in what `vary` names.

@@ -1,4 +1,4 @@
-"""Lamps beside daylight: lumens, colour temperatures and the units of Mitsuba's `sunsky`.
+"""Photometry: lumens, colour temperatures and their conversion to the units of `sunsky`.
 
 Daylight scenes take `sunsky`'s own radiance units. Outdoors at turbidity 3.5 with the sun 30
 degrees up its horizontal irradiance is about 0.78 of them; taking that for about 50 klx, one

@@ -1,4 +1,4 @@
-"""The one place that derives seeds: every random choice descends from one root by name."""
+"""Derivation of seeds from one root seed by names."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from scenes.files import digest_bytes
 
 
 def derive(root: int, *names: str | int) -> int:
-    """A 64-bit seed for the thing that `names` spell out, e.g. `derive(0, "home", 3, "plan")`.
+    """A 64-bit seed for the purpose that `names` state, e.g. `derive(0, "home", 3, "plan")`.
 
     Equal arguments give equal seeds on every machine; any difference gives an unrelated one.
     """
@@ -22,5 +22,5 @@ def derive32(root: int, *names: str | int) -> int:
 
 
 def generator(root: int, *names: str | int) -> np.random.Generator:
-    """A NumPy generator of its own (PCG64) for the thing that `names` spell out."""
+    """Return an independent NumPy generator (PCG64) for the purpose that `names` state."""
     return np.random.Generator(np.random.PCG64(derive(root, *names)))

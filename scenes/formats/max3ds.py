@@ -81,12 +81,12 @@ def read_3ds(data: bytes, find: Callable[[str], str | None]) -> Model:
     parts: list[ModelPart] = []
     triangles = 0
     places = _places(nodes)
-    for thing in objects:
-        for place in places.get(thing.name, [np.eye(4)]):
-            triangles += len(thing.faces)
+    for mesh_object in objects:
+        for place in places.get(mesh_object.name, [np.eye(4)]):
+            triangles += len(mesh_object.faces)
             if triangles > MAX_TRIANGLES or len(parts) > _MOST_PLACES:
                 raise UnreadableModel(f"more than {MAX_TRIANGLES:,} triangles")
-            parts += _parts(thing, _UPRIGHT @ place, materials)
+            parts += _parts(mesh_object, _UPRIGHT @ place, materials)
     if not parts:
         raise UnreadableModel("no faces in it")
     return Model(tuple(parts))
@@ -261,29 +261,29 @@ def _places(nodes: list[_Node]) -> dict[str, list[Float64Array]]:
 
 
 def _parts(
-    thing: _Object, place: Float64Array, materials: dict[str, ModelMaterial]
+    mesh_object: _Object, place: Float64Array, materials: dict[str, ModelMaterial]
 ) -> Iterator[ModelPart]:
     """Yield the parts of a mesh by material, transformed by `place`."""
-    corners = np.stack([thing.faces] * 3, axis=-1)  # one index for positions, uvs, normals
+    corners = np.stack([mesh_object.faces] * 3, axis=-1)  # one index for positions, uvs, normals
     normals = np.zeros((0, 3))
-    if thing.smoothing is not None and len(thing.faces):
-        if thing.faces.max() >= len(thing.vertices):
+    if mesh_object.smoothing is not None and len(mesh_object.faces):
+        if mesh_object.faces.max() >= len(mesh_object.vertices):
             raise UnreadableModel("a face refers to a vertex that does not exist")
-        normals = _smoothed(thing)
+        normals = _smoothed(mesh_object)
         corners[:, :, 2] = np.arange(corners.shape[0] * 3).reshape(-1, 3)
-    owner = np.full(len(thing.faces), -1)
-    for number, (_, faces) in enumerate(thing.materials):
+    owner = np.full(len(mesh_object.faces), -1)
+    for number, (_, faces) in enumerate(mesh_object.materials):
         owner[faces] = number
-    matrix = place @ np.linalg.inv(thing.frame)
-    for number in range(-1, len(thing.materials)):
-        name = thing.materials[number][0] if number >= 0 else "default"
+    matrix = place @ np.linalg.inv(mesh_object.frame)
+    for number in range(-1, len(mesh_object.materials)):
+        name = mesh_object.materials[number][0] if number >= 0 else "default"
         part = make_part(
-            thing.name,
+            mesh_object.name,
             name,
             materials.get(name, ModelMaterial()),
             corners[owner == number],
-            thing.vertices,
-            thing.uvs,
+            mesh_object.vertices,
+            mesh_object.uvs,
             normals,
             _CREASE,
         )
@@ -293,19 +293,19 @@ def _parts(
             yield replace(part, mesh=mesh)
 
 
-def _smoothed(thing: _Object) -> Float64Array:
+def _smoothed(mesh_object: _Object) -> Float64Array:
     """Return normals (3 F, 3) of all corners: smooth among faces of one smoothing group."""
-    assert thing.smoothing is not None
-    areas, normals = face_areas(Mesh(thing.vertices, thing.faces).corners)
+    assert mesh_object.smoothing is not None
+    areas, normals = face_areas(Mesh(mesh_object.vertices, mesh_object.faces).corners)
     weighted = areas[:, None] * normals
-    made = np.zeros((len(thing.faces), 3, 3))
+    made = np.zeros((len(mesh_object.faces), 3, 3))
     for bit in range(32):
-        members = (thing.smoothing >> bit) & 1 == 1
+        members = (mesh_object.smoothing >> bit) & 1 == 1
         if not members.any():
             continue
-        sums = np.zeros_like(thing.vertices)
+        sums = np.zeros_like(mesh_object.vertices)
         for corner in range(3):
-            np.add.at(sums, thing.faces[members][:, corner], weighted[members])
-        made[members] += sums[thing.faces[members]]
+            np.add.at(sums, mesh_object.faces[members][:, corner], weighted[members])
+        made[members] += sums[mesh_object.faces[members]]
     length = np.linalg.norm(made, axis=2, keepdims=True)
     return np.where(length > 1e-12, made, normals[:, None]).reshape(-1, 3)

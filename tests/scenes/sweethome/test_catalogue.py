@@ -1,4 +1,4 @@
-"""Furniture catalogues: what is read, what is made of it, what is refused, and homes with it."""
+"""Furniture catalogues: reading, conversion, refusal, and homes furnished from them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Models of homes as COLLADA, KMZ and 3DS: shapes, axes, materials, and files made to harm."""
+"""Models of homes as COLLADA, KMZ and 3DS: shapes, axes, materials, hostile files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sweet Home 3D homes: where things land, worked out by hand from the application's rules."""
+"""Sweet Home 3D homes: placement and measures, computed by hand from the application's rules."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def a_piece(**more: object) -> HomePiece:
 
 
 def landed(piece: HomePiece, elevation: float = 0.0, point: np.ndarray = MARK) -> list[float]:
-    """Where a corner of the box lands, metres."""
+    """Position of a corner of the box in the world, metres."""
     to_box = model_to_unit_box(CORNERS, piece)
     in_box = CORNERS @ to_box[:3, :3].T + to_box[:3, 3]
     whole = unit_box_to_world(in_box, piece, elevation) @ to_box

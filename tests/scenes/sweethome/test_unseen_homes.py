@@ -1,4 +1,4 @@
-"""Homes as people save them, odd but whole: each comes in, and what it is makes sense."""
+"""Unusual but valid homes: each is imported, and the result is plausible."""
 
 from __future__ import annotations
 
