@@ -1,4 +1,4 @@
-"""The whole chain through DVC: what is redone, on one CPU, and after a kill."""
+"""The whole chain through DVC: on one CPU, after a change of parameters, after a kill."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,26 +22,28 @@ from tests.fixtures.paths import ROOT
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
-NETWORK = {"epochs": 1, "width": 4, "levels": 2}
+NETWORK = {"epochs": 1, "steps_per_epoch": 2, "width": 4, "levels": 2}
+CAN = {**NETWORK, "levels": 3}
 CHANGES: dict[str, dict[str, Any]] = {
     "image": {"width": 64, "height": 48},
-    "scenes": {"homes": 4, "rooms_max": 2, "texture_size": 64},
-    "cameras": {"views_per_room": 1, "views_per_scene": 2, "candidates": 4},
-    "illumination": {"width": 64},
+    "scenes": {"homes": 3, "rooms_max": 2, "texture_size": 64},
+    "cameras": {"views_per_room": 2, "views_per_scene": 2, "candidates": 4, "grid": 0.5},
+    "illumination": {"width": 64, "supersampling": 2, "light_samples": 16, "shadow_rays": 2},
     "groundtruth": {"spp": 4, "block_spp": 2, "max_depth": 4},
-    "dataset": {"splits": {"validation": 0.25, "test": 0.25}, "checks": {"max_noise": 5.0}},
-    "train": {"shading": NETWORK, "composition": NETWORK, "unet": NETWORK},
+    "dataset": {"splits": {"validation": 0.34, "test": 0.34}, "checks": {"max_noise": 5.0}},
+    "train": {"shading": NETWORK, "composition": NETWORK, "unet": NETWORK, "can": CAN},
     "evaluate": {"timing_views": 1},
 }
 
 
 def _dvc(folder: Path, *words: str, before: tuple[str, ...] = ()) -> subprocess.Popen[str]:
-    """A `dvc` command in a process group of its own."""
+    """A `dvc` command in a process group of its own; its stages run this project's code."""
     tools = Path(sys.executable).parent
+    path = f"{tools}{os.pathsep}{os.environ['PATH']}"
     return subprocess.Popen(
         [*before, str(tools / "dvc"), *words],
         cwd=folder,
-        env={**os.environ, "PATH": f"{tools}{os.pathsep}{os.environ['PATH']}"},
+        env={**os.environ, "PATH": path, "PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -86,9 +89,21 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def _would_run(folder: Path) -> list[str]:
-    """Stages that are known to be out of date; those after them may follow."""
-    return re.findall(r"Running stage '([\w@]+)'", _output(_dvc(folder, "repro", "--dry")))
+def _runs(folder: Path, *words: str) -> list[str]:
+    """Stages that `dvc repro` runs, or with `--dry` would run.
+
+    A dry run lists the stages known to be out of date; those after them may follow.
+    """
+    return re.findall(r"Running stage '([\w@]+)'", _output(_dvc(folder, "repro", *words)))
+
+
+@pytest.fixture
+def changeable(finished: Path) -> Iterator[Path]:
+    """The finished project; its parameters are restored after the test."""
+    params = finished / "params.yaml"
+    before = params.read_text()
+    yield finished
+    params.write_text(before)
 
 
 def test_one_cpu_makes_everything(finished: Path) -> None:
@@ -102,30 +117,41 @@ def test_one_cpu_makes_everything(finished: Path) -> None:
     figures = json.loads((finished / "metrics" / "evaluation.json").read_text())
     assert {"pbrnet", "product", "unet", "ceiling"} <= figures["methods"].keys()
     assert "data:image/" in (finished / "report" / "index.html").read_text()
+    assert _runs(finished, "--dry") == []
 
 
-def test_only_what_depends_on_a_change_is_redone(finished: Path) -> None:
-    before = (finished / "params.yaml").read_text()
-    assert _would_run(finished) == []
-    try:
-        _change(finished, {"train": {"composition": {"epochs": 2}}})
-        assert _would_run(finished) == ["train_composition"]
-        _change(finished, {"train": {"learning_rate": 1e-5}})
-        assert _would_run(finished) == [
-            "train_shading",
-            "train_composition",
-            "train_baselines@unet",
-        ]
-        (finished / "params.yaml").write_text(before)
-        _change(finished, {"groundtruth": {"spp": 6}})
-        assert _would_run(finished) == ["groundtruth", "dataset"]
-    finally:
-        (finished / "params.yaml").write_text(before)
-    assert _would_run(finished) == []
+@pytest.mark.parametrize(
+    ("changes", "stages"),
+    [
+        ({"train": {"composition": {"epochs": 2}}}, ["train_composition"]),
+        (
+            {"train": {"learning_rate": 1e-5}},
+            ["train_shading", "train_composition", "train_baselines@unet"],
+        ),
+        ({"groundtruth": {"spp": 6}}, ["groundtruth", "dataset"]),
+        ({"train": {"unet": {"epochs": 2}}}, ["train_baselines@unet"]),
+        ({"train": {"baselines": []}}, ["evaluate"]),
+    ],
+    ids=lambda value: "" if isinstance(value, list) else str(value),
+)
+def test_only_stages_that_depend_on_a_change_run_again(
+    changeable: Path, changes: dict[str, dict[str, Any]], stages: list[str]
+) -> None:
+    _change(changeable, changes)
+    assert _runs(changeable, "--dry") == stages
+
+
+def test_a_longer_list_of_baselines_trains_only_the_new_one(changeable: Path) -> None:
+    _change(changeable, {"train": {"baselines": ["unet", "can"]}})
+    assert _runs(changeable, "train_baselines") == ["train_baselines@can"]
+    assert _runs(changeable, "evaluate") == ["evaluate"]
+    figures = json.loads((changeable / "metrics" / "evaluation.json").read_text())
+    assert {"pbrnet", "product", "product_linear", "unet", "can"} < figures["methods"].keys()
+    assert _runs(changeable, "--dry") == ["report"]
 
 
 def test_killed_repro_ends_with_the_same_dataset(finished: Path, tmp_path: Path) -> None:
-    """And with all CPUs instead of one."""
+    """The killed run used all CPUs, the finished one a single CPU."""
     folder = _project(tmp_path / "killed")
     victim = _dvc(folder, "repro", "dataset")
     deadline = time.monotonic() + 300
