@@ -1,6 +1,7 @@
 # make repro   environment, then every stage of dvc.yaml that is out of date
+# make quick   lint, and the tests without a cluster, a training or a long render
 # make test    formatting, lint, types, tests (PROCESSES=2 of them at once, 2 GiB each)
-# make check   what is too long for every test run: thousands of homes
+# make check   tests that take too long for every run: thousands of homes, hundreds of kills
 # make bench   measured figures and their goals, to docs/benchmarks.md: half an hour on 2 quiet cores
 #              (ONLY="shards farm" for some topics; the list: python -m benchmarks.run --help)
 # make docs    generated parts of the documentation: picture and index of the code, tables
@@ -9,11 +10,15 @@
 
 PYTHON ?= python3
 PROCESSES ?= 2
+SHELL := bash
+export TIMEFORMAT := %R s, of the processors %U s as user and %S s as system
 VENV := .venv
 BIN := $(VENV)/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
+# The slow files come first, so that no worker ends long after the other.
+PYTEST := $(BIN)/python -m pytest -q --numprocesses $(PROCESSES) --dist loadfile --no-loadscope-reorder
 
-.PHONY: env repro test check bench docs lock clean distclean
+.PHONY: env repro quick test lint check bench docs lock clean distclean
 
 env: $(VENV)/.installed
 
@@ -30,14 +35,19 @@ repro: env
 	@$(BIN)/pbrnet doctor
 	$(BIN)/dvc repro
 
+quick: env
+	@time { set -x; $(BIN)/ruff check . && $(PYTEST) -m "not slow and not check"; }
+
 test: env
+	@time { $(MAKE) --no-print-directory lint && set -x && $(PYTEST) --junitxml build/tests.xml; }
+
+lint: env
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest -q --numprocesses $(PROCESSES) --dist loadfile --junitxml build/tests.xml
 
 check: env
-	$(BIN)/python -m pytest -q -m check --junitxml build/check.xml
+	@time { set -x; $(BIN)/python -m pytest -q -m check --junitxml build/check.xml; }
 
 bench: env
 	$(BIN)/python -m benchmarks.run $(addprefix --only ,$(ONLY))

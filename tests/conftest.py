@@ -1,4 +1,4 @@
-"""Fixtures of all tests."""
+"""Fixtures of all tests, and the order in which processes take the files."""
 
 from __future__ import annotations
 
@@ -9,8 +9,28 @@ from pathlib import Path
 
 import pytest
 
+# Two test processes share the machine: threads that wait for one another burn its time. Set before
+# anything imports numpy or torch; trainings choose for themselves.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 pytest_plugins = ["tests.costs"]
 SHARED_SCENES = Path(__file__).resolve().parents[2] / "shared" / "scenes"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put files with slow tests first where several processes share the work."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        slow = {item.path for item in items if item.get_closest_marker("slow")}
+        items.sort(key=lambda item: item.path not in slow)
+
+
+@pytest.fixture(scope="session")
+def variant() -> str:
+    """The renderer's variant on this machine, chosen for this process."""
+    from pipeline.render.scene import set_variant
+
+    return set_variant()
 
 
 @pytest.fixture(scope="session")

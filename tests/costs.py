@@ -2,15 +2,22 @@
 
 Each test's user and system time, its setup and its finished child processes included, is kept
 with its report: `--junitxml` writes it as the property `cpu_seconds`. At the end of a run the
-twenty most expensive tests and the total are printed.
+plugin prints the most expensive tests, the most expensive files and the total. The same for a run
+in the past:
+
+    python -m tests.costs build/tests.xml
 """
 
 from __future__ import annotations
 
+import argparse
 import os
+from collections import Counter
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
+import defusedxml.ElementTree
 import pytest
 
 SHOWN = 20
@@ -38,16 +45,50 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Print the most expensive tests and the total."""
+    """Print the most expensive tests and files, and the total."""
     costs = [
-        (dict(report.user_properties)["cpu_seconds"], report.nodeid)
+        (tuple(report.nodeid.split("::", 1)), dict(report.user_properties)["cpu_seconds"])
         for report in terminalreporter.stats.get("", ())
         if getattr(report, "when", "") == "teardown"
         and "cpu_seconds" in dict(report.user_properties)
     ]
-    if not costs:
-        return
-    total = sum(seconds for seconds, _ in costs)
-    terminalreporter.section(f"{total / 60:.1f} core-minutes in {len(costs):,} tests; the most")
-    for seconds, name in sorted(costs, reverse=True)[:SHOWN]:
-        terminalreporter.write_line(f"{seconds:8.1f} s  {name}")
+    if costs:
+        terminalreporter.section("processor time")
+        for line in summary(costs):
+            terminalreporter.write_line(line)
+
+
+def summary(costs: list[tuple[tuple[str, str], float]], shown: int = SHOWN) -> Iterator[str]:
+    """Yield lines on the most expensive tests and files, from (file, test), CPU seconds."""
+    files: Counter[str] = Counter()
+    tests: Counter[str] = Counter()
+    for (file, test), seconds in costs:
+        files[file] += seconds  # type: ignore[assignment]
+        tests[f"{file}::{test}"] += seconds  # type: ignore[assignment]
+    for counter in (tests, files):
+        for name, seconds in counter.most_common(shown):
+            if seconds >= 0.1:
+                yield f"{seconds:8.1f} s  {name}"
+        yield ""
+    yield f"{sum(files.values()) / 60:8.1f} core-minutes in {len(costs):,} tests"
+
+
+def kept(file: Path) -> list[tuple[tuple[str, str], float]]:
+    """Return (file, test), CPU seconds of the tests in a JUnit XML file."""
+    return [
+        (
+            (f"{case.get('classname', '').replace('.', '/')}.py", case.get("name", "")),
+            float(one.get("value", 0)),
+        )
+        for case in defusedxml.ElementTree.parse(file).iter("testcase")
+        for one in case.iter("property")
+        if one.get("name") == "cpu_seconds"
+    ]
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description="Processor time of tests in the past.")
+    parser.add_argument("file", type=Path, help="what pytest --junitxml wrote")
+    parser.add_argument("--shown", type=int, default=SHOWN, help="number of tests and of files")
+    options = parser.parse_args()
+    print("\n".join(summary(kept(options.file), options.shown)))
