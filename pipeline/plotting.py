@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 SERIES = ("#1f6fb2", "#c9541a", "#2c8a4b", "#8b4fae", "#a37c00", "#4f5d6b")
 INK, SOFT_INK, RULE = "#1d1d1e", "#62636c", "#dedbd4"  # text, secondary text, grid
-SIZE = (6.0, 3.1)  # of a chart, inches
+SIZE = (6.0, 2.9)  # of a chart, inches
+_LEGEND_CHARACTERS = 76  # in a row of a legend, with 8 for each marker
 
 
 def new_chart(size: tuple[float, float] = SIZE) -> tuple[Figure, Axes]:
@@ -35,10 +36,13 @@ def style_axes(axes: Axes) -> None:
 
 
 def add_legend(axes: Axes) -> None:
-    """Add a legend above the axes if a series has a label."""
+    """Add a legend above the axes if a series has a label; the figure grows by its height."""
     handles, labels = axes.get_legend_handles_labels()
     if labels:
-        columns = 2 if max(map(len, labels)) > 24 else 4
+        columns = max(1, int(_LEGEND_CHARACTERS / (max(map(len, labels)) + 8)))
+        figure = axes.get_figure(root=True)
+        assert isinstance(figure, Figure)
+        figure.set_figheight(figure.get_figheight() + 0.2 * -(-len(labels) // columns))
         axes.legend(
             handles,
             labels,

@@ -56,14 +56,12 @@ def draw_ledger(ledger: pa.Table) -> Figure:
     charts = ledger_charts(ledger.to_pylist())
     height = max(1, -(-len(charts) // 2))
     page = Figure(figsize=(12, 3.6 * height), dpi=100, layout="constrained")
-    grid = page.subplots(height, 2, squeeze=False)
-    for axes in grid.flat:
-        axes.set_visible(False)
-    for axes, chart in zip(grid.flat, charts, strict=False):
-        axes.set_visible(True)
+    parts = page.subfigures(height, 2, squeeze=False)
+    for part, chart in zip(parts.flat, charts, strict=False):
+        part.suptitle(chart.title, fontsize=10)
+        axes = part.subplots()
         style_axes(axes)
         chart.draw(axes)
-        axes.set_title(chart.title, fontsize=10, pad=24)
     return page
 
 

@@ -22,6 +22,7 @@ PARTS = {
     "shading": "Shading network",
     "composition": "Composition network",
     "product": "Reflectance × shading",
+    "samples": "Noisy samples, denoised",
     "truths": "Mitsuba with the dataset's parameters: shading and colour",
     "guides": "Guide images of the denoiser",
     "denoiser": "Denoiser",

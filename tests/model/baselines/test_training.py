@@ -20,12 +20,12 @@ from model.evaluation.metrics import ssim
 from model.methods import BASELINES, METHODS, Adam
 from model.networks.objective import Batch, Objective
 from model.training import train as training
-from model.training.backbone import make_backbone
 from model.training.loop import TrainingError
 from model.training.store import load_model
 from model.training.train import Folders, train_network
-from pipeline.params import BackboneParams, Params, StageTrainParams, TrainParams
+from pipeline.params import Params, StageTrainParams, TrainParams
 from pipeline.tonemap import tonemap
+from tests.fixtures.backbone import copy_backbone
 from tests.fixtures.model import box_dataset
 from tests.fixtures.training import Killed, stop_at
 
@@ -49,7 +49,7 @@ def workplace(root: Path, train: int = 8, noisy: bool = False, **size: int) -> F
     """A folder with a dataset of box rooms and a backbone."""
     folders = Folders(*(root / part for part in ("data", "models", "metrics", "plots", "models")))
     box_dataset(folders.data, train, 2, 4, noisy, **{**SIZE, **size})
-    make_backbone(BackboneParams(network="efficientnet_lite0"), folders.models)
+    copy_backbone(folders.models)
     return folders
 
 

@@ -22,13 +22,11 @@ from model.evaluation.inference import load_networks
 from model.evaluation.predict import resized
 from model.evaluation.product import product, product_linear
 from model.evaluation.reference import sheet, summary
-from model.training.backbone import make_backbone
 from model.training.train import Folders, train_network
 from pipeline.cli import main
 from pipeline.costs.ledger import Ledger
 from pipeline.images import png_facts, read_picture
 from pipeline.params import (
-    BackboneParams,
     DatasetParams,
     EvaluateParams,
     ImageParams,
@@ -44,6 +42,7 @@ from pipeline.views import View, as_matrix, intrinsics_of
 from scenes.color import decode_srgb
 from scenes.contract import load_scene
 from scenes.errors import InputError
+from tests.fixtures.backbone import copy_backbone
 from tests.fixtures.model import box_dataset, box_rows, write_shard
 from tests.fixtures.predict import box_camera, box_frames, box_room
 
@@ -64,7 +63,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Folders:
     """All three networks, barely trained, beside their dataset."""
     folders = folders_in(tmp_path_factory.mktemp("trained"))
     box_dataset(folders.data, 4, 0, 6, **SIZE)
-    make_backbone(BackboneParams(network="efficientnet_lite0"), folders.models)
+    copy_backbone(folders.models)
     for name in ("shading", "composition", "unet"):
         train_network(name, PARAMS, folders)
     return folders

@@ -21,13 +21,12 @@ from model.networks.hybrid import REACH, Exposed, HybridNet, tonemap_exposed
 from model.networks.objective import Batch, Setting
 from model.networks.pbrnet import Architecture
 from model.training import train
-from model.training.backbone import make_backbone
 from model.training.train import Folders, train_network
 from pipeline.channels import KINDS
 from pipeline.cli import main
 from pipeline.costs.ledger import Ledger
 from pipeline.frames import read_frame, write_frame
-from pipeline.params import BackboneParams, NoisyParams, Params, StageTrainParams, TrainParams
+from pipeline.params import NoisyParams, Params, StageTrainParams, TrainParams
 from pipeline.passes.registry import PASSES
 from pipeline.render.scene import open_scene, set_variant
 from pipeline.tonemap import Exposure, tonemap
@@ -35,6 +34,7 @@ from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, sav
 from scenes.arrays import AnyArray
 from scenes.contract import load_scene
 from scenes.errors import InputError
+from tests.fixtures.backbone import copy_backbone
 from tests.fixtures.model import box_dataset, box_rows, write_shard
 from tests.fixtures.stages import write_room
 
@@ -212,7 +212,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Folders:
     root = tmp_path_factory.mktemp("trained")
     folders = Folders(*(root / part for part in ("data", "models", "metrics", "plots", "models")))
     box_dataset(folders.data, 4, 2, 4, noisy=True, **SIZE)
-    make_backbone(BackboneParams(network="efficientnet_lite0"), folders.models)
+    copy_backbone(folders.models)
     for name in ("shading", "composition", "hybrid"):
         train_network(name, PARAMS, folders)
     return folders

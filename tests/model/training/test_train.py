@@ -19,13 +19,13 @@ from model.data.encoding import encode, to_image
 from model.data.reader import Dataset
 from model.evaluation.metrics import ssim
 from model.methods import learning_rate
-from model.training.backbone import make_backbone
 from model.training.loop import TrainingError, batches_from
 from model.training.store import load_model
 from model.training.train import Folders, choose_precision, train_network
-from pipeline.params import BackboneParams, LossParams, Params, StageTrainParams, TrainParams
+from pipeline.params import LossParams, Params, StageTrainParams, TrainParams
 from pipeline.tonemap import tonemap
 from scenes.errors import InputError
+from tests.fixtures.backbone import copy_backbone
 from tests.fixtures.model import box_dataset, box_rows, write_shard
 from tests.fixtures.training import Killed, stop_at
 
@@ -50,7 +50,7 @@ def workplace(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Workp
             *(tmp_path / name / part for part in ("data", "models", "metrics", "plots", "models"))
         )
         box_dataset(folders.data, **{"train": 8, "validation": 2, "test": 4, **SIZE, **rows})
-        make_backbone(BackboneParams(network="efficientnet_lite0"), folders.models)
+        copy_backbone(folders.models)
         return folders
 
     return make

@@ -110,6 +110,6 @@ def test_all_charts_are_on_one_page() -> None:
     columns = {name: [row.get(name) for row in rows] for name in SCHEMA.names}
     page = draw_ledger(pa.table(columns, schema=SCHEMA))
     page.draw_without_rendering()
-    titles = [axes.get_title() for axes in page.axes if axes.get_visible()]
+    titles = [part.get_suptitle() for part in page.subfigs if part.axes]
     assert titles == [chart.title for chart in ledger_charts(rows)] and len(titles) == 4
     draw_ledger(SCHEMA.empty_table()).draw_without_rendering()
