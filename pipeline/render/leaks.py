@@ -19,7 +19,7 @@ from pipeline.render.scene import RenderScene
 from scenes.arrays import BoolArray, Float64Array
 from scenes.contract import Room
 from scenes.geometry.directions import unit
-from scenes.reconstruction.light_walks import blocked, bounce, places
+from scenes.reconstruction.light_walks import crosses_opening, diffuse_bounce, sample_room_points
 from scenes.seeds import generator
 
 WALKS = 4096  # a room
@@ -59,7 +59,7 @@ def find_leaks(
     found = []
     for room in scene.scene.rooms:
         rng = generator(seed, "leaks", room.id)
-        origins = places(Polygon(room.floor), room.floor_z, room.ceiling_z, walks, rng)
+        origins = sample_room_points(Polygon(room.floor), room.floor_z, room.ceiling_z, walks, rng)
         directions = unit(rng.normal(size=(walks, 3)))
         # Start and direction of each walk's last segment that began indoors.
         indoor_origins, indoor_directions = origins.copy(), directions.copy()
@@ -67,13 +67,15 @@ def find_leaks(
         for _ in range(bounces):
             hits = raycast.surfaces(scene.geometry, origins[alive], directions[alive], colors=False)
             distance = np.where(hits.shape >= 0, hits.distance, np.inf).astype(np.float64)
-            stopped = blocked(scene.scene.portals, origins[alive], directions[alive], distance)
+            stopped = crosses_opening(
+                scene.scene.portals, origins[alive], directions[alive], distance
+            )
             escaped += alive[~stopped & np.isinf(distance)].tolist()
             going = ~stopped & np.isfinite(distance)
             normals, alive = unit(hits.geometric_normal[going]), alive[going]
             if not len(alive):
                 break
-            origins[alive], directions[alive] = bounce(
+            origins[alive], directions[alive] = diffuse_bounce(
                 origins[alive], directions[alive], distance[going], normals, rng
             )
             indoors = alive[_within(scene.scene.rooms, origins[alive])]

@@ -26,6 +26,12 @@ def fibonacci_sphere(count: int) -> Float64Array:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
 
 
+def horizontal_directions(count: int, offset: float = 0.0) -> Float64Array:
+    """Unit vectors (count, 3) evenly around the horizon, `offset` steps on from +x towards +y."""
+    angle = 2 * np.pi * (np.arange(count) + offset) / count
+    return np.column_stack([np.cos(angle), np.sin(angle), np.zeros(count)])
+
+
 def pixel_directions(intrinsics: npt.ArrayLike, width: int, height: int) -> Float64Array:
     """Return directions (H, W, 3) through the pixel centres, z = 1, in the OpenCV camera frame.
 

@@ -1,1 +1,1 @@
-"""Parts shared by all importers: materials, textures, objects, names, credits, daylight."""
+"""Modules that all importers share: materials, textures, objects, assembly of the scene folder."""

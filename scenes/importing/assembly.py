@@ -1,4 +1,9 @@
-"""From shapes in metres to a scene folder: rooms, panes, portals, objects, lights; any source."""
+"""Assembly of a scene folder from a draft scene, the same for every importer.
+
+Input: a `Draft` with shapes, emitters and cameras in metres, Z up. Output: a scene folder with
+`scene.xml`, meshes and `scene.json`. The assembly finds rooms and openings, replaces clear window
+panes by portals, groups shapes into objects, seals gaps, and assigns lights to rooms.
+"""
 
 from __future__ import annotations
 
@@ -20,37 +25,37 @@ from scenes.errors import InputError
 from scenes.geometry.transforms import look_at
 from scenes.importing.changes import Changes
 from scenes.importing.daylight import ground
-from scenes.importing.objects import bounds_of, group_objects, type_of_room
+from scenes.importing.objects import group_objects, type_of_room
 from scenes.importing.panes import frosted_openings, is_flat, remove_panes
-from scenes.importing.sealing_shapes import filler_shape, part_of_building
-from scenes.importing.shape import Emitter, Shape
+from scenes.importing.sealing_shapes import sealing_shape, structure_object
+from scenes.importing.shape import Emitter, Shape, bounds_of
 from scenes.importing.writer import sensor_element, write_scene_xml
-from scenes.reconstruction.aperture_sections import Cuts, seated
-from scenes.reconstruction.enclosure import SHELL_ID, shell
-from scenes.reconstruction.gap_sealing import CAULK_ID, caulk
+from scenes.reconstruction.aperture_sections import CrossSections, at_narrowest_section
+from scenes.reconstruction.enclosure import ENCLOSURE_ID, build_enclosure
+from scenes.reconstruction.gap_sealing import GAP_SEALING_ID, seal_gaps
 from scenes.reconstruction.hidden_openings import hidden_openings
-from scenes.reconstruction.orientation import crossings, guess_scale, tallest_gaps
+from scenes.reconstruction.orientation import guess_scale, surface_heights, tallest_gaps
 from scenes.reconstruction.raycast import RayCaster
 from scenes.reconstruction.rooms import FoundOpening, FoundRoom, find_openings, find_rooms
 
-_LARGEST = 1e6  # metres that a scene may be across, skies and grounds included
+_MAX_EXTENT = 1e6  # metres across, skies and grounds included
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera, before it is written as a stored view."""
+    """A pinhole camera of the source, before it is written as a stored view."""
 
     name: str
-    to_world: Float64Array  # Mitsuba's frame: x left, y up, z forward
-    half_fov_x: float
-    width: int
+    to_world: Float64Array  # (4, 4), Mitsuba's axes: x left, y up, z forward
+    half_fov_x: float  # radians
+    width: int  # pixels
     height: int
-    room: str = ""  # the source's own name for the room it stands in
-    more: dict[str, Any] = field(default_factory=dict)  # what else the source says about it
+    room: str = ""  # name of the room that contains it, in the source
+    more: dict[str, Any] = field(default_factory=dict)  # further keys of the stored view
 
 
 class Grouping(Protocol):
-    """How a source makes objects of its shapes, knowing the rooms and their ids."""
+    """A source's rule to group shapes into objects, given the rooms and their ids."""
 
     def __call__(
         self, shapes: list[Shape], rooms: list[FoundRoom], room_ids: list[str]
@@ -59,61 +64,67 @@ class Grouping(Protocol):
 
 @dataclass(frozen=True)
 class Draft:
-    """A scene in our world (metres, Z up) that still has to be surveyed and written."""
+    """An imported scene in metres, Z up, whose rooms and openings are not yet known."""
 
     scene_id: str
-    source: dict[str, Any]  # for `scene.json`; its views are added here
+    source: dict[str, Any]  # for `scene.json`; views are added to it
     shapes: list[Shape]
-    area: dict[str, Element]  # the emitters of shapes, by shape id
-    emitters: list[Emitter]
+    area: dict[str, Element]  # area emitters by shape id
+    emitters: list[Emitter]  # all other emitters
     cameras: list[Camera]
     credits: tuple[Credit, ...]
-    hint: str = ""  # words about the whole scene that may tell the type of its only room
-    max_depth: int = 17
+    hint: str = ""  # name of the whole scene, which may tell the type of its only room
+    max_depth: int = 17  # of paths, for the integrator in `scene.xml`
     grouping: Grouping = group_objects
-    # The source's own names of rooms -> our ids, where it has names.
+    # Maps the source's names of rooms to ids, for sources that name rooms.
     room_names: Callable[[list[Shape], list[FoundRoom], list[str]], dict[str, str]] | None = None
-    ground: bool = False  # lay ground below, for a sky that has none
+    ground: bool = False  # add a ground plane
 
 
 def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
-    """Find the rooms and openings of `draft`, turn panes into portals, write everything to
-    `folder`."""
+    """Find rooms, openings and objects of `draft` and write the scene to `folder`.
+
+    Raises `InputError` if nothing in the scene is visible or it is far too large.
+    """
     shapes, cameras = draft.shapes, draft.cameras
-    rooms, openings = survey_rooms(shapes, cameras)
-    shapes, glazed, openings = _open_up(shapes, rooms, openings)
-    if glazed:
-        changes.note("clear window panes became portals: {}", ", ".join(glazed))
+    rooms, openings = find_rooms_and_openings(shapes, cameras)
+    shapes, pane_shapes, openings = _locate_openings(shapes, rooms, openings)
+    if pane_shapes:
+        changes.note("clear window panes became portals: {}", ", ".join(pane_shapes))
     for shape in shapes:
         if shape.surface.invisible:
             changes.note("an invisible shape was left out: {}", shape.name)
     shapes = [shape for shape in shapes if not shape.surface.invisible]
     if not shapes:
-        raise InputError(f"{draft.scene_id}: nothing of it is visible: all of it is clear glass")
+        raise InputError(
+            f"{draft.scene_id}: nothing in the scene is visible; every shape is a clear window "
+            "pane or has an invisible material"
+        )
     area = {shape.id: draft.area[shape.id] for shape in shapes if shape.id in draft.area}
     room_ids = [f"room_{index}" for index in range(len(rooms))]
     objects = draft.grouping(shapes, rooms, room_ids)
     names = draft.room_names(shapes, rooms, room_ids) if draft.room_names else {}
     if draft.ground:
-        plain, thing = ground(*bounds_of(shapes))
-        shapes, objects = [*shapes, plain], (*objects, thing)
+        ground_shape, ground_object = ground(*bounds_of(shapes))
+        shapes, objects = [*shapes, ground_shape], (*objects, ground_object)
     lights = _lights(shapes, area, draft.emitters, rooms, room_ids)
-    taken = {shape.id for shape in shapes} | {thing.id for thing in objects}
-    fillers, openings = _closed(shapes, rooms, openings, taken, changes)
-    shapes = [*shapes, *fillers]
-    objects = (*objects, *(part_of_building(filler) for filler in fillers))
+    used_ids = {shape.id for shape in shapes} | {each.id for each in objects}
+    sealing_shapes, openings = _seal(shapes, rooms, openings, used_ids, changes)
+    shapes = [*shapes, *sealing_shapes]
+    objects = (*objects, *(structure_object(shape) for shape in sealing_shapes))
     frosted = frosted_openings(shapes, openings)
     portals = _portals(openings, frosted, rooms, room_ids)
     if any(room.guessed for room in rooms):
         changes.note(
-            "no closed room was found; the space around the camera or the middle stands for one"
+            "no closed room was found; the space around the camera, or around the middle of the "
+            "scene, is used as a room"
         )
     if not rooms:
-        rooms, room_ids = [_whole(shapes)], ["room_0"]
-        changes.note("NO ROOM WAS FOUND: the whole scene's extent stands for one")
-    camera = cameras[0] if cameras else _own_camera(rooms[0])
+        rooms, room_ids = [_bounding_room(shapes)], ["room_0"]
+        changes.note("NO ROOM WAS FOUND: the bounding box of the scene is used as a room")
+    camera = cameras[0] if cameras else _default_camera(rooms[0])
     write_scene_xml(folder, shapes, area, draft.emitters, _sensor(camera), draft.max_depth)
-    lit = {light.room for light in lights} | {portal.room for portal in portals}
+    lit_rooms = {light.room for light in lights} | {portal.room for portal in portals}
     everywhere = any(light.room is None and light.kind != "environment" for light in lights)
     views = [_view(camera, names) for camera in cameras]
     scene = Scene(
@@ -127,7 +138,7 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
                 floor=tuple((float(x), float(y)) for x, y in list(room.floor.exterior.coords)[:-1]),
                 floor_z=room.floor_z,
                 ceiling_z=room.ceiling_z,
-                has_light=name in lit or everywhere or room.guessed,
+                has_light=name in lit_rooms or everywhere or room.guessed,
             )
             for index, (name, room) in enumerate(zip(room_ids, rooms, strict=True))
         ),
@@ -142,13 +153,13 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
     save_scene(folder, scene)
 
 
-def moved(camera: Camera, frame: Float64Array, changes: Changes) -> Camera:
-    """The camera in our world, its axes made rigid."""
+def transformed_camera(camera: Camera, frame: Float64Array, changes: Changes) -> Camera:
+    """Transform a camera by `frame` (4, 4) and make its axes orthonormal and right-handed."""
     matrix = frame @ camera.to_world
     axes = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
     if np.linalg.det(axes) < 0:
         axes[:, 0] = -axes[:, 0]
-        changes.note("a mirroring camera was turned into a proper one: {}", camera.name)
+        changes.note("a mirrored camera was made right-handed: {}", camera.name)
     forward = axes[:, 2]
     left = np.cross(axes[:, 1], forward)
     left /= np.linalg.norm(left)
@@ -158,10 +169,14 @@ def moved(camera: Camera, frame: Float64Array, changes: Changes) -> Camera:
     return replace(camera, to_world=rigid)
 
 
-def guessed_scale(
+def guess_scene_scale(
     corners: Float64Array, cameras: list[Camera], turn: Float64Array, changes: Changes
 ) -> float:
-    """Metres per unit from the height between floor and ceiling, around the camera if any."""
+    """Guess metres per unit from the height between floor and ceiling.
+
+    `corners` (F, 3, 3) are upright triangles; `turn` (3, 3) made them so. With cameras, the
+    height is measured around the first one.
+    """
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     rays = RayCaster(corners)
     xs, ys = (np.linspace(low[axis], high[axis], 32)[1:-1] + 1e-4 for axis in (0, 1))
@@ -172,87 +187,99 @@ def guessed_scale(
         if (eye > low).all() and (eye < high).all():
             points = np.concatenate([points, eye[None, :2]])
             through = float(eye[2])
-    columns = crossings(rays, points, float(low[2]), float(high[2]))
+    columns = surface_heights(rays, points, float(low[2]), float(high[2]))
     gaps = tallest_gaps(columns, through)
     if not len(gaps):
         changes.note(
-            "no floor with a ceiling was found to tell the scale by; 1 unit was taken as 1 m"
+            "the unit of length could not be guessed, because no floor with a ceiling was found; "
+            "1 unit was read as 1 m (change it with --scale)"
         )
         return 1.0
     height = float(np.percentile(gaps[:, 1] - gaps[:, 0], 75))
     scale, unit = guess_scale(height)
     if scale != 1.0:
         changes.note(
-            f"a room {height:.4g} units high: lengths were read as {unit} "
-            "(say otherwise with --scale)"
+            f"lengths were read as {unit}, because a room is {height:.4g} units high "
+            "(change it with --scale)"
         )
     return scale
 
 
-def survey_rooms(
+def find_rooms_and_openings(
     shapes: list[Shape], cameras: list[Camera]
 ) -> tuple[list[FoundRoom], list[FoundOpening]]:
-    """Rooms and openings; clear glass and frosted panes do not close an opening."""
+    """Find rooms and openings; clear glass and frosted panes do not close an opening."""
     everything = np.concatenate([shape.mesh.corners for shape in shapes])
     extent = float(np.ptp(everything.reshape(-1, 3), axis=0).max())
-    if extent > _LARGEST:
+    if extent > _MAX_EXTENT:
         raise InputError(
-            f"the scene is {extent:.3g} m across, at most {_LARGEST:g} m are taken; say what its "
-            "unit is with --scale, or mend the shape that lies so far out"
+            f"the scene is {extent:.3g} m across; at most {_MAX_EXTENT:g} m are supported. Give "
+            "its unit with --scale, or repair the shape that lies so far out"
         )
     eye = cameras[0].to_world[:3, 3] if cameras else None
     rooms = find_rooms(RayCaster(everything), everything, eye)
     return rooms, find_openings(RayCaster(_solid_corners(shapes)), rooms)
 
 
-def _open_up(
+def _locate_openings(
     shapes: list[Shape], rooms: list[FoundRoom], openings: list[FoundOpening]
 ) -> tuple[list[Shape], list[str], list[FoundOpening]]:
-    """Shapes without clear panes, the ids of what had some, and all openings: those found, where
-    their holes are narrowest, and those that only walks of light find."""
-    shapes, glazed, openings = remove_panes(shapes, openings)
+    """Remove clear panes and locate every opening exactly.
+
+    Returns the shapes without panes, the ids of shapes that had some, and all openings: those
+    given, moved to their narrowest section, and those that only random walks find.
+    """
+    shapes, pane_shapes, openings = remove_panes(shapes, openings)
     corners = _solid_corners(shapes)
-    cuts = Cuts(corners)
-    openings = [seated(cuts, opening) for opening in openings]
-    hidden, _ = hidden_openings(RayCaster(corners), cuts, rooms, openings)
+    sections = CrossSections(corners)
+    openings = [at_narrowest_section(sections, opening) for opening in openings]
+    hidden = hidden_openings(RayCaster(corners), sections, rooms, openings)
     shapes, more, hidden = remove_panes(shapes, hidden)
-    return shapes, [*glazed, *more], openings + hidden
+    return shapes, [*pane_shapes, *more], openings + hidden
 
 
-def _closed(
+def _seal(
     shapes: list[Shape],
     rooms: list[FoundRoom],
     openings: list[FoundOpening],
-    taken: set[str],
+    used_ids: set[str],
     changes: Changes,
 ) -> tuple[list[Shape], list[FoundOpening]]:
-    """What closes the cracks that light comes through, under ids that are not `taken`, and the
-    openings that stay open."""
-    fillers = []
+    """Seal the gaps that let light in.
+
+    Returns the sealing shapes, with ids that are not among `used_ids`, and the openings that
+    stay open.
+    """
+    added = []
     solid = _solid_corners(shapes)
     rays = RayCaster(solid)
-    sheets, kept = shell(solid, rays, rooms, openings)
+    sheets, kept = build_enclosure(solid, rays, rooms, openings)
     if len(sheets):
-        fillers.append(filler_shape(_unused(SHELL_ID, taken), sheets))
+        added.append(sealing_shape(_unused_id(ENCLOSURE_ID, used_ids), sheets))
         solid, rays = np.concatenate([solid, sheets]), RayCaster(sheets, rays)
-        changes.note("light came through cracks: a shell was set up behind walls, floors, ceilings")
+        changes.note(
+            "light leaked in through gaps: an enclosure was added behind walls, floors and ceilings"
+        )
     if len(kept) < len(openings):
-        changes.note(f"openings up a fireplace were closed with it: {len(openings) - len(kept)}")
-    slabs, made = caulk(solid, rays, rooms, kept)
-    if made:
-        fillers.append(filler_shape(_unused(CAULK_ID, taken), slabs))
-        changes.note(f"cracks that light came through were closed from outside: {made} slabs")
-    return fillers, kept
+        changes.note(
+            "openings that lie in no wall, such as up a fireplace, were closed: "
+            f"{len(openings) - len(kept)}"
+        )
+    slabs, slab_count = seal_gaps(solid, rays, rooms, kept)
+    if slab_count:
+        added.append(sealing_shape(_unused_id(GAP_SEALING_ID, used_ids), slabs))
+        changes.note(f"light leaked in through gaps: {slab_count} slabs were added behind them")
+    return added, kept
 
 
-def _unused(name: str, taken: set[str]) -> str:
-    """The name, or the first with a number behind it that is not taken."""
+def _unused_id(name: str, used_ids: set[str]) -> str:
+    """`name`, or `name` with the first number that makes it unused."""
     numbered = (f"{name}-{number}" for number in count(2))
-    return next(each for each in chain([name], numbered) if each not in taken)
+    return next(each for each in chain([name], numbered) if each not in used_ids)
 
 
 def _solid_corners(shapes: list[Shape]) -> Float64Array:
-    """The triangles (F, 3, 3) that stop light; all of them if none does."""
+    """The triangles (F, 3, 3) that stop light; all triangles if none does."""
     solid = [
         shape.mesh.corners
         for shape in shapes
@@ -270,6 +297,7 @@ def _lights(
     rooms: list[FoundRoom],
     room_ids: list[str],
 ) -> tuple[Light, ...]:
+    """The lights of `scene.json`: area emitters by shape, then one for each kind of the others."""
     lights: list[Light] = []
     for shape in shapes:
         if shape.id in area:
@@ -291,13 +319,14 @@ def _lights(
 def _portals(
     openings: list[FoundOpening], frosted: set[int], rooms: list[FoundRoom], room_ids: list[str]
 ) -> tuple[Portal, ...]:
+    """Portals of openings, classified as window, door or opening by size and position."""
     portals = []
     for number, opening in enumerate(openings):
         room = rooms[opening.room]
         low, high = opening.polygon.min(axis=0), opening.polygon.max(axis=0)
         kind: Literal["window", "door", "opening"] = "window"
         if opening.hidden and opening.normal[2] > 0.9 and not opening.panes:
-            kind = "opening"  # no skylight: nobody looks up through it
+            kind = "opening"  # not a skylight: it cannot be seen through from below
         elif not opening.overhead and not opening.panes and number not in frosted:
             on_floor = low[2] < room.floor_z + 0.12
             if opening.wall_share > 0.8:
@@ -323,13 +352,15 @@ def _portals(
 
 
 def _room_at(point: Float64Array, rooms: list[FoundRoom], room_ids: list[str]) -> str | None:
+    """The id of the room that contains a point (3,), or None."""
     for room, name in zip(rooms, room_ids, strict=True):
-        if room.holds(point, 0.15):
+        if room.contains(point, 0.15):
             return name
     return None
 
 
 def _lighting(lights: tuple[Light, ...]) -> str:
+    """Classify lights as "day", "night" or "mixed"."""
     outdoors = any(light.kind in ("sun", "sky", "environment", "directional") for light in lights)
     lamps = any(light.kind in ("area", "point", "spot") for light in lights)
     if outdoors and lamps:
@@ -337,8 +368,8 @@ def _lighting(lights: tuple[Light, ...]) -> str:
     return "day" if outdoors else "night"
 
 
-def _whole(shapes: list[Shape]) -> FoundRoom:
-    """The scene's box, where nothing better is known."""
+def _bounding_room(shapes: list[Shape]) -> FoundRoom:
+    """A guessed room from the scene's bounding box."""
     bounds = np.array([shape.mesh.bounds for shape in shapes])
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     side = np.maximum(0.5 * (high - low)[:2], 1.0)
@@ -347,8 +378,8 @@ def _whole(shapes: list[Shape]) -> FoundRoom:
     return FoundRoom(floor, float(low[2]), float(max(high[2], low[2] + 2.2)), guessed=True)
 
 
-def _own_camera(room: FoundRoom) -> Camera:
-    """A view across the room, for files without a usable sensor."""
+def _default_camera(room: FoundRoom) -> Camera:
+    """A view across the room, for files without a usable camera."""
     points = np.array(room.floor.exterior.coords)
     centre = room.centre
     far = points[int(np.argmax(np.linalg.norm(points - centre[:2], axis=1)))]
@@ -365,13 +396,13 @@ def _sensor(camera: Camera) -> Element:
     )
 
 
-def _view(camera: Camera, own_names: dict[str, str]) -> dict[str, Any]:
-    """The camera as an offered view: OpenCV axes are Mitsuba's with x and y turned round.
+def _view(camera: Camera, room_names: dict[str, str]) -> dict[str, Any]:
+    """The camera as a stored view: OpenCV axes are Mitsuba's with x and y negated.
 
-    `own_names` leads from the source's names of rooms to ours.
+    `room_names` maps the source's names of rooms to ids.
     """
     pose = camera.to_world @ np.diag([-1.0, -1, 1, 1])
-    room = {"room": own_names[camera.room]} if camera.room in own_names else {}
+    room = {"room": room_names[camera.room]} if camera.room in room_names else {}
     return {
         **camera.more,
         **room,

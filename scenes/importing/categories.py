@@ -95,7 +95,7 @@ _CATEGORIES: tuple[tuple[str, tuple[str, ...]], ...] = (
                 "finestra")),
 )  # fmt: skip
 CATEGORIES = tuple(category for category, _ in _CATEGORIES)
-_CATEGORY_OF = {
+_CATEGORY_OF_WORD = {
     hint: (rank, category)
     for rank, (category, hints) in reversed(list(enumerate(_CATEGORIES)))
     for hint in (category.replace(" ", ""), *hints)
@@ -120,7 +120,7 @@ _ROOMS: tuple[tuple[str, tuple[str, ...]], ...] = (
                  "dormitorio", "habitacion", "camera", "quarto", "guest", "children", "kids")),
 )  # fmt: skip
 # Things that make a room, in order of how telling they are.
-_TELLING = (
+_ROOM_FURNITURE = (
     ("bathroom", ("toilet", "bath", "shower")),
     ("bedroom", ("bed",)),
     ("kitchen", ("stove", "fridge")),
@@ -133,7 +133,7 @@ _TELLING = (
 def category_of(*labels: str) -> str:
     """The category that the first telling name has; "other" where none says anything."""
     for label in labels:
-        ranked = [_CATEGORY_OF[word] for word in _words(label) if word in _CATEGORY_OF]
+        ranked = [_CATEGORY_OF_WORD[word] for word in _words(label) if word in _CATEGORY_OF_WORD]
         if ranked:
             return min(ranked)[1]
     return "other"
@@ -159,7 +159,7 @@ def category_of_piece(kind: str, name: str, catalog_id: str, model: str = "") ->
     return "other", False
 
 
-def room_type(name: str, things: Iterable[str]) -> str:
+def room_type(name: str, categories: Iterable[str]) -> str:
     """The type of a room from its name, else from the categories of what stands in it."""
     plain = _plain(name)
     words = _words(name)
@@ -170,8 +170,8 @@ def room_type(name: str, things: Iterable[str]) -> str:
     for kind, _ in _ROOMS:
         if kind in squeezed:
             return kind
-    inside = set(things)
-    for kind, tells in _TELLING:
+    inside = set(categories)
+    for kind, tells in _ROOM_FURNITURE:
         if inside & set(tells):
             return kind
     return "other"

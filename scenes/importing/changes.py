@@ -1,22 +1,22 @@
-"""What an import changed or lost, gathered so that the same change is said once with its count."""
+"""List of everything that an import changed or left out, for `scene.json` and the command."""
 
 from __future__ import annotations
 
-_SHOWN = 4
+_SHOWN = 4  # details of one sentence that are listed
 
 
 class Changes:
-    """Collects notes; equal sentences are merged and the details that differ are listed."""
+    """Collects notes and merges equal sentences into one, with a count and their details."""
 
     def __init__(self) -> None:
         self._notes: dict[str, list[str]] = {}
 
     def note(self, sentence: str, detail: str = "") -> None:
-        """Record a change; `{}` in `sentence` stands for `detail`, which may differ each time."""
+        """Record a change; `{}` in `sentence` is replaced by the details of all its notes."""
         self._notes.setdefault(sentence, []).append(detail)
 
     def sentences(self) -> tuple[str, ...]:
-        """One sentence per kind of change, in the order of first appearance."""
+        """One sentence for each kind of change, in the order of first appearance."""
         return tuple(_merge(sentence, details) for sentence, details in self._notes.items())
 
 

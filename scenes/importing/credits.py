@@ -1,4 +1,4 @@
-"""Author and licence of a scene, from the licence file beside it."""
+"""Author and licence of a scene, from the licence file in its folder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,11 @@ _MAX_BYTES = 65536
 def find_credit(
     opened: OpenedFiles, title: str, licence: str, author: str, changes: Changes
 ) -> Credit:
-    """The credit for everything in a scene; what is given wins over what the files say."""
+    """Return the credit for everything in a scene.
+
+    `licence` and `author`, if not empty, take precedence over the licence file in the
+    scene's folder. `opened` records the files looked for.
+    """
     text, name = _licence_text(opened)
     match = _TITLE.search(text)
     found_author = match["author"].strip() if match else ""
@@ -45,6 +49,7 @@ def find_credit(
 
 
 def _licence_text(opened: OpenedFiles) -> tuple[str, str]:
+    """Text and name of the first licence file in the scene's folder."""
     for name in _NAMES:
         for path in opened.with_stem(name):
             if path.suffix.lower() in ("", ".txt", ".md") and opened.is_file(path):

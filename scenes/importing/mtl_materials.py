@@ -1,4 +1,7 @@
-"""Materials of MTL libraries as Mitsuba's: `principled`, clear glass, masks, emitters."""
+"""Materials of MTL libraries as Mitsuba 3 BSDFs: `principled`, clear glass, and masks.
+
+Input: the MTL files that an OBJ names. Output: for each material a `Surface` and its emission.
+"""
 
 from __future__ import annotations
 
@@ -19,79 +22,79 @@ from scenes.importing.shape import Surface
 from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin
 
-_GLASS = 0.6  # opacity up to which a plain material is taken for glass
-_GLASS_MODELS = (4, 6, 7, 9)  # `illum` values that refract
+_MAX_GLASS_OPACITY = 0.6  # up to which a material without opacity map is read as glass
+_REFRACTIVE_MODELS = (4, 6, 7, 9)  # `illum` values that refract
 
 
 @dataclass(frozen=True)
-class Finish:
-    """A translated material: its surface and, where it shines, linear RGB and an image of it."""
+class MtlMaterial:
+    """A translated material."""
 
     surface: Surface
-    light: Color | None = None
-    light_image: Path | None = None
-    light_to_uv: Float64Array | None = None
+    emission: Color | None = None  # `Ke`, linear RGB; None without emission
+    emission_image: Path | None = None  # `map_Ke`
+    emission_to_uv: Float64Array | None = None  # (4, 4) transform of its texture coordinates
 
 
 @dataclass
 class MtlLibrary:
-    """The materials of an OBJ at `path`, translated when asked for."""
+    """The materials of the OBJ file at `path`, each translated on first use."""
 
     path: Path
     sandbox: Sandbox
     textures: TextureStore
     changes: Changes
     materials: dict[str, Mtl] = field(default_factory=dict)
-    _finishes: dict[str, Finish] = field(default_factory=dict)
+    _translated: dict[str, MtlMaterial] = field(default_factory=dict)
 
     def load(self, names: list[str]) -> None:
-        """Read the libraries that the OBJ names; missing ones are noted."""
+        """Read the MTL files with these names; missing ones are noted."""
         for name in names:
             found = self.sandbox.find(name, f"{self.path}: mtllib")
             if found is None:
                 self.changes.note(
-                    "missing material library, its materials became grey: {}", repr(name)
+                    "missing material library, grey replaces its materials: {}", repr(name)
                 )
             else:
                 self._read(found)
 
     def _read(self, path: Path) -> None:
         if path.stat().st_size > MAX_MTL:
-            raise InputError(f"{path}: more than {MAX_MTL >> 20} MiB of materials; refused")
+            raise InputError(f"{path}: the file is larger than the limit of {MAX_MTL >> 20} MiB")
         read = read_mtl(path.read_bytes(), str(path))
         for mtl in read.values():
             for key in mtl.unused:
                 self.changes.note(f"{key} of a material was left out: {{}}", mtl.name)
         self.materials |= read
 
-    def finish(self, name: str) -> Finish:
-        """The material called `name`; grey, with a note, where no library holds it."""
-        if name not in self._finishes:
+    def material(self, name: str) -> MtlMaterial:
+        """Return the material called `name`; grey, with a note, if no library defines it."""
+        if name not in self._translated:
             if name and name not in self.materials:
-                self.changes.note("a material that no library holds became grey: {}", name)
-            self._finishes[name] = self._finish(self.materials.get(name, Mtl(name)))
-        return self._finishes[name]
+                self.changes.note("a material that no library defines became grey: {}", name)
+            self._translated[name] = self._translate(self.materials.get(name, Mtl(name)))
+        return self._translated[name]
 
-    def _finish(self, mtl: Mtl) -> Finish:
+    def _translate(self, mtl: Mtl) -> MtlMaterial:
         color: Color | Element = _rgb(mtl.numbers.get("Kd", (0.5, 0.5, 0.5)))
-        picture = self._image(mtl, "map_Kd")
-        if picture is not None:
+        image_path = self._image(mtl, "map_Kd")
+        if image_path is not None:
             try:
-                # Kd beside an image is black or grey in too many files to be meant as a factor.
-                color = _bitmap(self.textures.color(picture), mtl.maps["map_Kd"])
+                # Too many files have a black or grey Kd beside an image to multiply by it.
+                color = _bitmap(self.textures.color(image_path), mtl.maps["map_Kd"])
             except UnreadableImage as error:
                 self.changes.note(
-                    "damaged texture, the plain colour stands for it: {}",
-                    f"{picture.name} ({error})",
+                    "damaged texture, replaced by the plain colour: {}",
+                    f"{image_path.name} ({error})",
                 )
         surface = self._surface(mtl, color)
         surface.name = mtl.name
-        light = mtl.numbers.get("Ke", (0.0, 0.0, 0.0))
-        if max(light) <= 0:
-            return Finish(surface)
+        emission = mtl.numbers.get("Ke", (0.0, 0.0, 0.0))
+        if max(emission) <= 0:
+            return MtlMaterial(surface)
         image = self._image(mtl, "map_Ke")
         to_uv = mtl.maps["map_Ke"].to_uv if image is not None else None
-        return Finish(surface, (light[0], light[1], light[2]), image, to_uv)
+        return MtlMaterial(surface, (emission[0], emission[1], emission[2]), image, to_uv)
 
     def _image(self, mtl: Mtl, key: str) -> Path | None:
         written = mtl.maps.get(key)
@@ -101,15 +104,15 @@ class MtlLibrary:
         found = self.sandbox.find(written.name, place) if written.name else None
         if found is None:
             self.changes.note(
-                "missing texture, the plain colour stands for it: {}", repr(written.name)[:120]
+                "missing texture, replaced by the plain colour: {}", repr(written.name)[:120]
             )
         return found
 
     def _surface(self, mtl: Mtl, color: Color | Element) -> Surface:
         opacity = mtl.opacity
         cutout = self._image(mtl, "map_d")
-        refracts = int(mtl.numbers.get("illum", (2,))[0]) in _GLASS_MODELS
-        if cutout is None and (opacity <= _GLASS or (refracts and opacity < 0.95)):
+        refracts = int(mtl.numbers.get("illum", (2,))[0]) in _REFRACTIVE_MODELS
+        if cutout is None and (opacity <= _MAX_GLASS_OPACITY or (refracts and opacity < 0.95)):
             self.changes.note("a transparent material became clear glass: {}", mtl.name)
             made = plugin("bsdf", "thindielectric", int_ior=_ior(mtl))
             return Surface(made, transmissive=True, see_through=True)
@@ -130,7 +133,9 @@ class MtlLibrary:
                 stored = self.textures.alpha(cutout) or self.textures.channel(cutout, 0)
                 alpha = _bitmap(stored, mtl.maps["map_d"], raw=True)
             except UnreadableImage as error:
-                self.changes.note("damaged texture, left out: {}", f"{cutout.name} ({error})")
+                self.changes.note(
+                    "damaged opacity texture was left out: {}", f"{cutout.name} ({error})"
+                )
         if isinstance(alpha, float) and alpha >= 0.999:
             return Surface(wrapped, double=True)
         masked = plugin("bsdf", "mask", opacity=alpha)
@@ -144,7 +149,7 @@ def _bitmap(stored: str, image: MtlMap, raw: bool | None = None) -> Element:
 
 
 def _roughness(mtl: Mtl) -> float:
-    """`Pr`, else from Phong's exponent: alpha = sqrt(2 / (n + 2)), roughness = sqrt(alpha)."""
+    """`Pr`, or from Phong's exponent: alpha = sqrt(2 / (n + 2)), roughness = sqrt(alpha)."""
     if "Pr" in mtl.numbers:
         return float(np.clip(mtl.numbers["Pr"][0], 0.02, 1))
     if max(mtl.numbers.get("Ks", (0.0,))) < 0.01:

@@ -1,4 +1,10 @@
-"""What the shapes are: categories by name, structure by place, one object per thing."""
+"""Objects of a scene from its shapes: categories by name, structure by position.
+
+Input: shapes in metres, Z up, and the rooms found. Output: the objects of `scene.json`. A shape
+is part of the building's structure if most of its surface lies on the floor, walls or ceiling of
+a room. All other shapes get a category from their names, and those of one category that touch,
+or share a model number, become one object.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +15,19 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
-from scenes.arrays import Float64Array
+from scenes.arrays import BoolArray, Float64Array
 from scenes.contract import SceneObject
 from scenes.geometry.mesh import face_areas
 from scenes.importing.categories import category_of, room_type
-from scenes.importing.shape import Shape
+from scenes.importing.shape import Shape, bounds_of, make_object
 from scenes.reconstruction.rooms import FoundRoom
 
-_SAMPLES = 400
-_ON_WALL, _ON_LEVEL = 0.12, 0.06  # metres from the room's hull that still belong to it
-_TOUCHING = 0.02
-_NICHE = 0.8  # metres behind the room's outline (window bays) where a named thing is still in it
-_STANDING = (
+_SAMPLES = 400  # points on a shape's surface
+_ON_WALL, _ON_LEVEL = 0.12, 0.06  # metres from a room's hull at which a surface counts as on it
+_TOUCH_DISTANCE = 0.02  # metres
+_NICHE_DEPTH = 0.8  # metres behind the outline of a room, as in a window bay, that belong to it
+# Categories that stand on the floor; elsewhere, a name that says so is ignored.
+_FLOOR_CATEGORIES = (
     "sofa",
     "armchair",
     "stool",
@@ -40,26 +47,26 @@ _WALL_WORDS = ("wall", "walls", "ceiling", "floor", "roof", "skirting", "baseboa
 
 
 @dataclass(frozen=True)
-class _Sample:
-    points: Float64Array
-    normals: Float64Array
-    area: float
+class _SurfaceSample:
+    points: Float64Array  # (N, 3)
+    normals: Float64Array  # unit (N, 3)
+    area: float  # of the whole surface, square metres
 
 
-def category_of_shape(shape: Shape) -> str:
-    """The category by the names of the shape and of its material."""
+def shape_category(shape: Shape) -> str:
+    """The category that the names of a shape and of its material tell."""
     return category_of(shape.name, shape.surface.name)
 
 
 def group_objects(
     shapes: list[Shape], rooms: list[FoundRoom], room_ids: list[str]
 ) -> tuple[SceneObject, ...]:
-    """Objects out of shapes: structure by where it lies, things by name and touch."""
-    structure = {shape.id: structural_kind(shape, rooms) for shape in shapes}
+    """Group shapes into objects: structure by position, everything else by name and contact."""
+    structure = {shape.id: structure_category(shape, rooms) for shape in shapes}
     categories = {
         shape.id: structure[shape.id]
         or ("lamp" if shape.emitter is not None else "")
-        or category_of_shape(shape)
+        or shape_category(shape)
         for shape in shapes
     }
     objects = []
@@ -67,17 +74,15 @@ def group_objects(
         first = members[0]
         low, high = bounds_of(members)
         category = categories[first.id]
-        if category in _STANDING and not _on_floor(low, rooms):
+        if category in _FLOOR_CATEGORIES and not _on_floor(low, rooms):
             category = "other"
         label = first.surface.name if first.name.lower().startswith("mesh") else first.name
         objects.append(
-            SceneObject(
-                id=first.id,
-                name=label or category,
-                category=category,
-                shapes=tuple(member.id for member in members),
-                bbox_min=_triple(low),
-                bbox_max=_triple(high),
+            make_object(
+                first.id,
+                label or category,
+                category,
+                members,
                 is_structure=structure[first.id] != "",
                 room=room_of(0.5 * (low + high), low, rooms, room_ids),
             )
@@ -86,20 +91,25 @@ def group_objects(
 
 
 def type_of_room(objects: tuple[SceneObject, ...], room: str, hint: str) -> str:
-    """The type of a room from the scene's name, else from what stands in it."""
-    inside = [thing.category for thing in objects if thing.room == room and not thing.is_structure]
+    """The type of a room from `hint`, the scene's name, else from the objects in it."""
+    inside = [
+        scene_object.category
+        for scene_object in objects
+        if scene_object.room == room and not scene_object.is_structure
+    ]
     return room_type(hint, inside)
 
 
-def structural_kind(shape: Shape, rooms: list[FoundRoom]) -> str:
-    """Which part of the building a shape is: floor, ceiling, wall or structure; "" for things.
+def structure_category(shape: Shape, rooms: list[FoundRoom]) -> str:
+    """The structural category of a shape: floor, ceiling, wall or structure; "" for furniture.
 
-    A shape is structure when most of its surface lies on a room's hull and it spans much of it.
+    A shape is structure if most of its surface lies on a room's hull (floor, walls, ceiling) and
+    it spans much of the room, or if it lies outside all rooms.
     """
     sample = _sample(shape)
     low, high = shape.mesh.bounds
-    if category_of_shape(shape) not in ("other", "window", "door") and any(
-        room.holds(0.5 * (low + high), _NICHE) for room in rooms
+    if shape_category(shape) not in ("other", "window", "door") and any(
+        room.contains(0.5 * (low + high), _NICHE_DEPTH) for room in rooms
     ):
         return ""
     inside_any = False
@@ -120,7 +130,7 @@ def structural_kind(shape: Shape, rooms: list[FoundRoom]) -> str:
         inside_any = inside_any or (near & tight).mean() > 0.6
         if near.mean() < 0.3:
             continue
-        kind = _on_hull(sample, near, room, low, high)
+        kind = _hull_category(sample, near, room, low, high)
         if kind:
             return kind
     if rooms and not inside_any:
@@ -138,9 +148,17 @@ def structural_kind(shape: Shape, rooms: list[FoundRoom]) -> str:
     return ""
 
 
-def _on_hull(
-    sample: _Sample, near: np.ndarray, room: FoundRoom, low: Float64Array, high: Float64Array
+def _hull_category(
+    sample: _SurfaceSample,
+    near: BoolArray,
+    room: FoundRoom,
+    low: Float64Array,
+    high: Float64Array,
 ) -> str:
+    """The part of a room's hull that a shape with bounds `low` and `high` (3,) forms, or "".
+
+    `near` (N,) selects the sample points close to the room.
+    """
     points, normals = sample.points[near], sample.normals[near]
     edge = shapely.distance(room.floor.exterior, shapely.points(points[:, :2]))
     outside = ~shapely.contains_xy(room.floor, points[:, 0], points[:, 1])
@@ -170,7 +188,7 @@ def _on_hull(
 def _groups(
     shapes: list[Shape], structure: dict[str, str], categories: dict[str, str]
 ) -> list[list[Shape]]:
-    """Shapes that are one thing: same model number, or same category and touching."""
+    """Groups of shapes that share a model number, or have one category and touch."""
     parent = list(range(len(shapes)))
 
     def root(index: int) -> int:
@@ -189,8 +207,8 @@ def _groups(
         category = categories[shape.id]
         if structure[shape.id] or category in ("other", "lamp"):
             continue
-        meets = (bounds[:, 0] <= bounds[index, 1] + _TOUCHING).all(axis=1) & (
-            bounds[:, 1] >= bounds[index, 0] - _TOUCHING
+        meets = (bounds[:, 0] <= bounds[index, 1] + _TOUCH_DISTANCE).all(axis=1) & (
+            bounds[:, 1] >= bounds[index, 0] - _TOUCH_DISTANCE
         ).all(axis=1)
         for other in np.nonzero(meets)[0].tolist():
             same = categories[shapes[other].id] == category and not structure[shapes[other].id]
@@ -199,18 +217,18 @@ def _groups(
     groups: dict[int, list[Shape]] = {}
     for index, shape in enumerate(shapes):
         groups.setdefault(root(index), []).append(shape)
-    # A group is called after its first member, which keeps the file's order.
+    # The first member names the group, so the file's order is kept.
     return sorted(groups.values(), key=lambda group: shapes.index(group[0]))
 
 
-def _sample(shape: Shape) -> _Sample:
-    """Points spread over the surface in proportion to area, the same every time."""
+def _sample(shape: Shape) -> _SurfaceSample:
+    """Sample a surface uniformly by area with a Halton sequence, without randomness."""
     corners = shape.mesh.corners
     areas, normals = face_areas(corners)
     total = float(areas.sum())
     picks = np.searchsorted(np.cumsum(areas), (np.arange(_SAMPLES) + 0.5) * total / _SAMPLES)
     picks = np.minimum(picks, len(areas) - 1)
-    # Halton numbers, folded into the triangle.
+    # Points of the unit square, folded into the triangle.
     a = _halton(2)
     b = _halton(3)
     fold = a + b > 1
@@ -221,10 +239,11 @@ def _sample(shape: Shape) -> _Sample:
         + a[:, None] * (chosen[:, 1] - chosen[:, 0])
         + b[:, None] * (chosen[:, 2] - chosen[:, 0])
     )
-    return _Sample(points, normals[picks], total)
+    return _SurfaceSample(points, normals[picks], total)
 
 
 def _halton(base: int) -> Float64Array:
+    """The first elements (N,) of the Halton sequence in `base` (van der Corput)."""
     index = np.arange(1, _SAMPLES + 1)
     result, fraction = np.zeros(_SAMPLES), 1.0
     while index.any():
@@ -234,20 +253,18 @@ def _halton(base: int) -> Float64Array:
     return result
 
 
-def bounds_of(shapes: list[Shape]) -> tuple[Float64Array, Float64Array]:
-    """Lowest and highest corner (3,) of shapes together."""
-    bounds = np.array([shape.mesh.bounds for shape in shapes])
-    return bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
-
-
 def room_of(
     centre: Float64Array, low: Float64Array, rooms: list[FoundRoom], ids: list[str]
 ) -> str | None:
-    """The room that holds a thing with this centre and lowest corner; niches count."""
+    """The id of the room that contains an object, or None.
+
+    `centre` and `low` (3,) are the centre and the lowest corner of its bounds. Niches and window
+    bays belong to the room.
+    """
     foot = np.array([centre[0], centre[1], low[2]])
-    for place, margin in ((centre, 0.1), (foot, 0.1), (centre, _NICHE)):
+    for place, margin in ((centre, 0.1), (foot, 0.1), (centre, _NICHE_DEPTH)):
         for room, name in zip(rooms, ids, strict=True):
-            if room.holds(place, margin):
+            if room.contains(place, margin):
                 return name
     return None
 
@@ -257,11 +274,8 @@ def _on_floor(low: Float64Array, rooms: list[FoundRoom]) -> bool:
 
 
 def _words(label: str) -> set[str]:
+    """Words of a label in lower case, with and without separation at capitals."""
     spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", label)
     return {word.lower() for word in re.findall(r"[A-Za-z]+", spaced)} | {
         word.lower() for word in re.findall(r"[A-Za-z]+", label)
     }
-
-
-def _triple(values: Float64Array) -> tuple[float, float, float]:
-    return (float(values[0]), float(values[1]), float(values[2]))

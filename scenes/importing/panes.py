@@ -1,4 +1,8 @@
-"""Window panes: flat clear glass in an opening, taken out of the scene and kept as a portal."""
+"""Window panes: flat clear glass in openings, which a portal replaces.
+
+A renderer that samples portals needs no glass in them: clear panes are removed from the shapes,
+and the opening moves into the plane of its pane. Frosted panes stay.
+"""
 
 from __future__ import annotations
 
@@ -10,27 +14,30 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from shapely.geometry import MultiPoint, Polygon
 
-from scenes.arrays import Float64Array
+from scenes.arrays import Float64Array, Int64Array
 from scenes.geometry.mesh import Mesh
 from scenes.importing.shape import Shape
 from scenes.reconstruction.rooms import FoundOpening
 
-_THIN = 0.06  # metres
-_LARGE = 0.15  # metres, the least of the two long sides
-_NEAR = 0.75  # metres from the wall's inner face
+_MAX_THICKNESS = 0.06  # metres
+_MIN_WIDTH = 0.15  # metres, of the shorter one of the two long sides
+_MAX_DEPTH = 0.75  # metres behind the inner face of the wall
 
 
 def is_flat(mesh: Mesh) -> bool:
-    """Whether a mesh is a thin sheet of some size, whatever its direction."""
+    """Whether a mesh is a thin sheet of some size, in any orientation."""
     extents = _extents(mesh.vertices)
-    return bool(extents[0] <= _THIN and extents[1] >= _LARGE)
+    return bool(extents[0] <= _MAX_THICKNESS and extents[1] >= _MIN_WIDTH)
 
 
 def remove_panes(
     shapes: list[Shape], openings: list[FoundOpening]
 ) -> tuple[list[Shape], list[str], list[FoundOpening]]:
-    """Shapes without the clear panes that fill `openings`, the ids touched, and the openings,
-    those with a pane moved to its plane."""
+    """Remove the clear panes that fill `openings`.
+
+    Returns the remaining shapes, the ids of shapes that lost a pane, and the openings, those with
+    a pane moved to its plane.
+    """
     kept: list[Shape] = []
     touched: list[str] = []
     panes: dict[int, list[Float64Array]] = {}
@@ -38,30 +45,30 @@ def remove_panes(
         if not shape.surface.see_through or shape.sphere is not None or shape.emitter is not None:
             kept.append(shape)
             continue
-        labels = _pieces(shape.mesh)
-        stays = np.ones(len(shape.mesh.faces), dtype=bool)
+        labels = _connected_pieces(shape.mesh)
+        keep = np.ones(len(shape.mesh.faces), dtype=bool)
         for label in range(labels.max() + 1):
-            mine = labels == label
-            points = shape.mesh.vertices[np.unique(shape.mesh.faces[mine])]
+            members = labels == label
+            points = shape.mesh.vertices[np.unique(shape.mesh.faces[members])]
             number = _opening_of(points, openings)
             if number is not None:
-                stays &= ~mine
+                keep &= ~members
                 panes.setdefault(number, []).append(points)
-        if stays.all():
+        if keep.all():
             kept.append(shape)
             continue
         touched.append(shape.id)
-        if stays.any():
-            kept.append(replace(shape, mesh=shape.mesh.subset(stays)))
+        if keep.any():
+            kept.append(replace(shape, mesh=shape.mesh.subset(keep)))
     moved = [
-        _at_pane(opening, panes[number], touched) if number in panes else opening
+        _moved_to_pane(opening, panes[number], touched) if number in panes else opening
         for number, opening in enumerate(openings)
     ]
     return kept, touched, moved
 
 
 def frosted_openings(shapes: list[Shape], openings: list[FoundOpening]) -> set[int]:
-    """The openings that a sheet of frosted glass fills."""
+    """Numbers of the openings that a sheet of frosted glass fills."""
     found = set()
     for shape in shapes:
         if shape.surface.frosted:
@@ -72,15 +79,15 @@ def frosted_openings(shapes: list[Shape], openings: list[FoundOpening]) -> set[i
 
 
 def _opening_of(points: Float64Array, openings: list[FoundOpening]) -> int | None:
-    """The opening that a thin sheet of these points stands in, parallel to it; else None."""
+    """Number of the opening that a thin parallel sheet of `points` (N, 3) fills, or None."""
     extents = _extents(points)
-    if extents[0] > _THIN or extents[1] < _LARGE:
+    if extents[0] > _MAX_THICKNESS or extents[1] < _MIN_WIDTH:
         return None
     for number, opening in enumerate(openings):
         depth = (points - opening.polygon[0]) @ opening.normal
-        if np.ptp(depth) > 2 * _THIN or depth.min() < -0.15 or depth.max() > _NEAR:
+        if np.ptp(depth) > 2 * _MAX_THICKNESS or depth.min() < -0.15 or depth.max() > _MAX_DEPTH:
             continue
-        frame = _frame(opening)
+        frame = _plane_axes(opening)
         here = Polygon((opening.polygon - opening.polygon[0]) @ frame.T).buffer(0.12)
         sheet = MultiPoint((points - opening.polygon[0]) @ frame.T).convex_hull
         if sheet.area > 0 and shapely.intersection(here, sheet).area > 0.5 * min(
@@ -90,11 +97,16 @@ def _opening_of(points: Float64Array, openings: list[FoundOpening]) -> int | Non
     return None
 
 
-def _at_pane(opening: FoundOpening, sheets: list[Float64Array], touched: list[str]) -> FoundOpening:
-    """The opening in its pane's plane, at least as large as pane and opening."""
+def _moved_to_pane(
+    opening: FoundOpening, sheets: list[Float64Array], touched: list[str]
+) -> FoundOpening:
+    """The opening in the plane of its panes, as a rectangle around panes and opening.
+
+    `sheets` are the vertices (N, 3) of the panes.
+    """
     points = np.concatenate(sheets)
     depth = float(np.median((points - opening.polygon[0]) @ opening.normal))
-    frame = _frame(opening)
+    frame = _plane_axes(opening)
     origin = opening.polygon[0]
     flat = np.concatenate([(points - origin) @ frame.T, (opening.polygon - origin) @ frame.T])
     low, high = flat.min(axis=0), flat.max(axis=0)
@@ -104,15 +116,15 @@ def _at_pane(opening: FoundOpening, sheets: list[Float64Array], touched: list[st
     return replace(opening, polygon=polygon, panes=list(touched), seeds=seeds)
 
 
-def _frame(opening: FoundOpening) -> Float64Array:
-    """Two axes (2, 3) of the opening's plane, right-handed with its normal."""
+def _plane_axes(opening: FoundOpening) -> Float64Array:
+    """Two unit axes (2, 3) of an opening's plane, right-handed with its normal."""
     first = opening.polygon[1] - opening.polygon[0]
     first = first / np.linalg.norm(first)
     return np.stack([first, np.cross(opening.normal, first)])
 
 
-def _pieces(mesh: Mesh) -> np.ndarray:
-    """A number for every face: which connected piece it belongs to (corners that coincide join)."""
+def _connected_pieces(mesh: Mesh) -> Int64Array:
+    """Number (F,) of the connected piece of each face; coincident vertices connect faces."""
     _, merged = np.unique(mesh.vertices.round(6), axis=0, return_inverse=True)
     faces = merged.reshape(-1)[mesh.faces]
     rows = np.concatenate([faces[:, 0], faces[:, 1]])
@@ -125,7 +137,7 @@ def _pieces(mesh: Mesh) -> np.ndarray:
 
 
 def _extents(points: Float64Array) -> Float64Array:
-    """Sizes along the principal axes, smallest first."""
+    """Extents (3,) of points (N, 3) along their principal axes, smallest first."""
     centred = points - points.mean(axis=0)
     _, axes = np.linalg.eigh(centred.T @ centred)
     return np.sort(np.ptp(centred @ axes, axis=0))

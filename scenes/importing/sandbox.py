@@ -1,4 +1,8 @@
-"""Access to the files of a scene: only inside its folder, in any case, by old paths too."""
+"""Access to the files of a scene, limited to the scene's own folder.
+
+Files are found even if the case of their name or their path has changed since the scene was
+written.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +13,10 @@ from scenes.opened_files import OpenedFiles
 
 
 class Sandbox:
-    """Looks names up inside `root`, first relative to the scene's folder.
+    """Finds files by name inside `root`, first relative to the scene's folder.
 
-    `opened` is of the scene's folder and records each look-up. `trusted` are paths that the user
-    typed (parameter values): those may lie anywhere.
+    `opened`, for the scene's folder, records each file looked for. `trusted` are names that the
+    user gave as parameters; these files may lie anywhere.
     """
 
     def __init__(
@@ -22,25 +26,27 @@ class Sandbox:
         self.folder = opened.folder
         self.root = (root or self.folder).resolve()
         if not self.folder.is_relative_to(self.root):
-            raise InputError(f"{root}: does not contain the scene's folder {self.folder}")
+            raise InputError(
+                f"{root}: does not contain the scene's folder {self.folder}; see --root"
+            )
         self.trusted = frozenset(trusted)
         self._folders = [self.folder]
-        self.moved: list[tuple[str, str]] = []  # names as written and where they were found
+        self.relocated: list[tuple[str, str]] = []  # name in the scene, path where it was found
 
     def add_folder(self, name: str, place: str) -> None:
-        """A `<path>` element: one more folder to look in, if it is inside."""
+        """Search one more folder (a `<path>` element); it must lie inside `root`."""
         path = self._inside(name, place)
         if path.is_dir():
             self._folders.append(path)
 
     def find(self, name: str, place: str) -> Path | None:
-        """The file called `name`, or None where there is none.
+        """Return the path of the file called `name`, or None if it is missing.
 
-        A path of another machine, or of another case, is looked up by its last part.
-        Raises `InputError` for a path that climbs out of the scene's folder.
+        An absolute path, or one in another case, is looked up by its last part. Raises
+        `InputError`, with `place` in its message, for a path that leads out of `root`.
         """
         if not name or "\0" in name or len(name) > 4096:
-            raise InputError(f"{place}: an empty or impossible file name")
+            raise InputError(f"{place}: the file name is empty, too long or has a NUL character")
         if name in self.trusted:
             return Path(name) if self.opened.is_file(Path(name)) else None
         written = name.replace("\\", "/")
@@ -52,7 +58,7 @@ class Sandbox:
                     return path
         for found in self.opened.with_name(PurePosixPath(written).name):
             if found.resolve().is_relative_to(self.root) and self.opened.is_file(found):
-                self.moved.append((name, found.relative_to(self.root).as_posix()))
+                self.relocated.append((name, found.relative_to(self.root).as_posix()))
                 return found
         return None
 
@@ -61,6 +67,6 @@ class Sandbox:
         if not path.is_relative_to(self.root):
             raise InputError(
                 f"{place}: {name!r} lies outside the scene's folder {self.root}; "
-                "move the file inside, or name a folder above both with --root"
+                "move the file into it, or give a folder that contains both with --root"
             )
         return path

@@ -1,4 +1,4 @@
-"""Shapes, surfaces and emitters of a scene that is imported."""
+"""Shapes, surfaces and emitters of an imported scene, and objects made of shapes."""
 
 from __future__ import annotations
 
@@ -6,29 +6,32 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 from xml.etree.ElementTree import Element
 
+import numpy as np
+
 from scenes.arrays import Float64Array
+from scenes.contract import SceneObject
 from scenes.geometry.mesh import Mesh
+
+MAX_SHAPES = 100_000  # of a scene
+MAX_SCENE_TRIANGLES = 20_000_000
+
+EmitterKind = Literal["area", "point", "spot", "directional", "sun", "sky", "environment"]
 
 
 @dataclass(frozen=True)
 class Shape:
-    """One shape, in the file's world space.
-
-    `mesh` always holds triangles (for measuring); `sphere` is the 4x4 map of the unit sphere
-    where the shape stays an analytic sphere. `emitter` is what
-    the source says of its emission, None if it emits nothing.
-    """
+    """One shape in world space, first the file's world, later ours (metres, Z up)."""
 
     id: str
-    name: str
-    mesh: Mesh
+    name: str  # as in the file
+    mesh: Mesh  # always triangles, for measuring
     surface: Surface
-    emitter: Any = None
-    sphere: Float64Array | None = None
-    inside_out: bool = False  # of a sphere
+    emitter: Any = None  # emission as the source describes it, None without emission
+    sphere: Float64Array | None = None  # (4, 4) map of the unit sphere, for analytic spheres
+    inside_out: bool = False  # whether the normals of the sphere point inwards
 
     def transformed(self, matrix: Float64Array) -> Shape:
-        """The shape under a similarity."""
+        """The shape under a similarity, `matrix` (4, 4)."""
         return replace(
             self,
             mesh=self.mesh.transformed(matrix),
@@ -38,34 +41,54 @@ class Shape:
 
 @dataclass
 class Surface:
-    """A translated material.
+    """A translated material."""
 
-    `see_through` lets light pass straight (a clear pane), `frosted` scatters it on the way,
-    `invisible` does nothing to light at all. `element` is None for invisible ones.
-    """
-
-    element: Element | None
+    element: Element | None  # BSDF of Mitsuba 3, None if invisible
     transmissive: bool = False
-    double: bool = False  # already twosided
-    see_through: bool = False
-    frosted: bool = False
-    invisible: bool = False
+    double: bool = False  # already two-sided
+    see_through: bool = False  # light passes straight, as through a clear pane
+    frosted: bool = False  # light passes and is scattered
+    invisible: bool = False  # no effect on light at all
     name: str = ""
-
-
-Kind = Literal["area", "point", "spot", "directional", "sun", "sky", "environment"]
 
 
 @dataclass(frozen=True)
 class Emitter:
-    """A light outside the shapes; `position` in the new world, where it has one."""
+    """An emitter that belongs to no shape; `position` in metres, Z up, if it has one."""
 
     element: Element
-    kinds: tuple[Kind, ...]
+    kinds: tuple[EmitterKind, ...]
     position: tuple[float, float, float] | None = None
 
 
-MAX_SHAPES = 100_000
+def bounds_of(shapes: list[Shape]) -> tuple[Float64Array, Float64Array]:
+    """Lowest and highest corner (3,) of shapes together."""
+    bounds = np.array([shape.mesh.bounds for shape in shapes])
+    return bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
 
 
-MAX_SCENE_TRIANGLES = 20_000_000
+def as_triple(values: Float64Array) -> tuple[float, float, float]:
+    """An array (3,) as a tuple of Python floats."""
+    return (float(values[0]), float(values[1]), float(values[2]))
+
+
+def make_object(
+    id: str,
+    name: str,
+    category: str,
+    shapes: list[Shape],
+    is_structure: bool = False,
+    room: str | None = None,
+) -> SceneObject:
+    """An object of `scene.json` that consists of `shapes`, with their common bounds."""
+    low, high = bounds_of(shapes)
+    return SceneObject(
+        id=id,
+        name=name,
+        category=category,
+        shapes=tuple(shape.id for shape in shapes),
+        bbox_min=as_triple(low),
+        bbox_max=as_triple(high),
+        is_structure=is_structure,
+        room=room,
+    )

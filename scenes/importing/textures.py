@@ -1,4 +1,4 @@
-"""Images of a scene: checked, copied into the scene folder, and re-encoded where need be."""
+"""Images of an imported scene: checked, and copied or re-encoded into the scene folder."""
 
 from __future__ import annotations
 
@@ -21,18 +21,22 @@ _EXR_MAGIC = b"\x76\x2f\x31\x01"
 
 
 class TextureStore:
-    """Puts images into `folder`, each once, under names of their own."""
+    """Stores images in `folder`, each use of an image once, under unique names.
+
+    Every method takes the path of a source image and returns the path of the stored file,
+    relative to the scene folder. Raises `UnreadableImage` for damaged images.
+    """
 
     def __init__(self, folder: Path, changes: Changes) -> None:
         self.folder, self.changes = folder, changes
         self._stored: dict[tuple[Path, str], str] = {}
 
     def color(self, path: Path) -> str:
-        """Store a colour image; returns its path relative to the scene folder."""
+        """Store a colour image."""
         return self._store(path, "color", self._write_color)
 
     def alpha(self, path: Path) -> str | None:
-        """Store an image's alpha channel as greyscale; None where it has none."""
+        """Store the alpha channel as greyscale; None if the image has none."""
         if _is_exr(path):
             return None
         image = open_image(path)
@@ -47,7 +51,7 @@ class TextureStore:
         )
 
     def scaled(self, path: Path, factor: Float64Array) -> str:
-        """Store the image with its linear values times `factor` (3,), clipped to [0, 1]."""
+        """Store a colour image with its linear values times `factor` (3,), clipped to [0, 1]."""
 
         def write(source: Path, name: str) -> str:
             linear = _decode(read_rgb(source)) if not _is_exr(source) else read_exr(source)
@@ -56,7 +60,7 @@ class TextureStore:
         return self._store(path, f"scaled{factor.tolist()}", write)
 
     def channel_scaled(self, path: Path, index: int, factor: float) -> str:
-        """Store one channel times `factor`, clipped, as greyscale."""
+        """Store one channel (0 red ... 3 alpha) times `factor`, clipped, as greyscale."""
 
         def write(source: Path, name: str) -> str:
             band = np.asarray(
@@ -67,7 +71,7 @@ class TextureStore:
         return self._store(path, f"channel{index}x{factor}", write)
 
     def cutout(self, path: Path, factor: float, cutoff: float) -> str:
-        """Store where alpha times `factor` reaches `cutoff` (both [0, 1]), as white on black."""
+        """Store a mask, white where alpha times `factor` is at least `cutoff` (both [0, 1])."""
 
         def write(source: Path, name: str) -> str:
             alpha = np.asarray(open_image(source).convert("RGBA").getchannel(3), dtype=np.float64)
@@ -76,7 +80,7 @@ class TextureStore:
         return self._store(path, f"cutout{factor}-{cutoff}", write)
 
     def radiance(self, path: Path, factor: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> str:
-        """Store an HDR image (environment, emission), times `factor`, as EXR, RGB float32."""
+        """Store an HDR image (environment, emission) times `factor` as EXR, RGB float32."""
 
         def write(source: Path, name: str) -> str:
             scaled = read_radiance(source) * np.array(factor, dtype=np.float32)
@@ -134,12 +138,12 @@ class TextureStore:
 
 
 def read_rgb(path: Path) -> UInt8Array:
-    """An 8-bit image as sRGB (H, W, 3)."""
+    """Read an image as 8-bit sRGB, uint8 (H, W, 3)."""
     return _to_rgb8(open_image(path))
 
 
 def read_radiance(path: Path) -> Float32Array:
-    """EXR, Radiance HDR or an ordinary image as linear RGB float32 (H, W, 3), non-negative."""
+    """Read an EXR, Radiance HDR or 8-bit image as linear RGB, float32 (H, W, 3), non-negative."""
     if _is_exr(path):
         pixels = read_exr(path)
     elif path.suffix.lower() in (".hdr", ".rgbe", ".pic"):
@@ -152,7 +156,7 @@ def read_radiance(path: Path) -> Float32Array:
 
 
 def read_exr(path: Path) -> Float32Array:
-    """An EXR's colour as float32 (H, W, 3); grey images are widened."""
+    """Read the colour of an EXR as float32 (H, W, 3); a grey channel is repeated."""
     try:
         with OpenEXR.File(str(path), header_only=True) as file:
             low, high = file.header()["dataWindow"]
@@ -176,7 +180,7 @@ def read_exr(path: Path) -> Float32Array:
 
 
 def read_rgbe(path: Path) -> Float32Array:
-    """A Radiance HDR file as linear RGB float32 (H, W, 3); flat or run-length coded.
+    """Read a Radiance HDR file, flat or run-length coded, as linear RGB float32 (H, W, 3).
 
     Ward, *Real Pixels* (Graphics Gems II, 1991).
     """

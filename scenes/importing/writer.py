@@ -1,4 +1,4 @@
-"""The scene folder of an import: meshes as binary PLY and `scene.xml` for plain Mitsuba 3."""
+"""Writer of an imported scene: meshes as binary PLY and `scene.xml` for plain Mitsuba 3."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def write_scene_xml(
     sensor: Element,
     max_depth: int,
 ) -> None:
-    """Write meshes and `scene.xml`; materials that several shapes share are written once."""
+    """Write meshes and `scene.xml` to `folder`; shared materials are written once."""
     root = Element("scene", {"version": "3.0.0"})
     root.append(plugin("integrator", "path", max_depth=max_depth))
     root.append(sensor)
@@ -41,7 +41,7 @@ def write_scene_xml(
         if not any(kind in ("sun", "sky", "environment") for kind in emitter.kinds):
             root.append(emitter.element)
         else:
-            # The sky is one emitter among many; give it the lamps' number of samples.
+            # The sky is one emitter among many lamps: half of the samples go to it.
             weight = float(max(1, len(area_emitters) + len(emitters) - 1))
             emitter.element.append(prop("sampling_weight", weight))
             root.append(emitter.element)
@@ -66,7 +66,7 @@ def write_scene_xml(
 
 
 def sensor_element(to_world: Float64Array, fov_x: float, width: int, height: int) -> Element:
-    """A sensor so that the `mitsuba` command has a picture to make; `to_world` is Mitsuba's."""
+    """A sensor for the `mitsuba` command; `fov_x` in degrees, `to_world` in Mitsuba's axes."""
     made = plugin("sensor", "perspective", fov=fov_x, fov_axis="x", to_world=to_world)
     made.append(prop("near_clip", 0.01))
     made.append(prop("far_clip", 10000.0))
@@ -78,6 +78,7 @@ def sensor_element(to_world: Float64Array, fov_x: float, width: int, height: int
 
 
 def _material_id(name: str, taken: set[str]) -> str:
+    """An id that resembles `name` and is not in `taken`, in lower case; it is added there."""
     stem = "".join(char if char.isascii() and char.isalnum() else "_" for char in name).strip("_")
     stem = f"material_{stem[:80]}" if stem else "material"
     made, count = stem, 1

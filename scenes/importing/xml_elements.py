@@ -1,4 +1,4 @@
-"""Small builders for the Mitsuba 3 XML that an import writes."""
+"""Builders of Mitsuba 3 XML elements."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ _TAGS: dict[type, str] = {bool: "boolean", int: "integer", float: "float", str: 
 
 
 def plugin(tag: str, kind: str, name: str = "", **values: Any) -> Element:
-    """A plugin element; keyword values become properties by their Python type.
+    """A plugin element whose properties are the keyword `values`, typed by their Python type.
 
-    Tuples of three become colours, 4x4 arrays transforms, elements are nested under that name.
+    Tuples of three become colours, arrays (4, 4) transforms, and elements are nested under the
+    keyword's name. None is skipped.
     """
     made = Element(tag, {"type": kind})
     if name:
@@ -43,5 +44,5 @@ def prop(name: str, value: Any) -> Element:
 
 
 def number(value: float) -> str:
-    """The shortest text that reads back as the same float32-ish value."""
+    """A number with 9 significant digits, enough to read the same float32 back."""
     return f"{float(value):.9g}"

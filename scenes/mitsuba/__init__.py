@@ -1,1 +1,1 @@
-"""Mitsuba scenes of versions 0.4 to 3.x, brought into the scene contract."""
+"""Importer of Mitsuba scenes, versions 0.4 to 3.x."""

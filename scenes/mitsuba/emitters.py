@@ -1,4 +1,8 @@
-"""Emitters of any version as Mitsuba 3's, turned into the Z-up world."""
+"""Emitters and fields of view of any Mitsuba version, translated to Mitsuba 3.
+
+Input: emitter elements in the file's world. Output: Mitsuba 3 emitter elements in ours (metres,
+Z up).
+"""
 
 from __future__ import annotations
 
@@ -10,21 +14,19 @@ import numpy as np
 
 from scenes.arrays import Float64Array
 from scenes.color import Color
-from scenes.importing.shape import Emitter, Kind
+from scenes.importing.shape import Emitter, EmitterKind
 from scenes.importing.textures import UnreadableImage
 from scenes.importing.xml_elements import plugin, prop
 from scenes.mitsuba.materials import Materials
 from scenes.mitsuba.reader import Node, unresolved
 from scenes.mitsuba.values import Properties, Scope
 
-_SKY_FILL: Color = (1.0, 1.0, 1.0)  # where an environment map is missing
-
 
 class Emitters:
-    """Translates emitters; `frame` (4, 4) maps the file's world to ours (a similarity).
+    """Translates emitters; `frame` (4, 4), a similarity, maps the file's world to ours.
 
-    `stand_in` makes what takes the place of a missing environment map, given its scale; an even
-    white sky if None.
+    `replacement` makes the emitter that replaces a missing environment map, given the scale of
+    the map; a constant white sky if None.
     """
 
     def __init__(
@@ -32,17 +34,17 @@ class Emitters:
         scope: Scope,
         materials: Materials,
         frame: Float64Array,
-        stand_in: Callable[[float], Emitter] | None = None,
+        replacement: Callable[[float], Emitter] | None = None,
     ) -> None:
         self.scope, self.materials, self.frame = scope, materials, frame
-        self.stand_in = stand_in
+        self.replacement = replacement
         self.scale = float(np.cbrt(np.linalg.det(frame[:3, :3])))
 
     def area(self, node: Node) -> Element:
-        """The emitter of a shape; radiance does not change with the scene's scale."""
+        """Translate the emitter of a shape; radiance is independent of the scene's scale."""
         properties = self._properties(node)
         if node.type not in ("area", "directionalarea"):
-            raise node.error(f"{node.type!r} is no emitter for a shape")
+            raise node.error(f"{node.type!r} cannot be the emitter of a shape; use 'area'")
         found = properties.color("radiance", emission=True)
         if found is None:
             found = properties.color("intensity", emission=True)
@@ -52,12 +54,12 @@ class Emitters:
         elif found is not None:
             radiance = found
         if node.type == "directionalarea":
-            self.scope.changes.note("a directional area light now shines in all directions")
+            self.scope.changes.note("a directional area light was replaced by a diffuse one")
         properties.report_unused()
         return plugin("emitter", "area", radiance=radiance)
 
     def world(self, node: Node) -> Emitter | None:
-        """An emitter without a shape; None, with a note, where Mitsuba 3 has nothing like it."""
+        """Translate an emitter without shape; None, with a note, if Mitsuba 3 has no equivalent."""
         known = {
             "point": self._point,
             "spot": self._spot,
@@ -70,7 +72,9 @@ class Emitters:
             "timed_sunsky": self._sunsky,
         }.get(node.type)
         if known is None:
-            self.scope.changes.note("a light of kind {} was left out", repr(node.type))
+            self.scope.changes.note(
+                "an emitter of unsupported type was left out: {}", repr(node.type)
+            )
             return None
         properties = self._properties(node)
         made = known(properties)
@@ -83,7 +87,7 @@ class Emitters:
         return properties
 
     def _rotation(self, matrix: Float64Array) -> Float64Array:
-        """The frame's rotation times a transform's: directions only, scale 1."""
+        """The rotation of the frame times a transform (4, 4), without the frame's scale."""
         turned = np.eye(4)
         turned[:3, :3] = self.frame[:3, :3] / self.scale @ matrix[:3, :3]
         return turned
@@ -91,7 +95,7 @@ class Emitters:
     def _color(self, properties: Properties, name: str, factor: float = 1.0) -> Color:
         found = properties.color(name, emission=True)
         if isinstance(found, Node):
-            self.scope.changes.note(f"the texture of a light's {name} was left out")
+            self.scope.changes.note(f"the texture of an emitter's {name} was left out")
             found = None
         rgb = np.array(found if found is not None else (1.0, 1.0, 1.0)) * factor
         return (float(rgb[0]), float(rgb[1]), float(rgb[2]))
@@ -103,7 +107,7 @@ class Emitters:
         return (float(place[0]), float(place[1]), float(place[2]))
 
     def _point(self, properties: Properties) -> Emitter:
-        # Irradiance falls with the square of the distance, which the scale changes.
+        # Irradiance falls with the squared distance, which is scaled.
         intensity = self._color(properties, "intensity", self.scale**2)
         place = self._position(properties)
         made = plugin("emitter", "point", intensity=intensity)
@@ -134,10 +138,12 @@ class Emitters:
         turn = self._rotation(properties.transform())[:3, :3]
         if given is not None:
             turn = self.frame[:3, :3] / self.scale
-        way = turn @ (np.array([0.0, 0, 1]) if given is None else given)
-        way = way / np.linalg.norm(way)
+        direction = turn @ (np.array([0.0, 0, 1]) if given is None else given)
+        direction = direction / np.linalg.norm(direction)
         made = plugin("emitter", "directional", irradiance=self._color(properties, "irradiance"))
-        made.append(Element("vector", {"name": "direction", "value": " ".join(map(str, way))}))
+        made.append(
+            Element("vector", {"name": "direction", "value": " ".join(map(str, direction))})
+        )
         return Emitter(made, ("directional",))
 
     def _constant(self, properties: Properties) -> Emitter:
@@ -161,19 +167,19 @@ class Emitters:
                 return Emitter(made, ("environment",))
             except UnreadableImage as error:
                 name = f"{name} ({error})"
-        if self.stand_in is not None:
+        if self.replacement is not None:
             self.scope.changes.note(
-                "missing environment map, sun and sky took its place: {}", repr(name)
+                "missing environment map, replaced by sun and sky: {}", repr(name)
             )
-            return self.stand_in(scale)
+            return self.replacement(scale)
         self.scope.changes.note(
-            "missing environment map, an even white sky took its place: {}", repr(name)
+            "missing environment map, replaced by a constant white sky: {}", repr(name)
         )
         radiance = (scale, scale, scale)
         return Emitter(plugin("emitter", "constant", radiance=radiance), ("environment",))
 
     def _sunsky(self, properties: Properties) -> Emitter:
-        """`sky`, `sun` and `sunsky`; time and place are handed on, directions are turned."""
+        """`sky`, `sun` and `sunsky`: directions are rotated, date and place are copied."""
         kind = properties.node.type
         both = properties.number("scale", 1.0)
         sky = 0.0 if kind == "sun" else properties.number("sky_scale", both)
@@ -185,25 +191,27 @@ class Emitters:
         if isinstance(albedo, tuple):
             made.append(prop("albedo", tuple(min(value, 1.0) for value in albedo)))
         if "sun_radius_scale" in properties:
-            # Version 0.x scales the solar radius; Mitsuba 3 wants the full angle in degrees.
+            # Version 0.x scales the solar radius; Mitsuba 3 takes the full angle in degrees.
             factor = properties.number("sun_radius_scale", 1.0)
             aperture = 0.5358 * factor
             if not 0.01 <= aperture <= 90:
-                self.scope.changes.note("sunRadiusScale {} was limited", f"{factor:g}")
+                self.scope.changes.note("sunRadiusScale was clamped: {}", f"{factor:g}")
             made.append(prop("sun_aperture", min(max(aperture, 0.01), 90.0)))
         elif "sun_aperture" in properties:
             made.append(prop("sun_aperture", properties.number("sun_aperture", 0.5358)))
         direction = properties.vector("sun_direction")
         turn = self._rotation(properties.transform())[:3, :3]
         if direction is not None:
-            way = turn @ direction
-            way = way / np.linalg.norm(way)
-            if way[2] < 0.02:
-                self.scope.changes.note("a sun at or below the horizon was raised just above it")
-                way[2] = 0.02
-                way = way / np.linalg.norm(way)
+            towards_sun = turn @ direction
+            towards_sun = towards_sun / np.linalg.norm(towards_sun)
+            if towards_sun[2] < 0.02:
+                self.scope.changes.note("a sun at or below the horizon was moved just above it")
+                towards_sun[2] = 0.02
+                towards_sun = towards_sun / np.linalg.norm(towards_sun)
             made.append(
-                Element("vector", {"name": "sun_direction", "value": " ".join(map(str, way))})
+                Element(
+                    "vector", {"name": "sun_direction", "value": " ".join(map(str, towards_sun))}
+                )
             )
         else:
             for name in ("year", "month", "day"):
@@ -214,7 +222,7 @@ class Emitters:
                     made.append(prop(name, properties.number(name, 0.0)))
             if kind != "sunsky" or self.scope.is_old:
                 self.scope.changes.note("the sun's direction follows Mitsuba 3's compass (+X east)")
-        parts: list[tuple[Kind, float]] = [("sky", sky), ("sun", sun)]
+        parts: list[tuple[EmitterKind, float]] = [("sky", sky), ("sun", sun)]
         return Emitter(made, tuple(part for part, scale in parts if scale > 0))
 
     def _radiance_texture(self, node: Node) -> Color | Element:
@@ -230,25 +238,30 @@ class Emitters:
             )
         except UnreadableImage as error:
             self.scope.changes.note(
-                "damaged texture of a light became white: {}", f"{path.name} ({error})"
+                "damaged texture of an emitter, replaced by white: {}", f"{path.name} ({error})"
             )
             return (1.0, 1.0, 1.0)
 
 
 def half_fov_x(properties: Properties, width: int, height: int) -> float:
-    """Half the horizontal angle, radians, of a perspective sensor of any version."""
+    """Half the horizontal field of view, radians, of a perspective sensor of any version.
+
+    `width` and `height` are the film's size in pixels.
+    """
     if "focal_length" in properties and "fov" not in properties:
         text = properties.text("focal_length", "50mm").lower().removesuffix("mm").strip()
         try:
             focal = float(text)
         except ValueError:
-            raise properties.node.error(f"{text!r} is not a focal length") from None
-        # Both generations mean 35 mm film by its diagonal of 43.27 mm.
+            raise properties.node.error(f"{text!r} is not a focal length in mm") from None
+        # All versions refer to 35 mm film, with a diagonal of 43.27 mm.
         half_diagonal = 0.5 * math.hypot(36, 24) / max(focal, 1e-3)
         return math.atan(half_diagonal * width / math.hypot(width, height))
     fov = properties.number("fov", 45.0)
     if not 0.1 <= fov < 179.5:
-        raise properties.node.error(f"a field of view of {fov:g} degrees is not possible")
+        raise properties.node.error(
+            f"the field of view is {fov:g} degrees; it must be from 0.1 to less than 179.5"
+        )
     half = math.tan(math.radians(fov) / 2)
     axis = properties.text("fov_axis", "x").lower()
     if (

@@ -1,4 +1,9 @@
-"""The import of one Mitsuba scene: read, turn upright, find rooms, lights and openings, write."""
+"""Import of one Mitsuba scene of any version.
+
+The file is read into a tree of nodes, upgraded to the names of version 0.6, translated to shapes,
+emitters and cameras, and made upright and metric. The assembly that all importers share does the
+rest. Houses of the PBRS release bring further tables, see `pbrs`.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +18,7 @@ from scenes.arrays import Float64Array
 from scenes.contract import Credit, Scene, load_scene, writing_scene
 from scenes.errors import InputError
 from scenes.geometry.transforms import look_at
-from scenes.importing.assembly import Camera, Draft, assemble, guessed_scale, moved
+from scenes.importing.assembly import Camera, Draft, assemble, guess_scene_scale, transformed_camera
 from scenes.importing.changes import Changes
 from scenes.importing.credits import find_credit
 from scenes.importing.daylight import daylight
@@ -27,13 +32,13 @@ from scenes.mitsuba.materials import Materials
 from scenes.mitsuba.options import MitsubaOptions
 from scenes.mitsuba.pbrs import (
     ReleaseCamera,
-    Thing,
+    ReleaseNode,
     find_release,
-    release_objects,
-    rooms_by_name,
-    things_of,
-    with_lamps,
-    without_doubles,
+    match_rooms,
+    nodes_of,
+    objects_of_nodes,
+    with_lamp_emitters,
+    without_duplicates,
 )
 from scenes.mitsuba.reader import Node, read_tree, unresolved
 from scenes.mitsuba.shapes import ShapeReader
@@ -58,9 +63,9 @@ def import_mitsuba(
     changes = Changes()
     given = options.parameter
     release = find_release(path, opened, changes)
-    usual = release.parameters if release else {}
-    sandbox = Sandbox(opened, options.root, (*given.values(), *usual.values()))
-    root, version = read_tree(path, sandbox, given, changes, usual)
+    defaults = release.parameters if release else {}
+    sandbox = Sandbox(opened, options.root, (*given.values(), *defaults.values()))
+    root, version = read_tree(path, sandbox, given, changes, defaults)
     scope = Scope(sandbox, changes, tuple(int(part) for part in version.split(".")))
     upgrade(root, scope.version)
     _index(root, scope)
@@ -69,12 +74,12 @@ def import_mitsuba(
         shapes = ShapeReader(scope, materials, options.skip_missing).read(root.children)
         shapes = _visible(shapes, changes)
         if not shapes:
-            raise InputError(f"{path}: the scene holds no shapes")
-        things: list[Thing] = []
+            raise InputError(f"{path}: the scene has no shapes")
+        nodes: list[ReleaseNode] = []
         if release:
-            shapes = without_doubles(shapes, changes)
-            things = things_of(shapes)
-            shapes = with_lamps(shapes, things, release, path, changes)
+            shapes = without_duplicates(shapes, changes)
+            nodes = nodes_of(shapes)
+            shapes = with_lamp_emitters(shapes, nodes, release, path, changes)
             options = replace(options, up="y" if options.up == "auto" else options.up)
             options = replace(options, scale=options.scale or 1.0)
         if release and release.cameras:
@@ -84,7 +89,7 @@ def import_mitsuba(
             cameras = _cameras(root, scope)
         frame = _frame(shapes, cameras, root, scope, options)
         shapes = [shape.transformed(frame) for shape in shapes]
-        cameras = [moved(camera, frame, changes) for camera in cameras]
+        cameras = [transformed_camera(camera, frame, changes) for camera in cameras]
         emitters = Emitters(scope, materials, frame, daylight if release else None)
         area = {
             shape.id: emitters.area(shape.emitter) for shape in shapes if shape.emitter is not None
@@ -97,7 +102,7 @@ def import_mitsuba(
         ]
         others += _lights_if_none(path, area, others, options, changes)
         _report_dropped(root, scope)
-        for old, new in sandbox.moved:
+        for old, new in sandbox.relocated:
             if old != new:
                 changes.note("files were found under another path: {}", f"{old!r} as {new!r}")
         draft = Draft(
@@ -110,8 +115,8 @@ def import_mitsuba(
             (_credit(path, scene_id, options, release is not None, opened, changes),),
             hint=path.parent.name,
             max_depth=_max_depth(root, scope),
-            grouping=partial(release_objects, things, release) if release else group_objects,
-            room_names=partial(rooms_by_name, things) if release else None,
+            grouping=partial(objects_of_nodes, nodes, release) if release else group_objects,
+            room_names=partial(match_rooms, nodes) if release else None,
             ground=release is not None and any("sun" in made.kinds for made in others),
         )
         assemble(folder, draft, changes)
@@ -119,7 +124,7 @@ def import_mitsuba(
 
 
 def _index(root: Node, scope: Scope) -> None:
-    """Note every element with an id; `<alias>`es are second names."""
+    """Index every element by its id and its `<alias>`es."""
     for node in root.walk():
         name = node.attributes.get("id")
         if not name or node.tag == "ref":
@@ -130,13 +135,13 @@ def _index(root: Node, scope: Scope) -> None:
                 raise node.error(f"no element has the id {name!r}")
             scope.by_id[node.attributes.get("as", "")] = target
         elif name in scope.by_id:
-            raise node.error(f"the id {name!r} is used twice")
+            raise node.error(f"the id {name!r} is used twice; ids must be unique")
         else:
             scope.by_id[name] = node
 
 
 def _visible(shapes: list[Shape], changes: Changes) -> list[Shape]:
-    """Emitters keep their shape whatever its material; a null material then becomes matt black."""
+    """Give emitting shapes with an invisible material a black one, so that they stay."""
     kept = []
     for shape in shapes:
         if shape.surface.invisible and shape.emitter is not None:
@@ -145,30 +150,31 @@ def _visible(shapes: list[Shape], changes: Changes) -> list[Shape]:
                 shape.surface, element=black, invisible=False, see_through=False, transmissive=False
             )
             shape = replace(shape, surface=surface)
-            changes.note("an invisible shape that emits light became matt black")
+            changes.note("the invisible material of an emitting shape was replaced by matt black")
         kept.append(shape)
     return kept
 
 
 def _cameras(root: Node, scope: Scope) -> list[Camera]:
+    """All perspective sensors whose parameters have values."""
     cameras: list[Camera] = []
     for child in root.children:
         node = scope.resolve(child) if child.tag == "ref" else child
         if node.tag not in _SENSORS:
             continue
         if node.type not in ("perspective", "thinlens", "perspective_rdist"):
-            scope.changes.note("a sensor of kind {} was left out", repr(node.type))
+            scope.changes.note("a sensor of unsupported type was left out: {}", repr(node.type))
             continue
         missing = sorted({name for part in node.walk() for text in part.attributes.values()
                           for name in unresolved(text)})  # fmt: skip
         if missing:
             scope.changes.note(
-                "a sensor was left out, its parameters have no value: {}",
+                "a sensor was left out because its parameters have no value: {}",
                 ", ".join(f"${name}" for name in missing),
             )
             continue
         if len(cameras) >= _MAX_SENSORS:
-            scope.changes.note(f"of the sensors only the first {_MAX_SENSORS} were kept")
+            scope.changes.note(f"only the first {_MAX_SENSORS} sensors were kept")
             break
         cameras.append(_camera(node, len(cameras), scope))
     return cameras
@@ -179,7 +185,7 @@ def _camera(node: Node, number: int, scope: Scope) -> Camera:
     properties.ignore("id", "near_clip", "far_clip", "shutter_open", "shutter_close", "mode")
     if node.type != "perspective":
         properties.ignore("aperture_radius", "focus_distance", "kc")
-        scope.changes.note("a lens ({}) became a pinhole", node.type)
+        scope.changes.note("a lens was replaced by a pinhole camera: {}", node.type)
     properties.ignore("focus_distance", "animated")
     size = [1280, 720]
     for film in properties.nested("film"):
@@ -211,25 +217,25 @@ def _release_camera(camera: ReleaseCamera, root: Node) -> Camera:
 def _frame(
     shapes: list[Shape], cameras: list[Camera], root: Node, scope: Scope, options: MitsubaOptions
 ) -> Float64Array:
-    """The similarity from the file's world to ours: upright, in metres."""
+    """The similarity (4, 4) from the file's world to ours (metres, Z up)."""
     corners = np.concatenate([shape.mesh.corners for shape in shapes])
     if options.up != "auto":
         up = np.eye(3)["xyz".index(options.up)]
     elif cameras:
         up = signed_axis(cameras[0].to_world[:3, 1])
     else:
-        usual = np.array([0.0, 1, 0])
+        default_up = np.array([0.0, 1, 0])
         kinds = {node.type for node in root.children if node.tag == "emitter"}
         if not scope.is_old and kinds & {"sunsky", "timed_sunsky"}:
-            usual = np.array([0.0, 0, 1])
-        up = up_from_geometry(corners, usual)
+            default_up = np.array([0.0, 0, 1])
+        up = up_from_geometry(corners, default_up)
     turn = upright(up)
     if not np.array_equal(turn, np.eye(3)):
         name = ("-" if up.sum() < 0 else "+") + "XYZ"[int(np.argmax(np.abs(up)))]
         scope.changes.note(f"the scene was turned so that its {name} axis points up (Z)")
     scale = options.scale
     if scale is None:
-        scale = guessed_scale(corners @ turn.T, cameras, turn, scope.changes)
+        scale = guess_scene_scale(corners @ turn.T, cameras, turn, scope.changes)
     frame = np.eye(4)
     frame[:3, :3] = scale * turn
     return frame
@@ -247,7 +253,7 @@ def _credit(
         return find_credit(opened, scene_id, options.licence, options.author, changes)
     author = options.author or "SUNCG; prepared for Mitsuba by Zhang et al. (PBRS, 2017)"
     changes.note(
-        "this house of the PBRS release comes from SUNCG: look up on what terms you have it "
+        "this house of the PBRS release comes from SUNCG; check the terms under which you have it "
         "before you share anything made from it"
     )
     return find_credit(opened, path.parent.name, options.licence, author, changes)
@@ -260,19 +266,20 @@ def _lights_if_none(
     options: MitsubaOptions,
     changes: Changes,
 ) -> list[Emitter]:
+    """Sun and sky for a scene without light, if `options.sky` allows it."""
     if area or others:
         return []
     if not options.sky:
         raise InputError(f"{path}: the scene has no light; add sun and sky with --sky")
-    changes.note("the scene had no light; sun and sky were added")
+    changes.note("the scene has no light; sun and sky were added")
     return [daylight()]
 
 
 def _report_dropped(root: Node, scope: Scope) -> None:
-    """Name what stands at the top of the file and has no place in a scene of ours."""
+    """Note the top-level elements that are not imported."""
     for node in root.children:
         if node.tag == "integrator" and node.type not in ("path", "volpath"):
-            scope.changes.note("integrator {} gave way to path tracing", repr(node.type))
+            scope.changes.note("an integrator was replaced by path tracing: {}", repr(node.type))
         elif node.tag == "medium":
             scope.changes.note("participating media were left out")
         elif node.tag not in (
@@ -285,6 +292,7 @@ def _report_dropped(root: Node, scope: Scope) -> None:
 
 
 def _max_depth(root: Node, scope: Scope) -> int:
+    """The integrator's maximum path depth, from 2 to 65; 17 if the file sets none."""
     for node in root.children:
         if node.tag == "integrator":
             depth = Properties(node, scope).whole("max_depth", -1)

@@ -1,7 +1,8 @@
 """Surface materials (BSDFs) and textures of any Mitsuba version as Mitsuba 3 plugins.
 
-What Mitsuba 3 has is carried over property by property; what it lacks is approximated and named
-in the list of changes. Opaque materials come out two-sided, so no surface is black from behind.
+Plugins that Mitsuba 3 has are translated property by property; all others are approximated and
+noted in the list of changes. Opaque materials become two-sided, so that no surface is black from
+behind.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ from scenes.mitsuba.values import Properties, Scope
 
 GREY: Color = (0.5, 0.5, 0.5)
 _MAX_NESTING = 16
-_CLEAR_ROUGHNESS = 0.05  # alpha up to which one sees through rough glass as through a window
+_CLEAR_ROUGHNESS = 0.05  # alpha up to which rough glass counts as clear
 
-# Names that Mitsuba 3's data folder holds; the ones with `_palik` are other measurements of them.
+# Conductors in Mitsuba 3's data folder; `_palik` names other measurements of the same metal.
 _CONDUCTORS = frozenset(
     ("Ag", "Al", "AlAs", "AlSb", "Au", "Be", "Cr", "CsI", "Cu", "Cu2O", "CuO", "Hg", "HgTe", "Ir",
      "K", "Li", "MgO", "Mo", "Na_palik", "Nb", "Ni_palik", "Rh", "Se", "Se-e", "SiC", "SnTe", "Ta",
@@ -62,7 +63,7 @@ _DIELECTRICS = frozenset(
 
 
 class Materials:
-    """Translates BSDF elements; the same element is translated once."""
+    """Translates BSDF elements, each once."""
 
     def __init__(self, scope: Scope, textures: TextureStore) -> None:
         self.scope, self.textures = scope, textures
@@ -70,7 +71,7 @@ class Materials:
         self._depth = 0
 
     def surface(self, node: Node | None) -> Surface:
-        """The finished material of a shape; a shape without one is grey and diffuse."""
+        """Translate the material of a shape; without one, a shape is grey and diffuse."""
         if node is None:
             return Surface(plugin("bsdf", "twosided", bsdf=plugin("bsdf", "diffuse")))
         if id(node) not in self._surfaces:
@@ -90,12 +91,12 @@ class Materials:
         known = _BSDFS.get(node.type)
         if known is None:
             self.scope.changes.note(
-                "unknown material, a grey diffuse one took its place: {}",
+                "unknown material, replaced by a grey diffuse one: {}",
                 f"{node.type!r} ({node.place})",
             )
             return Surface(plugin("bsdf", "diffuse"))
         if self._depth >= _MAX_NESTING:
-            raise node.error("materials nested too deep, or inside themselves")
+            raise node.error("materials are nested too deep or inside themselves")
         self._depth += 1
         try:
             properties = Properties(node, self.scope)
@@ -112,12 +113,13 @@ class Materials:
             raise properties.node.error(f"{properties.node.type!r} needs {count} nested materials")
         return [self._translate(node) for node in nodes]
 
-    # Colours and textures
-
     def color(
         self, properties: Properties, name: str, default: Color | None = None, bounded: bool = True
     ) -> Color | Element | None:
-        """A colour property as RGB or a texture element; bounded ones are clipped to [0, 1]."""
+        """Translate a colour property to RGB or a texture element.
+
+        `bounded` ones, such as reflectances, are clipped to [0, 1].
+        """
         found = properties.color(name)
         if found is None:
             return default
@@ -129,29 +131,30 @@ class Materials:
         return found
 
     def scalar(self, properties: Properties, name: str, default: float) -> float:
-        """A number that may have been given as a texture, whose mean is then taken."""
+        """Read a number; a texture is replaced by its mean."""
         found = properties.color(name)
         if found is None:
             return default
         if isinstance(found, Node):
-            self.scope.changes.note(f"a textured {name!r} became its mean value")
+            self.scope.changes.note(f"a texture of {name!r} was replaced by its mean value")
             return float(np.mean(self._mean(found)))
         return float(np.mean(found))
 
     def texture(self, node: Node, use: str = "color") -> Color | Element:
-        """A texture element as Mitsuba 3's, or a colour where it comes down to one.
+        """Translate a texture element to Mitsuba 3's, or to RGB if it is constant.
 
-        `use` is "color", "opacity" (alpha channel preferred, linear) or "data" (linear).
+        `use` is "color", "opacity" (linear, from the alpha channel if there is one) or "data"
+        (linear).
         """
         known = _TEXTURES.get(node.type)
         if known is None:
             self.scope.changes.note(
-                "unknown texture, a neutral grey took its place: {}",
+                "unknown texture, replaced by grey: {}",
                 f"{node.type!r} ({node.place})",
             )
             return GREY
         if self._depth >= _MAX_NESTING:
-            raise node.error("textures nested too deep, or inside themselves")
+            raise node.error("textures are nested too deep or inside themselves")
         self._depth += 1
         try:
             properties = Properties(node, self.scope)
@@ -163,40 +166,42 @@ class Materials:
         return made
 
     def image_path(self, properties: Properties) -> Path | None:
-        """The image a texture names; None, with a note, where it is missing."""
+        """Find the image of a texture; None, with a note, if it is missing."""
         name = properties.text("filename", "")
         node = properties.node
         if not name or unresolved(name):
-            self.scope.changes.note("texture without an image: {}", node.place)
+            self.scope.changes.note(
+                "a texture without an image was replaced by grey: {}", node.place
+            )
             return None
         path = self.scope.sandbox.find(name, node.place)
         if path is None:
             self.scope.changes.note(
-                "missing texture, a neutral grey took its place: {}", f"{name!r} ({node.place})"
+                "missing texture, replaced by grey: {}", f"{name!r} ({node.place})"
             )
         return path
 
     def bitmap(self, properties: Properties, use: str) -> Color | Element:
-        """`bitmap` of every version, and its ancestors `ldrtexture` and `exrtexture`."""
+        """`bitmap` of all versions, and its predecessors `ldrtexture` and `exrtexture`."""
         changes = self.scope.changes
         properties.ignore("filename")
         path = self.image_path(properties)
         to_uv = _to_uv(properties)
         filtering = properties.text("filter_type", "bilinear").lower()
         if filtering not in ("nearest", "bilinear"):
-            changes.note("texture filter {} became bilinear", repr(filtering))
+            changes.note("a texture filter was replaced by bilinear: {}", repr(filtering))
             filtering = "bilinear"
         wrap = properties.text("wrap_mode", properties.text("wrap_mode_u", "repeat")).lower()
         if properties.text("wrap_mode_v", wrap).lower() != wrap:
-            changes.note("a texture's wrap mode in v became that in u")
+            changes.note("a texture has two wrap modes; the mode in u was used for both directions")
         if wrap not in ("repeat", "mirror", "clamp"):
-            changes.note("texture wrap mode {} became clamp", repr(wrap))
+            changes.note("a texture wrap mode was replaced by clamp: {}", repr(wrap))
             wrap = "clamp"
         is_named = properties.text("gamma", "").lower() == "srgb"
         gamma = -1.0 if is_named else properties.number("gamma", -1.0)
         raw = properties.boolean("raw", False) or gamma == 1.0 or use == "data"
         if gamma > 0 and gamma != 1 and abs(gamma - 2.2) > 0.25:
-            changes.note("texture gamma {} was read as sRGB", f"{gamma:g}")
+            changes.note("a texture gamma was replaced by sRGB: {}", f"{gamma:g}")
         channel = properties.text("channel", "").lower()
         if path is None:
             return GREY
@@ -214,9 +219,7 @@ class Materials:
                 else:
                     stored = self.textures.color(path)
         except UnreadableImage as error:
-            changes.note(
-                "damaged texture, a neutral grey took its place: {}", f"{path.name} ({error})"
-            )
+            changes.note("damaged texture, replaced by grey: {}", f"{path.name} ({error})")
             return GREY
         return plugin(
             "texture",
@@ -229,7 +232,7 @@ class Materials:
         )
 
     def checkerboard(self, properties: Properties, use: str) -> Color | Element:
-        """`checkerboard`; version 0.x repeats it once per unit as Mitsuba 3 does."""
+        """`checkerboard`, which all versions repeat once per unit."""
         light: Color = (0.4, 0.4, 0.4)
         dark: Color = (0.2, 0.2, 0.2)
         return plugin(
@@ -241,12 +244,12 @@ class Materials:
         )
 
     def grid(self, properties: Properties, use: str) -> Color | Element:
-        """`gridtexture`: Mitsuba 3 has none; the two colours' mean by area stands in."""
+        """`gridtexture`, which Mitsuba 3 lacks: the mean of its two colours by area."""
         lines = self.color(properties, "color0", (0.2, 0.2, 0.2))
         field = self.color(properties, "color1", (0.4, 0.4, 0.4))
         width = properties.number("line_width", 0.01)
         _to_uv(properties)
-        self.scope.changes.note("a grid texture became its mean colour")
+        self.scope.changes.note("a grid texture was replaced by its mean colour")
         if not isinstance(lines, tuple) or not isinstance(field, tuple):
             return GREY
         share = 1 - max(0.0, 1 - 2 * width) ** 2
@@ -254,13 +257,13 @@ class Materials:
         return (float(mean[0]), float(mean[1]), float(mean[2]))
 
     def scaled(self, properties: Properties, use: str) -> Color | Element:
-        """`scale`: a texture times a colour, multiplied out."""
+        """`scale`: a texture times a colour, as one texture or colour."""
         factor = properties.color("scale")
         if factor is None:
             factor = properties.color("value")
         inner = [node for node in properties.nested("texture") if node is not factor]
         if isinstance(factor, Node) or not inner:
-            self.scope.changes.note("a scaled texture became a neutral grey")
+            self.scope.changes.note("a scaled texture was replaced by grey")
             return GREY
         times = np.array(factor if factor is not None else (1.0, 1.0, 1.0))
         made = self.texture(inner[0], use)
@@ -277,13 +280,13 @@ class Materials:
         return made
 
     def vertex_colors(self, properties: Properties, use: str) -> Color | Element:
-        """Colours stored with the mesh: not carried over."""
+        """Colours stored with mesh vertices, which are not imported: grey."""
         properties.ignore("name", "scale")
-        self.scope.changes.note("colours stored with mesh vertices became a neutral grey")
+        self.scope.changes.note("colours stored with mesh vertices were replaced by grey")
         return GREY
 
     def uniform(self, properties: Properties, use: str) -> Color | Element:
-        """`uniform`, `srgb`, `rgb` given as texture plugins."""
+        """`uniform`, `srgb` and `rgb` as texture plugins: their colour."""
         for name in ("value", "color"):
             found = properties.color(name)
             if isinstance(found, tuple):
@@ -296,10 +299,8 @@ class Materials:
             return np.array(made)
         return np.array(GREY)
 
-    # Indices of refraction
-
     def ior(self, properties: Properties, name: str) -> float | str | None:
-        """An index of refraction as number or material name; None leaves the default."""
+        """Read an index of refraction as number or material name; None for the default."""
         node = properties.child(name)
         if node is None:
             return None
@@ -308,14 +309,16 @@ class Materials:
         text = properties.text(name, "bk7")
         if text.lower() in _DIELECTRICS:
             return text.lower()
-        self.scope.changes.note("unknown dielectric {} was read as glass (bk7)", repr(text))
+        self.scope.changes.note("an unknown dielectric was replaced by glass (bk7): {}", repr(text))
         return "bk7"
 
     def roughness(self, properties: Properties, default: float = 0.1) -> dict[str, Any]:
-        """`alpha` (or its two axes) and `distribution` for Mitsuba 3."""
+        """Read `alpha` (or that of two axes) and `distribution` as properties for Mitsuba 3."""
         kind = properties.text("distribution", "beckmann").lower()
         if kind not in ("beckmann", "ggx"):
-            self.scope.changes.note("microfacet distribution {} became beckmann", repr(kind))
+            self.scope.changes.note(
+                "a microfacet distribution was replaced by beckmann: {}", repr(kind)
+            )
             kind = "beckmann"
         visible = properties.boolean("sample_visible", True)
         found: dict[str, Any] = {"distribution": kind}
@@ -328,19 +331,17 @@ class Materials:
             found["alpha"] = self.scalar(properties, "alpha", default)
         return found
 
-    # Materials, by plugin name
-
     def diffuse(self, properties: Properties) -> Surface:
         """`diffuse`."""
         return Surface(plugin("bsdf", "diffuse", reflectance=self.color(properties, "reflectance")))
 
     def rough_diffuse(self, properties: Properties) -> Surface:
-        """`roughdiffuse` (Oren-Nayar): its plain diffuse relative."""
+        """`roughdiffuse` (Oren-Nayar), approximated by `diffuse`."""
         properties.ignore("alpha", "use_fast_approx")
         color = self.color(properties, "reflectance")
         if color is None:
             color = self.color(properties, "diffuse_reflectance")
-        self.scope.changes.note("roughdiffuse became diffuse")
+        self.scope.changes.note("roughdiffuse was replaced by diffuse")
         return Surface(plugin("bsdf", "diffuse", reflectance=color))
 
     def dielectric(self, properties: Properties) -> Surface:
@@ -372,7 +373,7 @@ class Materials:
         return Surface(made, transmissive=True, see_through=clear, frosted=not clear)
 
     def conductor(self, properties: Properties) -> Surface:
-        """`conductor` and `roughconductor`; `extEta` is divided out as version 0.x meant it."""
+        """`conductor` and `roughconductor`; `eta` and `k` are divided by `extEta`, as in 0.x."""
         rough = self.roughness(properties) if properties.node.type.startswith("rough") else {}
         made = plugin("bsdf", properties.node.type, **rough)
         color = self.color(properties, "specular_reflectance")
@@ -387,7 +388,9 @@ class Materials:
         else:
             material = properties.text("material", "Cu" if self.scope.is_old else "none")
             if material.removesuffix("_palik") not in _CONDUCTORS and material not in _CONDUCTORS:
-                self.scope.changes.note("unknown metal {} became a perfect mirror", repr(material))
+                self.scope.changes.note(
+                    "an unknown metal was replaced by a perfect mirror: {}", repr(material)
+                )
                 material = "none"
             if abs(outside - 1) > 0.01:
                 self.scope.changes.note("extEta of a named metal was left out")
@@ -401,26 +404,26 @@ class Materials:
         if node.tag == "string" and not _is_number(node.attributes.get("value", "")):
             text = properties.text("ext_eta", "air")
             if text not in ("air", "vacuum"):
-                self.scope.changes.note("extEta {} was read as air", repr(text))
+                self.scope.changes.note("extEta was replaced by air: {}", repr(text))
             return 1.0
         return max(properties.number("ext_eta", 1.0), 1e-3)
 
     def _relative(self, value: Color | Node | None, outside: float, default: float) -> Color:
         if isinstance(value, Node):
-            self.scope.changes.note("a textured metal index became its mean")
+            self.scope.changes.note("the texture of a metal's refractive index was left out")
             value = None
         rgb = np.array(value if value is not None else (default,) * 3) / outside
         return (float(rgb[0]), float(rgb[1]), float(rgb[2]))
 
     def plastic(self, properties: Properties) -> Surface:
-        """`plastic` and `roughplastic`, `pplastic` as its unpolarised twin."""
+        """`plastic` and `roughplastic`; `pplastic` without polarisation."""
         kind = properties.node.type
         rough: dict[str, Any] = {}
         if kind == "roughplastic" or (kind == "pplastic" and "alpha" in properties):
             rough = self.roughness(properties)
             if "alpha_u" in rough:
                 rough["alpha"] = 0.5 * (float(rough.pop("alpha_u")) + float(rough.pop("alpha_v")))
-                self.scope.changes.note("anisotropic plastic became isotropic")
+                self.scope.changes.note("anisotropic plastic was made isotropic")
         made = plugin(
             "bsdf",
             "roughplastic" if rough else "plastic",
@@ -434,7 +437,7 @@ class Materials:
         return Surface(made)
 
     def coating(self, properties: Properties) -> Surface:
-        """`coating`, `roughcoating`: plastic over diffuse; over anything else the coat is lost."""
+        """`coating` and `roughcoating`: plastic over a diffuse material, ignored over others."""
         tint = self._tint(properties)
         int_ior, ext_ior = self.ior(properties, "int_ior"), self.ior(properties, "ext_ior")
         rough = self.roughness(properties) if properties.node.type == "roughcoating" else {}
@@ -448,7 +451,7 @@ class Materials:
             if min(tint) < 1:
                 self.scope.changes.note("the colour of a clear coat was left out")
             return inner
-        self.scope.changes.note("a coated diffuse material became plastic")
+        self.scope.changes.note("a coated diffuse material was replaced by plastic")
         color = base.find("*[@name='reflectance']")
         made = plugin(
             "bsdf",
@@ -470,7 +473,7 @@ class Materials:
         return Surface(made)
 
     def _tint(self, properties: Properties) -> Color:
-        """What is left of light that goes straight down and up again through a coat."""
+        """Transmittance of a coat for light that passes it perpendicularly down and up again."""
         thickness = properties.number("thickness", 1.0)
         found = properties.color("sigma_a")
         if isinstance(found, Node):
@@ -479,9 +482,9 @@ class Materials:
         return _rgb(np.exp(-2 * thickness * np.array(found if found is not None else (0.0,) * 3)))
 
     def phong(self, properties: Properties) -> Surface:
-        """`phong` and `ward`: a diffuse part beside a glossy one of matching width.
+        """`phong` and `ward`: a blend of a diffuse and a microfacet material of equal roughness.
 
-        Phong's exponent n and Beckmann's alpha: alpha = sqrt(2 / (n + 2)) (Walter et al. 2007).
+        For Phong's exponent n, alpha = sqrt(2 / (n + 2)) (Walter et al. 2007).
         """
         kind = properties.node.type
         properties.ignore("variant")
@@ -492,7 +495,7 @@ class Materials:
             alpha_u = self.scalar(properties, "alpha_u", 0.1)
             alpha_v = self.scalar(properties, "alpha_v", 0.1)
             alpha = math.sqrt(max(alpha_u * alpha_v, 1e-8))
-        self.scope.changes.note(f"{kind} became a diffuse and a microfacet part")
+        self.scope.changes.note(f"{kind} was replaced by a diffuse and a microfacet material")
         diffuse = self.color(properties, "diffuse_reflectance", GREY)
         specular = self.color(properties, "specular_reflectance", (0.2, 0.2, 0.2))
         alpha = min(max(alpha, 0.001), 1.0)
@@ -518,7 +521,7 @@ class Materials:
         return Surface(made)
 
     def two_sided(self, properties: Properties) -> Surface:
-        """`twosided`: unwrapped here, wrapped again at the outside."""
+        """`twosided`: its nested material, which `surface` makes two-sided again."""
         inner = self._inner(properties)
         if len(inner) == 1:
             return inner[0]
@@ -530,7 +533,7 @@ class Materials:
         return Surface(made, double=True)
 
     def mask(self, properties: Properties) -> Surface:
-        """`mask`: opacity from the image's alpha channel where it has one."""
+        """`mask`: opacity from the image's alpha channel if it has one."""
         inner = self._inner(properties)[0]
         node = properties.child("opacity")
         if node is None:
@@ -574,16 +577,16 @@ class Materials:
         inner = self._inner(properties)
         text = properties.text("weights", "").replace(",", " ").split()
         if len(text) != len(inner) or not all(_is_number(word) for word in text):
-            raise properties.node.error("needs as many weights as nested materials")
+            raise properties.node.error("must have as many weights as nested materials")
         weights = np.array([float(word) for word in text])
         if (weights < 0).any() or weights.sum() <= 0:
-            raise properties.node.error("weights must be positive")
+            raise properties.node.error("weights must not be negative and must not all be 0")
         if weights.sum() < 0.999:
             inner.append(Surface(plugin("bsdf", "diffuse", reflectance=(0.0, 0.0, 0.0))))
             weights = np.append(weights, 1 - weights.sum())
         elif weights.sum() > 1.001:
-            self.scope.changes.note("the weights of a mixture summed to more than 1; normalised")
-        self.scope.changes.note("mixturebsdf became blendbsdf")
+            self.scope.changes.note("the weights of a mixture were normalised to the sum 1")
+        self.scope.changes.note("mixturebsdf was replaced by blendbsdf")
         made, total = inner[0], float(weights[0])
         for surface, weight in zip(inner[1:], weights[1:], strict=True):
             total += float(weight)
@@ -591,6 +594,7 @@ class Materials:
         return made
 
     def _blended(self, first: Surface, second: Surface, weight: float | Element | Color) -> Surface:
+        """`blendbsdf` with `weight` of the second material."""
         made = plugin("bsdf", "blendbsdf", weight=weight)
         transmissive = first.transmissive or second.transmissive
         for surface in (first, second):
@@ -614,7 +618,7 @@ class Materials:
         strength = properties.number("scale", 1.0)
         properties.ignore("normalmap", "flip_invert_tangents", "use_shading_frame")
         if not textures or inner.element is None:
-            self.scope.changes.note(f"{kind} without a texture was left out")
+            self.scope.changes.note(f"a {kind} without a texture was left out")
             return inner
         made = self.texture(textures[0], "data")
         if isinstance(made, tuple):
@@ -630,9 +634,9 @@ class Materials:
         )
 
     def diffuse_transmitter(self, properties: Properties) -> Surface:
-        """`difftrans`: thin principled material that only transmits diffusely."""
+        """`difftrans`: a thin principled material that only transmits diffusely."""
         color = self.color(properties, "transmittance", GREY)
-        self.scope.changes.note("difftrans became a thin principled material")
+        self.scope.changes.note("difftrans was replaced by a thin principled material")
         made = plugin(
             "bsdf", "principledthin", base_color=color, roughness=1.0, diff_trans=2.0, eta=1.001
         )
@@ -669,14 +673,16 @@ class Materials:
         )
 
     def null(self, properties: Properties) -> Surface:
-        """`null`, and filters that only polarised light notices."""
+        """`null`, and filters that affect only polarised light."""
         if properties.node.type != "null":
             properties.ignore("theta", "transmittance", "delta", "left_handed", "polarizing")
-            self.scope.changes.note("a {} was left out", properties.node.type)
+            self.scope.changes.note(
+                "a filter of polarised light was left out: {}", properties.node.type
+            )
         return Surface(None, transmissive=True, see_through=True, invisible=True)
 
     def approximate(self, properties: Properties) -> Surface:
-        """Materials without a counterpart: the colour they name, or grey, as matt plastic."""
+        """Materials without an equivalent: rough plastic of their colour, or grey."""
         kind = properties.node.type
         color: Color | Element | None = None
         for name in ("albedo", "diffuse_reflectance", "reflectance", "kd", "base_color"):
@@ -686,12 +692,12 @@ class Materials:
         properties.ignore(*_names(properties))
         if color is None:
             color = (0.15, 0.09, 0.06) if kind == "hair" else GREY
-        self.scope.changes.note("material {} was approximated by rough plastic", repr(kind))
+        self.scope.changes.note("a material was approximated by rough plastic: {}", repr(kind))
         return Surface(plugin("bsdf", "roughplastic", diffuse_reflectance=color, alpha=0.4))
 
 
 def _front(surface: Surface) -> Element:
-    """The material without its two-sided wrapping."""
+    """The element of a material without its `twosided` wrapper."""
     element = surface.element
     assert element is not None
     return element[0] if element.get("type") == "twosided" else element
@@ -714,7 +720,10 @@ def _is_number(text: str) -> bool:
 
 
 def _to_uv(properties: Properties) -> np.ndarray | None:
-    """Texture coordinates' transform: version 0.x's four numbers or Mitsuba 3's matrix."""
+    """Transform (4, 4) of texture coordinates, from version 0.x's numbers or Mitsuba 3's matrix.
+
+    None for the identity.
+    """
     matrix = properties.transform("to_uv")
     scale = np.array([properties.number("uscale", 1.0), properties.number("vscale", 1.0)])
     both = properties.number("uvscale", 1.0)

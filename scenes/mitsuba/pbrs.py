@@ -1,9 +1,9 @@
-"""Houses of the PBRS release: what lies beside a house's template and tells more than it does.
+"""Tables of the PBRS release that complete the scene file of a house.
 
 PBRS (Zhang et al., *Physically-Based Rendering for Indoor Scene Understanding Using
 Convolutional Neural Networks*, 2017) converted SUNCG houses for Mitsuba 0.5. The release keeps
-cameras, categories and lamps in tables of their own, in the house's folder or one or two above.
-Shapes carry the names of SUNCG's nodes: `Model#83_mesh` begins a thing, and the `main_18_mesh`,
+cameras, categories and lamps in tables, in the house's folder or up to two folders above it.
+Shapes have the names of SUNCG's nodes: `Model#83_mesh` begins a node, and the `main_18_mesh`,
 `main_19_mesh` that follow are its other materials.
 """
 
@@ -23,8 +23,8 @@ from scenes.errors import InputError
 from scenes.geometry.mesh import Mesh
 from scenes.importing.categories import category_of
 from scenes.importing.changes import Changes
-from scenes.importing.objects import bounds_of, room_of
-from scenes.importing.shape import Shape
+from scenes.importing.objects import room_of
+from scenes.importing.shape import Shape, bounds_of, make_object
 from scenes.mitsuba.reader import Node
 from scenes.opened_files import OpenedFiles
 from scenes.reconstruction.rooms import FoundRoom
@@ -38,42 +38,48 @@ _CATEGORIES = "ModelCategoryMappingNewActive.csv"
 _WALLPAPER = "wallp_0.jpg"
 _NODE = re.compile(r"(?P<kind>[A-Za-z]+)#(?P<rest>[\w#]+?)_mesh")
 _MODEL = re.compile(r"(?P<id>(?:s__)?\d+)(?:_\d+)?")
-_CLASSES = {"stand": "cabinet", "table_and_chair": "table", "mailbox": "other"}  # that mislead
+# Fine classes whose words would give the wrong category.
+_CLASS_OVERRIDES = {"stand": "cabinet", "table_and_chair": "table", "mailbox": "other"}
 
 
 @dataclass(frozen=True)
 class ReleaseCamera:
-    """One line of `room_camera.txt`, in the house's own Y-up axes, metres."""
+    """One line of `room_camera.txt`, in the house's axes, metres, Y up."""
 
     name: str  # room and sector, such as "Room#0_1_2"
-    eye: Float64Array
-    towards: Float64Array
-    up: Float64Array
+    eye: Float64Array  # (3,)
+    towards: Float64Array  # (3,), viewing direction
+    up: Float64Array  # (3,)
     half_fov: tuple[float, float]  # radians, in x and y
     score: float
 
     @property
     def room(self) -> str:
-        """SUNCG's name of the room it stands in, such as "Room#0_1"."""
+        """SUNCG's name of the camera's room, such as "Room#0_1"."""
         return self.name.rpartition("_")[0]
 
     @property
     def sector(self) -> int:
-        """Which quarter turn it looks into, from +X towards the file's +Z; -1 if unnamed."""
+        """Quarter turn of the viewing direction, counted from +X towards the file's +Z.
+
+        -1 if the camera has no name.
+        """
         tail = self.name.rpartition("_")[2]
         return int(tail) if tail.isdecimal() else -1
 
 
 @dataclass(frozen=True)
 class Lamp:
-    """Which materials of a lamp's model shine: numbers in the order of its shapes."""
+    """Emitting materials of a lamp model, as numbers in the order of its shapes."""
 
     bulbs: frozenset[int]
     shades: frozenset[int]
 
 
 @dataclass(frozen=True)
-class _Class:
+class _ModelClass:
+    """One line of the category table."""
+
     fine: str
     coarse: str
     structure: bool
@@ -81,34 +87,33 @@ class _Class:
 
 @dataclass(frozen=True)
 class Release:
-    """What the release says about one house."""
+    """The release's tables for one house."""
 
     cameras: tuple[ReleaseCamera, ...] = ()
-    nodes: frozenset[str] = frozenset()  # names in `room_camera_node.txt`
     lamps: dict[str, Lamp] = field(default_factory=dict)
-    classes: dict[str, _Class] = field(default_factory=dict)
-    parameters: dict[str, str] = field(default_factory=dict)  # defaults for the template
+    classes: dict[str, _ModelClass] = field(default_factory=dict)
+    parameters: dict[str, str] = field(default_factory=dict)  # defaults of the template's $names
 
 
 @dataclass
-class Thing:
-    """Shapes that belong together under a node's name."""
+class ReleaseNode:
+    """A node of the SUNCG house with its shapes."""
 
     kind: str  # "Model", "Room", "Wall", ...
-    node: str  # SUNCG's name, such as "Model#83" or "Room#0_1"
-    model: str  # the model's id, such as "83" or "s__1024"; "" for parts of the building
-    shapes: list[str]
+    name: str  # such as "Model#83" or "Room#0_1"
+    model: str  # id of the model, such as "83" or "s__1024"; "" for parts of the building
+    shapes: list[str]  # ids
 
 
 def find_release(path: Path, opened: OpenedFiles, changes: Changes) -> Release | None:
-    """The release's tables around the scene file `path`; None where it is no PBRS house.
+    """Read the release's tables for the scene file `path`; None if it is no PBRS house.
 
-    Only files of the release's own names are looked for, in the folder and the two above it.
-    Raises `InputError` for tables that are damaged.
+    Tables are files with the release's names in the folder of `path` or the two folders above
+    it; `opened` records the files looked for. Raises `InputError` for damaged tables.
     """
     folder = path.parent
     lamps, classes, wallpaper = (
-        _near(folder, n, opened) for n in (_LIGHTS, _CATEGORIES, _WALLPAPER)
+        _near(folder, name, opened) for name in (_LIGHTS, _CATEGORIES, _WALLPAPER)
     )
     cameras = folder / "room_camera.txt"
     if not opened.is_file(cameras) and not lamps and not classes:
@@ -118,7 +123,6 @@ def find_release(path: Path, opened: OpenedFiles, changes: Changes) -> Release |
         parameters["default_texture_path"] = str(wallpaper)
     return Release(
         _cameras(folder, opened, changes) if opened.is_file(cameras) else (),
-        _nodes(folder / "room_camera_node.txt", opened),
         read_lamps(lamps) if lamps else {},
         _classes(classes) if classes else {},
         parameters,
@@ -126,33 +130,41 @@ def find_release(path: Path, opened: OpenedFiles, changes: Changes) -> Release |
 
 
 def read_cameras(path: Path) -> list[ReleaseCamera]:
-    """A camera file: 12 numbers a line, eye, towards, up, half field of view in x and y, score."""
+    """Read a camera file.
+
+    A line has 12 numbers: eye, towards, up, half field of view in x and y (radians), score.
+    """
     cameras = []
     for number, line in enumerate(_lines(path), start=1):
         words = line.split()
         try:
             values = np.array([float(word) for word in words])
         except ValueError:
-            raise InputError(f"{path}:{number}: not a line of numbers: {line[:60]!r}") from None
+            raise InputError(f"{path}:{number}: expected numbers, got {line[:60]!r}") from None
         if len(values) not in (11, 12) or not np.isfinite(values).all():
-            raise InputError(f"{path}:{number}: a camera has 12 finite numbers, not {len(values)}")
+            raise InputError(
+                f"{path}:{number}: a camera needs 12 finite numbers, got {line[:60]!r}"
+            )
         eye, towards, up = values[:3], values[3:6], values[6:9]
         if np.linalg.norm(np.cross(towards, up)) < 1e-6:
-            raise InputError(f"{path}:{number}: this camera looks along its up direction")
+            raise InputError(f"{path}:{number}: the camera looks along its up direction")
         if not (0.01 < values[9] < 1.55 and 0.01 < values[10] < 1.55):
-            raise InputError(f"{path}:{number}: an impossible field of view")
+            raise InputError(
+                f"{path}:{number}: half a field of view must be between 0.01 and 1.55 radians"
+            )
         score = float(values[11]) if len(values) == 12 else 0.0
         half = (float(values[9]), float(values[10]))
         cameras.append(ReleaseCamera(f"camera_{number}", eye, towards, up, half, score))
         if len(cameras) > MAX_CAMERAS:
-            raise InputError(f"{path}: more than {MAX_CAMERAS} cameras; refused")
+            raise InputError(f"{path}: the file has more than the limit of {MAX_CAMERAS} cameras")
     return cameras
 
 
 def read_lamps(path: Path) -> dict[str, Lamp]:
-    """The table of lamps: model, number of bulb materials, these, number of shades, these.
+    """Read the table of lamps, by model.
 
-    A material is named `material_<n>`; the release counts the model's shapes by that number.
+    A line has the model, the number of bulb materials and their names, the number of shade
+    materials and their names. `material_<n>` is the material of the model's shape number n.
     """
     lamps = {}
     for number, line in enumerate(_lines(path), start=1):
@@ -169,55 +181,58 @@ def read_lamps(path: Path) -> dict[str, Lamp]:
             )
         except (ValueError, IndexError):
             raise InputError(
-                f"{path}:{number}: not a line of the lamp table: {line[:60]!r}"
+                f"{path}:{number}: not a valid line of the lamp table: {line[:60]!r}"
             ) from None
     return lamps
 
 
-def things_of(shapes: list[Shape]) -> list[Thing]:
-    """The shapes of a house by the node they belong to, in the file's order."""
-    things: list[Thing] = []
+def nodes_of(shapes: list[Shape]) -> list[ReleaseNode]:
+    """Group the shapes of a house by node, in the file's order."""
+    nodes: list[ReleaseNode] = []
     for shape in shapes:
         match = _NODE.fullmatch(shape.name)
         if match is None:
-            if not things:
-                things.append(Thing("", shape.name, "", []))
-            things[-1].shapes.append(shape.id)
+            if not nodes:
+                nodes.append(ReleaseNode("", shape.name, "", []))
+            nodes[-1].shapes.append(shape.id)
             continue
         kind, rest = match["kind"], match["rest"]
         model = _MODEL.fullmatch(rest) if kind == "Model" else None
         name = f"{kind}#{model['id'] if model else rest}"
-        things.append(Thing(kind, name, model["id"] if model else "", [shape.id]))
-    return things
+        nodes.append(ReleaseNode(kind, name, model["id"] if model else "", [shape.id]))
+    return nodes
 
 
-def with_lamps(
-    shapes: list[Shape], things: list[Thing], release: Release, path: Path, changes: Changes
+def with_lamp_emitters(
+    shapes: list[Shape], nodes: list[ReleaseNode], release: Release, path: Path, changes: Changes
 ) -> list[Shape]:
-    """Lamps of the table made to shine, unless the template has made them shine already."""
+    """Add the emitters of the lamp table to shapes without emitters from the template.
+
+    Radiance is in the release's units, see `BULB_RADIANCE`.
+    """
     radiance: dict[str, float] = {}
     by_id = {shape.id: shape for shape in shapes}
-    for thing in things:
-        lamp = release.lamps.get(thing.model)
-        if lamp is None or any(by_id[name].emitter is not None for name in thing.shapes):
+    for release_node in nodes:
+        lamp = release.lamps.get(release_node.model)
+        if lamp is None or any(by_id[name].emitter is not None for name in release_node.shapes):
             continue
-        for number, name in enumerate(thing.shapes):
+        for number, name in enumerate(release_node.shapes):
             if number in lamp.bulbs:
                 radiance[name] = BULB_RADIANCE
             elif number in lamp.shades and not by_id[name].surface.transmissive:
                 radiance[name] = SHADE_RADIANCE
     if radiance:
-        changes.note("lamps of the release's table were lit: {}", str(len(radiance)))
+        changes.note("shapes became emitters by the release's lamp table: {}", str(len(radiance)))
     return [
         replace(shape, emitter=_area(radiance[shape.id], path)) if shape.id in radiance else shape
         for shape in shapes
     ]
 
 
-def without_doubles(shapes: list[Shape], changes: Changes) -> list[Shape]:
-    """The shapes without those that lie exactly on an earlier one.
+def without_duplicates(shapes: list[Shape], changes: Changes) -> list[Shape]:
+    """Leave out shapes that lie exactly on an earlier one.
 
-    SUNCG stores some rooms twice; which of two equal surfaces a ray meets would be chance.
+    SUNCG stores some rooms twice, and which of two equal surfaces a ray hits is undefined.
     """
     seen: set[bytes] = set()
     kept = []
@@ -225,7 +240,7 @@ def without_doubles(shapes: list[Shape], changes: Changes) -> list[Shape]:
         key = _surface_key(shape.mesh)
         if key in seen and shape.emitter is None:
             changes.note(
-                "a shape that repeats another in the same place was left out: {}", shape.id
+                "a duplicate of another shape in the same place was left out: {}", shape.id
             )
             continue
         seen.add(key)
@@ -233,57 +248,50 @@ def without_doubles(shapes: list[Shape], changes: Changes) -> list[Shape]:
     return kept
 
 
-def release_objects(
-    things: list[Thing],
+def objects_of_nodes(
+    nodes: list[ReleaseNode],
     release: Release,
     shapes: list[Shape],
     rooms: list[FoundRoom],
     room_ids: list[str],
 ) -> tuple[SceneObject, ...]:
-    """Objects by SUNCG's nodes, with the category table's words."""
+    """Objects of `scene.json` from nodes, with the categories of the release's table."""
     by_id = {shape.id: shape for shape in shapes}
     objects = []
-    for thing in things:
-        members = [by_id[name] for name in thing.shapes if name in by_id]
-        for name, category, structure, part in _parts(thing, members, release):
+    for release_node in nodes:
+        members = [by_id[name] for name in release_node.shapes if name in by_id]
+        for name, category, structure, part in _parts(release_node, members, release):
             low, high = bounds_of(part)
-            objects.append(
-                SceneObject(
-                    id=part[0].id.removesuffix("_mesh"),
-                    name=name,
-                    category=category,
-                    shapes=tuple(shape.id for shape in part),
-                    bbox_min=(float(low[0]), float(low[1]), float(low[2])),
-                    bbox_max=(float(high[0]), float(high[1]), float(high[2])),
-                    is_structure=structure,
-                    room=room_of(0.5 * (low + high), low, rooms, room_ids),
-                )
-            )
+            room = room_of(0.5 * (low + high), low, rooms, room_ids)
+            object_id = part[0].id.removesuffix("_mesh")
+            objects.append(make_object(object_id, name, category, part, structure, room))
     return tuple(objects)
 
 
-def rooms_by_name(
-    things: list[Thing], shapes: list[Shape], rooms: list[FoundRoom], room_ids: list[str]
+def match_rooms(
+    nodes: list[ReleaseNode], shapes: list[Shape], rooms: list[FoundRoom], room_ids: list[str]
 ) -> dict[str, str]:
-    """SUNCG's room names -> ids of the rooms found, by the floor area they share."""
+    """Map SUNCG's room names to ids of the rooms found, by shared floor area."""
     by_id = {shape.id: shape for shape in shapes}
     names = {}
-    for thing in things:
-        if thing.kind != "Room":
+    for release_node in nodes:
+        if release_node.kind != "Room":
             continue
-        corners = [by_id[name].mesh.corners[:, :, :2] for name in thing.shapes if name in by_id]
+        corners = [
+            by_id[name].mesh.corners[:, :, :2] for name in release_node.shapes if name in by_id
+        ]
         if not corners or not rooms:
             continue
         plan = shapely.union_all(shapely.polygons(np.concatenate(corners)))
         shared = [room.floor.intersection(plan).area for room in rooms]
         best = int(np.argmax(shared))
         if shared[best] > 0.5 * min(plan.area, rooms[best].floor.area):
-            names[thing.node] = room_ids[best]
+            names[release_node.name] = room_ids[best]
     return names
 
 
 def _surface_key(mesh: Mesh) -> bytes:
-    """The same for the same triangles, whatever their order and winding; to 10 micrometres."""
+    """A key of the triangles, rounded to 10 micrometres, independent of order and winding."""
     corners = np.round(mesh.corners, 5) + 0.0
     turn = np.lexsort((corners[..., 2], corners[..., 1], corners[..., 0]), axis=1)
     rows = np.take_along_axis(corners, turn[..., None], axis=1).reshape(-1, 9)
@@ -291,74 +299,74 @@ def _surface_key(mesh: Mesh) -> bytes:
 
 
 def _parts(
-    thing: Thing, members: list[Shape], release: Release
+    release_node: ReleaseNode, members: list[Shape], release: Release
 ) -> list[tuple[str, str, bool, list[Shape]]]:
-    """Name, category, is it structure, and shapes; a room's are parted into floor and ceiling."""
+    """The objects of a node: name, category, whether it is structure, and shapes.
+
+    A room is split into floor and ceiling.
+    """
     if not members:
         return []
-    if thing.kind == "Room":
+    if release_node.kind == "Room":
         lowest = min(shape.mesh.bounds[0, 2] for shape in members)
         under = [shape for shape in members if shape.mesh.bounds.mean(axis=0)[2] < lowest + 1.0]
         over = [shape for shape in members if shape not in under]
-        tail = thing.node.partition("#")[2]
+        tail = release_node.name.partition("#")[2]
         return [
             (f"{kind.capitalize()}#{tail}", kind, True, part)
             for kind, part in (("floor", under), ("ceiling", over))
             if part
         ]
-    if thing.kind != "Model":
-        kind = thing.kind.lower()
+    if release_node.kind != "Model":
+        kind = release_node.kind.lower()
         category = kind if kind in ("wall", "floor", "ceiling", "ground") else "structure"
-        return [(thing.node, category, True, members)]
-    known = release.classes.get(thing.model)
+        return [(release_node.name, category, True, members)]
+    known = release.classes.get(release_node.model)
     if known is None:
-        return [(thing.node, "other", False, members)]
-    category = _CLASSES.get(known.fine) or category_of(known.fine, known.coarse)
-    return [(thing.node, category, known.structure, members)]
+        return [(release_node.name, "other", False, members)]
+    category = _CLASS_OVERRIDES.get(known.fine) or category_of(known.fine, known.coarse)
+    return [(release_node.name, category, known.structure, members)]
 
 
 def _cameras(folder: Path, opened: OpenedFiles, changes: Changes) -> tuple[ReleaseCamera, ...]:
-    """The cameras with their names, without those that the release marks as bad."""
+    """Cameras with their names, without those that the release flags as bad."""
     cameras = read_cameras(folder / "room_camera.txt")
     names = _optional_lines(folder / "room_camera_name.txt", opened)
-    marks = _optional_lines(folder / "room_camera_good.txt", opened)
-    for label, lines in (("names", names), ("marks", marks)):
+    flags = _optional_lines(folder / "room_camera_good.txt", opened)
+    for label, lines in (("names", names), ("flags", flags)):
         if lines and len(lines) != len(cameras):
             changes.note(
                 f"the release has {len(cameras)} cameras but {len(lines)} {label} for them; "
-                f"the {label} were left out"
+                f"the {label} were ignored"
             )
     if len(names) == len(cameras):
         cameras = [
             replace(camera, name=name.strip()) for camera, name in zip(cameras, names, strict=True)
         ]
-    if len(marks) == len(cameras):
+    if len(flags) == len(cameras):
         good = [
             camera
-            for camera, mark in zip(cameras, marks, strict=True)
-            if mark.strip() not in ("0", "0.0")
+            for camera, flag in zip(cameras, flags, strict=True)
+            if flag.strip() not in ("0", "0.0")
         ]
         if len(good) < len(cameras):
             changes.note(
-                "cameras in rooms without light, as the release marks them, were left out: {}",
+                "cameras that the release flags as being in a room without light were left out: {}",
                 str(len(cameras) - len(good)),
             )
         cameras = good
     return tuple(cameras)
 
 
-def _nodes(path: Path, opened: OpenedFiles) -> frozenset[str]:
-    lines = _optional_lines(path, opened)
-    return frozenset(words[1] for line in lines if len(words := line.split(maxsplit=1)) == 2)
-
-
-def _classes(path: Path) -> dict[str, _Class]:
+def _classes(path: Path) -> dict[str, _ModelClass]:
     rows = csv.DictReader(_lines(path))
     wanted = {"model_id", "fine_grained_class", "coarse_grained_class"}
     if not wanted <= set(rows.fieldnames or ()):
-        raise InputError(f"{path}: not the release's category table; it needs {sorted(wanted)}")
+        raise InputError(
+            f"{path}: is not the release's category table; it needs the columns {sorted(wanted)}"
+        )
     return {
-        row["model_id"]: _Class(
+        row["model_id"]: _ModelClass(
             row["fine_grained_class"] or "",
             row["coarse_grained_class"] or "other",
             row.get("empty_struct_obj") == "1",
@@ -369,7 +377,7 @@ def _classes(path: Path) -> dict[str, _Class]:
 
 
 def _near(folder: Path, name: str, opened: OpenedFiles) -> Path | None:
-    """A table of the release: beside the house, above it, or in `util_data` there."""
+    """Find a table of the release: in `folder`, above it, or in `util_data` there."""
     above = list(folder.resolve().parents)[:2]
     for place in (folder, *(place / sub for place in above for sub in (".", "util_data"))):
         if opened.is_file(place / name):
@@ -379,7 +387,9 @@ def _near(folder: Path, name: str, opened: OpenedFiles) -> Path | None:
 
 def _lines(path: Path) -> list[str]:
     if path.stat().st_size > _MAX_BYTES:
-        raise InputError(f"{path}: more than {_MAX_BYTES >> 20} MiB; not a table of the release")
+        raise InputError(
+            f"{path}: is larger than {_MAX_BYTES >> 20} MiB, so it is no table of the release"
+        )
     text = path.read_bytes().decode("utf-8", "replace")
     return [line for line in text.splitlines() if line.strip()]
 
@@ -389,5 +399,6 @@ def _optional_lines(path: Path, opened: OpenedFiles) -> list[str]:
 
 
 def _area(radiance: float, path: Path) -> Node:
+    """An area emitter element, as if the scene file had it."""
     value = Node("spectrum", {"name": "radiance", "value": str(radiance)}, path, 0)
     return Node("emitter", {"type": "area"}, path, 0, [value])

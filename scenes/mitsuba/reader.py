@@ -1,6 +1,6 @@
-"""Mitsuba XML files into one tree of nodes: includes read, parameters filled in, limits kept.
+"""Reader of Mitsuba XML files: one tree of nodes, with includes and parameters resolved.
 
-Files come from strangers. They are parsed by defusedxml (no entities, no DTD tricks), nothing
+Files are not trusted. They are parsed by defusedxml (no entities, no external DTDs), nothing
 outside the scene's own folder is opened, and size, depth, element count and includes are bounded.
 """
 
@@ -21,9 +21,9 @@ from scenes.errors import InputError
 from scenes.importing.changes import Changes
 from scenes.importing.sandbox import Sandbox
 
-MAX_BYTES = 64 * 2**20
-MAX_ELEMENTS = 300_000
-MAX_DEPTH = 64
+MAX_BYTES = 64 * 2**20  # of one file
+MAX_ELEMENTS = 300_000  # of all files together
+MAX_DEPTH = 64  # of nested elements
 MAX_INCLUDES = 256
 
 _PARAMETER = re.compile(r"\$(\w+)")
@@ -48,7 +48,7 @@ _VALUE_TAGS = frozenset(
 
 @dataclass
 class Node:
-    """One XML element: where it stands, its attributes and children, in document order."""
+    """One XML element with its position, attributes and children, in document order."""
 
     tag: str
     attributes: dict[str, str]
@@ -58,7 +58,7 @@ class Node:
 
     @property
     def place(self) -> str:
-        """File and line, for messages."""
+        """File and line, for error messages."""
         return f"{self.file}:{self.line}"
 
     @property
@@ -68,20 +68,20 @@ class Node:
 
     @property
     def name(self) -> str:
-        """The name of the property that this element sets; may be empty."""
+        """The name of the property that this element sets, or ""."""
         return self.attributes.get("name", "")
 
     @property
     def is_value(self) -> bool:
-        """Whether this is a plain property rather than a plugin or a reference."""
+        """Whether this is a plain value rather than a plugin or a reference."""
         return self.tag in _VALUE_TAGS
 
     def error(self, text: str) -> InputError:
-        """An `InputError` that says where in the file this element is."""
+        """An `InputError` with file, line and tag of this element."""
         return InputError(f"{self.place}: <{self.tag}>: {text}")
 
     def walk(self) -> Iterator[Node]:
-        """This element and all below it, in document order."""
+        """Iterate over this element and all its descendants, in document order."""
         yield self
         for child in self.children:
             yield from child.walk()
@@ -92,39 +92,38 @@ def read_tree(
     sandbox: Sandbox,
     parameters: dict[str, str],
     changes: Changes,
-    usual: dict[str, str] | None = None,
+    defaults: dict[str, str] | None = None,
 ) -> tuple[Node, str]:
     """Read a scene file; returns its `<scene>` element and its version, such as "0.6.0".
 
-    `parameters` are values for `$name`s; they win over the file's `<default>`s, and these over
-    the `usual` ones. A `$name` without any value stays as it is: whoever needs that property
-    decides.
-    Raises `InputError` for broken, oversized, hostile or foreign files.
+    A `$name` gets its value from `parameters`, else from the file's `<default>`s, else from
+    `defaults`; without a value it stays in the text. Raises `InputError` for files that are
+    damaged, too large, unsafe or not a Mitsuba scene.
     """
-    reader = _Reader(sandbox, dict(parameters), changes, usual or {})
+    reader = _Reader(sandbox, dict(parameters), changes, defaults or {})
     root = reader.read(path)
     if root.tag != "scene":
-        raise root.error("not a Mitsuba scene; the outermost element must be <scene>")
+        raise root.error("is not a Mitsuba scene; the outermost element must be <scene>")
     version = root.attributes.get("version", "")
     if not re.fullmatch(r"\d+(\.\d+){0,2}", version):
         raise root.error(f"needs a version such as version='3.0.0', got {version!r}")
     unused = sorted(set(parameters) - reader.used)
     if unused:
-        changes.note("parameter given but not used in the file: {}", ", ".join(unused))
+        changes.note("parameters were given that the file does not use: {}", ", ".join(unused))
     return root, version
 
 
 def unresolved(text: str) -> list[str]:
-    """The names of parameters in `text` that nobody gave a value."""
+    """Return the names of the parameters in `text` that have no value."""
     return _PARAMETER.findall(text)
 
 
 class _Reader:
     def __init__(
-        self, sandbox: Sandbox, given: dict[str, str], changes: Changes, usual: dict[str, str]
+        self, sandbox: Sandbox, given: dict[str, str], changes: Changes, defaults: dict[str, str]
     ) -> None:
         self.sandbox, self.given, self.changes = sandbox, given, changes
-        self.values, self.usual = dict(given), usual
+        self.values, self.defaults = dict(given), defaults
         self.used: set[str] = set()
         self.elements = self.includes = 0
 
@@ -136,7 +135,9 @@ class _Reader:
     def count(self, path: Path) -> None:
         self.elements += 1
         if self.elements > MAX_ELEMENTS:
-            raise InputError(f"{path}: more than {MAX_ELEMENTS:,} elements; refused")
+            raise InputError(
+                f"{path}: the scene has more than the limit of {MAX_ELEMENTS:,} elements"
+            )
 
     def _resolve(self, node: Node, files: tuple[Path, ...]) -> None:
         kept: list[Node] = []
@@ -165,15 +166,15 @@ class _Reader:
             raise node.error(f"{name!r} includes itself, directly or through others")
         self.includes += 1
         if self.includes > MAX_INCLUDES:
-            raise node.error(f"more than {MAX_INCLUDES} includes; refused")
+            raise node.error(f"the scene has more than the limit of {MAX_INCLUDES} includes")
         return self.read(path, files).children
 
     def _fill(self, text: str) -> str:
         def value(match: re.Match[str]) -> str:
             self.used.add(match[1])
-            return self.values.get(match[1], self.usual.get(match[1], match[0]))
+            return self.values.get(match[1], self.defaults.get(match[1], match[0]))
 
-        # Longest name first, as Mitsuba does, is what a greedy \w+ gives.
+        # A greedy \w+ replaces the longest name first, as Mitsuba does.
         return _PARAMETER.sub(value, text) if "$" in text else text
 
 
@@ -198,7 +199,7 @@ class _Handler(xml.sax.handler.ContentHandler):
             self.root = node
         self.stack.append(node)
         if len(self.stack) > MAX_DEPTH:
-            raise node.error(f"elements nested more than {MAX_DEPTH} deep; refused")
+            raise node.error(f"elements are nested more than {MAX_DEPTH} deep")
 
     def endElement(self, name: str) -> None:
         self.stack.pop()
@@ -208,9 +209,11 @@ def _parse(path: Path, reader: _Reader) -> Node:
     try:
         size = path.stat().st_size
     except OSError:
-        raise InputError(f"{path}: no such file") from None
+        raise InputError(f"{path}: the file does not exist") from None
     if size > MAX_BYTES:
-        raise InputError(f"{path}: {size / 2**20:.0f} MiB of XML; at most {MAX_BYTES >> 20} MiB")
+        raise InputError(
+            f"{path}: the file has {size / 2**20:.0f} MiB; the limit is {MAX_BYTES >> 20} MiB"
+        )
     handler = _Handler(path, reader)
     parser = defusedxml.sax.make_parser()
     parser.setContentHandler(handler)
@@ -219,14 +222,14 @@ def _parse(path: Path, reader: _Reader) -> Node:
             parser.parse(stream)
     except DefusedXmlException as error:
         raise InputError(
-            f"{path}: entities and external references are refused ({error})"
+            f"{path}: entities and external references are not allowed ({error})"
         ) from None
     except xml.sax.SAXParseException as error:
         raise InputError(
-            f"{path}:{error.getLineNumber()}: not well-formed XML ({error.getMessage()})"
+            f"{path}:{error.getLineNumber()}: is not well-formed XML ({error.getMessage()})"
         ) from None
     except (LookupError, ValueError, OSError) as error:
         raise InputError(f"{path}: cannot be read as XML ({error})") from None
     if handler.root is None:
-        raise InputError(f"{path}: an empty file, not a Mitsuba scene")
+        raise InputError(f"{path}: the file is empty, not a Mitsuba scene")
     return handler.root

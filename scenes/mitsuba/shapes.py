@@ -1,4 +1,7 @@
-"""Shape elements as world-space geometry: meshes read, instances expanded, ids made unique."""
+"""Shape elements of a Mitsuba scene as shapes in the file's world space.
+
+Mesh files are read, instances are expanded to shapes of their own, and ids are made unique.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ _DROPPED = ("hair", "heightfield", "bsplinecurve", "linearcurve", "sdfgrid", "el
 
 @dataclass
 class ShapeReader:
-    """Reads the shapes of a scene; meshes of a file are read once."""
+    """Reads the shapes of a scene; every mesh file is read once."""
 
     scope: Scope
     materials: Materials
@@ -40,20 +43,22 @@ class ShapeReader:
     _triangles: int = 0
 
     def read(self, nodes: list[Node]) -> list[Shape]:
-        """All shapes of `nodes`, groups only where an instance shows them."""
+        """Read all shapes of `nodes`; shape groups are read through their instances."""
         shown = [node for node in nodes if node.tag == "shape" and node.type != "shapegroup"]
-        # Counted first: groups of groups multiply, and each shape costs time.
+        # Counted first, because nested groups multiply the number of shapes.
         sizes: dict[int, int] = {}
-        if sum(self._expanded(node, 0, sizes) for node in shown) > MAX_SHAPES:
-            raise nodes[0].error(f"instances make more than {MAX_SHAPES:,} shapes; refused")
+        if sum(self._expanded_count(node, 0, sizes) for node in shown) > MAX_SHAPES:
+            raise nodes[0].error(
+                f"instances expand to more than the limit of {MAX_SHAPES:,} shapes"
+            )
         for node in shown:
             self._add(node, np.eye(4), 0, None)
         return self.shapes
 
-    def _expanded(self, node: Node, depth: int, sizes: dict[int, int]) -> int:
-        """How many shapes `node` becomes; `sizes` keeps what is known, by element."""
+    def _expanded_count(self, node: Node, depth: int, sizes: dict[int, int]) -> int:
+        """The number of shapes that `node` expands to; `sizes` caches it by element."""
         if depth > _MAX_GROUP_DEPTH:
-            raise node.error("instances nested too deep, or inside themselves")
+            raise node.error("instances are nested too deep or inside themselves")
         if node.type not in ("instance", "merge", "shapegroup"):
             return 1
         if id(node) not in sizes:
@@ -61,13 +66,19 @@ class ShapeReader:
                        ("ref", "shape")]  # fmt: skip
             deeper = depth + (node.type == "instance")
             sizes[id(node)] = sum(
-                self._expanded(member, deeper, sizes) for member in members if member.tag == "shape"
+                self._expanded_count(member, deeper, sizes)
+                for member in members
+                if member.tag == "shape"
             )
         return sizes[id(node)]
 
     def _add(self, node: Node, above: Float64Array, depth: int, prefix: str | None) -> None:
+        """Add the shapes of an element, transformed by `above` (4, 4).
+
+        `prefix` is the label of the instance that contains it.
+        """
         if depth > _MAX_GROUP_DEPTH:
-            raise node.error("instances nested too deep, or inside themselves")
+            raise node.error("instances are nested too deep or inside themselves")
         properties = Properties(node, self.scope)
         properties.ignore("id")
         to_world = above @ properties.transform()
@@ -81,7 +92,7 @@ class ShapeReader:
                     target = self.scope.resolve(member)
                     if target.tag == "shape":
                         self._add(target, to_world, depth + 1, label)
-            self.scope.changes.note("instances became shapes of their own")
+            self.scope.changes.note("an instance was expanded to shapes of its own")
             properties.report_unused()
             return
         if node.type == "merge":
@@ -89,23 +100,23 @@ class ShapeReader:
                 self._add(member, to_world, depth + 1, prefix)
             return
         if node.type in _DROPPED:
-            self.scope.changes.note("a shape of kind {} was left out", repr(node.type))
+            self.scope.changes.note("a shape of unsupported type was left out: {}", repr(node.type))
             return
         self._add_one(node, properties, to_world, prefix)
 
     def _add_one(
         self, node: Node, properties: Properties, to_world: Float64Array, prefix: str | None
     ) -> None:
-        pieces = self._obj_pieces(node, properties)
-        if pieces is None:
+        meshes = self._obj_parts(node, properties)
+        if meshes is None:
             made = self._geometry(node, properties)
             if made is None:
                 return
-            pieces = [(*made, None)]
-        for mesh, label, surface in pieces:
-            self._add_piece(node, properties, to_world, prefix, mesh, label, surface)
+            meshes = [(*made, None)]
+        for mesh, label, surface in meshes:
+            self._add_mesh(node, properties, to_world, prefix, mesh, label, surface)
 
-    def _add_piece(
+    def _add_mesh(
         self,
         node: Node,
         properties: Properties,
@@ -121,22 +132,22 @@ class ShapeReader:
         mesh = mesh.transformed(to_world)
         mesh, dropped = cleaned(mesh, f"{node.place}: {label}")
         if dropped:
-            changes.note("triangles without area were dropped from {}", label)
+            changes.note("triangles without area were left out of {}", label)
         if not len(mesh.faces):
             changes.note("a shape without area was left out: {}", label)
             return
         self._triangles += len(mesh.faces)
         if self._triangles > MAX_SCENE_TRIANGLES or len(self.shapes) >= MAX_SHAPES:
             raise InputError(
-                f"{node.place}: more than {MAX_SCENE_TRIANGLES:,} triangles or {MAX_SHAPES:,} "
-                "shapes in one scene; refused"
+                f"{node.place}: the scene has more than the limit of {MAX_SCENE_TRIANGLES:,} "
+                f"triangles or {MAX_SHAPES:,} shapes"
             )
         if flip:
             mesh = mesh.flipped()
         bsdfs, emitters = properties.nested("bsdf"), properties.nested("emitter", "luminaire")
         if surface is None:
             if len(bsdfs) > 1:
-                changes.note("of several materials of one shape only the first was kept")
+                changes.note("a shape has several materials; only the first was kept")
             surface = self.materials.surface(bsdfs[0] if bsdfs else None)
         name = node.attributes.get("id") or label
         for tag in ("interior", "exterior"):
@@ -156,11 +167,14 @@ class ShapeReader:
             )
         )
 
-    def _obj_pieces(
+    def _obj_parts(
         self, node: Node, properties: Properties
     ) -> list[tuple[Mesh, str, Surface | None]] | None:
-        """An OBJ by its materials, as version 0.x has it: those of its libraries, those of its
-        element that bear a name over them. None where it comes in one piece."""
+        """Split an OBJ by material, as Mitsuba 0.x does: mesh, label and surface of each part.
+
+        Materials are those of the OBJ's libraries; nested BSDFs with a name replace them. None
+        if the OBJ is one shape.
+        """
         named = {
             child.name: self.scope.resolve(child)
             for child in node.children
@@ -191,7 +205,7 @@ class ShapeReader:
             }
         except InputError as error:
             raise InputError(f"{node.place}: {error}") from None
-        pieces: list[tuple[Mesh, str, Surface | None]] = []
+        meshes: list[tuple[Mesh, str, Surface | None]] = []
         for part, mesh in parts.items():
             name = distinct[part]
             if name in named:
@@ -199,13 +213,13 @@ class ShapeReader:
             elif plain or name not in library.materials:
                 surface = self.materials.surface(plain[0] if plain else None)
             else:
-                surface = library.finish(name).surface
-            shaped = self._shaded(node, properties, mesh)
-            pieces.append((shaped, f"{path.stem}_{name}" if name else path.stem, surface))
-        return pieces
+                surface = library.material(name).surface
+            shaped = self._with_normals(node, properties, mesh)
+            meshes.append((shaped, f"{path.stem}_{name}" if name else path.stem, surface))
+        return meshes
 
     def _geometry(self, node: Node, properties: Properties) -> tuple[Mesh, str] | None:
-        """The mesh in the shape's own frame and a word for it; None where it is left out."""
+        """The mesh in the shape's local frame and a label; None if the shape is left out."""
         kind = node.type
         if kind in _FILES:
             return self._file(node, properties)
@@ -215,7 +229,7 @@ class ShapeReader:
         if kind == "cube":
             return primitives.cube(), label
         if kind == "disk":
-            self.scope.changes.note(f"a disk became a mesh of {primitives.SIDES} sides")
+            self.scope.changes.note(f"a disk was replaced by a mesh with {primitives.SIDES} sides")
             return primitives.disk(), label
         if kind == "sphere":
             return primitives.sphere().transformed(_sphere_frame(properties)), label
@@ -226,9 +240,11 @@ class ShapeReader:
             radius = properties.number("radius", 1.0)
             if radius <= 0 or np.array_equal(start, end):
                 raise node.error("a cylinder needs a length and a positive radius")
-            self.scope.changes.note(f"a cylinder became a mesh of {primitives.SIDES} sides")
+            self.scope.changes.note(
+                f"a cylinder was replaced by a mesh with {primitives.SIDES} sides"
+            )
             return primitives.cylinder(start, end, radius), label
-        raise node.error(f"unknown kind of shape {kind!r}")
+        raise node.error(f"unknown type of shape {kind!r}")
 
     def _file(self, node: Node, properties: Properties) -> tuple[Mesh, str] | None:
         name = properties.text("filename", "")
@@ -237,20 +253,20 @@ class ShapeReader:
         if path is None:
             if not self.skip_missing:
                 raise node.error(
-                    f"the mesh {name!r} is missing; put it there, or go on without it "
-                    "with --skip-missing"
+                    f"the mesh {name!r} is missing; add the file, or leave the shape out with "
+                    "--skip-missing"
                 )
             self.scope.changes.note("missing mesh, its shape was left out: {}", repr(name))
             return None
         properties.ignore("collapse", "srgb")
         flip_v = properties.boolean("flip_tex_coords", node.type == "obj")
         mesh = self._read(node, path, index, flip_v)
-        mesh = self._shaded(node, properties, mesh)
+        mesh = self._with_normals(node, properties, mesh)
         stem = path.stem if node.type != "serialized" else f"{path.stem}_{index}"
         return mesh, stem
 
-    def _shaded(self, node: Node, properties: Properties, mesh: Mesh) -> Mesh:
-        """The mesh with the shading normals that its element asks for."""
+    def _with_normals(self, node: Node, properties: Properties, mesh: Mesh) -> Mesh:
+        """The mesh with shading normals as its element defines them."""
         facets = properties.boolean("face_normals", False)
         crease = properties.number("max_smooth_angle", 180.0)
         if facets:
@@ -277,20 +293,21 @@ class ShapeReader:
                 raise InputError(f"{node.place}: {error}") from None
             if node.type != "obj" and flip_v and mesh.uvs is not None:
                 mesh = replace(mesh, uvs=np.column_stack([mesh.uvs[:, 0], 1 - mesh.uvs[:, 1]]))
-            # Checked here, in the file's own numbers, so that no arithmetic runs on bad ones.
+            # Checked in the file's own coordinates, before any arithmetic on them.
             self._cache[key], dropped = cleaned(mesh, f"{node.place}: {path.name}")
             if dropped:
-                self.scope.changes.note("triangles without area were dropped from {}", path.name)
+                self.scope.changes.note("triangles without area were left out of {}", path.name)
         return self._cache[key]
 
     def _sphere(
         self, node: Node, properties: Properties, to_world: Float64Array
     ) -> Float64Array | None:
+        """The map (4, 4) of the unit sphere; None if the transform stretches the sphere."""
         matrix = to_world @ _sphere_frame(properties)
         gram = matrix[:3, :3].T @ matrix[:3, :3]
         if np.allclose(gram, gram[0, 0] * np.eye(3), rtol=1e-4, atol=1e-4 * gram[0, 0]):
             return matrix
-        self.scope.changes.note("a stretched sphere became a mesh")
+        self.scope.changes.note("a stretched sphere was replaced by a mesh")
         return None
 
 

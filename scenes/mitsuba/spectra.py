@@ -1,4 +1,4 @@
-"""Spectra as linear RGB: measured ones and black bodies."""
+"""Conversion of measured and blackbody spectra to linear RGB."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import numpy as np
 from scenes.arrays import Float64Array
 from scenes.color import XYZ_TO_RGB
 
-_GRID = np.arange(380.0, 781.0, 2.0)
+_GRID = np.arange(380.0, 781.0, 2.0)  # wavelengths, nm
 
 
 def color_matching(wavelengths: Float64Array) -> Float64Array:
-    """CIE 1931 observer at `wavelengths` (N,) in nm, (N, 3).
+    """CIE 1931 colour matching functions at `wavelengths` (N,) in nm, XYZ (N, 3).
 
     Multi-lobe fit of Wyman, Sloan and Shirley, *Simple Analytic Approximations to the CIE XYZ
     Color Matching Functions* (2013).
@@ -30,10 +30,10 @@ def color_matching(wavelengths: Float64Array) -> Float64Array:
 
 
 def spectrum_to_rgb(wavelengths: Float64Array, values: Float64Array) -> Float64Array:
-    """Linear Rec. 709 RGB (3,) of a spectrum sampled at increasing `wavelengths` in nm.
+    """Linear Rec. 709 RGB (3,) of a spectrum `values` (N,) at increasing `wavelengths` (N,), nm.
 
-    Balanced so that a constant spectrum is grey of the same value; outside its samples a
-    spectrum is zero. Colours out of gamut are clipped at zero.
+    A constant spectrum becomes grey of the same value. A spectrum is zero outside its samples,
+    and colours out of gamut are clipped at zero.
     """
     sampled = np.interp(_GRID, wavelengths, values, left=0.0, right=0.0)
     observer = color_matching(_GRID)
@@ -45,7 +45,7 @@ def spectrum_to_rgb(wavelengths: Float64Array, values: Float64Array) -> Float64A
 def blackbody_radiance(kelvin: float) -> float:
     """Luminance-weighted mean spectral radiance of a black body, W / (m^2 sr nm).
 
-    This is what version 0.x made of `<blackbody>`: Planck's law averaged with the CIE Y curve.
+    Planck's law averaged with the CIE Y curve, as Mitsuba 0.x converts `<blackbody>`.
     """
     metres = _GRID * 1e-9
     c1, c2 = 1.191042972e-16, 1.438776877e-2

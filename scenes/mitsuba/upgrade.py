@@ -1,14 +1,14 @@
-"""Names and meanings that changed between Mitsuba 0.2 and 0.5, brought to those of 0.6.
+"""Upgrade of scene files of Mitsuba 0.2 to 0.5 to the names and meanings of 0.6.
 
-The facts are those of Mitsuba 0.6's own upgrade stylesheets (`data/schema/`). Later changes of
-spelling (camelCase, `extEta`, ...) need no step of their own: `values.Properties` reads both.
+The rules follow the upgrade stylesheets of Mitsuba 0.6 (`data/schema/`). Later changes of
+spelling (camelCase, `extEta`, ...) need no upgrade: `values.Properties` reads both.
 """
 
 from __future__ import annotations
 
 from scenes.mitsuba.reader import Node
 
-# Tag and type -> type.
+# (tag, old type) -> new type.
 _TYPES = {
     ("bsdf", "bump"): "bumpmap",
     ("bsdf", "lambertian"): "diffuse",
@@ -19,7 +19,7 @@ _TYPES = {
     ("texture", "ldrtexture"): "bitmap",
     ("texture", "exrtexture"): "bitmap",
 }
-# Tag, type (after the table above; "" for any) -> {old property: new property}.
+# (tag, new type or "" for any) -> {old property: new property}.
 _PROPERTIES: dict[tuple[str, str], dict[str, str]] = {
     ("luminaire", ""): {"intensityScale": "scale"},
     ("luminaire", "area"): {"intensity": "radiance"},
@@ -37,7 +37,7 @@ _PROPERTIES: dict[tuple[str, str], dict[str, str]] = {
 
 
 def upgrade(root: Node, version: tuple[int, ...]) -> None:
-    """Change the tree of an old scene in place to what version 0.6 would call it."""
+    """Change the tree of a scene older than 0.5 in place to the names of version 0.6."""
     if version >= (0, 5):
         return
     before_0_3 = version < (0, 3)
@@ -59,7 +59,11 @@ def upgrade(root: Node, version: tuple[int, ...]) -> None:
 
 
 def _turn_into_sensor(node: Node) -> None:
-    """Angles were those of the shorter side unless told otherwise, +X pointed to the right."""
+    """Change a `<camera>` into a `<sensor>`.
+
+    The field of view of a camera is that of the shorter side by default, and its +X points to
+    the right.
+    """
     node.tag = "sensor"
     shorter = True
     for child in list(node.children):

@@ -1,4 +1,4 @@
-"""Typed properties of a plugin, under their present-day names, whatever version wrote them."""
+"""Typed access to the properties of a plugin by their Mitsuba 3 names, for all versions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _TRUTH = {"true": True, "1": True, "false": False, "0": False}
 
 @dataclass
 class Scope:
-    """What every property may refer to: elements by id, files, the version and the change list."""
+    """Context in which properties are read: elements by id, files, version, list of changes."""
 
     sandbox: Sandbox
     changes: Changes
@@ -38,11 +38,11 @@ class Scope:
 
     @property
     def is_old(self) -> bool:
-        """Whether the file is of the 0.x generation, with its own defaults."""
+        """Whether the file is of version 0.x, which has other default values."""
         return self.version < (2,)
 
     def resolve(self, node: Node) -> Node:
-        """Follow `<ref>`s to the element meant; `InputError` for unknown ids and circles."""
+        """Follow `<ref>`s to the element with that id; `InputError` for unknown ids and cycles."""
         seen = 0
         while node.tag == "ref":
             target = self.by_id.get(node.attributes.get("id", ""))
@@ -50,20 +50,21 @@ class Scope:
                 raise node.error(f"no element has the id {node.attributes.get('id', '')!r}")
             seen += 1
             if seen > _MAX_REFERENCES:
-                raise node.error("references go round in a circle")
+                raise node.error("references form a cycle")
             node = target
         return node
 
 
 def snake(name: str) -> str:
-    """`specularReflectance`, `intIOR`, `alphaU` as Mitsuba 3 spells them; new names unchanged."""
+    """Convert a name such as `intIOR` or `alphaU` to Mitsuba 3's spelling, `int_ior`, `alpha_u`."""
     return _CAMEL.sub("_", name).lower()
 
 
 class Properties:
     """The properties and nested plugins of one element.
 
-    Each accessor marks what it reads; `report_unused` then names what nobody asked for.
+    Accessors return a default for a property that is absent or has no value. They record what
+    was read; `report_unused` notes all other properties as left out.
     """
 
     def __init__(self, node: Node, scope: Scope, aliases: dict[str, str] | None = None) -> None:
@@ -83,52 +84,52 @@ class Properties:
         return name in self._values
 
     def ignore(self, *names: str) -> None:
-        """These mean nothing for the picture; they need no mention."""
+        """Exclude properties from `report_unused`."""
         self._used.update(names)
 
     def child(self, name: str) -> Node | None:
-        """The element that sets `name`, references followed."""
+        """Return the element that sets `name`, with references resolved, or None."""
         self._used.add(name)
         found = self._values.get(name)
         return None if found is None else self.scope.resolve(found)
 
     def number(self, name: str, default: float) -> float:
-        """A finite float."""
+        """Return a finite float."""
         return self._read(name, default, _number)
 
     def whole(self, name: str, default: int) -> int:
-        """An integer."""
+        """Return an integer."""
         return self._read(name, default, lambda node, text: int(_number(node, text)))
 
     def boolean(self, name: str, default: bool) -> bool:
-        """true or false."""
+        """Return a boolean."""
         return self._read(name, default, _boolean)
 
     def text(self, name: str, default: str) -> str:
-        """A string."""
+        """Return a string."""
         return self._read(name, default, lambda node, text: text)
 
     def vector(self, name: str) -> Float64Array | None:
-        """A point or vector, float64 (3,)."""
+        """Return a point or vector, float64 (3,), or None."""
         node = self.child(name)
         if node is None or self._missing(node):
             return None
         return _triple(node, 0.0)
 
     def transform(self, name: str = "to_world") -> Matrix4:
-        """A 4x4 matrix that acts on column vectors; the identity if absent."""
+        """Return a matrix (4, 4) for column vectors; the identity if absent."""
         node = self.child(name)
         return np.eye(4) if node is None else read_transform(node, self.scope)
 
     def color(self, name: str, emission: bool = False) -> Color | Node | None:
-        """Linear Rec. 709 RGB, or the texture element that sets it, or None where unset."""
+        """Return linear Rec. 709 RGB, the element of a texture, or None."""
         node = self.child(name)
         if node is None or self._missing(node):
             return None
         return read_color(node, self.scope, emission)
 
     def nested(self, *tags: str) -> list[Node]:
-        """Nested plugins of these kinds, references followed, in document order."""
+        """Return nested plugins with these tags, references resolved, in document order."""
         found = []
         for child in self._nested:
             target = self.scope.resolve(child)
@@ -138,12 +139,12 @@ class Properties:
         return found
 
     def report_unused(self) -> None:
-        """Name, in the list of changes, every property that was not understood."""
+        """Note every property that was not read as left out."""
         for name in self._values:
             if name not in self._used:
                 self.scope.changes.note(
-                    f"{self.node.tag} {self.node.type!r}: property {name!r} has no counterpart "
-                    "and was left out"
+                    f"{self.node.tag} {self.node.type!r}: property {name!r} has no equivalent and "
+                    "was left out"
                 )
             self._used.add(name)
         for child in self._nested:
@@ -160,27 +161,28 @@ class Properties:
         names = [name for text in node.attributes.values() for name in unresolved(text)]
         for name in names:
             self.scope.changes.note(
-                "parameter without a value, the default was used (give it with --parameter): {}",
+                "a parameter without a value was replaced by the default (set it with "
+                "--parameter): {}",
                 f"${name}",
             )
         return bool(names)
 
 
 def read_transform(node: Node, scope: Scope) -> Matrix4:
-    """The product of a `<transform>`'s steps, each applied after the ones before it."""
+    """Return the product (4, 4) of a `<transform>`'s steps, the first one applied first."""
     if node.tag == "animation":
-        scope.changes.note("an animation was frozen at its first keyframe")
+        scope.changes.note("an animation was replaced by its first keyframe")
         frames = [child for child in node.children if child.tag == "transform"]
         return read_transform(frames[0], scope) if frames else np.eye(4)
     if node.tag != "transform":
-        raise node.error("a transform is needed here")
+        raise node.error("must be a <transform>")
     matrix = np.eye(4)
     for step in node.children:
         kind = step.tag.lower()
         if kind == "matrix":
             values = _numbers(step, step.attributes.get("value", ""))
             if len(values) not in (9, 16):
-                raise step.error(f"a matrix has 16 values (or 9), not {len(values)}")
+                raise step.error(f"a matrix must have 16 or 9 values, not {len(values)}")
             move = np.eye(4)
             side = math.isqrt(len(values))
             move[:side, :side] = np.reshape(values, (side, side))
@@ -196,39 +198,41 @@ def read_transform(node: Node, scope: Scope) -> Matrix4:
         elif kind == "lookat":
             move = _look_at(step)
         else:
-            raise step.error("not a step that a transform can hold")
+            raise step.error(
+                "is not a step of a transform; use matrix, translate, scale, rotate or lookat"
+            )
         matrix = move @ matrix
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-18:
-        raise node.error("this transform flattens or loses the shape (its determinant is 0)")
+        raise node.error("the transform is not invertible (its determinant is 0)")
     return matrix
 
 
 def rotation(axis: Float64Array, angle: float, node: Node) -> Float64Array:
-    """The 3x3 rotation by `angle` radians about `axis` (Rodrigues)."""
+    """Return the rotation (3, 3) by `angle` radians about `axis` (3,) (Rodrigues)."""
     length = float(np.linalg.norm(axis))
     if length == 0:
-        raise node.error("a rotation needs an axis")
+        raise node.error("a rotation needs an axis other than 0, 0, 0")
     x, y, z = axis / length
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
 
 
 def read_color(node: Node, scope: Scope, emission: bool = False) -> Color | Node:
-    """Linear Rec. 709 RGB of a colour element in any of its spellings, or a texture element."""
+    """Return linear Rec. 709 RGB of a colour element of any type, or `node` if it is a texture."""
     text = node.attributes.get("value", "").strip()
     if node.tag == "texture":
         return node
     if node.tag in ("rgb", "srgb"):
         rgb = _hex(node, text) if text.startswith("#") else np.array(_numbers(node, text))
         if rgb.size not in (1, 3):
-            raise node.error(f"a colour has 3 values, not {rgb.size}")
+            raise node.error(f"a colour must have 1 or 3 values, not {rgb.size}")
         rgb = np.broadcast_to(rgb, 3).astype(float)
         if node.tag == "srgb":
             rgb = decode_srgb(rgb)
     elif node.tag == "xyz":
         rgb = np.array(_numbers(node, text))
         if rgb.size != 3:
-            raise node.error(f"a colour has 3 values, not {rgb.size}")
+            raise node.error(f"a colour must have 3 values, not {rgb.size}")
         rgb = np.maximum(XYZ_TO_RGB @ rgb, 0)
     elif node.tag in ("float", "integer"):
         rgb = np.full(3, _number(node, text))
@@ -242,7 +246,7 @@ def read_color(node: Node, scope: Scope, emission: bool = False) -> Color | Node
     elif node.tag == "spectrum":
         rgb = _spectrum(node, text, scope, emission)
     else:
-        raise node.error("not a colour or texture")
+        raise node.error("is neither a colour nor a texture")
     if (rgb < 0).any():
         raise node.error(f"a colour cannot be negative: {text!r}")
     return (float(rgb[0]), float(rgb[1]), float(rgb[2]))
@@ -253,12 +257,12 @@ def _spectrum(node: Node, text: str, scope: Scope, emission: bool) -> Float64Arr
         path = scope.sandbox.find(node.attributes["filename"], node.place)
         if path is None:
             scope.changes.note(
-                "missing spectrum file, a grey took its place: {}",
+                "missing spectrum file, replaced by grey: {}",
                 text or node.attributes["filename"],
             )
             return np.full(3, 1.0 if emission else 0.5)
         if path.stat().st_size > 2**20:
-            raise node.error(f"{path}: more than 1 MiB for a spectrum")
+            raise node.error(f"{path}: a spectrum file may have at most 1 MiB")
         lines = path.read_text(encoding="latin-1").splitlines()
         rows = [line.split("#")[0].split() for line in lines]
         text = ", ".join(":".join(row[:2]) for row in rows if len(row) >= 2)
@@ -274,27 +278,29 @@ def _spectrum(node: Node, text: str, scope: Scope, emission: bool) -> Float64Arr
     values = np.array([_number(node, pair[1].rstrip("f")) for pair in pairs])
     if (np.diff(wavelengths) <= 0).any():
         raise node.error("the wavelengths of a spectrum must increase")
-    scope.changes.note("a measured spectrum became its linear RGB colour")
+    scope.changes.note("a measured spectrum was converted to linear RGB")
     return spectrum_to_rgb(wavelengths, values)
 
 
 def _blackbody(node: Node, kelvin: float, scope: Scope) -> Float64Array:
     if not 100 <= kelvin <= 100_000:
-        raise node.error(f"a black body of {kelvin:g} K; from 100 to 100000 can be read")
-    scope.changes.note("a blackbody spectrum became its linear RGB colour")
+        raise node.error(
+            f"the temperature of the black body is {kelvin:g} K; it must be from 100 to 100000"
+        )
+    scope.changes.note("a blackbody spectrum was converted to linear RGB")
     return np.array(blackbody(kelvin)) * blackbody_radiance(kelvin)
 
 
 def _spectrum_plugin(node: Node, scope: Scope, emission: bool) -> Float64Array:
-    """Spectra of Mitsuba 2 and 3 that are plugins of their own, such as `<spectrum type="d65">`."""
+    """Linear RGB (3,) of a spectrum plugin of Mitsuba 2 or 3, such as `<spectrum type="d65">`."""
     properties = Properties(node, scope)
     properties.ignore("id")
     scale = properties.number("scale", 1.0)
     if node.type in ("uniform", "rawconstant", "srgb", "rgb", "d65"):
-        # D65 is white where colours are RGB; its `color` tints it.
+        # D65 is the white of RGB; its `color` tints it.
         found = properties.color("color", emission) or properties.color("value", emission)
         if isinstance(found, Node):
-            raise node.error("a spectrum cannot hold a texture")
+            raise node.error("a spectrum cannot have a texture")
         rgb = np.array(found if found is not None else (1.0, 1.0, 1.0)) * scale
     elif node.type == "blackbody":
         rgb = _blackbody(node, properties.number("temperature", 5000.0), scope) * scale
@@ -307,12 +313,12 @@ def _spectrum_plugin(node: Node, scope: Scope, emission: bool) -> Float64Array:
             high = properties.number("wavelength_max", 830.0)
             wavelengths = np.linspace(low, high, len(values))
         if len(values) < 2 or len(values) != len(wavelengths) or (np.diff(wavelengths) <= 0).any():
-            raise node.error("needs increasing wavelengths, two at least, and a value for each")
-        scope.changes.note("a measured spectrum became its linear RGB colour")
+            raise node.error("needs at least two increasing wavelengths and a value for each")
+        scope.changes.note("a measured spectrum was converted to linear RGB")
         rgb = spectrum_to_rgb(wavelengths, values)
     else:
         scope.changes.note(
-            "unknown spectrum, a grey took its place: {}", f"{node.type!r} ({node.place})"
+            "unknown spectrum, replaced by grey: {}", f"{node.type!r} ({node.place})"
         )
         properties.ignore(*(snake(child.name) for child in node.children))
         rgb = np.full(3, 1.0 if emission else 0.5)
@@ -333,7 +339,7 @@ def _look_at(node: Node) -> Matrix4:
             text = attributes.get(name, "0, 1, 0" if name == "up" else "")
             values = _numbers(node, text)
             if len(values) != 3:
-                raise node.error(f"{name} needs 3 values, got {text!r}")
+                raise node.error(f"{name} must have 3 values, got {text!r}")
             points.append(np.array(values))
         if "up" not in attributes or not points[2].any():
             points[2] = _some_up(points[1] - points[0])
@@ -344,7 +350,7 @@ def _look_at(node: Node) -> Matrix4:
 
 
 def _some_up(forward: Float64Array) -> Float64Array:
-    """What is up where a file does not say: +y, or +x for what looks along y, as lamps do."""
+    """The up direction (3,) of a look-at without one: +y, or +x for a view along y."""
     upright = np.linalg.norm(forward[[0, 2]]) > 1e-6 * np.linalg.norm(forward)
     return np.array([0.0, 1, 0] if upright else [1.0, 0, 0])
 
@@ -354,7 +360,7 @@ def _triple(node: Node, default: float) -> Float64Array:
     if "value" in attributes:
         values = _numbers(node, attributes["value"])
         if len(values) not in (1, 3):
-            raise node.error(f"needs 1 or 3 values, got {attributes['value']!r}")
+            raise node.error(f"must have 1 or 3 values, got {attributes['value']!r}")
         return np.broadcast_to(np.array(values, dtype=float), 3).copy()
     return np.array([_number(node, attributes.get(axis, str(default))) for axis in "xyz"])
 

@@ -1,1 +1,1 @@
-"""Scenes and single objects from glTF, GLB and OBJ files."""
+"""Importer of single model files: glTF, GLB and OBJ."""

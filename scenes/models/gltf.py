@@ -1,10 +1,15 @@
-"""glTF 2.0 scenes: the tree of nodes with its meshes, lights and cameras, in metres, Y up."""
+"""Reader of glTF 2.0 files: node tree, meshes, lights and cameras, in metres, Y up.
+
+Khronos, *glTF 2.0 Specification*. Containers, accessors, images and materials have modules of
+their own (`gltf_*`).
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,15 +21,24 @@ from scenes.geometry.mesh import Mesh, cleaned
 from scenes.importing.assembly import Camera
 from scenes.importing.changes import Changes
 from scenes.importing.names import Names
+from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape
 from scenes.importing.textures import TextureStore
 from scenes.models.gltf_accessors import read_colors, read_floats, read_indices
-from scenes.models.gltf_container import Asset, extensions, number, numbers, objects, whole
+from scenes.models.gltf_container import (
+    Asset,
+    extensions,
+    number,
+    numbers,
+    objects,
+    open_asset,
+    whole,
+)
 from scenes.models.gltf_images import Images
 from scenes.models.gltf_materials import GltfMaterials
-from scenes.models.model import Model, Punctual
+from scenes.models.model import Model, PunctualLight
 
-MAX_DEPTH = 256
+MAX_DEPTH = 256  # of nested nodes
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _LIGHTS = "KHR_lights_punctual"
 
@@ -33,15 +47,25 @@ _LIGHTS = "KHR_lights_punctual"
 class _Node:
     index: int
     node: dict[str, Any]
-    matrix: Float64Array  # to the file's world
-    names: tuple[str, ...]  # of the nodes from the root to this one
+    matrix: Float64Array  # (4, 4), to the file's world
+    names: tuple[str, ...]  # labels of the nodes from the root to this one
+
+
+def read_model(
+    path: Path, sandbox: Sandbox, textures: TextureStore, unpacked: Path, changes: Changes
+) -> Model:
+    """Read a `.gltf` or `.glb` file; see `importer.ModelReader`."""
+    asset = open_asset(path, sandbox)
+    return read_gltf(asset, Images(asset, unpacked, changes), textures, changes)
 
 
 def read_gltf(asset: Asset, images: Images, textures: TextureStore, changes: Changes) -> Model:
-    """Everything in the file's scene; `InputError` names the element that cannot be used."""
+    """Read everything in the file's scene.
+
+    Raises `InputError` that names the element which cannot be used.
+    """
     info = asset.data["asset"]
     model = Model(
-        metres=True,
         y_up=True,
         kind="gltf",
         version=str(info.get("version", "")),
@@ -64,8 +88,8 @@ class _Reader:
     def read(self) -> None:
         for name in ("animations", "skins"):
             if self.asset.items(name):
-                self.changes.note(f"{name} were left out; everything stays in its first pose")
-        # The whole tree first, so that a damaged one is refused before any mesh is read.
+                self.changes.note(f"{name} were left out; nodes keep their initial pose")
+        # The whole tree is read first, so that a damaged one is refused before any mesh is read.
         for node in list(self._walk()):
             if "mesh" in node.node:
                 self._mesh(node)
@@ -77,7 +101,7 @@ class _Reader:
                 self.changes.note("instances of EXT_mesh_gpu_instancing were left out")
 
     def _walk(self) -> Iterator[_Node]:
-        """Every node of the scene once, parents first; refuses circles and shared children."""
+        """Iterate over the nodes of the scene, parents first; refuse cycles and shared children."""
         nodes = self.asset.items("nodes")
         seen: set[int] = set()
         stack: list[tuple[int, Float64Array, tuple[str, ...]]] = [
@@ -87,15 +111,15 @@ class _Reader:
             index, above, names = stack.pop()
             place = f"{self.asset.path}: nodes[{index}]"
             if index in seen:
-                raise InputError(f"{place}: is reached twice; nodes must form a tree")
+                raise InputError(f"{place}: is referenced twice; nodes must form a tree")
             seen.add(index)
             if len(names) >= MAX_DEPTH:
-                raise InputError(f"{place}: nodes nested more than {MAX_DEPTH} deep; refused")
+                raise InputError(f"{place}: nodes are nested more than {MAX_DEPTH} deep")
             node = nodes[index]
             matrix = above @ local_matrix(node, place)
             here = (*names, f"{index}:{node.get('name') or ''}")
             if abs(np.linalg.det(matrix[:3, :3])) < 1e-18 or not np.isfinite(matrix).all():
-                self.changes.note("a node of no size was left out: {}", here[-1])
+                self.changes.note("a node scaled to zero size was left out: {}", here[-1])
                 continue
             yield _Node(index, node, matrix, here)
             children = self._indices(node.get("children", []), f"{place}.children")
@@ -105,7 +129,7 @@ class _Reader:
         scenes = self.asset.items("scenes")
         if scenes:
             if len(scenes) > 1:
-                self.changes.note("of several scenes in the file only the shown one was read")
+                self.changes.note("the file has several scenes; only the default scene was read")
             scene = self.asset.item("scenes", self.asset.data.get("scene", 0), "scene")
             return self._indices(scene.get("nodes", []), f"{self.asset.path}: scene.nodes")
         children = {child for node in nodes for child in node.get("children", [])
@@ -133,8 +157,8 @@ class _Reader:
     ) -> None:
         where = f"meshes[{mesh}].primitives[{order}]"
         if "KHR_draco_mesh_compression" in extensions(primitive):
-            # The plain accessors are the fallback, where the file has one; else they say so.
-            self.changes.note("the uncompressed twin of Draco geometry was read")
+            # The accessors hold an uncompressed fallback, or reading them raises an error.
+            self.changes.note("Draco geometry was left out; its uncompressed fallback was read")
         attributes = primitive.get("attributes")
         if not isinstance(attributes, dict) or "POSITION" not in attributes:
             self.changes.note("a primitive without positions was left out: {}", label)
@@ -147,31 +171,35 @@ class _Reader:
         if "COLOR_0" in attributes:
             mean = read_colors(self.asset, attributes["COLOR_0"], f"{where}.COLOR_0").mean(axis=0)
             if mean.min() < 0.999:
-                self.changes.note("colours of vertices became their mean: {}", label)
+                self.changes.note("vertex colours were replaced by their mean: {}", label)
                 tint = (
                     round(float(mean[0]), 4),
                     round(float(mean[1]), 4),
                     round(float(mean[2]), 4),
                 )
-        finish = self.materials.finish(primitive.get("material"), tint)
-        key = (mesh, order, finish.texcoord)
+        material = self.materials.material(primitive.get("material"), tint)
+        key = (mesh, order, material.texcoord)
         if key not in self._meshes:
-            self._meshes[key] = self._geometry(attributes, primitive, mode, finish.texcoord, where)
-        own = self._meshes[key]
-        if not len(own.faces):
+            self._meshes[key] = self._geometry(
+                attributes, primitive, mode, material.texcoord, where
+            )
+        local = self._meshes[key]
+        if not len(local.faces):
             self.changes.note("a primitive without area was left out: {}", label)
             return
-        self.triangles += len(own.faces)
+        self.triangles += len(local.faces)
         if self.triangles > MAX_SCENE_TRIANGLES or len(self.model.shapes) >= MAX_SHAPES:
             raise InputError(
-                f"{self.asset.path}: more than {MAX_SCENE_TRIANGLES:,} triangles or "
-                f"{MAX_SHAPES:,} shapes; refused"
+                f"{self.asset.path}: the file has more than the limit of "
+                f"{MAX_SCENE_TRIANGLES:,} triangles or {MAX_SHAPES:,} shapes"
             )
-        shape = Shape(self.names.unique(label), label, own.transformed(node.matrix), finish.surface)
+        shape = Shape(
+            self.names.unique(label), label, local.transformed(node.matrix), material.surface
+        )
         self.model.shapes.append(shape)
-        self.model.owners[shape.id] = node.names
-        if finish.glow is not None:
-            self.model.glows[shape.id] = finish.glow
+        self.model.node_paths[shape.id] = node.names
+        if material.emission is not None:
+            self.model.emissions[shape.id] = material.emission
 
     def _geometry(
         self, attributes: dict[str, Any], primitive: dict[str, Any], mode: int, uv: int, where: str
@@ -190,13 +218,14 @@ class _Reader:
                 values = read_floats(asset, attributes[name], width, f"{where}.{name}")
                 if len(values) != len(points):
                     raise InputError(
-                        f"{asset.path}: {where}: {len(points)} positions, {len(values)} of {name}"
+                        f"{asset.path}: {where}: has {len(points)} positions but {len(values)} "
+                        f"elements of {name}"
                     )
                 optional[name] = values
         mesh = Mesh(points, faces, optional["NORMAL"], optional[f"TEXCOORD_{uv}"])
         mesh, dropped = cleaned(mesh, f"{asset.path}: {where}")
         if dropped:
-            self.changes.note("triangles without area were dropped from {}", where)
+            self.changes.note("triangles without area were left out of {}", where)
         return mesh
 
     def _camera(self, node: _Node) -> None:
@@ -204,12 +233,12 @@ class _Reader:
         camera = self.asset.item("cameras", index, f"nodes[{node.index}].camera")
         lens = camera.get("perspective")
         if camera.get("type") != "perspective" or not isinstance(lens, dict):
-            self.changes.note("a camera without perspective was left out")
+            self.changes.note("a camera without perspective projection was left out")
             return
         place = f"{self.asset.path}: cameras[{index}]"
         half = 0.5 * number(lens.get("yfov"), f"{place}.yfov", 0.01, 3.0)
         aspect = number(lens.get("aspectRatio", 4 / 3), f"{place}.aspectRatio", 0.1, 10)
-        # glTF looks along -Z with +X to the right, Mitsuba along +Z with +X to the left.
+        # glTF cameras look along -Z with +X to the right, Mitsuba's along +Z with +X to the left.
         pose = node.matrix @ np.diag([-1.0, 1, -1, 1])
         name = str(node.node.get("name") or camera.get("name") or f"camera_{index}")
         size = (round(480 * aspect), 480)
@@ -224,15 +253,15 @@ class _Reader:
         light = listed[whole(index, place, 0, len(listed) - 1)]
         kind = light.get("type")
         if kind not in ("point", "spot", "directional"):
-            self.changes.note("a light of kind {} was left out", repr(kind)[:40])
+            self.changes.note("a light of unknown type was left out: {}", repr(kind)[:40])
             return
         color = numbers(light.get("color", [1, 1, 1]), 3, f"{place}.color")
         cone = light.get("spot")
         cone = cone if isinstance(cone, dict) else {}
         if "range" in light:
-            self.changes.note("the range of a light was left out; light has no end")
+            self.changes.note("the range of a light was ignored; its light has no limit")
         self.model.lights.append(
-            Punctual(
+            PunctualLight(
                 kind,
                 (max(color[0], 0.0), max(color[1], 0.0), max(color[2], 0.0)),
                 number(light.get("intensity", 1), f"{place}.intensity", 0, 1e12),
@@ -244,17 +273,17 @@ class _Reader:
 
 
 def local_matrix(node: dict[str, Any], place: str) -> Float64Array:
-    """A node's own transform, float64 (4, 4), on column vectors: its matrix, or T R S."""
+    """The transform of a node to its parent, float64 (4, 4): its matrix, or T R S."""
     if "matrix" in node:
         values = numbers(node["matrix"], 16, f"{place}.matrix")
         matrix = np.reshape(values, (4, 4)).T
         if not np.allclose(matrix[3], [0, 0, 0, 1], atol=1e-5):
-            raise InputError(f"{place}.matrix: not an affine transform")
+            raise InputError(f"{place}.matrix: is not an affine transform")
         return np.array(matrix)
     x, y, z, w = numbers(node.get("rotation", [0, 0, 0, 1]), 4, f"{place}.rotation")
     length = math.sqrt(x * x + y * y + z * z + w * w)
     if length < 1e-9:
-        raise InputError(f"{place}.rotation: a quaternion of length 0")
+        raise InputError(f"{place}.rotation: is a quaternion of length 0")
     x, y, z, w = x / length, y / length, z / length, w / length
     turn = np.array(
         [
@@ -270,6 +299,7 @@ def local_matrix(node: dict[str, Any], place: str) -> Float64Array:
 
 
 def _triangles(corners: Int64Array, mode: int) -> Int64Array:
+    """Faces (F, 3) of a primitive's indices (N,): a list, strip or fan of triangles."""
     if mode == _TRIANGLES:
         return corners[: len(corners) // 3 * 3].reshape(-1, 3)
     if len(corners) < 3:

@@ -1,7 +1,7 @@
-"""glTF files taken apart: JSON and buffers of `.gltf` and `.glb`, checked before anything is used.
+"""JSON and buffers of `.gltf` and `.glb` files, with checked access.
 
-Khronos, *glTF 2.0 Specification*. Files come from strangers: sizes, counts and references are
-bounded, nothing outside the file's own folder is opened, nothing is fetched.
+Khronos, *glTF 2.0 Specification*. Files are not trusted: sizes, counts and references are
+bounded, nothing outside the file's own folder is opened, and nothing is downloaded.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from scenes.errors import InputError
 from scenes.importing.sandbox import Sandbox
 
 MAX_BYTES = 512 * 2**20  # of a file, and of all buffers together
-MAX_JSON = 64 * 2**20
+MAX_JSON = 64 * 2**20  # bytes
 MAX_ITEMS = 100_000  # of any list in the JSON
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
-# What may be required and is understood, or may be ignored without harm to the picture.
+# Extensions that a file may require.
 UNDERSTOOD = frozenset(
     (
         "KHR_lights_punctual",
@@ -41,6 +41,7 @@ UNDERSTOOD = frozenset(
         "EXT_texture_webp",
     )
 )
+# Extensions that a file may require and that are ignored, with little effect on the image.
 IGNORED = frozenset(
     (
         "KHR_animation_pointer",
@@ -62,7 +63,7 @@ _COMPRESSED = {
 
 @dataclass
 class Asset:
-    """One glTF file: its JSON and where its buffers come from."""
+    """One glTF file: its JSON and access to its buffers."""
 
     path: Path
     data: dict[str, Any]
@@ -72,39 +73,44 @@ class Asset:
     _lists: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
 
     def items(self, name: str) -> list[dict[str, Any]]:
-        """A top-level list of objects, such as "nodes"; empty if absent. Checked once."""
+        """Return a top-level list of objects, such as "nodes"; empty if absent."""
         if name not in self._lists:
             self._lists[name] = objects(self.data, name, str(self.path))
         return self._lists[name]
 
     def item(self, name: str, index: Any, where: str) -> dict[str, Any]:
-        """Element `index` of a top-level list; refuses an index beyond it."""
+        """Return element `index` of a top-level list; `InputError` if there is none."""
         found = self.items(name)
         return found[whole(index, f"{self.path}: {where}", 0, len(found) - 1)]
 
     def buffer(self, index: int) -> bytes:
-        """The bytes of a buffer, at least as many as it declares."""
+        """Return the bytes of a buffer, at least as many as it declares."""
         if index not in self._buffers:
             self._buffers[index] = self._load(index)
             if sum(map(len, self._buffers.values())) > MAX_BYTES:
-                raise InputError(f"{self.path}: buffers of more than {MAX_BYTES >> 20} MiB")
+                raise InputError(
+                    f"{self.path}: buffers are larger than the limit of {MAX_BYTES >> 20} MiB"
+                )
         return self._buffers[index]
 
     def view(self, index: Any, where: str) -> tuple[bytes, int]:
-        """The bytes of a buffer view and its stride (0: packed)."""
+        """Return the bytes of a buffer view and its stride (0: packed)."""
         view = self.item("bufferViews", index, where)
         label = f"{self.path}: bufferViews[{index}]"
         for name in extensions(view):
             if name in _COMPRESSED:
-                raise InputError(f"{label}: {_COMPRESSED[name]} ({name}) cannot be read")
+                raise InputError(
+                    f"{label}: {_COMPRESSED[name]} ({name}) is not supported; export the file "
+                    "again without that compression"
+                )
         number = whole(view.get("buffer"), f"{label}.buffer", 0, len(self.items("buffers")) - 1)
         data = self.buffer(number)
         start = whole(view.get("byteOffset", 0), f"{label}.byteOffset", 0, MAX_BYTES)
         length = whole(view.get("byteLength"), f"{label}.byteLength", 1, MAX_BYTES)
         if start + length > len(data):
             raise InputError(
-                f"{label}: bytes {start} to {start + length} of a buffer of {len(data)}; "
-                "the file is truncated or damaged"
+                f"{label}: needs bytes {start} to {start + length} of a buffer of {len(data)} "
+                "bytes; the file is truncated or damaged"
             )
         return data[start : start + length], whole(
             view.get("byteStride", 0), f"{label}.byteStride", 0, 252
@@ -117,43 +123,48 @@ class Asset:
         uri = buffer.get("uri")
         if uri is None:
             if index != 0 or self.binary is None:
-                raise InputError(f"{label}: has no data; a .glb file keeps it in its second chunk")
+                raise InputError(
+                    f"{label}: has no data; a .glb file must have it in its second chunk"
+                )
             data = self.binary
         else:
             data = self.fetch(uri, label)
         if len(data) < length:
-            raise InputError(f"{label}: {length} bytes are declared, {len(data)} are there")
+            raise InputError(f"{label}: declares {length} bytes but has {len(data)}")
         return data
 
     def fetch(self, uri: Any, label: str) -> bytes:
-        """The bytes behind a URI: data in the file, or a file in its folder."""
+        """Return the bytes of a URI: embedded data, or a file in the asset's folder."""
         if isinstance(uri, str) and uri.startswith("data:"):
             return decode_data_uri(uri, label)
         path = self.find(uri, label)
         if path is None:
             raise InputError(
-                f"{label}: the file {uri[:200]!r} is missing; put it beside {self.path}"
+                f"{label}: the file {uri[:200]!r} is missing; put it into the folder of {self.path}"
             )
         if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{label}: {path} is larger than {MAX_BYTES >> 20} MiB")
+            raise InputError(f"{label}: {path} is larger than the limit of {MAX_BYTES >> 20} MiB")
         return path.read_bytes()
 
     def find(self, uri: Any, label: str) -> Path | None:
-        """The file that a relative URI names, None where it is missing."""
+        """Return the path of the file that a relative URI names, or None if it is missing."""
         if not isinstance(uri, str):
-            raise InputError(f"{label}: a URI must be text, got {uri!r:.60}")
+            raise InputError(f"{label}: a URI must be a string, got {uri!r:.60}")
         if uri.split(":")[0].lower() in ("http", "https", "ftp", "file"):
             raise InputError(
-                f"{label}: {uri[:120]!r} lies elsewhere; put that file beside {self.path}"
+                f"{label}: {uri[:120]!r} is not downloaded; put that file into the folder of "
+                f"{self.path} and name it by a relative path"
             )
         return self.sandbox.find(unquote(uri), label)
 
 
 def open_asset(path: Path, sandbox: Sandbox) -> Asset:
-    """Read a `.gltf` or `.glb` file; `InputError` names what is broken or not supported."""
+    """Open a `.gltf` or `.glb` file; `InputError` names what is damaged or not supported."""
     size = path.stat().st_size
     if size > MAX_BYTES:
-        raise InputError(f"{path}: {size / 2**20:.0f} MiB; at most {MAX_BYTES >> 20} MiB")
+        raise InputError(
+            f"{path}: the file has {size / 2**20:.0f} MiB; the limit is {MAX_BYTES >> 20} MiB"
+        )
     data = path.read_bytes()
     binary = None
     if data[:4] == b"glTF":
@@ -161,7 +172,9 @@ def open_asset(path: Path, sandbox: Sandbox) -> Asset:
     else:
         text = data
     if len(text) > MAX_JSON:
-        raise InputError(f"{path}: {len(text) >> 20} MiB of JSON; at most {MAX_JSON >> 20} MiB")
+        raise InputError(
+            f"{path}: the JSON has {len(text) >> 20} MiB; the limit is {MAX_JSON >> 20} MiB"
+        )
     try:
         parsed = json.loads(text.decode("utf-8-sig"), parse_constant=_no_constant)
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
@@ -170,34 +183,34 @@ def open_asset(path: Path, sandbox: Sandbox) -> Asset:
         raise InputError(f"{path}: not a glTF file; it has no 'asset'")
     version = str(parsed["asset"].get("version", ""))
     if version.split(".")[0] != "2":
-        raise InputError(f"{path}: glTF version {version[:20]!r}; only version 2 can be read")
+        raise InputError(f"{path}: glTF version {version[:20]!r} is not supported, only version 2")
     required = parsed.get("extensionsRequired", [])
     if not isinstance(required, list):
         raise InputError(f"{path}: extensionsRequired must be a list")
     for name in required:
         if name in _COMPRESSED:
             raise InputError(
-                f"{path}: needs {_COMPRESSED[name]} ({name}), which cannot be read; "
+                f"{path}: requires {_COMPRESSED[name]} ({name}), which is not supported; "
                 "export the file again without that compression"
             )
         if name not in UNDERSTOOD | IGNORED:
-            raise InputError(f"{path}: needs the extension {name!r:.80}, which is not supported")
+            raise InputError(f"{path}: requires the extension {name!r:.80}, which is not supported")
     return Asset(path, parsed, sandbox, binary)
 
 
 def decode_data_uri(uri: str, label: str) -> bytes:
-    """The bytes of a base64 `data:` URI."""
+    """Decode a base64 `data:` URI."""
     head, comma, body = uri.partition(",")
     if not comma or not head.endswith(";base64"):
-        raise InputError(f"{label}: a data URI that is not base64: {uri[:60]!r}")
+        raise InputError(f"{label}: the data URI is not base64: {uri[:60]!r}")
     try:
         return base64.b64decode(body, validate=True)
     except (binascii.Error, ValueError) as error:
-        raise InputError(f"{label}: a damaged data URI ({error})") from None
+        raise InputError(f"{label}: the data URI is damaged ({error})") from None
 
 
 def extensions(item: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """The extensions of a JSON object, those that are objects themselves."""
+    """Return the extensions of a JSON object that are objects themselves, by name."""
     found = item.get("extensions")
     if not isinstance(found, dict):
         return {}
@@ -205,60 +218,61 @@ def extensions(item: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def objects(data: dict[str, Any], name: str, where: str) -> list[dict[str, Any]]:
-    """A list of JSON objects; empty if absent."""
+    """Return the list of JSON objects called `name`; empty if absent."""
     found = data.get(name, [])
     if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
         raise InputError(f"{where}: {name} must be a list of objects")
     if len(found) > MAX_ITEMS:
-        raise InputError(f"{where}: {len(found):,} {name}; at most {MAX_ITEMS:,}")
+        raise InputError(f"{where}: has {len(found):,} {name}; the limit is {MAX_ITEMS:,}")
     return found
 
 
 def whole(value: Any, where: str, low: int, high: int) -> int:
-    """An integer in [low, high]."""
+    """Check an integer in [low, high] and return it."""
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-        raise InputError(
-            f"{where}: expected a whole number from {low} to {high}, got {value!r:.60}"
-        )
+        raise InputError(f"{where}: expected an integer from {low} to {high}, got {value!r:.60}")
     return value
 
 
 def number(value: Any, where: str, low: float = -math.inf, high: float = math.inf) -> float:
-    """A finite number, clipped to [low, high]."""
+    """Check a finite number and return it, clipped to [low, high]."""
     if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
         raise InputError(f"{where}: expected a finite number, got {value!r:.60}")
     return float(min(max(value, low), high))
 
 
 def numbers(value: Any, count: int, where: str) -> list[float]:
-    """A list of `count` finite numbers."""
+    """Check a list of `count` finite numbers and return it."""
     if not isinstance(value, list) or len(value) != count:
         raise InputError(f"{where}: expected {count} numbers, got {value!r:.60}")
     return [number(item, where) for item in value]
 
 
 def _chunks(path: Path, data: bytes) -> tuple[bytes, bytes | None]:
+    """The JSON chunk and, if there is one, the binary chunk of a GLB file."""
     if len(data) < 20:
-        raise InputError(f"{path}: a truncated GLB file")
+        raise InputError(f"{path}: the GLB file is truncated")
     version, length = struct.unpack_from("<II", data, 4)
     if version != 2:
-        raise InputError(f"{path}: GLB version {version}; only version 2 can be read")
+        raise InputError(f"{path}: GLB version {version} is not supported, only version 2")
     if length > len(data):
-        raise InputError(f"{path}: truncated; {length} bytes are declared, {len(data)} are there")
+        raise InputError(
+            f"{path}: the file is truncated; it declares {length} bytes but has {len(data)}"
+        )
     at, found = 12, []
     while at + 8 <= length:
         size, kind = struct.unpack_from("<II", data, at)
         at += 8
         if at + size > length:
-            raise InputError(f"{path}: a chunk of {size} bytes reaches beyond the file")
+            raise InputError(f"{path}: a chunk of {size} bytes reaches beyond the end of the file")
         found.append((kind, data[at : at + size]))
         at += size
     if not found or found[0][0] != _JSON_CHUNK:
-        raise InputError(f"{path}: a GLB file whose first chunk is not JSON")
+        raise InputError(f"{path}: the first chunk of the GLB file is not JSON")
     return found[0][1], next((body for kind, body in found[1:] if kind == _BINARY_CHUNK), None)
 
 
 def _no_constant(name: str) -> Any:
-    raise ValueError(f"{name} is not a number that JSON knows")
+    raise ValueError(f"{name} is not a valid number in JSON")

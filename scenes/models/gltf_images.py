@@ -1,4 +1,4 @@
-"""Images of a glTF file as files on disk, wherever they were: beside it, inside it, in its JSON."""
+"""Images of a glTF file as files on disk, whether external, in a buffer or in a data URI."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ _MAGIC = {b"\x89PNG": ".png", b"\xff\xd8\xff": ".jpg", b"RIFF": ".webp"}
 
 
 @dataclass(frozen=True)
-class Image:
-    """A texture as a material names it: a file, how it repeats, and which coordinates it takes."""
+class ImageTexture:
+    """A texture of a material: image file, sampling and texture coordinates."""
 
     path: Path
-    wrap: str = "repeat"
-    nearest: bool = False
-    texcoord: int = 0
-    to_uv: Float64Array | None = None  # 4x4, as Mitsuba takes it
+    wrap: str = "repeat"  # "repeat", "clamp" or "mirror"
+    nearest: bool = False  # nearest-neighbour filtering
+    texcoord: int = 0  # number of the set of texture coordinates
+    to_uv: Float64Array | None = None  # (4, 4), Mitsuba's `to_uv`
 
 
 @dataclass
 class Images:
-    """Finds the images of `asset`; those inside it are unpacked into `folder`."""
+    """Finds the images of `asset`; embedded ones are unpacked into `folder`."""
 
     asset: Asset
     folder: Path
     changes: Changes
     _paths: dict[int, Path | None] = field(default_factory=dict)
 
-    def texture(self, info: Any, where: str) -> Image | None:
-        """The texture that a textureInfo object means; None, with a note, where it is missing."""
+    def texture(self, info: Any, where: str) -> ImageTexture | None:
+        """Return the texture of a textureInfo object; None, with a note, if it is missing."""
         if not isinstance(info, dict):
             return None
         texture = self.asset.item("textures", info.get("index"), where)
@@ -59,17 +59,19 @@ class Images:
         wraps = [_WRAPS.get(sampler.get(key, 10497), "repeat") for key in ("wrapS", "wrapT")]
         if wraps[0] != wraps[1]:
             self.changes.note(
-                "a texture repeats differently in its two directions; the first counts: {}",
+                "a texture has two wrap modes; the mode in u was used for both directions: {}",
                 path.name,
             )
         texcoord = whole(info.get("texCoord", 0), f"{self.asset.path}: {where}.texCoord", 0, 15)
-        moved = extensions(info).get("KHR_texture_transform")
+        transform = extensions(info).get("KHR_texture_transform")
         to_uv = None
-        if moved is not None:
-            to_uv = texture_matrix(moved, f"{self.asset.path}: {where}")
-            if "texCoord" in moved:
-                texcoord = whole(moved["texCoord"], f"{self.asset.path}: {where}.texCoord", 0, 15)
-        return Image(path, wraps[0], sampler.get("magFilter") == _NEAREST, texcoord, to_uv)
+        if transform is not None:
+            to_uv = texture_matrix(transform, f"{self.asset.path}: {where}")
+            if "texCoord" in transform:
+                texcoord = whole(
+                    transform["texCoord"], f"{self.asset.path}: {where}.texCoord", 0, 15
+                )
+        return ImageTexture(path, wraps[0], sampler.get("magFilter") == _NEAREST, texcoord, to_uv)
 
     def _path(self, index: int) -> Path | None:
         if index not in self._paths:
@@ -88,7 +90,7 @@ class Images:
                     raise
                 path = None
             if path is None:
-                self.changes.note("missing texture, the plain colour stands for it: {}", uri[:120])
+                self.changes.note("missing texture, replaced by the plain colour: {}", uri[:120])
             return path
         if uri is not None:
             data = self.asset.fetch(uri, label)
@@ -96,7 +98,7 @@ class Images:
             data, _ = self.asset.view(image.get("bufferView"), f"images[{index}].bufferView")
         suffix = next((s for magic, s in _MAGIC.items() if data.startswith(magic)), None)
         if suffix is None:
-            self.changes.note("an image of an unknown kind was left out: {}", f"images[{index}]")
+            self.changes.note("an image of unknown format was left out: {}", f"images[{index}]")
             return None
         stem = "".join(
             c if c.isascii() and c.isalnum() else "_" for c in str(image.get("name", ""))
@@ -106,14 +108,14 @@ class Images:
         return path
 
 
-def texture_matrix(moved: dict[str, Any], where: str) -> Float64Array:
-    """The matrix of KHR_texture_transform: scale, then turn counter-clockwise, then shift.
+def texture_matrix(transform: dict[str, Any], where: str) -> Float64Array:
+    """The matrix (4, 4) of KHR_texture_transform: scale, rotate counter-clockwise, translate.
 
-    v points down in an image, so the turn's signs are those of a left-handed plane.
+    v points down in an image, so the rotation has the signs of a left-handed plane.
     """
-    offset = numbers(moved.get("offset", [0, 0]), 2, f"{where}.offset")
-    scale = numbers(moved.get("scale", [1, 1]), 2, f"{where}.scale")
-    angle = number(moved.get("rotation", 0), f"{where}.rotation")
+    offset = numbers(transform.get("offset", [0, 0]), 2, f"{where}.offset")
+    scale = numbers(transform.get("scale", [1, 1]), 2, f"{where}.scale")
+    angle = number(transform.get("rotation", 0), f"{where}.rotation")
     cos, sin = np.cos(angle), np.sin(angle)
     matrix = np.eye(4)
     matrix[:2, :2] = np.array([[cos, sin], [-sin, cos]]) @ np.diag(scale)

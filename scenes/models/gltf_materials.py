@@ -1,7 +1,8 @@
-"""glTF materials as Mitsuba's: metallic-roughness on `principled`, transmission as glass.
+"""glTF materials as Mitsuba 3 BSDFs: metallic-roughness as `principled`, transmission as glass.
 
 Khronos, *glTF 2.0 Specification*, section 3.9 and appendix B; the KHR_materials_* extensions.
-Both have alpha = roughness squared, so roughness and metalness go over unchanged.
+glTF and `principled` both define alpha = roughness squared, so roughness and metalness are used
+unchanged.
 """
 
 from __future__ import annotations
@@ -12,16 +13,17 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.color import Color
 from scenes.importing.changes import Changes
 from scenes.importing.shape import Surface
 from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin, prop
 from scenes.models.gltf_container import Asset, extensions, number, numbers
-from scenes.models.gltf_images import Image, Images
-from scenes.models.model import Glow
+from scenes.models.gltf_images import Images, ImageTexture
+from scenes.models.model import Emission
 
-CLEAR_ROUGHNESS = 0.1  # up to which one sees through glass as through a window
+CLEAR_ROUGHNESS = 0.1  # up to which glass counts as clear
 _WHITE: Color = (1.0, 1.0, 1.0)
 _HANDLED = frozenset(
     (
@@ -38,34 +40,34 @@ _HANDLED = frozenset(
 
 
 @dataclass(frozen=True)
-class Finish:
-    """A translated material: its surface, its light, and which texture coordinates it takes."""
+class GltfMaterial:
+    """A translated material."""
 
     surface: Surface
-    glow: Glow | None = None
-    texcoord: int = 0
+    emission: Emission | None = None
+    texcoord: int = 0  # number of the set of texture coordinates
 
 
 @dataclass
 class GltfMaterials:
-    """Translates the materials of `asset`; each, with each tint, once."""
+    """Translates the materials of `asset`, each combination with a tint once."""
 
     asset: Asset
     images: Images
     textures: TextureStore
     changes: Changes
-    _made: dict[tuple[int | None, Color], Finish] = field(default_factory=dict)
+    _translated: dict[tuple[int | None, Color], GltfMaterial] = field(default_factory=dict)
 
-    def finish(self, index: Any, tint: Color = _WHITE) -> Finish:
-        """Material `index` (None: the default one), its base colour times `tint`."""
+    def material(self, index: Any, tint: Color = _WHITE) -> GltfMaterial:
+        """Return material `index` (None: the default one), its base colour times `tint`."""
         if index is not None:
             self.asset.item("materials", index, "primitive.material")
         key = (index, tint)
-        if key not in self._made:
-            self._made[key] = self._translate(index, tint)
-        return self._made[key]
+        if key not in self._translated:
+            self._translated[key] = self._translate(index, tint)
+        return self._translated[key]
 
-    def _translate(self, index: int | None, tint: Color) -> Finish:
+    def _translate(self, index: int | None, tint: Color) -> GltfMaterial:
         material = {} if index is None else self.asset.items("materials")[index]
         where = f"materials[{index}]"
         name = str(material.get("name") or where)
@@ -73,33 +75,33 @@ class GltfMaterials:
         for extension in sorted(set(more) - _HANDLED):
             self.changes.note(f"material extension {extension} was left out: {{}}", name)
         if "occlusionTexture" in material:
-            self.changes.note("baked occlusion was left out; the renderer finds its own")
-        paint = self._paint(material, more, tint, where)
-        glow, glow_image = self._glow(material, more, where)
-        surface = self._surface(material, more, paint, where)
+            self.changes.note("baked ambient occlusion was left out")
+        parameters = self._pbr_parameters(material, more, tint, where)
+        emission, emission_image = self._emission(material, more, where)
+        surface = self._surface(material, more, parameters, where)
         surface.name = name
-        used = [image for image in (*paint.images, glow_image) if image is not None]
+        used = [image for image in (*parameters.images, emission_image) if image is not None]
         texcoord = used[0].texcoord if used else 0
         if any(image.texcoord != texcoord for image in used):
             self.changes.note("a second set of texture coordinates was left out: {}", name)
-        return Finish(surface, glow, texcoord)
+        return GltfMaterial(surface, emission, texcoord)
 
-    def _paint(
+    def _pbr_parameters(
         self, material: dict[str, Any], more: dict[str, Any], tint: Color, where: str
-    ) -> _Paint:
-        """Base colour, roughness and metalness, from either of glTF's two ways to say them."""
+    ) -> _PbrParameters:
+        """Base colour, roughness and metalness, from either of glTF's two parametrisations."""
         place = f"{self.asset.path}: {where}"
-        glossy = more.get("KHR_materials_pbrSpecularGlossiness")
-        if glossy is not None and "pbrMetallicRoughness" not in material:
+        spec_gloss = more.get("KHR_materials_pbrSpecularGlossiness")
+        if spec_gloss is not None and "pbrMetallicRoughness" not in material:
             self.changes.note("a specular-glossiness material became metallic-roughness")
-            factor = _colour(glossy.get("diffuseFactor", [1, 1, 1, 1]), 4, place)
-            gloss = number(glossy.get("glossinessFactor", 1), place, 0, 1)
-            base = self.images.texture(glossy.get("diffuseTexture"), where)
-            return _Paint(factor * [*tint, 1.0], base, 1 - gloss, 0.0, None)
+            factor = _clipped(spec_gloss.get("diffuseFactor", [1, 1, 1, 1]), 4, place)
+            glossiness = number(spec_gloss.get("glossinessFactor", 1), place, 0, 1)
+            base = self.images.texture(spec_gloss.get("diffuseTexture"), where)
+            return _PbrParameters(factor * [*tint, 1.0], base, 1 - glossiness, 0.0, None)
         pbr = material.get("pbrMetallicRoughness")
         pbr = pbr if isinstance(pbr, dict) else {}
-        factor = _colour(pbr.get("baseColorFactor", [1, 1, 1, 1]), 4, place)
-        return _Paint(
+        factor = _clipped(pbr.get("baseColorFactor", [1, 1, 1, 1]), 4, place)
+        return _PbrParameters(
             factor * [*tint, 1.0],
             self.images.texture(pbr.get("baseColorTexture"), where),
             number(pbr.get("roughnessFactor", 1), place, 0, 1),
@@ -108,36 +110,36 @@ class GltfMaterials:
         )
 
     def _surface(
-        self, material: dict[str, Any], more: dict[str, Any], paint: _Paint, where: str
+        self, material: dict[str, Any], more: dict[str, Any], parameters: _PbrParameters, where: str
     ) -> Surface:
         place = f"{self.asset.path}: {where}"
         transmission = more.get("KHR_materials_transmission", {})
-        through = number(transmission.get("transmissionFactor", 0), place, 0, 1)
-        if through >= 0.5:
-            if through < 0.99 or "transmissionTexture" in transmission:
+        transmission_share = number(transmission.get("transmissionFactor", 0), place, 0, 1)
+        if transmission_share >= 0.5:
+            if transmission_share < 0.99 or "transmissionTexture" in transmission:
                 self.changes.note("a partly transmitting material became clear glass")
-            return self._glass(more, paint, place)
-        if through > 0:
+            return self._glass(more, parameters, place)
+        if transmission_share > 0:
             self.changes.note("a slightly transmitting material became opaque")
-        color = self._color(paint)
+        color = self._color(parameters)
         if "KHR_materials_unlit" in more:
             self.changes.note("an unlit material became matt")
             bsdf = plugin("bsdf", "diffuse", reflectance=color)
         else:
-            bsdf = self._principled(more, paint, color, place)
+            bsdf = self._principled(more, parameters, color, place)
         bsdf = self._normals(material, bsdf, where)
         wrapped = plugin("bsdf", "twosided")
         wrapped.append(bsdf)
-        return self._alpha(material, paint, wrapped, place)
+        return self._alpha(material, parameters, wrapped, place)
 
     def _principled(
-        self, more: dict[str, Any], paint: _Paint, color: Color | Element, place: str
+        self, more: dict[str, Any], parameters: _PbrParameters, color: Color | Element, place: str
     ) -> Element:
-        rough, metal = self._channels(paint)
+        rough, metal = self._channels(parameters)
         ior = number(more.get("KHR_materials_ior", {}).get("ior", 1.5), place, 1, 4)
-        gloss = more.get("KHR_materials_specular", {})
-        strength = number(gloss.get("specularFactor", 1), place, 0, 1)
-        # Mitsuba's `specular` is the reflectance at normal incidence over 8 %.
+        specular_extension = more.get("KHR_materials_specular", {})
+        strength = number(specular_extension.get("specularFactor", 1), place, 0, 1)
+        # Mitsuba's `specular` is the reflectance at normal incidence divided by 8 %.
         specular = min(((ior - 1) / (ior + 1)) ** 2 * strength / 0.08, 1.0)
         made = plugin("bsdf", "principled", base_color=color, roughness=rough, metallic=metal)
         made.append(prop("specular", float(specular)))
@@ -149,46 +151,49 @@ class GltfMaterials:
             made.append(prop("clearcoat_gloss", 1 - softness))
         return made
 
-    def _glass(self, more: dict[str, Any], paint: _Paint, place: str) -> Surface:
-        """Thin walls unless KHR_materials_volume gives them thickness; rough ones are frosted."""
+    def _glass(self, more: dict[str, Any], parameters: _PbrParameters, place: str) -> Surface:
+        """Glass: thin unless KHR_materials_volume gives it thickness, frosted if it is rough."""
         ior = number(more.get("KHR_materials_ior", {}).get("ior", 1.5), place, 1.01, 4)
         volume = more.get("KHR_materials_volume", {})
         solid = number(volume.get("thicknessFactor", 0), place, 0) > 0
         if "attenuationColor" in volume:
-            self.changes.note("colour that light takes on inside of glass was left out")
-        if paint.base is not None:
-            self.changes.note("a texture on glass was left out: {}", paint.base.path.name)
-        tint = paint.color
-        clear = paint.roughness <= CLEAR_ROUGHNESS
+            self.changes.note("the absorption of light inside glass was left out")
+        if parameters.base is not None:
+            self.changes.note("a texture on glass was left out: {}", parameters.base.path.name)
+        tint = parameters.color
+        clear = parameters.roughness <= CLEAR_ROUGHNESS
         if clear or solid:
             kind = "dielectric" if solid else "thindielectric"
             made = plugin("bsdf", kind if clear else "roughdielectric", int_ior=ior)
             if not clear:
-                made.append(prop("alpha", max(paint.roughness**2, 0.001)))
+                made.append(prop("alpha", max(parameters.roughness**2, 0.001)))
                 made.append(prop("distribution", "ggx"))
             if min(tint) < 1:
                 made.append(prop("specular_transmittance", tint))
         else:
-            made = plugin("bsdf", "principledthin", base_color=tint, roughness=paint.roughness)
+            made = plugin("bsdf", "principledthin", base_color=tint, roughness=parameters.roughness)
             made.append(prop("spec_trans", 1.0))
             made.append(prop("eta", ior))
         return Surface(made, transmissive=True, see_through=clear, frosted=not clear)
 
-    def _alpha(self, material: dict[str, Any], paint: _Paint, bsdf: Element, place: str) -> Surface:
+    def _alpha(
+        self, material: dict[str, Any], parameters: _PbrParameters, bsdf: Element, place: str
+    ) -> Surface:
+        """`bsdf` with the material's alpha mode: opaque, cut out or blended."""
         mode = material.get("alphaMode", "OPAQUE")
         whole = Surface(bsdf, double=True)
-        alpha = float(paint.factor[3])
+        alpha = float(parameters.factor[3])
         opacity: float | Element
         if mode == "MASK":
             cutoff = number(material.get("alphaCutoff", 0.5), place, 0)
-            if paint.base is None:
+            if parameters.base is None:
                 opacity = 1.0 if alpha >= cutoff else 0.0
             else:
-                opacity = self._image(paint.base, "cutout", alpha, cutoff)
+                opacity = self._bitmap(parameters.base, "cutout", alpha, cutoff)
         elif mode == "BLEND":
             opacity = alpha
-            if paint.base is not None and self._has_alpha(paint.base):
-                opacity = self._image(paint.base, "alpha", alpha, 0)
+            if parameters.base is not None and self._has_alpha(parameters.base):
+                opacity = self._bitmap(parameters.base, "alpha", alpha, 0)
         else:
             return whole
         if isinstance(opacity, float):
@@ -201,11 +206,11 @@ class GltfMaterials:
         clear = isinstance(opacity, float) and opacity <= 0.3
         return Surface(made, transmissive=True, see_through=clear)
 
-    def _glow(
+    def _emission(
         self, material: dict[str, Any], more: dict[str, Any], where: str
-    ) -> tuple[Glow | None, Image | None]:
+    ) -> tuple[Emission | None, ImageTexture | None]:
         place = f"{self.asset.path}: {where}"
-        factor = _colour(material.get("emissiveFactor", [0, 0, 0]), 3, place)
+        factor = _clipped(material.get("emissiveFactor", [0, 0, 0]), 3, place)
         extension = more.get("KHR_materials_emissive_strength", {})
         strength = number(extension.get("emissiveStrength", 1), place, 0, 1e9)
         if factor.max() * strength <= 0:
@@ -214,20 +219,20 @@ class GltfMaterials:
         color = (float(factor[0]) * strength, float(factor[1]) * strength,
                  float(factor[2]) * strength)  # fmt: skip
         if image is None:
-            return Glow(color), None
-        return Glow(color, image.path, image.to_uv), image
+            return Emission(color), None
+        return Emission(color, image.path, image.to_uv), image
 
-    def _color(self, paint: _Paint) -> Color | Element:
-        if paint.base is None:
-            return paint.color
-        return self._image(paint.base, "color", paint.color, 0)
+    def _color(self, parameters: _PbrParameters) -> Color | Element:
+        if parameters.base is None:
+            return parameters.color
+        return self._bitmap(parameters.base, "color", parameters.color, 0)
 
-    def _channels(self, paint: _Paint) -> tuple[float | Element, float | Element]:
-        if paint.ruled is None:
-            return paint.roughness, paint.metalness
+    def _channels(self, parameters: _PbrParameters) -> tuple[float | Element, float | Element]:
+        if parameters.metallic_roughness is None:
+            return parameters.roughness, parameters.metalness
         return (
-            self._image(paint.ruled, "green", paint.roughness, 0),
-            self._image(paint.ruled, "blue", paint.metalness, 0),
+            self._bitmap(parameters.metallic_roughness, "green", parameters.roughness, 0),
+            self._bitmap(parameters.metallic_roughness, "blue", parameters.metalness, 0),
         )
 
     def _normals(self, material: dict[str, Any], bsdf: Element, where: str) -> Element:
@@ -236,8 +241,8 @@ class GltfMaterials:
         if image is None:
             return bsdf
         if isinstance(info, dict) and info.get("scale", 1) != 1:
-            self.changes.note("the strength of a normal map was left out")
-        made = self._image(image, "data", _WHITE, 0)
+            self.changes.note("the scale of a normal map was left out")
+        made = self._bitmap(image, "data", _WHITE, 0)
         if not isinstance(made, Element):
             return bsdf
         wrapped = plugin("bsdf", "normalmap")
@@ -245,14 +250,17 @@ class GltfMaterials:
         wrapped.append(bsdf)
         return wrapped
 
-    def _has_alpha(self, image: Image) -> bool:
+    def _has_alpha(self, image: ImageTexture) -> bool:
         try:
             return self.textures.alpha(image.path) is not None
         except UnreadableImage:
             return False
 
-    def _image(self, image: Image, use: str, factor: Any, cutoff: float) -> Any:
-        """A bitmap texture, or what stands for a damaged one: the factor alone."""
+    def _bitmap(self, image: ImageTexture, use: str, factor: Any, cutoff: float) -> Any:
+        """A bitmap texture times `factor`; `factor` alone if the image is damaged.
+
+        `use` is "color", "data", "cutout" or the channel "green", "blue" or "alpha".
+        """
         store, path = self.textures, image.path
         try:
             if use == "color":
@@ -267,7 +275,7 @@ class GltfMaterials:
                 stored = store.channel_scaled(path, channel, factor)
         except UnreadableImage as error:
             self.changes.note(
-                "damaged texture, the plain value stands for it: {}", f"{path.name} ({error})"
+                "damaged texture, replaced by the plain value: {}", f"{path.name} ({error})"
             )
             return factor
         return plugin(
@@ -282,21 +290,22 @@ class GltfMaterials:
 
 
 @dataclass(frozen=True)
-class _Paint:
-    factor: np.ndarray  # RGBA, linear
-    base: Image | None
+class _PbrParameters:
+    factor: Float64Array  # base colour and alpha (4,), linear
+    base: ImageTexture | None
     roughness: float
     metalness: float
-    ruled: Image | None  # green is roughness, blue is metalness
+    metallic_roughness: ImageTexture | None  # roughness in green, metalness in blue
 
     @property
     def color(self) -> Color:
         return (float(self.factor[0]), float(self.factor[1]), float(self.factor[2]))
 
     @property
-    def images(self) -> tuple[Image | None, ...]:
-        return (self.base, self.ruled)
+    def images(self) -> tuple[ImageTexture | None, ...]:
+        return (self.base, self.metallic_roughness)
 
 
-def _colour(value: Any, count: int, place: str) -> np.ndarray:
+def _clipped(value: Any, count: int, place: str) -> Float64Array:
+    """`count` numbers of the JSON, clipped to [0, 1]."""
     return np.clip(np.array(numbers(value, count, place)), 0.0, 1.0)

@@ -1,4 +1,7 @@
-"""What a model file holds, whatever its format: shapes, what shines, cameras, and names."""
+"""Content of a model file of any format: shapes, emission, lights, cameras and names.
+
+This is the whole contract between a reader (`importer.READERS`) and the import.
+"""
 
 from __future__ import annotations
 
@@ -15,43 +18,38 @@ from scenes.importing.shape import Shape
 
 
 @dataclass(frozen=True)
-class Glow:
-    """Emission of a surface, in the file's own unit: linear RGB, times an image if there is one."""
+class Emission:
+    """Emission of a surface in the file's unit: linear RGB, times an image if there is one."""
 
     color: Color
     image: Path | None = None
-    to_uv: Float64Array | None = None
+    to_uv: Float64Array | None = None  # (4, 4), transform of its texture coordinates
 
 
 @dataclass(frozen=True)
-class Punctual:
-    """A light without extent; it shines along -Z of `pose` (KHR_lights_punctual).
-
-    `intensity` is candela, of a directional light lux; `color` linear RGB; angles radians from
-    the axis.
-    """
+class PunctualLight:
+    """A light without extent that shines along -Z of `pose` (KHR_lights_punctual)."""
 
     kind: Literal["point", "spot", "directional"]
-    color: Color
-    intensity: float
-    pose: Float64Array  # (4, 4), file's world
-    inner: float = 0.0
-    outer: float = 0.25 * np.pi
+    color: Color  # linear RGB, a factor of the intensity
+    intensity: float  # candela; lux for directional lights
+    pose: Float64Array  # (4, 4), to the file's world
+    inner: float = 0.0  # radians from the axis to the edge of the full intensity
+    outer: float = 0.25 * np.pi  # radians from the axis to the edge of the cone
 
 
 @dataclass
 class Model:
-    """Everything read from a file, in its own axes and units."""
+    """Everything read from a file, in the file's axes and units."""
 
     shapes: list[Shape] = field(default_factory=list)
-    glows: dict[str, Glow] = field(default_factory=dict)  # by shape id
-    lights: list[Punctual] = field(default_factory=list)
+    emissions: dict[str, Emission] = field(default_factory=dict)  # by shape id
+    lights: list[PunctualLight] = field(default_factory=list)
     cameras: list[Camera] = field(default_factory=list)
-    # Shape id -> the names of the things it is part of, outermost first, made unique.
-    owners: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    metres: bool = False  # whether the format says that lengths are metres
-    y_up: bool = False  # whether the format says that +Y is up
-    kind: str = ""
-    version: str = ""
-    author: str = ""  # as far as the file says
+    # Shape id -> "number:name" of each node that contains the shape, outermost first.
+    node_paths: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    y_up: bool = False  # whether the format defines +Y as up
+    kind: str = ""  # name of the format, for `scene.json`
+    version: str = ""  # of the format
+    author: str = ""  # empty if the file does not state it
     licence: str = ""

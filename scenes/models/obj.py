@@ -1,6 +1,6 @@
-"""Wavefront OBJ files with their MTL materials: one shape for every object and material.
+"""Reader of Wavefront OBJ files with MTL materials: one shape for each object and material.
 
-Lengths have no unit in an OBJ and +Y is up by custom.
+OBJ defines neither a unit of length nor an up axis; +Y is usual.
 """
 
 from __future__ import annotations
@@ -18,44 +18,45 @@ from scenes.importing.names import Names
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import MAX_SHAPES, Shape
 from scenes.importing.textures import TextureStore
-from scenes.models.model import Glow, Model
+from scenes.models.model import Emission, Model
 
-_CREASE = 44.0  # degrees: smooth up to this where a file brings no normals
+_CREASE = 44.0  # degrees; smaller angles between faces are smooth in files without normals
 
 
-def read_model(path: Path, sandbox: Sandbox, textures: TextureStore, changes: Changes) -> Model:
-    """All shapes of an OBJ file; `InputError` names what is damaged."""
+def read_model(
+    path: Path, sandbox: Sandbox, textures: TextureStore, unpacked: Path, changes: Changes
+) -> Model:
+    """Read an `.obj` file; see `importer.ModelReader`."""
     found = read_obj(path)
     for kind, count in found.without_faces.items():
-        changes.note(f"{count} lines of kind {kind!r} (curves, points) were left out")
+        changes.note(f"{count} elements of type {kind!r} (curves, points) were left out")
     if not len(found.sizes):
-        raise InputError(f"{path}: an OBJ without faces")
+        raise InputError(f"{path}: the file has no faces")
     parts = list(dict.fromkeys((run.owner, run.material) for run in found.runs))
     if len(parts) > MAX_SHAPES:
-        raise InputError(f"{path}: more than {MAX_SHAPES:,} parts; refused")
+        raise InputError(f"{path}: the file has more than the limit of {MAX_SHAPES:,} parts")
     library = MtlLibrary(path, sandbox, textures, changes)
     library.load(found.libraries)
     model, names = Model(kind="obj"), Names()
     part_of_run = np.array([parts.index((run.owner, run.material)) for run in found.runs])
     for part, faces in distinct_rows(part_of_run[found.run_of_face]):
-        owner, material = parts[part]
-        mesh = found.mesh(faces)
-        finish = library.finish(material)
-        mesh, dropped = cleaned(mesh, f"{path}: {owner or material}")
+        owner, material_name = parts[part]
+        label = owner or material_name
+        material = library.material(material_name)
+        mesh, dropped = cleaned(found.mesh(faces), f"{path}: {label}")
         if dropped:
-            changes.note(
-                "triangles without area were dropped from {}", owner or material or path.stem
-            )
+            changes.note("triangles without area were left out of {}", label or path.stem)
         if not len(mesh.faces):
-            changes.note("a part without area was left out: {}", owner or material)
+            changes.note("a part without area was left out: {}", label)
             continue
         if mesh.normals is None:
             mesh = creased(mesh, _CREASE)
-        shape = Shape(
-            names.unique(owner or material or path.stem), owner or path.stem, mesh, finish.surface
-        )
+        shape = Shape(names.unique(label or path.stem), owner or path.stem, mesh, material.surface)
         model.shapes.append(shape)
-        model.owners[shape.id] = (f"0:{path.stem}", f"1:{owner}") if owner else (f"0:{path.stem}",)
-        if finish.light is not None:
-            model.glows[shape.id] = Glow(finish.light, finish.light_image, finish.light_to_uv)
+        file_node = f"0:{path.stem}"
+        model.node_paths[shape.id] = (file_node, f"1:{owner}") if owner else (file_node,)
+        if material.emission is not None:
+            model.emissions[shape.id] = Emission(
+                material.emission, material.emission_image, material.emission_to_uv
+            )
     return model

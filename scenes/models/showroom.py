@@ -1,4 +1,4 @@
-"""A plain closed room around a single object: floor, four walls, ceiling, a window, a lamp."""
+"""Plain closed room around a single object: floor, four walls, ceiling, a window, a lamp."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from scenes.photometry import lamp_radiance
 _Box = tuple[tuple[float, ...], tuple[float, ...]]  # lowest and highest corner
 
 _AIR = 1.5  # metres between the object and each wall
-_LEAST = np.array([3.6, 3.2, 2.6])  # inner width, depth and height, metres
+_LEAST = np.array([3.6, 3.2, 2.6])  # least inner width, depth and height, metres
 _ABOVE = 0.8  # metres between the object and the ceiling
-_THICK = 0.2
+_THICK = 0.2  # thickness of walls, floor and ceiling, metres
 _WINDOW = (1.6, 1.3, 0.9)  # width, height, sill, metres
 _LAMP = (0.4, 0.03, 1500.0, 4000.0)  # side, thickness, metres; lumens; kelvin
 _CORNER, _EYE = 0.35, 1.55  # metres from the walls of a corner view, and its height
-_HALF_FOV = 0.5534  # radians, as PBRS has it
+_HALF_FOV = 0.5534  # radians, as in PBRS
 _FLOOR: Color = (0.30, 0.25, 0.20)
 _WALL: Color = (0.72, 0.71, 0.69)
 _CEILING: Color = (0.82, 0.82, 0.80)
@@ -34,20 +34,19 @@ _CEILING: Color = (0.82, 0.82, 0.80)
 
 @dataclass(frozen=True)
 class Showroom:
-    """The room's shapes, the lamp's emitter by shape id, views of the object from the corners,
-    and the move that puts the object in."""
+    """The room in metres, Z up."""
 
     shapes: list[Shape]
-    area: dict[str, Element]
-    cameras: list[Camera]
-    move: Float64Array  # (4, 4)
+    area: dict[str, Element]  # the lamp's emitter by shape id
+    cameras: list[Camera]  # views of the object from the corners
+    move: Float64Array  # (4, 4), places the object in the room
 
 
 def showroom(low: Float64Array, high: Float64Array) -> Showroom:
-    """A room for an object with bounds `low` and `high` (3,), metres, Z up.
+    """Build a room for an object with bounds `low` and `high` (3,), metres, Z up.
 
-    The object comes to stand on the floor in the middle; the window is in the south wall
-    (towards -Y), where the sun of `outdoors.daylight` stands.
+    The object stands on the floor in the middle. The window is in the south wall (towards -Y),
+    on the side of the sun of `daylight.daylight`.
     """
     size = high - low
     width, depth = np.maximum(_LEAST[:2], size[:2] + 2 * _AIR)
@@ -75,10 +74,10 @@ def showroom(low: Float64Array, high: Float64Array) -> Showroom:
     ]
     colors = {"room_floor": _FLOOR, "room_ceiling": _CEILING}
     shapes = [
-        Shape(name, name, _boxes(parts), _matt(colors.get(name, _WALL), name))
+        Shape(name, name, _box_mesh(parts), _matt(colors.get(name, _WALL), name))
         for name, parts in boxes.items()
     ]
-    shapes.append(Shape("room_lamp", "room_lamp", _boxes(lamp), _matt(_CEILING, "room_lamp")))
+    shapes.append(Shape("room_lamp", "room_lamp", _box_mesh(lamp), _matt(_CEILING, "room_lamp")))
     radiance = lamp_radiance(lumens, side * side + 4 * side * thin, kelvin)
     move = np.eye(4)
     move[:3, 3] = -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
@@ -87,7 +86,7 @@ def showroom(low: Float64Array, high: Float64Array) -> Showroom:
 
 
 def _views(x: float, y: float, height: float) -> list[Camera]:
-    """From near each corner of a room that reaches to +-x and +-y, towards the object's middle."""
+    """Views from near the corners of a room from -x to x and -y to y, towards the object."""
     views = []
     for name, east, north in (("ne", 1, 1), ("nw", -1, 1), ("sw", -1, -1), ("se", 1, -1)):
         eye = np.array([east * (x - _CORNER), north * (y - _CORNER), _EYE])
@@ -97,7 +96,8 @@ def _views(x: float, y: float, height: float) -> list[Camera]:
     return views
 
 
-def _boxes(parts: list[_Box]) -> Mesh:
+def _box_mesh(parts: list[_Box]) -> Mesh:
+    """One mesh of several boxes."""
     vertices, faces, count = [], [], 0
     unit = cube()
     for low, high in parts:

@@ -1,1 +1,1 @@
-"""Rooms found in triangles, and the gaps of their enclosure closed."""
+"""Reconstruction of rooms and openings from triangles, and sealing of gaps between them."""

@@ -1,10 +1,14 @@
-"""A shell behind the walls of a building whose surfaces miss each other.
+"""An opaque enclosure around a building whose surfaces do not meet.
 
-Slabs behind single cracks (`caulk`) need walks of light that find those first, and the finest are
-found by one walk in a million. So where there are cracks, sheets are set up all around, behind
-what is seen from indoors: along each wall, above the ceilings, below the floors. The sheet of a
-wall with openings stands just behind the first of them and has a hole for each; what is deeper
-there, the niche of a window or a fireplace, gets a box. World: metres, Z up.
+Input: the light-stopping triangles, the rooms and the openings. Output: triangles of flat sheets
+behind the walls, above the ceilings and below the floors, with a hole for every opening.
+
+Slabs behind single gaps (`gap_sealing`) need random walks that find each gap, and the finest gaps
+are found by one walk in a million. So a building that leaks gets sheets all around, just behind
+everything that is visible from indoors. The sheet of a wall with openings stands just behind the
+first of them; deeper recesses, such as a window niche or a fireplace, get a box of their own, and
+a flared collar leads from each opening to its sheet. The enclosure is used only if it stops most
+of the walks that escaped and hides nothing that was visible from indoors. World: metres, Z up.
 """
 
 from __future__ import annotations
@@ -19,44 +23,46 @@ from shapely.geometry import Polygon, box
 from shapely.geometry.polygon import orient
 
 from scenes.arrays import Float64Array, Int64Array
+from scenes.geometry.directions import unit
 from scenes.geometry.mesh import face_areas
-from scenes.reconstruction.aperture_sections import Frame
-from scenes.reconstruction.hidden_openings import Walker
-from scenes.reconstruction.light_walks import blocked, places
+from scenes.reconstruction.aperture_sections import PlaneFrame
+from scenes.reconstruction.light_walks import LightWalker, crosses_opening, sample_room_points
 from scenes.reconstruction.raycast import RayCaster
 from scenes.reconstruction.rooms import FoundOpening, FoundRoom
 from scenes.seeds import generator
 
-SHELL_ID = "shell"
-_WALKS = 16_384  # a scene
-_BEHIND = 0.02  # metres from the deepest that is seen, and from openings, to a sheet
-_STRAYS = (2e-4, 1e-3, 5e-3)  # of what walks meet may lie further out, by a crack; tried in turn
-_RELIEF = 0.1  # metres that panels and cornices may lie behind the plan of a wall
-_DEEPEST = 1.5  # metres that something seen from indoors may lie behind a wall
-_RIM = 0.02  # metres by which a hole is less than its portal, which reaches into its frame
-_OVERLAP = 0.01  # metres by which sheets cross, so that no ray slips between them
-_WALL = 0.4  # metres that a wall between two rooms may be thick
-_STOREY = 0.5  # metres by which floors of one storey may differ
-_COLLAR = 0.3  # metres at most between an opening and the sheet of its wall
-_FLARE = 3.0  # metres that a collar gets wider on each side in a metre
-_PARALLEL = 0.98  # cosine between an opening's normal and its wall's
-_SHARP = 0.1  # sine of the least angle between two walls that meet
-_TINY = 1e-6  # square metres
-_CELL = 0.1  # metres, of the grid that tells one recess from another
-_LOOKS = 20_000
-_CUT = 5e-4  # of them may meet the shell close before something
-_CRACKS = 2e-3  # or before something far away, which was seen through a crack
-_MOST = 0.03  # of the walks get out by cracks; where more do, a wall is missing on purpose
-_LEAST = 0.5  # a shell that lets more than this of the escapes go on is not worth having
+ENCLOSURE_ID = "shell"  # part of the format of scene folders
+_WALKS = 16_384  # in a scene
+_BEHIND = 0.02  # metres from the deepest visible point, and from openings, to a sheet
+_OUTLIER_SHARES = (2e-4, 1e-3, 5e-3)  # of the hit points that may lie further out, having been
+# reached through a gap; tried in turn
+_MAX_RELIEF = 0.1  # metres that panels and cornices may lie behind the plan of a wall
+_MAX_DEPTH = 1.5  # metres that something visible from indoors may lie behind a wall
+_HOLE_INSET = 0.02  # metres by which a hole is smaller than its portal, which reaches into its
+# frame
+_OVERLAP = 0.01  # metres by which sheets overlap, so that no ray slips between them
+_MAX_WALL = 0.4  # metres of thickness of a wall between two rooms
+_MAX_FLOOR_STEP = 0.5  # metres by which the floors of one storey may differ
+_MAX_COLLAR = 0.3  # metres between an opening and the sheet of its wall
+_FLARE = 3.0  # metres by which a collar widens on each side over a metre
+_PARALLEL = 0.98  # least cosine between an opening's normal and its wall's
+_MIN_SINE = 0.1  # of the angle between two walls that meet
+_MIN_AREA = 1e-6  # square metres
+_CELL = 0.1  # metres; grid that separates one recess from another
+_VIEW_RAYS = 20_000
+_MAX_HIDDEN = 5e-4  # share of them that may hit the enclosure just in front of a surface
+_MAX_HIDDEN_FAR = 2e-3  # ... or in front of a distant one, which was visible through a gap
+_MAX_ESCAPES = 0.03  # share of the walks that gaps let out; more means a wall left out on purpose
+_MAX_REMAINING = 0.5  # share of these that a useful enclosure may still let out
 
 
-class _Misfit(Exception):
-    """A building that no such shell fits."""
+class _NoFit(Exception):
+    """No enclosure of this form fits the building."""
 
 
 @dataclass
 class _Sheet:
-    """A flat part of the shell: `outline` at `depth` behind a side, with holes for `openings`."""
+    """A flat part: `outline` at `depth` behind a side, with holes for `openings`."""
 
     outline: Polygon
     depth: float
@@ -65,184 +71,201 @@ class _Sheet:
 
 @dataclass
 class _Side:
-    """A wall, the ceilings or the floors: its main sheet, and those of boxes that stand deeper."""
+    """A wall, the ceilings or the floors: the main sheet, and the ends of deeper boxes."""
 
-    frame: Frame
+    frame: PlaneFrame
     main: _Sheet
     boxes: list[_Sheet] = field(default_factory=list)
 
-    def distance(self, opening: FoundOpening) -> float:
-        """How deep an opening lies behind it, metres; infinite if it lies elsewhere."""
-        local = self.frame.local(opening.polygon)
+    def opening_depth(self, opening: FoundOpening) -> float:
+        """Depth of an opening behind this side, metres; infinite if it lies elsewhere."""
+        local = self.frame.to_local(opening.polygon)
         middle = local.mean(axis=0)
         if (
             self.frame.normal @ opening.normal < _PARALLEL
-            or self.main.outline.distance(shapely.Point(middle[:2])) > _WALL
-            or not -_WALL < middle[2] < _DEEPEST
+            or self.main.outline.distance(shapely.Point(middle[:2])) > _MAX_WALL
+            or not -_MAX_WALL < middle[2] < _MAX_DEPTH
         ):
             return np.inf
         return float(middle[2])
 
-    def flat(self, opening: FoundOpening) -> Polygon:
-        """An opening's outline in its plane."""
-        return Polygon(self.frame.local(opening.polygon)[:, :2])
+    def project(self, opening: FoundOpening) -> Polygon:
+        """The outline of an opening in this side's axes."""
+        return Polygon(self.frame.to_local(opening.polygon)[:, :2])
 
 
-def shell(
+def build_enclosure(
     corners: Float64Array, rays: RayCaster, rooms: list[FoundRoom], openings: list[FoundOpening]
 ) -> tuple[Float64Array, list[FoundOpening]]:
-    """Triangles (F, 3, 3) around a building that leaks, and the openings that it leaves open.
+    """Return triangles (F, 3, 3) around a building that leaks, and the openings they leave open.
 
-    No triangles if none are wanted or none fit. Closed are openings that no wall holds: those
-    up a fireplace. `corners` are the triangles that stop light as it is, `rays` cast at them.
+    There are no triangles if the building is tight or no enclosure fits. Openings that lie in no
+    wall, such as those up a fireplace, are closed. `corners` (F, 3, 3) are the light-stopping
+    triangles that `rays` holds.
     """
-    without: tuple[Float64Array, list[FoundOpening]] = (np.empty((0, 3, 3)), openings)
+    nothing: tuple[Float64Array, list[FoundOpening]] = (np.empty((0, 3, 3)), openings)
     if not rooms or any(room.guessed for room in rooms):
-        return without
+        return nothing
     normals = face_areas(corners)[1]
     count = max(1, _WALKS // len(rooms))
-    escapes, met = Walker(rays, normals, openings).walks(rooms, count, 200)
-    if not 0 < len(escapes) <= _MOST * count * len(rooms):
-        return without
-    for stray in _STRAYS:
+    escaped, hit_points = LightWalker(rays, normals, openings).trace_rooms(rooms, count, 200)
+    if not 0 < len(escaped) <= _MAX_ESCAPES * count * len(rooms):
+        return nothing
+    for share in _OUTLIER_SHARES:
         try:
-            sides, kept = _sides(rooms, openings, met, int(stray * len(met)))
-            made = np.concatenate([sheet for side in sides for sheet in _triangles(side)])
-        except _Misfit:
+            sides, kept = _sides(rooms, openings, hit_points, int(share * len(hit_points)))
+            added = np.concatenate([part for side in sides for part in _side_triangles(side)])
+        except _NoFit:
             continue
-        closed = Walker(RayCaster(made, rays), np.concatenate([normals, face_areas(made)[1]]), kept)
-        still = closed.escapes(rooms, count, 200)
-        if len(still) <= _LEAST * len(escapes) and not _cuts(made, rays, rooms, kept):
-            return made, kept
-    return without
+        walker = LightWalker(
+            RayCaster(added, rays), np.concatenate([normals, face_areas(added)[1]]), kept
+        )
+        remaining = walker.escaped_walks(rooms, count, 200)
+        if len(remaining) <= _MAX_REMAINING * len(escaped) and not _hides_surfaces(
+            added, rays, rooms, kept
+        ):
+            return added, kept
+    return nothing
 
 
 def _sides(
-    rooms: list[FoundRoom], openings: list[FoundOpening], met: Float64Array, stray: int
+    rooms: list[FoundRoom], openings: list[FoundOpening], hit_points: Float64Array, outliers: int
 ) -> tuple[list[_Side], list[FoundOpening]]:
-    """The shell's sides, and the openings that have holes in them.
+    """The sides of the enclosure, and the openings that have holes in them.
 
-    `met` (N, 3) is where walks of light from indoors met something, `stray` of them outdoors.
+    `hit_points` (N, 3) are where random walks from indoors hit a surface; `outliers` of them may
+    lie outdoors.
     """
     floors, ceilings = [room.floor_z for room in rooms], [room.ceiling_z for room in rooms]
-    if np.ptp(floors) > _STOREY:
-        raise _Misfit
-    ring = _ring(rooms)
+    if np.ptp(floors) > _MAX_FLOOR_STEP:
+        raise _NoFit
+    ring = _building_outline(rooms)
     walls = _walls(ring, min(floors), max(ceilings))
     east, north = np.eye(3)[0], np.eye(3)[1]
     plan = Polygon(ring)
-    top = _Side(Frame(np.array([0.0, 0.0, max(ceilings)]), east, north), _Sheet(plan, 0.0))
-    under = shapely.transform(plan, lambda flat: flat[:, ::-1])
-    bottom = _Side(Frame(np.array([0.0, 0.0, min(floors)]), north, east), _Sheet(under, 0.0))
+    top = _Side(PlaneFrame(np.array([0.0, 0.0, max(ceilings)]), east, north), _Sheet(plan, 0.0))
+    swapped = shapely.transform(plan, lambda flat: flat[:, ::-1])
+    bottom = _Side(PlaneFrame(np.array([0.0, 0.0, min(floors)]), north, east), _Sheet(swapped, 0.0))
     sides = [*walls, top, bottom]
-    kept = [opening for opening in openings if _hang(opening, sides)]
-    nearest = _nearest_wall(ring, met[:, :2])
+    kept = [opening for opening in openings if _assign_to_side(opening, sides)]
+    nearest = _nearest_wall(ring, hit_points[:, :2])
     for number, side in enumerate(sides):
-        behind = met[nearest == number] if number < len(walls) else met
-        _set_back(side, side.frame.local(behind), stray)
+        behind = hit_points[nearest == number] if number < len(walls) else hit_points
+        _place_sheets(side, side.frame.to_local(behind), outliers)
     low = bottom.frame.origin[2] - bottom.main.depth
     high = top.frame.origin[2] + top.main.depth
-    around = _moved_out(ring, [wall.main.depth for wall in walls])
-    for wall, start, end in zip(walls, around, np.roll(around, -1, axis=0), strict=True):
-        ends = wall.frame.local(np.array([[*start, 0.0], [*end, 0.0]]))[:, 0]
+    outer_ring = _offset_ring(ring, [wall.main.depth for wall in walls])
+    for wall, start, end in zip(walls, outer_ring, np.roll(outer_ring, -1, axis=0), strict=True):
+        ends = wall.frame.to_local(np.array([[*start, 0.0], [*end, 0.0]]))[:, 0]
         wall.main.outline = box(ends[0], low, ends[1], high)
     for side in (top, bottom):
-        level = np.column_stack([around, np.zeros(len(around))])
-        side.main.outline = Polygon(side.frame.local(level)[:, :2])
+        corners = np.column_stack([outer_ring, np.zeros(len(outer_ring))])
+        side.main.outline = Polygon(side.frame.to_local(corners)[:, :2])
     return sides, kept
 
 
-def _ring(rooms: list[FoundRoom]) -> Float64Array:
-    """Corners (N, 2) of the outline of all rooms with the walls between them, anticlockwise."""
-    grown = [room.floor.buffer(0.5 * _WALL, join_style="mitre") for room in rooms]
-    plan = shapely.union_all(grown).buffer(-0.5 * _WALL, join_style="mitre").simplify(0.01)
+def _building_outline(rooms: list[FoundRoom]) -> Float64Array:
+    """Outline (N, 2) of all rooms and the walls between them, counter-clockwise."""
+    grown = [room.floor.buffer(0.5 * _MAX_WALL, join_style="mitre") for room in rooms]
+    plan = shapely.union_all(grown).buffer(-0.5 * _MAX_WALL, join_style="mitre").simplify(0.01)
     if not isinstance(plan, Polygon):
-        raise _Misfit
+        raise _NoFit
     return np.array(orient(Polygon(plan.exterior)).exterior.coords)[:-1]
 
 
 def _walls(ring: Float64Array, floor: float, ceiling: float) -> list[_Side]:
+    """One side for each edge of the outline, its sheet not yet placed."""
     walls = []
     for start, end in zip(ring, np.roll(ring, -1, axis=0), strict=True):
         length = float(np.linalg.norm(end - start))
-        frame = Frame(np.append(start, 0.0), np.append((end - start) / length, 0.0), np.eye(3)[2])
+        along = np.append((end - start) / length, 0.0)
+        frame = PlaneFrame(np.append(start, 0.0), along, np.eye(3)[2])
         walls.append(_Side(frame, _Sheet(box(0, floor, length, ceiling), 0.0)))
     return walls
 
 
-def _hang(opening: FoundOpening, sides: list[_Side]) -> bool:
-    """Whether an opening lies in one of the sides, which then knows of it."""
-    away = [abs(side.distance(opening)) for side in sides]
-    nearest = int(np.argmin(away))
-    if np.isinf(away[nearest]):
+def _assign_to_side(opening: FoundOpening, sides: list[_Side]) -> bool:
+    """Add an opening to the main sheet of the nearest side; False if it lies in none."""
+    depths = [abs(side.opening_depth(opening)) for side in sides]
+    nearest = int(np.argmin(depths))
+    if np.isinf(depths[nearest]):
         if not opening.hidden:
-            raise _Misfit
+            raise _NoFit
         return False
     sides[nearest].main.openings.append(opening)
     return True
 
 
 def _nearest_wall(ring: Float64Array, points: Float64Array) -> Int64Array:
-    """Of points (N, 2) outside a ring the number of the nearest edge, (N,); inside -1."""
+    """Number (N,) of the ring's edge nearest to each of `points` (N, 2); -1 for points inside."""
     edges = np.stack([ring, np.roll(ring, -1, axis=0)], axis=1)
-    away = [shapely.distance(edge, shapely.points(points)) for edge in shapely.linestrings(edges)]
+    distances = [
+        shapely.distance(edge, shapely.points(points)) for edge in shapely.linestrings(edges)
+    ]
     inside = shapely.contains_xy(Polygon(ring), points[:, 0], points[:, 1])
-    return np.where(inside, -1, np.argmin(away, axis=0))
+    return np.where(inside, -1, np.argmin(distances, axis=0))
 
 
-def _set_back(side: _Side, local: Float64Array, stray: int) -> None:
-    """Put a side's main sheet behind the first of its openings, else behind the relief of its
-    wall, and what is deeper into boxes.
+def _place_sheets(side: _Side, local: Float64Array, outliers: int) -> None:
+    """Place the main sheet of a side and the boxes for what lies deeper.
 
-    `local` (N, 3) are places in its axes, of which `stray` may lie further out.
+    The main sheet stands behind the first of the side's openings or, without openings, behind
+    the relief of the wall. `local` (N, 3) are visible points in the side's axes; `outliers` of
+    them may lie further out.
     """
     depths = np.sort(local[:, 2])
-    deepest = max(0.0, float(depths[-1 - stray]) if len(depths) > stray else 0.0)
-    relief = float(np.max(depths[depths <= min(deepest, _RELIEF)], initial=0.0))
+    deepest = max(0.0, float(depths[-1 - outliers]) if len(depths) > outliers else 0.0)
+    relief = float(np.max(depths[depths <= min(deepest, _MAX_RELIEF)], initial=0.0))
     openings, side.main.openings = side.main.openings, []
-    first = min((side.distance(opening) for opening in openings), default=relief)
+    first = min((side.opening_depth(opening) for opening in openings), default=relief)
     side.main.depth = max(0.0, first) + _BEHIND
-    if max(deepest, side.main.depth) > _DEEPEST:
-        raise _Misfit
+    if max(deepest, side.main.depth) > _MAX_DEPTH:
+        raise _NoFit
     behind = (local[:, 2] > side.main.depth) & (local[:, 2] <= deepest)
-    side.boxes = _recesses(local[behind], stray)
+    side.boxes = _recesses(local[behind], outliers)
     for opening in openings:
-        depth = side.distance(opening) + _BEHIND
-        around = side.flat(opening).buffer(_FLARE * _BEHIND + _RIM, join_style="mitre")
+        depth = side.opening_depth(opening) + _BEHIND
+        around = side.project(opening).buffer(_FLARE * _BEHIND + _HOLE_INSET, join_style="mitre")
         if depth > side.main.depth + _BEHIND:
             side.boxes.append(_Sheet(around, depth, [opening]))
         else:
             side.main.openings.append(opening)
-    side.boxes = _joined(side.boxes)
-    for one in side.boxes:  # openings that a niche or a fireplace comes too close to
-        taken = [each for each in side.main.openings if side.flat(each).intersects(one.outline)]
-        one.openings += taken
+    side.boxes = _merge_touching(side.boxes)
+    for recess in side.boxes:  # takes over the openings of the main sheet that it touches
+        taken = [
+            opening
+            for opening in side.main.openings
+            if side.project(opening).intersects(recess.outline)
+        ]
+        recess.openings += taken
         side.main.openings = [
-            each for each in side.main.openings if not any(each is other for other in taken)
+            opening
+            for opening in side.main.openings
+            if not any(opening is other for other in taken)
         ]
 
 
-def _joined(boxes: list[_Sheet]) -> list[_Sheet]:
-    """Boxes that stand apart: those that touch become one as large and as deep as both."""
+def _merge_touching(boxes: list[_Sheet]) -> list[_Sheet]:
+    """Merge boxes that touch into one as large and as deep as all of them."""
     apart: list[_Sheet] = []
     for new in boxes:
-        touching = [one for one in apart if one.outline.intersects(new.outline)]
+        touching = [sheet for sheet in apart if sheet.outline.intersects(new.outline)]
         while touching:
-            apart = [one for one in apart if not any(one is other for other in touching)]
-            whole = shapely.union_all([new.outline, *(one.outline for one in touching)])
+            apart = [sheet for sheet in apart if not any(sheet is other for other in touching)]
+            whole = shapely.union_all([new.outline, *(sheet.outline for sheet in touching)])
             new = _Sheet(
                 box(*whole.bounds),
-                max(new.depth, *(one.depth for one in touching)),
-                [*new.openings, *(each for one in touching for each in one.openings)],
+                max(new.depth, *(sheet.depth for sheet in touching)),
+                [*new.openings, *(opening for sheet in touching for opening in sheet.openings)],
             )
-            touching = [one for one in apart if one.outline.intersects(new.outline)]
+            touching = [sheet for sheet in apart if sheet.outline.intersects(new.outline)]
         apart.append(new)
     return apart
 
 
-def _recesses(local: Float64Array, stray: int) -> list[_Sheet]:
-    """The ends of boxes around what is seen behind a sheet, (N, 3) in its side's axes."""
-    if len(local) <= stray:
+def _recesses(local: Float64Array, outliers: int) -> list[_Sheet]:
+    """End sheets of boxes around the visible points (N, 3) behind a main sheet."""
+    if len(local) <= outliers:
         return []
     cells = np.floor(local[:, :2] / _CELL).astype(np.int64)
     cells -= cells.min(axis=0)
@@ -251,101 +274,109 @@ def _recesses(local: Float64Array, stray: int) -> list[_Sheet]:
     labels = ndimage.label(grid, structure=np.ones((3, 3)))[0][tuple(cells.T)]
     found = []
     for label in np.unique(labels):
-        some = local[labels == label]
-        if len(some) > stray:
-            low, high = some.min(axis=0) - _BEHIND, some.max(axis=0) + _BEHIND
+        members = local[labels == label]
+        if len(members) > outliers:
+            low, high = members.min(axis=0) - _BEHIND, members.max(axis=0) + _BEHIND
             found.append(_Sheet(box(low[0], low[1], high[0], high[1]), float(high[2])))
     return found
 
 
-def _moved_out(ring: Float64Array, depths: list[float]) -> Float64Array:
-    """The corners (N, 2) of a ring whose edges move outwards by their depths."""
-    ways = np.roll(ring, -1, axis=0) - ring
-    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-    outwards = np.column_stack([ways[:, 1], -ways[:, 0]])
-    reach = np.sum(outwards * ring, axis=1) + np.array(depths)
+def _offset_ring(ring: Float64Array, depths: list[float]) -> Float64Array:
+    """Corners (N, 2) of a ring whose edges move outwards by `depths`."""
+    along = np.roll(ring, -1, axis=0) - ring
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    outwards = np.column_stack([along[:, 1], -along[:, 0]])
+    offsets = np.sum(outwards * ring, axis=1) + np.array(depths)
     corners = []
     for index in range(len(ring)):
         pair = outwards[[index - 1, index]]
-        if abs(np.linalg.det(pair)) < _SHARP:
-            raise _Misfit
-        corners.append(np.linalg.solve(pair, reach[[index - 1, index]]))
+        if abs(np.linalg.det(pair)) < _MIN_SINE:
+            raise _NoFit
+        corners.append(np.linalg.solve(pair, offsets[[index - 1, index]]))
     moved = np.array(corners)
     if not Polygon(moved).is_valid or not Polygon(moved).contains(Polygon(ring)):
-        raise _Misfit
+        raise _NoFit
     return moved
 
 
-def _triangles(side: _Side) -> list[Float64Array]:
-    """A side's sheets with the collars of openings and the walls of boxes, (F, 3, 3) each."""
-    made, ends = [], []
+def _side_triangles(side: _Side) -> list[Float64Array]:
+    """Triangles (F, 3, 3) of a side: its sheets, collars and the walls of its boxes."""
+    parts, box_outlines = [], []
     for sheet in side.boxes:
         outline = sheet.outline.intersection(side.main.outline)
-        made.append(
-            _band(side.frame, outline, side.main.depth - _OVERLAP, outline, sheet.depth + _OVERLAP)
+        parts.append(
+            _strip(side.frame, outline, side.main.depth - _OVERLAP, outline, sheet.depth + _OVERLAP)
         )
-        made += _holed(side, _Sheet(outline, sheet.depth, sheet.openings), [])
-        ends.append(outline)
-    return [*made, *_holed(side, side.main, ends)]
+        parts += _sheet_triangles(side, _Sheet(outline, sheet.depth, sheet.openings), [])
+        box_outlines.append(outline)
+    return [*parts, *_sheet_triangles(side, side.main, box_outlines)]
 
 
-def _holed(side: _Side, sheet: _Sheet, holes: list[Polygon]) -> list[Float64Array]:
-    """A sheet around `holes` and its openings, with the collars that lead to these."""
-    made, holes = [], list(holes)
+def _sheet_triangles(side: _Side, sheet: _Sheet, holes: list[Polygon]) -> list[Float64Array]:
+    """Triangles of a sheet around `holes` and its openings, with a collar for each opening."""
+    parts, holes = [], list(holes)
     for opening in sheet.openings:
-        way = sheet.depth - side.distance(opening)
-        inner = side.flat(opening).buffer(-_RIM, join_style="mitre")
-        wide = inner.buffer(_FLARE * way, join_style="mitre").intersection(sheet.outline)
-        if way > _COLLAR:
-            raise _Misfit
-        made.append(_band(side.frame, inner, sheet.depth - way, wide, sheet.depth))
-        holes.append(wide.buffer(-_OVERLAP, join_style="mitre"))
+        length = sheet.depth - side.opening_depth(opening)
+        inner = side.project(opening).buffer(-_HOLE_INSET, join_style="mitre")
+        outer = inner.buffer(_FLARE * length, join_style="mitre").intersection(sheet.outline)
+        if length > _MAX_COLLAR:
+            raise _NoFit
+        parts.append(_strip(side.frame, inner, sheet.depth - length, outer, sheet.depth))
+        holes.append(outer.buffer(-_OVERLAP, join_style="mitre"))
     whole = shapely.union_all(holes)
-    meet = sum(hole.area for hole in holes) - whole.area
-    if meet > _TINY or whole.difference(sheet.outline).area > _TINY:
-        raise _Misfit
+    overlap = sum(hole.area for hole in holes) - whole.area
+    if overlap > _MIN_AREA or whole.difference(sheet.outline).area > _MIN_AREA:
+        raise _NoFit
     plane = sheet.outline.buffer(_OVERLAP, join_style="mitre").difference(whole)
-    return [*made, *_flat(side.frame, plane, sheet.depth)]
+    return [*parts, *_triangulated(side.frame, plane, sheet.depth)]
 
 
-def _flat(frame: Frame, outline: Polygon, depth: float) -> list[Float64Array]:
-    made = []
+def _triangulated(frame: PlaneFrame, outline: Polygon, depth: float) -> list[Float64Array]:
+    """Triangles (F, 3, 3) of each part of a flat outline."""
+    parts = []
     for part in shapely.get_parts(outline).tolist():
-        if not isinstance(part, Polygon) or part.area < _TINY:
+        if not isinstance(part, Polygon) or part.area < _MIN_AREA:
             continue
         points, faces = trimesh.creation.triangulate_polygon(part, engine="earcut")
-        made.append(frame.world(np.asarray(points), depth)[np.asarray(faces)])
-    return made
+        parts.append(frame.to_world(np.asarray(points), depth)[np.asarray(faces)])
+    return parts
 
 
-def _band(frame: Frame, one: Polygon, depth: float, other: Polygon, far: float) -> Float64Array:
-    """Between the rims of two outlines, of as many corners each, at two depths."""
-    plain = all(isinstance(each, Polygon) and not each.is_empty for each in (one, other))
-    if not plain or len(one.exterior.coords) != len(other.exterior.coords):
-        raise _Misfit
-    near, away = (np.array(orient(each).exterior.coords)[:-1] for each in (one, other))
-    first = int(np.argmin(np.linalg.norm(away - near[0], axis=1)))
-    low, high = frame.world(near, depth), frame.world(np.roll(away, -first, axis=0), far)
+def _strip(
+    frame: PlaneFrame, near: Polygon, near_depth: float, far: Polygon, far_depth: float
+) -> Float64Array:
+    """Triangles (F, 3, 3) between the rims of two outlines with equally many corners."""
+    is_simple = all(isinstance(each, Polygon) and not each.is_empty for each in (near, far))
+    if not is_simple or len(near.exterior.coords) != len(far.exterior.coords):
+        raise _NoFit
+    near_ring, far_ring = (np.array(orient(each).exterior.coords)[:-1] for each in (near, far))
+    first = int(np.argmin(np.linalg.norm(far_ring - near_ring[0], axis=1)))
+    low = frame.to_world(near_ring, near_depth)
+    high = frame.to_world(np.roll(far_ring, -first, axis=0), far_depth)
     next_low, next_high = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
     halves = [low, next_low, next_high], [low, next_high, high]
     return np.concatenate([np.stack(half, axis=1) for half in halves])
 
 
-def _cuts(
-    made: Float64Array, rays: RayCaster, rooms: list[FoundRoom], openings: list[FoundOpening]
+def _hides_surfaces(
+    added: Float64Array, rays: RayCaster, rooms: list[FoundRoom], openings: list[FoundOpening]
 ) -> bool:
-    """Whether a shell stands before more than cracks, for who looks around indoors.
+    """Whether an enclosure hides surfaces that were visible from indoors other than by gaps.
 
-    What is seen through an opening does not count: the outside of another wall.
+    Surfaces behind an opening, such as the outside of another wall, do not count.
     """
     rng = generator(0, "shell")
-    each = max(1, _LOOKS // len(rooms))
+    count = max(1, _VIEW_RAYS // len(rooms))
     eyes = np.concatenate(
-        [places(room.floor, room.floor_z, room.ceiling_z, each, rng) for room in rooms]
+        [sample_room_points(room.floor, room.floor_z, room.ceiling_z, count, rng) for room in rooms]
     )
-    ways = rng.normal(size=eyes.shape)
-    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-    sheet, thing = RayCaster(made).cast(eyes, ways)[0], rays.cast(eyes, ways)[0]
-    before = (sheet < thing) & np.isfinite(thing) & ~blocked(openings, eyes, ways, sheet)
-    close = before & (thing < sheet + _DEEPEST)
-    return bool(close.mean() > _CUT or before.mean() > _CRACKS)
+    directions = unit(rng.normal(size=eyes.shape))
+    to_enclosure = RayCaster(added).cast(eyes, directions)[0]
+    to_surface = rays.cast(eyes, directions)[0]
+    hidden = (
+        (to_enclosure < to_surface)
+        & np.isfinite(to_surface)
+        & ~crosses_opening(openings, eyes, directions, to_enclosure)
+    )
+    just_behind = hidden & (to_surface < to_enclosure + _MAX_DEPTH)
+    return bool(just_behind.mean() > _MAX_HIDDEN or hidden.mean() > _MAX_HIDDEN_FAR)

@@ -1,8 +1,14 @@
-"""Ways out of rooms that no straight look along a wall's normal finds: by walks of light.
+"""Openings of a room that rays along a wall's normal do not find.
 
-Behind a door that stands ajar, up a fireplace without a flue, around a corner: walks go at random
-from inside every room, bouncing as on matt surfaces, and those that get out other than by an
-opening show where another one is. World: metres, Z up.
+Input: the light-stopping triangles, the rooms and the openings found so far. Output: further
+openings to the outside, such as behind a door that stands ajar, around a corner, or up a
+fireplace without a flue.
+
+Random walks (`light_walks`) start in every room. Cross-sections of the building at many depths,
+parallel to walls, floors and ceilings, are searched for enclosed holes that many escaped walks
+pass through. The smallest hole that explains nearly the most walks becomes an opening; the walks
+through it are set aside, and the search repeats until the rest looks like mere cracks.
+World: metres, Z up.
 """
 
 from __future__ import annotations
@@ -17,227 +23,182 @@ from shapely.geometry import Polygon
 
 from scenes.arrays import Float64Array, Int64Array
 from scenes.geometry.mesh import face_areas
-from scenes.reconstruction.aperture_sections import DEPTHS, Cuts, Frame, air, outline_of
-from scenes.reconstruction.light_walks import blocked, bounce, places
+from scenes.reconstruction.aperture_sections import (
+    DEPTHS,
+    CrossSections,
+    PlaneFrame,
+    enclosed_air,
+    portal_outline,
+)
+from scenes.reconstruction.light_walks import MAX_BOUNCES, EscapedWalk, LightWalker
 from scenes.reconstruction.raycast import RayCaster
 from scenes.reconstruction.rooms import MIN_OPENING, FoundOpening, FoundRoom
-from scenes.seeds import generator
 
-_WALKS = 4096  # a room
-_ALL_WALKS = 65_536  # a scene
-_BOUNCES = 8
+_WALKS_PER_ROOM = 4096
+_WALKS_PER_SCENE = 65_536
 _ROUNDS = 4
-_FAR = 3.0  # metres that an escape's last stretch is followed
-_BESIDE = 0.3  # metres beside a wall that a way out through it may be
-_NARROW = 0.04  # metres, half of the least width: what is narrower is a crack
-_STEP = 0.04  # metres between level cuts
-_LOOKED_AT = 400  # escapes at most, evenly chosen
-_FEWEST = 3  # walks that show an opening rather than a crack
-_BUSY = 0.05  # of the walks that an open hole lets out: a leaf or a fire may stand before it
-_AS_GOOD = 0.7  # of the most walks that one cut explains
+_MARGIN = 0.3  # metres beside a wall that an opening through it may be
+_MIN_HALF_WIDTH = 0.04  # metres; a narrower hole is a crack
+_LEVEL_STEP = 0.04  # metres between level sections
+_MAX_WALKS = 400  # escaped walks that are examined, evenly chosen
+_MIN_WALKS = 3  # through an opening; fewer show a crack
+_MIN_SHARE = 0.05  # of the walks that an unobstructed hole would let out: a door leaf or a fire
+# may stand before it
+_NEARLY_MOST = 0.7  # of the walks that the best hole explains
+
+SectionBounds = tuple[Float64Array, Float64Array] | None  # lowest and highest (u, v)
 
 
 @dataclass(frozen=True)
-class Escape:
-    """A walk that got out of room number `room`: where it turned, (K, 3), its end outdoors."""
+class _Aperture:
+    """Enclosed air in the section at `depth` of `frame`, and the walks (numbers) through it."""
 
-    room: int
-    points: Float64Array
-
-
-@dataclass(frozen=True)
-class _Passage:
-    """Closed-in air in a cut at `depth` of `frame`, and the numbers of the walks through it."""
-
-    frame: Frame
+    frame: PlaneFrame
     depth: float
     air: Polygon
     walks: frozenset[int]
 
     @property
     def width(self) -> float:
-        """Metres along `u`."""
+        """Extent along `u`, metres."""
         west, _, east, _ = self.air.bounds
         return float(east - west)
 
 
-@dataclass(frozen=True)
-class Walker:
-    """Walks of light among triangles with unit `normals` (F, 3), stopped by `openings`."""
-
-    rays: RayCaster
-    normals: Float64Array
-    openings: list[FoundOpening]
-
-    def escapes(self, rooms: list[FoundRoom], count: int, seed: int) -> list[Escape]:
-        """Of `count` walks in each of `rooms` those that get out."""
-        return self.walks(rooms, count, seed)[0]
-
-    def walks(
-        self, rooms: list[FoundRoom], count: int, seed: int
-    ) -> tuple[list[Escape], Float64Array]:
-        """Of `count` walks in each of `rooms` those that get out, and where all of them met
-        something, (N, 3)."""
-        found, met = [], [np.empty((0, 3))]
-        for number, room in enumerate(rooms):
-            rng = generator(seed, "escapes", number)
-            origins = places(room.floor, room.floor_z, room.ceiling_z, count, rng)
-            ways = rng.normal(size=(count, 3))
-            ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-            escapes, turns = self.follow(number, origins, ways, rng)
-            found += escapes
-            met += turns
-        return found, np.concatenate(met)
-
-    def follow(
-        self, room: int, origins: Float64Array, ways: Float64Array, rng: np.random.Generator
-    ) -> tuple[list[Escape], list[Float64Array]]:
-        """Those of the walks that begin at `origins` (N, 3) along `ways` that get out, and where
-        the walks turned, (M, 3) each time."""
-        found = []
-        turns = [origins]
-        history = np.arange(len(origins))[:, None]  # of each living walk, its row in each of turns
-        for _ in range(_BOUNCES):
-            distance, triangle = self.rays.cast(origins, ways)
-            stopped = blocked(self.openings, origins, ways, distance)
-            for row in np.nonzero(~stopped & np.isinf(distance))[0].tolist():
-                past = [turn[index] for turn, index in zip(turns, history[row], strict=True)]
-                found.append(Escape(room, np.array([*past, origins[row] + _FAR * ways[row]])))
-            going = ~stopped & np.isfinite(distance)
-            if not going.any():
-                break
-            met = self.normals[triangle[going]]
-            origins, ways = bounce(origins[going], ways[going], distance[going], met, rng)
-            turns.append(origins)
-            history = np.column_stack([history[going], np.arange(len(origins))])
-        return found, turns[1:]
-
-
 def hidden_openings(
-    rays: RayCaster, cuts: Cuts, rooms: list[FoundRoom], openings: list[FoundOpening]
-) -> tuple[list[FoundOpening], list[Escape]]:
-    """Openings that walks find besides `openings`, and the walks that still get out.
+    rays: RayCaster,
+    sections: CrossSections,
+    rooms: list[FoundRoom],
+    openings: list[FoundOpening],
+) -> list[FoundOpening]:
+    """Return the openings that random walks find besides `openings`.
 
-    `rays` are cast at the triangles that stop light, `cuts` go through them.
+    `rays` and `sections` hold the triangles that stop light.
     """
-    normals = face_areas(cuts.corners)[1]
+    normals = face_areas(sections.corners)[1]
     hidden: list[FoundOpening] = []
-    escapes: list[Escape] = []
-    count = max(1, min(_WALKS, _ALL_WALKS // max(1, len(rooms))))
+    count = max(1, min(_WALKS_PER_ROOM, _WALKS_PER_SCENE // max(1, len(rooms))))
     for round_ in range(_ROUNDS):
-        escapes = Walker(rays, normals, openings + hidden).escapes(rooms, count, round_)
-        found = _openings_of(escapes, count, cuts, rooms)
+        walker = LightWalker(rays, normals, openings + hidden)
+        escaped = walker.escaped_walks(rooms, count, round_)
+        found = _openings_of(escaped, count, sections, rooms)
         if not found:
             break
         hidden += found
-    return hidden, escapes
+    return hidden
 
 
 def _openings_of(
-    escapes: list[Escape], walks: int, cuts: Cuts, rooms: list[FoundRoom]
+    escaped: list[EscapedWalk], walks: int, sections: CrossSections, rooms: list[FoundRoom]
 ) -> list[FoundOpening]:
-    """Openings that the escapes of `walks` a room went through, the busiest first."""
-    every = max(1, -(-len(escapes) // _LOOKED_AT))
-    left, walks = escapes[::every], walks // every
-    made = []
-    while len(left) >= _FEWEST:
-        passage = _busiest(left, walks, cuts, rooms)
-        if passage is None:
+    """Openings that explain the escaped ones of `walks` walks a room, the busiest first."""
+    stride = max(1, -(-len(escaped) // _MAX_WALKS))
+    remaining, walks = escaped[::stride], walks // stride
+    openings = []
+    while len(remaining) >= _MIN_WALKS:
+        aperture = _busiest_aperture(remaining, walks, sections, rooms)
+        if aperture is None:
             break
-        room, frame = left[min(passage.walks)].room, passage.frame
-        level = abs(frame.normal[2]) > 0.9
-        wall = (
+        room, frame = remaining[min(aperture.walks)].room, aperture.frame
+        is_level = abs(frame.normal[2]) > 0.9
+        wall_area = (
             rooms[room].floor.area
-            if level
-            else passage.width * (rooms[room].ceiling_z - rooms[room].floor_z)
+            if is_level
+            else aperture.width * (rooms[room].ceiling_z - rooms[room].floor_z)
         )
-        made.append(
+        openings.append(
             FoundOpening(
                 room,
-                frame.world(outline_of([passage.air]), passage.depth),
+                frame.to_world(portal_outline([aperture.air]), aperture.depth),
                 frame.normal,
-                min(1.0, passage.air.area / wall),
+                min(1.0, aperture.air.area / wall_area),
                 overhead=bool(frame.normal[2] > 0.9),
                 hidden=True,
             )
         )
-        left = [escape for index, escape in enumerate(left) if index not in passage.walks]
-    return made
+        remaining = [walk for index, walk in enumerate(remaining) if index not in aperture.walks]
+    return openings
 
 
-def _busiest(
-    escapes: list[Escape], walks: int, cuts: Cuts, rooms: list[FoundRoom]
-) -> _Passage | None:
-    """The least of the holes that (nearly) the most escapes went through; None if all of them
-    are cracks."""
-    crossed = [
-        (frame, depth, who, points)
-        for frame, depths, limits in _families(escapes, rooms)
-        for depth, who, points in _crossings(escapes, frame, depths, limits)
+def _busiest_aperture(
+    escaped: list[EscapedWalk], walks: int, sections: CrossSections, rooms: list[FoundRoom]
+) -> _Aperture | None:
+    """The smallest of the holes that nearly the most walks pass; None if all are cracks."""
+    crossings = [
+        (frame, depth, indices, points)
+        for frame, depths, bounds in _section_planes(escaped, rooms)
+        for depth, indices, points in _crossings(escaped, frame, depths, bounds)
     ]
-    crossed.sort(key=lambda cut: -len(cut[2]))
-    found: list[_Passage] = []
-    most = _FEWEST
-    for frame, depth, who, points in crossed:
-        if len(who) < _AS_GOOD * most:
-            break  # no hole in this cut or in those that follow can be as busy
+    crossings.sort(key=lambda crossing: -len(crossing[2]))
+    found: list[_Aperture] = []
+    most = _MIN_WALKS
+    for frame, depth, indices, points in crossings:
+        if len(indices) < _NEARLY_MOST * most:
+            break  # no hole in this section or in those that follow has enough walks
         low, high = np.append(points.min(axis=0) - 1.0, depth), points.max(axis=0) + 1.0
-        for part in air(cuts.near(frame, low, np.append(high, depth)), depth, points):
-            inside = set(who[shapely.contains_xy(part, points[:, 0], points[:, 1])].tolist())
-            if not inside or part.area < MIN_OPENING or part.buffer(-_NARROW).is_empty:
+        nearby = sections.near(frame, low, np.append(high, depth))
+        for part in enclosed_air(nearby, depth, points):
+            inside = set(indices[shapely.contains_xy(part, points[:, 0], points[:, 1])].tolist())
+            if not inside or part.area < MIN_OPENING or part.buffer(-_MIN_HALF_WIDTH).is_empty:
                 continue
-            room = rooms[escapes[min(inside)].room]
-            if len(inside) >= _least(part.area, walks, room) and not _is_indoors(
+            room = rooms[escaped[min(inside)].room]
+            if len(inside) >= _min_walks(part.area, walks, room) and not _is_indoors(
                 part, frame, depth, rooms
             ):
-                found.append(_Passage(frame, depth, part, frozenset(inside)))
+                found.append(_Aperture(frame, depth, part, frozenset(inside)))
                 most = max(most, len(inside))
-    good = [passage for passage in found if len(passage.walks) >= _AS_GOOD * most]
-    return min(good, key=lambda passage: passage.air.area, default=None)
+    candidates = [aperture for aperture in found if len(aperture.walks) >= _NEARLY_MOST * most]
+    return min(candidates, key=lambda aperture: aperture.air.area, default=None)
 
 
-def _least(area: float, walks: int, room: FoundRoom) -> float:
-    """How many of a room's walks an open hole of `area` lets out at least; fewer show a crack
-    that merely lies in the same cut."""
-    around = room.floor.length * (room.ceiling_z - room.floor_z)
-    surface = 2 * room.floor.area + around
-    return max(_FEWEST, _BUSY * walks * min(1.0, _BOUNCES * area / surface))
+def _min_walks(area: float, walks: int, room: FoundRoom) -> float:
+    """The number of a room's walks that a hole of `area` square metres lets out at least.
+
+    Fewer belong to a crack that merely lies in the same section.
+    """
+    walls = room.floor.length * (room.ceiling_z - room.floor_z)
+    surface = 2 * room.floor.area + walls
+    return max(_MIN_WALKS, _MIN_SHARE * walks * min(1.0, MAX_BOUNCES * area / surface))
 
 
-Limits = tuple[Float64Array, Float64Array] | None  # of a cut, lowest and highest (u, v)
+def _section_planes(
+    escaped: list[EscapedWalk], rooms: list[FoundRoom]
+) -> Iterator[tuple[PlaneFrame, Float64Array, SectionBounds]]:
+    """Families of parallel sections with their depths and bounds.
 
-
-def _families(
-    escapes: list[Escape], rooms: list[FoundRoom]
-) -> Iterator[tuple[Frame, Float64Array, Limits]]:
-    """Planes across which a way out may be: along walls, and level, seen from below and above."""
+    Along every wall of the rooms that walks escaped from, then level ones, upwards through the
+    ceilings and downwards through the floors.
+    """
     up = np.array([0.0, 0.0, 1.0])
-    for number in sorted({escape.room for escape in escapes}):
+    for number in sorted({walk.room for walk in escaped}):
         room = rooms[number]
         height = room.ceiling_z - room.floor_z
         for start, end in pairwise(np.array(room.floor.exterior.coords)):
             length = float(np.linalg.norm(end - start))
-            if length < _BESIDE:
+            if length < _MARGIN:
                 continue
             along = np.append((end - start) / length, 0.0)
-            low = np.array([-_BESIDE, -_BESIDE])
-            high = np.array([length + _BESIDE, height + _BESIDE])
-            yield Frame(np.append(start, room.floor_z), along, up), DEPTHS, (low, high)
+            low = np.array([-_MARGIN, -_MARGIN])
+            high = np.array([length + _MARGIN, height + _MARGIN])
+            yield PlaneFrame(np.append(start, room.floor_z), along, up), DEPTHS, (low, high)
     east, north = np.eye(3)[0], np.eye(3)[1]
     for floor, ceiling in sorted({(room.floor_z, room.ceiling_z) for room in rooms}):
         top = np.array([0.0, 0.0, ceiling])
-        levels = np.arange(floor - ceiling + _STEP, DEPTHS.max(), _STEP)
-        yield Frame(top, east, north), levels, None
-        yield Frame(np.array([0.0, 0.0, floor]), north, east), DEPTHS, None
+        levels = np.arange(floor - ceiling + _LEVEL_STEP, DEPTHS.max(), _LEVEL_STEP)
+        yield PlaneFrame(top, east, north), levels, None
+        yield PlaneFrame(np.array([0.0, 0.0, floor]), north, east), DEPTHS, None
 
 
 def _crossings(
-    escapes: list[Escape], frame: Frame, depths: Float64Array, limits: Limits
+    escaped: list[EscapedWalk], frame: PlaneFrame, depths: Float64Array, bounds: SectionBounds
 ) -> Iterator[tuple[float, Int64Array, Float64Array]]:
-    """Cuts that walks cross outwards: depth, which walks, and where they do so last, (M, 2)."""
-    tracks = [frame.local(escape.points) for escape in escapes]
+    """Sections that enough walks cross outwards.
+
+    Yields depth, walk numbers (M,) and the points (M, 2) of their last crossing.
+    """
+    tracks = [frame.to_local(walk.points) for walk in escaped]
     for depth in depths.tolist():
-        who, points = [], []
+        indices, points = [], []
         for index, track in enumerate(tracks):
             before, after = track[:-1, 2], track[1:, 2]
             rows = np.nonzero((before < depth) & (after >= depth))[0]
@@ -246,21 +207,21 @@ def _crossings(
             row = rows[-1]
             share = (depth - before[row]) / (after[row] - before[row])
             point = track[row, :2] + share * (track[row + 1, :2] - track[row, :2])
-            if limits is None or ((point >= limits[0]) & (point <= limits[1])).all():
-                who.append(index)
+            if bounds is None or ((point >= bounds[0]) & (point <= bounds[1])).all():
+                indices.append(index)
                 points.append(point)
-        if len(who) >= _FEWEST:
-            yield depth, np.array(who, dtype=np.int64), np.array(points)
+        if len(indices) >= _MIN_WALKS:
+            yield depth, np.array(indices, dtype=np.int64), np.array(points)
 
 
-def _is_indoors(part: Polygon, frame: Frame, depth: float, rooms: list[FoundRoom]) -> bool:
-    """Whether a cut's air is that of a room rather than of a hole in what encloses it."""
-    middle = frame.world(np.array([part.representative_point().coords[0]]), depth)[0]
+def _is_indoors(part: Polygon, frame: PlaneFrame, depth: float, rooms: list[FoundRoom]) -> bool:
+    """Whether the air of a section is inside a room rather than in a hole of its enclosure."""
+    middle = frame.to_world(np.array([part.representative_point().coords[0]]), depth)[0]
     if abs(frame.normal[2]) < 0.9:
-        return any(room.holds(middle, -0.1) for room in rooms)
-    ring = shapely.transform(part, lambda flat: frame.world(flat, depth)[:, :2])
+        return any(room.contains(middle, -0.1) for room in rooms)
+    plan = shapely.transform(part, lambda flat: frame.to_world(flat, depth)[:, :2])
     return any(
         room.floor_z - 0.05 < middle[2] < room.ceiling_z - 0.02
-        and ring.intersection(room.floor).area > 0.25 * ring.area
+        and plan.intersection(room.floor).area > 0.25 * plan.area
         for room in rooms
     )

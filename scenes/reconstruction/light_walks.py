@@ -1,29 +1,39 @@
-"""What the dark-house test stands on: where its walks of light begin, and what its blockers stop.
+"""Random walks that show where light gets into a building.
 
-With every lamp off and every portal blocked a house is black inside. Importers use these to find
-where light would get in besides, `pipeline.render.leaks` to prove that it does not.
-World: metres, Z up.
+With every lamp off and every portal closed, the rooms of a house must be black. Light paths are
+reversible, so each walk starts at a random point inside a room and bounces off surfaces as light
+does off matt ones. A walk that leaves the scene without crossing a known opening has found a way
+in for light.
+
+Importers use the escaped walks to find hidden openings and gaps; `pipeline.render.leaks` uses the
+same sampling to prove that a finished scene has none. World: metres, Z up.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from shapely.geometry import Polygon
 
 from scenes.arrays import BoolArray, Float64Array
+from scenes.geometry.directions import unit
+from scenes.reconstruction.raycast import RayCaster
+from scenes.reconstruction.rooms import FoundOpening, FoundRoom
+from scenes.seeds import generator
 
-_OFF = 1e-4  # metres that a bounce starts above its surface
-_STEEP = 0.01  # cosine below which it starts less high
-_EDGE = 2e-3  # metres by which a portal's blocker overlaps its frame
+MAX_BOUNCES = 8
+_ESCAPE_LENGTH = 3.0  # metres of an escaped walk's last segment that are kept
+_OFFSET = 1e-4  # metres above a surface at which the next segment starts
+_MIN_COSINE = 0.01  # below it, the next segment starts closer to the surface
+_OVERLAP = 2e-3  # metres by which the blocker of a portal overlaps the portal's frame
 
 
-class Hole(Protocol):
-    """A planar opening: corners (N, 3) and the normal (3,) of its plane."""
+class PlanarOpening(Protocol):
+    """A planar polygon: corners (N, 3) and the normal (3,) of its plane."""
 
     @property
     def polygon(self) -> Any: ...
@@ -32,77 +42,158 @@ class Hole(Protocol):
     def normal(self) -> Any: ...
 
 
-def blocked(
-    holes: Sequence[Hole], origins: Float64Array, directions: Float64Array, distances: Float64Array
-) -> BoolArray:
-    """Which stretches (N,) from `origins` (N, 3) along unit `directions` cross a hole.
+@dataclass(frozen=True)
+class EscapedWalk:
+    """A walk that left the scene from room number `room`.
 
-    A stretch ends after its distance (N,), infinite where it hits nothing.
+    `points` (K, 3) are its vertices: the start, every bounce, and an end point outdoors.
+    """
+
+    room: int
+    points: Float64Array
+
+
+@dataclass(frozen=True)
+class LightWalker:
+    """Random walks among triangles with unit `normals` (F, 3); `openings` absorb them."""
+
+    rays: RayCaster
+    normals: Float64Array
+    openings: list[FoundOpening]
+
+    def escaped_walks(self, rooms: list[FoundRoom], count: int, seed: int) -> list[EscapedWalk]:
+        """Trace `count` walks in each room and return those that escape."""
+        return self.trace_rooms(rooms, count, seed)[0]
+
+    def trace_rooms(
+        self, rooms: list[FoundRoom], count: int, seed: int
+    ) -> tuple[list[EscapedWalk], Float64Array]:
+        """Trace `count` walks in each room.
+
+        Returns those that escape, and the points (N, 3) where all of them hit a surface.
+        """
+        escaped, hit_points = [], [np.empty((0, 3))]
+        for number, room in enumerate(rooms):
+            rng = generator(seed, "escapes", number)
+            origins = sample_room_points(room.floor, room.floor_z, room.ceiling_z, count, rng)
+            directions = unit(rng.normal(size=(count, 3)))
+            found, hits = self.trace(number, origins, directions, rng)
+            escaped += found
+            hit_points += hits
+        return escaped, np.concatenate(hit_points)
+
+    def trace(
+        self,
+        room: int,
+        origins: Float64Array,
+        directions: Float64Array,
+        rng: np.random.Generator,
+    ) -> tuple[list[EscapedWalk], list[Float64Array]]:
+        """Trace walks that start at `origins` (N, 3) along unit `directions` (N, 3).
+
+        Returns those that escape, and the hit points (M, 3) of each bounce.
+        """
+        escaped = []
+        vertices = [origins]
+        # Row of each active walk in every array of `vertices`.
+        history = np.arange(len(origins))[:, None]
+        for _ in range(MAX_BOUNCES):
+            distance, triangle = self.rays.cast(origins, directions)
+            absorbed = crosses_opening(self.openings, origins, directions, distance)
+            for row in np.nonzero(~absorbed & np.isinf(distance))[0].tolist():
+                past = [points[index] for points, index in zip(vertices, history[row], strict=True)]
+                end = origins[row] + _ESCAPE_LENGTH * directions[row]
+                escaped.append(EscapedWalk(room, np.array([*past, end])))
+            active = ~absorbed & np.isfinite(distance)
+            if not active.any():
+                break
+            origins, directions = diffuse_bounce(
+                origins[active],
+                directions[active],
+                distance[active],
+                self.normals[triangle[active]],
+                rng,
+            )
+            vertices.append(origins)
+            history = np.column_stack([history[active], np.arange(len(origins))])
+        return escaped, vertices[1:]
+
+
+def crosses_opening(
+    openings: Sequence[PlanarOpening],
+    origins: Float64Array,
+    directions: Float64Array,
+    distances: Float64Array,
+) -> BoolArray:
+    """Return which segments (N,) cross one of `openings`.
+
+    Segments start at `origins` (N, 3), run along unit `directions` (N, 3) and end after
+    `distances` (N,), which are infinite where nothing is hit.
     """
     crossed = np.zeros(len(origins), dtype=bool)
-    for hole in holes:
-        corners = np.asarray(hole.polygon, dtype=np.float64)
-        normal = np.asarray(hole.normal, dtype=np.float64)
+    for opening in openings:
+        corners = np.asarray(opening.polygon, dtype=np.float64)
+        normal = np.asarray(opening.normal, dtype=np.float64)
         normal = normal / np.linalg.norm(normal)
-        across = directions @ normal
+        cosine = directions @ normal
         with np.errstate(divide="ignore", invalid="ignore"):
-            reach = ((corners[0] - origins) @ normal) / across
-        near = np.isfinite(reach) & (reach > 0) & (reach < distances + _OFF)
-        if not near.any():
+            plane_distance = ((corners[0] - origins) @ normal) / cosine
+        reached = (
+            np.isfinite(plane_distance)
+            & (plane_distance > 0)
+            & (plane_distance < distances + _OFFSET)
+        )
+        if not reached.any():
             continue
         first = np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0])
         first = first / np.linalg.norm(first)
-        frame = np.stack([first, np.cross(normal, first)], axis=1)
-        blocker = Polygon((corners - corners[0]) @ frame).buffer(_EDGE, join_style="mitre")
-        points = origins[near] + reach[near, None] * directions[near]
-        local = (points - corners[0]) @ frame
-        crossed[near] |= shapely.contains_xy(blocker, local[:, 0], local[:, 1])
+        axes = np.stack([first, np.cross(normal, first)], axis=1)
+        blocker = Polygon((corners - corners[0]) @ axes).buffer(_OVERLAP, join_style="mitre")
+        points = origins[reached] + plane_distance[reached, None] * directions[reached]
+        local = (points - corners[0]) @ axes
+        crossed[reached] |= shapely.contains_xy(blocker, local[:, 0], local[:, 1])
     return crossed
 
 
-def places(
+def sample_room_points(
     floor: Polygon, floor_z: float, ceiling_z: float, count: int, rng: np.random.Generator
 ) -> Float64Array:
-    """Random places (count, 3) in the lower half of a room's air, a little off floor and walls.
+    """Sample points (count, 3) in the lower half of a room, a little off floor and walls.
 
-    A room's ceiling height is that of most of it: under a roof its upper half may be outdoors.
+    The lower half, because the ceiling height is that of most of the room: under a sloping roof
+    the upper half may lie outdoors.
     """
     inner = floor.buffer(-0.05)
     if inner.is_empty:
         inner = floor
     west, south, east, north = inner.bounds
-    made: list[Float64Array] = []
-    while sum(map(len, made)) < count:
+    accepted: list[Float64Array] = []
+    while sum(map(len, accepted)) < count:
         drawn = rng.uniform((west, south), (east, north), (4 * count, 2))
-        made.append(drawn[shapely.contains_xy(inner, drawn[:, 0], drawn[:, 1])])
-    plan = np.concatenate(made)[:count]
+        accepted.append(drawn[shapely.contains_xy(inner, drawn[:, 0], drawn[:, 1])])
+    plan = np.concatenate(accepted)[:count]
     low = floor_z + 0.02
     high = max(0.5 * (floor_z + ceiling_z), floor_z + 0.03)
     return np.column_stack([plan, rng.uniform(low, high, count)])
 
 
-def bounce(
+def diffuse_bounce(
     origins: Float64Array,
-    ways: Float64Array,
+    directions: Float64Array,
     distances: Float64Array,
     normals: Float64Array,
     rng: np.random.Generator,
 ) -> tuple[Float64Array, Float64Array]:
-    """How walks go on from where they hit something: origins and unit directions, (N, 3) each.
+    """Sample the next segment of walks that hit two-sided matt surfaces.
 
-    They came from `origins` along unit `ways` and met, after `distances` (N,), matt surfaces of
-    unit `normals` (N, 3), of either side. They start again a little back on their own way: above
-    the surface, and never behind another one that meets it in a crease.
+    The segments came from `origins` (N, 3) along unit `directions` (N, 3) and hit surfaces with
+    unit `normals` (N, 3) after `distances` (N,). Returns the next origins and unit directions,
+    (N, 3) each, cosine-distributed about the normal. A next origin lies a little before the hit
+    point on the incoming segment: above the surface, and never behind another one that meets it
+    in a crease.
     """
-    towards = np.sum(normals * ways, axis=-1, keepdims=True)
-    facing = np.where(towards > 0, -normals, normals)
-    back = np.minimum(_OFF / np.maximum(np.abs(towards[:, 0]), _STEEP), 0.5 * distances)
-    onward = _unit(facing + _unit(rng.normal(size=facing.shape)))
-    return origins + (distances - back)[:, None] * ways, onward
-
-
-def _unit(vectors: npt.ArrayLike) -> Float64Array:
-    """Vectors (..., 3) scaled to length 1; zero stays zero."""
-    rows = np.asarray(vectors, dtype=np.float64)
-    length = np.linalg.norm(rows, axis=-1, keepdims=True)
-    return rows / np.where(length > 0, length, 1)
+    cosine = np.sum(normals * directions, axis=-1, keepdims=True)
+    facing = np.where(cosine > 0, -normals, normals)
+    back = np.minimum(_OFFSET / np.maximum(np.abs(cosine[:, 0]), _MIN_COSINE), 0.5 * distances)
+    outgoing = unit(facing + unit(rng.normal(size=facing.shape)))
+    return origins + (distances - back)[:, None] * directions, outgoing

@@ -1,4 +1,12 @@
-"""Which way is up, and how large a metre is, in a scene that does not say."""
+"""Up axis and unit of length of a scene whose file does not state them.
+
+Input: triangles (F, 3, 3) in the file's axes and units. Output: the up axis, a rotation that
+makes it +Z, and the factor to metres.
+
+The up axis is the one with the most area of level triangles at both ends of the scene, where
+floors and ceilings are. Vertical rays give the height between floor and ceiling; the unit is the
+one that makes this height that of a usual room.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +16,7 @@ from scenes.arrays import Float64Array
 from scenes.geometry.mesh import face_areas
 from scenes.reconstruction.raycast import RayCaster
 
-ROOM_HEIGHTS = (2.0, 6.5)  # metres between floor and ceiling that need no explanation
+ROOM_HEIGHTS = (2.0, 6.5)  # metres between floor and ceiling of a usual room, least and most
 _USUAL_HEIGHT = 2.7
 _UNITS = {
     "centimetres": 0.01,
@@ -18,19 +26,22 @@ _UNITS = {
     "decimetres": 0.1,
     "kilometres": 1000.0,
 }
-_MAX_CROSSINGS = 48
+_MAX_SURFACES = 48
 
 
 def signed_axis(vector: Float64Array) -> Float64Array:
-    """The coordinate axis, with its sign, nearest to `vector`."""
+    """Return the signed coordinate axis (3,) nearest to `vector` (3,)."""
     axis = np.zeros(3)
     largest = int(np.argmax(np.abs(vector)))
     axis[largest] = 1.0 if vector[largest] >= 0 else -1.0
     return axis
 
 
-def up_from_geometry(corners: Float64Array, usual: Float64Array) -> Float64Array:
-    """The axis with the most area of floor-like triangles at both ends; `usual` if undecided."""
+def up_from_geometry(corners: Float64Array, default: Float64Array) -> Float64Array:
+    """Return the axis (3,) with the most area of level triangles at both ends of the scene.
+
+    Returns `default` unless another axis is far ahead.
+    """
     areas, normals = face_areas(corners)
     centres = corners.mean(axis=1)
     shares = np.zeros(3)
@@ -42,15 +53,18 @@ def up_from_geometry(corners: Float64Array, usual: Float64Array) -> Float64Array
         ends = (along < low + edge) | (along > high - edge)
         shares[axis] = areas[level & ends].sum()
     best = int(np.argmax(shares))
-    guess = int(np.argmax(np.abs(usual)))
-    # Walls are as flat as floors: leave what is usual unless another axis is far ahead.
+    guess = int(np.argmax(np.abs(default)))
+    # Walls are as flat as floors, so another axis must be far ahead.
     if best == guess or shares[best] < 3 * shares[guess]:
-        return usual
+        return default
     return np.eye(3)[best]
 
 
 def upright(up: Float64Array) -> Float64Array:
-    """A rotation (3, 3) that takes the axis `up` to +Z; Y up gives (x, y, z) -> (x, -z, y)."""
+    """Return a rotation (3, 3) that turns the axis `up` to +Z.
+
+    For Y up it maps (x, y, z) to (x, -z, y).
+    """
     axis = int(np.argmax(np.abs(up)))
     sign = 1.0 if up[axis] > 0 else -1.0
     if axis == 2:
@@ -63,14 +77,18 @@ def upright(up: Float64Array) -> Float64Array:
     return turn
 
 
-def crossings(rays: RayCaster, points: Float64Array, low: float, high: float) -> list[Float64Array]:
-    """For each column (x, y) of `points` (N, 2), the heights where a vertical line meets a surface,
-    from below upwards."""
+def surface_heights(
+    rays: RayCaster, points: Float64Array, low: float, high: float
+) -> list[Float64Array]:
+    """Return, for each of `points` (N, 2), the heights of the surfaces on a vertical line.
+
+    Heights are sorted upwards; `low` and `high` bound the scene.
+    """
     step = 1e-5 * max(high - low, 1e-6)
     heights: list[list[float]] = [[] for _ in points]
     start = np.full(len(points), low - 10 * step)
     alive = np.arange(len(points))
-    for _ in range(_MAX_CROSSINGS):
+    for _ in range(_MAX_SURFACES):
         if not len(alive):
             break
         origins = np.column_stack([points[alive], start[alive]])
@@ -85,7 +103,11 @@ def crossings(rays: RayCaster, points: Float64Array, low: float, high: float) ->
 
 
 def tallest_gaps(columns: list[Float64Array], through: float | None) -> Float64Array:
-    """Each column's tallest free interval (low, high), or the one that holds height `through`."""
+    """Return the tallest free interval (low, high) of each column, (M, 2).
+
+    With `through`, the interval that contains this height instead. Columns without one are
+    skipped.
+    """
     gaps = []
     for column in columns:
         if len(column) < 2:
@@ -101,7 +123,7 @@ def tallest_gaps(columns: list[Float64Array], through: float | None) -> Float64A
 
 
 def guess_scale(height: float) -> tuple[float, str]:
-    """The factor to metres for a room that is `height` units high, and the unit's name."""
+    """Return the factor to metres for a room `height` units high, and the name of the unit."""
     low, high = ROOM_HEIGHTS
     if low <= height <= high:
         return 1.0, "metres"

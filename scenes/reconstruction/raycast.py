@@ -1,7 +1,10 @@
-"""Ray casting for measuring a scene while it is imported.
+"""Ray casting against plain triangles, for measuring a scene during its import.
 
-Always Mitsuba's scalar variant, and without setting it for the process: the same answers on
-every machine, and whoever renders later still chooses.
+Input: triangles (F, 3, 3) in world space. Output: closest-hit distances and triangle numbers.
+
+The caster always uses Mitsuba's scalar variant with robust intersection tests and does not set
+the variant of the process. The results are the same on every machine, and the caller stays free
+to choose a variant for rendering. `pipeline.render.raycast` casts rays in finished scenes.
 """
 
 from __future__ import annotations
@@ -18,25 +21,26 @@ from scenes.formats.ply import write_ply
 from scenes.geometry.mesh import Mesh
 
 _VARIANT = "scalar_rgb"
-# Robust: else one ray in 200 that is aimed at an edge slips between the triangles that share it,
-# and walks of light find cracks where there are none.
+# Without robust tests, one ray in 200 that is aimed at an edge slips between the two triangles
+# that share it, and random walks report gaps where there are none.
 _SCENE = """<scene version="3.0.0">
 <boolean name="embree_use_robust_intersections" value="true"/><shape type="ply">
 <string name="filename" value="{}"/><boolean name="face_normals" value="true"/></shape></scene>"""
 
 
 class RayCaster:
-    """Closest hits with a soup of triangles, `corners` (F, 3, 3), and with those of a `base`.
+    """Closest hits with triangles `corners` (F, 3, 3) and with those of an optional `base`.
 
-    The base's triangles count first. To sort a whole scene takes long; a few more do not.
+    Triangles are numbered from 0, those of the base first. Extending a base by a few triangles
+    is much faster than to build the acceleration structure of a whole scene again.
     """
 
     def __init__(self, corners: Float64Array, base: RayCaster | None = None) -> None:
         self._base = base
         self.count: int = len(corners) + (base.count if base is not None else 0)
         faces = np.arange(3 * len(corners)).reshape(-1, 3)
-        self._ray = mi.scalar_rgb.Ray3f  # first, so that what follows knows its Python types
-        # `mi.load_dict` needs a variant set for the whole process; the parser behind it does not.
+        self._ray = mi.scalar_rgb.Ray3f  # loads the variant's Python types for the parser below
+        # `mi.load_dict` needs a variant set for the whole process; the parser does not.
         config = mi.parser.ParserConfig(_VARIANT)
         config.merge_meshes = config.parallel = False
         with tempfile.TemporaryDirectory() as folder:
@@ -49,37 +53,31 @@ class RayCaster:
     def cast(
         self, origins: Float64Array, directions: Float64Array
     ) -> tuple[Float64Array, Int64Array]:
-        """Distances (N,), infinite where nothing is hit, and triangle numbers (N,), there -1.
+        """Return distances (N,), infinite for a miss, and triangle numbers (N,), -1 for a miss.
 
         `origins` and `directions` broadcast to (N, 3); directions are unit vectors.
         """
         origins, directions = np.broadcast_arrays(
             np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         )
-        if self._base is not None:
-            return self._nearer(*self._base.cast(origins, directions), origins, directions)
-        return self._cast(origins, directions)
+        distances, triangles = self._cast_own(origins, directions)
+        if self._base is None:
+            return distances, triangles
+        base_distances, base_triangles = self._base.cast(origins, directions)
+        nearer = distances < base_distances
+        return (
+            np.where(nearer, distances, base_distances),
+            np.where(nearer, self._base.count + triangles, base_triangles),
+        )
 
-    def _nearer(
-        self,
-        distances: Float64Array,
-        triangles: Int64Array,
-        origins: Float64Array,
-        directions: Float64Array,
-    ) -> tuple[Float64Array, Int64Array]:
-        assert self._base is not None
-        own, number = self._cast(origins, directions)
-        here = own < distances
-        return np.where(here, own, distances), np.where(here, self._base.count + number, triangles)
-
-    def _cast(
+    def _cast_own(
         self, origins: Float64Array, directions: Float64Array
     ) -> tuple[Float64Array, Int64Array]:
         intersect, ray = self._scene.ray_intersect_preliminary, self._ray
         point, vector = mi.scalar_rgb.Point3f, mi.scalar_rgb.Vector3f
         hits: list[Any] = [
             intersect(ray(point(x, y, z), vector(u, v, w)), True)
-            # By columns: a list for each ray would take longer than to cast it.
+            # By columns: building a list for each ray takes longer than casting it.
             for x, y, z, u, v, w in zip(*origins.T.tolist(), *directions.T.tolist(), strict=True)
         ]
         distances = np.array([hit.t for hit in hits], dtype=np.float64)

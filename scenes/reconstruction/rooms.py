@@ -1,10 +1,12 @@
-"""Rooms and openings of a scene of bare triangles, found by slicing it and by casting rays.
+"""Rooms and openings of a building given as plain triangles.
 
-A horizontal cut a little below the ceiling shows the walls and little else: doors are closed
-there by their lintels, and furniture seldom reaches so high. What is free in that cut, under a
-ceiling and over a floor, is a room. Openings are looked for wall by wall: rays go straight out
-on a grid, and where many neighbours leave the building an opening is.
-World: metres, Z up.
+Input: triangles (F, 3, 3) and a ray caster for them. Output: rooms with floor polygon and
+heights, and the planar openings through which they see outdoors.
+
+A horizontal section a little below a ceiling shows the walls and little else: lintels close the
+doors there, and furniture seldom reaches so high. The free areas of that section, under a ceiling
+and over a floor, are the rooms. Openings are searched wall by wall with a grid of rays straight
+outwards; connected rays that leave the building form an opening. World: metres, Z up.
 """
 
 from __future__ import annotations
@@ -20,29 +22,29 @@ from shapely.geometry import MultiPolygon, Point, Polygon
 from shapely.ops import unary_union
 
 from scenes.arrays import BoolArray, Float64Array
-from scenes.geometry.directions import fibonacci_sphere
+from scenes.geometry.directions import fibonacci_sphere, horizontal_directions
 from scenes.geometry.mesh import face_areas
-from scenes.reconstruction.orientation import crossings
+from scenes.reconstruction.orientation import surface_heights
 from scenes.reconstruction.raycast import RayCaster
 
-_MAX_COLUMNS = 250_000  # of rays from below that look for ceilings
+_MAX_COLUMNS = 250_000  # of the grid of vertical rays that looks for ceilings
 MIN_HEIGHT, MAX_HEIGHT = 1.9, 8.0
 MIN_AREA = 1.2  # square metres
 _SLICES = (0.25, 0.12, 0.06, 0.4)  # metres below the ceiling, tried in this order
-_SEAL = 0.03  # gaps in walls up to twice this are closed
-_SLIM = 0.35  # free strips narrower than twice this are wall cavities, not rooms
-_CELL = 0.05  # grid of the search for openings
-_INSET = 0.12  # metres inside the wall where that search starts
-_REVEAL = 0.65  # metres a wall may be thick around an opening
+_HALF_GAP = 0.03  # metres; gaps in walls up to twice as wide are closed
+_HALF_CAVITY = 0.35  # metres; free strips less than twice as wide are wall cavities, not rooms
+_CELL = 0.05  # metres; grid of the search for openings
+_INSET = 0.12  # metres inside the wall at which the rays of that search start
+_REVEAL = 0.65  # greatest thickness of a wall around an opening, metres
 MIN_OPENING = 0.08  # square metres
-_SUNK = 0.02  # metres behind the wall's face from which something stands in a hole of it
-_OPEN_SHARE = 0.2  # of an opening, the rest being frame and bars
-_FRAME = 4  # cells that a window's frame may be wide in a hole
+_RECESS = 0.02  # metres behind the wall's face from which a surface stands in a hole of the wall
+_OPEN_SHARE = 0.2  # least share of free cells in an opening; the rest is frame and bars
+_FRAME_CELLS = 4  # greatest width of a window's frame, in cells
 
 
 @dataclass
 class FoundRoom:
-    """A room: `floor` counter-clockwise, its heights, and whether it was a guess."""
+    """A room: floor polygon (counter-clockwise), heights in metres, and whether it is a guess."""
 
     floor: Polygon
     floor_z: float
@@ -51,35 +53,37 @@ class FoundRoom:
 
     @property
     def centre(self) -> Float64Array:
-        """A point well inside, at eye height."""
+        """A point (3,) well inside, at eye height."""
         point = shapely.maximum_inscribed_circle(self.floor).coords[0]
         return np.array([*point, self.floor_z + 0.55 * (self.ceiling_z - self.floor_z)])
 
-    def holds(self, point: Float64Array, margin: float = 0.0) -> bool:
-        """Whether a point (3,) lies inside, or within `margin` metres of it."""
+    def contains(self, point: Float64Array, margin: float = 0.0) -> bool:
+        """Whether a point (3,) lies inside or at most `margin` metres outside."""
         inside = self.floor_z - margin <= point[2] <= self.ceiling_z + margin
         return bool(inside and self.floor.buffer(margin).contains(Point(point[0], point[1])))
 
 
 @dataclass
 class FoundOpening:
-    """An opening to the outside: a planar polygon (N, 3) in the plane of the wall."""
+    """An opening from a room to the outside."""
 
-    room: int
-    polygon: Float64Array
-    normal: Float64Array  # points outdoors
-    wall_share: float  # of the wall's area
-    overhead: bool = False
-    panes: list[str] = field(default_factory=list)
-    hidden: bool = False  # found by walks of light, not by looking straight out
-    # Points (K, 3) in its plane from which light goes straight out.
+    room: int  # number in the list of rooms
+    polygon: Float64Array  # corners (N, 3), in one plane
+    normal: Float64Array  # unit (3,), points outdoors
+    wall_share: float  # share of the wall's area
+    overhead: bool = False  # in the ceiling
+    panes: list[str] = field(default_factory=list)  # ids of shapes that held its window panes
+    hidden: bool = False  # found by random walks, not by rays along the wall's normal
+    # Points (K, 3) in its plane from which rays along the normal leave the building.
     seeds: Float64Array = field(default_factory=lambda: np.empty((0, 3)))
 
 
 def find_rooms(rays: RayCaster, corners: Float64Array, eye: Float64Array | None) -> list[FoundRoom]:
-    """All rooms with a level ceiling; else the space that is seen from `eye`; else nothing.
+    """Find all rooms with a level ceiling, and the space around a camera at `eye` (3,).
 
-    `corners` (F, 3, 3) are the triangles that `rays` casts against.
+    That space is added as a guessed room if no room contains the camera. Without a camera and
+    without rooms, a point in the middle of the scene stands for the camera. `corners` (F, 3, 3)
+    are the triangles that `rays` holds.
     """
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     step = float(np.clip(np.max(high - low)[None] / 100, 0.2, 2.0)[0])
@@ -88,20 +92,20 @@ def find_rooms(rays: RayCaster, corners: Float64Array, eye: Float64Array | None)
         xs = np.arange(low[0] + 0.37 * step, high[0], step)
         ys = np.arange(low[1] + 0.41 * step, high[1], step)
         points = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
-        columns = crossings(rays, points, low[2], high[2])
+        columns = surface_heights(rays, points, low[2], high[2])
     rooms: list[FoundRoom] = []
     for level in _ceiling_levels(columns, step):
-        for polygon in _free_below(corners, level):
-            room = _confirm(rays, polygon, level)
-            if room is not None and not any(_same(room, other) for other in rooms):
+        for polygon in _free_areas(corners, level):
+            room = _room_below(rays, polygon, level)
+            if room is not None and not any(_is_same_room(room, other) for other in rooms):
                 rooms.append(room)
-    rooms = _without_lesser(rooms)
-    least = 1.0  # metres high, for a space with a camera in it
+    rooms = _without_overlaps(rooms)
+    least = 1.0  # metres of height of a space that contains a camera
     if eye is None and not rooms:
         least = MIN_HEIGHT
         eye = np.array([*(0.5 * (low + high))[:2], low[2] + 0.6 * min(high[2] - low[2], 2.5)])
-    if eye is not None and not any(room.holds(eye, 0.3) for room in rooms):
-        seen = _seen_from(rays, eye, low, high)
+    if eye is not None and not any(room.contains(eye, 0.3) for room in rooms):
+        seen = _visible_space(rays, eye, low, high)
         if seen is not None and seen.ceiling_z - seen.floor_z >= least:
             rooms = [room for room in rooms if not _overlap(room, seen)]
             rooms.insert(0, seen)
@@ -109,10 +113,10 @@ def find_rooms(rays: RayCaster, corners: Float64Array, eye: Float64Array | None)
 
 
 def find_openings(rays: RayCaster, rooms: list[FoundRoom]) -> list[FoundOpening]:
-    """Windows, doors to the outside and missing walls of every room, and skylights."""
+    """Find the windows, outside doors, missing walls and skylights of every room."""
     openings = []
     for index, room in enumerate(rooms):
-        if not _sees_out(rays, room):
+        if not _has_view_outside(rays, room):
             continue
         height = room.ceiling_z - room.floor_z
         ring = np.array(room.floor.exterior.coords)
@@ -123,13 +127,13 @@ def find_openings(rays: RayCaster, rooms: list[FoundRoom]) -> list[FoundOpening]
             along = np.append((end - start) / length, 0.0)
             outward = np.array([along[1], -along[0], 0.0])
             origin = np.append(start, room.floor_z)
-            found = _open_parts(rays, origin, along, np.array([0.0, 0, 1]), length, height, outward)
+            found = _open_areas(rays, origin, along, np.array([0.0, 0, 1]), length, height, outward)
             for outline, share, seeds in found:
                 openings.append(FoundOpening(index, outline, outward, share, seeds=seeds))
         west, south, east, north = room.floor.bounds
         origin = np.array([west, south, room.ceiling_z])
         up = np.array([0.0, 0, 1])
-        found = _open_parts(
+        found = _open_areas(
             rays,
             origin,
             np.array([1.0, 0, 0]),
@@ -147,18 +151,18 @@ def find_openings(rays: RayCaster, rooms: list[FoundRoom]) -> list[FoundOpening]
 
 
 def _leads_to_room(opening: FoundOpening, rooms: list[FoundRoom]) -> bool:
-    """Whether another room, not the outside, lies right behind an opening."""
+    """Whether another room lies right behind an opening."""
     middle = opening.polygon.mean(axis=0)
     return any(
-        room.holds(middle + depth * opening.normal)
+        room.contains(middle + depth * opening.normal)
         for depth in (0.15, 0.3, 0.5, 0.8)
         for number, room in enumerate(rooms)
         if number != opening.room
     )
 
 
-def _sees_out(rays: RayCaster, room: FoundRoom) -> bool:
-    """Whether any ray from a few places in the room escapes."""
+def _has_view_outside(rays: RayCaster, room: FoundRoom) -> bool:
+    """Whether any ray from a few points of a room leaves the building."""
     inner = room.floor.buffer(-0.3)
     inner = room.floor if inner.is_empty else inner
     west, south, east, north = inner.bounds
@@ -178,7 +182,7 @@ def _sees_out(rays: RayCaster, room: FoundRoom) -> bool:
     return False
 
 
-def _open_parts(
+def _open_areas(
     rays: RayCaster,
     origin: Float64Array,
     u: Float64Array,
@@ -188,8 +192,11 @@ def _open_parts(
     outward: Float64Array,
     within: Polygon | None = None,
 ) -> list[tuple[Float64Array, float, Float64Array]]:
-    """Outlines (N, 3) of the open parts of a rectangle, their shares of its area, and the points
-    (K, 3) in them from which rays get out."""
+    """Find the open areas of a rectangle in a wall or ceiling.
+
+    Returns for each its outline (N, 3), its share of the rectangle's area, and the points (K, 3)
+    in it from which rays leave the building.
+    """
     columns, rows = max(2, round(width / _CELL)), max(2, round(height / _CELL))
     columns, rows = min(columns, 600), min(rows, 600)
     us = (np.arange(columns) + 0.5) * width / columns
@@ -198,18 +205,21 @@ def _open_parts(
     flat = grid.reshape(-1, 3)
     distance, _ = rays.cast(flat - _INSET * outward, outward)
     open_cells = (distance > _INSET + _REVEAL).reshape(rows, columns)
-    hollow = (distance > _INSET + _SUNK).reshape(rows, columns)
+    hollow = (distance > _INSET + _RECESS).reshape(rows, columns)
     if within is not None:
         inside = shapely.contains_xy(within, flat[:, 0], flat[:, 1]).reshape(rows, columns)
         open_cells &= inside
     if not open_cells.any():
         return []
     open_cells &= _reaches_sky(rays, grid, open_cells, outward)
-    bars = np.ones((3, 3), dtype=bool)  # bridges window bars up to about 10 cm
+    neighbours = np.ones((3, 3), dtype=bool)
     padded = np.pad(open_cells, 3)
-    joined = ndimage.binary_closing(padded, bars, iterations=2)[3:-3, 3:-3]
-    # Up to the edges of the wall's hole: slanting rays get past a frame that stands in it.
-    joined |= ndimage.binary_dilation(joined, bars, iterations=_FRAME, mask=hollow | joined)
+    # Closing bridges window bars up to about 10 cm wide.
+    joined = ndimage.binary_closing(padded, neighbours, iterations=2)[3:-3, 3:-3]
+    # Grown to the edges of the wall's hole: oblique rays pass a frame that stands in it.
+    joined |= ndimage.binary_dilation(
+        joined, neighbours, iterations=_FRAME_CELLS, mask=hollow | joined
+    )
     if within is not None:
         joined &= inside
     labels, count = ndimage.label(joined)
@@ -221,7 +231,7 @@ def _open_parts(
         if area < MIN_OPENING or (cells & open_cells).sum() < _OPEN_SHARE * cells.sum():
             continue
         if min(np.ptp(np.nonzero(cells)[0]), np.ptp(np.nonzero(cells)[1])) < 1:
-            continue  # a slit of one cell: a seam, not an opening
+            continue  # a slit one cell wide is a seam
         outline = np.clip(_outline(cells, du, dv), 0.0, [width, height])
         points = origin + outline[:, :1] * u + outline[:, 1:] * v
         parts.append((points, area / (width * height), grid[cells & open_cells]))
@@ -231,7 +241,7 @@ def _open_parts(
 def _reaches_sky(
     rays: RayCaster, grid: Float64Array, cells: BoolArray, outward: Float64Array
 ) -> BoolArray:
-    """Of the open cells, those from which some of 24 directions outwards hit nothing."""
+    """Return the open cells from which any of 24 directions outwards hits nothing."""
     fan = fibonacci_sphere(48)
     fan = fan[fan @ outward > 0.05]
     points = grid[cells] + 0.02 * outward
@@ -244,9 +254,11 @@ def _reaches_sky(
 
 
 def _outline(cells: BoolArray, du: float, dv: float) -> Float64Array:
-    """The cells' outline in metres: their bounding rectangle where they nearly fill it, else a
-    simplified polygon. Larger by a cell, by which the opening's edge is known, so that nothing
-    gets out beside it."""
+    """Outline (N, 2) of cells in metres, counter-clockwise in (u, v).
+
+    The bounding rectangle of cells that nearly fill it, else a simplified polygon. It is larger
+    by one cell, the accuracy of the opening's edge, so that no light passes beside it.
+    """
     rows, columns = np.nonzero(cells)
     low = np.array([columns.min() * du, rows.min() * dv])
     high = np.array([(columns.max() + 1) * du, (rows.max() + 1) * dv])
@@ -259,12 +271,11 @@ def _outline(cells: BoolArray, du: float, dv: float) -> Float64Array:
     if isinstance(shape, MultiPolygon):
         shape = max(shape.geoms, key=lambda part: part.area)
     ring = np.array(Polygon(shape.exterior).simplify(0.06).exterior.coords)[:-1]
-    # Anticlockwise in (u, v), as the rectangle is.
     return ring if Polygon(ring).exterior.is_ccw else ring[::-1]
 
 
 def _ceiling_levels(columns: list[Float64Array], step: float) -> list[float]:
-    """Heights of level ceilings with at least a small room's area below them, highest first."""
+    """Heights of level ceilings over at least one square metre, highest first."""
     tops = []
     for column in columns:
         gaps = np.diff(column)
@@ -277,21 +288,23 @@ def _ceiling_levels(columns: list[Float64Array], step: float) -> list[float]:
     return [float(np.median(group)) for group in reversed(groups) if len(group) * step**2 > 1.0]
 
 
-def _free_below(corners: Float64Array, level: float) -> list[Polygon]:
-    """The free areas in a cut below the ceiling at height `level`, bounded by that ceiling."""
-    cover = _cover(corners, level)
+def _free_areas(corners: Float64Array, level: float) -> list[Polygon]:
+    """Free areas in a section below the ceiling at height `level`, inside the ceiling's plan."""
+    cover = _ceiling_plan(corners, level)
     if cover.is_empty:
         return []
     polygons: list[Polygon] = []
     for drop in _SLICES[:3]:
-        # Each by itself, then together: to buffer their union takes a hundred times as long.
+        # Buffering the union of the lines takes a hundred times as long.
         lines = shapely.linestrings(slice_segments(corners, level - drop))
-        walls = shapely.union_all(shapely.buffer(lines, _SEAL, cap_style="square"))
+        walls = shapely.union_all(shapely.buffer(lines, _HALF_GAP, cap_style="square"))
         free = cover.difference(walls)
-        for part in _parts(free):
-            grown = part.buffer(-_SLIM).buffer(_SLIM + _SEAL, join_style="mitre", mitre_limit=2.0)
-            within = part.buffer(_SEAL, join_style="mitre").intersection(cover)
-            for piece in _parts(grown.intersection(within)):
+        for part in _polygon_parts(free):
+            grown = part.buffer(-_HALF_CAVITY).buffer(
+                _HALF_CAVITY + _HALF_GAP, join_style="mitre", mitre_limit=2.0
+            )
+            within = part.buffer(_HALF_GAP, join_style="mitre").intersection(cover)
+            for piece in _polygon_parts(grown.intersection(within)):
                 outline = Polygon(piece.exterior).simplify(0.03)
                 if outline.area >= MIN_AREA and outline.is_valid:
                     polygons.append(shapely.geometry.polygon.orient(outline))
@@ -301,8 +314,8 @@ def _free_below(corners: Float64Array, level: float) -> list[Polygon]:
 
 
 def slice_segments(corners: Float64Array, height: float) -> Float64Array:
-    """Where the plane z = `height` cuts the triangles: segments (N, 2, 2) in x and y."""
-    # Columns, not `min(axis=1)`: that takes ten times as long on rows of three.
+    """Cut triangles (F, 3, 3) with the plane z = `height`: segments (N, 2, 2) in x and y."""
+    # By columns: `min(axis=1)` takes ten times as long on rows of three.
     first, second, third = corners[:, 0, 2], corners[:, 1, 2], corners[:, 2, 2]
     lowest = np.minimum(np.minimum(first, second), third)
     highest = np.maximum(np.maximum(first, second), third)
@@ -323,21 +336,21 @@ def slice_segments(corners: Float64Array, height: float) -> Float64Array:
     return ends[np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) > 1e-6]
 
 
-def _cover(corners: Float64Array, level: float) -> Polygon:
-    """The plan of all level triangles at the ceiling's height."""
+def _ceiling_plan(corners: Float64Array, level: float) -> Polygon:
+    """Plan of all level triangles at the height of a ceiling."""
     _, normals = face_areas(corners)
     z = corners[:, :, 2]
     near = (np.abs(normals[:, 2]) > 0.95) & (np.abs(z - level).max(axis=1) < 0.06)
     triangles = corners[near][:, :, :2]
     if not len(triangles):
         return Polygon()
-    # Sealed: ceilings are often made of tiles with seams.
+    # Ceilings are often made of tiles with seams, which this closes.
     merged = unary_union(shapely.polygons(triangles).tolist())
-    return merged.buffer(_SEAL, join_style="mitre").buffer(-_SEAL, join_style="mitre")
+    return merged.buffer(_HALF_GAP, join_style="mitre").buffer(-_HALF_GAP, join_style="mitre")
 
 
-def _confirm(rays: RayCaster, polygon: Polygon, level: float) -> FoundRoom | None:
-    """A free area as a room if it has a floor and walls; else None."""
+def _room_below(rays: RayCaster, polygon: Polygon, level: float) -> FoundRoom | None:
+    """The room of a free area below a ceiling, or None if it lacks a floor or walls."""
     points = _inside_points(polygon, 160)
     if not len(points):
         return None
@@ -348,16 +361,19 @@ def _confirm(rays: RayCaster, polygon: Polygon, level: float) -> FoundRoom | Non
     if np.isfinite(down).mean() < 0.8 or np.isfinite(up).mean() < 0.8:
         return None
     below = level - 0.3 - down[np.isfinite(down)]
-    floor = _lowest_common(below)
+    floor = _floor_height(below)
     if not MIN_HEIGHT <= level - floor <= MAX_HEIGHT:
         return None
-    if _enclosure(rays, polygon, floor, level) < 0.45:
+    if _enclosed_share(rays, polygon, floor, level) < 0.45:
         return None
     return FoundRoom(polygon, floor, level)
 
 
-def _lowest_common(heights: Float64Array) -> float:
-    """The floor among heights that are partly furniture: the lowest level that a tenth share."""
+def _floor_height(heights: Float64Array) -> float:
+    """Height of the floor among `heights` (N,) of floor and furniture.
+
+    The lowest level that a tenth of them share.
+    """
     ordered = np.sort(heights)
     window = max(1, len(ordered) // 10)
     for start in range(len(ordered) - window + 1):
@@ -366,22 +382,21 @@ def _lowest_common(heights: Float64Array) -> float:
     return float(ordered[0])
 
 
-def _enclosure(rays: RayCaster, polygon: Polygon, floor: float, ceiling: float) -> float:
-    """The share of level rays, from inside at three heights, that end soon behind the outline."""
+def _enclosed_share(rays: RayCaster, polygon: Polygon, floor: float, ceiling: float) -> float:
+    """Share of horizontal rays from inside, at three heights, that hit a wall near the outline."""
     centre = shapely.maximum_inscribed_circle(polygon).coords[0]
-    angle = 2 * np.pi * (np.arange(72) + 0.5) / 72
-    ways = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(72)])
+    directions = horizontal_directions(72, 0.5)
     hits = 0
-    reach = polygon.hausdorff_distance(Point(centre)) + 1.0
+    limit = polygon.hausdorff_distance(Point(centre)) + 1.0
     for share in (0.35, 0.7, 0.9):
         place = np.array([*centre, floor + share * (ceiling - floor)])
-        distance, _ = rays.cast(place, ways)
-        hits += int((distance <= reach).sum())
+        distance, _ = rays.cast(place, directions)
+        hits += int((distance <= limit).sum())
     return hits / (3 * 72)
 
 
 def _inside_points(polygon: Polygon, count: int) -> Float64Array:
-    """About `count` points on a grid inside the polygon, kept off its edge."""
+    """About `count` grid points (N, 2) inside a polygon, a little off its edge."""
     inner = polygon.buffer(-0.1)
     inner = polygon if inner.is_empty else inner
     west, south, east, north = inner.bounds
@@ -391,26 +406,27 @@ def _inside_points(polygon: Polygon, count: int) -> Float64Array:
     return grid[shapely.contains_xy(inner, grid[:, 0], grid[:, 1])]
 
 
-def _seen_from(
+def _visible_space(
     rays: RayCaster, eye: Float64Array, low: Float64Array, high: Float64Array
 ) -> FoundRoom | None:
-    """The space around a camera, for scenes without a level ceiling or proper walls."""
+    """The space visible from a camera, for scenes without level ceilings or complete walls."""
     vertical, _ = rays.cast(np.stack([eye, eye]), np.array([[0.0, 0, -1], [0, 0, 1]]))
     floor = eye[2] - vertical[0] if np.isfinite(vertical[0]) else low[2]
     ceiling = eye[2] + vertical[1] if np.isfinite(vertical[1]) else max(high[2], floor + 2.4)
-    angle = 2 * np.pi * np.arange(360) / 360
-    ways = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(360)])
-    # Low rays end at furniture, high ones pass over walls: the median of several heights does not.
+    directions = horizontal_directions(360)
+    # Low rays end at furniture and high ones pass over walls, so the median of several counts.
     heights = {floor + share * min(ceiling - floor, 3.0) for share in (0.3, 0.45, 0.6, 0.75, 0.9)}
-    around = [rays.cast(np.array([eye[0], eye[1], height]), ways)[0] for height in sorted(heights)]
+    around = [
+        rays.cast(np.array([eye[0], eye[1], height]), directions)[0] for height in sorted(heights)
+    ]
     distance = np.median(around, axis=0)
     if np.isfinite(distance).mean() < 0.25:
         return None
     box = shapely.box(low[0], low[1], high[0], high[1]).buffer(0.01)
     far = float(np.linalg.norm(high - low))
-    ring = eye[:2] + np.minimum(distance, far)[:, None] * ways[:, :2]
+    ring = eye[:2] + np.minimum(distance, far)[:, None] * directions[:, :2]
     seen = Polygon(ring).buffer(0).intersection(box).simplify(0.05)
-    parts = [part for part in _parts(seen) if part.buffer(0.05).contains(Point(eye[:2]))]
+    parts = [part for part in _polygon_parts(seen) if part.buffer(0.05).contains(Point(eye[:2]))]
     if not parts or parts[0].area < MIN_AREA:
         return None
     outline = shapely.geometry.polygon.orient(Polygon(parts[0].exterior))
@@ -419,17 +435,17 @@ def _seen_from(
         np.column_stack([points, np.full(len(points), eye[2])]), np.array([0.0, 0, -1])
     )
     if np.isfinite(down).any():
-        floor = min(floor, _lowest_common(eye[2] - down[np.isfinite(down)]))
+        floor = min(floor, _floor_height(eye[2] - down[np.isfinite(down)]))
     return FoundRoom(outline, float(floor), float(ceiling), guessed=True)
 
 
-def _parts(shape: shapely.Geometry) -> list[Polygon]:
+def _polygon_parts(shape: shapely.Geometry) -> list[Polygon]:
     found = [part for part in shapely.get_parts(shape).tolist() if isinstance(part, Polygon)]
     return [part for part in found if not part.is_empty]
 
 
 def _overlap(first: FoundRoom, second: FoundRoom) -> bool:
-    """Whether two rooms share a good part of the smaller one's space."""
+    """Whether two rooms share more than 0.4 of the smaller one's area, at the same heights."""
     height = min(first.ceiling_z, second.ceiling_z) - max(first.floor_z, second.floor_z)
     if height <= 0.5:
         return False
@@ -437,12 +453,12 @@ def _overlap(first: FoundRoom, second: FoundRoom) -> bool:
     return shared > 0.4 * min(first.floor.area, second.floor.area)
 
 
-def _same(first: FoundRoom, second: FoundRoom) -> bool:
+def _is_same_room(first: FoundRoom, second: FoundRoom) -> bool:
     return _overlap(first, second) and abs(first.ceiling_z - second.ceiling_z) < 0.03
 
 
-def _without_lesser(rooms: list[FoundRoom]) -> list[FoundRoom]:
-    """Of rooms that overlap (a bulkhead, a lowered ceiling) the one with the larger floor."""
+def _without_overlaps(rooms: list[FoundRoom]) -> list[FoundRoom]:
+    """The rooms without those that overlap one with a larger floor, such as under a bulkhead."""
     kept: list[FoundRoom] = []
     for room in sorted(rooms, key=lambda room: -room.floor.area):
         if not any(_overlap(room, other) for other in kept):

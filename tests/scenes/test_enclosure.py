@@ -11,6 +11,8 @@ from pipeline.render import raycast
 from pipeline.render.leaks import find_leaks
 from pipeline.render.scene import set_variant
 from scenes.geometry.directions import unit
+from scenes.reconstruction.enclosure import ENCLOSURE_ID
+from scenes.reconstruction.gap_sealing import GAP_SEALING_ID
 from tests.fixtures.leak import (
     ROOM,
     Corner,
@@ -29,15 +31,15 @@ def renderer() -> None:
     set_variant("auto")
 
 
-@pytest.mark.parametrize("part", ["shell", "caulk"])
-def test_cracks_are_closed_from_outside(tmp_path: Path, part: str) -> None:
-    """By a shell; where a second building stands apart, by slabs behind the wall's face."""
+@pytest.mark.parametrize("part", [ENCLOSURE_ID, GAP_SEALING_ID])
+def test_gaps_are_sealed_from_outside(tmp_path: Path, part: str) -> None:
+    """By an enclosure; where a second building stands apart, by slabs behind the wall's face."""
     quads = box_quads((0, 0, 0), ROOM, "w") + slit(ROOM)
-    if part == "caulk":
+    if part == GAP_SEALING_ID:
         quads += box_quads((8, 0, 1), (12, 4, 3.6))
     scene = built(tmp_path, quads)
-    assert scene.scene.portals == (), "a crack is no window"
-    assert any("cracks" in change for change in scene.scene.changes)
+    assert scene.scene.portals == (), "a gap is no window"
+    assert any("leaked in through gaps" in change for change in scene.scene.changes)
     assert find_leaks(scene, walks=20_000) == []
     # Nothing of it stands in the room, and indoors only the slits show it.
     points = points_of(scene, part)
@@ -45,7 +47,7 @@ def test_cracks_are_closed_from_outside(tmp_path: Path, part: str) -> None:
     assert seen_share(scene, part, (2.5, 2.0, 1.35)) < 0.004
 
 
-def test_a_shell_leaves_windows_and_fireplaces_as_they_are(tmp_path: Path) -> None:
+def test_an_enclosure_leaves_windows_and_fireplaces_as_they_are(tmp_path: Path) -> None:
     """A window 0.1 m behind the west wall, beside it a closed fireplace 0.5 m deep, and a slit."""
     window, fire = ((0.5, 1.5), (0.9, 1.9)), ((2.4, 3.2), (0.0, 0.7))
     strips = [
@@ -61,9 +63,9 @@ def test_a_shell_leaves_windows_and_fireplaces_as_they_are(tmp_path: Path) -> No
     scene = built(tmp_path, quads)
     (portal,) = scene.scene.portals
     assert portal.kind == "window" and find_leaks(scene, walks=20_000) == []
-    points = points_of(scene, "shell")
+    points = points_of(scene, ENCLOSURE_ID)
     assert points[:, 0].min() == pytest.approx(-0.53, abs=0.011), "a box around the fireplace"
-    assert seen_share(scene, "shell", (0.6, 2.8, 0.5)) < 0.006, "the slit shows it"
+    assert seen_share(scene, ENCLOSURE_ID, (0.6, 2.8, 0.5)) < 0.006, "the slit shows it"
     # Light that comes in askew, up to 65 degrees, is not stopped.
     angle = np.radians(np.repeat([-65.0, 0.0, 65.0], 3))
     origins = np.column_stack([np.full(9, 0.2), np.full(9, 1.0), np.tile([1.0, 1.4, 1.8], 3)])
@@ -73,28 +75,28 @@ def test_a_shell_leaves_windows_and_fireplaces_as_they_are(tmp_path: Path) -> No
     assert (hits.shape < 0).all()
 
 
-def test_a_shell_closes_an_opening_up_the_fireplace(tmp_path: Path) -> None:
+def test_an_enclosure_closes_an_opening_up_the_fireplace(tmp_path: Path) -> None:
     quads = box_quads((0, 0, 0), ROOM, "ws") + west(0.0, (1.6, 2.4), (0.0, 0.7), ROOM)
     quads += box_quads((-0.4, 1.6, 0), (0, 2.4, 1.1), "et")
     quads.append(((0.0, 0.0, 0.0), (5.0, 0.0, 0.0), (5.0, 0.0, 2.694), (0.0, 0.0, 2.694)))
     scene = built(tmp_path, quads)
     assert scene.scene.portals == ()
-    assert any("up a fireplace were closed with it: 1" in each for each in scene.scene.changes)
+    assert any("up a fireplace, were closed: 1" in each for each in scene.scene.changes)
     assert find_leaks(scene, walks=20_000) == []
-    assert seen_share(scene, "shell", (2.5, 2.0, 1.35)) < 0.004
+    assert seen_share(scene, ENCLOSURE_ID, (2.5, 2.0, 1.35)) < 0.004
 
 
-def test_a_stage_without_a_wall_gets_no_shell(tmp_path: Path) -> None:
+def test_a_stage_without_a_wall_gets_no_enclosure(tmp_path: Path) -> None:
     """Light is meant to come in there."""
     scene = built(tmp_path, box_quads((0, 0, 0), ROOM, "w"))
-    assert "shell" not in {thing.name for thing in scene.scene.objects}
+    assert ENCLOSURE_ID not in {item.name for item in scene.scene.objects}
     ways = unit(np.random.default_rng(0).normal(size=(1000, 3)))
     ways = ways[(ways[:, 0] < -0.9) & (ways[:, 2] > 0)]  # not to the ground
     hits = raycast.surfaces(scene.geometry, np.full_like(ways, 1.3), ways, colors=False)
     assert (hits.shape < 0).all()
 
 
-def cracked(seed: int) -> tuple[list[Quad], int]:
+def leaky_room(seed: int) -> tuple[list[Quad], int]:
     """A room of one to two wings with slits below its ceiling, windows and closed recesses in its
     walls at several depths, drawn at random; and how many windows it has."""
     rng = np.random.default_rng(seed)
@@ -147,8 +149,8 @@ def cracked(seed: int) -> tuple[list[Quad], int]:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_rooms_with_cracks_are_dark_but_for_their_windows(tmp_path: Path, seed: int) -> None:
-    quads, windows = cracked(seed)
+def test_rooms_with_gaps_are_dark_but_for_their_windows(tmp_path: Path, seed: int) -> None:
+    quads, windows = leaky_room(seed)
     scene = built(tmp_path, quads)
     assert len(scene.scene.portals) == windows
     assert find_leaks(scene, walks=20_000) == []

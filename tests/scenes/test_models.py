@@ -623,20 +623,20 @@ HOSTILE: dict[str, tuple[Any, str]] = {
     "NaN": (_nan, "not a finite number"),
     "a path that climbs": (_climb, "outside"),
     "a coded path that climbs": (_climb_coded, "outside"),
-    "a buffer on the net": (_net, "lies elsewhere"),
-    "a short data URI": (_short_data, "are declared"),
+    "a buffer on the net": (_net, "not downloaded"),
+    "a short data URI": (_short_data, "declares"),
     "a damaged data URI": (_bad_base64, "data URI"),
     "a quaternion of zero": (_rotation, "quaternion"),
-    "a texture that is not there": (_texture_index, "whole number"),
+    "a texture that is not there": (_texture_index, "integer"),
     "version 1": (_edited(asset={"version": "1.0"}), "version"),
     "no asset": (_edited(asset=None), "no 'asset'"),
     "an unknown extension": (_edited(extensionsRequired=["VENDOR_x"]), "VENDOR_x"),
     "meshopt": (_edited(extensionsRequired=["EXT_meshopt_compression"]), "meshopt"),
     "basis": (_edited(extensionsRequired=["KHR_texture_basisu"]), "Basis"),
     "nodes that are no list": (_edited(nodes={"a": 1}), "list of objects"),
-    "a scene number that is text": (_edited(scene="x"), "whole number"),
+    "a scene number that is text": (_edited(scene="x"), "integer"),
     "an empty file of nodes": (_edited(nodes=[], scenes=[{"nodes": []}]), "no surfaces"),
-    "a node many times": (_instanced, "reached twice"),
+    "a node many times": (_instanced, "referenced twice"),
 }
 
 
@@ -672,7 +672,7 @@ RAW = {
     "long.glb": (_glb((0x4E4F534A, b"{}  "), length=10**6), "truncated"),
     "chunk.glb": (b"glTF" + struct.pack("<IIII", 2, 24, 10**6, 0x4E4F534A) + b"{}  ", "beyond"),
     "binary.glb": (_glb((0x004E4942, b"0000")), "not JSON"),
-    "empty.obj": (b"", "without faces"),
+    "empty.obj": (b"", "no faces"),
     "beyond.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "does not exist"),
     "nan.obj": (b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "not a finite number"),
     "two.obj": (b"v 0 0 0\nv 1 0 0\nf 1 2\n", "fewer than three"),
@@ -692,7 +692,7 @@ def test_damaged_files_are_refused_with_a_reason(tmp_path: Path, name: str) -> N
 
 def test_a_file_of_nothing_but_clear_glass_is_refused(tmp_path: Path) -> None:
     made = square(alphaMode="BLEND", pbrMetallicRoughness={"baseColorFactor": [1, 1, 1, 0]})
-    with pytest.raises(InputError, match="nothing of it is visible"):
+    with pytest.raises(InputError, match="nothing in the scene is visible"):
         import_scene(made.save(tmp_path / "glass.glb"), tmp_path / "out")
 
 

@@ -16,7 +16,7 @@ from pipeline.render.scene import open_scene, set_variant
 from scenes.contract import Portal, Scene, load_scene, save_scene
 from scenes.params import SceneParams
 from scenes.procedural.home import make_home
-from scenes.reconstruction.light_walks import blocked, bounce
+from scenes.reconstruction.light_walks import crosses_opening, diffuse_bounce
 from scenes.registry import import_scene
 from tests.fixtures.gltf import Builder
 from tests.fixtures.leak import ROOM, box_quads, built, west
@@ -72,8 +72,8 @@ def test_portals_block_what_crosses_them_and_nothing_else() -> None:
     origins = np.array([[2.0, 1.5, 1.0]] * 4)
     ways = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [1 / np.sqrt(2), 0, 1 / np.sqrt(2)]])
     far, near = np.full(4, np.inf), np.full(4, 1.0)
-    assert blocked((portal,), origins, ways, far).tolist() == [True, False, False, False]
-    assert not blocked((portal,), origins, ways, near).any(), "something stands before it"
+    assert crosses_opening((portal,), origins, ways, far).tolist() == [True, False, False, False]
+    assert not crosses_opening((portal,), origins, ways, near).any(), "something stands before it"
 
 
 def test_inspect_says_where_light_leaks(tmp_path: Path) -> None:
@@ -88,14 +88,14 @@ def test_inspect_says_where_light_leaks(tmp_path: Path) -> None:
 
 def test_light_enters_a_real_room_by_its_windows(shared_scenes: Path, tmp_path: Path) -> None:
     """Windows at the back of niches that reach the floor, a fireplace without a flue, panelling
-    that misses the wall by millimetres: a shell closes the fireplace and the cracks."""
+    that misses the wall by millimetres: an enclosure closes the fireplace and the gaps."""
     file = shared_scenes / "mitsuba" / "grey-white-room" / "scene.xml"
     scene = open_scene(import_scene(file, tmp_path / "room"))
     assert [portal.kind for portal in scene.scene.portals] == ["window"] * 4
     for portal in scene.scene.portals:
         depth = np.array(portal.polygon) @ portal.normal
         assert 0.4 < depth.mean() < 0.6, "at the sash, not at the wall's face"
-    assert any("shell" in change for change in scene.scene.changes)
+    assert any("enclosure" in change for change in scene.scene.changes)
     assert any("up a fireplace" in change for change in scene.scene.changes)
     assert find_leaks(scene, walks=100_000) == []
     bare = replace(scene, scene=replace(scene.scene, portals=()))
@@ -200,6 +200,8 @@ def test_a_walk_never_steps_behind_the_next_surface() -> None:
     """In a crease it starts again on its own way, above the surface that it met."""
     origins, ways = np.array([[0.0, 0.0, 1.0]]), np.array([[0.6, 0.0, -0.8]])
     rng = np.random.default_rng(0)
-    start, onward = bounce(origins, ways, np.array([1.25]), np.array([[0.0, 0.0, -1.0]]), rng)
+    start, onward = diffuse_bounce(
+        origins, ways, np.array([1.25]), np.array([[0.0, 0.0, -1.0]]), rng
+    )
     assert start[0, 2] == pytest.approx(1e-4) and start[0, 0] == pytest.approx(0.75 * (1 - 1e-4))
     assert onward[0, 2] > 0 and np.linalg.norm(onward) == pytest.approx(1)
