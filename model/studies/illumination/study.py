@@ -280,7 +280,7 @@ def _view_of_other_scene(
     study_view: StudyView, views_of_study: list[StudyView]
 ) -> StudyView | None:
     """Return the next view of another scene, else of the same scene; None if there is none."""
-    start = views_of_study.index(study_view)
+    start = next(i for i, other in enumerate(views_of_study) if other is study_view)
     others = views_of_study[start + 1 :] + views_of_study[:start]
     elsewhere = [other for other in others if other.scene is not study_view.scene]
     return next(iter(elsewhere or others), None)
