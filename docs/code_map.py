@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import io
+import re
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,8 +18,8 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch, Rectangle
 
-ROOT = Path(__file__).resolve().parent.parent
-LAYERS = ("scenes", "pipeline", "model")  # each imports only itself and those before it
+from pipeline.imports import LAYERS, ROOT, imported_files, modules
+
 COLORS = {"scenes": "#dcebd9", "pipeline": "#dae6f3", "model": "#f3e2d5"}
 WIDTH, ROW, CELL = 13.0, 0.62, 1.62  # inches: the picture, a row of boxes, a box
 Edge = tuple[str, str]  # importer, imported
@@ -34,32 +35,22 @@ class Code:
     @classmethod
     def read(cls, root: Path = ROOT) -> Code:
         """Parse every file below the layers' folders."""
-        modules = {}
-        for layer in LAYERS:
-            for path in sorted((root / layer).rglob("*.py")):
-                parts = path.relative_to(root).with_suffix("").parts
-                modules[".".join(parts).removesuffix(".__init__")] = path
+        found = modules(root)
+        names = {path: name for name, path in found.items()}
         edges = {
-            (name, other) for name, path in modules.items() for other in _imports(path, modules)
+            (name, names[other])
+            for name, path in found.items()
+            for other in imported_files(path, root)
         }
-        return cls(modules, frozenset(edges))
+        for name, path in found.items():  # commands are imported by name when they are used
+            named = set(re.findall(r'"([\w.]+):\w+"', path.read_text()))
+            edges |= {(name, other) for other in named & set(found)}
+        return cls(found, frozenset(edges))
 
     def summary(self, module: str) -> str:
         """First sentence of a module's docstring."""
         text = ast.get_docstring(ast.parse(self.modules[module].read_text())) or ""
         return " ".join(text.split("\n\n")[0].split())
-
-
-def _imports(path: Path, modules: dict[str, Path]) -> set[str]:
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.module:
-            for name in node.names:
-                within = f"{node.module}.{name.name}"
-                found.add(within if within in modules else node.module)
-        elif isinstance(node, ast.Import):
-            found |= {name.name for name in node.names}
-    return {name for name in found if name in modules}
 
 
 def parts_of(layer: str, code: Code) -> dict[str, set[str]]:

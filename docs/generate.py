@@ -19,9 +19,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from code_map import ROOT, Code, module_index, picture
+from code_map import Code, module_index, picture
 
 from model.figures.results import METHODS as TITLES
+from pipeline.imports import ROOT
 
 METRICS = {"ssim": ("SSIM", 3), "psnr": ("PSNR, dB", 1), "flip": ("FLIP (less is better)", 3)}
 QUICK_START = ROOT / "docs" / "data" / "quick-start.json"

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import yaml
 
 from model.studies.registry import STUDIES
+from pipeline.imports import import_closure
 from tests.fixtures.paths import ROOT
 
 STAGES = yaml.safe_load((ROOT / "dvc.yaml").read_text())["stages"]
@@ -78,28 +77,12 @@ LEFT_OUT = {
 }
 
 
-def imported(path: Path) -> Iterator[Path]:
-    """Modules of the project that a module imports, relative to the project."""
-    for node in ast.walk(ast.parse((ROOT / path).read_text())):
-        if isinstance(node, ast.ImportFrom) and node.module:
-            folder = Path(*node.module.split("."))
-            for name in node.names:
-                within = folder / f"{name.name}.py"
-                yield within if (ROOT / within).is_file() else folder.with_suffix(".py")
-
-
 def reached(entries: tuple[str, ...], left_out: tuple[str, ...]) -> set[Path]:
-    """The modules that the entries import, those that they import, and so on, in all packages."""
-    excluded = {Path(one) for one in left_out}
-    found: set[Path] = set()
-    waiting = [Path(entry) for entry in entries]
-    while waiting:
-        path = waiting.pop()
-        if path in found or not (ROOT / path).is_file() or excluded & {path, *path.parents}:
-            continue
-        found.add(path)
-        waiting += imported(path)
-    return found
+    """Modules that the entries import, directly or indirectly, without packages' `__init__`."""
+    closure = import_closure(
+        [ROOT / one for one in entries], ROOT, [ROOT / one for one in left_out]
+    )
+    return {path.relative_to(ROOT) for path in closure if path.name != "__init__.py"}
 
 
 def test_every_stage_has_an_entry() -> None:

@@ -2,41 +2,20 @@
 
 from __future__ import annotations
 
-import ast
 from collections import defaultdict
 from graphlib import CycleError, TopologicalSorter
-from pathlib import Path
 
 import pytest
 
-from tests.fixtures.paths import ROOT
+from pipeline.imports import LAYERS, imported_files, modules
 
-LAYERS = ("scenes", "pipeline", "model")  # each may import those before it
 SOURCES = ("mitsuba", "models", "procedural", "sweethome")  # scene sources, in `scenes`
 MOST = 16  # modules and packages in a folder
 
-MODULES = {
-    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
-    for layer in LAYERS
-    for path in sorted((ROOT / layer).rglob("*.py"))
-}
+MODULES = modules()
+NAMES = {path: name for name, path in MODULES.items()}
 PACKAGES = sorted(name for name, path in MODULES.items() if path.name == "__init__.py")
-
-
-def imports(path: Path, modules: dict[str, Path]) -> set[str]:
-    """Names of the project's modules that a file imports, inside functions too."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.module:
-            for name in node.names:
-                within = f"{node.module}.{name.name}"
-                found.add(within if within in modules else node.module)
-        elif isinstance(node, ast.Import):
-            found |= {name.name for name in node.names}
-    return {name for name in found if name in modules}
-
-
-EDGES = {(name, other) for name, path in MODULES.items() for other in imports(path, MODULES)}
+EDGES = {(name, NAMES[one]) for name, path in MODULES.items() for one in imported_files(path)}
 
 
 def child(package: str, module: str) -> str | None:
