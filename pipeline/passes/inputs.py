@@ -21,7 +21,7 @@ from pipeline.views import View
 from scenes.arrays import AnyArray, BoolArray, Float64Array
 from scenes.geometry.directions import pixel_directions, unit
 
-REVISION = 2  # raise it when a channel is added, or a change of code changes pixels
+REVISION = 1  # raise it when a channel is added, or a change of code changes pixels
 
 
 @dataclass(frozen=True)
