@@ -1,4 +1,4 @@
-"""Shading and colour against radiometry that is known on paper."""
+"""Ground truth: shading and colour against analytic radiometry."""
 
 from __future__ import annotations
 

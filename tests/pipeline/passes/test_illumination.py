@@ -1,4 +1,4 @@
-"""Panoramas against lights whose direction, distance and energy are known on paper."""
+"""Illumination panoramas: analytic directions, distances and energies of lights."""
 
 from __future__ import annotations
 

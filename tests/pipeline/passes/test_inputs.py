@@ -1,4 +1,4 @@
-"""Input images against geometry that is known on paper."""
+"""Input images: analytic depth, normals, reflectance and object indices."""
 
 from __future__ import annotations
 

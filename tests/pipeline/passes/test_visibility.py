@@ -1,4 +1,4 @@
-"""Shadows of the panorama's lights, where geometry says by hand what is in shadow."""
+"""Visibility of the panorama's light sources, against analytic shadows."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _variant() -> None:
 
 
 class Card:
-    """What `example_of` asks of a model card."""
+    """The part of a model card that `example_of` reads."""
 
     tone: ClassVar = {"key": 0.8, "burn": 0.2}
     white = 20.0
@@ -60,7 +60,7 @@ def looking_at_a_wall() -> View:
 
 
 def on_the_wall(view: View) -> Float64Array:
-    """Where each pixel's ray meets the plane y = 3: x and z (H, W, 2)."""
+    """Intersection of each pixel's ray with the plane y = 3: x and z (H, W, 2)."""
     rays = pixel_directions(view.intrinsics, view.width, view.height) @ view.pose[:3, :3].T
     return (np.array(EYE) + rays * (3 / rays[..., 1:2]))[..., [0, 2]]
 
@@ -83,7 +83,7 @@ def test_a_board_before_a_lamp_throws_the_shadow_that_geometry_says(
     on_wall = np.abs(inputs["Z"] - 3) < 1e-3
     centre = lamp[[0, 2]] + (np.array([0.3, 1.75]) - lamp[[0, 2]]) * 2
     away = np.abs(on_the_wall(view) - centre) - np.array([0.5, 0.4])
-    edge = 2 * radius + 0.2  # a penumbra, a cell of the panorama, and what pixels lend
+    edge = 2 * radius + 0.2  # a penumbra, a cell of the panorama, and averaging over pixels
     inside, outside = (away < -edge).all(axis=-1), (away > edge).any(axis=-1)
     assert (inside & on_wall).sum() > 10 and (outside & on_wall).sum() > 1000
     assert not share[inside & on_wall].any()

@@ -1,4 +1,4 @@
-"""Two images from one trace of paths: each is what a render of its own would be."""
+"""Joint path tracer: each of its two images equals a render of its own."""
 
 from __future__ import annotations
 
@@ -74,34 +74,36 @@ def test_without_roulette_both_images_are_paths_own(tmp_path: Path) -> None:
     assert abs(pair[0] - pair[1]).mean() > 0.1 * pair[0].mean()
 
 
-@pytest.mark.parametrize("materials", [FAITHFUL, PARTING], ids=["faithful", "parting"])
-def test_each_image_is_unbiased(tmp_path: Path, materials: dict[str, str]) -> None:
-    scene, view, regions = shelf(tmp_path, materials)
+@pytest.fixture(scope="module", params=[(FAITHFUL, 1.05), (PARTING, 1.15)], ids=["same", "parting"])
+def both_ways(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """Regions, the most that noise may grow, and images (joint trace, Mitsuba's own) by albedo."""
+    materials, most = request.param
+    scene, view, regions = shelf(tmp_path_factory.mktemp("shelf"), materials)
     pair = joined(scene, view, 2, SPP, COPIES, 1)
-    for seed, (images, albedo) in enumerate(zip(pair, (None, ALBEDO), strict=True)):
-        others = plain(scene, view, albedo, 2, SPP, COPIES, 2 + seed)
-        ours, theirs = region_means(images, regions), region_means(others, regions)
+    others = [
+        plain(scene, view, None, 2, SPP, COPIES, 2),
+        plain(scene, view, ALBEDO, 2, SPP, COPIES, 3),
+    ]
+    return regions, most, list(zip(pair, others, strict=True))
+
+
+def test_each_image_is_unbiased(both_ways: Any) -> None:
+    regions, _, images = both_ways
+    for joint, separate in images:
+        ours, theirs = region_means(joint, regions), region_means(separate, regions)
         off = abs(deviations(ours, theirs))
         for name, worst in zip(regions, off.max(axis=-1), strict=True):
-            assert worst < 4.5, (name, albedo)
+            assert worst < 4.5, name
         lit = theirs.mean(axis=0) > 0
         error = (ours.std(axis=0, ddof=1) / np.sqrt(COPIES))[lit] / theirs.mean(axis=0)[lit]
         assert np.median(error) < 0.02  # so that a bias of a few per cent cannot hide
 
 
-@pytest.mark.parametrize(
-    ("materials", "most"), [(FAITHFUL, 1.05), (PARTING, 1.15)], ids=["faithful", "parting"]
-)
-def test_company_costs_little(tmp_path: Path, materials: dict[str, str], most: float) -> None:
-    """At the default depth of roulette; partings cost samples."""
-    scene, view, _ = shelf(tmp_path, materials)
-    rr_depth = GroundTruthParams().rr_depth
-    pair = joined(scene, view, rr_depth, SPP, COPIES, 1)
-    for seed, (images, albedo) in enumerate(zip(pair, (None, ALBEDO), strict=True)):
-        others = plain(scene, view, albedo, rr_depth, SPP, COPIES, 2 + seed)
-        ours, theirs = (
-            np.log(each.std(axis=0, ddof=1).mean(axis=-1) + 1e-9) for each in (images, others)
-        )
+def test_a_joint_trace_is_hardly_noisier_than_separate_ones(both_ways: Any) -> None:
+    """With roulette from the second vertex on; directions that differ cost samples."""
+    _, most, images = both_ways
+    for pair in images:
+        ours, theirs = (np.log(each.std(axis=0, ddof=1).mean(axis=-1) + 1e-9) for each in pair)
         assert np.mean(ours - theirs) < np.log(most)
 
 

@@ -1,4 +1,4 @@
-"""Which light is asked: never a bias, and less noise where most lights do not reach the view."""
+"""Emitter sampling and path guiding: unbiased, and less noise where most lights are hidden."""
 
 from __future__ import annotations
 
@@ -80,22 +80,30 @@ def planned(scene: RenderScene, kind: type[PlannedLights] = PlannedLights) -> Pl
     return kind(scene.mitsuba, plan_lights(scene.mitsuba, VIEW, scene.scene.portals, 3))
 
 
-def led(scene: RenderScene, kind: type[PlannedLights] = PlannedLights) -> PlannedLights:
-    """The same, and with it the plan of where paths go on."""
+def guided(scene: RenderScene, kind: type[PlannedLights] = PlannedLights) -> PlannedLights:
+    """The same, with path guiding."""
     plan = plan_lights(scene.mitsuba, VIEW, scene.scene.portals, 3)
     lights = kind(scene.mitsuba, plan, plan_guiding(scene.mitsuba, plan, 3))
     assert lights.guide is not None
     return lights
 
 
+REGIONS = {f"row{row}": np.arange(18)[:, None] // 6 == np.full((18, 24), row) for row in range(3)}
+_REFERENCES: dict[str, np.ndarray] = {}
+
+
+def reference(scene: RenderScene) -> np.ndarray:
+    """Region means of images by Mitsuba's own path tracer, rendered once per scene."""
+    key = scene.scene.xml.read_text()
+    if key not in _REFERENCES:
+        _REFERENCES[key] = region_means(plain(scene, VIEW, None, 3, 4 * SPP, COPIES, 2), REGIONS)
+    return _REFERENCES[key]
+
+
 def off_by(scene: RenderScene, lights: Any) -> np.ndarray:
     """Standard errors between our images' regions and Mitsuba's own, (regions, 3)."""
-    regions = {
-        f"row{row}": np.arange(18)[:, None] // 6 == np.full((18, 24), row) for row in range(3)
-    }
     ours, _ = joined(scene, VIEW, 3, SPP, COPIES, 1, lights=lights)
-    theirs = plain(scene, VIEW, None, 3, 4 * SPP, COPIES, 2)
-    return deviations(region_means(ours, regions), region_means(theirs, regions))
+    return deviations(region_means(ours, REGIONS), reference(scene))
 
 
 @pytest.mark.parametrize(
@@ -110,14 +118,14 @@ def test_every_material_is_unbiased_under_it(tmp_path: Path) -> None:
     scene, view, regions = shelf(tmp_path, FAITHFUL)
     lights = PlannedLights(scene.mitsuba, plan_lights(scene.mitsuba, view, (WINDOW,), 3))
     assert lights.outdoors is not None and not lights.outdoors.own_sampling
-    ours, _ = joined(scene, view, 3, SPP, COPIES, 1, lights=lights)
-    theirs = plain(scene, view, None, 3, SPP, COPIES, 2)
+    ours, _ = joined(scene, view, 3, SPP // 2, COPIES, 1, lights=lights)
+    theirs = plain(scene, view, None, 3, SPP // 2, COPIES, 2)
     off = abs(deviations(region_means(ours, regions), region_means(theirs, regions)))
     assert off.max() < 4.5
 
 
-def every_way(plan: LightPlan) -> LightPlan:
-    """The plan with a third of the choice for the environment's own sampling, too."""
+def every_strategy(plan: LightPlan) -> LightPlan:
+    """The plan with a third of the probability for the environment's own sampling."""
     emitters = plan.emitters.copy()
     emitters[emitters == 0] = 0.5
     total = emitters.sum() + plan.portals.sum() + plan.sun
@@ -130,16 +138,16 @@ def every_way(plan: LightPlan) -> LightPlan:
     )
 
 
-class EveryWay(PlannedLights):
-    """Asks the environment itself, too: the same directions come by three ways."""
+class EveryStrategy(PlannedLights):
+    """Samples the environment itself as well: three strategies give the same directions."""
 
     def __init__(self, scene: Any, plan: LightPlan) -> None:
-        super().__init__(scene, every_way(plan))
+        super().__init__(scene, every_strategy(plan))
         assert self.outdoors is not None and self.outdoors.own_sampling
 
 
-class WaysForgotten(EveryWay):
-    """Takes the density of the one way that was used, as if the others did not exist."""
+class StrategiesForgotten(EveryStrategy):
+    """Uses the density of the one strategy that was used, as if there were no others."""
 
     def __init__(self, scene: Any, plan: LightPlan) -> None:
         super().__init__(scene, plan)
@@ -148,7 +156,7 @@ class WaysForgotten(EveryWay):
 
 
 class ChoiceForgotten(PlannedLights):
-    """Takes no account of how likely an emitter was to be asked."""
+    """Ignores the probability with which an emitter was sampled."""
 
     def _sample_emitter(self, *given: Any) -> tuple[Any, Any]:
         ds, light = super()._sample_emitter(*given)
@@ -156,19 +164,30 @@ class ChoiceForgotten(PlannedLights):
 
 
 class DensityDoubled(PlannedLights):
-    """Takes its directions for twice as likely as they are, where a material found a light."""
+    """Doubles its density where BSDF sampling found a light."""
 
     def density(self, scene: Any, before: Any, ds: Any, active: Any) -> Any:
         return 2 * super().density(scene, before, ds, active)
 
 
-@pytest.mark.parametrize("kind", [WaysForgotten, ChoiceForgotten, DensityDoubled])
-def test_mistakes_would_be_found(kind: type[PlannedLights], tmp_path: Path) -> None:
-    wide = quad("wide", (0, 0, 2.95), (0, 0, -1), (1.6, 1.6), glow("3,2,1"), (0, 1, 0))
-    outdoors = issubclass(kind, EveryWay)
-    scene = room(tmp_path, LAMP if outdoors else wide, SUN)
-    faithful = EveryWay if outdoors else PlannedLights
-    assert abs(off_by(scene, planned(scene, faithful))).max() < 4.5
+WIDE = quad("wide", (0, 0, 2.95), (0, 0, -1), (1.6, 1.6), glow("3,2,1"), (0, 1, 0))
+
+
+@pytest.mark.parametrize(
+    ("kind", "things"),
+    [(EveryStrategy, (LAMP, SUN)), (PlannedLights, (WIDE, SUN))],
+    ids=["ways", "one"],
+)
+def test_the_comparison_passes_what_is_right(
+    kind: type[PlannedLights], things: tuple[str, ...], tmp_path: Path
+) -> None:
+    scene = room(tmp_path, *things)
+    assert abs(off_by(scene, planned(scene, kind))).max() < 4.5
+
+
+@pytest.mark.parametrize("kind", [StrategiesForgotten, ChoiceForgotten, DensityDoubled])
+def test_the_comparison_finds_mistakes(kind: type[PlannedLights], tmp_path: Path) -> None:
+    scene = room(tmp_path, LAMP if issubclass(kind, EveryStrategy) else WIDE, SUN)
     assert abs(off_by(scene, planned(scene, kind))).max() > 6
 
 
@@ -188,7 +207,7 @@ def test_less_noise_where_lamps_are_hidden_and_the_sky_is_behind_walls(tmp_path:
         assert errors[False] < most * errors[True], name
 
 
-def test_the_plan_asks_what_lights_the_view(tmp_path: Path) -> None:
+def test_the_plan_samples_what_lights_the_view(tmp_path: Path) -> None:
     scene = room(tmp_path, LAMP, HIDDEN, SKY)
     plan = plan_lights(scene.mitsuba, VIEW, scene.scene.portals, 0)
     assert plan.emitters.sum() + plan.portals.sum() + plan.sun == pytest.approx(1)
@@ -227,7 +246,7 @@ def test_the_sun_is_found_where_it_stands_and_as_large_as_it_is(
 
 
 def test_other_environments_keep_their_own_sampling_where_they_are_uneven(tmp_path: Path) -> None:
-    """A constant sky comes through the window evenly; of a picture nobody knows."""
+    """A constant sky is smooth; an environment map need not be."""
     constant = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
     plan = plan_lights(room(tmp_path / "a", LAMP, constant).mitsuba, VIEW, (WINDOW,), 0)
     assert plan.emitters.min() == 0 and plan.sun_disc is None and plan.sun == 0
@@ -250,8 +269,8 @@ def test_the_plan_depends_on_no_colour_and_repeats(tmp_path: Path) -> None:
         assert plan.sun == plans[0].sun
 
 
-def test_densities_through_panes_integrate_to_one(tmp_path: Path) -> None:
-    """Over all directions from a point before them; each pane counts by its share."""
+def test_densities_through_portals_integrate_to_one(tmp_path: Path) -> None:
+    """Over all directions from a point before them; each portal counts by its probability."""
     scene = room(tmp_path, SUN)
     second = replace(WINDOW, polygon=((-2, -1, 0.5), (-2, 1, 0.5), (-2, 1, 2), (-2, -1, 2)))
     west = Portal("west", "window", second.polygon, (-1, 0, 0), True)
@@ -276,12 +295,12 @@ def test_densities_through_panes_integrate_to_one(tmp_path: Path) -> None:
 def probabilities_at(
     lights: PlannedLights, place: tuple[float, float, float], normal: tuple[float, float, float]
 ) -> np.ndarray:
-    """Of each weighed lamp, of all others, of each pane, of the sun."""
+    """Probabilities of each weighted lamp, all others together, each portal, the sun."""
     found = lights.probabilities(mi.Point3f(*map(float, place)), mi.Normal3f(*map(float, normal)))
     return np.array([float(np.array(chance).ravel()[0]) for chance in found])
 
 
-def test_each_vertex_asks_what_is_near_and_faces_it(tmp_path: Path) -> None:
+def test_each_vertex_samples_what_is_near_and_faces_it(tmp_path: Path) -> None:
     east, west = (ball(name, (x, 0, 2.5), 0.05, glow(9)) for name, x in (("e", 1.5), ("w", -1.5)))
     lights = planned(room(tmp_path, east, west))
     assert lights.outdoors is None and lights.emitters is not None and lights.emitters.slots == 2
@@ -293,7 +312,7 @@ def test_each_vertex_asks_what_is_near_and_faces_it(tmp_path: Path) -> None:
     assert np.argmax(below[0]) != np.argmax(below[1])
 
 
-def test_the_sun_is_asked_where_it_can_shine(tmp_path: Path) -> None:
+def test_the_sun_is_sampled_where_it_can_shine(tmp_path: Path) -> None:
     scene = room(tmp_path, LAMP, SUN)  # it stands at (-0.3, 0.7, 0.5), beyond the window in y = 2
     indoors = np.array([[-2.0, -2, 0], [2, 2, 3]])
     plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 3, indoors)
@@ -310,7 +329,7 @@ def test_the_sun_is_asked_where_it_can_shine(tmp_path: Path) -> None:
     assert outside > 3 * dark, "nothing stands between"
 
 
-def test_without_strengths_the_views_shares_decide(tmp_path: Path) -> None:
+def test_without_strengths_the_views_probabilities_decide(tmp_path: Path) -> None:
     scene = room(tmp_path, LAMP, HIDDEN, SUN)
     plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 3)
     lights = PlannedLights(scene.mitsuba, replace(plan, strengths=None))
@@ -321,7 +340,7 @@ def test_without_strengths_the_views_shares_decide(tmp_path: Path) -> None:
     assert abs(off_by(scene, lights)).max() < 4.5
 
 
-def test_more_lamps_than_are_weighed_are_asked_by_the_views_shares(tmp_path: Path) -> None:
+def test_more_lamps_than_are_weighted_follow_the_views_probabilities(tmp_path: Path) -> None:
     row = [
         ball(f"b{i}", (-1.6 + 0.2 * i, 0.5, 2.6), 0.04, glow(9)) for i in range(MAX_WEIGHTED + 4)
     ]
@@ -351,7 +370,7 @@ def test_a_scene_without_rooms_is_lit_all_the_same(tmp_path: Path) -> None:
 
 
 def test_a_scene_without_lights_is_black(tmp_path: Path) -> None:
-    """Also beside another that has some, whose objects the renderer knows."""
+    """Even if another open scene has emitters."""
     lit = room(tmp_path / "lit", LAMP)
     params = GroundTruthParams(spp=4, block_spp=2)
     assert render_both(lit, VIEW, params, 0.5, 1).color[1]["black"] < 1
@@ -360,28 +379,28 @@ def test_a_scene_without_lights_is_black(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("things", [(SUN, GROUND), (LAMP, SUN, GROUND), (LAMP, HIDDEN)])
-def test_paths_that_are_led_are_unbiased(things: tuple[str, ...], tmp_path: Path) -> None:
+def test_guided_paths_are_unbiased(things: tuple[str, ...], tmp_path: Path) -> None:
     scene = room(tmp_path, *things)
-    assert abs(off_by(scene, led(scene))).max() < 4.5
+    assert abs(off_by(scene, guided(scene))).max() < 4.5
 
 
 @pytest.mark.parametrize("materials", [FAITHFUL, PARTING], ids=["faithful", "parting"])
-def test_every_material_is_unbiased_when_paths_are_led(
+def test_every_material_is_unbiased_when_paths_are_guided(
     tmp_path: Path, materials: dict[str, str]
 ) -> None:
     scene, view, regions = shelf(tmp_path, materials, more=GROUND)
     plan = plan_lights(scene.mitsuba, view, (WINDOW,), 3)
     lights = PlannedLights(scene.mitsuba, plan, plan_guiding(scene.mitsuba, plan, 3))
     assert lights.guide is not None
-    pair = joined(scene, view, 3, SPP, COPIES, 1, lights=lights)
+    pair = joined(scene, view, 3, SPP // 2, COPIES, 1, lights=lights)
     for seed, (images, albedo) in enumerate(zip(pair, (None, ALBEDO), strict=True)):
-        theirs = plain(scene, view, albedo, 3, SPP, COPIES, 2 + seed)
+        theirs = plain(scene, view, albedo, 3, SPP // 2, COPIES, 2 + seed)
         off = abs(deviations(region_means(images, regions), region_means(theirs, regions)))
         assert off.max() < 4.5, albedo
 
 
-class LedForNothing(PlannedLights):
-    """Takes directions for the material's own, though some of them were led."""
+class GuidingForgotten(PlannedLights):
+    """Takes all directions for the material's own, though some of them were guided."""
 
     def guidance(self, si: Any, active: Any) -> Any:
         found = super().guidance(si, active)
@@ -390,9 +409,9 @@ class LedForNothing(PlannedLights):
         return found
 
 
-def test_paths_led_for_nothing_would_be_found(tmp_path: Path) -> None:
+def test_a_forgotten_guiding_density_is_found(tmp_path: Path) -> None:
     scene = room(tmp_path, LAMP, SUN, GROUND)
-    assert abs(off_by(scene, led(scene, LedForNothing))).max() > 6
+    assert abs(off_by(scene, guided(scene, GuidingForgotten))).max() > 6
 
 
 DARK_SKY = SUN.replace('value="0.02"', 'value="1"')
@@ -406,11 +425,9 @@ DARK_SKY = SUN.replace('value="0.02"', 'value="1"')
     ],
     ids=["sunlit ground", "corner"],
 )
-def test_less_noise_where_something_glows(
-    things: tuple[str, ...], most: float, tmp_path: Path
-) -> None:
+def test_less_noise_by_guiding(things: tuple[str, ...], most: float, tmp_path: Path) -> None:
     scene = room(tmp_path, *things)
-    lights = led(scene)
+    lights = guided(scene)
     noise: dict[bool, list[float]] = {}
     for guide in (lights.guide, None):
         lights.guide = guide
@@ -422,7 +439,7 @@ def test_less_noise_where_something_glows(
         assert guided < most * alone
 
 
-def test_glows_are_where_the_light_falls(tmp_path: Path) -> None:
+def test_guiding_targets_are_where_the_light_falls(tmp_path: Path) -> None:
     scene = room(tmp_path, DARK_SKY, GROUND)  # the sun stands at (-0.3, 0.7, 0.5)
     plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 3)
     found = plan_guiding(scene.mitsuba, plan, 3)
@@ -441,15 +458,15 @@ def test_glows_are_where_the_light_falls(tmp_path: Path) -> None:
     assert len(patch) > 2 and (abs(height - 1.5) < 0.52).all() and (abs(aside) < 0.52).all()
 
 
-def test_nothing_glows_without_sun_lamps_and_ground(tmp_path: Path) -> None:
+def test_no_guiding_targets_without_sun_lamps_and_ground(tmp_path: Path) -> None:
     sky = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
     scene = room(tmp_path, sky)
     plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 3)
     assert plan_guiding(scene.mitsuba, plan, 3) is None
 
 
-def test_how_many_paths_are_led(tmp_path: Path) -> None:
-    lights = led(room(tmp_path, SUN, GROUND))
+def test_the_share_of_guided_paths(tmp_path: Path) -> None:
+    lights = guided(room(tmp_path, SUN, GROUND))
     si = dr.zeros(mi.SurfaceInteraction3f, 3)
     si.p = mi.Point3f([0, 0, 0], [0, 1.0, 40], [0.01, 0.01, 1])  # two on the floor, one far away
     si.n, si.wi = mi.Normal3f(0, 0, 1), mi.Vector3f(0, 0, 1)
@@ -461,7 +478,7 @@ def test_how_many_paths_are_led(tmp_path: Path) -> None:
     np.testing.assert_allclose(chances[:2], 1, rtol=1e-5)
 
 
-def test_shading_depends_on_no_colour_when_paths_are_led(tmp_path: Path) -> None:
+def test_shading_depends_on_no_colour_when_paths_are_guided(tmp_path: Path) -> None:
     images = []
     for number, wall in enumerate(("0.6,0.5,0.4", "0.1,0.3,0.9")):
         scene = room(tmp_path / str(number), SUN, GROUND, wall=wall)

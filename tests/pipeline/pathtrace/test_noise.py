@@ -1,4 +1,4 @@
-"""The noise estimate against true errors, and views that stop when it is low enough."""
+"""Noise estimate against true errors, and views that stop at a noise target."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def true_error(image: np.ndarray, reference: np.ndarray) -> float:
 @pytest.mark.parametrize("kind", ROOMS)
 def test_the_estimate_is_the_error_against_a_reference(kind: str, tmp_path: Path) -> None:
     scene = room(tmp_path, ROOMS[kind])
-    _, reference = rendered(scene, 9, spp=8192, block_spp=256)
+    _, reference = rendered(scene, 9, spp=4096, block_spp=256)  # adds 2 % to the error at 128
     for spp in (32, 128):
         pairs = []
         for seed in range(3):
@@ -68,19 +68,19 @@ def test_brightness_does_not_change_the_estimate(tmp_path: Path) -> None:
 
 def test_a_view_stops_when_its_noise_is_low_enough(tmp_path: Path) -> None:
     scene = room(tmp_path, ROOMS["lit"])
-    _, reference = rendered(scene, 9, spp=4096, block_spp=256)
+    _, reference = rendered(scene, 9, spp=2048, block_spp=256)
     noisy, _ = rendered(scene, 0, spp=8)
     target = noisy["noise"] / 2.5
-    stats, image = rendered(scene, 0, spp=1024, noise=target, min_spp=8)
-    assert 8 < stats["spp"] < 1024 and stats["noise"] <= target
+    stats, image = rendered(scene, 0, spp=256, noise=target, min_spp=8)
+    assert 8 < stats["spp"] < 256 and stats["noise"] <= target
     assert true_error(image, reference) < 1.2 * target
     # One block less would not have done; the same samples without a target are the same image.
-    before, _ = rendered(scene, 0, spp=1024, noise=1e-6, min_spp=8)
-    assert before["spp"] == 1024
-    again, other = rendered(scene, 0, spp=1024, noise=target, min_spp=8)
+    before, _ = rendered(scene, 0, spp=256, noise=1e-6, min_spp=8)
+    assert before["spp"] == 256
+    again, other = rendered(scene, 0, spp=256, noise=target, min_spp=8)
     assert again == stats
     np.testing.assert_array_equal(image, other)
-    least, _ = rendered(scene, 0, spp=1024, noise=1.0, min_spp=64)
+    least, _ = rendered(scene, 0, spp=256, noise=1.0, min_spp=64)
     assert least["spp"] == 64
     most, _ = rendered(scene, 0, spp=16, noise=1e-3, min_spp=8)
     assert most["spp"] == 16 and most["noise"] > 1e-3

@@ -1,4 +1,4 @@
-"""The dark-house test finds gaps that light would come through, and only those."""
+"""Light leak detection: finds the gaps of a building that let light through, and only those."""
 
 from __future__ import annotations
 
