@@ -1,7 +1,13 @@
-"""Categories of things and types of rooms by their names: one table for all scene sources.
+"""Categories of objects and types of rooms from their names: one table for all scene sources.
 
-Names in homes are in any language; the catalogue's identifiers are mostly English, so both are
-read. Words of the large European languages are known, too.
+A name is split into lower-case words without accents; neighbouring words also count as one, and
+plurals also as singulars. The first category of `_CATEGORIES` that has one of the words wins.
+The table knows English and words of other large European languages.
+
+To teach the importers a word, add it to its category in `_CATEGORIES` (or to `_ROOMS` for the
+name of a room): lower case, singular, without accents, and without a space if it is two words
+("washbasin"). A new category is a new line; put it before categories whose words also occur in
+its names ("bedside table" before "bed").
 """
 
 from __future__ import annotations
@@ -11,8 +17,7 @@ import unicodedata
 from collections.abc import Iterable
 from itertools import pairwise
 
-# The first category with a word that occurs; order matters ("bedside table" before "bed"). Words
-# are singular; two words of a name may be one here ("wash basin").
+# (category, words) by precedence.
 _CATEGORIES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("rug", ("rug", "carpet", "mat", "tapis", "teppich", "alfombra", "tappeto")),
     ("curtain", ("curtain", "drape", "blind", "shutter", "rideau", "rideaux", "vorhang", "cortina",
@@ -104,7 +109,7 @@ _DOORS = ("door", "doors", "gate", "porte", "tur", "puerta", "porta", "doorway",
           "garage")  # fmt: skip
 _BUILDING = ("stairs", "railing")
 _WHOLE_BUILDING = ("roof", "pillar", "column", "beam", "toit", "dach", "chimneystack")
-# Room types: words in a room's name.
+# (type of room, words in its name) by precedence.
 _ROOMS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("bathroom", ("bathroom", "bath", "toilet", "toilets", "wc", "shower", "restroom", "powder",
                   "salle de bain", "salle de bains", "sdb", "bad", "badezimmer", "bano", "bagno",
@@ -119,7 +124,7 @@ _ROOMS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("bedroom", ("bedroom", "bed", "nursery", "chambre", "schlafzimmer", "kinderzimmer",
                  "dormitorio", "habitacion", "camera", "quarto", "guest", "children", "kids")),
 )  # fmt: skip
-# Things that make a room, in order of how telling they are.
+# (type of room, categories of objects that show it) by precedence.
 _ROOM_FURNITURE = (
     ("bathroom", ("toilet", "bath", "shower")),
     ("bedroom", ("bed",)),
@@ -131,7 +136,7 @@ _ROOM_FURNITURE = (
 
 
 def category_of(*labels: str) -> str:
-    """The category that the first telling name has; "other" where none says anything."""
+    """Return the category of the first of `labels` that tells one, else "other"."""
     for label in labels:
         ranked = [_CATEGORY_OF_WORD[word] for word in _words(label) if word in _CATEGORY_OF_WORD]
         if ranked:
@@ -140,9 +145,10 @@ def category_of(*labels: str) -> str:
 
 
 def category_of_piece(kind: str, name: str, catalog_id: str, model: str = "") -> tuple[str, bool]:
-    """The category of a home's piece and whether it is part of the building.
+    """Return the category of a piece of a home, and whether it is part of the building.
 
-    `kind` is the element's name; `model` a file name that may tell more.
+    `kind` is the tag of its element, `catalog_id` its identifier in a catalogue, and `model` the
+    name of its model file.
     """
     identifier = catalog_id.rpartition("#")[2]
     if kind == "doorOrWindow":
@@ -160,7 +166,7 @@ def category_of_piece(kind: str, name: str, catalog_id: str, model: str = "") ->
 
 
 def room_type(name: str, categories: Iterable[str]) -> str:
-    """The type of a room from its name, else from the categories of what stands in it."""
+    """Return the type of a room from its name, else from the categories of its objects."""
     plain = _plain(name)
     words = _words(name)
     for kind, hints in _ROOMS:
@@ -178,9 +184,9 @@ def room_type(name: str, categories: Iterable[str]) -> str:
 
 
 def _words(text: str) -> set[str]:
-    """Lower-case words without accents, pairs of neighbours as one word, and their singulars.
+    """Lower-case words of a text without accents, pairs of neighbours as one word, and singulars.
 
-    Humps and figures separate words, too.
+    Capitals inside a word and digits separate words, too.
     """
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
     found: set[str] = set()

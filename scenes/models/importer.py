@@ -3,7 +3,8 @@
 A reader turns the file into a `Model`; everything after that is the same for all formats: unit
 and up axis, lights in radiometric units, daylight, grouping into objects, and the assembly.
 
-To add a format, write a module with a `ModelReader` and add its suffix to `READERS`.
+To add a format, write a module with a `ModelReader`, add its line to `READERS`, and its suffix to
+`ModelOptions.suffixes`.
 """
 
 from __future__ import annotations
@@ -83,7 +84,7 @@ class ModelReader(Protocol):
     ) -> Model: ...
 
 
-# Suffix in lower case -> reader.
+# Suffix in lower case -> reader, for each of `ModelOptions.suffixes`.
 READERS: dict[str, ModelReader] = {
     ".glb": gltf.read_model,
     ".gltf": gltf.read_model,

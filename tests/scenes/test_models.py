@@ -24,14 +24,18 @@ from scenes.contract import Scene
 from scenes.errors import InputError
 from scenes.formats.mtl import MtlMap, read_mtl
 from scenes.formats.ply import read_ply
-from scenes.geometry.mesh import face_areas
+from scenes.geometry.mesh import Mesh, face_areas
 from scenes.importing.changes import Changes
 from scenes.importing.sandbox import Sandbox
+from scenes.importing.shape import Shape, Surface
 from scenes.importing.textures import TextureStore
+from scenes.importing.xml_elements import plugin
 from scenes.models.gltf import read_gltf
 from scenes.models.gltf_container import open_asset
 from scenes.models.gltf_images import Images, texture_matrix
+from scenes.models.importer import READERS, import_model
 from scenes.models.model import Model
+from scenes.models.options import ModelOptions
 from scenes.opened_files import OpenedFiles
 from scenes.photometry import LUMEN
 from scenes.registry import import_scene
@@ -738,3 +742,24 @@ def test_json_and_binary_files_hold_the_same(tmp_path: Path) -> None:
     assert np.array_equal(one.shapes[0].mesh.vertices, two.shapes[0].mesh.vertices)
     assert json.loads((tmp_path / "a" / "model.gltf").read_text())["asset"]["version"] == "2.0"
     assert len(one.shapes[0].mesh.faces) == len(SQUARE_FACES) // 3
+
+
+def test_a_new_format_needs_no_more_than_a_reader(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A format of bare corners, nine numbers a line, comes in like any other."""
+    assert set(READERS) == set(ModelOptions.suffixes)
+
+    def read_triangles(path: Path, *_: object) -> Model:
+        corners = np.loadtxt(path, ndmin=2).reshape(-1, 3)
+        mesh = Mesh(corners, np.arange(len(corners)).reshape(-1, 3))
+        grey = plugin("bsdf", "twosided", bsdf=plugin("bsdf", "diffuse"))
+        return Model([Shape("chair", "chair", mesh, Surface(grey, double=True))], kind="triangles")
+
+    monkeypatch.setitem(READERS, ".tri", read_triangles)
+    (tmp_path / "chair.tri").write_text("0 0 0 1 0 0 0 1 0\n0 0 0 0 1 0 0 1 1\n")
+    path, options = tmp_path / "chair.tri", ModelOptions()
+    scene = import_model(path, tmp_path / "out", "chair", options, OpenedFiles(tmp_path))
+    (chair,) = [item for item in scene.objects if item.shapes == ("chair",)]
+    assert chair.category == "chair" and scene.source["kind"] == "triangles"
+    assert np.allclose(np.subtract(chair.bbox_max, chair.bbox_min), [1, 1, 1])

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import csv
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from scenes.importing.categories import CATEGORIES, category_of, category_of_piece, room_type
+from scenes.registry import import_scene
+from tests.fixtures import mitsuba_files, sweethome
+from tests.fixtures.gltf import square
 
 NAMES = {
     "Chairs": "chair",
@@ -69,6 +73,8 @@ def test_the_release_of_pbrs_comes_into_the_same_table(shared_scenes: Path) -> N
     assert len(named) > 0.55 * len(classes)
     assert category_of("range_oven_with_hood", "kitchen_appliance") == "stove"
     assert category_of("bathtub", "bathroom_stuff") == "bath"
+    for name, category in SHARED.items():
+        assert category_of(name.lower(), "other") == category
 
 
 def test_rooms_by_name_else_by_what_stands_in_them() -> None:
@@ -77,3 +83,52 @@ def test_rooms_by_name_else_by_what_stands_in_them() -> None:
     assert room_type("Grey_White_Room", ["bed", "desk"]) == "bedroom"
     assert room_type("", ["table"]) == "dining"
     assert room_type("Flur", ["plant"]) == "other"
+
+
+# Names that got another category with each importer before they shared one table.
+SHARED = {"Chairs": "chair", "books": "books", "Microwave": "microwave", "washbasin": "wash basin"}
+
+
+def a_home(folder: Path) -> Path:
+    pieces = [
+        sweethome.piece(name=name, model="box", x=60 + 90 * place, y=100, width=30, depth=30)
+        for place, name in enumerate(SHARED)
+    ]
+    body = sweethome.usual("".join(pieces))
+    return sweethome.pack(folder / "home.sh3d", body, {"box": sweethome.BOX})
+
+
+def a_mitsuba_scene(folder: Path) -> Path:
+    shapes = [
+        f'<shape type="cube" id="{name}"><transform name="toWorld"><scale value="0.1"/>'
+        f'<translate x="{0.6 + 0.9 * place}" y="0.1" z="-1"/></transform></shape>'
+        for place, name in enumerate(SHARED)
+    ]
+    return mitsuba_files.write(folder, mitsuba_files.usual("".join(shapes)))
+
+
+def a_gltf(folder: Path) -> Path:
+    made = square()
+    for place, name in enumerate(SHARED):
+        made.node(mesh=0, name=name, scale=[0.1, 1, 0.1], translation=[2 * place, 1, 0])
+    return made.save(folder / "site.glb")
+
+
+def an_obj(folder: Path) -> Path:
+    lines, count = ["o ground", "v 0 0 0", "v 9 0 0", "v 9 0 9", "f 1 2 3"], 3
+    for place, name in enumerate(SHARED):
+        lines += [f"o {name}", *(f"v {place + x} 1 {z}" for x, z in ((0, 0), (0.5, 0), (0, 0.5)))]
+        lines.append(f"f {count + 1} {count + 2} {count + 3}")
+        count += 3
+    (folder / "site.obj").write_text("\n".join(lines))
+    return folder / "site.obj"
+
+
+@pytest.mark.parametrize("write", [a_home, a_mitsuba_scene, a_gltf, an_obj])
+def test_every_importer_gives_a_name_the_same_category(
+    tmp_path: Path, write: Callable[[Path], Path]
+) -> None:
+    (tmp_path / "in").mkdir()
+    scene = import_scene(write(tmp_path / "in"), tmp_path / "out")
+    found = {item.name: item.category for item in scene.objects if item.name in SHARED}
+    assert found == SHARED
