@@ -435,8 +435,8 @@ def test_less_noise_by_guiding(things: tuple[str, ...], most: float, tmp_path: P
             float(np.quantile(image.var(axis=0), np.linspace(0, 0.99, 100)).mean())
             for image in joined(scene, VIEW, 5, 16, COPIES, 5, lights=lights)
         ]
-    for guided, alone in zip(noise[True], noise[False], strict=True):
-        assert guided < most * alone
+    for with_guide, alone in zip(noise[True], noise[False], strict=True):
+        assert with_guide < most * alone
 
 
 def test_guiding_targets_are_where_the_light_falls(tmp_path: Path) -> None:
