@@ -140,20 +140,24 @@ class _Page:
             "dataset": Node("Dataset", f"{rows} rows", many),
             "backbone": Node("Backbone", backbone.get("network", _MISSING)),
             "shading": Node(
-                "Shading network", _epochs(epochs.get("shading")), self._shown("shading")
+                "Shading network",
+                _epochs(epochs.get("shading")),
+                self._example_thumbnail("shading"),
             ),
             "composition": Node(
-                "Composition", _epochs(epochs.get("composition")), self._shown("prediction")
+                "Composition",
+                _epochs(epochs.get("composition")),
+                self._example_thumbnail("prediction"),
             ),
             "evaluate": Node(
                 "Evaluation",
                 f"ꟻLIP {flip['mean']:.3f}" if flip else _MISSING,
-                self._shown("error"),
+                self._example_thumbnail("error"),
             ),
         }
         return {"wide": chain(nodes, WIDE, "wide"), "tall": chain(nodes, TALL, "tall")}
 
-    def _shown(self, part: str) -> str:
+    def _example_thumbnail(self, part: str) -> str:
         """Return a small picture of the best example as a data URI; empty if there is none."""
         for scene_id, view_id in self.records.example_keys().get("best", []):
             picture = self.records.example_picture(scene_id, view_id, part)

@@ -118,9 +118,9 @@ def study_illumination(
         for example, view in zip(examples, views, strict=True)
     ]
     plan = _planned(views_of_study, params, config, networks)
-    given = with_samples(params, config.spp, denoise=True)
-    _render_all(plan.cases, given, renders)
-    tally = _compared(plan, views_of_study, networks, given, renders)
+    settings = with_samples(params, config.spp, denoise=True)
+    _render_all(plan.cases, settings, renders)
+    tally = _compared(plan, views_of_study, networks, settings, renders)
     result = IlluminationResult(
         seed=params.seed,
         split=dataset.split,

@@ -215,13 +215,13 @@ class ViewBenchmark:
             self._timed("visibility", self._visibility)
         shading = self._timed("shading", lambda: networks.shading(example))
         for method in ("pbrnet", "product", *networks.baselines):
-            given = example
+            method_input = example
             if method in METHODS and METHODS[method].noisy:
                 noisy = self._timed("samples", partial(self._sampled, method))
-                given = with_samples_of(example, noisy)
+                method_input = with_samples_of(example, noisy)
             part = "composition" if method == "pbrnet" else method
-            made = self._timed(part, partial(networks.predict, method, given, shading))
-            self._measure(method, None, made.color)
+            prediction = self._timed(part, partial(networks.predict, method, method_input, shading))
+            self._measure(method, None, prediction.color)
 
     def _renderer_turn(self, samples: list[int]) -> None:
         scene, view, params = self.scene, self.view, self.params
@@ -232,9 +232,9 @@ class ViewBenchmark:
         if traced_together(params):
             renderers["planned"] = self._planned
         for spp in samples:
-            given = with_samples(params, spp, denoise=False)
+            settings = with_samples(params, spp, denoise=False)
             for name, render in renderers.items():
-                image = self._timed(f"{name}_{spp}", partial(render, given))
+                image = self._timed(f"{name}_{spp}", partial(render, settings))
                 clean = self._timed("denoiser", partial(denoise, image, albedo, normal))
                 self._measure(name, spp, self._displayed(image))
                 self._measure(f"{name}_denoised", spp, self._displayed(clean))
@@ -256,18 +256,18 @@ class ViewBenchmark:
 
     def _sampled(self, name: str) -> Channels:
         """Render the noisy samples that a network uses."""
-        made = sampled(self.scene, self.view, self.params, self.networks.cards[name])
-        assert made is not None
-        return made
+        samples = sampled(self.scene, self.view, self.params, self.networks.cards[name])
+        assert samples is not None
+        return samples
 
-    def _plain(self, given: Params) -> Channels:
+    def _plain(self, settings: Params) -> Channels:
         """Render colour with Mitsuba's path integrator."""
-        return render_truth(self.scene.neutral(None), self.view, given.groundtruth, self.seed)[0]
+        return render_truth(self.scene.neutral(None), self.view, settings.groundtruth, self.seed)[0]
 
-    def _planned(self, given: Params) -> Channels:
+    def _planned(self, settings: Params) -> Channels:
         """Render colour and shading together, as for the dataset; returns colour."""
         both = render_both(
-            self.scene, self.view, given.groundtruth, given.shading.albedo, self.seed
+            self.scene, self.view, settings.groundtruth, settings.shading.albedo, self.seed
         )
         return both.color[0]
 
@@ -280,9 +280,9 @@ class ViewBenchmark:
 
     def _timed(self, part: str, work: Callable[[], Any]) -> Any:
         began = self.now()
-        made = work()
+        result = work()
         self.seconds[part].append(self.now() - began)
-        return made
+        return result
 
     def _measure(self, method: str, spp: int | None, image: AnyArray) -> None:
         """Measure the error of a picture once; it is the same in every turn."""

@@ -54,17 +54,17 @@ def run(
     fingerprints = _Fingerprints(folders, trials[0].params.evaluate.split)
     records = []
     for number, trial in enumerate(trials, start=1):
-        place = folder_of(study, trial, folders)
-        record = fingerprints.kept(trial, place) or TrialRecord(fingerprints.training(trial))
+        folder = folder_of(study, trial, folders)
+        record = fingerprints.kept(trial, folder) or TrialRecord(fingerprints.training(trial))
         heading = f"study {study.name}: trial {number} of {len(trials)}, {trial.name}"
         if record.measured == fingerprints.scoring(trial):
             log(f"{heading}: kept")
         else:
             log(f"{heading}: {trial.views} views, {sum(trial.steps.values())} steps")
-            _train(study, trial, record, place, folders)
-            _measure(study, trial, record, place, folders)
+            _train(study, trial, record, folder, folders)
+            _measure(study, trial, record, folder, folders)
             record.measured = fingerprints.scoring(trial)
-            write_json(place / "trial.json", plain(record))
+            write_json(folder / "trial.json", plain(record))
         records.append(record)
     return records
 
@@ -74,8 +74,8 @@ def states(study: TrialStudy, trials: Sequence[Trial], folders: Folders) -> list
     fingerprints = _Fingerprints(folders, trials[0].params.evaluate.split)
     found = []
     for trial in trials:
-        place = folder_of(study, trial, folders)
-        record = fingerprints.kept(trial, place)
+        folder = folder_of(study, trial, folders)
+        record = fingerprints.kept(trial, folder)
         if record is None:
             found.append("train")
         elif record.measured == fingerprints.scoring(trial):
@@ -145,35 +145,35 @@ class _Fingerprints:
         parts = (self.training(trial), self.split, sorted(trial.variant.methods), self.lpips)
         return digest_bytes(*(repr(part).encode() for part in parts))
 
-    def kept(self, trial: Trial, place: Path) -> TrialRecord | None:
+    def kept(self, trial: Trial, folder: Path) -> TrialRecord | None:
         """Return a trial's record if its fingerprint is current, else None.
 
         Raises `InputError` for an unreadable record, which may stand for hours of training.
         """
-        path = place / "trial.json"
+        path = folder / "trial.json"
         if not path.is_file():
             return None
         try:
             record = build(TrialRecord, read_json(path), str(path), InputError)
         except InputError as error:
-            raise InputError(f"{error}; delete {place} to train this trial again") from None
+            raise InputError(f"{error}; delete {folder} to train this trial again") from None
         return record if record.fingerprint == self.training(trial) else None
 
 
 def _train(
-    study: TrialStudy, trial: Trial, record: TrialRecord, place: Path, folders: Folders
+    study: TrialStudy, trial: Trial, record: TrialRecord, folder: Path, folders: Folders
 ) -> None:
     """Train the missing networks in order; first delete a folder with another fingerprint."""
-    left = place / "trial.json"
-    if left.is_file() and read_json(left).get("fingerprint") != record.fingerprint:
-        shutil.rmtree(place)
-    write_json(left, plain(record))
+    record_file = folder / "trial.json"
+    if record_file.is_file() and read_json(record_file).get("fingerprint") != record.fingerprint:
+        shutil.rmtree(folder)
+    write_json(record_file, plain(record))
     if trial.source is not None:
         trial.source.make()
     data = folders.data if trial.source is None else trial.source.data
-    inner = Folders(data, place, place, place, folders.backbone)
+    trial_folders = Folders(data, folder, folder, folder, folders.backbone)
     for name in trial.variant.networks:
-        finished = name in record.trained and (place / f"{name}.safetensors").is_file()
+        finished = name in record.trained and (folder / f"{name}.safetensors").is_file()
         if finished:
             continue
         start = None
@@ -184,19 +184,19 @@ def _train(
                     f"{start}: no such model, but {trial.name} fine-tunes it; delete "
                     f"{start.parent} to train it again"
                 )
-        train_network(name, trial.params, inner, start, trial.scenes)
+        train_network(name, trial.params, trial_folders, start, trial.scenes)
         record.trained = (*(one for one in record.trained if one != name), name)
-        write_json(left, plain(record))
+        write_json(record_file, plain(record))
 
 
 def _measure(
-    study: TrialStudy, trial: Trial, record: TrialRecord, place: Path, folders: Folders
+    study: TrialStudy, trial: Trial, record: TrialRecord, folder: Path, folders: Folders
 ) -> None:
     """Score the variant's methods on the evaluation split and draw a few views."""
     noisy = any(METHODS[name].noisy for name in trial.variant.networks)
     dataset = Dataset(folders.data / "dataset", trial.params.evaluate.split, noisy)
     exposure = trial.params.train.exposure
-    predictors, cards = load_predictors(trial.variant.methods, place)
+    predictors, cards = load_predictors(trial.variant.methods, folder)
     refuse_leaks(dataset, cards)
     earlier = trial.start
     while earlier is not None:
@@ -206,12 +206,12 @@ def _measure(
     label = f"study {study.name}: measure {trial.name}"
     albedo = trial.params.shading.albedo if study.regions else None
     record.scores = tuple(
-        score_views(dataset, predictors, exposure, place / "views", wanted, label, albedo)
+        score_views(dataset, predictors, exposure, folder / "views", wanted, label, albedo)
     )
 
 
-def _cards(trial: Trial, place: Path) -> dict[str, ModelCard]:
-    return {name: load_model(place / f"{name}.safetensors")[1] for name in trial.variant.networks}
+def _cards(trial: Trial, folder: Path) -> dict[str, ModelCard]:
+    return {name: load_model(folder / f"{name}.safetensors")[1] for name in trial.variant.networks}
 
 
 def _is_stage(params: Params, name: str) -> bool:

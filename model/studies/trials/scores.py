@@ -109,14 +109,18 @@ def figures(
         if not values:
             result[name] = None
             continue
-        lots = derive(seed, "study", study, name)
-        interval = bootstrap(_by_scene(values), lots)
+        resampling_seed = derive(seed, "study", study, name)
+        interval = bootstrap(_by_scene(values), resampling_seed)
         means = [mean(_by_view([rows], name).values()) for rows in repeats]
         gain = None
         if reference is not None:
-            theirs = _by_view(reference, name)
-            differences = {key: values[key] - theirs[key] for key in values if key in theirs}
-            gain = bootstrap(_by_scene(differences), lots) if differences else None
+            reference_values = _by_view(reference, name)
+            differences = {
+                key: values[key] - reference_values[key]
+                for key in values
+                if key in reference_values
+            }
+            gain = bootstrap(_by_scene(differences), resampling_seed) if differences else None
         result[name] = MetricEstimate(
             mean=interval.mean,
             low=interval.low,

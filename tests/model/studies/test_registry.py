@@ -1,0 +1,68 @@
+"""Registry of the studies: folders, commands and report sections agree with it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner
+from markupsafe import Markup
+
+from model.figures.section import Section
+from model.report.page import Places, write_report
+from model.studies.commands import study
+from model.studies.registry import STUDIES, study_command
+from pipeline.params import Params
+from tests.fixtures.paths import ROOT
+
+SHARED = {"trials"}  # packages that are not studies
+
+
+def test_every_study_is_a_folder_with_the_same_modules() -> None:
+    folders = {path.parent.name for path in (ROOT / "model" / "studies").glob("*/__init__.py")}
+    assert folders == set(STUDIES) | SHARED
+    for name in STUDIES:
+        modules = {path.stem for path in (ROOT / "model" / "studies" / name).glob("*.py")}
+        assert {"command", "study", "results"} <= modules, name
+        assert study_command(name).name == name
+
+
+def test_the_group_lists_its_studies_without_torch() -> None:
+    code = (
+        "import sys; from click.testing import CliRunner; from model.studies.commands import study;"
+        "import model.report.page;"
+        "print(CliRunner().invoke(study, ['--help']).output); assert 'torch' not in sys.modules"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert ran.returncode == 0, ran.stderr
+    assert all(line in ran.stdout for line in STUDIES.values())
+
+
+def test_one_line_adds_a_study_to_command_line_and_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @click.command("example")
+    def command() -> None:
+        click.echo("measured")
+
+    parts: dict[str, Any] = {
+        "command": command,
+        "report_section": lambda _records: Section(
+            "study-example", "Example", Markup('<section id="study-example"></section>')
+        ),
+    }
+    for module, name in (("command", "command"), ("results", "report_section")):
+        made = ModuleType(f"model.studies.example.{module}")
+        setattr(made, name, parts[name])
+        monkeypatch.setitem(sys.modules, made.__name__, made)
+    monkeypatch.setitem(STUDIES, "example", "An example.")
+    assert "An example." in CliRunner().invoke(study, ["--help"]).output
+    assert CliRunner().invoke(study, ["example"]).output == "measured\n"
+    write_report(Places(tmp_path), Params(), tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text()
+    assert '<section id="study-example">' in page and 'href="#study-example">Example' in page
