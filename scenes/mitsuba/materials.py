@@ -16,6 +16,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.color import REC709, Color
 from scenes.importing.shape import Surface
 from scenes.importing.textures import TextureStore, UnreadableImage
@@ -293,7 +294,7 @@ class Materials:
                 return found
         return GREY
 
-    def _mean(self, node: Node) -> np.ndarray:
+    def _mean(self, node: Node) -> Float64Array:
         made = self.texture(node, "data")
         if isinstance(made, tuple):
             return np.array(made)
@@ -707,7 +708,7 @@ def _names(properties: Properties) -> list[str]:
     return [child.name for child in properties.node.children if child.name]
 
 
-def _rgb(values: np.ndarray) -> Color:
+def _rgb(values: Float64Array) -> Color:
     clipped = np.clip(values, 0, 1)
     return (float(clipped[0]), float(clipped[1]), float(clipped[2]))
 
@@ -719,7 +720,7 @@ def _is_number(text: str) -> bool:
         return False
 
 
-def _to_uv(properties: Properties) -> np.ndarray | None:
+def _to_uv(properties: Properties) -> Float64Array | None:
     """Transform (4, 4) of texture coordinates, from version 0.x's numbers or Mitsuba 3's matrix.
 
     None for the identity.

@@ -1,4 +1,4 @@
-"""Imported buildings whose surfaces miss each other are closed, and stay what they are to see."""
+"""Gaps between the surfaces of imported buildings are sealed without a visible change."""
 
 from __future__ import annotations
 

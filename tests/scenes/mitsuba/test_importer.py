@@ -1,4 +1,4 @@
-"""Mitsuba scenes of every age arrive upright, in metres, with what was lost named."""
+"""Mitsuba scenes of all versions: upright, in metres, with a note for everything left out."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def said(scene: Scene, *words: str) -> bool:
 
 
 def loads(scene: Scene) -> object:
-    """The scene in plain Mitsuba, and a small picture that must be finite and lit."""
+    """Load the scene in plain Mitsuba."""
     set_variant("auto")
     return mi.load_file(str(scene.xml), optimize=False, parallel=False)
 
@@ -69,9 +69,6 @@ def loads(scene: Scene) -> object:
 def render(scene: object, spp: int = 16) -> np.ndarray:
     """A picture of a loaded scene through its own sensor."""
     return np.array(mi.render(scene, spp=spp, seed=1))[..., :3]
-
-
-# Geometry: axes, scale, cameras
 
 
 def test_y_up_becomes_z_up_and_stays_right_handed(tmp_path: Path) -> None:
@@ -146,9 +143,6 @@ def test_units_are_guessed_by_the_height_of_a_room() -> None:
     assert guess_scale(102)[1] == "inches"
     assert guess_scale(8.5)[1] == "feet"
     assert guess_scale(1e6)[0] * 1e6 == pytest.approx(2.7)
-
-
-# Meshes
 
 
 def cube_obj(smooth: str = "") -> str:
@@ -429,9 +423,6 @@ def test_lights_shine_as_in_mitsubas_own_loading(own: Path, tmp_path: Path, ligh
     assert np.allclose(ours, theirs, rtol=0.12, atol=0.03 * theirs.max())
 
 
-# Old words
-
-
 @pytest.mark.parametrize(
     ("old", "new"),
     [("specularReflectance", "specular_reflectance"), ("intIOR", "int_ior"), ("alphaU", "alpha_u"),
@@ -589,9 +580,6 @@ def test_the_sun_stands_where_it_stood(tmp_path: Path) -> None:
     assert 'name="sun_aperture" value="1.6074"' in text
 
 
-# Parameters, includes, references
-
-
 def test_parameters_take_what_is_given_then_the_files_default(tmp_path: Path) -> None:
     body = '<default name="w" value="80"/><default name="fov" value="50"/>' + usual().replace(
         'value="64"', 'value="$w"'
@@ -619,9 +607,6 @@ def test_includes_and_aliases_are_followed(tmp_path: Path) -> None:
     )
     scene = imported(tmp_path, shape + usual())
     assert "thing" in {thing.id for thing in scene.objects}
-
-
-# What the chain needs to know
 
 
 def test_a_closed_room_is_found_with_its_size(tmp_path: Path) -> None:
@@ -770,9 +755,6 @@ def test_radiance_hdr_files_are_read(tmp_path: Path) -> None:
     assert np.allclose(read_rgbe(path), [1.0, 0.5, 0.25])
 
 
-# The real thing
-
-
 def test_the_grey_and_white_room(shared_scenes: Path, tmp_path: Path) -> None:
     source = shared_scenes / "mitsuba" / "grey-white-room" / "scene.xml"
     if not source.is_file():
@@ -791,22 +773,19 @@ def test_the_grey_and_white_room(shared_scenes: Path, tmp_path: Path) -> None:
     assert floor.buffer(0.02).contains(Point(eye[:2])) and 0 < eye[2] < 2.88
     windows = [portal for portal in scene.portals if portal.kind == "window"]
     assert len(windows) == 4 and all(portal.clear for portal in scene.portals)
-    # Its fireplace has no top: a shell closes it, and the cracks.
+    # Its fireplace has no top: an enclosure closes it, and the gaps.
     assert len(scene.portals) == 4 and "shell" in {thing.id for thing in scene.objects}
     assert [light.kind for light in scene.lights] == ["environment"]
     categories = {thing.category for thing in scene.objects if not thing.is_structure}
     assert {"sofa", "table", "plant", "mirror", "picture"} <= categories
     assert scene.credits[0].author == "Wig42" and scene.credits[0].licence == "CC-BY-3.0"
     loaded = loads(scene)
-    # the room's own, and what closes its cracks
+    # The room's own shapes and the enclosure.
     assert len(loaded.shapes()) == 65 + 1  # type: ignore[attr-defined]
     # Every window's normal points away from the room.
     centre = np.array([*floor.centroid.coords[0], 1.4])
     for portal in windows:
         assert (np.array(portal.polygon).mean(axis=0) - centre) @ portal.normal > 0
-
-
-# Files nobody should trust
 
 
 def bad(folder: Path, name: str) -> Path:

@@ -1,4 +1,4 @@
-"""Mitsuba scenes as other people write them, in the words of each version: all of them come in."""
+"""Mitsuba scenes in the spelling of each version: all of them are imported completely."""
 
 from __future__ import annotations
 
@@ -62,6 +62,8 @@ LIGHTS = {
     '<spectrum name="intensity" value="400:2, 700:4"/></emitter>',
     "even": '<emitter type="constant"><blackbody name="radiance" temperature="5000K"/></emitter>',
 }
+KINDS = {"sky": {"sun", "sky"}, "map": {"environment"}, "lamp that hangs": {"spot"},
+         "even": {"environment"}}  # fmt: skip
 FRAME = (
     '<default name="spp" value="64"/><integrator type="volpath">'
     '<integer name="maxDepth" value="65"/></integrator><sensor type="thinlens">'
@@ -76,7 +78,7 @@ FRAME = (
 
 
 def modern(text: str) -> str:
-    """Names in the words of version 2 and 3."""
+    """`text` with names in the spelling of versions 2 and 3."""
     return re.sub(
         r'(?:name|value)="([a-z]+(?:[A-Z]\w*)+)"',
         lambda found: re.sub("([A-Z])", lambda one: "_" + one[1].lower(), found[0]),
@@ -96,8 +98,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-def bring(folder: Path, body: str, version: str, name: str) -> Scene:
-    """The room of 4 x 3 m with `body` in it, which is drawn in the words of 0.6."""
+def import_room(folder: Path, body: str, version: str, name: str) -> Scene:
+    """Import a room of 4 x 3 m with `body` in it, given in the spelling of version 0.6."""
     inside = f"{FRAME}{files.room()}{body}"
     text = inside if version.startswith("0") else modern(inside)
     path = folder / f"{name}.xml"
@@ -114,7 +116,7 @@ def test_materials_of_every_version(folder: Path, version: str) -> None:
         f'<translate x="{0.3 + 0.25 * place}" y="1" z="-1"/></transform>{bsdf}</shape>'
         for place, bsdf in enumerate(MATERIALS.values())
     )
-    scene = bring(folder, cards + LIGHTS["even"], version, f"all-{version}")
+    scene = import_room(folder, cards + LIGHTS["even"], version, f"all-{version}")
     assert len(scene.rooms) == 1
     shown = {name for thing in scene.objects for name in thing.shapes}
     assert len([name for name in shown if name.startswith("card")]) == len(MATERIALS)
@@ -127,13 +129,13 @@ def test_materials_of_every_version(folder: Path, version: str) -> None:
 @pytest.mark.parametrize("version", ["0.5.0", "0.6.0", "3.0.0"])
 def test_lights_of_every_version(folder: Path, name: str, version: str) -> None:
     light = LIGHTS[name]
-    scene = bring(folder, light, version, f"light-{version}")
-    assert scene.lights
+    scene = import_room(folder, light, version, f"light-{version}")
+    assert {light.kind for light in scene.lights} == KINDS[name]
     assert len(scene.rooms) == 1
 
 
 def test_a_lamp_that_looks_down_needs_no_up(folder: Path) -> None:
-    scene = bring(folder, LIGHTS["lamp that hangs"], "0.6.0", "down")
+    scene = import_room(folder, LIGHTS["lamp that hangs"], "0.6.0", "down")
     root = ElementTree.parse(scene.xml).getroot()
     (matrix,) = root.iterfind("emitter[@type='spot']/transform/matrix")
     values = np.array(matrix.get("value", "").split(), dtype=float).reshape(4, 4)
@@ -144,9 +146,12 @@ def test_a_lamp_that_looks_down_needs_no_up(folder: Path) -> None:
 def test_an_up_along_the_view_is_still_refused(folder: Path) -> None:
     light = LIGHTS["lamp that hangs"].replace('target="2,0,-1"', 'target="2,0,-1" up="0,1,0"')
     with pytest.raises(InputError, match="span no camera frame"):
-        bring(folder, light, "0.6.0", "bad")
+        import_room(folder, light, "0.6.0", "bad")
 
 
 def test_the_room_is_dark(folder: Path) -> None:
     set_variant("auto")
-    assert find_leaks(open_scene(bring(folder, LIGHTS["even"], "0.6.0", "dark")), walks=500) == []
+    assert (
+        find_leaks(open_scene(import_room(folder, LIGHTS["even"], "0.6.0", "dark")), walks=500)
+        == []
+    )

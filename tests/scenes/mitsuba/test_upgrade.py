@@ -1,4 +1,4 @@
-"""Words of Mitsuba 0.4 to 0.6 beyond those in `test_import`: groups, includes, spectra, lights."""
+"""Features of Mitsuba 0.4 to 0.6 scenes: groups, includes, spectra, emitters, cameras."""
 
 from __future__ import annotations
 
