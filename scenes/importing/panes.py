@@ -25,7 +25,7 @@ _MAX_DEPTH = 0.75  # metres behind the inner face of the wall
 
 
 def is_flat(mesh: Mesh) -> bool:
-    """Whether a mesh is a thin sheet of some size, in any orientation."""
+    """Return whether a mesh is a thin sheet of some size, in any orientation."""
     extents = _extents(mesh.vertices)
     return bool(extents[0] <= _MAX_THICKNESS and extents[1] >= _MIN_WIDTH)
 

@@ -73,7 +73,7 @@ class Node:
 
     @property
     def is_value(self) -> bool:
-        """Whether this is a plain value rather than a plugin or a reference."""
+        """Return whether this is a plain value rather than a plugin or a reference."""
         return self.tag in _VALUE_TAGS
 
     def error(self, text: str) -> InputError:

@@ -38,7 +38,7 @@ class Scope:
 
     @property
     def is_old(self) -> bool:
-        """Whether the file is of version 0.x, which has other default values."""
+        """Return whether the file is of version 0.x, which has other default values."""
         return self.version < (2,)
 
     def resolve(self, node: Node) -> Node:

@@ -81,7 +81,7 @@ class CrossSections:
 def _boxes_meet(
     lowest: Float64Array, highest: Float64Array, low: Float64Array, high: Float64Array
 ) -> BoolArray:
-    """Which of the boxes from `lowest` to `highest` (F, 3) meet the box from `low` to `high`."""
+    """Return which boxes from `lowest` to `highest` (F, 3) meet the box from `low` to `high`."""
     meets = np.ones(len(lowest), dtype=bool)
     for axis in range(3):  # `all(axis=1)` takes ten times as long on rows of three
         meets &= (lowest[:, axis] <= high[axis]) & (highest[:, axis] >= low[axis])

@@ -361,7 +361,7 @@ def _strip(
 def _hides_surfaces(
     added: Float64Array, rays: RayCaster, rooms: list[FoundRoom], openings: list[FoundOpening]
 ) -> bool:
-    """Whether an enclosure hides surfaces that were visible from indoors other than by gaps.
+    """Return whether an enclosure hides surfaces that were visible from indoors other than by gaps.
 
     Surfaces behind an opening, such as the outside of another wall, do not count.
     """

@@ -58,7 +58,7 @@ class _Slab:
     outline: Polygon
 
     def blocks(self, segment: Float64Array) -> bool:
-        """Whether it lies across a straight segment (2, 3)."""
+        """Return whether it lies across a straight segment (2, 3)."""
         point = _crossing_point(segment, self.frame)
         return point is not None and bool(shapely.contains_xy(self.outline, *point))
 
@@ -245,7 +245,7 @@ def _sample_viewpoints(rooms: list[FoundRoom]) -> Float64Array:
 
 
 def _is_visible(slab: _Slab, rays: RayCaster, viewpoints: Float64Array) -> bool:
-    """Whether more of a slab is visible from indoors than shows through a gap."""
+    """Return whether more of a slab is visible from indoors than shows through a gap."""
     rng = generator(0, "slab")
     low, high = np.array(slab.outline.bounds).reshape(2, 2)
     flat = rng.uniform(low, high, (8 * _SLAB_SAMPLES, 2))

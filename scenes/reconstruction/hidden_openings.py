@@ -215,7 +215,7 @@ def _crossings(
 
 
 def _is_indoors(part: Polygon, frame: PlaneFrame, depth: float, rooms: list[FoundRoom]) -> bool:
-    """Whether the air of a section is inside a room rather than in a hole of its enclosure."""
+    """Return whether the air of a section is inside a room, not in a hole of its enclosure."""
     middle = frame.to_world(np.array([part.representative_point().coords[0]]), depth)[0]
     if abs(frame.normal[2]) < 0.9:
         return any(room.contains(middle, -0.1) for room in rooms)

@@ -58,7 +58,7 @@ class FoundRoom:
         return np.array([*point, self.floor_z + 0.55 * (self.ceiling_z - self.floor_z)])
 
     def contains(self, point: Float64Array, margin: float = 0.0) -> bool:
-        """Whether a point (3,) lies inside or at most `margin` metres outside."""
+        """Return whether a point (3,) lies inside or at most `margin` metres outside."""
         inside = self.floor_z - margin <= point[2] <= self.ceiling_z + margin
         return bool(inside and self.floor.buffer(margin).contains(Point(point[0], point[1])))
 
@@ -151,7 +151,7 @@ def find_openings(rays: RayCaster, rooms: list[FoundRoom]) -> list[FoundOpening]
 
 
 def _leads_to_room(opening: FoundOpening, rooms: list[FoundRoom]) -> bool:
-    """Whether another room lies right behind an opening."""
+    """Return whether another room lies right behind an opening."""
     middle = opening.polygon.mean(axis=0)
     return any(
         room.contains(middle + depth * opening.normal)
@@ -162,7 +162,7 @@ def _leads_to_room(opening: FoundOpening, rooms: list[FoundRoom]) -> bool:
 
 
 def _has_view_outside(rays: RayCaster, room: FoundRoom) -> bool:
-    """Whether any ray from a few points of a room leaves the building."""
+    """Return whether any ray from a few points of a room leaves the building."""
     inner = room.floor.buffer(-0.3)
     inner = room.floor if inner.is_empty else inner
     west, south, east, north = inner.bounds
@@ -445,7 +445,7 @@ def _polygon_parts(shape: shapely.Geometry) -> list[Polygon]:
 
 
 def _overlap(first: FoundRoom, second: FoundRoom) -> bool:
-    """Whether two rooms share more than 0.4 of the smaller one's area, at the same heights."""
+    """Return whether two rooms share more than 0.4 of the smaller area, at the same heights."""
     height = min(first.ceiling_z, second.ceiling_z) - max(first.floor_z, second.floor_z)
     if height <= 0.5:
         return False

@@ -45,7 +45,7 @@ HALF = math.sqrt(0.5)
 
 
 def read(builder: Builder, folder: Path, suffix: str = ".glb") -> Model:
-    """What a file holds, in its own axes."""
+    """The model of a file, in the axes of the file."""
     path = builder.save(folder / f"model{suffix}")
     (folder / "textures").mkdir(exist_ok=True)
     changes = Changes()

@@ -56,7 +56,7 @@ def imported(folder: Path, body: str, version: str = "0.6.0", **options: object)
 
 
 def said(scene: Scene, *words: str) -> bool:
-    """Whether one of the changes holds all these words."""
+    """Return whether one of the changes holds all these words."""
     return any(all(word in change for word in words) for change in scene.changes)
 
 
