@@ -21,7 +21,7 @@ from typing import Any
 
 from code_map import Code, module_index, picture
 
-from model.figures.results import METHODS as TITLES
+from model.titles import METHOD_TITLES as TITLES
 from pipeline.imports import ROOT
 
 METRICS = {"ssim": ("SSIM", 3), "psnr": ("PSNR, dB", 1), "flip": ("FLIP (less is better)", 3)}

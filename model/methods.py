@@ -1,7 +1,6 @@
-"""The registry: every method that can be trained, ours and those ours are compared with.
+"""Registry of methods: networks, their objectives and their optimisers.
 
-A new baseline is a file in model/baselines, a line in `LAYOUTS`, one or two in `METHODS`, and its
-section in pipeline/params.py.
+docs/architecture.md lists the steps that add a baseline.
 """
 
 from __future__ import annotations
@@ -15,55 +14,47 @@ from typing import Literal
 from torch import nn
 
 from model.baselines import can, cyclegan, end_to_end, pix2pix, unet
-from model.networks.hybrid import Exposed, HybridNet
-from model.networks.objective import Objective, Paired, Setting, Target
-from model.networks.pbrnet import Architecture, Kind, composition_network, shading_network
-from model.networks.plus import Decomposed, PlusNet
+from model.networks.hybrid import ExposedLoss, HybridNet
+from model.networks.objective import Objective, PairedLoss, Setting, Target
+from model.networks.pbrnet import Architecture, composition_network, shading_network
+from model.networks.plus import DecomposedLoss, PlusNet
 from pipeline.params import TrainParams
-
-LAYOUTS: dict[Kind, Callable[[Architecture], nn.Module]] = {
-    "shading": shading_network,
-    "composition": composition_network,
-    "unet": unet.build,
-    "end_to_end": end_to_end.EndToEnd,
-    "can": can.CAN,
-    "pix2pix": pix2pix.Generator,
-    "cyclegan": cyclegan.Forwards,
-    "plus": PlusNet,
-    "hybrid": HybridNet,
-}
+from scenes.errors import InputError
 
 
 @dataclass(frozen=True)
 class Adam:
-    """Adam as a method's paper has it."""
+    """Parameters of Adam from a method's paper."""
 
     rate: float
     betas: tuple[float, float] = (0.9, 0.999)
-    decay: Literal["constant", "halfway"] = "constant"  # halfway: then linearly to nothing
+    decay: Literal["constant", "halfway"] = "constant"  # halfway: constant, then linearly to 0
 
 
 @dataclass(frozen=True)
 class Method:
-    """A network and how it is trained; all see `encode`'s inputs.
+    """A network and its training. All networks take inputs of `model.data.encoding.encode`.
 
-    With `own` it has its paper's loss and optimiser, in those words for its card; else our
-    loss and the rate and decay of the parameters, as ours.
+    With `own` the method has the loss and the optimiser of its paper, and `own` describes the loss
+    in its model card. Otherwise it has the part-perceptual loss, and the learning rate and decay of
+    the parameters, as the paper's networks have.
     """
 
-    layout: Kind
-    title: str
-    objective: Callable[[Setting], Objective] = Paired
+    kind: str  # of the network's `Architecture`; methods of one kind share `build`
+    build: Callable[[Architecture], nn.Module]
+    objective: Callable[[Setting], Objective] = PairedLoss
     target: Target = "color"
-    fed: bool = False  # by the fixed shading network
-    direct: bool = False  # given the direct light of the panorama too
-    noisy: bool = False  # given noisy samples too, and predicts radiance, not display values
-    shaded: bool = False  # has the method `parts`: shading beside the colour
+    uses_shading_net: bool = False  # takes the output of the fixed shading network
+    uses_direct_light: bool = False  # takes the direct light of the panorama
+    uses_noisy_samples: bool = (
+        False  # takes noisy samples and predicts radiance, not display values
+    )
+    predicts_shading: bool = False  # has the method `parts`: shading and colour
     adam: Adam | None = None
     own: str = ""
 
     def rate(self, params: TrainParams, step: int, steps: int) -> float:
-        """The learning rate of a step of so many."""
+        """Return the learning rate of a step, counted from 0, of `steps`."""
         if self.adam is None:
             return learning_rate(params, step, steps)
         late = max(0.0, 2 * step / steps - 1) if self.adam.decay == "halfway" else 0.0
@@ -71,48 +62,55 @@ class Method:
 
 
 METHODS: dict[str, Method] = {
-    "shading": Method("shading", "Shading network", target="shading"),
-    "composition": Method("composition", "Composition network", fed=True),
-    "plus": Method("plus", "PBR-Net plus", Decomposed, direct=True, shaded=True),
-    "hybrid": Method("hybrid", "PBR-Net hybrid", Exposed, noisy=True, shaded=True),
-    "unet": Method("unet", "Direct U-Net"),
-    "end_to_end": Method("end_to_end", "Both networks, shading not supervised"),
-    "can": Method("can", "CAN, our loss"),
-    "can_own": Method(
-        "can", "CAN, its own loss", can.MeanSquares, adam=Adam(1e-4), own="mean squares"
+    "shading": Method("shading", shading_network, target="shading"),
+    "composition": Method("composition", composition_network, uses_shading_net=True),
+    "plus": Method("plus", PlusNet, DecomposedLoss, uses_direct_light=True, predicts_shading=True),
+    "hybrid": Method(
+        "hybrid", HybridNet, ExposedLoss, uses_noisy_samples=True, predicts_shading=True
     ),
-    "pix2pix": Method("pix2pix", "pix2pix, our loss"),
+    "unet": Method("unet", unet.build),
+    "end_to_end": Method("end_to_end", end_to_end.EndToEnd),
+    "can": Method("can", can.CAN),
+    "can_own": Method("can", can.CAN, can.MeanSquares, adam=Adam(1e-4), own="mean squares"),
+    "pix2pix": Method("pix2pix", pix2pix.Generator),
     "pix2pix_own": Method(
         "pix2pix",
-        "pix2pix, its own loss",
-        pix2pix.Game,
+        pix2pix.Generator,
+        pix2pix.AdversarialObjective,
         adam=Adam(2e-4, (0.5, 0.999)),
         own="log loss of 70x70 patches + 100 L1",
     ),
-    "cyclegan": Method("cyclegan", "CycleGAN, our loss"),
+    "cyclegan": Method("cyclegan", cyclegan.ForwardGenerator),
     "cyclegan_own": Method(
         "cyclegan",
-        "CycleGAN, its own loss",
-        cyclegan.Cycles,
+        cyclegan.ForwardGenerator,
+        cyclegan.CycleObjective,
         adam=Adam(2e-4, (0.5, 0.999), "halfway"),
         own="least squares of 70x70 patches + 10 cycle + 5 identity, unpaired",
     ),
 }
 BASELINES = tuple(name for name in METHODS if name not in ("shading", "composition"))
+_BUILDERS = {method.kind: method.build for method in METHODS.values()}
 
 
 def build_network(architecture: Architecture) -> nn.Module:
-    """The network of an architecture, freshly initialised from torch's random state."""
-    return LAYOUTS[architecture.kind](architecture)
+    """Build the network of an architecture, initialised from torch's random state.
+
+    Raises `InputError` for a kind that no method has.
+    """
+    if architecture.kind not in _BUILDERS:
+        known = ", ".join(_BUILDERS)
+        raise InputError(f"no network of the kind {architecture.kind!r}; known are: {known}")
+    return _BUILDERS[architecture.kind](architecture)
 
 
 def learning_rate(params: TrainParams, step: int, steps: int) -> float:
-    """Constant as in the paper, or half a cosine down to nothing at `steps`."""
+    """Return the learning rate of a step: constant as in the paper, or half a cosine down to 0."""
     if params.decay == "constant":
         return params.learning_rate
     return params.learning_rate * 0.5 * (1 + math.cos(math.pi * step / steps))
 
 
 def trained_baselines(models: Path) -> list[str]:
-    """Those whose model is in the folder, in the registry's order."""
+    """Return the methods of one network whose model is in the folder, in the registry's order."""
     return [name for name in BASELINES if (models / f"{name}.safetensors").is_file()]

@@ -15,7 +15,7 @@ from torch.nn import functional
 
 from model.baselines.layers import BatchNorm, Stack
 from model.data.encoding import Tensors
-from model.networks.objective import Paired, Setting
+from model.networks.objective import PairedLoss, Setting
 from model.networks.pbrnet import Architecture
 
 LEAK = 0.2
@@ -77,7 +77,7 @@ class AdaptiveNorm(nn.Module):
         return self.keep * x + self.mix * self.norm(x)
 
 
-class MeanSquares(Paired):
+class MeanSquares(PairedLoss):
     """CAN's own loss."""
 
     def __init__(self, setting: Setting) -> None:

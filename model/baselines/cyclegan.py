@@ -76,7 +76,7 @@ class Residual(nn.Module):
         return x + self.layers(x)
 
 
-class Forwards(nn.Module):
+class ForwardGenerator(nn.Module):
     """Inputs to colour: what is kept after training."""
 
     def __init__(self, architecture: Architecture) -> None:
@@ -92,7 +92,7 @@ class Forwards(nn.Module):
         return display(torch.tanh(self.generator(stack)))
 
 
-class Cycles(Objective):
+class CycleObjective(Objective):
     """CycleGAN's own loss. Stacks are of this step's views, pictures of the step before's.
 
     So no pair is ever seen together, though each is drawn as often as the other.
@@ -166,7 +166,7 @@ class Cycles(Objective):
 
     def _forth(self, stack: torch.Tensor) -> torch.Tensor:
         network = self.network
-        assert isinstance(network, Forwards)
+        assert isinstance(network, ForwardGenerator)
         return centred(network.from_stack(stack).float())
 
 

@@ -122,7 +122,7 @@ class PatchDiscriminator(nn.Module):
         return self.layers(padded(image, 1, SMALLEST))
 
 
-class Game(Objective):
+class AdversarialObjective(Objective):
     """pix2pix's own loss: fool a discriminator that sees the inputs, and be near the truth."""
 
     def __init__(self, setting: Setting) -> None:

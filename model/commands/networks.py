@@ -12,10 +12,11 @@ from model.evaluation import evaluate as evaluation
 from model.evaluation import reference as kept
 from model.evaluation.inference import PREDICTABLE, load_networks, needed
 from model.evaluation.metrics import NAMES
-from model.methods import BASELINES, METHODS
+from model.methods import BASELINES
 from model.options import FILE, FOLDER, found_models_option, models_option
 from model.release.onnx_export import INPUTS, export_onnx
 from model.release.pretrained import find_models, pack
+from model.titles import NETWORK_TITLES
 from model.training.backbone import make_backbone
 from model.training.train import Folders, train_network
 from pipeline.commands.options import common_options
@@ -111,7 +112,7 @@ def train_composition(
 
 def _baseline_command(name: str) -> click.Command:
     @train.command(
-        name, help=f"Baseline: {METHODS[name].title}.", epilog=f"Example: pbrnet train {name}"
+        name, help=f"Baseline: {NETWORK_TITLES[name]}.", epilog=f"Example: pbrnet train {name}"
     )
     @_train_options
     def command(

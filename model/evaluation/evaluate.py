@@ -160,7 +160,7 @@ def open_split(
     with another tone mapping than the parameters'.
     """
     networks = load_networks(folders.models, methods)
-    noisy = any(TRAINED[name].noisy for name in networks.baselines)
+    noisy = any(TRAINED[name].uses_noisy_samples for name in networks.baselines)
     dataset = Dataset(folders.data / "dataset", params.evaluate.split, noisy)
     refuse_leaks(dataset, networks.cards)
     if networks.card.tone != plain(params.tone):
@@ -309,7 +309,7 @@ def _method_seconds(method: str, parts: dict[str, float]) -> float | None:
         return None
     needed: dict[str, tuple[str, ...]] = {"pbrnet": ("shading", "composition")}
     needed |= {name: ("shading", name) for name in PRODUCTS}
-    needed |= {name: (name, "sampling") for name in BASELINES if TRAINED[name].noisy}
+    needed |= {name: (name, "sampling") for name in BASELINES if TRAINED[name].uses_noisy_samples}
     needed["denoised"] = ("sampling",)  # guides and denoiser among it
     times = [parts.get(part) for part in needed.get(method, (method,))]
     return None if None in times else sum(time for time in times if time is not None)

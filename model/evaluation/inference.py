@@ -141,14 +141,14 @@ class Networks:
     def _directly(self, name: str, example: Example) -> Prediction:
         """By one network: colour, or shading and colour, as display values or as radiance."""
         how, network = METHODS[name], self.modules[name]
-        if how.direct:
+        if how.uses_direct_light:
             example = in_the_light_of_training(example, self.cards[name])
-        inputs = encode([example], how.direct, how.noisy)
-        if not how.shaded:
+        inputs = encode([example], how.uses_direct_light, how.uses_noisy_samples)
+        if not how.predicts_shading:
             return Prediction(name, None, to_image(self._run(name, network, inputs)))
         parts: Callable[..., tuple[torch.Tensor, ...]] = network.parts  # type: ignore[assignment]
         both = self._run(name, lambda given: torch.cat(parts(given), dim=1), inputs)
-        if how.noisy:
+        if how.uses_noisy_samples:
             pixels = both[0].permute(1, 2, 0).cpu().numpy()
             return self._displayed(name, example, pixels[..., :3].copy(), pixels[..., 3:].copy())
         return Prediction(name, to_image(both[:, :3]), to_image(both[:, 3:]))

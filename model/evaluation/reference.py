@@ -114,7 +114,7 @@ def _shown(models: Path, methods: Sequence[str]) -> list[str]:
         and (
             name == "pbrnet"
             or name in methods
-            or ("denoised" in methods and name in TRAINED and TRAINED[name].noisy)
+            or ("denoised" in methods and name in TRAINED and TRAINED[name].uses_noisy_samples)
         )
     ] or available(models)[:1]
 

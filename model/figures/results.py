@@ -9,44 +9,18 @@ from typing import Any
 from model.figures.charts import line_chart, strip_plot
 from model.figures.records import METRICS, Records
 from model.figures.row_pictures import MODALITIES, draw, shrink, uri
+from model.titles import METHOD_TITLES, NETWORK_TITLES
 from pipeline.images import Picture
 
-METHODS = {
-    "pbrnet": "Both networks (shading, then composition)",
-    "product": "Reflectance × predicted shading",
-    "product_linear": "Reflectance × predicted shading, projected linearly",
-    "plus": "PBR-Net plus: direct light given, reflectance × predicted shading",
-    "hybrid": "PBR-Net hybrid: a few samples a pixel, denoised, corrected by a network",
-    "denoised": "The same samples, denoised, without a network",
-    "unet": "One direct U-Net",
-    "end_to_end": "Both networks, trained on colour alone",
-    "can": "CAN, trained with our loss",
-    "can_own": "CAN, with its own loss: mean squares",
-    "pix2pix": "pix2pix's generator, trained with our loss",
-    "pix2pix_own": "pix2pix, with its own loss: adversarial and L1",
-    "cyclegan": "CycleGAN's generator, trained with our loss",
-    "cyclegan_own": "CycleGAN, with its own loss: unpaired, adversarial and cycles",
-    "ceiling": "Reflectance × true shading: what the product could reach at best",
-}
-NETWORKS = {
-    "shading": "Shading network",
-    "composition": "Composition network",
-    "plus": "PBR-Net plus",
-    "hybrid": "PBR-Net hybrid",
-    "unet": "Direct U-Net",
-    "end_to_end": "Both networks, on colour alone",
-    "can": "CAN, our loss",
-    "can_own": "CAN, its own loss",
-    "pix2pix": "pix2pix, our loss",
-    "pix2pix_own": "pix2pix, its own loss",
-    "cyclegan": "CycleGAN, our loss",
-    "cyclegan_own": "CycleGAN, its own loss",
-}
 EXAMPLE_PARTS = {
     "prediction": "Prediction",
     "shading": "Predicted shading",
     "error": "Error (ꟻLIP): bright is wrong",
-    **{name: words for name, words in NETWORKS.items() if name not in ("shading", "composition")},
+    **{
+        name: title
+        for name, title in NETWORK_TITLES.items()
+        if name not in ("shading", "composition")
+    },
     "product": "Reflectance × shading",
 }
 
@@ -88,14 +62,14 @@ def _rows(methods: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [
         {
             "name": method,
-            "words": METHODS.get(method, method),
+            "words": METHOD_TITLES.get(method, method),
             "cells": [
                 _cell(figure_of(methods[method], name), digits, best.get(name) == method)
                 for name, (_, _, digits) in METRICS.items()
             ],
             "seconds": methods[method].get("seconds"),
         }
-        for method in known_first(methods, METHODS)
+        for method in known_first(methods, METHOD_TITLES)
     ]
 
 
@@ -117,7 +91,7 @@ def score_strips(records: Records) -> list[dict[str, Any]]:
         {
             "name": METRICS[name][0],
             "svg": strip_plot(
-                {method: values[method] for method in known_first(values, METHODS)},
+                {method: values[method] for method in known_first(values, METHOD_TITLES)},
                 f"{METRICS[name][0]} of every view",
             ),
         }
@@ -133,7 +107,7 @@ def learning_curves(records: Records) -> list[dict[str, Any]]:
         path.stem.removeprefix("train_"): path
         for path in sorted(records.places.plots.glob("train_*.csv"))
     }
-    for name in known_first(paths, NETWORKS):
+    for name in known_first(paths, NETWORK_TITLES):
         path = paths[name]
         lines = records.csv(path, "step", *columns.values())
         series = {
@@ -144,7 +118,7 @@ def learning_curves(records: Records) -> list[dict[str, Any]]:
         if series:
             curves.append(
                 {
-                    "title": NETWORKS.get(name, name),
+                    "title": NETWORK_TITLES.get(name, name),
                     "svg": line_chart(series, "step", "loss"),
                     "last": {label: points[-1][1] for label, points in series.items()},
                 }

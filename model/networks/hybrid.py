@@ -17,7 +17,7 @@ from torch import nn
 
 from model.data.display import log_average, luminance, tonemap_exposed
 from model.data.encoding import CHANNELS, NOISY_SAMPLES_CHANNELS, Tensors
-from model.networks.objective import Alone, Batch
+from model.networks.objective import Batch, SingleLoss
 from model.networks.pbrnet import Architecture, UNet
 from scenes.color import decode_srgb
 
@@ -61,7 +61,7 @@ class HybridNet(nn.Module):
         return shading, color
 
 
-class Exposed(Alone):
+class ExposedLoss(SingleLoss):
     """The criterion on the exposed colour, and logarithms of colour and shading.
 
     The criterion sees what a viewer sees; where that is white or nearly black, its gradient is

@@ -65,7 +65,7 @@ class Objective(ABC):
         """Take up what `memory` gave."""
 
 
-class Alone(Objective):
+class SingleLoss(Objective):
     """No player but the network: one loss to lower."""
 
     def __init__(self, setting: Setting) -> None:
@@ -78,7 +78,7 @@ class Alone(Objective):
         yield "network", self.loss(batch)
 
 
-class Paired(Alone):
+class PairedLoss(SingleLoss):
     """A loss between the prediction and the truth of the same view."""
 
     def __init__(self, setting: Setting) -> None:

@@ -17,17 +17,6 @@ from torch.nn import functional
 
 from model.data.encoding import CHANNELS, Policy, Tensors, centred
 
-Kind = Literal[
-    "shading",
-    "composition",
-    "unet",
-    "end_to_end",
-    "can",
-    "pix2pix",
-    "cyclegan",
-    "plus",
-    "hybrid",
-]
 Panorama = Literal["resize", "normal"]
 
 GRID = (32, 64)  # cells that a panorama of any size is averaged to before the `normal` join
@@ -38,7 +27,7 @@ WIDEST = 8  # levels double their width up to this many times the first level's
 class Architecture:
     """What a network is built from; stands in its model card."""
 
-    kind: Kind
+    kind: str  # of `model.methods.METHODS`
     width: int  # channels of the first level
     levels: int  # of a U-Net, resolutions; of the others how deep, as their files say
     panorama: Panorama = "normal"

@@ -17,7 +17,7 @@ from torch.nn import functional
 
 from model.data.display import luminance, tint_display, tonemap_exposed
 from model.data.encoding import DEFAULT_WHITE, DIRECT_LIGHT_CHANNELS, NEUTRAL, Tensors, centred
-from model.networks.objective import Alone, Batch
+from model.networks.objective import Batch, SingleLoss
 from model.networks.pbrnet import Architecture, Branch, GuidedNet, Panorama, UNet
 from scenes.color import decode_srgb
 
@@ -105,7 +105,7 @@ def multiplied(
     return tonemap_exposed(linear, DEFAULT_WHITE)
 
 
-class Decomposed(Alone):
+class DecomposedLoss(SingleLoss):
     """The criterion on the shading and on the colour, both from one network."""
 
     def loss(self, batch: Batch) -> torch.Tensor:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import torch
 
 from model.data.encoding import Tensors
-from model.networks.pbrnet import Architecture, Kind
+from model.networks.pbrnet import Architecture
 from scenes.errors import InputError
 
 # Of the inputs, what is no image of the view.
@@ -24,7 +24,7 @@ WHOLE = ("intensity", "distance", "tint", "gain", "brightness")
 SMALLEST = 16  # pixels a side of a piece
 
 # How far each network looks beyond an aligned block: U-Nets in series add, and a `Branch` is one.
-_LOOKS: dict[Kind, Callable[[int], int]] = {
+_LOOKS: dict[str, Callable[[int], int]] = {
     "shading": lambda levels: 1 + unet_reach(levels),
     "composition": lambda levels: unet_reach(levels),
     "unet": lambda levels: 1 + unet_reach(levels),
@@ -33,7 +33,7 @@ _LOOKS: dict[Kind, Callable[[int], int]] = {
 
 
 @dataclass(frozen=True)
-class Piece:
+class Tile:
     """Rows and columns of a piece of the image, and of the window that it is computed from."""
 
     rows: slice
@@ -85,7 +85,7 @@ def stride(architecture: Architecture) -> int:
     return int(2 ** (architecture.levels - 1))
 
 
-def pieces(height: int, width: int, tile: int, architecture: Architecture) -> Iterator[Piece]:
+def pieces(height: int, width: int, tile: int, architecture: Architecture) -> Iterator[Tile]:
     """Pieces of `tile` x `tile` pixels, rounded up to whole strides, that cover an image."""
     step, around = stride(architecture), margin(architecture)
     side = -(-max(tile, SMALLEST) // step) * step
@@ -97,7 +97,7 @@ def pieces(height: int, width: int, tile: int, architecture: Architecture) -> It
 
     for rows, window_rows in stretches(height):
         for columns, window_columns in stretches(width):
-            yield Piece(rows, columns, window_rows, window_columns)
+            yield Tile(rows, columns, window_rows, window_columns)
 
 
 def tiled(
@@ -136,7 +136,7 @@ def tiled(
     return whole
 
 
-def _places(piece: Piece, height: int, width: int) -> torch.Tensor:
+def _places(piece: Tile, height: int, width: int) -> torch.Tensor:
     """Where the window's pixel centres lie in the image: (1, h, w, 2), x and y, [-1, 1]."""
     y = torch.arange(piece.window_rows.start, piece.window_rows.stop, dtype=torch.float64)
     x = torch.arange(piece.window_columns.start, piece.window_columns.stop, dtype=torch.float64)

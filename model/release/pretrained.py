@@ -20,6 +20,7 @@ from safetensors.torch import save_file
 from model.data.reader import Dataset, Example
 from model.evaluation.inference import Networks, available, load_networks, needed
 from model.methods import METHODS
+from model.titles import NETWORK_TITLES
 from model.training.store import ModelCard, load_model
 from pipeline.templating import templates
 from pipeline.versions import PACKED
@@ -89,7 +90,7 @@ def pack(
     _refuse_strange_files(source, target)
     methods = tuple(dict.fromkeys(methods))
     originals = load_networks(source, methods)
-    noisy = any(method in METHODS and METHODS[method].noisy for method in methods)
+    noisy = any(method in METHODS and METHODS[method].uses_noisy_samples for method in methods)
     examples = _views(data, noisy)
     figures = _figures(metrics)
     names = tuple(dict.fromkeys(name for method in methods for name in needed(method)))
@@ -206,7 +207,7 @@ def _card(packed: Networks, differences: Sequence[Difference], figures: dict[str
     environment.filters["json"] = lambda value: json.dumps(value, sort_keys=True)
     return environment.get_template("model_card.md").render(
         methods=packed.methods,
-        titles={name: METHODS[name].title for name in packed.cards},
+        titles={name: NETWORK_TITLES[name] for name in packed.cards},
         cards=packed.cards,
         card=packed.card,
         differences=differences,

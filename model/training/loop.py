@@ -57,10 +57,10 @@ class Run:
             name: self._put(value)
             for name, value in targets(examples, self.params.train.exposure).items()
         }
-        given = encode(examples, self.method.direct, self.method.noisy)
+        given = encode(examples, self.method.uses_direct_light, self.method.uses_noisy_samples)
         inputs = {name: self._put(value) for name, value in given.items()}
         radiance = None
-        if self.method.noisy:
+        if self.method.uses_noisy_samples:
             linear = radiances(examples, self.params.train.exposure)
             radiance = {name: self._put(value) for name, value in linear.items()}
         return Batch(inputs, truth[self.method.target], truth["shading"], radiance)

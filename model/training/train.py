@@ -77,9 +77,9 @@ def train_network(
     method = METHODS[name]
     stage: StageTrainParams = getattr(params.train, name)
     architecture = Architecture(
-        method.layout, stage.width, stage.levels, params.train.panorama, params.train.exposure
+        method.kind, stage.width, stage.levels, params.train.panorama, params.train.exposure
     )
-    dataset = Dataset(folders.data / "dataset", "train", method.noisy, only)
+    dataset = Dataset(folders.data / "dataset", "train", method.uses_noisy_samples, only)
     backbone = load_backbone(folders.backbone)
     channels_last(backbone)
     shading, needs = _fixed_shading(method, params, folders)
@@ -112,7 +112,7 @@ def train_network(
     checkpoint = Checkpoint(folders.models / "checkpoints" / f"{name}.pt", identity)
     state = checkpoint.resume(run.objective, run.optimisers)
     began, first = time.monotonic(), state.step
-    validation = _validation_views(folders.data / "dataset", method.noisy)
+    validation = _validation_views(folders.data / "dataset", method.uses_noisy_samples)
     train_steps(run, state, checkpoint, dataset, validation)
     seconds = (time.monotonic() - began) / max(1, steps - first)
 
@@ -146,9 +146,9 @@ def train_network(
 def _given(method: Method, dataset: Dataset) -> dict[str, Any]:
     """What the network was given beside the paper's inputs, and is to be given in use."""
     given: dict[str, Any] = {}
-    if method.noisy:
+    if method.uses_noisy_samples:
         given["noisy_spp"] = int(median(dataset.column("noisy_spp")))
-    if method.direct:
+    if method.uses_direct_light:
         given["shadows"] = "visibility" in dataset.images
     return given
 
@@ -216,7 +216,7 @@ def _fixed_shading(
     method: Method, params: Params, folders: Folders
 ) -> tuple[nn.Module | None, dict[str, str]]:
     """The trained shading network whose predictions the composition network learns from."""
-    if not method.fed:
+    if not method.uses_shading_net:
         return None, {}
     network, card = load_model(folders.models / "shading.safetensors")
     if card.tone != plain(params.tone):

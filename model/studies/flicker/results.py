@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from model.figures.records import Records
-from model.figures.results import METHODS, known_first
+from model.figures.results import known_first
 from model.figures.section import Section, render_section
+from model.titles import METHOD_TITLES
 from scenes.checked import within
 
 Move = Literal["dolly", "truck", "pan", "still"]
@@ -63,7 +64,7 @@ def report_section(records: Records) -> Section | None:
     if result is None:
         return None
     truth = result.methods.get("renderer")
-    titles = {**RENDERER, **METHODS}
+    titles = {**RENDERER, **METHOD_TITLES}
     return render_section(
         "model.studies.flicker",
         "study-flicker",

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from model.figures.records import Records
-from model.figures.results import METHODS, known_first
+from model.figures.results import known_first
 from model.figures.section import Section, render_section
+from model.titles import METHOD_TITLES
 from scenes.checked import within
 
 CHANGES = {
@@ -21,7 +22,7 @@ CHANGES = {
 METHOD_TITLES = {
     "direct": "Direct light of the panorama, without a network",
     "shading": "Predicted shading",
-    **METHODS,
+    **METHOD_TITLES,
 }
 
 

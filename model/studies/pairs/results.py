@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass, field
 
 from model.figures.records import Records
-from model.figures.results import METHODS, known_first
+from model.figures.results import known_first
 from model.figures.section import Section, render_section
+from model.titles import METHOD_TITLES
 from scenes.checked import within
 
 
@@ -61,13 +62,13 @@ def report_section(records: Records) -> Section | None:
         rows=[
             {
                 "name": name,
-                "title": METHODS.get(name, name),
+                "title": METHOD_TITLES.get(name, name),
                 "rate": percent(result.methods[name].rate),
                 "interval": interval(result.methods[name]),
                 "answers": result.methods[name].answers,
                 "timeouts": result.methods[name].timeouts,
             }
-            for name in known_first(result.methods, METHODS)
+            for name in known_first(result.methods, METHOD_TITLES)
         ],
     )
 

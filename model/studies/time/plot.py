@@ -9,8 +9,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from model.figures.results import METHODS
 from model.studies.time.results import CLOCKS, RENDERERS, TimeResult
+from model.titles import METHOD_TITLES
 
 _LINES = {
     "mitsuba": ("#7f7f7f", "-"),
@@ -72,7 +72,7 @@ def _panel(axes: Axes, result: TimeResult, measure: str, words: str) -> None:
             _MARKS[index % len(_MARKS)],
             color=_COLOURS[index % len(_COLOURS)],
             markersize=9,
-            label=METHODS.get(point.method, point.method),
+            label=METHOD_TITLES.get(point.method, point.method),
         )
     axes.set_xscale("log")
     for axis in (axes.xaxis.set_major_formatter, axes.xaxis.set_minor_formatter):

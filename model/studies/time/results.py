@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from model.figures.records import Records
-from model.figures.results import METHODS, known_first
+from model.figures.results import known_first
 from model.figures.section import Section, render_section
+from model.titles import METHOD_TITLES
 from scenes.checked import within
 
 Clock = Literal["wall", "cpu"]
@@ -115,7 +116,7 @@ def report_section(records: Records) -> Section | None:
     result = records.study("time", TimeResult)
     if result is None:
         return None
-    titles = {**METHODS, **RENDERERS}
+    titles = {**METHOD_TITLES, **RENDERERS}
     return render_section(
         "model.studies.time",
         "study-time",
@@ -137,7 +138,7 @@ def part_rows(result: TimeResult) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = [
         {
             "name": name,
-            "title": PARTS.get(name, METHODS.get(name, name)),
+            "title": PARTS.get(name, METHOD_TITLES.get(name, name)),
             "spent": result.parts[name],
             "paper": PAPER.get(name),
         }

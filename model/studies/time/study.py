@@ -216,7 +216,7 @@ class ViewBenchmark:
         shading = self._timed("shading", lambda: networks.shading(example))
         for method in ("pbrnet", "product", *networks.baselines):
             method_input = example
-            if method in METHODS and METHODS[method].noisy:
+            if method in METHODS and METHODS[method].uses_noisy_samples:
                 noisy = self._timed("samples", partial(self._sampled, method))
                 method_input = with_samples_of(example, noisy)
             part = "composition" if method == "pbrnet" else method
@@ -345,7 +345,7 @@ def _parts_of(method: str, spp: int | None, shadow_methods: Collection[str]) -> 
         more = ("guides", "denoiser") if method.endswith("_denoised") else ()
         return (f"{renderer}_{spp}", *more)
     networks = {"pbrnet": ("shading", "composition"), "product": ("shading", "product")}
-    if method in METHODS and METHODS[method].noisy:
+    if method in METHODS and METHODS[method].uses_noisy_samples:
         return ("inputs", "samples", method)  # without a panorama
     light = ("illumination", "visibility") if method in shadow_methods else ("illumination",)
     return ("inputs", *light, *networks.get(method, (method,)))

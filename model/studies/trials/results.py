@@ -8,8 +8,8 @@ from typing import Any
 
 from model.figures.charts import line_chart
 from model.figures.records import METRICS, Records
-from model.figures.results import METHODS
 from model.figures.section import Section, render_section
+from model.titles import METHOD_TITLES
 from scenes.checked import within
 
 # Every metric of these studies: label, preferred direction, digits.
@@ -27,7 +27,7 @@ MEASURES |= {
     for name in ("psnr", "flip")
 }
 # Titles of row labels that are common to all of these studies; a study adds its own.
-LABELS = {**METHODS, "truth": "The renderer's own picture"}
+LABELS = {**METHOD_TITLES, "truth": "The renderer's own picture"}
 
 
 @dataclass(frozen=True)

@@ -193,7 +193,7 @@ def _measure(
     study: TrialStudy, trial: Trial, record: TrialRecord, folder: Path, folders: Folders
 ) -> None:
     """Score the variant's methods on the evaluation split and draw a few views."""
-    noisy = any(METHODS[name].noisy for name in trial.variant.networks)
+    noisy = any(METHODS[name].uses_noisy_samples for name in trial.variant.networks)
     dataset = Dataset(folders.data / "dataset", trial.params.evaluate.split, noisy)
     exposure = trial.params.train.exposure
     predictors, cards = load_predictors(trial.variant.methods, folder)

@@ -13,14 +13,21 @@ from torch.nn import functional
 
 from model.baselines import cyclegan, pix2pix
 from model.baselines.can import CAN, AdaptiveNorm, MeanSquares
-from model.baselines.cyclegan import HISTORY, REFLECTANCE, Cycles, Forwards, History, Residual
+from model.baselines.cyclegan import (
+    HISTORY,
+    REFLECTANCE,
+    CycleObjective,
+    ForwardGenerator,
+    History,
+    Residual,
+)
 from model.baselines.layers import STACKED, BatchNorm, InstanceNorm, stacked
-from model.baselines.pix2pix import Game, Generator, PatchDiscriminator
+from model.baselines.pix2pix import AdversarialObjective, Generator, PatchDiscriminator
 from model.data.encoding import CHANNELS
-from model.figures import results
 from model.methods import BASELINES, METHODS, build_network
 from model.networks.objective import Batch, Objective, Setting
 from model.networks.pbrnet import Architecture
+from model.titles import METHOD_TITLES, NETWORK_TITLES
 from pipeline.params import Baseline, TrainParams
 
 
@@ -61,14 +68,17 @@ def test_the_registry_and_the_parameters_name_the_same_baselines() -> None:
 
 
 def test_the_report_has_words_for_every_baseline() -> None:
-    assert set(BASELINES) <= results.METHODS.keys() & results.NETWORKS.keys()
+    assert set(BASELINES) <= METHOD_TITLES.keys() & NETWORK_TITLES.keys()
 
 
 def test_the_registry_knows_which_networks_give_shading_too() -> None:
     for name, method in METHODS.items():
-        network = build_network(Architecture(method.layout, 4, 3))
-        assert hasattr(network, "parts") == method.shaded, name
-    assert [name for name, method in METHODS.items() if method.shaded] == ["plus", "hybrid"]
+        network = build_network(Architecture(method.kind, 4, 3))
+        assert hasattr(network, "parts") == method.predicts_shading, name
+    assert [name for name, method in METHODS.items() if method.predicts_shading] == [
+        "plus",
+        "hybrid",
+    ]
 
 
 def test_only_an_own_loss_has_an_optimiser_of_its_own() -> None:
@@ -219,7 +229,7 @@ def test_pix2pixs_losses_by_hand() -> None:
     network = Generator(Architecture("pix2pix", 4, 3))
     nn.init.zeros_(network.out.weight)
     nn.init.zeros_(network.out.bias)  # type: ignore[arg-type]  # so it paints 0.5
-    game = Game(setting(network))
+    game = AdversarialObjective(setting(network))
     constant(game.discriminator, 1.0)
     batch = Batch(inputs(24, 24), torch.full((1, 3, 24, 24), 0.6))
     losses = by_player(game, batch)
@@ -233,7 +243,7 @@ def test_pix2pixs_losses_by_hand() -> None:
 
 def test_the_generator_meets_the_discriminator_after_its_update() -> None:
     torch.manual_seed(0)
-    game = Game(setting(Generator(Architecture("pix2pix", 4, 3)).eval()))
+    game = AdversarialObjective(setting(Generator(Architecture("pix2pix", 4, 3)).eval()))
     batch = Batch(inputs(24, 24), torch.rand(1, 3, 24, 24))
     before = float(game.loss(batch))
     turns = game.losses(batch)
@@ -244,7 +254,7 @@ def test_the_generator_meets_the_discriminator_after_its_update() -> None:
 
 
 def test_the_discriminator_does_not_teach_the_generator() -> None:
-    game = Game(setting(Generator(Architecture("pix2pix", 4, 3))))
+    game = AdversarialObjective(setting(Generator(Architecture("pix2pix", 4, 3))))
     _, loss = next(game.losses(Batch(inputs(24, 24), torch.rand(1, 3, 24, 24))))
     loss.backward()
     assert all(value.grad is None for value in game.network.parameters())
@@ -276,8 +286,8 @@ def test_cyclegans_generator(blocks: int) -> None:
 
 
 def test_cyclegans_losses_by_hand() -> None:
-    network = Forwards(Architecture("cyclegan", 4, 1))
-    cycles = Cycles(setting(network))
+    network = ForwardGenerator(Architecture("cyclegan", 4, 1))
+    cycles = CycleObjective(setting(network))
     for generator in (network.generator, cycles.back):  # grey pictures, empty stacks
         last = kernels(generator)[-1]
         nn.init.zeros_(last.weight)
@@ -306,7 +316,7 @@ def test_reflectance_lies_where_identity_puts_the_picture() -> None:
 
 def test_pictures_come_from_the_step_before() -> None:
     """A view's stack and its picture are not seen together."""
-    cycles = Cycles(setting(Forwards(Architecture("cyclegan", 4, 1))))
+    cycles = CycleObjective(setting(ForwardGenerator(Architecture("cyclegan", 4, 1))))
     seen: list[float] = []
     inner = cycles._generators
 
@@ -360,8 +370,8 @@ def test_mean_squares_by_hand() -> None:
 @pytest.mark.parametrize("name", ["pix2pix_own", "cyclegan_own", "can_own"])
 def test_losses_of_views_of_any_size(name: str, size: tuple[int, int]) -> None:
     torch.manual_seed(0)
-    layouts = {"pix2pix": Generator, "cyclegan": Forwards, "can": CAN}
-    layout = METHODS[name].layout
+    layouts = {"pix2pix": Generator, "cyclegan": ForwardGenerator, "can": CAN}
+    layout = METHODS[name].kind
     network = layouts[layout](Architecture(layout, 4, 4))
     objective = METHODS[name].objective(setting(network))
     batch = Batch(inputs(*size), torch.rand(1, 3, *size))

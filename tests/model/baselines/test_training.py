@@ -115,7 +115,7 @@ def test_all_are_trained_and_measured(tmp_path: Path) -> None:
     for name in METHODS:
         card = train_network(name, PARAMS, folders)
         settings = card.training
-        assert card.architecture.kind == METHODS[name].layout
+        assert card.architecture.kind == METHODS[name].kind
         assert isinstance(settings["loss"], str) == name.endswith("_own"), name
         assert settings["learning_rate"] == (
             METHODS[name].adam.rate if METHODS[name].adam else 1e-3  # type: ignore[union-attr]

@@ -17,7 +17,7 @@ from model.data.encoding import encode, radiances, targets
 from model.data.reader import NOISY_IMAGES, Dataset, Example, mirrored
 from model.evaluation.evaluate import evaluate
 from model.evaluation.inference import load_networks
-from model.networks.hybrid import REACH, Exposed, HybridNet, tonemap_exposed
+from model.networks.hybrid import REACH, ExposedLoss, HybridNet, tonemap_exposed
 from model.networks.objective import Batch, Setting
 from model.networks.pbrnet import Architecture
 from model.training import train
@@ -159,7 +159,9 @@ def exposed_loss(network: HybridNet, example: Example, inputs: dict[str, Any]) -
     def l1(found: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
         return 255 * (found - truth).abs().mean()
 
-    objective = Exposed(Setting(network, l1, None, 8, lambda: torch.autocast("cpu", enabled=False)))
+    objective = ExposedLoss(
+        Setting(network, l1, None, 8, lambda: torch.autocast("cpu", enabled=False))
+    )
     truth = targets([example], "shared")
     return objective.loss(
         Batch(inputs, truth["color"], truth["shading"], radiances([example], "shared"))

@@ -10,13 +10,13 @@ from typing import Any
 
 import pytest
 
-from model.figures.results import METHODS
 from model.report.page import Places, write_report
 from model.studies.frame_store import with_samples
 from model.studies.time import study
 from model.studies.time.plot import time_figure
 from model.studies.time.results import PAPER, MethodPoint, TimeResult, fastest_better, part_rows
 from model.studies.time.study import ViewMeasurement, _parts_of
+from model.titles import METHOD_TITLES
 from model.training.train import Folders
 from pipeline.cli import main
 from pipeline.images import read_picture
@@ -85,7 +85,7 @@ def test_the_study_from_end_to_end_and_again(
     assert 0 < result.reference_noise < 0.2
     png = (place.models / "metrics" / "studies" / "time.png").read_bytes()
     assert read_picture(png).shape[:2] == (520, 1200)
-    every = tuple(replace(points["unet", None], method=name) for name in METHODS)
+    every = tuple(replace(points["unet", None], method=name) for name in METHOD_TITLES)
     figure = time_figure(replace(result, points=result.points + every))
     figure.draw_without_rendering()
     (legend,) = figure.legends
