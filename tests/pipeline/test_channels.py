@@ -1,4 +1,4 @@
-"""Table of channels: what a new entry makes appear, and where."""
+"""Table of channels: a new entry appears in frames, columns, checks, card and inspect."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def constant_roughness(surfaces: VisibleSurfaces) -> AnyArray:
 
 @pytest.fixture
 def roughness(monkeypatch: pytest.MonkeyPatch) -> Channel:
-    """One more entry in the table and one more renderer: all that a new input image needs."""
+    """One more channel and its renderer."""
     monkeypatch.setattr(channels, "CHANNELS", (*CHANNELS, ROUGHNESS))
     monkeypatch.setitem(inputs.RENDERERS, "roughness", constant_roughness)
     return ROUGHNESS
@@ -101,4 +101,4 @@ def test_a_new_channel_is_packed_checked_described_and_drawn(
     frame = read_frame(path)
     others = {name: values for name, values in frame.channels.items() if name != "roughness"}
     rows = [draw_frame(Frame(held, frame.meta)).shape[0] for held in (others, frame.channels)]
-    assert rows[1] > rows[0], "a picture more"
+    assert rows[1] > rows[0], "one more picture"

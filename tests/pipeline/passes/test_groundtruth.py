@@ -345,7 +345,7 @@ def test_the_number_of_threads_changes_no_bit(rich_scene: Path, variant: str, ki
 
 
 def test_one_allowed_cpu_is_enough(rich_scene: Path, variant: str) -> None:
-    """Mitsuba's own EXR code hangs for ever here; with ours the same bits come out."""
+    """Mitsuba's own EXR code hangs with one CPU; ours gives the same bits as with two."""
     alone = render_apart(
         rich_scene, variant, prefix=("taskset", "-c", str(min(os.sched_getaffinity(0))))
     )

@@ -333,7 +333,7 @@ def test_each_light_has_its_colour(tmp_path: Path, radius: float) -> None:
 
 
 def test_lights_in_one_pixel_mix_their_colours(tmp_path: Path) -> None:
-    """Two specks in line of sight of one pixel: what their radiances add up to."""
+    """Two specks within one pixel: the tint of the sum of their radiances."""
     view = make_view(tuple(EYE))
     specks = [(np.array([40, 0, 0]), 0.0), (np.array([0, 0, 90]), 0.04)]
     body = "".join(

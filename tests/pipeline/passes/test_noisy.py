@@ -73,7 +73,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def data(finished: Path, tmp_path: Path) -> Path:
-    """A copy of it to meddle with."""
+    """A copy of the finished folder, to be changed."""
     shutil.copytree(finished, tmp_path / "data")
     return tmp_path / "data"
 

@@ -91,7 +91,7 @@ def test_a_board_before_a_lamp_throws_the_shadow_that_geometry_says(
 
 
 def test_two_lamps_of_which_one_is_hidden_count_by_what_they_would_bring(tmp_path: Path) -> None:
-    """At each point the hidden lamp's share is its irradiance over both, worked out by hand."""
+    """At each point the visible share is one lamp's analytic irradiance over that of both."""
     lamps = {np.float64(3.0): (-1.2, 1.0, 1.5), np.float64(1.0): (1.2, 1.5, 1.5)}
     screen = quad("screen", (1.6, 2.3, 1.5), (0, -1, 0), (1.2, 3), diffuse())
     body = WALL + screen
@@ -116,7 +116,7 @@ def test_two_lamps_of_which_one_is_hidden_count_by_what_they_would_bring(tmp_pat
 
 
 def test_under_a_table_as_much_of_the_window_is_hidden_as_geometry_says(tmp_path: Path) -> None:
-    """On the floor: the window's light, point by point, that the table top stands in the way of."""
+    """On the floor: the share of the window's light that the table top occludes, point by point."""
     walls, _ = room_walls(diffuse(), window=True)
     table = (
         '<shape type="cube"><transform name="to_world"><scale x="0.5" y="0.5" z="0.005"/>'
@@ -145,7 +145,7 @@ def test_under_a_table_as_much_of_the_window_is_hidden_as_geometry_says(tmp_path
 
 
 def test_a_lamp_does_not_stand_in_its_own_light(tmp_path: Path) -> None:
-    """Behind a ball of light its mean place, on the near side, is hidden by the ball itself."""
+    """From behind a spherical lamp, its mean position on the near side is occluded by itself."""
     body = WALL + ball("lamp", (0.0, 2.0, 1.5), 0.3, glow(5))
     view = looking_at_a_wall()
     share = render_visibility(opened(tmp_path, body), view, PARAMS)["visibility.Y"]
@@ -165,7 +165,7 @@ def test_no_light_and_no_surface_hide_nothing(tmp_path: Path) -> None:
 
 
 def test_pixels_lend_their_rays_to_their_own_surface_alone() -> None:
-    """Left a wall, right one a metre behind, below a floor: noise goes, edges stay."""
+    """A wall, another one a metre behind, and a floor: noise is averaged, edges stay sharp."""
     rng = np.random.default_rng(0)
     row, column = np.mgrid[:40, :40] - 20.0
     rays = np.stack([column / 40, row / 40, np.ones_like(row)], axis=-1)
@@ -212,7 +212,7 @@ def test_what_is_given_to_the_network_has_the_shadows(tmp_path: Path) -> None:
 
 
 def test_panoramas_do_not_depend_on_the_shadows_asked_for(tmp_path: Path) -> None:
-    """So that shadows can be switched on without panoramas being made anew."""
+    """Shadows can be switched on without rendering the panoramas again."""
     view = looking_at_a_wall()
     marks = [
         {

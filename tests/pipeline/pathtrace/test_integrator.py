@@ -45,7 +45,7 @@ def stacked(truth: tuple[dict[str, np.ndarray], dict[str, Any]]) -> np.ndarray:
 
 
 def test_shading_depends_on_no_colour(tmp_path: Path) -> None:
-    """To the bit, roulette and all, where the twins do not part."""
+    """Bit-identical, with roulette, where both materials choose the same direction."""
     others = {"0.8,0.1,0.05": "0.1,0.6,0.9", "black.png": "checks.png", '"Au"': '"Ag"'}
     repainted = {}
     for name, text in FAITHFUL.items():
@@ -76,7 +76,7 @@ def test_without_roulette_both_images_are_paths_own(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module", params=[(FAITHFUL, 1.05), (PARTING, 1.15)], ids=["same", "parting"])
 def both_ways(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """Regions, the most that noise may grow, and images (joint trace, Mitsuba's own) by albedo."""
+    """Regions, largest ratio of noise, and pairs of images (joint trace, Mitsuba's own)."""
     materials, most = request.param
     scene, view, regions = shelf(tmp_path_factory.mktemp("shelf"), materials)
     pair = joined(scene, view, 2, SPP, COPIES, 1)
@@ -146,7 +146,7 @@ class CoinNotPaidFor(JointPath):
 
 
 class ColourLeads(JointPath):
-    """Follows the colour's direction always, as if the twin had chosen it."""
+    """Always follows the colour's direction, as if the neutral twin had chosen it."""
 
     def choose_direction(
         self, colour: PathState, neutral: PathState, one: Any, other: Any, random: Any
@@ -183,7 +183,7 @@ WRONG = [
 
 @pytest.fixture(scope="module")
 def suspects(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """A small room, and what two plain renders make of it."""
+    """A small room, and region means of its two images by Mitsuba's own path tracer."""
     chosen = {name: {**FAITHFUL, **PARTING}[name] for name in ("black texture", "gold", "plastic")}
     chosen["polished plastic"] = PARTING["rough plastic"].replace("0.2", "0.05")
     scene, view, regions = shelf(tmp_path_factory.mktemp("suspects"), chosen, wide=True)

@@ -42,7 +42,7 @@ def rendered(scene: RenderScene, seed: int, **params: Any) -> tuple[dict[str, An
 
 
 def true_error(image: np.ndarray, reference: np.ndarray) -> float:
-    """As the estimate counts: a pixel far too bright or far too dark is wrong by 1 at most."""
+    """Rms relative error, at most 1 per pixel, as in the estimate."""
     scale = np.maximum(image, reference) + 0.01 * reference.mean()
     return float(np.sqrt(((image - reference) ** 2 / scale**2).mean()))
 

@@ -83,7 +83,7 @@ def test_the_slow_tracer_knows_the_geometric_series() -> None:
 
 
 def test_the_slow_tracers_glass_and_mirrors_lose_what_they_should() -> None:
-    """In an evenly lit room, glass without colour is invisible, and a mirror its own colour."""
+    """In a white furnace, colourless glass is invisible, and a mirror shows its reflectance."""
     room = walls((0, 0, 0), light=1.0)
     glass = [*room, Ball((0, 0, 1.5), 0.5, Material("glass", (1, 1, 1)))]
     got = picture(glass, VIEW, 40, 4, np.random.default_rng(0))

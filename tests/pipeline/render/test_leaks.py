@@ -27,7 +27,7 @@ EAST = ((4.0, 0.0, 0.0), (4.0, 3.0, 0.0), (4.0, 3.0, 2.6), (4.0, 0.0, 2.6))
 
 
 def room(folder: Path, without: str = "", portals: tuple[Portal, ...] = ()) -> Scene:
-    """A closed room, or one that lacks a wall, or has portals where it does."""
+    """A closed room; without the wall `without`, if given; with these portals."""
     scene = write_room(folder, size=SIZE)
     file = folder / "scene.xml"
     tree = ElementTree.parse(file)
@@ -197,7 +197,7 @@ def test_a_hole_that_nobody_looks_through(tmp_path: Path) -> None:
 
 
 def test_a_walk_never_steps_behind_the_next_surface() -> None:
-    """In a crease it starts again on its own way, above the surface that it met."""
+    """In a crease it continues from its own segment, in front of the surface that it hit."""
     origins, ways = np.array([[0.0, 0.0, 1.0]]), np.array([[0.6, 0.0, -0.8]])
     rng = np.random.default_rng(0)
     start, onward = diffuse_bounce(
