@@ -1,4 +1,4 @@
-"""What the baselines' files share: one stack of images from our inputs, sizes, normalisation."""
+"""Shared layers of the baselines: stack of input images, normalisation, padding."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Stack(nn.Module):
     """The image that a baseline's first layer sees, its panorama joined as in our networks.
 
     `resize`: `stacked`. `normal`: features of the panorama, read in each pixel's normal, take
-    the place of the stretched panorama; so no baseline loses for want of our join.
+    the place of the stretched panorama, so that no baseline is at a disadvantage.
     """
 
     def __init__(self, panorama: Panorama, width: int) -> None:
@@ -93,5 +93,5 @@ def gaussian(module: nn.Module) -> None:
 
 
 def display(tanh: torch.Tensor) -> torch.Tensor:
-    """What a last tanh gives, [-1, 1], as display values in [0, 1]."""
+    """Output of a last tanh, [-1, 1], as display values in [0, 1]."""
     return (tanh + 1) / 2

@@ -1,7 +1,7 @@
 """Streaming reader of the packed dataset: bounded memory, seeded order, exact positions.
 
 The order of a shuffled pass is computed from row counts alone, before a pixel is read. So a
-position, one number, is all that a checkpoint needs to go on with the very same rows.
+position, one number, is all that a checkpoint needs to resume with the same rows.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ IMAGES: dict[str, int | None] = {
     "shading": 3,
     "color": 3,
 }
-# What only datasets made with `noisy.spp` have, for the methods that take it.
+# Columns of datasets made with `noisy.spp`, for the methods that take noisy samples.
 NOISY_IMAGES: dict[str, int | None] = {
     "noisy_color": 3,
     "noisy_shading": 3,
     "denoised_color": 3,
     "denoised_shading": 3,
 }
-# What not every dataset has: older ones, and those made with `illumination.shadow_rays: 0`.
+# Absent from older datasets and from those made with `illumination.shadow_rays: 0`.
 OPTIONAL_IMAGES: dict[str, int | None] = {"tint": 3, "visibility": None}
 SCALARS = (
     "scene_id",
@@ -61,7 +61,7 @@ _SHARD = re.compile(r"(train|validation|test)-(\d{5})-of-(\d{5})\.parquet")
 
 @dataclass(frozen=True, kw_only=True)
 class ViewInputs:
-    """What the networks are given of a view; camera frame OpenCV (x right, y down, z forward).
+    """Input images of the networks for one view; camera frame OpenCV (x right, y down, z forward).
 
     NumPy arrays; tensors while a network is exported.
     """
@@ -102,7 +102,7 @@ class Example(ViewInputs):
 
 @dataclass(frozen=True)
 class Row:
-    """Where a row lies."""
+    """Position of a row: shard, row group in it, row in that."""
 
     shard: int
     group: int
@@ -219,7 +219,7 @@ class Dataset:
                     groups[group] = [row for row in rows if names[row] in only]
 
     def _places(self) -> list[Row]:
-        """Where every row lies, in file order."""
+        """Positions of all rows, in file order."""
         return [
             Row(shard, group, row)
             for shard, sizes in enumerate(self.groups)

@@ -1,4 +1,4 @@
-"""The evaluate stage: how near the networks come to the renderer on scenes they never saw."""
+"""The evaluate stage: metrics and timings of the methods on scenes that training never saw."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""From a view to a picture: trained networks, and the methods that they make pictures by.
+"""Inference: load trained networks and predict a view by a method.
 
-The only way in which trained networks are used: by commands, evaluation and studies alike, at any
-image size.
+Commands, evaluation and studies all load and run networks through this module. Images may have any
+size.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Radiance:
 
 @dataclass(frozen=True)
 class Networks:
-    """What some methods need; `tile` > 0 computes large images in pieces of that size."""
+    """Loaded networks of some methods; `tile` > 0 computes large images in tiles of that size."""
 
     methods: tuple[str, ...]  # of `PREDICTABLE`; all show their colours as the first does
     modules: dict[str, nn.Module]  # by their names in the registry
@@ -78,7 +78,7 @@ class Networks:
 
     @property
     def two_stage(self) -> bool:
-        """Whether the shading network, the paper's first stage, is among them."""
+        """True if the shading network, the paper's first stage, is loaded."""
         return "shading" in self.modules
 
     @property
@@ -87,7 +87,7 @@ class Networks:
         return [method for method in self.methods if method in BASELINES]
 
     def shading(self, example: Example) -> AnyArray:
-        """What the shading network makes of a view: display values float32 (H, W, 3)."""
+        """Shading of a view predicted by the shading network, display values float32 (H, W, 3)."""
         return to_image(self._run("shading", self.modules["shading"], encode([example])))
 
     def predict(self, method: str, example: Example, shading: AnyArray | None = None) -> Prediction:
@@ -175,7 +175,7 @@ class Networks:
 def in_the_light_of_training(example: Example, card: ModelCard) -> Example:
     """The view with shadows if the network was trained with them, without if not.
 
-    Raises `InputError` where they are wanting.
+    Raises `InputError` where they are missing.
     """
     if not card.training.get("shadows"):
         return replace(example, visibility=None)
@@ -188,14 +188,14 @@ def in_the_light_of_training(example: Example, card: ModelCard) -> Example:
 
 
 def needed(method: str) -> tuple[str, ...]:
-    """The networks that a method is made of; the last makes its picture."""
+    """Return the names of a method's networks; the last one predicts its picture."""
     if method in PRODUCTS:
         return ("shading",)
     return ("shading", "composition") if method == "pbrnet" else (method,)
 
 
 def available(models: Path) -> list[str]:
-    """Methods whose networks all lie in the folder, the one to prefer first."""
+    """Return the methods whose networks are all in the folder, the preferred one first."""
     return [
         method
         for method in dict.fromkeys((*_PREFERRED, *PREDICTABLE))
@@ -204,7 +204,7 @@ def available(models: Path) -> list[str]:
 
 
 def load_networks(models: Path, methods: Sequence[str] = ("pbrnet",), tile: int = 0) -> Networks:
-    """Read what these methods need, and no other networks.
+    """Load the networks of these methods, and no others.
 
     Raises `InputError` if a network is missing or damaged, if the composition network was trained
     on another shading network, if the methods' colours are of different exposure policies, or if

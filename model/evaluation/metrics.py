@@ -1,7 +1,7 @@
-"""How near an image comes to the truth: SSIM, PSNR, FLIP, LPIPS where its weights are.
+"""Image metrics: SSIM, PSNR, FLIP, and LPIPS where its weights are installed.
 
 All take display images (H, W, 3) in [0, 1]. LPIPS is None where AlexNet's ImageNet weights or the
-learned heads are missing: it is said, never replaced.
+learned heads are missing; nothing replaces it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Views to predict: from a scene and its cameras, or from frames; and what comes of them.
+"""Inputs and outputs of `pbrnet predict`: views from a scene or from frames, pictures, radiance.
 
 Nothing is path traced, unless the truth is asked for beside the prediction, or the method takes
 a few noisy samples.

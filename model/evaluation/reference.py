@@ -1,4 +1,4 @@
-"""What a reference run found, in one small file to keep, and a sheet of its pictures.
+"""Summary of an evaluation: one flat JSON file, and a contact sheet of pictures.
 
 `metrics/reference.json` is what the project says of itself: every method's means, flat, so that
 another program reads them in a line, and beside them what they rest on.

@@ -1,4 +1,4 @@
-"""The hybrid: a few path-traced samples a pixel, denoised, and what a network has to say about it.
+"""PBR-Net hybrid: a few path-traced samples a pixel, denoised, then corrected by a network.
 
 Intel's denoiser has seen far more pictures than any training here could show a network, so the
 network starts from its result and learns only where that is wrong: it predicts the logarithm of a

@@ -1,4 +1,4 @@
-"""What a network is trained by: a loss of its own, or a game against other networks.
+"""Training objectives: a single loss, or losses of several networks trained against each other.
 
 The loop in model/training/loop.py knows only this: an objective has players, each a module with an
 optimiser of its own, and `losses` hands out, one after the other, a player and the loss that it
@@ -35,7 +35,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class Setting:
-    """What an objective is made from; the network first, then what surrounds it."""
+    """Network, criterion and settings from which an objective is built."""
 
     network: nn.Module
     criterion: Criterion  # the part-perceptual loss, on display values
@@ -58,15 +58,15 @@ class Objective(ABC):
         """The loss of the player `network`, for validation; leaves the objective as it was."""
 
     def memory(self) -> dict[str, Any]:
-        """What the objective remembers from step to step beside its players, for a checkpoint."""
+        """State of the objective beside its players, for a checkpoint."""
         return {}
 
     def remember(self, memory: dict[str, Any]) -> None:  # noqa: B027  (most have no memory)
-        """Take up what `memory` gave."""
+        """Restore the state that `memory` returned."""
 
 
 class SingleLoss(Objective):
-    """No player but the network: one loss to lower."""
+    """Objective with one loss and no player but the network."""
 
     def __init__(self, setting: Setting) -> None:
         self.network = setting.network

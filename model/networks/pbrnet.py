@@ -25,7 +25,7 @@ WIDEST = 8  # levels double their width up to this many times the first level's
 
 @dataclass(frozen=True)
 class Architecture:
-    """What a network is built from; stands in its model card."""
+    """Hyperparameters of a network; part of its model card."""
 
     kind: str  # of `model.methods.METHODS`
     width: int  # channels of the first level
@@ -91,7 +91,7 @@ class Branch(nn.Sequential):
 
 
 class ResizedPanorama(nn.Module):
-    """What the paper's figure suggests: convolve each panorama, stretch it over the image.
+    """Panorama join of the paper's figure: convolve each panorama, stretch it over the image.
 
     Nothing lines up: the pixel under a feature has another direction than the feature, and
     only the deepest level of the U-Net sees far enough to sort it out.

@@ -1,4 +1,4 @@
-"""PBR-Net plus: the paper's two steps with the physics that needs no path tracing left in.
+"""PBR-Net plus: the paper's two stages on top of analytic direct light and interreflection.
 
 The shading network is given the direct light of the panorama (model/data/direct_light.py), its
 colour taken out, and learns what that lacks: bounces, hidden lamps, and shadows where none came

@@ -1,4 +1,4 @@
-"""Large images through a network piece by piece, with the result of the whole.
+"""Tiled inference of large images, with the same result as at once.
 
 A U-Net looks at no more than a known stretch around each block of pixels, so a piece that is
 computed with that much of its neighbourhood comes out as it does in the whole image: no seams, and
@@ -137,7 +137,7 @@ def tiled(
 
 
 def _places(piece: Tile, height: int, width: int) -> torch.Tensor:
-    """Where the window's pixel centres lie in the image: (1, h, w, 2), x and y, [-1, 1]."""
+    """Pixel centres of the window in the image: (1, h, w, 2), x and y, [-1, 1]."""
     y = torch.arange(piece.window_rows.start, piece.window_rows.stop, dtype=torch.float64)
     x = torch.arange(piece.window_columns.start, piece.window_columns.stop, dtype=torch.float64)
     y, x = (2 * y + 1) / height - 1, (2 * x + 1) / width - 1

@@ -1,4 +1,4 @@
-"""Networks to pass on: packed small, checked against what they were packed from, with a card.
+"""Packing of trained networks for release: half precision, checked, with a model card.
 
 `weights/`, beside the packages, holds those that come with pbrnet; they are used where no network
 has been trained. A packed network is a model like any other (`model/training/store.py`): half the
@@ -38,7 +38,7 @@ HALF_MAX = 0.5 * torch.finfo(torch.float16).max
 
 @dataclass(frozen=True)
 class Models:
-    """Where networks are, what they are to do, and how to say so."""
+    """Folder of networks, the method to run, and a description for messages."""
 
     folder: Path
     method: str
@@ -187,7 +187,7 @@ def _compare(
 
 
 def _figures(metrics: Path) -> dict[str, Any]:
-    """What `pbrnet evaluate` found, for the card; `InputError` if it has not been run."""
+    """Results of `pbrnet evaluate` for the card; `InputError` if it has not been run."""
     path = metrics / "evaluation.json"
     if not path.is_file():
         raise InputError(f"{path}: no such file; a card needs figures: pbrnet evaluate")

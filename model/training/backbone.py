@@ -30,7 +30,8 @@ from scenes.seeds import generator
 Network = Literal["vgg19", "efficientnet_lite0"]
 
 LAYERS = ("conv1_2", "conv2_2", "conv3_2", "conv4_2", "conv5_2")
-# Chen and Koltun's balance: the mean change of each VGG layer for a unit change of the image.
+# Mean change of each VGG layer for a unit change of the image, by which Chen and Koltun (2017)
+# divide: the inverse of `model.training.loss.LAMBDA`, conv5_2's 10/1.5 included.
 BALANCE = (2.6, 4.8, 3.7, 5.6, 0.15)
 
 VGG_URL = "https://download.pytorch.org/models/vgg19-dcbb9e9d.pth"
@@ -245,7 +246,7 @@ def load_backbone(models: Path) -> Backbone:
 def calibrate(
     network: nn.Module, mean: Sequence[float], std: Sequence[float], pairs: int = 8
 ) -> tuple[float, ...]:
-    """How much each layer changes when the 0-255 image changes by 1 on average.
+    """Mean change of each layer for a mean change of 1 of the 0-255 image.
 
     Measured over generated pairs: dead leaves (disks that occlude one another, whose edges and
     spectrum resemble photographs') and the same picture blurred, dimmed or shifted in colour,
@@ -286,7 +287,7 @@ def dead_leaves(rng: np.random.Generator, height: int = 128, width: int = 160) -
 
 
 def hub_folder() -> Path:
-    """Where torch keeps downloaded weights."""
+    """Folder of torch's downloaded weights."""
     cache = os.environ.get("XDG_CACHE_HOME", str(Path.home() / ".cache"))
     return Path(os.environ.get("TORCH_HOME", f"{cache}/torch")) / "hub" / "checkpoints"
 

@@ -1,4 +1,4 @@
-"""How far a training has come, on disk: one that was stopped goes on to the same bits."""
+"""Training checkpoints: a resumed training is bit-identical to an uninterrupted one."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class CurvePoint:
 
 @dataclass
 class State:
-    """What a checkpoint holds beside the objective and Adam's moments."""
+    """Progress of a training: the part of a checkpoint beside networks and Adam's moments."""
 
     step: int = 0
     loss_sum: float = 0.0  # over the steps of this epoch
@@ -37,7 +37,7 @@ class State:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The file that a training goes on from after it was stopped."""
+    """Checkpoint file of one training."""
 
     path: Path
     identity: str  # of the training; what another one left is not gone on from

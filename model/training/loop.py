@@ -1,7 +1,7 @@
 """The loop that trains every network of the registry.
 
-Data order, mirroring, random draws and learning rate are functions of the step, so that a run that
-was killed and started again from a checkpoint ends with the same bits as one that was not.
+Data order, mirroring, random draws and learning rate are functions of the step, so that a run
+resumed from a checkpoint is bit-identical to an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from scenes.seeds import derive, derive32
 
 
 class TrainingError(PbrnetError):
-    """The training went astray."""
+    """The loss of a training is not finite."""
 
 
 class Run:

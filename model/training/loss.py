@@ -21,7 +21,7 @@ LAMBDA = (1.0, 1 / 2.6, 1 / 4.8, 1 / 3.7, 1 / 5.6, 10 / 1.5)
 
 
 class Features(Protocol):
-    """What the loss needs of a backbone."""
+    """Interface of a backbone."""
 
     def __call__(self, display: torch.Tensor, depth: int) -> list[torch.Tensor]:
         """The first `depth` feature maps of display values in [0, 1]."""

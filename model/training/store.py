@@ -20,7 +20,7 @@ from scenes.files import atomic_file, digest_file, read_json, write_json
 
 @dataclass(frozen=True)
 class TrainingData:
-    """What a network has seen."""
+    """Training data of a network."""
 
     fingerprint: str  # SHA-256 over the bytes of the training shards
     views: int

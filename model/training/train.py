@@ -1,7 +1,7 @@
 """Training: the same for every network of the registry, two stages for ours.
 
 The shading network first; then, fixed, it feeds the composition network (paper, section III-B).
-On one machine a run that was killed and started again ends with the same bits as one that was not
+On one machine a resumed run is bit-identical to an uninterrupted one
 (`model/training/loop.py`).
 """
 
@@ -43,7 +43,7 @@ LICENCE = "MIT"
 
 @dataclass(frozen=True)
 class Folders:
-    """Where training reads and writes."""
+    """Folders that training reads and writes."""
 
     data: Path = Path("data")
     models: Path = Path("models")
@@ -144,7 +144,7 @@ def train_network(
 
 
 def _given(method: Method, dataset: Dataset) -> dict[str, Any]:
-    """What the network was given beside the paper's inputs, and is to be given in use."""
+    """Inputs beside the paper's that the network was trained with and requires."""
     given: dict[str, Any] = {}
     if method.uses_noisy_samples:
         given["noisy_spp"] = int(median(dataset.column("noisy_spp")))
@@ -154,7 +154,7 @@ def _given(method: Method, dataset: Dataset) -> dict[str, Any]:
 
 
 def _losses(curve: Sequence[CurvePoint]) -> dict[str, float | None]:
-    """Where the learning curve ended."""
+    """Last losses of the learning curve."""
     return {"train_loss": curve[-1].train_loss, "validation_loss": curve[-1].validation_loss}
 
 
@@ -256,7 +256,7 @@ def _identity(*parts: object) -> str:
 
 
 def _settings(params: TrainParams, method: Method) -> dict[str, Any]:
-    """What networks share of the parameters that determine the weights, or the method's own."""
+    """Parameters that determine the weights: those shared by networks, or the method's own."""
     others = ("checkpoint_steps", "device", "baselines", *METHODS)
     settings = {name: value for name, value in plain(params).items() if name not in others}
     if method.adam is not None:
@@ -268,7 +268,7 @@ def _settings(params: TrainParams, method: Method) -> dict[str, Any]:
 def _facts(
     name: str, params: Params, dataset: Dataset, backbone: Backbone, data: TrainingData
 ) -> dict[str, Any]:
-    """What a card says that was settled before the training began."""
+    """Fields of the model card that are known before training."""
     loss = backbone.card
     return {
         "name": name,

@@ -1,4 +1,4 @@
-"""What a reference run leaves behind: flat figures, and pictures from the best to the worst."""
+"""Summary of an evaluation: flat figures, and pictures from the best to the worst."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from tests.fixtures.model import box_dataset
 
 
 class Card:
-    """What `linear_product` asks of a model card."""
+    """The fields of a model card that `linear_product` reads."""
 
     albedo = 0.5
 
