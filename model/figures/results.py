@@ -62,7 +62,7 @@ def _rows(methods: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [
         {
             "name": method,
-            "words": METHOD_TITLES.get(method, method),
+            "title": METHOD_TITLES.get(method, method),
             "cells": [
                 _cell(figure_of(methods[method], name), digits, best.get(name) == method)
                 for name, (_, _, digits) in METRICS.items()

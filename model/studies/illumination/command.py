@@ -11,7 +11,7 @@ from model.figures.results import known_first
 from model.options import FOLDER, models_option
 from model.studies.illumination.results import (
     CHANGES,
-    METHOD_TITLES,
+    TITLES,
     Agreement,
     IlluminationResult,
     format_estimate,
@@ -93,7 +93,7 @@ def _lines(result: IlluminationResult, target: Path) -> list[str]:
         lines.append(f"{CHANGES[name]} ({change.views} views):")
         lines += [
             f"{method:>14}: {_measures(change.methods[method], change.reference)}"
-            for method in known_first(change.methods, METHOD_TITLES)
+            for method in known_first(change.methods, TITLES)
         ]
         lines += [
             f"  left out in {count}: {reason}" for reason, count in sorted(change.skipped.items())

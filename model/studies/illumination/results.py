@@ -19,7 +19,7 @@ CHANGES = {
     "all": "All changes",
     "exchanged": "Another view's panorama",
 }
-METHOD_TITLES = {
+TITLES = {
     "direct": "Direct light of the panorama, without a network",
     "shading": "Predicted shading",
     **METHOD_TITLES,
@@ -101,7 +101,7 @@ def report_section(records: Records) -> Section | None:
                 "skipped": sorted(change.skipped.items()),
                 "rows": [
                     _row(method, change.methods[method])
-                    for method in known_first(change.methods, METHOD_TITLES)
+                    for method in known_first(change.methods, TITLES)
                 ],
             }
             for name in known_first(result.changes, CHANGES)
@@ -115,7 +115,7 @@ def _row(method: str, found: Agreement) -> dict[str, Any]:
     cells = [found.pattern, found.correlation, found.sign, found.gain]
     return {
         "name": method,
-        "title": METHOD_TITLES.get(method, method),
+        "title": TITLES.get(method, method),
         "cells": [format_estimate(figure) for figure in cells],
         "true": "–" if found.true is None else f"{found.true.value:+.2f}",
         "predicted": "–" if found.predicted is None else f"{found.predicted.value:+.2f}",
