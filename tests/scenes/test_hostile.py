@@ -125,13 +125,13 @@ KINDS: dict[str, Callable[[Path], tuple[Path, Path]]] = {
 # loss, or "" where the missing bytes carry nothing.
 CUT = {
     ("obj", 0.99): "",  # a part of the comment at the end
-    ("mtl", 0.0): "a material that no library holds became grey: red",
-    ("mtl", 0.1): "a material that no library holds became grey: red",
-    ("mtl", 0.9): "missing texture, the plain colour stands for it: 't'",
+    ("mtl", 0.0): "a material that no library defines became grey: red",
+    ("mtl", 0.1): "a material that no library defines became grey: red",
+    ("mtl", 0.9): "missing texture, replaced by the plain colour: 't'",
     ("mtl", 0.99): "",  # the last end of line
-    ("png", 0.0): "damaged texture, the plain colour stands for it: t.png",
-    ("png", 0.1): "damaged texture, the plain colour stands for it: t.png",
-    ("png", 0.5): "damaged texture, the plain colour stands for it: t.png",
+    ("png", 0.0): "damaged texture, replaced by the plain colour: t.png",
+    ("png", 0.1): "damaged texture, replaced by the plain colour: t.png",
+    ("png", 0.5): "damaged texture, replaced by the plain colour: t.png",
     ("png", 0.9): "an image with wrong checksums was written anew: t.png",
     ("png", 0.99): "",  # the checksum of the end
 }
