@@ -102,6 +102,7 @@ def test_an_unknown_command_exits_with_2(capsys: pytest.CaptureFixture[str]) -> 
     assert "rendr" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_presets_replace_each_other_but_not_own_changes(tmp_path: Path) -> None:
     presets = str(ROOT / "params")
     target = tmp_path / "params.yaml"

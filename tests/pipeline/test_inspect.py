@@ -56,6 +56,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kind", "words"),
     [
@@ -207,6 +208,7 @@ def flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return import_scene(file, folder / "scenes" / "flat").folder
 
 
+@pytest.mark.slow
 def test_the_dollhouse_shows_what_stands_below_the_ceiling(flat: Path) -> None:
     picture = draw_dollhouse(load_scene(flat)).astype(int)
     red, green, blue = (picture[..., band] for band in range(3))
@@ -242,6 +244,7 @@ def test_sizes_are_counted(flat: Path) -> None:
     (flat / "textures" / "extra.png").unlink()
 
 
+@pytest.mark.slow
 def test_a_picture_of_a_scene_holds_plan_dollhouse_and_renders(flat: Path, tmp_path: Path) -> None:
     whole, plan = tmp_path / "whole.png", tmp_path / "plan.png"
     ran = CliRunner().invoke(inspect, [str(flat), "--out", str(plan), "--plan-only"])
@@ -252,6 +255,7 @@ def test_a_picture_of_a_scene_holds_plan_dollhouse_and_renders(flat: Path, tmp_p
         assert picture.height > min(smaller.height, 400) + 300
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("taskset") is None, reason="needs taskset")
 def test_the_dollhouse_works_on_one_cpu(flat: Path, tmp_path: Path) -> None:
     code = (

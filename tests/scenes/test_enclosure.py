@@ -148,6 +148,7 @@ def leaky_room(seed: int) -> tuple[list[Quad], int]:
     return [quad for quad in quads if quad[0] != quad[3]], windows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_rooms_with_gaps_are_dark_but_for_their_windows(tmp_path: Path, seed: int) -> None:
     quads, windows = leaky_room(seed)

@@ -53,6 +53,7 @@ def house(tmp_path: Path) -> str:
     return str(draw.pack(tmp_path / "house.sh3d", draw.home(levels + rooms + lamp)))
 
 
+@pytest.mark.slow
 def test_names_and_mappings_side_by_side(tmp_path: Path, house: str) -> None:
     upstairs = {"file": house, "id": "upstairs", "level": ["Above"], "author": "A. Maker"}
     dark = {"file": house, "id": "dark", "time": "23:00", "lamps": "off"}
@@ -65,6 +66,7 @@ def test_names_and_mappings_side_by_side(tmp_path: Path, house: str) -> None:
     assert not [light for light in made["dark"].lights if light.kind == "area"]
 
 
+@pytest.mark.slow
 def test_changed_options_make_a_scene_again(tmp_path: Path, house: str) -> None:
     entry = {"file": house, "level": ["Above"]}
     assert run_scenes(tmp_path / "data", params(tmp_path, entry)).made == 1

@@ -210,6 +210,7 @@ def windowed_room(path: Path, emitters: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_the_stage_makes_variants_of_imports(tmp_path: Path) -> None:
     file = draw.pack(tmp_path / "flat.sh3d", furnished(), {"box": draw.BOX})
     values = yaml.safe_load((ROOT / "params.yaml").read_text())

@@ -54,6 +54,7 @@ def workplace(root: Path, train: int = 8, noisy: bool = False, **size: int) -> F
 
 
 # Calls 13 and 14 are the two players of step 6, the first after a checkpoint; 16: the second of 7.
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GAMES)
 @pytest.mark.parametrize(("call", "error"), [(16, Killed), (15, KeyboardInterrupt)])
 def test_a_game_that_was_stopped_ends_as_one_that_was_not(
@@ -109,6 +110,7 @@ def test_a_checkpoint_holds_all_players_and_the_history(
         assert saved["memory"]["last"].shape == (1, 3, 18, 24)
 
 
+@pytest.mark.slow
 def test_all_are_trained_and_measured(tmp_path: Path) -> None:
     """Every method of the registry, a card that says how, and a place in the table."""
     folders = workplace(tmp_path, train=2, noisy=True)

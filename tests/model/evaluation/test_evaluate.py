@@ -335,6 +335,7 @@ def predict(
     return run
 
 
+@pytest.mark.slow
 def test_predicting_from_frames_in_a_process_of_its_own(trained: Folders, tmp_path: Path) -> None:
     box_frames(tmp_path / "data", width=37, height=23, panorama=20)
     (tmp_path / "params.yaml").write_text("seed: 0\n")

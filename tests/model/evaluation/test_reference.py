@@ -40,6 +40,7 @@ def run(*arguments: str) -> str:
     return done.output
 
 
+@pytest.mark.slow
 def test_figures_are_those_of_the_evaluation(project: Path) -> None:
     run()
     found = json.loads(Path("metrics/reference.json").read_text())
@@ -63,6 +64,7 @@ def test_figures_are_those_of_the_evaluation(project: Path) -> None:
     assert (found["views"], found["scenes"], found["networks"]["plus"]["steps"]) == (4, 2, 7)
 
 
+@pytest.mark.slow
 def test_the_sheet_goes_from_the_best_to_the_worst(project: Path) -> None:
     run("--sheet", "sheet.png", "--method", "plus", "--method", "ceiling", "--views", "3")
     with Image.open("sheet.png") as image:
@@ -71,6 +73,7 @@ def test_the_sheet_goes_from_the_best_to_the_worst(project: Path) -> None:
     assert Path("more.png").stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_named(project: Path) -> None:
     for file, words in (("evaluation.csv", "evaluation.csv: no such file"),
                         ("evaluation.json", "evaluation.json: no such file")):  # fmt: skip

@@ -46,6 +46,7 @@ def traced_encoding(example: Example) -> Tensors:
     return encode_inputs([view], direct_light=True)
 
 
+@pytest.mark.slow
 def test_the_encoder_gives_the_same_for_tensors_and_for_arrays(views: list[Example]) -> None:
     unlit = replace(views[0], intensity=0 * views[0].intensity, distance=0 * views[0].distance)
     sky = replace(views[0], valid=np.zeros_like(views[0].valid))
@@ -65,6 +66,7 @@ def test_without_light_all_inputs_stay_dark(views: list[Example]) -> None:
         assert given["tint"].flatten().tolist() == [1, 1, 1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "panorama", "exposure", "shadows"),
     [

@@ -112,6 +112,7 @@ def room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_command_measures_networks_beside_the_renderer(room: Path) -> None:
     words = ["study", "flicker", str(room), "--view", "v0", "--frames", "3", "--size", "40x30"]
     done = CliRunner().invoke(cli, [*words, "--method", "pbrnet", "--method", "unet"])

@@ -174,6 +174,7 @@ def result_of(folders: Folders) -> TrialsResult:
     return build(TrialsResult, read_json(path), str(path), InputError)
 
 
+@pytest.mark.slow
 def test_another_folder_from_the_command_to_the_report(
     run: Run, folders: Folders, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -262,6 +263,7 @@ def test_a_source_within_the_dataset_is_not_trained_on(run: Run, folders: Folder
     assert set(test.column("scene_id")) == measured
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [

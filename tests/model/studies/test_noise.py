@@ -82,6 +82,7 @@ def packed(folders: Folders, name: str) -> Dataset:
     return Dataset(folders.data / "studies" / "noise" / "packs" / name / "dataset", "train")
 
 
+@pytest.mark.slow
 def test_rows_are_judged_against_the_clean_truth(folders: Folders) -> None:
     path = folders.models / "metrics" / "studies" / "noise.json"
     result = build(TrialsResult, read_json(path), str(path), InputError)
@@ -205,6 +206,7 @@ def test_what_is_done_is_not_done_again(
     assert "4 views to render with 4 samples" in said and said.count("kept") == 5
 
 
+@pytest.mark.slow
 def test_a_stopped_study_renders_only_what_is_missing(
     folders: Folders, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -44,6 +44,7 @@ def panorama(scene: Scene, change: LightChange, view: View, width: int = 32) -> 
         return render_illumination(opened, view, IlluminationParams(width=width))["intensity.Y"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("window", "change", "factor"),
     [
@@ -133,6 +134,7 @@ POSES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("eye", "towards"), POSES)
 def test_the_added_lamp_is_at_the_left_rear_and_in_the_panorama(
     tmp_path: Path, eye: Any, towards: Any

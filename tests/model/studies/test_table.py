@@ -66,6 +66,7 @@ def run(
     return call
 
 
+@pytest.mark.slow
 def test_every_method_has_the_same_views_and_steps(folders: Folders) -> None:
     trials = plan(table_study(METHODS), TABLE, folders, TrialConfig(seeds=3, steps=7, views=(4,)))
     assert len(trials) == 3 * 4
@@ -81,6 +82,7 @@ def test_every_method_has_the_same_views_and_steps(folders: Folders) -> None:
     assert labels == ["pbrnet", "product", "unet", "plus", "hybrid", "denoised"]
 
 
+@pytest.mark.slow
 def test_the_table_from_the_command_to_the_report(
     run: Callable[..., tuple[int, str, str]], folders: Folders, monkeypatch: pytest.MonkeyPatch
 ) -> None:

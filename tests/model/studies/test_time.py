@@ -52,6 +52,7 @@ def test_shadows_are_paid_by_those_that_take_them() -> None:
     assert _parts_of("hybrid", None, {"plus"}) == ("inputs", "samples", "hybrid")
 
 
+@pytest.mark.slow
 def test_the_study_from_end_to_end_and_again(
     place: Folders,
     tmp_path: Path,
@@ -109,6 +110,7 @@ def test_the_study_from_end_to_end_and_again(
     assert any("time.json" in note and "pbrnet study time" in note for note in notes)
 
 
+@pytest.mark.slow
 def test_another_size_is_rendered_and_predicted(place: Folders) -> None:
     asked = ("--size", "64x40", "--views", "1", "--repeats", "1", "--max-spp", "1")
     assert run(place, *asked) == 0
@@ -159,6 +161,7 @@ def test_samples_of_a_rung_fit_into_blocks() -> None:
         assert truth.spp == spp and spp % truth.block_spp == 0 and truth.noise == 0
 
 
+@pytest.mark.slow
 def test_both_networks_stand_beside_the_papers_figure(place: Folders) -> None:
     assert run(place, "--views", "1", "--repeats", "1", "--max-spp", "1", "--clock", "cpu") == 0
     result = result_of(place)

@@ -113,6 +113,7 @@ def test_seeds_draw_other_subsets() -> None:
     assert len(drawn) > 15 and subset(counts, {}, 4, 0) == subset(counts, {}, 4, 0)
 
 
+@pytest.mark.slow
 def test_a_dataset_of_some_scenes_holds_those_alone(folders: Folders) -> None:
     whole = Dataset(folders.data / "dataset", "train")
     some = Dataset(folders.data / "dataset", "train", only=["a-1", "d-0"])
@@ -254,6 +255,7 @@ def test_the_gradient_of_colour_reaches_both_networks_also_out_of_range() -> Non
 # Resuming
 
 
+@pytest.mark.slow
 def test_finished_trials_are_kept_and_the_stopped_one_goes_on(
     workplace: Callable[[str], Folders], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -279,6 +281,7 @@ def test_finished_trials_are_kept_and_the_stopped_one_goes_on(
         assert ours.read_bytes() == theirs.read_bytes(), name
 
 
+@pytest.mark.slow
 def test_what_is_done_is_not_done_again_until_something_changes(
     folders: Folders, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -426,6 +429,7 @@ def test_loss_from_the_command_to_the_report(run: Run, folders: Folders) -> None
     assert "Part-perceptual" in section and 'href="#study-loss"' in page
 
 
+@pytest.mark.slow
 def test_decomposition_draws_its_curve(run: Run, folders: Folders) -> None:
     arguments = ("--steps", 1, "--views", 2, "--views", 12, "--seeds", 2, "--method", "can")
     code, _, errors = run("decomposition", *arguments)

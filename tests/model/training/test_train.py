@@ -95,6 +95,7 @@ def test_another_seed_trains_another_network(workplace: Workplace) -> None:
     assert weights(first, "shading") != weights(second, "shading")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stop", [4, 6, 11])
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
 def test_a_killed_training_ends_as_one_that_was_not(
@@ -234,6 +235,7 @@ def test_mirrored_views_are_seen_only_where_flips_are_on(workplace: Workplace) -
     assert 8 < seen[True] < 32 and seen[False] == 0
 
 
+@pytest.mark.slow
 def test_one_view_is_learned_by_heart(workplace: Workplace) -> None:
     folders = workplace(train=2, validation=0, width=48, height=36)
     shard = folders.data / "dataset" / "train-00000-of-00001.parquet"
@@ -277,6 +279,7 @@ def test_precision_follows_the_processor(monkeypatch: pytest.MonkeyPatch) -> Non
     assert choose_precision(TrainParams(precision="float32"), cpu) == "float32"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["weights", "card", "foreign"])
 def test_damaged_models_are_refused(workplace: Workplace, part: str) -> None:
     folders = workplace()

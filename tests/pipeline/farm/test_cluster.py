@@ -26,6 +26,8 @@ from scenes.errors import MachineError
 from tests.fixtures.dask_processes import dask_cluster, workers_of
 from tests.fixtures.farm import no_setup, work
 
+pytestmark = pytest.mark.slow
+
 
 def _items(count: int, **special: dict[str, Any]) -> list[Item]:
     names = [f"k{index}" for index in range(count)]

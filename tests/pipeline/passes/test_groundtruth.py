@@ -335,6 +335,7 @@ def render_apart(
         return dict(stored)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["this", "scalar_rgb"])
 def test_the_number_of_threads_changes_no_bit(rich_scene: Path, variant: str, kind: str) -> None:
     name = variant if kind == "this" else kind
@@ -353,6 +354,7 @@ def test_one_allowed_cpu_is_enough(rich_scene: Path, variant: str) -> None:
         np.testing.assert_array_equal(values, alone[channel], err_msg=channel)
 
 
+@pytest.mark.slow
 def test_the_scalar_variant_agrees(rich_scene: Path, variant: str) -> None:
     if variant == "scalar_rgb":
         pytest.skip("there is no other variant on this machine")

@@ -115,6 +115,7 @@ def truth_of(room: tuple[RenderScene, View], spp: int, seed: int) -> np.ndarray:
     ).astype(np.float64)
 
 
+@pytest.mark.slow
 def test_noisy_frames_are_unbiased_and_have_nothing_of_the_truths_noise(
     room: tuple[RenderScene, View], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -163,6 +164,7 @@ def test_the_denoised_are_nearer_to_the_truth(room: tuple[RenderScene, View]) ->
         assert errors[1] < 0.5 * errors[0]
 
 
+@pytest.mark.slow
 def test_one_worker_and_a_resumed_run_give_the_same_bytes(data: Path, tmp_path: Path) -> None:
     before = files_of(data)
     alone = tmp_path / "alone"
@@ -178,6 +180,7 @@ def test_one_worker_and_a_resumed_run_give_the_same_bytes(data: Path, tmp_path: 
     assert files_of(data) == before
 
 
+@pytest.mark.slow
 def test_asking_for_them_or_not_leaves_the_truth_alone(data: Path) -> None:
     before = files_of(data, "shading", "color")
     view = views_of(data)[0]

@@ -44,6 +44,7 @@ def stacked(truth: tuple[dict[str, np.ndarray], dict[str, Any]]) -> np.ndarray:
     return np.stack([truth[0][band] for band in "RGB"], axis=-1).astype(np.float64)
 
 
+@pytest.mark.slow
 def test_shading_depends_on_no_colour(tmp_path: Path) -> None:
     """Bit-identical, with roulette, where both materials choose the same direction."""
     others = {"0.8,0.1,0.05": "0.1,0.6,0.9", "black.png": "checks.png", '"Au"': '"Ag"'}
@@ -60,6 +61,7 @@ def test_shading_depends_on_no_colour(tmp_path: Path) -> None:
     assert not np.array_equal(pairs[0][0], pairs[1][0])
 
 
+@pytest.mark.slow
 def test_without_roulette_both_images_are_paths_own(tmp_path: Path) -> None:
     scene, view, regions = shelf(tmp_path, FAITHFUL)
     pair = joined(scene, view, MAX_DEPTH + 1, 16, 2, 5)
@@ -87,6 +89,7 @@ def both_ways(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     return regions, most, list(zip(pair, others, strict=True))
 
 
+@pytest.mark.slow
 def test_each_image_is_unbiased(both_ways: Any) -> None:
     regions, _, images = both_ways
     for joint, separate in images:
@@ -99,6 +102,7 @@ def test_each_image_is_unbiased(both_ways: Any) -> None:
         assert np.median(error) < 0.02  # so that a bias of a few per cent cannot hide
 
 
+@pytest.mark.slow
 def test_a_joint_trace_is_hardly_noisier_than_separate_ones(both_ways: Any) -> None:
     """With roulette from the second vertex on; directions that differ cost samples."""
     _, most, images = both_ways
@@ -203,15 +207,18 @@ def worst(suspects: Any, kind: type[JointPath]) -> float:
     )
 
 
+@pytest.mark.slow
 def test_the_comparison_passes_what_is_right(suspects: Any) -> None:
     assert worst(suspects, JointPath) < 4.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", WRONG)
 def test_the_comparison_finds_what_is_wrong(suspects: Any, kind: type[JointPath]) -> None:
     assert worst(suspects, kind) > 6
 
 
+@pytest.mark.slow
 def test_bounces_in_a_closed_room_are_the_geometric_series(tmp_path: Path) -> None:
     emit = '<emitter type="area"><rgb name="radiance" value="0.5"/></emitter>'
     walls, _ = room_walls(diffuse("0.2,0.5,0.9") + emit)
@@ -246,6 +253,7 @@ def test_black_things_have_shading(tmp_path: Path) -> None:
     assert stacked(both.shading).mean() == pytest.approx(alone.mean(), rel=0.03)
 
 
+@pytest.mark.slow
 def test_equal_seeds_repeat_and_others_do_not(tmp_path: Path) -> None:
     scene, view, _ = shelf(tmp_path, {"plastic": PARTING["plastic"]})
     params = GroundTruthParams(spp=8, block_spp=4)

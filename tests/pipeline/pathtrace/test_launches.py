@@ -81,6 +81,7 @@ def recordings(scene: RenderScene) -> int:
     return tracer_of(scene).recordings
 
 
+@pytest.mark.slow
 def test_views_of_a_scene_share_a_recording(tmp_path: Path) -> None:
     scene = room(tmp_path, ball("ball", (0.5, 1.0, 0.5), 0.5, diffuse("0.2,0.6,0.3")), SKY)
     seen = [both(scene, view, seed=seed) for seed, view in enumerate(VIEWS)]
@@ -104,6 +105,7 @@ def test_the_second_launch_is_a_repeated_one(tmp_path: Path) -> None:
     assert min(counts) == 1
 
 
+@pytest.mark.slow
 def test_what_happens_to_the_scene_in_between_is_noticed(tmp_path: Path) -> None:
     scene = room(tmp_path)
     wide = replace(VIEWS[1], K=make_view(size=SIZE, focal=9.0).K)
@@ -122,6 +124,7 @@ def test_what_happens_to_the_scene_in_between_is_noticed(tmp_path: Path) -> None
         np.testing.assert_array_equal(both(scene, view, **options), fresh(scene, view, **options))
 
 
+@pytest.mark.slow
 def test_views_of_two_sizes_may_alternate(tmp_path: Path) -> None:
     scene = room(tmp_path)
     large = make_view((0, -1.8, 1.5), (0.2, 1, -0.1), size=(30, 20))
@@ -140,6 +143,7 @@ def test_a_change_of_materials_in_between_is_harmless(tmp_path: Path) -> None:
     np.testing.assert_array_equal(both(scene, VIEWS[0]), before)
 
 
+@pytest.mark.slow
 def test_scenes_that_come_and_go_in_between_are_harmless(tmp_path: Path) -> None:
     shiny = '<bsdf type="roughconductor"><float name="alpha" value="0.2"/></bsdf>'
     first, second = room(tmp_path, wall="0.2,0.3,0.8"), room(tmp_path, WHITE_SKY)
@@ -156,6 +160,7 @@ def test_scenes_that_come_and_go_in_between_are_harmless(tmp_path: Path) -> None
     np.testing.assert_array_equal(other, fresh(third, VIEWS[1]))
 
 
+@pytest.mark.slow
 def test_kernels_that_go_with_a_closed_scene_come_back(tmp_path: Path) -> None:
     first, second = room(tmp_path, wall="0.2,0.3,0.8"), room(tmp_path, WHITE_SKY)
     seen = [both(scene, view) for scene in (first, second) for view in VIEWS]
@@ -167,6 +172,7 @@ def test_kernels_that_go_with_a_closed_scene_come_back(tmp_path: Path) -> None:
     np.testing.assert_array_equal(fresh(second, VIEWS[0]), seen[len(VIEWS)])
 
 
+@pytest.mark.slow
 def test_a_recording_with_another_sensor_would_be_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

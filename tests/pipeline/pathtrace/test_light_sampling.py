@@ -106,6 +106,7 @@ def off_by(scene: RenderScene, lights: Any) -> np.ndarray:
     return deviations(region_means(ours, REGIONS), reference(scene))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "things", [(LAMP, SUN), (LAMP, HIDDEN, SUN), (LAMP, HIDDEN)], ids=["sun", "all", "night"]
 )
@@ -114,6 +115,7 @@ def test_planned_light_is_unbiased(things: tuple[str, ...], tmp_path: Path) -> N
     assert abs(off_by(scene, planned(scene))).max() < 4.5
 
 
+@pytest.mark.slow
 def test_every_material_is_unbiased_under_it(tmp_path: Path) -> None:
     scene, view, regions = shelf(tmp_path, FAITHFUL)
     lights = PlannedLights(scene.mitsuba, plan_lights(scene.mitsuba, view, (WINDOW,), 3))
@@ -185,6 +187,7 @@ def test_the_comparison_passes_what_is_right(
     assert abs(off_by(scene, planned(scene, kind))).max() < 4.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [StrategiesForgotten, ChoiceForgotten, DensityDoubled])
 def test_the_comparison_finds_mistakes(kind: type[PlannedLights], tmp_path: Path) -> None:
     scene = room(tmp_path, LAMP if issubclass(kind, EveryStrategy) else WIDE, SUN)
@@ -329,6 +332,7 @@ def test_the_sun_is_sampled_where_it_can_shine(tmp_path: Path) -> None:
     assert outside > 3 * dark, "nothing stands between"
 
 
+@pytest.mark.slow
 def test_without_strengths_the_views_probabilities_decide(tmp_path: Path) -> None:
     scene = room(tmp_path, LAMP, HIDDEN, SUN)
     plan = plan_lights(scene.mitsuba, VIEW, (WINDOW,), 3)
@@ -340,6 +344,7 @@ def test_without_strengths_the_views_probabilities_decide(tmp_path: Path) -> Non
     assert abs(off_by(scene, lights)).max() < 4.5
 
 
+@pytest.mark.slow
 def test_more_lamps_than_are_weighted_follow_the_views_probabilities(tmp_path: Path) -> None:
     row = [
         ball(f"b{i}", (-1.6 + 0.2 * i, 0.5, 2.6), 0.04, glow(9)) for i in range(MAX_WEIGHTED + 4)
@@ -378,12 +383,14 @@ def test_a_scene_without_lights_is_black(tmp_path: Path) -> None:
     assert truths.color[1]["black"] == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("things", [(SUN, GROUND), (LAMP, SUN, GROUND), (LAMP, HIDDEN)])
 def test_guided_paths_are_unbiased(things: tuple[str, ...], tmp_path: Path) -> None:
     scene = room(tmp_path, *things)
     assert abs(off_by(scene, guided(scene))).max() < 4.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("materials", [FAITHFUL, PARTING], ids=["faithful", "parting"])
 def test_every_material_is_unbiased_when_paths_are_guided(
     tmp_path: Path, materials: dict[str, str]
@@ -409,6 +416,7 @@ class GuidingForgotten(PlannedLights):
         return found
 
 
+@pytest.mark.slow
 def test_a_forgotten_guiding_density_is_found(tmp_path: Path) -> None:
     scene = room(tmp_path, LAMP, SUN, GROUND)
     assert abs(off_by(scene, guided(scene, GuidingForgotten))).max() > 6
@@ -417,6 +425,7 @@ def test_a_forgotten_guiding_density_is_found(tmp_path: Path) -> None:
 DARK_SKY = SUN.replace('value="0.02"', 'value="1"')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("things", "most"),
     [
@@ -478,6 +487,7 @@ def test_the_share_of_guided_paths(tmp_path: Path) -> None:
     np.testing.assert_allclose(chances[:2], 1, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_shading_depends_on_no_colour_when_paths_are_guided(tmp_path: Path) -> None:
     images = []
     for number, wall in enumerate(("0.6,0.5,0.4", "0.1,0.3,0.9")):

@@ -47,6 +47,7 @@ def true_error(image: np.ndarray, reference: np.ndarray) -> float:
     return float(np.sqrt(((image - reference) ** 2 / scale**2).mean()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ROOMS)
 def test_the_estimate_is_the_error_against_a_reference(kind: str, tmp_path: Path) -> None:
     scene = room(tmp_path, ROOMS[kind])
@@ -66,6 +67,7 @@ def test_brightness_does_not_change_the_estimate(tmp_path: Path) -> None:
     assert dim["noise"] == pytest.approx(bright["noise"], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_view_stops_when_its_noise_is_low_enough(tmp_path: Path) -> None:
     scene = room(tmp_path, ROOMS["lit"])
     _, reference = rendered(scene, 9, spp=2048, block_spp=256)

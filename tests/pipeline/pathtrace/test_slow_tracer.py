@@ -93,6 +93,7 @@ def test_the_slow_tracers_glass_and_mirrors_lose_what_they_should() -> None:
     np.testing.assert_allclose(got[6, 8], (0.9, 0.7, 0.5), atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lights", ["uniform", "planned"])
 @pytest.mark.parametrize("roulette", [2, MAX_DEPTH + 1])
 def test_both_images_are_those_of_the_slow_tracer(

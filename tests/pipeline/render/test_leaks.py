@@ -86,6 +86,7 @@ def test_inspect_says_where_light_leaks(tmp_path: Path) -> None:
     assert "no light gets in" in told.output
 
 
+@pytest.mark.slow
 def test_light_enters_a_real_room_by_its_windows(shared_scenes: Path, tmp_path: Path) -> None:
     """Windows at the back of niches that reach the floor, a fireplace without a flue, panelling
     that misses the wall by millimetres: an enclosure closes the fireplace and the gaps."""
@@ -103,6 +104,7 @@ def test_light_enters_a_real_room_by_its_windows(shared_scenes: Path, tmp_path: 
     assert leak.share > 0.2, "without portals the windows are leaks"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 8])
 def test_procedural_homes_are_dark(tmp_path: Path, seed: int) -> None:
     params = SceneParams(rooms_min=3, rooms_max=4, texture_size=64)
@@ -111,6 +113,7 @@ def test_procedural_homes_are_dark(tmp_path: Path, seed: int) -> None:
     assert not leaks, str(leaks[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["1-BedroomApartment", "4-BedroomHouse", "Sample"])
 def test_homes_that_people_drew_are_dark(shared_scenes: Path, tmp_path: Path, name: str) -> None:
     scene = import_scene(shared_scenes / "homes" / f"{name}.sh3d", tmp_path / name)
@@ -118,6 +121,7 @@ def test_homes_that_people_drew_are_dark(shared_scenes: Path, tmp_path: Path, na
     assert not leaks, str(leaks[0])
 
 
+@pytest.mark.slow
 def test_a_house_of_the_release_is_dark(shared_scenes: Path, tmp_path: Path) -> None:
     """Its outer doors stand ajar, and each portal fills the frame, the leaf's shadow too."""
     (file,) = (shared_scenes / "pbrs").glob("*/main_template_color.xml")

@@ -41,6 +41,8 @@ from scenes.errors import InputError, MachineError, PbrnetError
 from scenes.params import SceneParams
 from tests.fixtures.stages import write_room
 
+pytestmark = pytest.mark.slow
+
 PARAMS = Params(
     image=ImageParams(48, 36),
     farm=FarmParams(workers=2, batch=2, retries=1),

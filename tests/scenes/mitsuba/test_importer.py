@@ -412,6 +412,7 @@ def test_depth_normals_and_textures_equal_mitsubas_own_loading(own: Path, tmp_pa
         assert wrong.mean() < 0.01, f"{wrong.mean():.1%} of the pixels differ"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("light", LIGHTS)
 def test_lights_shine_as_in_mitsubas_own_loading(own: Path, tmp_path: Path, light: str) -> None:
     body = OWN.format(integrator="path", inner="", light=LIGHTS[light])
@@ -508,6 +509,7 @@ MATERIALS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MATERIALS)
 def test_old_materials_load_and_their_changes_are_named(tmp_path: Path, name: str) -> None:
     bsdf, change = MATERIALS[name]
@@ -562,6 +564,7 @@ EMITTERS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EMITTERS)
 def test_old_lights_load_and_their_changes_are_named(tmp_path: Path, name: str) -> None:
     emitter, kind, change = EMITTERS[name]
@@ -755,6 +758,7 @@ def test_radiance_hdr_files_are_read(tmp_path: Path) -> None:
     assert np.allclose(read_rgbe(path), [1.0, 0.5, 0.25])
 
 
+@pytest.mark.slow
 def test_the_grey_and_white_room(shared_scenes: Path, tmp_path: Path) -> None:
     source = shared_scenes / "mitsuba" / "grey-white-room" / "scene.xml"
     if not source.is_file():

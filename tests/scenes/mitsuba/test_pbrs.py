@@ -189,6 +189,7 @@ def released(shared_scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> S
     return import_scene(path, tmp_path_factory.mktemp("pbrs") / "house")
 
 
+@pytest.mark.slow
 def test_the_released_house_is_complete(released: Scene) -> None:
     assert sorted(room.type for room in released.rooms) == ["bathroom", "bedroom", "other"]
     assert released.source["rooms"]["Room#0_1"] != released.source["rooms"]["Room#0_2"]

@@ -107,6 +107,7 @@ def import_room(folder: Path, body: str, version: str, name: str) -> Scene:
     return import_scene(path, folder / name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", ["0.4.0", "0.5.0", "0.6.0", "2.1.0", "3.0.0"])
 def test_materials_of_every_version(folder: Path, version: str) -> None:
     """All of them in one room, each on a card of its own, and it renders."""
@@ -125,6 +126,7 @@ def test_materials_of_every_version(folder: Path, version: str) -> None:
     assert np.isfinite(image).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LIGHTS)
 @pytest.mark.parametrize("version", ["0.5.0", "0.6.0", "3.0.0"])
 def test_lights_of_every_version(folder: Path, name: str, version: str) -> None:

@@ -115,6 +115,7 @@ def furniture_of(home: Home) -> list[SceneObject]:
     return [item for item in home.scene.objects if not item.is_structure]
 
 
+@pytest.mark.slow
 def test_every_file_is_used_and_every_reference_exists(homes: list[Home]) -> None:
     for home in homes:
         root = defusedxml.ElementTree.parse(home.folder / "scene.xml").getroot()
@@ -391,6 +392,7 @@ def test_lamps_emit_their_lumens(homes: list[Home]) -> None:
             assert lit == {room.id for room in home.scene.rooms}
 
 
+@pytest.mark.slow
 def test_a_variant_keeps_the_plan_and_differs_in_what_may_vary(
     homes: list[Home], tmp_path: Path
 ) -> None:
@@ -433,6 +435,7 @@ def test_a_variant_keeps_the_plan_and_differs_in_what_may_vary(
     assert outside.source["light"] == plain.source["light"]
 
 
+@pytest.mark.slow
 def test_rooms_are_furnished(homes: list[Home]) -> None:
     for home in homes:
         for room in home.scene.rooms:
@@ -670,6 +673,7 @@ def test_mitsuba_shows_the_top_row_of_an_image_at_v_0() -> None:
         assert float(np.array(texture.eval(si)).ravel()[0]) == expected
 
 
+@pytest.mark.slow
 def test_many_seeds_find_a_plan_and_furniture() -> None:
     for seed in (100, 104, 108):
         _furnishes(seed)
@@ -694,6 +698,7 @@ def test_a_sample_of_forty_homes_is_made(tmp_path: Path) -> None:
         _makes_a_home(tmp_path, seed)
 
 
+@pytest.mark.slow
 @pytest.mark.check
 def test_forty_homes_are_made(tmp_path: Path) -> None:
     for seed in FORTY:

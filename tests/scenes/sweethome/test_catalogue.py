@@ -163,6 +163,7 @@ def test_files_that_are_no_catalogues_are_refused(tmp_path: Path, library: Path)
 # -- converting -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_pieces_have_the_size_that_their_catalogue_gives(converted: Path) -> None:
     for piece in load_index(converted / "assets").pieces:
         bounds = np.array([m.bounds for m in _meshes(converted, piece.key.split("/")[1])])
@@ -332,6 +333,7 @@ def test_off_means_an_empty_catalogue(tmp_path: Path, converted: Path, library: 
     assert off.removed == 8 and not list((tmp_path / "assets").glob("*/*"))
 
 
+@pytest.mark.slow
 def test_a_second_run_keeps_what_holds(converted: Path, library: Path, tmp_path: Path) -> None:
     params = _params(library.parent)
     shutil.copytree(converted / "assets", tmp_path / "assets")
@@ -347,6 +349,7 @@ def test_a_second_run_keeps_what_holds(converted: Path, library: Path, tmp_path:
     assert changed.made == 8
 
 
+@pytest.mark.slow
 def test_refused_pieces_are_listed_and_the_rest_is_made(tmp_path: Path) -> None:
     folder = tmp_path / "catalogues"
     folder.mkdir()
@@ -379,6 +382,7 @@ def test_catalogues_that_cannot_be_had_are_the_machines_fault(
         run_assets(tmp_path / "data", online)
 
 
+@pytest.mark.slow
 def test_a_fetched_package_is_fetched_once(
     tmp_path: Path, library: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -432,6 +436,7 @@ def test_without_a_share_homes_stay_as_they_are(converted: Path, tmp_path: Path)
     assert digest_folder(tmp_path / "a") == digest_folder(tmp_path / "b")
 
 
+@pytest.mark.slow
 def test_homes_use_and_credit_the_catalogue(converted: Path, tmp_path: Path) -> None:
     assets = converted / "assets"
     kinds = load_kind_index(assets).kinds
@@ -518,6 +523,7 @@ def test_a_lamp_of_the_catalogue_lights_the_home(converted: Path, tmp_path: Path
     pytest.fail("no home has the catalogue's lamp burning")
 
 
+@pytest.mark.slow
 def test_the_scenes_stage_asks_for_a_catalogue_it_needs(
     converted: Path, library: Path, tmp_path: Path
 ) -> None:
@@ -530,6 +536,7 @@ def test_the_scenes_stage_asks_for_a_catalogue_it_needs(
     assert run_scenes(converted, more).made == 1
 
 
+@pytest.mark.slow
 def test_furnished_homes_alone_take_from_the_catalogue(
     converted: Path, library: Path, tmp_path: Path
 ) -> None:

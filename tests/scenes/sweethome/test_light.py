@@ -102,6 +102,7 @@ def test_a_home_without_light_is_black(tmp_path: Path) -> None:
         assert looks(closed, eye, spp=128).max() == 0
 
 
+@pytest.mark.slow
 def test_two_storeys_without_light_are_black(tmp_path: Path) -> None:
     levels = "".join(
         f"<level id='{name}' name='{name}' elevation='{up}' floorThickness='12' height='250'/>"
@@ -135,6 +136,7 @@ def test_a_lamp_lights_its_closed_room_alone(tmp_path: Path) -> None:
     assert looks(made, middle_of(scene, 1), spp=128).max() == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["Studio", "Sample", "1-BedroomApartment", "3-BedroomApartment", "4-BedroomHouse"]
 )
@@ -208,6 +210,7 @@ def test_images_stand_upright_in_true_size(tmp_path: Path) -> None:
     assert color((0.65, 1, 0.75), south) == "red"
 
 
+@pytest.mark.slow
 def test_a_sloping_ceiling_leaves_no_gap(tmp_path: Path) -> None:
     # The east wall is a metre lower than the west one; north and south slope between them. The
     # plan is no rectangle, so that inner corners lie off the walls' ends.
