@@ -310,6 +310,15 @@ def _shards(folder: Path, split: Split) -> list[Path]:
     return [path for path, _ in own]
 
 
+def image_columns(folder: Path, split: Split) -> set[str]:
+    """Return the names of the columns that all shards of a split have."""
+    names = []
+    for path in _shards(Path(folder), split):
+        with _reading(path), pq.ParquetFile(path) as file:
+            names.append(set(file.schema_arrow.names))
+    return set.intersection(*names)
+
+
 def _optional(shards: Sequence[Path]) -> dict[str, int | None]:
     """Those of `OPTIONAL_IMAGES` that all shards have."""
     kept = dict(OPTIONAL_IMAGES)

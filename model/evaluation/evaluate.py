@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from model.data.encoding import color_exposure
-from model.data.reader import Dataset, Example
+from model.data.reader import NOISY_IMAGES, Dataset, Example, image_columns
 from model.evaluation.inference import (
     PREDICTABLE,
     PRODUCTS,
@@ -38,7 +38,7 @@ from pipeline.tonemap import to_bytes, tonemap
 from scenes.arrays import AnyArray
 from scenes.checked import plain
 from scenes.errors import InputError
-from scenes.files import atomic_directory, write_json, write_text
+from scenes.files import atomic_directory, read_json, write_json, write_text
 from scenes.seeds import derive
 
 METHODS = (*PREDICTABLE, "denoised", "ceiling")
@@ -80,12 +80,15 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
     `train.baselines` is not, `LeakError` if a scene, or another scene of its plan, was trained on.
     """
     torch.set_num_threads(len(os.sched_getaffinity(0)))
-    networks, dataset = open_split(params, folders, _methods_in(params, folders.models))
+    methods, left_out = _measurable(_methods_in(params, folders.models), params, folders)
+    networks, dataset = open_split(params, folders, methods)
     lpips = find_lpips()
     scores: list[Score] = []
     with Progress(len(dataset), "evaluate") as progress:
         if lpips is None:
             progress.write("evaluate: without LPIPS, whose weights are not on this machine")
+        for method, reason in left_out.items():
+            progress.write(f"evaluate: without {method}: {reason}")
         for example in dataset.ordered():
             truth = true_color(example, networks)
             for method, image in _images(example, networks).items():
@@ -107,6 +110,7 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
         "scenes": len({score.scene_id for score in scores}),
         "backbone": networks.card.backbone["network"],
         "exposure": networks.card.exposure,
+        **({"left_out": left_out} if left_out else {}),
         "methods": _methods(scores, seconds, params.seed),
         "kept_back": _kept_back(dataset, scores, seconds, params),
         "timing": {**seconds, **renderer_seconds(folders.data, scores)},
@@ -185,6 +189,31 @@ def _methods_in(params: Params, models: Path) -> list[str]:
         )
     expected = params.train.baselines if "pbrnet" in present else ()
     return [name for name in PREDICTABLE if name in present or name in expected]
+
+
+def _measurable(
+    methods: Sequence[str], params: Params, folders: Folders
+) -> tuple[list[str], dict[str, str]]:
+    """Split methods into those whose inputs the dataset has, and the others with the reason.
+
+    Raises `InputError` if the dataset has the inputs of none.
+    """
+    columns = image_columns(folders.data / "dataset", params.evaluate.split)
+    left_out = {}
+    for method in methods:
+        card = folders.models / f"{method}.json"
+        trained_with = read_json(card).get("training", {}) if card.is_file() else {}
+        noisy = method in TRAINED and TRAINED[method].uses_noisy_samples
+        if noisy and not set(NOISY_IMAGES) <= columns:
+            left_out[method] = "the dataset has no noisy samples; set noisy.spp and make them"
+        elif trained_with.get("shadows") and "visibility" not in columns:
+            left_out[method] = (
+                "the dataset has no visibility of lights; set illumination.shadow_rays and make it"
+            )
+    if len(left_out) == len(methods):
+        reasons = "; ".join(f"{method}: {reason}" for method, reason in left_out.items())
+        raise InputError(f"{folders.models}: no network can be measured ({reasons})")
+    return [method for method in methods if method not in left_out], left_out
 
 
 def refuse_leaks(dataset: Dataset, cards: Mapping[str, ModelCard]) -> None:

@@ -118,13 +118,13 @@ def find_spaces(
 
 
 def _is_tall(wall: PlannedWall, storey: Storey) -> bool:
-    """Whether a wall is as high as those of rooms, not of terraces."""
+    """Test whether a wall is as high as those of rooms; those of terraces are lower."""
     lowest = min(wall.top_at_start, wall.top_at_end) - storey.elevation
     return lowest >= _TALL * storey.height
 
 
 def _is_walled(region: BaseGeometry, enclosed: BaseGeometry) -> bool:
-    """Whether nearly all of a region lies in what tall walls enclose."""
+    """Test whether nearly all of a region lies in what tall walls enclose."""
     return bool(region.intersection(enclosed).area >= _WALLED * region.area)
 
 

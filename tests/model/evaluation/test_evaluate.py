@@ -158,6 +158,22 @@ def test_packed_networks_are_measured_without_the_first_stages(tmp_path: Path) -
     assert sheet(Params(), folders, ["plus", "denoised"], 2)[:4] == b"\x89PNG"
 
 
+def test_networks_whose_inputs_a_dataset_lacks_are_left_out_by_name(tmp_path: Path) -> None:
+    folders = replace(folders_in(tmp_path), models=PACKED)
+    rows = box_rows(["mine", "other"], 1, "test", **SIZE)
+    shard = folders.data / "dataset" / "test-00000-of-00001.parquet"
+    write_shard(shard, rows)
+    params = Params(evaluate=EvaluateParams(timing_views=1))
+    with pytest.raises(InputError, match=r"no network can be measured.*visibility.*noisy samples"):
+        evaluate(params, folders)
+    for row in rows:
+        row["visibility"] = np.ones((SIZE["height"], SIZE["width"]), np.float16)
+    write_shard(shard, rows)
+    result = evaluate(params, folders)
+    assert list(result["methods"]) == ["plus", "ceiling"]
+    assert list(result["left_out"]) == ["hybrid"] and "noisy" in result["left_out"]["hybrid"]
+
+
 def test_a_folder_without_networks_is_refused_with_what_to_do(
     trained: Folders, tmp_path: Path
 ) -> None:
