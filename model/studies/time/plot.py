@@ -45,7 +45,7 @@ def time_figure(result: TimeResult) -> Figure:
     figure.legend(handles, labels, loc="outside lower center", ncols=_COLUMNS, fontsize=9)
     figure.suptitle(
         f"{width}x{height}, {result.views} views of {result.scenes} {result.split} scenes; "
-        f"numbers: samples a pixel, reference {result.reference_spp}",
+        f"numbers: samples per pixel, reference {result.reference_spp}",
         fontsize=11,
     )
     return figure
@@ -78,6 +78,6 @@ def _panel(axes: Axes, result: TimeResult, measure: str, words: str) -> None:
     for axis in (axes.xaxis.set_major_formatter, axes.xaxis.set_minor_formatter):
         axis(FuncFormatter(lambda seconds, _: f"{seconds:g}"))
     axes.tick_params(axis="x", which="both", labelsize=8)
-    axes.set_xlabel(f"a view, with all that it needs: {CLOCKS[result.clock]}")
+    axes.set_xlabel(f"{CLOCKS[result.clock]} per view, with all parts that it needs")
     axes.set_ylabel(words)
     axes.grid(True, which="both", alpha=0.25)
