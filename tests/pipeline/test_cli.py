@@ -102,30 +102,40 @@ def test_an_unknown_command_exits_with_2(capsys: pytest.CaptureFixture[str]) -> 
     assert "rendr" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-def test_presets_replace_each_other_but_not_own_changes(tmp_path: Path) -> None:
-    presets = str(ROOT / "params")
+def exit_code(*arguments: str) -> int:
+    """Return the exit code of a command that runs in this process."""
+    with pytest.raises(SystemExit) as end:
+        main(list(arguments))
+    return int(end.value.code or 0)
+
+
+def test_presets_replace_each_other_but_not_own_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    presets = ("--presets", str(ROOT / "params"))
     target = tmp_path / "params.yaml"
     for name in ("quick", "paper"):
-        assert run("preset", name, "--presets", presets, cwd=tmp_path).returncode == 0
+        assert exit_code("preset", name, *presets) == 0
         assert target.read_text() == (ROOT / "params" / f"{name}.yaml").read_text()
     target.write_text(target.read_text().replace("seed: 0", "seed: 5"))
-    refused = run("preset", "quick", "--presets", presets, cwd=tmp_path)
-    assert refused.returncode == 2
-    assert "--force" in refused.stderr
+    assert exit_code("preset", "quick", *presets) == 2
+    assert "--force" in capsys.readouterr().err
     assert "seed: 5" in target.read_text()
-    assert run("preset", "quick", "--force", "--presets", presets, cwd=tmp_path).returncode == 0
-    assert run("preset", "slow", "--presets", presets, cwd=tmp_path).returncode == 2
+    assert exit_code("preset", "quick", "--force", *presets) == 0
+    assert exit_code("preset", "slow", *presets) == 2
 
 
 def test_params_yaml_is_the_quick_preset() -> None:
     assert (ROOT / "params.yaml").read_text() == (ROOT / "params" / "quick.yaml").read_text()
 
 
-def test_doctor_reports(tmp_path: Path) -> None:
-    done = run("doctor", "--json", cwd=tmp_path)
-    assert done.returncode == 0
-    topics = [finding["topic"] for finding in yaml.safe_load(done.stdout)]
+def test_doctor_reports(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert exit_code("doctor", "--json") == 0
+    topics = [finding["topic"] for finding in yaml.safe_load(capsys.readouterr().out)]
     assert {"LLVM", "GPU", "threads", "memory", "VGG-19", "catalogues"} <= set(topics)
 
 
