@@ -34,6 +34,13 @@ def variant() -> str:
 
 
 @pytest.fixture(scope="session")
+def wavefront(variant: str) -> None:
+    """Skip what traces many rays at once where only the scalar variant runs."""
+    if variant == "scalar_rgb":
+        pytest.skip("the scalar variant traces one ray at a time")
+
+
+@pytest.fixture(scope="session")
 def shared_scenes() -> Path:
     """Real scenes by other people, which lie beside the project where they are available."""
     if not SHARED_SCENES.is_dir():

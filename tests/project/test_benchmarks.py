@@ -26,10 +26,11 @@ from benchmarks.timing import Spent, Spread, by_turns, ratio, spread
 from model.data.reader import IMAGES, OPTIONAL_IMAGES, Dataset
 from pipeline.dataset.pack import pack_dataset
 from pipeline.params import SplitParams
-from pipeline.render.scene import set_variant
 from scenes.contract import Portal
 from scenes.errors import InputError
 from tests.fixtures.dataset import make_data, small_params
+
+pytestmark = pytest.mark.usefixtures("variant")
 
 
 class FakeClock:
@@ -51,11 +52,6 @@ class FakeClock:
             self.seconds += next(left)
 
         return do
-
-
-@pytest.fixture(autouse=True)
-def variant() -> str:
-    return set_variant()
 
 
 def test_ways_take_turns_and_the_first_turn_does_not_count() -> None:

@@ -9,7 +9,6 @@ import pytest
 
 from pipeline.render import raycast
 from pipeline.render.leaks import find_leaks
-from pipeline.render.scene import set_variant
 from scenes.geometry.directions import unit
 from scenes.reconstruction.enclosure import ENCLOSURE_ID
 from scenes.reconstruction.gap_sealing import GAP_SEALING_ID
@@ -25,10 +24,7 @@ from tests.fixtures.leak import (
     west,
 )
 
-
-@pytest.fixture(autouse=True)
-def renderer() -> None:
-    set_variant("auto")
+pytestmark = pytest.mark.usefixtures("variant")
 
 
 @pytest.mark.parametrize("part", [ENCLOSURE_ID, GAP_SEALING_ID])

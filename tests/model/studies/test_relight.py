@@ -18,17 +18,14 @@ from pipeline.params import IlluminationParams
 from pipeline.passes.groundtruth import render_truth
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
-from pipeline.render.scene import open_scene, set_variant
+from pipeline.render.scene import open_scene
 from pipeline.views import View
 from scenes.contract import Light, Scene
 from scenes.errors import InputError
 from tests.fixtures.light import PARAMS, room, views
 from tests.fixtures.render import ball, diffuse, glow, make_view, quad, room_walls, write_scene
 
-
-@pytest.fixture(autouse=True)
-def variant() -> str:
-    return set_variant()
+pytestmark = pytest.mark.usefixtures("variant")
 
 
 def image(scene: Scene, change: LightChange, view: View) -> np.ndarray:

@@ -18,16 +18,13 @@ from PIL import Image
 from pipeline.params import GroundTruthParams
 from pipeline.passes import groundtruth
 from pipeline.passes.groundtruth import block_sizes, blocks_per_launch, render_truth, stratified
-from pipeline.render.scene import open_scene, set_variant
+from pipeline.render.scene import open_scene
 from pipeline.views import View
 from scenes.errors import InputError
 from tests.fixtures.paths import ROOT
 from tests.fixtures.render import ball, diffuse, glow, make_view, quad, room_walls, write_scene
 
-
-@pytest.fixture(autouse=True)
-def variant() -> str:
-    return set_variant()
+pytestmark = pytest.mark.usefixtures("variant")
 
 
 def truth(

@@ -14,7 +14,7 @@ from pipeline.frames import Channels
 from pipeline.params import GroundTruthParams, IlluminationParams
 from pipeline.passes.groundtruth import render_truth
 from pipeline.passes.illumination import Panorama, render_illumination
-from pipeline.render.scene import open_scene, set_variant
+from pipeline.render.scene import open_scene
 from pipeline.views import View
 from scenes.color import REC709
 from scenes.contract import Portal
@@ -29,13 +29,10 @@ from tests.fixtures.render import (
     write_scene,
 )
 
+pytestmark = pytest.mark.usefixtures("variant")
+
 WIDTH = 160
 EYE = np.array([0.3, -0.4, 1.4])
-
-
-@pytest.fixture(autouse=True)
-def variant() -> str:
-    return set_variant()
 
 
 def panorama(

@@ -12,7 +12,7 @@ from PIL import Image
 
 from pipeline.frames import Channels
 from pipeline.passes.inputs import facing_normals, render_inputs
-from pipeline.render.scene import cast, open_scene, render_ids, set_variant
+from pipeline.render.scene import cast, open_scene, render_ids
 from pipeline.render.scene_geometry import Hits
 from pipeline.views import View
 from scenes.errors import InputError
@@ -27,10 +27,7 @@ from tests.fixtures.render import (
     write_scene,
 )
 
-
-@pytest.fixture(autouse=True)
-def variant() -> str:
-    return set_variant()
+pytestmark = pytest.mark.usefixtures("variant")
 
 
 def inputs(folder: Path, body: str, view: View, **more: object) -> Channels:

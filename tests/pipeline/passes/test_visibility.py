@@ -18,7 +18,7 @@ from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
 from pipeline.passes.registry import frame_fingerprint
 from pipeline.passes.visibility import choose_sources, render_visibility, surface_mean
-from pipeline.render.scene import RenderScene, open_scene, set_variant
+from pipeline.render.scene import RenderScene, open_scene
 from pipeline.views import View
 from scenes.arrays import Float64Array
 from scenes.contract import Portal
@@ -34,13 +34,10 @@ from tests.fixtures.render import (
     write_scene,
 )
 
+pytestmark = pytest.mark.usefixtures("variant")
+
 PARAMS = IlluminationParams(width=128, shadow_rays=16)
 EYE = (0.0, 0.0, 1.5)
-
-
-@pytest.fixture(autouse=True)
-def _variant() -> None:
-    set_variant("auto")
 
 
 class Card:

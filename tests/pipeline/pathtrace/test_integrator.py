@@ -12,8 +12,8 @@ import pytest
 
 from pipeline.params import GroundTruthParams
 from pipeline.passes.groundtruth import render_both, render_truth
-from pipeline.pathtrace.integrator import JointPath, PathState, Scattering, available
-from pipeline.render.scene import open_scene, set_variant
+from pipeline.pathtrace.integrator import JointPath, PathState, Scattering
+from pipeline.render.scene import open_scene
 from scenes.errors import InputError
 from tests.fixtures.joint import (
     ALBEDO,
@@ -28,16 +28,10 @@ from tests.fixtures.joint import (
 )
 from tests.fixtures.render import ball, diffuse, make_view, room_walls, write_scene
 
+pytestmark = pytest.mark.usefixtures("wavefront")
+
 COPIES, SPP = 16, 20
 SUSPECT_SPP = 64
-
-
-@pytest.fixture(autouse=True, scope="module")
-def variant() -> str:
-    name = set_variant()
-    if not available():
-        pytest.skip("the scalar variant traces colour and shading apart")
-    return name
 
 
 def stacked(truth: tuple[dict[str, np.ndarray], dict[str, Any]]) -> np.ndarray:

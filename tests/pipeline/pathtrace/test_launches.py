@@ -13,8 +13,7 @@ import pytest
 from pipeline.params import GroundTruthParams
 from pipeline.passes.groundtruth import render_both, render_truth, tracer_of
 from pipeline.pathtrace import launches
-from pipeline.pathtrace.integrator import available
-from pipeline.render.scene import RenderScene, free_memory, open_scene, set_variant
+from pipeline.render.scene import RenderScene, free_memory, open_scene
 from pipeline.views import View
 from tests.fixtures.render import (
     WINDOW,
@@ -26,6 +25,8 @@ from tests.fixtures.render import (
     room_walls,
     write_scene,
 )
+
+pytestmark = pytest.mark.usefixtures("wavefront")
 
 PARAMS = GroundTruthParams(spp=8, block_spp=4)
 SIZE = (24, 18)
@@ -42,14 +43,6 @@ SKY = (
 
 # Another kind of emitter, with a kernel that compiles fast.
 WHITE_SKY = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
-
-
-@pytest.fixture(autouse=True, scope="module")
-def variant() -> str:
-    name = set_variant()
-    if not available():
-        pytest.skip("the scalar variant records nothing")
-    return name
 
 
 def room(folder: Path, *things: str, wall: str = "0.6,0.5,0.4") -> RenderScene:

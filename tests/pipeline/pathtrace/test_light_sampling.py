@@ -16,12 +16,11 @@ from pipeline.params import GroundTruthParams
 from pipeline.passes.groundtruth import render_both
 from pipeline.pathtrace.emitter_sampling import MAX_WEIGHTED
 from pipeline.pathtrace.guiding import plan_guiding
-from pipeline.pathtrace.integrator import available
 from pipeline.pathtrace.light_pilot import LightPlan, plan_lights
 from pipeline.pathtrace.light_sampling import PlannedLights
 from pipeline.pathtrace.portals import portal_rectangles
 from pipeline.render.drjit_arrays import vector
-from pipeline.render.scene import RenderScene, open_scene, set_variant
+from pipeline.render.scene import RenderScene, open_scene
 from scenes.contract import Portal
 from tests.fixtures.joint import (
     ALBEDO,
@@ -44,6 +43,8 @@ from tests.fixtures.render import (
     write_scene,
 )
 
+pytestmark = pytest.mark.usefixtures("wavefront")
+
 SPP, COPIES = 64, 16
 VIEW = make_view((0, -1.8, 1.5), (0.2, 1, -0.1), size=(24, 18))
 LAMP = quad("lamp", (-1.2, 0.5, 2.9), (0, 0, -1), (0.15, 0.15), glow("8,6,4"), (0, 1, 0))
@@ -58,14 +59,6 @@ HIDDEN = "".join(
 )
 # Ground before the window, which lies in the sun.
 GROUND = quad("ground", (0, 8, -0.5), (0, 0, 1), (8, 5.9), diffuse(0.8), (0, 1, 0))
-
-
-@pytest.fixture(autouse=True, scope="module")
-def variant() -> str:
-    name = set_variant()
-    if not available():
-        pytest.skip("the scalar variant lets Mitsuba choose")
-    return name
 
 
 def room(folder: Path, *things: str, wall: str = "0.6,0.5,0.4") -> RenderScene:

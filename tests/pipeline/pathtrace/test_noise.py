@@ -15,6 +15,8 @@ from pipeline.render.scene import RenderScene, open_scene, set_variant
 from scenes.errors import ParameterError
 from tests.fixtures.render import ball, diffuse, glow, make_view, quad, room_walls, write_scene
 
+pytestmark = pytest.mark.usefixtures("variant")
+
 WALLS, _ = room_walls(diffuse(0.5))
 LAMP = quad("lamp", (0, 0, 2.95), (0, 0, -1), (0.5, 0.5), glow(3), (0, 1, 0))
 # The lamp shines up into a box that is open by a slit: nearly all of the room is dark.
@@ -24,11 +26,6 @@ GLASS = ball("glass", (0, 0.8, 0.6), 0.5, '<bsdf type="dielectric"/>')
 BULB = ball("bulb", (0.9, 0.3, 2.2), 0.04, glow(400))
 ROOMS = {"lit": WALLS + LAMP, "dark": WALLS + SHADE + SLIT, "fireflies": WALLS + GLASS + BULB}
 VIEW = make_view((0, -1.5, 1.5), size=(48, 36))
-
-
-@pytest.fixture(autouse=True)
-def variant() -> str:
-    return set_variant()
 
 
 def room(folder: Path, body: str) -> RenderScene:

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from pipeline.cli import cli
 from pipeline.render.leaks import find_leaks
-from pipeline.render.scene import open_scene, set_variant
+from pipeline.render.scene import open_scene
 from scenes.contract import Portal, Scene, load_scene, save_scene
 from scenes.params import SceneParams
 from scenes.procedural.home import make_home
@@ -21,6 +21,8 @@ from scenes.registry import import_scene
 from tests.fixtures.gltf import Builder
 from tests.fixtures.leak import ROOM, box_quads, built, west
 from tests.fixtures.stages import write_room
+
+pytestmark = pytest.mark.usefixtures("variant")
 
 SIZE = (4.0, 3.0, 2.6)
 EAST = ((4.0, 0.0, 0.0), (4.0, 3.0, 0.0), (4.0, 3.0, 2.6), (4.0, 0.0, 2.6))
@@ -38,11 +40,6 @@ def room(folder: Path, without: str = "", portals: tuple[Portal, ...] = ()) -> S
     kept = tuple(thing for thing in scene.objects if thing.id != without)
     save_scene(folder, replace(scene, objects=kept, portals=portals))
     return load_scene(folder)
-
-
-@pytest.fixture(autouse=True)
-def renderer() -> None:
-    set_variant("auto")
 
 
 def test_a_closed_room_is_dark(tmp_path: Path) -> None:

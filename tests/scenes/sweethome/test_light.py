@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from shapely.geometry import Polygon
 
-from pipeline.render.scene import set_variant
 from scenes.contract import Scene
 from scenes.formats.ply import write_ply
 from scenes.geometry.mesh import Mesh
@@ -19,12 +18,9 @@ from scenes.registry import import_scene
 from scenes.sweethome.building.slabs import triangulated
 from tests.fixtures import sweethome as draw
 
+pytestmark = pytest.mark.usefixtures("variant")
+
 SIDE = 24  # pixels
-
-
-@pytest.fixture(scope="module", autouse=True)
-def variant() -> None:
-    set_variant("auto")
 
 
 def bring(folder: Path, xml: str, members: dict[str, str | bytes] | None = None,
