@@ -8,6 +8,8 @@ Failures and their handling:
 
 * an item raises: it is retried `retries` times in a batch of its own, then reported;
 * an item exceeds `time_limit`: its worker ends itself, as if it had died;
+* a worker is frozen, so that it cannot end itself: it is replaced from outside
+  (`pipeline.farm.liveness`);
 * a worker has opened many scenes or has grown: a fresh process replaces it
   (`pipeline.farm.recycling`);
 * a worker dies: dask gives its batches to another worker; the items of a batch that keeps killing

@@ -14,6 +14,7 @@ from typing import Any
 from distributed import Client, Future, KilledWorker
 from distributed.comm import CommClosedError
 
+from pipeline.farm.liveness import GRACE, Liveness, restart_workers
 from pipeline.farm.scheduling import BatchQueue, Item
 from pipeline.farm.worker import Outcome, run_batch
 from pipeline.params import FarmParams
@@ -57,6 +58,7 @@ class Dispatch:
         self.name = f"pbrnet-{uuid.uuid4().hex[:12]}"  # a shared scheduler sees other runs' keys
         self.submitted = 0
         self.last_worker_seen = time.monotonic()
+        self.liveness = Liveness()
 
     def outcomes(self) -> Iterator[Outcome]:
         """Yield one final outcome per item, in order of completion.
@@ -195,7 +197,15 @@ class Dispatch:
     def workers(self) -> list[str]:
         """Return the sorted addresses of the workers, after starting lost ones again."""
         self.refill()
-        names = sorted(self.client.scheduler_info()["workers"])
-        if names:
+        workers = self.client.scheduler_info()["workers"]
+        if workers:
             self.last_worker_seen = time.monotonic()
-        return names
+        frozen = self.frozen(workers)
+        if frozen:
+            restart_workers(self.client, frozen)
+        return sorted(set(workers) - set(frozen))
+
+    def frozen(self, workers: dict[str, Any]) -> list[str]:
+        """Return the workers that have been silent for longer than an item may take."""
+        limit = self.params.time_limit
+        return self.liveness.silent(workers, limit + GRACE) if limit else []

@@ -18,6 +18,7 @@ from distributed import Future
 from pipeline.farm import cluster
 from pipeline.farm.cluster import Farm
 from pipeline.farm.dispatch import Dispatch
+from pipeline.farm.liveness import Liveness
 from pipeline.farm.recycling import WorkerHistory
 from pipeline.farm.scheduling import BatchQueue, Item
 from pipeline.farm.worker import Outcome
@@ -91,6 +92,31 @@ def test_an_endless_item_is_ended_and_named() -> None:
     outcomes = _run(_items(8, k2={"do": "hang"}), params)
     assert "longer than farm.time_limit allows (3 s)" in outcomes["k2"].error
     assert all(not outcome.error for key, outcome in outcomes.items() if key != "k2")
+
+
+def test_a_frozen_worker_is_replaced_from_outside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.farm.dispatch.GRACE", 3.0)
+    once = {"do": "stop", "well_after": 1, "log": str(tmp_path)}
+    before = time.monotonic()
+    outcomes = _run(_items(6, k2=once), FarmParams(workers=1, batch=2, time_limit=2))
+    assert time.monotonic() - before < 90
+    assert all(not outcome.error for outcome in outcomes.values())
+    (first, second) = sorted(tmp_path.glob("k2-*"))
+    assert first.name.split("-")[-1] != second.name.split("-")[-1]  # another process
+    assert not psutil.pid_exists(int(first.name.split("-")[-1]))
+
+
+def test_silence_is_measured_by_changes_of_the_heartbeat() -> None:
+    now = [0.0]
+    liveness = Liveness(lambda: now[0])
+    assert liveness.silent({"a": {"last_seen": 1e9}, "b": {"last_seen": 5}}, 10) == []
+    now[0] = 8.0
+    assert liveness.silent({"a": {"last_seen": 1e9 + 1}, "b": {"last_seen": 5}}, 10) == []
+    now[0] = 11.0
+    assert liveness.silent({"a": {"last_seen": 1e9 + 1}, "b": {"last_seen": 5}}, 10) == ["b"]
+    assert liveness.silent({"a": {"last_seen": 1e9 + 1}}, 2) == ["a"]
 
 
 def test_outcomes_that_die_with_their_worker_are_made_again(
