@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import pytest
 from tests.fixtures.paths import ROOT
 
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 CODE = re.compile(r"`((?:scenes|pipeline|model|tests|benchmarks|examples|params|docs)/[\w./-]+)`")
 
@@ -24,6 +26,20 @@ def slug(heading: str) -> str:
 def anchors(page: Path) -> set[str]:
     lines = page.read_text().splitlines()
     return {slug(line.lstrip("#")) for line in lines if line.startswith("#")}
+
+
+def test_no_docstring_begins_with_a_question_word() -> None:
+    """PEP 257: a docstring's first line names the thing."""
+    words = ("What ", "Which ", "Where ", "How ", "When ", "Whether ")
+    folders = ("scenes", "pipeline", "model", "tests", "benchmarks", "docs", "examples")
+    paths = [path for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
+    found = [
+        f"{path.relative_to(ROOT)}: {getattr(node, 'name', 'module')}"
+        for path in paths
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, DOCUMENTED) and (ast.get_docstring(node) or "").startswith(words)
+    ]
+    assert found == []
 
 
 def test_generated_parts_are_up_to_date() -> None:

@@ -54,7 +54,7 @@ def loaded(scene: Scene, blocked: bool = False) -> object:
 
 
 def looks(scene: object, eye: tuple[float, float, float], spp: int = 32) -> np.ndarray:
-    """What is seen all around from `eye`: six views of 90 degrees, (6, SIDE, SIDE, 3)."""
+    """Images all around from `eye`: six views of 90 degrees, (6, SIDE, SIDE, 3)."""
     made = []
     for number, way in enumerate(np.concatenate([np.eye(3), -np.eye(3)]).tolist()):
         up = [0, 1, 0] if way[2] else [0, 0, 1]
