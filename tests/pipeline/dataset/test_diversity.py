@@ -79,7 +79,7 @@ def test_diversity_of_a_dataset_counts_every_view_once(tmp_path: Path) -> None:
 
 def test_diversity_says_what_it_cannot_read(tmp_path: Path) -> None:
     told = CliRunner().invoke(inspect, [str(tmp_path), "--diversity"])
-    assert isinstance(told.exception, InputError) and "no dataset folder" in str(told.exception)
+    assert isinstance(told.exception, InputError) and "not a dataset folder" in str(told.exception)
 
     params = small_params()
     data = make_data(tmp_path, params, scenes=3)
