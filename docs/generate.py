@@ -32,8 +32,8 @@ QUICK_METHODS = ("pbrnet", "product", "product_linear", "unet", "ceiling")
 def quick_start_time(found: dict[str, Any]) -> str:
     """Sentence on the time that the two commands take."""
     return (
-        f"On two quiet cores `make repro` takes {_duration(found['repro_seconds'])} on a machine "
-        f"that has never run it, and `make test` {_duration(found['test_seconds'])}."
+        f"On two cores `make repro` takes about {_duration(found['repro_seconds'])} on a machine "
+        f"that has never run it, and `make test` about {_duration(found['test_seconds'])}."
     )
 
 
@@ -106,7 +106,8 @@ def record_quick_start(repro: float, test: float) -> None:
     """Write `docs/data/quick-start.json` from the evaluation in `metrics/` and two durations."""
     found = json.loads((ROOT / "metrics" / "evaluation.json").read_text())
     methods = {
-        name: {metric: row[metric]["mean"] for metric in METRICS} | {"seconds": row.get("seconds")}
+        name: {metric: round(row[metric]["mean"], 4) for metric in METRICS}
+        | {"seconds": (seconds := row.get("seconds")) and round(seconds, 4)}
         for name, row in found["methods"].items()
     }
     record = {

@@ -199,7 +199,7 @@ def test_every_table_of_a_pbrs_house_is_in_the_record(tmp_path: Path) -> None:
     )
     opened = OpenedFiles(tmp_path)
     find_release(tmp_path / "a.xml", opened, Changes())
-    for name in ("name", "good", "node"):
+    for name in ("name", "good"):
         path = tmp_path / f"room_camera_{name}.txt"
         assert unchanged(opened.record(), tmp_path)
         path.write_text("1\n")
