@@ -27,6 +27,8 @@ from tests.fixtures import mitsuba_files as mitsuba
 from tests.fixtures import sweethome as draw
 from tests.fixtures.gltf import square
 
+pytestmark = pytest.mark.slow
+
 SECONDS, MEMORY = 10.0, 2**20  # KiB
 OBJ = "mtllib a.mtl\n" + draw.BOX.replace("usemtl amber", "usemtl red") + "#  \n"
 MTL = "newmtl red\nKd 0.8 0.1 0.1\nNs 30\nmap_Kd t.png\n"

@@ -221,6 +221,7 @@ def test_a_damaged_record_makes_the_import_again(tmp_path: Path, record: Any) ->
     assert not unchanged(record, tmp_path)
 
 
+@pytest.mark.slow
 def test_a_changed_file_makes_a_scene_and_its_variants_again(tmp_path: Path) -> None:
     path = an_obj(tmp_path)
     wanted = params(tmp_path, str(path), variants=2)

@@ -26,6 +26,8 @@ from scenes.checked import build
 from scenes.errors import InputError
 from tests.fixtures.light import PARAMS, lit_workplace, room
 
+pytestmark = pytest.mark.slow
+
 CHANGES = {"added", "all", "exchanged", "lamps", "outdoors", "without"}
 
 

@@ -43,6 +43,8 @@ from scenes.seeds import derive
 from tests.fixtures.dataset import box_frames, make_data, make_view, small_params, write_view
 from tests.fixtures.stages import write_room
 
+pytestmark = pytest.mark.slow
+
 PARAMS = Params(
     image=ImageParams(32, 24),
     farm=FarmParams(workers=2, batch=2, retries=1),
