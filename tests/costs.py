@@ -76,14 +76,19 @@ def summary(costs: list[tuple[tuple[str, str], float]], shown: int = SHOWN) -> I
 def kept(file: Path) -> list[tuple[tuple[str, str], float]]:
     """Return (file, test), CPU seconds of the tests in a JUnit XML file."""
     return [
-        (
-            (f"{case.get('classname', '').replace('.', '/')}.py", case.get("name", "")),
-            float(one.get("value", 0)),
-        )
+        (_place(case.get("classname", ""), case.get("name", "")), float(one.get("value", 0)))
         for case in defusedxml.ElementTree.parse(file).iter("testcase")
         for one in case.iter("property")
         if one.get("name") == "cpu_seconds"
     ]
+
+
+def _place(classname: str, name: str) -> tuple[str, str]:
+    """Return file and test of a dotted module, a class in it included, and a test's name."""
+    *parts, last = classname.split(".")
+    if last.startswith("test_"):
+        return "/".join([*parts, f"{last}.py"]), name
+    return "/".join(parts) + ".py", f"{last}::{name}"
 
 
 if __name__ == "__main__":

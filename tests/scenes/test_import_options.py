@@ -149,6 +149,7 @@ def an_xml(folder: Path) -> Path:
 IMPORTS = {"obj": an_obj, "gltf": a_gltf, "xml": an_xml}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "name"),
     [

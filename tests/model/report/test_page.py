@@ -207,6 +207,7 @@ def test_predictions_are_shown_with_their_authors(root: Path, tmp_path: Path) ->
     assert "holiday.png was not written by" in missing[0] and "torn.png is damaged" in missing[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gone", "words"),
     [
@@ -237,6 +238,7 @@ def test_what_is_missing_is_named_and_the_rest_shown(
     assert words in page.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [

@@ -94,6 +94,7 @@ def test_rows_are_judged_against_the_clean_truth(folders: Folders) -> None:
     assert path.with_suffix(".png").is_file()
 
 
+@pytest.mark.slow
 def test_only_the_truth_differs(folders: Folders) -> None:
     clean = list(Dataset(folders.data / "dataset", "train").ordered())
     for truth in noisy_truths((1, 4)):

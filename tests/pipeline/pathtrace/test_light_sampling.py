@@ -168,6 +168,7 @@ class DensityDoubled(PlannedLights):
 WIDE = quad("wide", (0, 0, 2.95), (0, 0, -1), (1.6, 1.6), glow("3,2,1"), (0, 1, 0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "things"),
     [(EveryStrategy, (LAMP, SUN)), (PlannedLights, (WIDE, SUN))],

@@ -267,6 +267,7 @@ def test_a_style_is_coordinated_physical_and_seeded() -> None:
         assert 0.85 <= style.worktop_height <= 0.96
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_meshes_are_sound(kind: str) -> None:
     for seed in SEEDS:

@@ -133,6 +133,7 @@ def test_every_file_is_used_and_every_reference_exists(homes: list[Home]) -> Non
         assert len(shapes) <= 600
 
 
+@pytest.mark.slow
 def test_meshes_are_sound(homes: list[Home]) -> None:
     for home in homes:
         triangles = 0
@@ -449,6 +450,7 @@ def test_rooms_are_furnished(homes: list[Home]) -> None:
                     assert in_bay or shape.covers(footprint), f"seed {home.seed}: {item.id}"
 
 
+@pytest.mark.slow
 def test_nothing_intersects(homes: list[Home]) -> None:
     for home in homes:
         items = [
