@@ -72,8 +72,10 @@ def _click_type(hint: Any, default: Any) -> dict[str, Any]:
     if Path in get_args(hint):
         kind = click.Path(path_type=Path, file_okay=False, exists=True)
         return {"type": kind, "default": default}
-    if float in get_args(hint):
+    if hint is float or float in get_args(hint):
         return {"type": click.FLOAT, "default": default}
+    if hint is int or int in get_args(hint):
+        return {"type": click.INT, "default": default}
     return {"type": click.STRING, "default": default}
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import click
 import pytest
 from click.testing import CliRunner, Result
 
 from pipeline.cli import cli
+from pipeline.commands import import_scene
 from scenes.registry import SOURCES
 
 
@@ -50,3 +53,12 @@ def test_options_of_other_kinds_are_refused(tmp_path: Path, name: str, options: 
     assert ran.exit_code != 0
     assert f"{options[0]}: not for {path.suffix} files" in f"{ran.output} {ran.exception}"
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("hint", "kind"), [(float, click.FLOAT), (float | None, click.FLOAT), (int, click.INT)]
+)
+def test_numbers_among_the_options_of_a_source_are_read_as_numbers(
+    hint: Any, kind: click.ParamType
+) -> None:
+    assert import_scene._click_type(hint, None)["type"] is kind

@@ -8,8 +8,9 @@ from graphlib import CycleError, TopologicalSorter
 import pytest
 
 from pipeline.imports import LAYERS, imported_files, modules
+from scenes.registry import IMPORTERS
 
-SOURCES = ("mitsuba", "models", "procedural", "sweethome")  # scene sources, in `scenes`
+SOURCES = {options.__module__.split(".")[1] for options in IMPORTERS} | {"procedural"}
 MOST = 16  # modules and packages in a folder
 
 MODULES = modules()
@@ -48,7 +49,7 @@ def upward(edges: set[tuple[str, str]]) -> list[tuple[str, str]]:
 def across(edges: set[tuple[str, str]]) -> list[tuple[str, str]]:
     """Imports of a scene source by another."""
     places = [(a, b, child("scenes", a), child("scenes", b)) for a, b in edges]
-    return sorted((a, b) for a, b, x, y in places if x != y and {x, y} <= set(SOURCES))
+    return sorted((a, b) for a, b, x, y in places if x != y and {x, y} <= SOURCES)
 
 
 def test_imports_run_one_way() -> None:
