@@ -21,7 +21,7 @@ from scenes.errors import InputError
 
 # Of the inputs, what is no image of the view.
 WHOLE = ("intensity", "distance", "tint", "gain", "brightness")
-SMALLEST = 16  # pixels a side of a each
+SMALLEST = 16  # pixels a side of a piece
 
 # How far each network looks beyond an aligned block: U-Nets in series add, and a `Branch` is one.
 _LOOKS: dict[str, Callable[[int], int]] = {
@@ -34,7 +34,7 @@ _LOOKS: dict[str, Callable[[int], int]] = {
 
 @dataclass(frozen=True)
 class Tile:
-    """Rows and columns of a each of the image, and of the window that it is computed from."""
+    """Rows and columns of a piece of the image, and of the window that it is computed from."""
 
     rows: slice
     columns: slice
@@ -67,7 +67,7 @@ def unet_reach(levels: int) -> int:
 
 
 def margin(architecture: Architecture) -> int:
-    """Pixels of overlap that a each needs on each side, a multiple of `stride`.
+    """Pixels of overlap that a piece needs on each side, a multiple of `stride`.
 
     Raises `InputError` for a network that has no bound.
     """
@@ -108,7 +108,7 @@ def tiled(
 ) -> torch.Tensor:
     """`network(inputs)`, (N, C, H, W), in pieces of about `tile` pixels a side; 0: at once.
 
-    What is held at once follows from the each and its `margin`, not from the image. Raises
+    What is held at once follows from the piece and its `margin`, not from the image. Raises
     `InputError` as `margin` does.
     """
     if not tile:
@@ -116,30 +116,30 @@ def tiled(
     images = [name for name in inputs if name not in WHOLE]
     height, width = inputs[images[0]].shape[-2:]
     whole: torch.Tensor | None = None
-    for each in pieces(height, width, tile, architecture):
+    for piece in pieces(height, width, tile, architecture):
         window = {
             name: value
             if name in WHOLE
-            else value[..., each.window_rows, each.window_columns].contiguous()
+            else value[..., piece.window_rows, piece.window_columns].contiguous()
             for name, value in inputs.items()
         }
-        window["place"] = _places(each, height, width)
+        window["place"] = _places(piece, height, width)
         made = network(window)
         if whole is None:
             whole = made.new_empty((*made.shape[:2], height, width))
-        top = each.rows.start - each.window_rows.start
-        left = each.columns.start - each.window_columns.start
-        rows = slice(top, top + each.rows.stop - each.rows.start)
-        columns = slice(left, left + each.columns.stop - each.columns.start)
-        whole[..., each.rows, each.columns] = made[..., rows, columns]
+        top = piece.rows.start - piece.window_rows.start
+        left = piece.columns.start - piece.window_columns.start
+        rows = slice(top, top + piece.rows.stop - piece.rows.start)
+        columns = slice(left, left + piece.columns.stop - piece.columns.start)
+        whole[..., piece.rows, piece.columns] = made[..., rows, columns]
     assert whole is not None
     return whole
 
 
-def _places(each: Tile, height: int, width: int) -> torch.Tensor:
+def _places(piece: Tile, height: int, width: int) -> torch.Tensor:
     """Pixel centres of the window in the image: (1, h, w, 2), x and y, [-1, 1]."""
-    y = torch.arange(each.window_rows.start, each.window_rows.stop, dtype=torch.float64)
-    x = torch.arange(each.window_columns.start, each.window_columns.stop, dtype=torch.float64)
+    y = torch.arange(piece.window_rows.start, piece.window_rows.stop, dtype=torch.float64)
+    x = torch.arange(piece.window_columns.start, piece.window_columns.stop, dtype=torch.float64)
     y, x = (2 * y + 1) / height - 1, (2 * x + 1) / width - 1
     rows, columns = torch.meshgrid(y, x, indexing="ij")
     return torch.stack([columns, rows], dim=-1)[None].float()

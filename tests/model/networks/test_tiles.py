@@ -1,4 +1,4 @@
-"""A picture made in tiles is the picture made at once."""
+"""A picture made in pieces is the picture made at once."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _one_thread() -> None:
 
 @pytest.fixture(scope="module")
 def example(tmp_path_factory: pytest.TempPathFactory) -> Example:
-    """A view of odd size, several tiles wide and high."""
+    """A view of odd size, several pieces wide and high."""
     data = box_dataset(tmp_path_factory.mktemp("large"), 0, 0, 2, width=187, height=141)
     return next(Dataset(data / "dataset", "test").ordered())
 
@@ -67,7 +67,7 @@ def test_tiles_give_the_whole_picture(
 
 def test_too_little_overlap_would_show(example: Example, tmp_path: Path,
                                        monkeypatch: pytest.MonkeyPatch) -> None:  # fmt: skip
-    """The test above can fail: with a tenth of the margin, tiles differ from the whole."""
+    """The test above can fail: with a tenth of the margin, pieces differ from the whole."""
     models = untrained_models(tmp_path / "models", ("unet",), levels=3)
     whole = load_networks(models, ["unet"]).predict("unet", example)
     monkeypatch.setattr("model.networks.tiles.margin", lambda architecture: stride(architecture))
@@ -75,7 +75,7 @@ def test_too_little_overlap_would_show(example: Example, tmp_path: Path,
     assert np.abs(whole.color - cut.color).max() > 1e-4
 
 
-def test_a_tile_bounds_what_is_held_at_once() -> None:
+def test_a_piece_bounds_what_is_held_at_once() -> None:
     architecture = Architecture("composition", 4, 3)
     sizes = []
 
@@ -90,13 +90,13 @@ def test_a_tile_bounds_what_is_held_at_once() -> None:
 
 
 @pytest.mark.parametrize("size", [(1, 1), (16, 16), (17, 100), (250, 33)])
-def test_tiles_cover_every_pixel_once_from_aligned_windows(size: tuple[int, int]) -> None:
+def test_pieces_cover_every_pixel_once_from_aligned_windows(size: tuple[int, int]) -> None:
     architecture = Architecture("shading", 4, 3)
     covered = np.zeros(size, int)
-    for each in tiles_of(*size, tile=18, architecture=architecture):
-        covered[each.rows, each.columns] += 1
-        assert each.rows.stop - each.rows.start <= 20  # 18, rounded up to whole strides
-        for window in (each.window_rows, each.window_columns):
+    for piece in pieces(*size, tile=18, architecture=architecture):
+        covered[piece.rows, piece.columns] += 1
+        assert piece.rows.stop - piece.rows.start <= 20  # 18, rounded up to whole strides
+        for window in (piece.window_rows, piece.window_columns):
             assert window.start % stride(architecture) == 0
     assert (covered == 1).all()
 
