@@ -1,8 +1,8 @@
 """Direct lighting of a view by the light sources that its panorama shows.
 
-The positions and intensities of the sources come from `pipeline.passes.panorama_lights`. The
-result lacks indirect light and the light of lamps that the camera position cannot see; shadows are
-those of `pipeline.passes.visibility`, where the view has them.
+The positions and intensities of the sources come from `pipeline.passes.panorama_lights`, the
+shadows from `pipeline.passes.visibility` if the view has them. The result lacks indirect light and
+the light of lamps that are not visible from the camera position.
 
 Functions take NumPy arrays, and tensors while a network is exported (`model.release.onnx_export`).
 """
@@ -28,11 +28,11 @@ from scenes.geometry import directions
 
 
 def direct_light(view: ViewInputs, albedo: float) -> tuple[ArrayOrTensor, ArrayOrTensor]:
-    """Direct light that surfaces reflect, and sources in view: linear radiance (H, W, 3) each.
+    """Reflected direct light, and the sources in view: linear radiance (H, W, 3) each.
 
-    Surfaces are matte and of reflectance `albedo`, shadowed by the view's `visibility`, unshadowed
-    where that is None; 0 where there is no surface. Sources are what the panorama shows in the
-    direction of each pixel.
+    Surfaces are matte with the reflectance `albedo`. The view's `visibility` shadows them; without
+    it they are unshadowed. Reflected light is 0 where there is no surface. The second image is the
+    radiance of the panorama in the direction of each pixel.
     """
     rays, radiance = pixel_directions(view), panorama_radiance(view)
     irradiance = panorama_irradiance(view, rays * view.depth[..., None], radiance)
@@ -43,7 +43,7 @@ def direct_light(view: ViewInputs, albedo: float) -> tuple[ArrayOrTensor, ArrayO
 
 
 def direct_shading(view: ViewInputs, albedo: float) -> ArrayOrTensor:
-    """Radiance (H, W, 3) of a matte copy of the view, direct light only: sum of `direct_light`."""
+    """Radiance (H, W, 3) of the view with matte surfaces in direct light: sum of `direct_light`."""
     reflected, sources_in_view = direct_light(view, albedo)
     return reflected + sources_in_view
 
@@ -70,10 +70,10 @@ def panorama_irradiance(
 def _traced_irradiance(
     view: ViewInputs, points: torch.Tensor, radiance: torch.Tensor
 ) -> torch.Tensor:
-    """The same as a graph: a loop over the rows of `CELLS`, of a number known beforehand.
+    """`panorama_irradiance` as a graph: a loop over the rows of `CELLS`, whose number is fixed.
 
-    The array version drops dark cells and pixels without a surface, whose numbers depend on the
-    data.
+    The array version skips dark cells and pixels without a surface. A graph cannot: their numbers
+    depend on the data.
     """
     places, intensities, _ = cell_sources(radiance, view.distance)
     rows = [each.reshape(*CELLS, 3).float() for each in (places, intensities)]
@@ -89,7 +89,7 @@ def _traced_irradiance(
     total = torch.zeros_like(flat)
     if torch.compiler.is_exporting():
         total, _ = scan(add_row, total, rows)
-    else:  # here `scan` would compile the loop's body first, for seconds
+    else:  # outside an export `scan` would first compile the loop's body, which takes seconds
         for row in zip(*rows, strict=True):
             total, _ = add_row(total, row)
     return total.reshape(points.shape) * view.valid[..., None]
@@ -127,5 +127,5 @@ def panorama_lookup(panorama: ArrayOrTensor, rays: ArrayOrTensor) -> ArrayOrTens
     polar = xp.arctan2(xp.sqrt(x * x + z * z), -y)
     row = xp.clip(xp.asarray(polar / np.pi * height, dtype=xp.int64), None, height - 1)
     column = xp.asarray((azimuth / (2 * np.pi) + 0.5) * width, dtype=xp.int64)
-    column = xp.where(column >= width, column - width, column)  # straight behind, from the right
+    column = xp.where(column >= width, column - width, column)  # directly behind the camera
     return xp.asarray(panorama[row, column], dtype=xp.float32)

@@ -1,7 +1,7 @@
 """Tone mapping of batches (N, 3, H, W), differentiable, for networks and losses.
 
-`pipeline.tonemap` is the same for single images (H, W, 3). Everything has a finite gradient
-everywhere and uses only operators that ONNX has.
+`pipeline.tonemap` does the same for single images (H, W, 3). All functions have finite gradients
+everywhere and use only operators that ONNX has.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from torch.nn import functional
 from pipeline.params import ToneParams
 from scenes.color import REC709, decode_srgb, encode_srgb
 
-BLOCK = 8  # pixels a side of the blocks that the log average takes means of, see `exposure_of`
+BLOCK = 8  # side in pixels of the blocks whose means the log average takes, see `exposure_of`
 
 
 def luminance(image: torch.Tensor) -> torch.Tensor:
@@ -23,8 +23,8 @@ def luminance(image: torch.Tensor) -> torch.Tensor:
 def tint_display(display: torch.Tensor, color: torch.Tensor) -> torch.Tensor:
     """Display values (N, 3, H, W) under light of another colour (N, 3, 1, 1), linear RGB.
 
-    Reinhard's operator keeps chromaticity, so the light's colour multiplies what it gives, before
-    the sRGB encoding.
+    Reinhard's operator preserves chromaticity, so the colour may multiply its result before the
+    sRGB encoding.
     """
     return encode_srgb(decode_srgb(display) * color)
 
@@ -41,8 +41,8 @@ def tonemap_exposed(scaled: torch.Tensor, white: torch.Tensor | float) -> torch.
 def log_average(lum: torch.Tensor) -> torch.Tensor:
     """Log-average luminance (N, 1, 1, 1) of luminance (N, 1, H, W).
 
-    exp of the mean logarithm of block means above 0, as in `pipeline.tonemap.exposure_of`; the key
-    of the tone mapping where all is dark.
+    exp of the mean logarithm of all block means above 0, as in `pipeline.tonemap.exposure_of`. For
+    an image that is black everywhere it is the key of the tone mapping.
     """
     height, width = lum.shape[-2:]
     pad = (0, -width % BLOCK, 0, -height % BLOCK)
@@ -50,7 +50,7 @@ def log_average(lum: torch.Tensor) -> torch.Tensor:
         functional.avg_pool2d(functional.pad(image, pad), BLOCK)
         for image in (lum, torch.ones_like(lum))
     )
-    means = sums / counts  # blocks at the right and bottom may be cut
+    means = sums / counts  # blocks at the right and bottom edges may be smaller
     lit = (means > 0).to(lum.dtype)
     logs = torch.log(torch.where(means > 0, means, torch.ones_like(means)))
     number = lit.sum(dim=(1, 2, 3), keepdim=True)

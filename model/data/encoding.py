@@ -1,9 +1,9 @@
 """Encoding of views for the networks: inputs and targets as tensors.
 
-Inputs are scale-free where the target is: shading is tone-mapped by its own log average, so
-brightening every light changes nothing, and panoramic intensity is taken relative to its mean
-over the sphere. Logarithms compress the ranges: a bare bulb is 10^5 times a dim wall. Images are
-centred about 0: without that a short training finds brightness but not colour.
+Inputs do not depend on the unit of radiance because the target does not: shading is tone-mapped by
+its own log average, and panoramic intensity is relative to its mean over the sphere. Logarithms
+compress the ranges: a bare bulb is 10^5 times as bright as a dim wall. Images are centred about 0:
+otherwise a short training learns brightness but not colour.
 
 The encoder takes NumPy arrays. While a network is exported (`model.release.onnx_export`) it takes
 tensors, and torch's exporter traces it.
@@ -34,12 +34,12 @@ Tensors = dict[str, torch.Tensor]
 CHANNELS = {"depth": 2, "normal": 3, "intensity": 1, "distance": 1, "reflectance": 3}
 DIRECT_LIGHT_CHANNELS = 8
 NOISY_SAMPLES_CHANNELS = 6
-# Closed fraction of a room as an integrating sphere: of the light that surfaces reflect, the share
-# that meets another surface. Windows take the rest.
+# Closed fraction of a room as an integrating sphere: the share of reflected light that reaches
+# another surface. The rest leaves through windows.
 CLOSED_FRACTION = 0.9
-MIN_LIGHT_BAND = 0.02  # smallest band of a light's colour, which has luminance 1
-NEUTRAL = 0.5  # reflectance shown to the networks where there is no surface; albedo of shading
-DEFAULT_WHITE = 20.0  # exposed luminance that maps to white where unknown: usual indoors
+MIN_LIGHT_BAND = 0.02  # lower bound of each band of a light's colour, whose luminance is 1
+NEUTRAL = 0.5  # reflectance input where there is no surface; albedo of the shading frames
+DEFAULT_WHITE = 20.0  # exposed luminance that maps to white if it is unknown; typical indoors
 # Metres: depths and distances are clamped to [MIN, MAX], and depth is relative to REFERENCE.
 MIN_DEPTH, REFERENCE_DEPTH, MAX_DEPTH = 0.05, 2.5, 100.0
 
@@ -49,9 +49,9 @@ def encode(
 ) -> Tensors:
     """Network inputs, float32 (N, C, H, W), `CHANNELS` each; all views must be of one size.
 
-    `encode_inputs`, and with `noisy_samples` also `noisy` and `denoised`: colour and shading of a
-    few samples a pixel, linear radiance, as traced and denoised. Raises `InputError` for a view
-    without samples.
+    The tensors of `encode_inputs`. With `noisy_samples` also `noisy` and `denoised`: colour and
+    shading of a few samples a pixel, before and after denoising, as linear radiance. Raises
+    `InputError` for a view without noisy samples.
     """
     encoded = encode_inputs(examples, direct_light)
     if noisy_samples:
@@ -63,24 +63,24 @@ def encode(
 
 
 def encode_inputs(views: Sequence[ViewInputs], direct_light: bool = False) -> Tensors:
-    """The encoder: float32 (N, C, H, W), `CHANNELS` each; traceable, see the module.
+    """Encode the inputs as float32 (N, C, H, W), `CHANNELS` each; traceable, see the module.
 
     * `depth`: ln(depth / `REFERENCE_DEPTH`), 0 where there is no surface; and the validity mask
     * `normal`: camera frame, unit
-    * `intensity`: relative to its mean over the sphere by solid angle; all 0 where no light shows
-    * `distance`: metres, at most `MAX_DEPTH`; both are made logarithmic by the network, which may
-      have to average them first
+    * `intensity`: relative to its mean over the sphere; all 0 if no light is visible
+    * `distance`: metres, at most `MAX_DEPTH`. The network takes the logarithms of intensity and
+      distance itself, because it may average them first.
     * `reflectance`: `neutral_background`, sRGB-encoded and `centred` like display values
 
     With `direct_light` also:
 
     * `direct`, 8 channels: `direct_shading` divided by the light's colour, tone-mapped by its own
-      log average and `DEFAULT_WHITE`, and `centred`; ln of its luminance, relative to that average,
-      over 4; ln of that colour, the same everywhere; and the share of the light that arrives
-    * `tint`, (N, 3, 1, 1): that colour, see `light_color`
+      log average and `DEFAULT_WHITE`, and `centred` (3); ln(luminance / log average) / 4 (1); ln of
+      the light's colour, constant over the image (3); the visibility of the sources (1)
+    * `tint`, (N, 3, 1, 1): the light's colour, see `light_color`
     * `gain`, (N, 3, 1, 1): see `interreflection`
-    * `brightness`, (N, 1, 1, 1): the log average of reflectance times tint and gain over `NEUTRAL`,
-      by which colour is brighter than shading
+    * `brightness`, (N, 1, 1, 1): log average of reflectance x tint x gain, divided by `NEUTRAL`;
+      the ratio of colour's brightness to shading's
     """
     encoded = {
         "depth": _stack([_depth(view) for view in views]),
@@ -96,7 +96,7 @@ def encode_inputs(views: Sequence[ViewInputs], direct_light: bool = False) -> Te
 
 
 def encode_reflectance(views: Sequence[ViewInputs]) -> torch.Tensor:
-    """`reflectance` of `encode_inputs` alone, the only image the composition network takes."""
+    """`reflectance` of `encode_inputs` alone, for the composition network."""
     return _stack([centred(encode_srgb(neutral_background(view, NEUTRAL))) for view in views])
 
 
@@ -109,8 +109,11 @@ def targets(examples: Sequence[Example], policy: Policy) -> Tensors:
 
 
 def radiances(examples: Sequence[Example], policy: Policy) -> Tensors:
-    """Linear truth for networks that predict it: `color` and `shading`, float32 (N, 3, H, W), and
-    `exposure_color`, `exposure_shading`, float32 (N, 2, 1, 1): scale and white of their display."""
+    """Linear targets for networks that predict radiance.
+
+    `color` and `shading`: float32 (N, 3, H, W). `exposure_color` and `exposure_shading`: float32
+    (N, 2, 1, 1), the scale and the white point that display them.
+    """
     exposures = {
         "exposure_color": [color_exposure(example, policy) for example in examples],
         "exposure_shading": [example.exposure_shading for example in examples],
@@ -126,27 +129,27 @@ def radiances(examples: Sequence[Example], policy: Policy) -> Tensors:
 
 
 def color_exposure(example: Example, policy: Policy) -> Exposure:
-    """`own`: the colour image's own exposure (the paper); `shared`: shading's for both."""
+    """Exposure of colour: its own under the policy `own` (the paper), shading's under `shared`."""
     return example.exposure_shading if policy == "shared" else example.exposure_color
 
 
 def neutral_background(view: ViewInputs, neutral: float) -> ArrayOrTensor:
     """Reflectance with `neutral` where there is no surface, float32 (H, W, 3).
 
-    What a window shows looks alike in shading and in colour, as does a surface whose reflectance is
-    the neutral grey of the shading frames. With the dataset's 0 the product of shading and
-    reflectance would make windows black.
+    The view through a window is the same in shading and in colour. The same holds for a surface
+    with the neutral grey of the shading frames, so `neutral` makes reflectance x shading right
+    there. The dataset stores 0, which would make windows black.
     """
     xp = array_namespace(view.reflectance)
     return xp.where(view.valid[..., None], view.reflectance, neutral)
 
 
 def interreflection(view: ViewInputs) -> ArrayOrTensor:
-    """Gain of the light in this room by interreflection over a room of `NEUTRAL`, (1, 1, 3).
+    """Gain by interreflection in this room relative to a room of `NEUTRAL`, (1, 1, 3).
 
-    Light that a surface reflects meets the next: with mean reflectance m and the closed fraction f
-    of the room that makes 1 + f m + (f m)^2 + ... = 1 / (1 - f m), as in an integrating sphere. m
-    is the mean of the visible surfaces, band by band: this makes a beige room orange.
+    The room is taken as an integrating sphere. With the mean reflectance m and the closed fraction
+    f, all bounces add up to 1 + f m + (f m)^2 + ... = 1 / (1 - f m). m is the mean over the visible
+    surfaces in each band, so a beige room gets orange light.
     """
     xp = array_namespace(view.reflectance)
     surfaces = view.valid.sum()
@@ -160,7 +163,8 @@ def interreflection(view: ViewInputs) -> ArrayOrTensor:
 def light_color(reflected: ArrayOrTensor) -> ArrayOrTensor:
     """Mean colour (1, 1, 3) of the direct light (H, W, 3) on surfaces: linear RGB of luminance 1.
 
-    White in the dark. No band is below `MIN_LIGHT_BAND`, so that light can be divided by it.
+    White if there is no light. Bands are clipped at `MIN_LIGHT_BAND` before the normalisation, so
+    that light can be divided by the colour.
     """
     xp = array_namespace(reflected)
     total = reflected.sum(axis=(0, 1), dtype=xp.float64)
@@ -171,17 +175,17 @@ def light_color(reflected: ArrayOrTensor) -> ArrayOrTensor:
 
 
 def centred(display: Value) -> Value:
-    """Display values in [0, 1] to [-1, 1], as the networks take them."""
+    """Map display values from [0, 1] to [-1, 1], the range of the networks' inputs."""
     return 2 * display - 1
 
 
 def to_image(batch: torch.Tensor) -> AnyArray:
-    """The first of (N, 3, H, W) network outputs as display values float32 (H, W, 3), [0, 1]."""
+    """The first image of a batch (N, 3, H, W) as display values float32 (H, W, 3), [0, 1]."""
     return batch[0].detach().float().clamp(0, 1).permute(1, 2, 0).cpu().numpy()
 
 
 def to_batch(image: AnyArray) -> torch.Tensor:
-    """An image (H, W, 3) as (1, 3, H, W): `to_image` backwards."""
+    """An image (H, W, 3) as a batch (1, 3, H, W); the inverse of `to_image`."""
     return _stack([image])
 
 
@@ -213,7 +217,7 @@ def _clamped_distance(distance: ArrayOrTensor) -> ArrayOrTensor:
 
 
 def _direct_light(view: ViewInputs) -> dict[str, ArrayOrTensor]:
-    """The inputs that `direct_light` adds to `encode_inputs`, images (H, W, C)."""
+    """Inputs that `direct_light=True` adds to `encode_inputs`, images (H, W, C)."""
     xp = array_namespace(view.depth)
     key = ToneParams().key
     reflected, sources_in_view = direct_light_of(view, NEUTRAL)

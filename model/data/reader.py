@@ -1,7 +1,7 @@
 """Streaming reader of the packed dataset: bounded memory, seeded order, exact positions.
 
-The order of a shuffled pass is computed from row counts alone, before a pixel is read. So a
-position, one number, is all that a checkpoint needs to resume with the same rows.
+The order of a shuffled pass depends on the row counts alone and is computed before pixels are read.
+A checkpoint therefore needs only the number of rows read so far to resume with the same rows.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from scenes.seeds import generator
 
 Split = Literal["train", "validation", "test"]
 
-# Image columns and the number of channels of each; None: a plain (H, W) image.
+# Image columns and their numbers of channels; None: an image (H, W) without a channel axis.
 IMAGES: dict[str, int | None] = {
     "depth": None,
     "normal": 3,
@@ -69,13 +69,13 @@ class ViewInputs:
     depth: ArrayOrTensor  # float32 (H, W), z-depth in metres, 0 where there is no surface
     normal: ArrayOrTensor  # float32 (H, W, 3), unit, facing the camera
     reflectance: ArrayOrTensor  # float32 (H, W, 3), linear, [0, 1]
-    valid: ArrayOrTensor  # bool (H, W), whether there is a surface
+    valid: ArrayOrTensor  # bool (H, W), True where there is a surface
     intensity: ArrayOrTensor  # float32 (h, w = 2h), luminance of visible light sources, else 0
-    distance: ArrayOrTensor  # float32 (h, w), metres to them, 0 elsewhere
+    distance: ArrayOrTensor  # float32 (h, w), metres to the light sources, 0 elsewhere
     intrinsics: ArrayOrTensor  # float64 (3, 3), pixel centres at +0.5
-    # float32 (h, w, 3), colour of the light sources, of luminance 1; None: white
+    # float32 (h, w, 3), colour of the light sources with luminance 1; None: white
     tint: ArrayOrTensor | None = None
-    # float32 (H, W), [0, 1], share of the sources' direct light that arrives; None: all
+    # float32 (H, W), [0, 1], share of the sources' direct light that is not shadowed; None: 1
     visibility: ArrayOrTensor | None = None
 
 
@@ -87,10 +87,10 @@ class Example(ViewInputs):
     view_id: str
     shading: AnyArray  # float32 (H, W, 3), linear HDR radiance without textures and colours
     color: AnyArray  # float32 (H, W, 3), linear HDR radiance
-    exposure_shading: Exposure  # by shading's own log-average luminance
-    exposure_color: Exposure  # by color's own
-    noisy_color: AnyArray | None = None  # as color, of few samples of their own; None: not read
-    noisy_shading: AnyArray | None = None  # as shading, of the same paths
+    exposure_shading: Exposure  # by the log-average luminance of shading
+    exposure_color: Exposure  # by the log-average luminance of color
+    noisy_color: AnyArray | None = None  # as color, with few samples a pixel; None: not read
+    noisy_shading: AnyArray | None = None  # as shading, from the same paths
     denoised_color: AnyArray | None = None  # noisy_color, denoised
     denoised_shading: AnyArray | None = None  # noisy_shading, denoised
 
@@ -102,7 +102,7 @@ class Example(ViewInputs):
 
 @dataclass(frozen=True)
 class Row:
-    """Position of a row: shard, row group in it, row in that."""
+    """Position of a row: index of the shard, row group in the shard, row in the group."""
 
     shard: int
     group: int
@@ -110,11 +110,11 @@ class Row:
 
 
 class Dataset:
-    """The shards of one split, opened for reading; with `only`, nothing but these scenes of it.
+    """Reader of the shards of one split, or of the scenes `only` in them.
 
-    Raises `InputError` if the folder holds no such split, if a shard is missing, truncated,
-    or not a table of this kind; with `noisy`, also if it has no noisy samples. Files are opened
-    one at a time and only while read.
+    Raises `InputError` if the folder does not contain the split, or if a shard is missing,
+    truncated or lacks columns; with `noisy`, also if it lacks noisy samples. One file is open at a
+    time, and only during a read.
     """
 
     def __init__(
@@ -128,13 +128,13 @@ class Dataset:
         self.only = None if only is None else frozenset(only)
         self.shards = _shards(self.folder, split)
         self.images = {**IMAGES, **(NOISY_IMAGES if noisy else {}), **_optional(self.shards)}
-        # Of every row group, the numbers of the rows that count.
+        # By shard and row group: numbers of the selected rows.
         self.groups: list[list[Sequence[int]]] = [
             [range(size) for size in _group_sizes(path, self.images)] for path in self.shards
         ]
         if self.only is not None:
             self._keep(self.only)
-        self.held = 0  # rows in memory now, while a pass is being read
+        self.held = 0  # decoded rows in memory during a pass
 
     def __len__(self) -> int:
         return sum(len(rows) for groups in self.groups for rows in groups)
@@ -144,18 +144,19 @@ class Dataset:
         yield from self._read(self._places())
 
     def at(self, numbers: Sequence[int]) -> Iterator[Example]:
-        """The rows of these numbers, counted in file order from 0, in the order asked for.
+        """The rows with these numbers (from 0 in file order), in the order of `numbers`.
 
-        No more is read than the row groups they lie in, each once.
+        Reads only the row groups that contain them, each once.
         """
         places = self._places()
         yield from self._read([places[number] for number in numbers])
 
     def shuffled(self, seed: int, buffer: int = 64, start: int = 0) -> Iterator[Example]:
-        """Endless passes, each over every row once in an order of its own, from row `start` on.
+        """Endless passes over all rows from position `start` on, each in its own random order.
 
-        `start` counts over all passes, so `shuffled(seed, start=k)` goes on exactly where
-        another reader stood after k rows. At most `buffer` rows and one row group are held.
+        `start` counts rows over all passes: `shuffled(seed, start=k)` continues exactly the
+        sequence of `shuffled(seed)` after k rows. At most `buffer` rows and one row group are in
+        memory.
         """
         rows_per_pass = len(self)
         if rows_per_pass == 0:
@@ -182,7 +183,7 @@ class Dataset:
         return order
 
     def column(self, name: str) -> list[Any]:
-        """A column of the split that is no image, as Python values; empty if there is none."""
+        """Python values of a scalar column of the split; empty if the column does not exist."""
         values: list[Any] = []
         for path, groups in zip(self.shards, self.groups, strict=True):
             with _reading(path), pq.ParquetFile(path) as file:
@@ -194,7 +195,7 @@ class Dataset:
         return values
 
     def plans(self) -> dict[str, str]:
-        """Scene -> floor plan, from the `scenes.csv` beside the shards; empty without one."""
+        """Floor plan of each scene, from `scenes.csv` beside the shards; empty without the file."""
         path = self.folder / "scenes.csv"
         if not path.is_file():
             return {}
@@ -206,12 +207,12 @@ class Dataset:
             }
 
     def fingerprint(self) -> str:
-        """SHA-256 over the bytes of all shards, and over the names in `only` if there is one."""
+        """SHA-256 over the bytes of all shards, and over the scene names `only` if given."""
         shards = digest_bytes(*(digest_file(path).encode() for path in self.shards))
         return shards if self.only is None else subset_fingerprint(shards, self.only)
 
     def _keep(self, only: frozenset[str]) -> None:
-        """Leave nothing but the rows of these scenes."""
+        """Restrict the rows to these scenes."""
         for path, groups in zip(self.shards, self.groups, strict=True):
             with _reading(path), pq.ParquetFile(path) as file:
                 for group, rows in enumerate(groups):
@@ -228,7 +229,7 @@ class Dataset:
         ]
 
     def _read(self, order: Sequence[Row]) -> Iterator[Example]:
-        """The rows of `order`; a row group is decoded when its first row is due."""
+        """The rows in this order; decodes a row group when its first row is needed."""
         due: dict[tuple[int, int], set[int]] = {}
         for row in order:
             due.setdefault((row.shard, row.group), set()).add(row.row)
@@ -268,12 +269,12 @@ class Dataset:
 
 
 def subset_fingerprint(whole: str, only: Collection[str]) -> str:
-    """The fingerprint of these scenes of a split whose own is `whole`."""
+    """Fingerprint of the scenes `only` of a split whose own fingerprint is `whole`."""
     return digest_bytes(whole.encode(), *(scene.encode() for scene in sorted(only)))
 
 
 def mirrored(example: Example) -> Example:
-    """The view seen in a mirror: columns reversed, normals' x and the panorama with them."""
+    """The view mirrored left to right: images, panorama, x of the normals, intrinsics."""
     images = {name: getattr(example, name) for name in (*IMAGES, *NOISY_IMAGES, *OPTIONAL_IMAGES)}
     flipped = {name: image[:, ::-1].copy() for name, image in images.items() if image is not None}
     flipped["normal"] = flipped["normal"] * np.array([-1, 1, 1], np.float32)
@@ -283,7 +284,7 @@ def mirrored(example: Example) -> Example:
 
 
 def coin_flips(seed: int, start: int, rows_per_pass: int) -> Iterator[bool]:
-    """For each row of the endless stream from `start` on: whether to mirror it."""
+    """For each row of the endless stream from `start` on: True if it is to be mirrored."""
     number, skip = divmod(start, rows_per_pass)
     while True:
         flips = generator(seed, "flip", number).integers(2, size=rows_per_pass)
@@ -320,7 +321,7 @@ def image_columns(folder: Path, split: Split) -> set[str]:
 
 
 def _optional(shards: Sequence[Path]) -> dict[str, int | None]:
-    """Those of `OPTIONAL_IMAGES` that all shards have."""
+    """The columns of `OPTIONAL_IMAGES` that all shards have."""
     kept = dict(OPTIONAL_IMAGES)
     for path in shards:
         with _reading(path), pq.ParquetFile(path) as file:
@@ -382,7 +383,7 @@ def _example(record: dict[str, Any], names: Iterable[str]) -> Example:
 
 
 class _reading:
-    """Turns Arrow's errors about `path` into an `InputError`."""
+    """Context that turns Arrow's and the system's errors about `path` into an `InputError`."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -1,13 +1,13 @@
 """PBR-Net hybrid: a few path-traced samples a pixel, denoised, then corrected by a network.
 
-Intel's denoiser has seen far more pictures than any training here could show a network, so the
-network starts from its result and learns only where that is wrong: it predicts the logarithm of a
-factor for every pixel and band, from the guides, the samples as they were traced, and the denoised
-images. A factor keeps the unit of the light, the sharpness of textures, and black black.
+Intel's denoiser was trained on far more images than any training here. The network therefore
+starts from the denoised images and learns to correct them: it predicts the logarithm of a factor
+for every pixel and band. Its inputs are the guides, the noisy samples and the denoised images. A
+factor preserves the unit of radiance, the sharpness of textures, and black.
 
-After residual learning (Zhang et al., *Beyond a Gaussian denoiser*, 2017), on logarithms as path
-tracing's errors are relative. Left out: the panorama, and with it the direct light that `plus` is
-given; how sure each sample is (its variance); samples of neighbouring views.
+The method follows residual learning (Zhang et al., *Beyond a Gaussian denoiser*, 2017). It works on
+logarithms because the errors of path tracing are relative. It does not use the panorama, the direct
+light that `plus` takes, the variance of the samples, or samples of neighbouring views.
 """
 
 from __future__ import annotations
@@ -22,14 +22,15 @@ from model.networks.pbrnet import Architecture, UNet
 from scenes.color import decode_srgb
 
 GUIDES = ("depth", "normal", "reflectance")
-LEAST = 0.03  # reflectance that every surface is taken to have beside its own
-FAINT = 0.01  # of the log-average shading: darker samples look alike to the network
-REACH = 3.0  # of the logarithm: the network may change light up to twentyfold
-LOG_WEIGHT, LOG_FLOOR = 25.0, 0.05  # of the loss's logarithms, and the exposed value below them
+LEAST = 0.03  # added to every reflectance before the division by it
+FAINT = 0.01  # floor of the logarithm's argument, relative to the log-average shading
+REACH = 3.0  # bound of the predicted logarithm: the factor is at most exp(3), about 20
+# Weight of the logarithmic loss, and the value added to exposed radiance before the logarithm.
+LOG_WEIGHT, LOG_FLOOR = 25.0, 0.05
 
 
 class HybridNet(nn.Module):
-    """Guides, samples and denoised images to radiance; see the module."""
+    """Network from guides, noisy samples and denoised images to radiance; see the module."""
 
     def __init__(self, architecture: Architecture) -> None:
         super().__init__()
@@ -43,11 +44,11 @@ class HybridNet(nn.Module):
         nn.init.zeros_(self.unet.out.bias)  # type: ignore[arg-type]
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
-        """`encode`'s tensors, samples among them, to linear colour in their unit."""
+        """Tensors of `encode` with noisy samples to linear colour in the unit of the samples."""
         return self.parts(inputs)[1]
 
     def parts(self, inputs: Tensors) -> tuple[torch.Tensor, torch.Tensor]:
-        """Shading and colour, linear radiance, float32 (N, 3, H, W), not negative."""
+        """Shading and colour: linear radiance, float32 (N, 3, H, W), at least 0."""
         reflectance = decode_srgb((inputs["reflectance"].float() + 1) / 2) + LEAST
         noisy, denoised = inputs["noisy"].float(), inputs["denoised"].float()
         known = [inputs[name] for name in GUIDES]
@@ -62,14 +63,14 @@ class HybridNet(nn.Module):
 
 
 class ExposedLoss(SingleLoss):
-    """The criterion on the exposed colour, and logarithms of colour and shading.
+    """The criterion on the displayed colour, plus L1 on logarithms of colour and shading.
 
-    The criterion sees what a viewer sees; where that is white or nearly black, its gradient is
-    nothing, and the logarithm still tells how wrong the light is.
+    The criterion measures the displayed image. Its gradient vanishes where the display is white or
+    nearly black; there the logarithms still measure the error.
     """
 
     def loss(self, batch: Batch) -> torch.Tensor:
-        """The sum of all, a scalar with gradient."""
+        """The sum of the three terms, a scalar with gradient."""
         assert isinstance(self.network, HybridNet) and batch.radiance is not None
         truth = batch.radiance
         with self.half():

@@ -1,9 +1,9 @@
 """Training objectives: a single loss, or losses of several networks trained against each other.
 
-The loop in model/training/loop.py knows only this: an objective has players, each a module with an
-optimiser of its own, and `losses` hands out, one after the other, a player and the loss that it
-is to lower. The loop lowers it before it asks for the next, so a later loss already sees the
-earlier update. A plain loss hands out one; a GAN hands out two.
+An objective has players. Each player is a module with its own optimiser. `losses` yields pairs of a
+player and its loss, and the loop in model/training/loop.py updates the player before it takes the
+next pair. A later loss is therefore computed with the earlier update. A single loss yields one
+pair, a GAN yields two.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ Target = Literal["shading", "color"]
 
 @dataclass(frozen=True)
 class Batch:
-    """Views on the training device."""
+    """Inputs and targets of some views on the training device."""
 
-    inputs: Tensors  # as `encode` gives them
+    inputs: Tensors  # of `encode`
     truth: torch.Tensor  # display values (N, 3, H, W) of the network's target
-    shading: torch.Tensor | None = None  # the truth of shading, for those that learn both
-    radiance: Tensors | None = None  # `radiances`, for those that predict radiance
+    shading: torch.Tensor | None = None  # true shading, for networks that predict both
+    radiance: Tensors | None = None  # of `radiances`, for networks that predict radiance
 
 
 @dataclass(frozen=True)
@@ -39,26 +39,26 @@ class Setting:
 
     network: nn.Module
     criterion: Criterion  # the part-perceptual loss, on display values
-    shading: nn.Module | None  # the fixed shading network that feeds the network, if one does
-    width: int  # of the network's first level; opponents are as wide
-    half: Callable[[], AbstractContextManager[Any]]  # the precision to compute in
+    shading: nn.Module | None  # the fixed shading network whose output the network takes, or None
+    width: int  # channels of the first level, of the network and of its discriminators
+    half: Callable[[], AbstractContextManager[Any]]  # context of the precision (autocast)
 
 
 class Objective(ABC):
-    """Players and the losses they lower. The player named `network` holds what is saved."""
+    """Players and their losses. The player named `network` contains the network that is saved."""
 
     players: dict[str, nn.Module]
 
     @abstractmethod
     def losses(self, batch: Batch) -> Iterator[tuple[str, torch.Tensor]]:
-        """Player and loss, a scalar with gradient, in the order of updates of one step."""
+        """Pairs of player and loss (a scalar with gradient) in the order of one step's updates."""
 
     @abstractmethod
     def loss(self, batch: Batch) -> torch.Tensor:
-        """The loss of the player `network`, for validation; leaves the objective as it was."""
+        """The loss of the player `network`, for validation; does not change the objective."""
 
     def memory(self) -> dict[str, Any]:
-        """State of the objective beside its players, for a checkpoint."""
+        """State of the objective without its players, for a checkpoint."""
         return {}
 
     def remember(self, memory: dict[str, Any]) -> None:  # noqa: B027  (most have no memory)
@@ -66,7 +66,7 @@ class Objective(ABC):
 
 
 class SingleLoss(Objective):
-    """Objective with one loss and no player but the network."""
+    """Objective with one loss whose only player is the network."""
 
     def __init__(self, setting: Setting) -> None:
         self.network = setting.network
@@ -74,7 +74,7 @@ class SingleLoss(Objective):
         self.players = {"network": self.network}
 
     def losses(self, batch: Batch) -> Iterator[tuple[str, torch.Tensor]]:
-        """One player, one loss."""
+        """The only player and its loss."""
         yield "network", self.loss(batch)
 
 
@@ -86,7 +86,7 @@ class PairedLoss(SingleLoss):
         self.shading = setting.shading
 
     def loss(self, batch: Batch) -> torch.Tensor:
-        """The criterion of the network's prediction, a scalar with gradient."""
+        """The criterion between prediction and truth, a scalar with gradient."""
         with self.half():
             return self.criterion(self._predict(batch.inputs).float(), batch.truth)
 

@@ -1,7 +1,7 @@
-"""The paper's networks: shading and composition. Those they are compared with: model/baselines.
+"""The paper's networks, shading and composition. The baselines are in model/baselines.
 
-Layout after the paper's Fig. 2 and section III-B; what it leaves open, above all how a panorama
-meets an image of another shape and frame, is argued in docs/networks.md.
+The layout follows the paper's Fig. 2 and section III-B. The paper does not say how features of the
+panorama join those of the image, which has another shape and frame: see docs/networks.md.
 """
 
 from __future__ import annotations
@@ -27,29 +27,29 @@ WIDEST = 8  # levels double their width up to this many times the first level's
 class Architecture:
     """Hyperparameters of a network; part of its model card."""
 
-    kind: str  # of `model.methods.METHODS`
+    kind: str  # `Method.kind` of `model.methods.METHODS`
     width: int  # channels of the first level
-    levels: int  # of a U-Net, resolutions; of the others how deep, as their files say
+    levels: int  # resolutions of a U-Net, or the depth that the network's own file defines
     panorama: Panorama = "normal"
-    exposure: Policy = "shared"  # of the colour that it predicts
+    exposure: Policy = "shared"  # exposure policy of the predicted colour
 
 
 def shading_network(architecture: Architecture) -> GuidedNet:
-    """Shading from depth, normal and panorama: the first stage."""
+    """Build the first stage: shading from depth, normal and panorama."""
     images = ("depth", "normal")
     return GuidedNet(images, architecture.width, architecture.levels, architecture.panorama)
 
 
 def composition_network(architecture: Architecture) -> CompositionNet:
-    """Colour from shading and reflectance: the second stage."""
+    """Build the second stage: colour from shading and reflectance."""
     return CompositionNet(architecture.width, architecture.levels)
 
 
 class GuidedNet(nn.Module):
-    """Separate convolutions for every input, their features concatenated, then a U-Net.
+    """A convolution for each input, concatenation of the features, then a U-Net.
 
-    With `images` = depth and normal it is the paper's shading network; with reflectance too,
-    straight to colour, it is the direct U-Net.
+    With the images depth and normal this is the paper's shading network. With reflectance as a
+    third image it predicts colour directly: the baseline `unet`.
     """
 
     def __init__(
@@ -65,36 +65,39 @@ class GuidedNet(nn.Module):
         self.unet = UNet((len(images) + 2) * branch, width, levels)
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
-        """`encode`'s tensors to display values (N, 3, H, W), not clamped."""
+        """Tensors of `encode` to display values (N, 3, H, W), not clamped."""
         features = [self.branches[name](inputs[name]) for name in self.images]
         features.append(self.panorama(inputs))
         return self.unet(torch.cat(features, dim=1))
 
 
 class CompositionNet(nn.Module):
-    """Shading and reflectance, concatenated, through a shorter U-Net to colour."""
+    """U-Net from concatenated shading and reflectance to colour."""
 
     def __init__(self, width: int, levels: int) -> None:
         super().__init__()
         self.unet = UNet(6, width, levels)
 
     def forward(self, shading: torch.Tensor, reflectance: torch.Tensor) -> torch.Tensor:
-        """Shading in display values and `encode`'s reflectance, (N, 3, H, W), to display values."""
+        """Display values of shading and the reflectance of `encode` to display values of colour.
+
+        All tensors are (N, 3, H, W).
+        """
         return self.unet(torch.cat([centred(shading), reflectance], dim=1))
 
 
 class Branch(nn.Sequential):
-    """One input's own convolution layer."""
+    """Convolution layer of one input: 3x3, ReLU."""
 
     def __init__(self, inputs: int, outputs: int) -> None:
         super().__init__(convolution(inputs, outputs, padding=1), nn.ReLU())
 
 
 class ResizedPanorama(nn.Module):
-    """Panorama join of the paper's figure: convolve each panorama, stretch it over the image.
+    """Panorama join of the paper's figure: convolve each panorama, resize it to the image.
 
-    Nothing lines up: the pixel under a feature has another direction than the feature, and
-    only the deepest level of the U-Net sees far enough to sort it out.
+    A feature and the pixel it is joined to have different directions. Only the deepest level of the
+    U-Net has a receptive field that is large enough to relate them.
     """
 
     def __init__(self, branch: int) -> None:
@@ -105,12 +108,12 @@ class ResizedPanorama(nn.Module):
     def forward(self, inputs: Tensors) -> torch.Tensor:
         """Features (N, 2 branch, H, W).
 
-        `place`, if it is among the inputs, says where in the whole image each pixel of a piece
-        lies: (N, H, W, 2), x and y, [-1, 1] from edge to edge.
+        The optional input `place` holds the position of each pixel of a tile in the whole image:
+        (N, H, W, 2), x and y, [-1, 1] from edge to edge.
         """
         intensity, distance = log_panorama(inputs["intensity"], inputs["distance"])
         features = torch.cat([self.intensity(intensity), self.distance(distance)], dim=1)
-        if "place" in inputs:  # a piece of the image: stretch over the whole, and keep the piece
+        if "place" in inputs:  # a tile: sample the panorama resized to the whole image
             places = inputs["place"].to(features.dtype)
             return functional.grid_sample(
                 features, places, padding_mode="border", align_corners=False
@@ -120,11 +123,12 @@ class ResizedPanorama(nn.Module):
 
 
 class NormalPanorama(nn.Module):
-    """Encode the panorama in its own frame; each pixel reads it where its normal points.
+    """Panorama join by normals: encode the panorama, look its features up in normals' directions.
 
-    A matte surface gathers light from the hemisphere around its normal, so features that have
-    seen a hemisphere, read in the normal's direction, are where a lookup of irradiance would be.
-    Azimuth wraps around; any panorama size is first averaged to `GRID`, keeping energy.
+    A matte surface receives light from the hemisphere around its normal. Each feature therefore
+    has a receptive field of a hemisphere, and the lookup resembles that of an irradiance map.
+    Convolutions wrap in azimuth. A panorama of any size is first averaged to `GRID`, which
+    conserves energy.
     """
 
     def __init__(self, branch: int) -> None:
@@ -146,7 +150,7 @@ class NormalPanorama(nn.Module):
 
 
 def averaged(intensity: torch.Tensor, distance: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Linear panoramas (N, 1, h, w) on `GRID`: mean intensity, mean distance weighted by it."""
+    """Linear panoramas (N, 1, h, w) on `GRID`: mean intensity, intensity-weighted distance."""
     mean = functional.adaptive_avg_pool2d(intensity, GRID)
     weighted = functional.adaptive_avg_pool2d(intensity * distance, GRID)
     return mean, weighted / mean.clamp(min=1e-12)
@@ -155,7 +159,10 @@ def averaged(intensity: torch.Tensor, distance: torch.Tensor) -> tuple[torch.Ten
 def log_panorama(
     intensity: torch.Tensor, distance: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """ln(1 + relative intensity) / 4 and ln(1 + metres) / 2, for a bulb beside a dim sky."""
+    """ln(1 + relative intensity) / 4 and ln(1 + metres) / 2.
+
+    The logarithm compresses the range between a bulb and a dim sky.
+    """
     return torch.log1p(intensity) / 4, torch.log1p(distance) / 2
 
 
@@ -177,8 +184,8 @@ class RoundConv(nn.Module):
 def look_up(panorama: torch.Tensor, direction: torch.Tensor) -> torch.Tensor:
     """Panorama values (N, C, H, W) in unit directions (N, 3, H, W), bilinear.
 
-    `panorama` (N, C, h, w) is equirectangular in the camera's frame: its centre column is
-    straight ahead (+z), right of it the camera's right (+x), its top row the camera's up (-y).
+    `panorama` (N, C, h, w) is equirectangular in the camera's frame: the centre column is forward
+    (+z), columns right of it are towards the camera's right (+x), the top row is up (-y).
     """
     width = panorama.shape[-1]
     x, y, z = direction.float().unbind(dim=1)
@@ -191,12 +198,12 @@ def look_up(panorama: torch.Tensor, direction: torch.Tensor) -> torch.Tensor:
 
 
 class UNet(nn.Module):
-    """U-Net (Ronneberger et al. 2015) with skips, for images of any size.
+    """U-Net (Ronneberger et al. 2015) with skip connections, for images of any size.
 
-    Per level two 3x3 convolutions with ReLU down, two up; halving by 2x2 maximum, doubling by
-    bilinear upsampling and a 1x1 convolution; a last 1x1 convolution to the outputs. No
-    normalisation: with batch 1 it would erase each picture's own brightness. The last layer starts
-    at mid-grey.
+    Each level has two 3x3 convolutions with ReLU in the encoder and two in the decoder. The encoder
+    halves by 2x2 max pooling. The decoder doubles by a 1x1 convolution and bilinear upsampling. A
+    1x1 convolution makes the outputs; its bias starts at mid-grey. There is no normalisation: with
+    batch 1 it would remove the brightness of each image.
     """
 
     def __init__(self, inputs: int, width: int, levels: int, outputs: int = 3) -> None:
@@ -216,7 +223,7 @@ class UNet(nn.Module):
         nn.init.constant_(self.out.bias, 0.5)  # type: ignore[arg-type]
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """(N, inputs, H, W) to (N, outputs, H, W); padded inside by repeating the edge."""
+        """(N, inputs, H, W) to (N, outputs, H, W); pads by repeating the edge, then crops."""
         height, width = x.shape[-2:]
         step = 2 ** (self.levels - 1)
         x = functional.pad(x, (0, -width % step, 0, -height % step), mode="replicate")
@@ -244,7 +251,7 @@ class DoubleConv(nn.Sequential):
 
 
 def convolution(inputs: int, outputs: int, kernel: int = 3, **options: int) -> nn.Conv2d:
-    """A convolution with He initialisation (2015) and no bias to begin with."""
+    """Convolution with He initialisation (2015) and a bias of 0."""
     layer = nn.Conv2d(inputs, outputs, kernel, **options)  # type: ignore[arg-type]
     nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
     nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
@@ -252,5 +259,5 @@ def convolution(inputs: int, outputs: int, kernel: int = 3, **options: int) -> n
 
 
 def channels_last(network: nn.Module) -> nn.Module:
-    """The same network with its weights laid out channels last, which is faster here."""
+    """The same network with its weights in the memory format channels last, which is faster."""
     return network.to(memory_format=torch.channels_last)  # type: ignore[call-overload,no-any-return]

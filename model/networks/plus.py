@@ -1,12 +1,14 @@
 """PBR-Net plus: the paper's two stages on top of analytic direct light and interreflection.
 
-The shading network is given the direct light of the panorama (model/data/direct_light.py), its
-colour taken out, and learns what that lacks: bounces, hidden lamps, and shadows where none came
-with it. Then the colour is put back, or what it tells of that of the whole room; the paper's
-panorama has none. The product of shading and reflectance is computed, not learned, and so is how
-much more light of each band bounces hold in a room of these colours; a second network adds what is
-lacking: colour that spills from one surface onto the next, gloss, glass. All are trained at once,
-on the shading and on the colour.
+1. The shading network takes the direct light of the panorama (model/data/direct_light.py), divided
+   by the light's colour. It learns the rest: indirect light, hidden lamps, and shadows if the
+   dataset has none.
+2. A small network predicts the colour of all light in the room from the colour of the visible
+   sources. Shading is multiplied by it. (The paper's panorama has no colour.)
+3. Reflectance x shading and the gain by interreflection in each band are computed, not learned.
+4. A correction network adds what the product lacks: colour bleeding, gloss, glass.
+
+All parts are trained at once, on the shading and on the colour.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from scenes.color import decode_srgb
 
 
 class PlusNet(nn.Module):
-    """Direct light to shading, shading and reflectance to colour; see the module."""
+    """Network from direct light to shading, and on to colour; see the module."""
 
     def __init__(self, architecture: Architecture) -> None:
         super().__init__()
@@ -35,7 +37,7 @@ class PlusNet(nn.Module):
         nn.init.zeros_(self.correction.out.bias)  # type: ignore[arg-type]
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
-        """`encode`'s tensors, direct light among them, to colour in display values."""
+        """Tensors of `encode` with direct light to display values of colour (N, 3, H, W)."""
         return self.parts(inputs)[1]
 
     def parts(self, inputs: Tensors) -> tuple[torch.Tensor, torch.Tensor]:
@@ -52,7 +54,7 @@ class PlusNet(nn.Module):
 
 
 class LitNet(GuidedNet):
-    """The shading network, given direct light too; what it predicts is added to that."""
+    """Shading network with direct light as a further input; predicts a residual to it."""
 
     def __init__(self, width: int, levels: int, panorama: Panorama) -> None:
         super().__init__(("depth", "normal"), width, levels, panorama)
@@ -62,17 +64,17 @@ class LitNet(GuidedNet):
         nn.init.zeros_(self.unet.out.bias)  # type: ignore[arg-type]
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
-        """Shading in display values (N, 3, H, W), as white light would make it."""
+        """Display values of the shading under white light (N, 3, H, W)."""
         features = [self.branches[name](inputs[name]) for name in self.images]
         features += [self.panorama(inputs), self.direct(inputs["direct"])]
         return self.unet(torch.cat(features, dim=1)) + (inputs["direct"][:, :3] + 1) / 2
 
 
 class LightColor(nn.Module):
-    """The colour of all light in a room, from that of the sources that its panorama shows.
+    """Network from the colour of the visible light sources to that of all light in the room.
 
-    They differ by day: a window shows blue sky, and lets in the sun and what sunlit ground
-    returns. At first it is the sources' own colour.
+    The two differ in daylight: the panorama shows blue sky in a window, but sunlight and light from
+    the sunlit ground come in too. The initial weights return the sources' colour.
     """
 
     def __init__(self, hidden: int = 16) -> None:
@@ -82,7 +84,7 @@ class LightColor(nn.Module):
         nn.init.zeros_(self.out.bias)  # type: ignore[arg-type]
 
     def forward(self, tint: torch.Tensor) -> torch.Tensor:
-        """Linear RGB of luminance 1 (N, 3, 1, 1) to the same."""
+        """Linear RGB of luminance 1, (N, 3, 1, 1), to linear RGB of luminance 1."""
         logs = tint.flatten(1).log()
         color = (logs + self.out(functional.relu(self.hidden(logs)))).exp()[..., None, None]
         return color / luminance(color)
@@ -91,25 +93,26 @@ class LightColor(nn.Module):
 def multiplied(
     shading: torch.Tensor, reflectance: torch.Tensor, gain: torch.Tensor | float = 1.0
 ) -> torch.Tensor:
-    """Reflectance x shading, all in display values (N, 3, H, W): `product`, white `DEFAULT_WHITE`.
+    """Reflectance x shading, all in display values (N, 3, H, W), differentiable everywhere.
 
-    The linear product is multiplied by `gain`; with 1 both images have one exposure, as under the
-    policy `shared`. Differentiable everywhere.
+    The counterpart of `model.evaluation.product.product` with the white point `DEFAULT_WHITE`. The
+    linear product is multiplied by `gain`; with 1 both images have the same exposure, as under the
+    policy `shared`.
     """
     light = decode_srgb(shading)
     seen = luminance(light)
     half = 0.5 * (1 - seen)
-    # Reinhard's operator, solved for the luminance that it was given
+    # Inverse of Reinhard's operator
     scaled = seen / (half + torch.sqrt(half**2 + seen / DEFAULT_WHITE**2 + 1e-12))
     linear = light * (scaled / seen.clamp(min=1e-6)) * decode_srgb(reflectance) * (gain / NEUTRAL)
     return tonemap_exposed(linear, DEFAULT_WHITE)
 
 
 class DecomposedLoss(SingleLoss):
-    """The criterion on the shading and on the colour, both from one network."""
+    """The criterion on the shading plus the criterion on the colour of one network."""
 
     def loss(self, batch: Batch) -> torch.Tensor:
-        """The sum of both, a scalar with gradient."""
+        """The sum of the two terms, a scalar with gradient."""
         assert isinstance(self.network, PlusNet) and batch.shading is not None
         with self.half():
             shading, color = self.network.parts(batch.inputs)

@@ -1,11 +1,11 @@
-"""Tiled inference of large images, with the same result as at once.
+"""Tiled inference of large images, with the same result as inference of the whole image.
 
-A U-Net looks at no more than a known stretch around each block of pixels, so a piece that is
-computed with that much of its neighbourhood comes out as it does in the whole image: no seams, and
-nothing to blend. Pieces begin on whole multiples of the network's coarsest pixel, or its cells
-would be others. What a network takes from the whole image must be known beforehand: the panorama
-is given entire, and so is where each pixel lies for networks that stretch it over the image.
-Networks that normalise by the statistics of the image (CAN, pix2pix, CycleGAN) cannot be cut.
+The receptive field of a U-Net is bounded. A tile that is computed from a window with this margin
+equals the same part of the whole result: there are no seams and nothing is blended. Tiles start at
+multiples of the network's stride, so that its pooling cells are those of the whole image. Every
+tile gets the whole panorama, and the position of its pixels for networks that resize the panorama
+to the image. Networks that normalise by statistics of the whole image (CAN, pix2pix, CycleGAN)
+cannot be tiled.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ from model.data.encoding import Tensors
 from model.networks.pbrnet import Architecture
 from scenes.errors import InputError
 
-# Of the inputs, what is no image of the view.
+# Inputs that are not images of the view: each tile gets them whole.
 WHOLE = ("intensity", "distance", "tint", "gain", "brightness")
-SMALLEST = 16  # pixels a side of a piece
+SMALLEST = 16  # least side of a tile in pixels
 
-# How far each network looks beyond an aligned block: U-Nets in series add, and a `Branch` is one.
+# Margin of each network's receptive field around an aligned block, in pixels: a `Branch` has 1, and
+# the margins of networks in series add up.
 _LOOKS: dict[str, Callable[[int], int]] = {
     "shading": lambda levels: 1 + unet_reach(levels),
     "composition": lambda levels: unet_reach(levels),
@@ -34,7 +35,7 @@ _LOOKS: dict[str, Callable[[int], int]] = {
 
 @dataclass(frozen=True)
 class Tile:
-    """Rows and columns of a piece of the image, and of the window that it is computed from."""
+    """Rows and columns of a tile, and of the larger window that it is computed from."""
 
     rows: slice
     columns: slice
@@ -43,10 +44,10 @@ class Tile:
 
 
 def unet_reach(levels: int) -> int:
-    """Pixels beyond a block of `2^(levels - 1)` aligned pixels that `UNet` looks at.
+    """Margin of the receptive field of `UNet` around a block of `2^(levels - 1)` aligned pixels.
 
-    Followed backwards: a double convolution adds 2 on each side, bilinear doubling reads the
-    neighbouring cell, and a maximum its two children.
+    Computed from the output back to the input: a double convolution adds 2 pixels on each side,
+    bilinear upsampling reads the neighbouring cell, and max pooling reads two pixels a side.
     """
     block = 2 ** (levels - 1)
 
@@ -67,9 +68,9 @@ def unet_reach(levels: int) -> int:
 
 
 def margin(architecture: Architecture) -> int:
-    """Pixels of overlap that a piece needs on each side, a multiple of `stride`.
+    """Pixels that a tile's window needs on each side, a multiple of `stride`.
 
-    Raises `InputError` for a network that has no bound.
+    Raises `InputError` for a network whose receptive field is the whole image.
     """
     if architecture.kind not in _LOOKS:
         raise InputError(
@@ -86,7 +87,7 @@ def stride(architecture: Architecture) -> int:
 
 
 def pieces(height: int, width: int, tile: int, architecture: Architecture) -> Iterator[Tile]:
-    """Pieces of `tile` x `tile` pixels, rounded up to whole strides, that cover an image."""
+    """Tiles of `tile` x `tile` pixels, rounded up to whole strides, that cover an image."""
     step, around = stride(architecture), margin(architecture)
     side = -(-max(tile, SMALLEST) // step) * step
 
@@ -106,10 +107,10 @@ def tiled(
     inputs: Tensors,
     tile: int,
 ) -> torch.Tensor:
-    """`network(inputs)`, (N, C, H, W), in pieces of about `tile` pixels a side; 0: at once.
+    """`network(inputs)`, (N, C, H, W), in tiles of about `tile` pixels a side; 0: no tiling.
 
-    What is held at once follows from the piece and its `margin`, not from the image. Raises
-    `InputError` as `margin` does.
+    Memory depends on the tile and its `margin`, not on the size of the image. Raises `InputError`
+    as `margin` does.
     """
     if not tile:
         return network(inputs)
