@@ -15,7 +15,7 @@ from scenes.sweethome.options import SweetHomeOptions
 
 @dataclass(frozen=True, kw_only=True)
 class ImportEntry(MitsubaOptions, SweetHomeOptions, ModelOptions):
-    """A file of `scenes.imports` with options; the base classes are those of all sources."""
+    """A file of `scenes.imports` with options. The base classes are the registry of sources."""
 
     file: str
     id: str | None = None  # of the scene; by default made from the name of the file

@@ -1,4 +1,7 @@
-"""Import of scene files: the registry of scene sources, chosen by the suffix of the file."""
+"""Import of scene files by the source that reads files of their suffix.
+
+The registry of sources is the list of base classes of `scenes.import_options.ImportEntry`.
+"""
 
 from __future__ import annotations
 
@@ -11,23 +14,16 @@ from scenes.checked import build, check_name
 from scenes.contract import Scene, load_scene, save_scene, writing_scene
 from scenes.errors import InputError, ParameterError
 from scenes.files import copy_files
-from scenes.import_options import MitsubaOptions, ModelOptions, SweetHomeOptions, option_names
-from scenes.mitsuba.importer import import_mitsuba
-from scenes.models.importer import import_model
+from scenes.import_options import SOURCES as ALL_SOURCES
+from scenes.import_options import option_names
 from scenes.opened_files import OpenedFiles
-from scenes.source_options import SourceOptions
-from scenes.sweethome.importer import import_sweethome
+from scenes.source_options import load
 
+# (file, scene folder to write, scene id, options, files that it opens) -> the scene
 Importer = Callable[[Path, Path, str, Any, OpenedFiles], Scene]
 
-# Options of a source -> its importer: (file, scene folder to write, scene id, options, files that
-# it opens). The options say which suffixes the source reads.
-IMPORTERS: dict[type[SourceOptions], Importer] = {
-    SweetHomeOptions: import_sweethome,
-    MitsubaOptions: import_mitsuba,
-    ModelOptions: import_model,
-}
-SOURCES = {suffix: options for options in IMPORTERS for suffix in options.suffixes}
+# Suffix -> options of the source that reads such files.
+SOURCES = {suffix: options for options in ALL_SOURCES for suffix in options.suffixes}
 
 
 def import_scene(
@@ -72,8 +68,9 @@ def import_scene(
             )
     opened = opened or OpenedFiles(path.parent)
     made = build(source, options, path.name)
+    importer: Importer = load(source.importer)
     try:
-        return IMPORTERS[source](path, out, scene_id, made, opened)
+        return importer(path, out, scene_id, made, opened)
     except InputError as error:
         if path.name in str(error):
             raise

@@ -2,16 +2,23 @@
 
 The fields of such a dataclass become keyword arguments of `import_scene`, options of
 `pbrnet import` and keys of `scenes.imports`. These modules import no importer, so that
-parameters load fast.
+parameters load fast: a source names its importer as "module:function".
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from scenes.checked import within
+
+
+def load(reference: str) -> Any:
+    """Import a module and return the attribute of it that "module:attribute" names."""
+    module, _, attribute = reference.partition(":")
+    return getattr(import_module(module), attribute)
 
 
 def described(text: str, metavar: str | None = None, **checks: Any) -> dict[str, Any]:
@@ -25,11 +32,17 @@ class SourceOptions:
 
     title: ClassVar[str]  # of the source, for headings
     suffixes: ClassVar[tuple[str, ...]]  # of its files, lower case
+    importer: ClassVar[str]  # "module:function", see `registry.Importer`
 
     licence: str = field(
         default="", metadata=described("Terms of use, e.g. CC-BY-4.0, if no file says so.")
     )
     author: str = field(default="", metadata=described("Whose work it is, if no file says so."))
+
+    @classmethod
+    def code(cls) -> tuple[str, ...]:
+        """Return the modules whose code decides what an import gives."""
+        return (cls.importer.partition(":")[0],)
 
     def verify(self, where: str) -> None:
         """Check values beyond their types; raises ValueError that begins with `where`."""

@@ -96,8 +96,17 @@ class SectionedCommand(click.Command):
                 formatter.write_dl(records)
 
 
+_KINDS = ", ".join(f"{one.title} ({' '.join(one.suffixes)})" for one in SOURCES)
+_HELP = f"""Import the scene PATH into the scene folder OUT and report what was found and changed.
+
+PATH is a file of one of these kinds: {_KINDS}; or a scene folder with scene.json. A model may be a
+building or a single object, which is placed in a room. Options for other kinds of files are
+refused."""
+
+
 @click.command(
     cls=SectionedCommand,
+    help=_HELP,
     epilog="""\b
 Examples:
   pbrnet import room/scene.xml --out data/scenes/room
@@ -142,13 +151,7 @@ def import_command(
     seed: int,
     **options: Any,
 ) -> None:
-    """Import the scene PATH into the scene folder OUT and report what was found and changed.
-
-    PATH is a Mitsuba XML file of version 0.4 to 3.x (also of the PBRS release), a Sweet Home 3D
-    home (.sh3d), a glTF, GLB or OBJ model, or a scene folder with scene.json. A model may be a
-    building or a single object, which is placed in a room. Options for other kinds of files are
-    refused.
-    """
+    """Run `pbrnet import`."""
     given = _given_options(path, options)
     started = time.monotonic()
     scene = import_scene(path, out, scene_id, **given)

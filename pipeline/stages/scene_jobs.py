@@ -20,12 +20,17 @@ from scenes.assets.index import INDEX, load_index
 from scenes.contract import load_scene, scene_folders
 from scenes.errors import InputError
 from scenes.files import digest_file
-from scenes.import_options import ImportEntry
+from scenes.import_options import SOURCES, ImportEntry
 from scenes.opened_files import unchanged
 from scenes.seeds import derive
 
 _HOME_CODE = ("scenes.procedural.home", "scenes.contract")
-_IMPORT_CODE = ("scenes.registry", "scenes.variants.vary", "scenes.contract")
+_IMPORT_CODE = (
+    "scenes.registry",
+    "scenes.variants.vary",
+    "scenes.contract",
+    *(module for source in SOURCES for module in source.code()),
+)
 _GENERAL_NAMES = ("scene", "main", "main_template_color", "index")  # the third: of a PBRS house
 
 

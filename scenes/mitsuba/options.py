@@ -14,6 +14,7 @@ class MitsubaOptions(FreeAxesOptions):
 
     title: ClassVar[str] = "Mitsuba"
     suffixes: ClassVar[tuple[str, ...]] = (".xml",)
+    importer: ClassVar[str] = "scenes.mitsuba.importer:import_mitsuba"
 
     parameter: dict[str, str] = field(
         default_factory=dict,

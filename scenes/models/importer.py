@@ -3,8 +3,7 @@
 A reader turns the file into a `Model`; everything after that is the same for all formats: unit
 and up axis, lights in radiometric units, daylight, grouping into objects, and the assembly.
 
-To add a format, write a module with a `ModelReader`, add its line to `READERS`, and its suffix to
-`ModelOptions.suffixes`.
+To add a format, write a module with a `ModelReader` and add its line to `options.READERS`.
 """
 
 from __future__ import annotations
@@ -35,15 +34,15 @@ from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import Emitter, Shape, as_triple, bounds_of, make_object
 from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin
-from scenes.models import gltf, obj
 from scenes.models.model import Emission, Model, PunctualLight
-from scenes.models.options import ModelOptions
+from scenes.models.options import READERS, ModelOptions
 from scenes.models.showroom import showroom
 from scenes.opened_files import OpenedFiles
 from scenes.photometry import LUMEN
 from scenes.reconstruction.orientation import up_from_geometry, upright
 from scenes.reconstruction.raycast import RayCaster
 from scenes.reconstruction.rooms import FoundRoom, find_rooms
+from scenes.source_options import load
 
 LARGEST_OBJECT = 6.0  # metres; a larger model without a room is a scene of its own
 _SMALLEST_OBJECT = 0.02  # units
@@ -84,14 +83,6 @@ class ModelReader(Protocol):
     ) -> Model: ...
 
 
-# Suffix in lower case -> reader, for each of `ModelOptions.suffixes`.
-READERS: dict[str, ModelReader] = {
-    ".glb": gltf.read_model,
-    ".gltf": gltf.read_model,
-    ".obj": obj.read_model,
-}
-
-
 def import_model(
     path: Path, out: Path, scene_id: str, options: ModelOptions, opened: OpenedFiles
 ) -> Scene:
@@ -106,7 +97,7 @@ def import_model(
     sandbox = Sandbox(opened, options.root)
     with writing_scene(out) as folder, tempfile.TemporaryDirectory() as unpacked:
         textures = TextureStore(folder / "textures", changes)
-        reader = READERS[path.suffix.lower()]
+        reader: ModelReader = load(READERS[path.suffix.lower()])
         model = reader(path, sandbox, textures, Path(unpacked), changes)
         if not model.shapes:
             raise InputError(f"{path}: the file has no surfaces")

@@ -1,6 +1,6 @@
 """Content of a model file of any format: shapes, emission, lights, cameras and names.
 
-This is the whole contract between a reader (`importer.READERS`) and the import.
+This is the whole contract between a reader (`options.READERS`) and the import.
 """
 
 from __future__ import annotations

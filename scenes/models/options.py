@@ -1,4 +1,4 @@
-"""Import options of glTF, GLB and OBJ models."""
+"""Import options of model files, and the table of their formats."""
 
 from __future__ import annotations
 
@@ -7,10 +7,24 @@ from typing import ClassVar
 
 from scenes.source_options import FreeAxesOptions
 
+# Suffix in lower case -> reader of the format, "module:function", see `importer.ModelReader`.
+READERS = {
+    ".gltf": "scenes.models.gltf:read_model",
+    ".glb": "scenes.models.gltf:read_model",
+    ".obj": "scenes.models.obj:read_model",
+}
+
 
 @dataclass(frozen=True, kw_only=True)
 class ModelOptions(FreeAxesOptions):
-    """Options of a `.gltf`, `.glb` or `.obj` file."""
+    """Options of a file with a suffix in `READERS`."""
 
-    title: ClassVar[str] = "glTF, GLB, OBJ"
-    suffixes: ClassVar[tuple[str, ...]] = (".gltf", ".glb", ".obj")
+    title: ClassVar[str] = ", ".join(suffix[1:].upper() for suffix in READERS)
+    suffixes: ClassVar[tuple[str, ...]] = tuple(READERS)
+    importer: ClassVar[str] = "scenes.models.importer:import_model"
+
+    @classmethod
+    def code(cls) -> tuple[str, ...]:
+        """Return the modules of the importer and of the readers."""
+        readers = (reader.partition(":")[0] for reader in READERS.values())
+        return (*super().code(), *dict.fromkeys(readers))

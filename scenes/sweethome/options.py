@@ -15,6 +15,7 @@ class SweetHomeOptions(SourceOptions):
 
     title: ClassVar[str] = "Sweet Home 3D"
     suffixes: ClassVar[tuple[str, ...]] = (".sh3d",)
+    importer: ClassVar[str] = "scenes.sweethome.importer:import_sweethome"
 
     level: tuple[str, ...] = field(
         default=(),

@@ -8,9 +8,9 @@ from graphlib import CycleError, TopologicalSorter
 import pytest
 
 from pipeline.imports import LAYERS, imported_files, modules
-from scenes.registry import IMPORTERS
+from scenes import import_options
 
-SOURCES = {options.__module__.split(".")[1] for options in IMPORTERS} | {"procedural"}
+SOURCES = {options.__module__.split(".")[1] for options in import_options.SOURCES} | {"procedural"}
 MOST = 16  # modules and packages in a folder
 
 MODULES = modules()

@@ -33,9 +33,9 @@ from scenes.importing.xml_elements import plugin
 from scenes.models.gltf import read_gltf
 from scenes.models.gltf_container import open_asset
 from scenes.models.gltf_images import Images, texture_matrix
-from scenes.models.importer import READERS, import_model
+from scenes.models.importer import import_model
 from scenes.models.model import Model
-from scenes.models.options import ModelOptions
+from scenes.models.options import READERS, ModelOptions
 from scenes.opened_files import OpenedFiles
 from scenes.photometry import LUMEN
 from scenes.registry import import_scene
@@ -723,19 +723,20 @@ def test_json_and_binary_files_hold_the_same(tmp_path: Path) -> None:
     assert len(one.shapes[0].mesh.faces) == len(SQUARE_FACES) // 3
 
 
+def read_triangles(path: Path, *_: object) -> Model:
+    """A reader of bare corners, nine numbers a line."""
+    corners = np.loadtxt(path, ndmin=2).reshape(-1, 3)
+    mesh = Mesh(corners, np.arange(len(corners)).reshape(-1, 3))
+    grey = plugin("bsdf", "twosided", bsdf=plugin("bsdf", "diffuse"))
+    return Model([Shape("chair", "chair", mesh, Surface(grey, double=True))], kind="triangles")
+
+
 def test_a_new_format_needs_no_more_than_a_reader(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A format of bare corners, nine numbers a line, comes in like any other."""
-    assert set(READERS) == set(ModelOptions.suffixes)
-
-    def read_triangles(path: Path, *_: object) -> Model:
-        corners = np.loadtxt(path, ndmin=2).reshape(-1, 3)
-        mesh = Mesh(corners, np.arange(len(corners)).reshape(-1, 3))
-        grey = plugin("bsdf", "twosided", bsdf=plugin("bsdf", "diffuse"))
-        return Model([Shape("chair", "chair", mesh, Surface(grey, double=True))], kind="triangles")
-
-    monkeypatch.setitem(READERS, ".tri", read_triangles)
+    assert ModelOptions.suffixes == tuple(READERS)
+    monkeypatch.setitem(READERS, ".tri", f"{__name__}:read_triangles")
     (tmp_path / "chair.tri").write_text("0 0 0 1 0 0 0 1 0\n0 0 0 0 1 0 0 1 1\n")
     path, options = tmp_path / "chair.tri", ModelOptions()
     scene = import_model(path, tmp_path / "out", "chair", options, OpenedFiles(tmp_path))
