@@ -30,7 +30,7 @@ from pipeline.tonemap import Exposure
 THUMBNAIL = 320  # largest width, pixels
 MODALITIES = {
     "color": ("Colour", "The path-traced image, tone-mapped for display."),
-    "shading": ("Shading", "The same geometry and light with grey, diffuse surfaces."),
+    "shading": ("Shading", "Every colour replaced by one grey; gloss, metal and glass stay."),
     "reflectance": ("Reflectance", "Base colour of the surfaces, without light."),
     "normal": ("Normal", "Surface normals: red is right, green up, blue towards the camera."),
     "depth": (

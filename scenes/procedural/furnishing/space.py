@@ -145,13 +145,7 @@ class RoomSpace:
         `touching` holds ids of items that it may touch, such as its carrier. `zone` reserves the
         floor in front of it; `on_floor` tests walkability.
         """
-        item = PlacedPiece(
-            f"{self.room.id}-{kind}-{len(self.items)}",
-            kind,
-            piece,
-            pose,
-            collision_boxes(piece, pose),
-        )
+        item = self._candidate(kind, piece, pose)
         if not self._is_clear(item, allow, touching, on_floor):
             return None
         front = _front(piece, pose) if zone and on_floor and piece.front_clearance > 0 else None
@@ -307,17 +301,16 @@ class RoomSpace:
         index = np.unravel_index(int(np.argmax(depth)), depth.shape)
         return self._origin + (np.array(index) + 0.5) * CELL, float(depth[index]) * CELL
 
+    def _candidate(self, kind: str, piece: FurniturePiece, pose: Pose) -> PlacedPiece:
+        """Return a piece at a pose, under the next free id, not placed yet."""
+        name = f"{self.room.id}-{kind}-{len(self.items)}"
+        return PlacedPiece(name, kind, piece, pose, collision_boxes(piece, pose))
+
     def place_on_sill(
         self, kind: str, piece: FurniturePiece, pose: Pose, window: Opening
     ) -> PlacedPiece | None:
         """Place a small object on a window sill, inside the reveal."""
-        item = PlacedPiece(
-            f"{self.room.id}-{kind}-{len(self.items)}",
-            kind,
-            piece,
-            pose,
-            collision_boxes(piece, pose),
-        )
+        item = self._candidate(kind, piece, pose)
         high = item.bounds[1]
         if high[2] > window.z1 or _overlap(item.collision_boxes, self._boxes).any():
             return None

@@ -165,7 +165,8 @@ def test_the_page_shows_what_the_key_says(folders: Folders, made: Path) -> None:
 
 
 def test_the_page_does_not_tell_which_picture_is_the_truth(made: Path) -> None:
-    text, content = made.read_text(), content_of(made)
+    content = content_of(made)
+    text = re.sub(r"[A-Za-z0-9+/=]{200,}", "", made.read_text())  # images may spell any word
     key = read_key(made.with_name("pairs-key.json"))
     words = {word for pair in key.pairs for word in (pair.scene_id, pair.view_id)}
     for word in (*words, *key.models.values(), "truth", "product", "unet", "-key"):
