@@ -1,6 +1,6 @@
 """Reader of COLLADA models (`.dae`, also inside `.kmz`), based on pycollada.
 
-Up axis, unit, colours and transparency are interpreted like in Sweet Home 3D.
+Colours and transparency are interpreted like in Sweet Home 3D.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ import re
 import urllib.parse
 import warnings
 from collections.abc import Callable, Iterator
-from typing import Any
+from dataclasses import replace
+from typing import Any, Literal
 from xml.etree.ElementTree import Element, ParseError, tostring
 
 import collada
@@ -40,7 +41,8 @@ from scenes.formats.model_parts import (
 
 _CREASE = 90.0  # degrees, for meshes without normals
 _DEPTH = 64  # of nested nodes
-_MOST_NODES = 20_000
+_MOST_NODES = 20_000  # of a piece of furniture
+_MOST_NODES_OF_FILES = 100_000  # of a file that is a scene of its own
 _LUMINANCE = (0.212671, 0.715160, 0.072169)
 # Elements without effect on an image: removed before parsing, so that errors in them do not matter.
 _UNUSED = (
@@ -53,21 +55,35 @@ _LOST = {
     "instance_controller": "skinned meshes of models were left out",
     "ph": "polygons with holes were left out of models",
 }
+_LOST_OF_FILES = {
+    "instance_light": "lights, whose strength COLLADA does not define, were left out",
+    "instance_camera": "cameras were left out",
+}
+_UP: dict[str, Literal["x", "z"]] = {"X_UP": "x", "Z_UP": "z"}  # else y
 _TURNS = {  # from the up axis of the file to y up
     "Z_UP": np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]]),
     "X_UP": np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
 }
 
 
-def read_dae(data: bytes, find: Callable[[str], str | None], lost: Callable[[str], None]) -> Model:
-    """Read the model in a COLLADA file.
+def read_dae(
+    data: bytes,
+    find: Callable[[str], str | None],
+    lost: Callable[[str], None],
+    *,
+    as_stored: bool = False,
+    most_triangles: int = MAX_TRIANGLES,
+) -> Model:
+    """Read the model in a COLLADA file: y up and in centimetres as Sweet Home 3D does.
 
-    `find` returns the member for the name of an image, or None; `lost` is called with a sentence
-    for each loss. Raises `UnreadableModel` for damaged, hostile, empty or too large files.
+    With `as_stored` it keeps the axes and the unit of the file. `find` returns the member for the
+    name of an image, or None; `lost` is called with a sentence for each loss. Raises
+    `UnreadableModel` for damaged, hostile, empty or too large files.
     """
     root = _parsed(data)
-    for tag in sorted({_bare(element) for element in root.iter()} & set(_LOST)):
-        lost(_LOST[tag])
+    losses = _LOST | _LOST_OF_FILES if as_stored else _LOST
+    for tag in sorted({_bare(element) for element in root.iter()} & set(losses)):
+        lost(losses[tag])
     _strip(root)
     try:
         with warnings.catch_warnings():
@@ -75,7 +91,14 @@ def read_dae(data: bytes, find: Callable[[str], str | None], lost: Callable[[str
             document = collada.Collada(
                 io.BytesIO(tostring(root)), ignore=[DaeError], aux_file_loader=lambda _: None
             )
-            parts = list(_parts(document, find))
+            most_nodes = _MOST_NODES_OF_FILES if as_stored else _MOST_NODES
+            up = document.assetInfo.upaxis
+            unit = _unit(document)
+            base = np.eye(4)
+            if not as_stored:
+                centimetres = 100 * (unit or 1.0)
+                base = _TURNS.get(up, np.eye(4)) @ np.diag([*[centimetres] * 3, 1.0])
+            parts = list(_parts(document, find, base, most_triangles, most_nodes))
     except (DaeError, DaeMissingSampler2D, DaeInstanceNotLoadedError, ArithmeticError,
             AssertionError, AttributeError, LookupError, RecursionError, TypeError,
             ValueError) as error:  # fmt: skip
@@ -85,7 +108,8 @@ def read_dae(data: bytes, find: Callable[[str], str | None], lost: Callable[[str
         lost(f"faulty parts of models were left out ({fault.msg[:100]})")
     if not parts:
         raise UnreadableModel("no faces in it")
-    return Model(tuple(_visible(parts)), _header(document))
+    model = Model(tuple(_visible(parts)), _header(document), "y", 0.01)
+    return replace(model, up=_UP.get(up, "y"), unit=unit) if as_stored else model
 
 
 def _parsed(data: bytes) -> Element:
@@ -125,17 +149,26 @@ def _header(document: Any) -> str:
     return "\n".join(str(word) for word in words if word)[:4000]
 
 
-def _parts(document: Any, find: Callable[[str], str | None]) -> Iterator[ModelPart]:
-    upright = _TURNS.get(document.assetInfo.upaxis, np.eye(4))
+def _unit(document: Any) -> float | None:
+    """Return the unit in metres; None if the file states none, or an impossible one."""
     unit = document.assetInfo.unitmeter
-    centimetres = 100 * unit if unit and np.isfinite(unit) and 1e-9 < unit < 1e9 else 100.0
-    base = upright @ np.diag([centimetres, centimetres, centimetres, 1.0])
+    return float(unit) if unit and np.isfinite(unit) and 1e-9 < unit < 1e9 else None
+
+
+def _parts(
+    document: Any,
+    find: Callable[[str], str | None],
+    base: Float64Array,
+    most_triangles: int,
+    most_nodes: int,
+) -> Iterator[ModelPart]:
     # Without a default scene all scenes are shown.
     scenes = [document.scene] if document.scene is not None else document.scenes
     roots = [node for scene in scenes for node in scene.nodes]
     materials: dict[str, tuple[str, ModelMaterial]] = {}
     triangles = 0
-    for group, matrix, node in _instances(roots, base):
+    for path, matrix, node in _instances(roots, base, most_nodes):
+        group = path[-1].partition(":")[2]
         targets = {one.symbol: one.target for one in node.materials}
         for primitive in node.geometry.primitives:
             # Some exporters bind no materials: then the symbol of the faces is the material.
@@ -151,25 +184,27 @@ def _parts(document: Any, find: Callable[[str], str | None]) -> Iterator[ModelPa
             part = _part(group or node.geometry.name or "default", name, material, primitive)
             if part is not None and abs(np.linalg.det(matrix[:3, :3])) > 1e-15:
                 triangles += len(part.mesh.faces)
-                if triangles > MAX_TRIANGLES:
-                    raise UnreadableModel(f"more than {MAX_TRIANGLES:,} triangles")
+                if triangles > most_triangles:
+                    raise UnreadableModel(f"more than {most_triangles:,} triangles")
                 mesh = part.mesh.transformed(matrix)
                 check_points(mesh.vertices)
-                yield ModelPart(part.group, name, material, mesh)
+                yield ModelPart(part.group, name, material, mesh, path)
 
 
 def _instances(
-    roots: list[Any], base: Float64Array
-) -> Iterator[tuple[str, Float64Array, GeometryNode]]:
-    """Yield each geometry instance: name of its node, 4x4 matrix, geometry node."""
-    stack = [(node, base, 0) for node in reversed(roots)]
+    roots: list[Any], base: Float64Array, most_nodes: int
+) -> Iterator[tuple[tuple[str, ...], Float64Array, GeometryNode]]:
+    """Yield each geometry instance: path of its node (`ModelPart.path`), matrix, geometry node."""
+    stack: list[tuple[Any, Float64Array, tuple[str, ...]]] = [
+        (node, base, ()) for node in reversed(roots)
+    ]
     seen = 0
     while stack:
-        node, matrix, depth = stack.pop()
+        node, matrix, above = stack.pop()
         seen += 1
-        if depth > _DEPTH or seen > _MOST_NODES:
+        if len(above) > _DEPTH or seen > most_nodes:
             raise UnreadableModel(
-                f"more than {_MOST_NODES:,} nodes, or deeper than {_DEPTH} in each other"
+                f"more than {most_nodes:,} nodes, or deeper than {_DEPTH} in each other"
             )
         if not isinstance(node, Node):
             continue
@@ -177,10 +212,11 @@ def _instances(
         if not np.isfinite(placed).all():
             raise UnreadableModel("the matrix of a node is not finite or too large")
         name = str(getattr(node, "name", None) or node.xmlnode.get("name") or "")
+        path = (*above, f"{seen}:{name}")
         for child in node.children:
             if isinstance(child, GeometryNode):
-                yield name, placed, child
-        stack += [(child, placed, depth + 1) for child in reversed(node.children)]
+                yield path, placed, child
+        stack += [(child, placed, path) for child in reversed(node.children)]
 
 
 def _part(group: str, name: str, material: ModelMaterial, primitive: Any) -> ModelPart | None:
@@ -240,16 +276,26 @@ def _material(
     if isinstance(shown, Map):
         path = urllib.parse.unquote(shown.sampler.surface.image.path or "")
         image = find(path.strip().removeprefix("file://"))
-    elif shown is not None and np.isfinite(shown[:3]).all():
-        red, green, blue = (min(max(float(value), 0.0), 1.0) for value in shown[:3])
-        color = (red, green, blue)
+    elif shown is not None:
+        color = _rgb(shown) or color
+    emission = (0.0, 0.0, 0.0)
+    if effect.shadingtype != "constant" and isinstance(effect.emission, tuple | list):
+        emission = _rgb(effect.emission) or emission
     highlight, exponent = 0.0, 0.0
     if isinstance(effect.specular, tuple | list) and isinstance(effect.shininess, float):
         highlight = float(np.mean(effect.specular[:3]))
         exponent = min(max(effect.shininess, 0.0), 128.0)
         if not np.isfinite([highlight, exponent]).all():
             highlight, exponent = 0.0, 0.0
-    return ModelMaterial(color, highlight, exponent, _opacity(effect, document), image)
+    return ModelMaterial(color, highlight, exponent, _opacity(effect, document), image, emission)
+
+
+def _rgb(values: Any) -> tuple[float, float, float] | None:
+    """Return a colour of the file, clipped to [0, 1]; None if it is not finite."""
+    if not np.isfinite(values[:3]).all():
+        return None
+    red, green, blue = (min(max(float(value), 0.0), 1.0) for value in values[:3])
+    return red, green, blue
 
 
 def _opacity(effect: Effect, document: Any) -> float:
@@ -281,12 +327,4 @@ def _visible(parts: list[ModelPart]) -> list[ModelPart]:
     """Return the parts, made opaque if all are invisible: some exporters invert opacity."""
     if any(part.material.opacity > 0 or part.material.image for part in parts):
         return parts
-    return [
-        ModelPart(
-            part.group,
-            part.material_name,
-            ModelMaterial(part.material.color, part.material.highlight, part.material.exponent),
-            part.mesh,
-        )
-        for part in parts
-    ]
+    return [replace(part, material=replace(part.material, opacity=1.0)) for part in parts]

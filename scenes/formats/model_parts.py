@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Literal
 
 import mapbox_earcut
 import numpy as np
@@ -32,7 +33,8 @@ class ModelMaterial:
     highlight: float = 0.0
     exponent: float = 0.0
     opacity: float = 1.0
-    image: str | None = None  # a member of the archive
+    image: str | None = None  # as `find` of the reader returned it, such as a member of an archive
+    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,7 @@ class ModelPart:
     material_name: str
     material: ModelMaterial
     mesh: Mesh
+    path: tuple[str, ...] = ()  # "number:name" of the nodes that contain it, outermost first
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,8 @@ class Model:
 
     parts: tuple[ModelPart, ...]
     header: str = ""  # comment at the start of the file, which may name the licence
+    up: Literal["x", "y", "z"] = "y"  # axis that points up
+    unit: float | None = None  # metres, if the file states one
 
     @property
     def bounds(self) -> Float64Array:

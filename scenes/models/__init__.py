@@ -1,1 +1,1 @@
-"""Importer of single model files: glTF, GLB and OBJ."""
+"""Importer of single model files: glTF, OBJ, COLLADA and others."""

@@ -66,7 +66,8 @@ def read_gltf(asset: Asset, images: Images, textures: TextureStore, changes: Cha
     """
     info = asset.data["asset"]
     model = Model(
-        y_up=True,
+        up="y",
+        unit=1.0,
         kind="gltf",
         version=str(info.get("version", "")),
         author=str(info.get("copyright", ""))[:200],

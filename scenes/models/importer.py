@@ -45,8 +45,8 @@ from scenes.reconstruction.rooms import FoundRoom, find_rooms
 from scenes.source_options import load
 
 LARGEST_OBJECT = 6.0  # metres; a larger model without a room is a scene of its own
-_SMALLEST_OBJECT = 0.02  # units
-_LARGEST_IN_METRES = 60.0  # units, of a model without a room that is read in metres
+_SMALLEST_OBJECT = 0.02  # metres
+_LARGEST_AS_STATED = 60.0  # metres, of a model without a room that is read in the file's unit
 _SMALLEST_SCENE, _LARGEST_SCENE = 1.5, 200.0  # metres, of a model that may have rooms
 _UNITS = {1.0: "metres", 0.01: "centimetres", 0.0254: "inches", 0.001: "millimetres"}
 _TOUCH_DISTANCE = 0.02  # metres
@@ -124,9 +124,9 @@ def _draft(
     scale = _scale_from_rooms(model, up, options)
     is_single = scale is None
     if scale is None:
-        up = up if model.y_up or options.up != "auto" else _Y
+        up = up if model.up or options.up != "auto" else _Y
         scale, is_single = _scale_from_size(model, options, changes)
-    _note_frame(up, scale, options, changes)
+    _note_frame(up, scale, model, options, changes)
     frame = np.eye(4)
     frame[:3, :3] = scale * upright(up)
     room_shapes: list[Shape] = []
@@ -173,10 +173,9 @@ def _draft(
 
 def _up(model: Model, options: ModelOptions) -> Float64Array:
     """The axis that points up in the file, as a unit vector (3,)."""
-    if options.up != "auto":
-        return np.eye(3)["xyz".index(options.up)]
-    if model.y_up:
-        return _Y
+    stated = options.up if options.up != "auto" else model.up
+    if stated:
+        return np.eye(3)["xyz".index(stated)]
     return up_from_geometry(np.concatenate([shape.mesh.corners for shape in model.shapes]), _Y)
 
 
@@ -185,7 +184,9 @@ def _scale_from_rooms(model: Model, up: Float64Array, options: ModelOptions) -> 
     turn = upright(up)
     corners = np.concatenate([shape.mesh.corners for shape in model.shapes]) @ turn.T
     extent = float(np.max(np.ptp(corners.reshape(-1, 3), axis=0)))
-    for scale in _UNITS if options.scale is None else (options.scale,):
+    stated = options.scale or model.unit
+    guessed = () if options.scale is not None else _UNITS
+    for scale in dict.fromkeys((stated, *guessed) if stated else guessed):
         if not _SMALLEST_SCENE < scale * extent < _LARGEST_SCENE:
             continue
         eye = None
@@ -203,25 +204,29 @@ def _scale_from_size(model: Model, options: ModelOptions, changes: Changes) -> t
     extent = float(np.max(high - low))
     if options.scale is not None:
         return options.scale, options.scale * extent <= LARGEST_OBJECT
-    if extent < _SMALLEST_OBJECT:
+    unit = model.unit or 1.0
+    if unit * extent < _SMALLEST_OBJECT:
         changes.note(
             f"an object of {extent:.3g} units was enlarged to 0.5 m (change it with --scale)"
         )
         return 0.5 / extent, True
-    if extent <= _LARGEST_IN_METRES:
-        return 1.0, extent <= LARGEST_OBJECT
+    if unit * extent <= _LARGEST_AS_STATED:
+        return unit, unit * extent <= LARGEST_OBJECT
     for scale in _UNITS:
         if scale * extent <= LARGEST_OBJECT:
             return scale, True
-    return 1.0, False
+    return unit, False
 
 
-def _note_frame(up: Float64Array, scale: float, options: ModelOptions, changes: Changes) -> None:
+def _note_frame(
+    up: Float64Array, scale: float, model: Model, options: ModelOptions, changes: Changes
+) -> None:
     if up[2] != 1:
         name = "+" + "XYZ"[int(np.argmax(up))]
         changes.note(f"the scene was turned so that its {name} axis points up (Z)")
-    if scale in _UNITS and scale != 1 and options.scale is None:
-        changes.note(f"lengths were read as {_UNITS[scale]} (change it with --scale)")
+    if scale in _UNITS and scale != (model.unit or 1) and options.scale is None:
+        stated = f", though the file states {model.unit:g} m" if model.unit else ""
+        changes.note(f"lengths were read as {_UNITS[scale]}{stated} (change it with --scale)")
 
 
 def _area_lights(model: Model, textures: TextureStore, changes: Changes) -> dict[str, Element]:

@@ -48,7 +48,8 @@ class Model:
     cameras: list[Camera] = field(default_factory=list)
     # Shape id -> "number:name" of each node that contains the shape, outermost first.
     node_paths: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    y_up: bool = False  # whether the format defines +Y as up
+    up: Literal["", "x", "y", "z"] = ""  # axis that the file states as up; empty if it states none
+    unit: float | None = None  # metres, if the file states a unit
     kind: str = ""  # name of the format, for `scene.json`
     version: str = ""  # of the format
     author: str = ""  # empty if the file does not state it

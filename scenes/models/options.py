@@ -12,6 +12,8 @@ READERS = {
     ".gltf": "scenes.models.gltf:read_model",
     ".glb": "scenes.models.gltf:read_model",
     ".obj": "scenes.models.obj:read_model",
+    ".dae": "scenes.models.collada:read_model",
+    ".3ds": "scenes.models.max3ds:read_model",
 }
 
 
@@ -19,7 +21,7 @@ READERS = {
 class ModelOptions(FreeAxesOptions):
     """Options of a file with a suffix in `READERS`."""
 
-    title: ClassVar[str] = ", ".join(suffix[1:].upper() for suffix in READERS)
+    title: ClassVar[str] = "models"
     suffixes: ClassVar[tuple[str, ...]] = tuple(READERS)
     importer: ClassVar[str] = "scenes.models.importer:import_model"
 

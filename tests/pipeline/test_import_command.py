@@ -25,7 +25,7 @@ def test_help_knows_every_kind_and_sorts_the_options() -> None:
     models, mitsuba, homes, every = (
         text.index(title)
         for title in (
-            "Mitsuba, GLTF, GLB, OBJ:",
+            "Mitsuba, models:",
             "Mitsuba only:",
             "Sweet Home 3D only:",
             "All kinds of files, but not scene folders:",

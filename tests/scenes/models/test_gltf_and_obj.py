@@ -19,7 +19,6 @@ from PIL import Image
 
 from pipeline.render import raycast
 from pipeline.render.scene import open_scene, set_variant
-from scenes.arrays import Float64Array, UInt8Array
 from scenes.contract import Scene
 from scenes.errors import InputError
 from scenes.formats.mtl import MtlMap, read_mtl
@@ -40,6 +39,7 @@ from scenes.opened_files import OpenedFiles
 from scenes.photometry import LUMEN
 from scenes.registry import import_scene
 from tests.fixtures.gltf import SQUARE, SQUARE_FACES, SQUARE_UV, Builder, square
+from tests.fixtures.imported import CORNERS, RULED, look_down, ruler, values
 
 HALF = math.sqrt(0.5)
 
@@ -57,27 +57,6 @@ def read(builder: Builder, folder: Path, suffix: str = ".glb") -> Model:
 def imported(builder: Builder, folder: Path, **options: object) -> Scene:
     """A file through the whole import."""
     return import_scene(builder.save(folder / "in" / "model.glb"), folder / "out", **options)
-
-
-def values(scene: Scene, kind: str, name: str) -> list[list[float]]:
-    """All colours called `name` in plugins of this kind in `scene.xml`."""
-    root = ElementTree.parse(scene.xml).getroot()
-    return [
-        [float(word) for word in item.get("value", "").split()]
-        for plugin in root.iter()
-        if plugin.get("type") == kind
-        for item in plugin
-        if item.get("name") == name
-    ]
-
-
-def look_down(scene: Scene, points: list[tuple[float, float]]) -> Float64Array:
-    """Reflectance (N, 3) of what rays straight down from 1 m meet at these (x, y)."""
-    set_variant("auto")
-    target = open_scene(scene).geometry
-    eyes = np.array([[x, y, 1.0] for x, y in points])
-    hits = [raycast.surfaces(target, eye, np.array([[0.0, 0, -1]])) for eye in eyes]
-    return np.array([hit.reflectance[0] for hit in hits], dtype=np.float64)
 
 
 def test_transforms_of_nodes_multiply_down_the_tree(tmp_path: Path) -> None:
@@ -170,20 +149,6 @@ def test_a_camera_looks_along_its_minus_z(tmp_path: Path) -> None:
     # Right stays +x, image down is the world's -z, ahead is the file's -z: our +y.
     assert np.allclose(pose[:3, :3].T, [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-6)
     assert math.isclose(math.tan(view["half_fov_x"]), 1.5 * math.tan(0.4), rel_tol=1e-6)
-
-
-def ruler() -> UInt8Array:
-    """Red top left, green top right, blue bottom left, white bottom right."""
-    pixels = np.zeros((4, 4, 3), dtype=np.uint8)
-    pixels[:2, :2] = (255, 0, 0)
-    pixels[:2, 2:] = (0, 255, 0)
-    pixels[2:, :2] = (0, 0, 255)
-    pixels[2:, 2:] = 255
-    return pixels
-
-
-CORNERS = [(1.0, -1.0), (7.0, -1.0), (1.0, -7.0), (7.0, -7.0)]  # (x, y) near each corner
-RULED = [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]]
 
 
 def test_a_ruler_texture_lies_the_right_way_round(tmp_path: Path) -> None:
