@@ -2,7 +2,8 @@
 
 Pillow selects a decoder by a file's content, not its name, and some decoders run other programs
 (EPS starts Ghostscript). `open_image` therefore admits a fixed list of formats, regular files
-only, and a bounded number of pixels.
+only, and a bounded number of pixels. Textures of Basis Universal (KTX 2.0 files, as in glTF's
+KHR_texture_basisu) are decoded by the library opengl_basisu, under the same limits.
 """
 
 from __future__ import annotations
@@ -12,12 +13,15 @@ import stat
 import warnings
 from pathlib import Path
 
+import opengl_basisu
 from PIL import Image
 
 from scenes.errors import InputError
 
 FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TGA", "TIFF", "PPM", "WEBP")
 MAX_PIXELS = 100_000_000
+MAX_KTX_BYTES = 512 * 2**20
+_KTX_MAGIC = b"\xabKTX 20\xbb\r\n\x1a\n"
 
 
 class UnreadableImage(InputError):
@@ -25,13 +29,15 @@ class UnreadableImage(InputError):
 
 
 def open_image(source: Path | bytes, *, load: bool = True) -> Image.Image:
-    """Return the image in a file or in bytes; with `load=False` only its header is read.
+    """Return the image in a file or in bytes; with `load=False` only the header is read.
 
     Raises `UnreadableImage` for everything that is wrong with it.
     """
     try:
         if isinstance(source, Path) and not stat.S_ISREG(source.stat().st_mode):
             raise UnreadableImage("not a regular file")
+        if _starts_with_ktx(source):
+            return _open_ktx(source)
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             image = Image.open(
@@ -41,15 +47,44 @@ def open_image(source: Path | bytes, *, load: bool = True) -> Image.Image:
                 raise UnreadableImage(f"{image.width} x {image.height} pixels")
             if load:
                 image.load()
+    except UnreadableImage:
+        raise
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
         raise UnreadableImage(str(error)) from None
     except Image.UnidentifiedImageError:
-        raise UnreadableImage(f"not an image of a known format ({', '.join(FORMATS)})") from None
+        raise UnreadableImage(
+            f"not an image of a known format ({', '.join(FORMATS)}, KTX2)"
+        ) from None
     except (OSError, ValueError, TypeError, SyntaxError, EOFError, MemoryError) as error:
         raise UnreadableImage(str(error)) from None
     except Exception as error:  # decoders raise what their authors did not foresee
         raise UnreadableImage(f"damaged ({type(error).__name__}: {error})") from None
     return image
+
+
+def _starts_with_ktx(source: Path | bytes) -> bool:
+    if isinstance(source, bytes):
+        return source.startswith(_KTX_MAGIC)
+    with source.open("rb") as stream:
+        return stream.read(len(_KTX_MAGIC)) == _KTX_MAGIC
+
+
+def _open_ktx(source: Path | bytes) -> Image.Image:
+    """The first image of a KTX 2.0 file, decoded from ETC1S or UASTC to 8-bit RGB or RGBA."""
+    if isinstance(source, Path) and source.stat().st_size > MAX_KTX_BYTES:
+        raise UnreadableImage(f"larger than the limit of {MAX_KTX_BYTES >> 20} MiB")
+    try:
+        texture = opengl_basisu.open(source)
+        if texture.width * texture.height > MAX_PIXELS:
+            raise UnreadableImage(f"{texture.width} x {texture.height} pixels")
+        mode = "RGBA" if texture.has_alpha else "RGB"
+        pixels = texture.transcode("rgba8").data
+    except opengl_basisu.BasisuError as error:
+        raise UnreadableImage(
+            f"a KTX2 image that cannot be decoded ({error}); convert the model's textures to PNG "
+            "or WebP, for example with 'gltf-transform webp'"
+        ) from None
+    return Image.fromarray(pixels[:, :, : len(mode)])
 
 
 def is_intact(path: Path) -> bool:

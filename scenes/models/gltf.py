@@ -24,7 +24,7 @@ from scenes.importing.names import Names
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape
 from scenes.importing.textures import TextureStore
-from scenes.models.gltf_accessors import read_colors, read_floats, read_indices
+from scenes.models.gltf_accessors import Primitive, read_floats
 from scenes.models.gltf_container import (
     Asset,
     extensions,
@@ -41,6 +41,7 @@ from scenes.models.model import Model, PunctualLight
 MAX_DEPTH = 256  # of nested nodes
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _LIGHTS = "KHR_lights_punctual"
+_INSTANCES = "EXT_mesh_gpu_instancing"
 
 
 @dataclass(frozen=True)
@@ -93,13 +94,12 @@ class _Reader:
         # The whole tree is read first, so that a damaged one is refused before any mesh is read.
         for node in list(self._walk()):
             if "mesh" in node.node:
-                self._mesh(node)
+                for instance in self._instances(node):
+                    self._mesh(instance)
             if "camera" in node.node:
                 self._camera(node)
             if _LIGHTS in extensions(node.node):
                 self._light(node)
-            if "EXT_mesh_gpu_instancing" in extensions(node.node):
-                self.changes.note("instances of EXT_mesh_gpu_instancing were left out")
 
     def _walk(self) -> Iterator[_Node]:
         """Iterate over the nodes of the scene, parents first; refuse cycles and shared children."""
@@ -117,8 +117,11 @@ class _Reader:
             if len(names) >= MAX_DEPTH:
                 raise InputError(f"{place}: nodes are nested more than {MAX_DEPTH} deep")
             node = nodes[index]
-            matrix = above @ local_matrix(node, place)
             here = (*names, f"{index}:{node.get('name') or ''}")
+            if extensions(node).get("KHR_node_visibility", {}).get("visible", True) is False:
+                self.changes.note("a hidden node was left out: {}", here[-1])
+                continue
+            matrix = above @ local_matrix(node, place)
             if abs(np.linalg.det(matrix[:3, :3])) < 1e-18 or not np.isfinite(matrix).all():
                 self.changes.note("a node scaled to zero size was left out: {}", here[-1])
                 continue
@@ -143,6 +146,34 @@ class _Reader:
         last = len(self.asset.items("nodes")) - 1
         return [whole(item, place, 0, last) for item in value]
 
+    def _instances(self, node: _Node) -> list[_Node]:
+        """The node itself, or a copy for each instance of EXT_mesh_gpu_instancing."""
+        extension = extensions(node.node).get(_INSTANCES)
+        if extension is None:
+            return [node]
+        where = f"nodes[{node.index}].{_INSTANCES}"
+        attributes = extension.get("attributes")
+        if not isinstance(attributes, dict):
+            raise InputError(f"{self.asset.path}: {where}: attributes are missing")
+        columns = {
+            name.lower(): read_floats(self.asset, attributes[name], width, f"{where}.{name}")
+            for name, width in (("TRANSLATION", 3), ("ROTATION", 4), ("SCALE", 3))
+            if name in attributes
+        }
+        counts = {len(values) for values in columns.values()}
+        if len(counts) != 1 or max(counts) > MAX_SHAPES:
+            raise InputError(
+                f"{self.asset.path}: {where}: needs columns of one length, at most {MAX_SHAPES:,}"
+            )
+        instances = []
+        for order in range(counts.pop()):
+            pose = {name: values[order].tolist() for name, values in columns.items()}
+            matrix = node.matrix @ local_matrix(pose, f"{self.asset.path}: {where}[{order}]")
+            label = f"{node.names[-1].partition(':')[2]}"
+            names = (*node.names, f"{node.index}.{order}:{label}")
+            instances.append(_Node(node.index, node.node, matrix, names))
+        return instances
+
     def _mesh(self, node: _Node) -> None:
         number_ = node.node["mesh"]
         mesh = self.asset.item("meshes", number_, f"nodes[{node.index}].mesh")
@@ -157,20 +188,17 @@ class _Reader:
         self, node: _Node, mesh: int, order: int, primitive: dict[str, Any], label: str
     ) -> None:
         where = f"meshes[{mesh}].primitives[{order}]"
-        if "KHR_draco_mesh_compression" in extensions(primitive):
-            # The accessors hold an uncompressed fallback, or reading them raises an error.
-            self.changes.note("Draco geometry was left out; its uncompressed fallback was read")
-        attributes = primitive.get("attributes")
-        if not isinstance(attributes, dict) or "POSITION" not in attributes:
+        data = Primitive(self.asset, primitive, where)
+        if "POSITION" not in data:
             self.changes.note("a primitive without positions was left out: {}", label)
             return
-        mode = primitive.get("mode", _TRIANGLES)
+        mode = _TRIANGLES if data.is_draco else primitive.get("mode", _TRIANGLES)
         if mode not in (_TRIANGLES, _STRIP, _FAN):
             self.changes.note("points and lines were left out: {}", label)
             return
         tint: Color = (1.0, 1.0, 1.0)
-        if "COLOR_0" in attributes:
-            mean = read_colors(self.asset, attributes["COLOR_0"], f"{where}.COLOR_0").mean(axis=0)
+        if "COLOR_0" in data:
+            mean = data.colors("COLOR_0").mean(axis=0)
             if mean.min() < 0.999:
                 self.changes.note("vertex colours were replaced by their mean: {}", label)
                 tint = (
@@ -181,9 +209,7 @@ class _Reader:
         material = self.materials.material(primitive.get("material"), tint)
         key = (mesh, order, material.texcoord)
         if key not in self._meshes:
-            self._meshes[key] = self._geometry(
-                attributes, primitive, mode, material.texcoord, where
-            )
+            self._meshes[key] = self._geometry(data, mode, material.texcoord, where)
         local = self._meshes[key]
         if not len(local.faces):
             self.changes.note("a primitive without area was left out: {}", label)
@@ -202,21 +228,15 @@ class _Reader:
         if material.emission is not None:
             self.model.emissions[shape.id] = material.emission
 
-    def _geometry(
-        self, attributes: dict[str, Any], primitive: dict[str, Any], mode: int, uv: int, where: str
-    ) -> Mesh:
+    def _geometry(self, data: Primitive, mode: int, uv: int, where: str) -> Mesh:
         asset = self.asset
-        points = read_floats(asset, attributes["POSITION"], 3, f"{where}.POSITION")
-        if "indices" in primitive:
-            corners = read_indices(asset, primitive["indices"], f"{where}.indices")
-        else:
-            corners = np.arange(len(points))
-        faces = _triangles(corners, mode)
+        points = data.floats("POSITION", 3)
+        faces = _triangles(data.corners(len(points)), mode)
         optional: dict[str, Float64Array | None] = {}
         for name, width in (("NORMAL", 3), (f"TEXCOORD_{uv}", 2)):
             optional[name] = None
-            if name in attributes:
-                values = read_floats(asset, attributes[name], width, f"{where}.{name}")
+            if name in data:
+                values = data.floats(name, width)
                 if len(values) != len(points):
                     raise InputError(
                         f"{asset.path}: {where}: has {len(points)} positions but {len(values)} "

@@ -18,6 +18,7 @@ from urllib.parse import unquote
 
 from scenes.errors import InputError
 from scenes.importing.sandbox import Sandbox
+from scenes.models.gltf_compression import decode_meshopt
 
 MAX_BYTES = 512 * 2**20  # of a file, and of all buffers together
 MAX_JSON = 64 * 2**20  # bytes
@@ -27,6 +28,7 @@ _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 # Extensions that a file may require.
 UNDERSTOOD = frozenset(
     (
+        "KHR_draco_mesh_compression",
         "KHR_lights_punctual",
         "KHR_materials_clearcoat",
         "KHR_materials_emissive_strength",
@@ -37,7 +39,12 @@ UNDERSTOOD = frozenset(
         "KHR_materials_unlit",
         "KHR_materials_volume",
         "KHR_mesh_quantization",
+        "KHR_meshopt_compression",
+        "KHR_node_visibility",
+        "KHR_texture_basisu",
         "KHR_texture_transform",
+        "EXT_mesh_gpu_instancing",
+        "EXT_meshopt_compression",
         "EXT_texture_webp",
     )
 )
@@ -46,6 +53,7 @@ IGNORED = frozenset(
     (
         "KHR_animation_pointer",
         "KHR_materials_anisotropy",
+        "KHR_materials_diffuse_transmission",
         "KHR_materials_dispersion",
         "KHR_materials_iridescence",
         "KHR_materials_sheen",
@@ -53,12 +61,7 @@ IGNORED = frozenset(
         "KHR_xmp_json_ld",
     )
 )
-_COMPRESSED = {
-    "KHR_draco_mesh_compression": "Draco-compressed geometry",
-    "EXT_meshopt_compression": "meshopt-compressed data",
-    "KHR_meshopt_compression": "meshopt-compressed data",
-    "KHR_texture_basisu": "Basis Universal (KTX2) textures",
-}
+_MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 
 @dataclass
@@ -71,6 +74,7 @@ class Asset:
     binary: bytes | None = None  # the second chunk of a GLB
     _buffers: dict[int, bytes] = field(default_factory=dict)
     _lists: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    _decoded: dict[int, bytes] = field(default_factory=dict)  # compressed buffer views
 
     def items(self, name: str) -> list[dict[str, Any]]:
         """Return a top-level list of objects, such as "nodes"; empty if absent."""
@@ -94,15 +98,32 @@ class Asset:
         return self._buffers[index]
 
     def view(self, index: Any, where: str) -> tuple[bytes, int]:
-        """Return the bytes of a buffer view and its stride (0: packed)."""
+        """Return the bytes of a buffer view, decompressed, and its stride (0: packed)."""
         view = self.item("bufferViews", index, where)
         label = f"{self.path}: bufferViews[{index}]"
-        for name in extensions(view):
-            if name in _COMPRESSED:
+        stride = whole(view.get("byteStride", 0), f"{label}.byteStride", 0, 252)
+        compressed = next((e for name, e in extensions(view).items() if name in _MESHOPT), None)
+        if compressed is None:
+            return self._slice(view, label), stride
+        if index not in self._decoded:
+            self._decoded[index] = self._decompress(compressed, f"{label}.meshopt_compression")
+            if sum(map(len, self._decoded.values())) > MAX_BYTES:
                 raise InputError(
-                    f"{label}: {_COMPRESSED[name]} ({name}) is not supported; export the file "
-                    "again without that compression"
+                    f"{self.path}: decompressed data exceeds the limit of {MAX_BYTES >> 20} MiB"
                 )
+        return self._decoded[index], stride
+
+    def _decompress(self, compressed: dict[str, Any], label: str) -> bytes:
+        count = whole(compressed.get("count"), f"{label}.count", 1, MAX_BYTES)
+        stride = whole(compressed.get("byteStride"), f"{label}.byteStride", 1, 256)
+        if count * stride > MAX_BYTES:
+            raise InputError(f"{label}: exceeds the limit of {MAX_BYTES >> 20} MiB")
+        data = self._slice(compressed, label)
+        mode, filtered = compressed.get("mode"), compressed.get("filter", "NONE")
+        return decode_meshopt(data, count, stride, mode, filtered, label)
+
+    def _slice(self, view: dict[str, Any], label: str) -> bytes:
+        """The bytes of a buffer from `byteOffset` on, `byteLength` of them."""
         number = whole(view.get("buffer"), f"{label}.buffer", 0, len(self.items("buffers")) - 1)
         data = self.buffer(number)
         start = whole(view.get("byteOffset", 0), f"{label}.byteOffset", 0, MAX_BYTES)
@@ -112,9 +133,7 @@ class Asset:
                 f"{label}: needs bytes {start} to {start + length} of a buffer of {len(data)} "
                 "bytes; the file is truncated or damaged"
             )
-        return data[start : start + length], whole(
-            view.get("byteStride", 0), f"{label}.byteStride", 0, 252
-        )
+        return data[start : start + length]
 
     def _load(self, index: int) -> bytes:
         buffer = self.items("buffers")[index]
@@ -188,13 +207,11 @@ def open_asset(path: Path, sandbox: Sandbox) -> Asset:
     if not isinstance(required, list):
         raise InputError(f"{path}: extensionsRequired must be a list")
     for name in required:
-        if name in _COMPRESSED:
+        if not isinstance(name, str) or name not in UNDERSTOOD | IGNORED:
             raise InputError(
-                f"{path}: requires {_COMPRESSED[name]} ({name}), which is not supported; "
-                "export the file again without that compression"
+                f"{path}: requires the extension {name!r:.80}, which is not supported; export the "
+                "file again without it"
             )
-        if name not in UNDERSTOOD | IGNORED:
-            raise InputError(f"{path}: requires the extension {name!r:.80}, which is not supported")
     return Asset(path, parsed, sandbox, binary)
 
 

@@ -15,7 +15,7 @@ from scenes.models.gltf_container import Asset, extensions, number, numbers, who
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST = 9728
-_MAGIC = {b"\x89PNG": ".png", b"\xff\xd8\xff": ".jpg", b"RIFF": ".webp"}
+_MAGIC = {b"\x89PNG": ".png", b"\xff\xd8\xff": ".jpg", b"RIFF": ".webp", b"\xabKTX": ".ktx2"}
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,10 @@ class Images:
         if not isinstance(info, dict):
             return None
         texture = self.asset.item("textures", info.get("index"), where)
-        source = texture.get("source")
-        for name in ("EXT_texture_webp",):
-            source = extensions(texture).get(name, {}).get("source", source)
+        more = extensions(texture)
+        # PNG and JPEG are decoded more exactly than the image that they are a fallback for.
+        source = texture.get("source", more.get("KHR_texture_basisu", {}).get("source"))
+        source = more.get("EXT_texture_webp", {}).get("source", source)
         if source is None:
             self.changes.note("a texture without a readable image was left out: {}", where)
             return None
