@@ -9,8 +9,8 @@ from scenes.source_options import FreeAxesOptions
 
 # Suffix in lower case -> reader of the format, "module:function", see `importer.ModelReader`.
 READERS = {
-    ".gltf": "scenes.models.gltf:read_model",
-    ".glb": "scenes.models.gltf:read_model",
+    ".gltf": "scenes.models.gltf.reader:read_model",
+    ".glb": "scenes.models.gltf.reader:read_model",
     ".obj": "scenes.models.obj:read_model",
     ".dae": "scenes.models.collada:read_model",
     ".3ds": "scenes.models.max3ds:read_model",

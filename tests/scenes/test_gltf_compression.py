@@ -17,9 +17,9 @@ from scenes.image_files import UnreadableImage, open_image
 from scenes.importing.changes import Changes
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.textures import TextureStore
-from scenes.models.gltf import read_gltf
-from scenes.models.gltf_container import open_asset
-from scenes.models.gltf_images import Images
+from scenes.models.gltf.container import open_asset
+from scenes.models.gltf.images import Images
+from scenes.models.gltf.reader import read_gltf
 from scenes.models.model import Model
 from scenes.opened_files import OpenedFiles
 from tests.fixtures import ktx

@@ -29,9 +29,9 @@ from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import Shape, Surface
 from scenes.importing.textures import TextureStore
 from scenes.importing.xml_elements import plugin
-from scenes.models.gltf import read_gltf
-from scenes.models.gltf_container import open_asset
-from scenes.models.gltf_images import Images, texture_matrix
+from scenes.models.gltf.container import open_asset
+from scenes.models.gltf.images import Images, texture_matrix
+from scenes.models.gltf.reader import read_gltf
 from scenes.models.importer import import_model
 from scenes.models.model import Model
 from scenes.models.options import READERS, ModelOptions

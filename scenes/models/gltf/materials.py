@@ -19,8 +19,8 @@ from scenes.importing.changes import Changes
 from scenes.importing.shape import Surface
 from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin, prop
-from scenes.models.gltf_container import Asset, extensions, number, numbers
-from scenes.models.gltf_images import Images, ImageTexture
+from scenes.models.gltf.container import Asset, extensions, number, numbers
+from scenes.models.gltf.images import Images, ImageTexture
 from scenes.models.model import Emission
 
 CLEAR_ROUGHNESS = 0.1  # up to which glass counts as clear

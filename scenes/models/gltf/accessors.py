@@ -13,8 +13,8 @@ import numpy as np
 
 from scenes.arrays import AnyArray, Float64Array, Int64Array
 from scenes.errors import InputError
-from scenes.models.gltf_compression import DracoMesh, decode_draco
-from scenes.models.gltf_container import Asset, extensions, whole
+from scenes.models.gltf.compression import DracoMesh, decode_draco
+from scenes.models.gltf.container import Asset, extensions, whole
 
 MAX_COUNT = 60_000_000  # elements of an accessor
 _COMPONENTS: dict[Any, np.dtype[Any]] = {
@@ -42,8 +42,8 @@ class Primitive:
         return attribute in self._accessors
 
     @property
-    def is_draco(self) -> bool:
-        """Whether the triangles are Draco data, so that the primitive's mode does not apply."""
+    def uses_draco(self) -> bool:
+        """Return whether the triangles are Draco data, to which the mode does not apply."""
         return self._draco is not None
 
     def floats(self, attribute: str, width: int) -> Float64Array:

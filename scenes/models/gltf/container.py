@@ -18,7 +18,7 @@ from urllib.parse import unquote
 
 from scenes.errors import InputError
 from scenes.importing.sandbox import Sandbox
-from scenes.models.gltf_compression import decode_meshopt
+from scenes.models.gltf.compression import decode_meshopt
 
 MAX_BYTES = 512 * 2**20  # of a file, and of all buffers together
 MAX_JSON = 64 * 2**20  # bytes

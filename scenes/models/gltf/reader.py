@@ -1,7 +1,7 @@
 """Reader of glTF 2.0 files: node tree, meshes, lights and cameras, in metres, Y up.
 
 Khronos, *glTF 2.0 Specification*. Containers, accessors, images and materials have modules of
-their own (`gltf_*`).
+their own.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from scenes.importing.names import Names
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape
 from scenes.importing.textures import TextureStore
-from scenes.models.gltf_accessors import Primitive, read_floats
-from scenes.models.gltf_container import (
+from scenes.models.gltf.accessors import Primitive, read_floats
+from scenes.models.gltf.container import (
     Asset,
     extensions,
     number,
@@ -34,8 +34,8 @@ from scenes.models.gltf_container import (
     open_asset,
     whole,
 )
-from scenes.models.gltf_images import Images
-from scenes.models.gltf_materials import GltfMaterials
+from scenes.models.gltf.images import Images
+from scenes.models.gltf.materials import GltfMaterials
 from scenes.models.model import Model, PunctualLight
 
 MAX_DEPTH = 256  # of nested nodes
@@ -192,7 +192,7 @@ class _Reader:
         if "POSITION" not in data:
             self.changes.note("a primitive without positions was left out: {}", label)
             return
-        mode = _TRIANGLES if data.is_draco else primitive.get("mode", _TRIANGLES)
+        mode = _TRIANGLES if data.uses_draco else primitive.get("mode", _TRIANGLES)
         if mode not in (_TRIANGLES, _STRIP, _FAN):
             self.changes.note("points and lines were left out: {}", label)
             return
