@@ -18,6 +18,7 @@ from shapely.geometry import Polygon
 from scenes.arrays import BoolArray, Float64Array
 from scenes.contract import SceneObject
 from scenes.geometry.mesh import face_areas
+from scenes.geometry.regions import buffered, intersection
 from scenes.importing.categories import category_of, room_type
 from scenes.importing.shape import Shape, bounds_of, make_object
 from scenes.reconstruction.rooms import FoundRoom
@@ -114,19 +115,21 @@ def structure_category(shape: Shape, rooms: list[FoundRoom]) -> str:
         return ""
     inside_any = False
     for room in rooms:
-        grown = room.floor.buffer(0.3)
+        grown = buffered(room.floor, 0.3)
         near = shapely.contains_xy(grown, sample.points[:, 0], sample.points[:, 1])
         near &= (sample.points[:, 2] > room.floor_z - 0.3) & (
             sample.points[:, 2] < room.ceiling_z + 0.3
         )
         deep = (
-            shapely.contains_xy(room.floor.buffer(-0.05), sample.points[:, 0], sample.points[:, 1])
+            shapely.contains_xy(
+                buffered(room.floor, -0.05), sample.points[:, 0], sample.points[:, 1]
+            )
             & (sample.points[:, 2] > room.floor_z + 0.05)
             & (sample.points[:, 2] < room.ceiling_z - 0.05)
         )
         if deep.mean() > 0.05:
             inside_any = True
-        tight = shapely.contains_xy(room.floor.buffer(0.05), *sample.points[:, :2].T)
+        tight = shapely.contains_xy(buffered(room.floor, 0.05), *sample.points[:, :2].T)
         inside_any = inside_any or (near & tight).mean() > 0.6
         if near.mean() < 0.3:
             continue
@@ -173,10 +176,10 @@ def _hull_category(
     tall = (high[2] - low[2]) / (room.ceiling_z - room.floor_z)
     area = sample.area
     if floor.mean() > 0.4:
-        covered = Polygon.from_bounds(low[0], low[1], high[0], high[1]).intersection(room.floor)
+        covered = intersection(Polygon.from_bounds(low[0], low[1], high[0], high[1]), room.floor)
         return "floor" if covered.area > 0.6 * room.floor.area else ""
     if ceiling.mean() > 0.4:
-        covered = Polygon.from_bounds(low[0], low[1], high[0], high[1]).intersection(room.floor)
+        covered = intersection(Polygon.from_bounds(low[0], low[1], high[0], high[1]), room.floor)
         return "ceiling" if covered.area > 0.5 * room.floor.area else ""
     if wall.mean() > 0.5 and ((spans.max() > 0.5 and tall > 0.5) or (tall > 0.85 and area > 2.0)):
         return "wall"

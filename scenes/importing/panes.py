@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import shapely
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from shapely.geometry import MultiPoint, Polygon
 
 from scenes.arrays import Float64Array, Int64Array
 from scenes.geometry.mesh import Mesh
+from scenes.geometry.regions import buffered, intersection
 from scenes.importing.shape import Shape
 from scenes.reconstruction.rooms import FoundOpening
 
@@ -88,11 +88,9 @@ def _opening_of(points: Float64Array, openings: list[FoundOpening]) -> int | Non
         if np.ptp(depth) > 2 * _MAX_THICKNESS or depth.min() < -0.15 or depth.max() > _MAX_DEPTH:
             continue
         frame = _plane_axes(opening)
-        here = Polygon((opening.polygon - opening.polygon[0]) @ frame.T).buffer(0.12)
+        here = buffered(Polygon((opening.polygon - opening.polygon[0]) @ frame.T), 0.12)
         sheet = MultiPoint((points - opening.polygon[0]) @ frame.T).convex_hull
-        if sheet.area > 0 and shapely.intersection(here, sheet).area > 0.5 * min(
-            sheet.area, here.area
-        ):
+        if sheet.area > 0 and intersection(here, sheet).area > 0.5 * min(sheet.area, here.area):
             return number
     return None
 

@@ -21,6 +21,7 @@ from scenes.arrays import Float64Array
 from scenes.contract import SceneObject
 from scenes.errors import InputError
 from scenes.geometry.mesh import Mesh
+from scenes.geometry.regions import intersection, union
 from scenes.importing.categories import category_of
 from scenes.importing.changes import Changes
 from scenes.importing.objects import room_of
@@ -282,8 +283,8 @@ def match_rooms(
         ]
         if not corners or not rooms:
             continue
-        plan = shapely.union_all(shapely.polygons(np.concatenate(corners)))
-        shared = [room.floor.intersection(plan).area for room in rooms]
+        plan = union(shapely.polygons(np.concatenate(corners)))
+        shared = [intersection(room.floor, plan).area for room in rooms]
         best = int(np.argmax(shared))
         if shared[best] > 0.5 * min(plan.area, rooms[best].floor.area):
             names[release_node.name] = room_ids[best]

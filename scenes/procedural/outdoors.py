@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
+from scenes.geometry.regions import buffered
 from scenes.procedural.furniture.geometry import BodyMesh, box, merge, prism, span, sphere, tube
 from scenes.procedural.furniture.style import hex_color, scaled_color
 from scenes.procedural.patterns import noise
@@ -46,7 +47,7 @@ def build_outdoors(rng: np.random.Generator, plan: Plan) -> list[SceneItem]:
     x, y = centre
     lawn = _ground(x - LAWN, y - LAWN, x + LAWN, y + LAWN, ground)
     far = _ground(x - GROUND, y - GROUND, x + GROUND, y + GROUND, ground - 0.1)
-    around = outline.buffer(float(rng.uniform(0.8, 2.6)), join_style="mitre")
+    around = buffered(outline, float(rng.uniform(0.8, 2.6)), join_style="mitre")
     terrace = prism(shapely.get_coordinates(around.exterior)[:-1], ground - 0.05, ground + 0.02)
     terrace = BodyMesh(terrace.vertices, terrace.faces, terrace.vertices[:, :2].copy())
     fields = Material("paint", hex_color("#80857a"), 0.95)

@@ -21,6 +21,7 @@ from shapely.geometry.polygon import orient
 
 from scenes.contract import Point2
 from scenes.errors import PbrnetError
+from scenes.geometry.regions import buffered, difference, intersection, on_grid, simplified, union
 
 RoomType = Literal["living", "bedroom", "kitchen", "bathroom", "study", "dining"]
 OpeningKind = Literal["door", "archway", "entrance", "window", "patio"]
@@ -247,7 +248,7 @@ def make_plan(rng: np.random.Generator, rooms_min: int, rooms_max: int) -> Plan:
         rooms, inner = _net_rooms(cells, programme, partition)
         if not all(_habitable(room) for room in rooms):
             continue
-        outline = orient(inner.buffer(outer, join_style="mitre", mitre_limit=10).simplify(0))
+        outline = orient(simplified(buffered(inner, outer, join_style="mitre", mitre_limit=10), 0))
         if outline.interiors or _closes_recess(inner, outer):
             continue
         openings = _draw_openings(rng, rooms, inner, outline, partition, outer, height)
@@ -361,12 +362,12 @@ def _carve(rng: np.random.Generator, host: Polygon, area: float) -> tuple[Polygo
     if x1 - x0 - width < 2.2 or y1 - y0 - depth < 2.2:
         return None
     part = box(*_corner_box((x0, y0, x1, y1), int(rng.integers(4)), width, depth))
-    return host.difference(part), part
+    return difference(host, part), part
 
 
 def _notch(rng: np.random.Generator, cells: dict[int, Polygon], partition: float) -> None:
     """Remove a corner of a large rectangular room, for an L, T or U outline."""
-    whole = shapely.union_all(list(cells.values()))
+    whole = union(list(cells.values()))
     options = []
     for index, cell in sorted(cells.items()):
         x0, y0, x1, y1 = cell.bounds
@@ -389,33 +390,34 @@ def _notch(rng: np.random.Generator, cells: dict[int, Polygon], partition: float
     notch = box(*_corner_box((x0, y0, x1, y1), corner, width, depth))
     # Cut half a partition from the neighbours too: their walls continue in one plane where
     # they become outer walls.
-    grown = notch.buffer(partition / 2, join_style="mitre").intersection(
-        notch.union(whole.difference(cells[index]))
+    grown = intersection(
+        buffered(notch, partition / 2, join_style="mitre"),
+        notch.union(difference(whole, cells[index])),
     )
     for other in sorted(cells):
         cut = notch if other == index else grown
-        cells[other] = cells[other].difference(cut)
+        cells[other] = difference(cells[other], cut)
 
 
 def _net_rooms(
     cells: list[Polygon], programme: tuple[RoomType, ...], partition: float
 ) -> tuple[list[PlanRoom], Polygon]:
     """Net rooms without the partition walls, and the interior of the outer walls."""
-    inner = shapely.union_all(cells)
+    inner = union(cells)
     lines = [
-        first.intersection(second)
+        intersection(first, second)
         for first, second in itertools.combinations(cells, 2)
         if first.distance(second) < 1e-9
     ]
     straight = [line for line in lines if line.length > 1e-6]
-    walls = shapely.union_all(
-        [line.buffer(partition / 2, cap_style="square", join_style="mitre") for line in straight]
+    walls = union(
+        [buffered(line, partition / 2, cap_style="square", join_style="mitre") for line in straight]
     )
     rooms = []
-    inner = orient(_largest(inner).simplify(0))
+    inner = orient(simplified(_largest(inner), 0))
     for index, (cell, kind) in enumerate(zip(cells, programme, strict=True)):
-        net = _largest(cell.difference(walls).intersection(inner))
-        points = _ring(shapely.set_precision(net, 1e-4).simplify(0))
+        net = _largest(intersection(difference(cell, walls), inner))
+        points = _ring(simplified(on_grid(net, 1e-4), 0))
         edges = []
         for start, end in zip(points, points[1:] + points[:1], strict=True):
             middle = LineString([start, end]).interpolate(0.5, normalized=True)
@@ -449,17 +451,17 @@ def _habitable(room: PlanRoom) -> bool:
         return False
     # Morphological opening with a square: it removes arms of an L that are too narrow.
     half_width = 0.5 * min(narrow, 1.5) - 0.02
-    core = shape.buffer(-half_width, join_style="mitre")
+    core = buffered(shape, -half_width, join_style="mitre")
     if core.geom_type != "Polygon" or core.is_empty:
         return False
-    opened = core.buffer(half_width, join_style="mitre")
+    opened = buffered(core, half_width, join_style="mitre")
     return bool(opened.area > 0.97 * shape.area)
 
 
 def _closes_recess(inner: Polygon, outer: float) -> bool:
     """Return True if the outer walls would close a recess of the outline, or nearly so."""
-    grown = inner.buffer(outer + 0.3, join_style="mitre", mitre_limit=10)
-    return len(grown.interiors) > 0 or grown.simplify(0).exterior.coords.__len__() != len(
+    grown = buffered(inner, outer + 0.3, join_style="mitre", mitre_limit=10)
+    return len(grown.interiors) > 0 or simplified(grown, 0).exterior.coords.__len__() != len(
         inner.exterior.coords
     )
 
@@ -476,12 +478,12 @@ def _draw_openings(
     doors = _draw_doors(rng, rooms, partition)
     if doors is None:
         return None
-    walls = outline.difference(inner)
-    taken: list[Polygon] = [door.footprint.buffer(0.15, join_style="mitre") for door in doors]
+    walls = difference(outline, inner)
+    taken: list[Polygon] = [buffered(door.footprint, 0.15, join_style="mitre") for door in doors]
     entrance = _draw_entrance(rng, rooms, walls, outline, outer, taken)
     if entrance is None:
         return None
-    taken.append(entrance.footprint.buffer(0.15, join_style="mitre"))
+    taken.append(buffered(entrance.footprint, 0.15, join_style="mitre"))
 
     windows = _draw_windows(rng, rooms, walls, outline, outer, height, taken)
     with_window = {window.rooms[0] for window in windows}
@@ -607,7 +609,7 @@ def _wall_is_solid(
     `t` is the thickness of the wall, metres.
     """
     hole = edge.strip(s0 - 0.12, s1 + 0.12, -0.001, -t + 0.001)
-    if not walls.buffer(1e-6).covers(hole):
+    if not buffered(walls, 1e-6).covers(hole):
         return False
     return all(
         outline.exterior.distance(Point(edge.at(s, -t))) < 1e-3 for s in (s0, 0.5 * (s0 + s1), s1)

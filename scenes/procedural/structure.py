@@ -15,6 +15,7 @@ from shapely.geometry import MultiPolygon, Polygon
 
 from scenes.arrays import Int64Array
 from scenes.contract import Portal
+from scenes.geometry.regions import buffered, difference
 from scenes.procedural.finishes import Finishes, RoomFinish
 from scenes.procedural.furniture.geometry import BodyMesh, bar, cylinder, merge, prism, span
 from scenes.procedural.piece import Material, PiecePart
@@ -102,7 +103,7 @@ def _extrude(shape: Polygon | MultiPolygon, z0: float, z1: float) -> BodyMesh:
 
 def _panel(plan: Plan, room: PlanRoom, z0: float, z1: float) -> BodyMesh:
     """Slab over the room's floor polygon, extended by `EMBED` below the walls."""
-    return _extrude(room.shape.buffer(EMBED, join_style="mitre"), z0, z1)
+    return _extrude(buffered(room.shape, EMBED, join_style="mitre"), z0, z1)
 
 
 def _floor(plan: Plan, room: PlanRoom, finish: RoomFinish) -> PiecePart:
@@ -244,16 +245,16 @@ def _trim(plan: Plan, room: PlanRoom, finishes: Finishes, finish: RoomFinish) ->
     """Skirting along the walls between doors, and cornice below the ceiling."""
     parts = []
     if finish.skirting:
-        ring = room.shape.difference(room.shape.buffer(-SKIRTING, join_style="mitre"))
+        ring = difference(room.shape, buffered(room.shape, -SKIRTING, join_style="mitre"))
         for opening in plan.openings:
             if opening.z0 <= 0:
                 margin = CASING[0] if opening.kind in ("door", "entrance") else 0.0
                 gap = opening.edge.strip(-margin, opening.width + margin, 0.05, -1.0)
-                ring = ring.difference(gap.buffer(1e-4, join_style="mitre"))
+                ring = difference(ring, buffered(gap, 1e-4, join_style="mitre"))
                 far = opening.edge.strip(
                     -margin, opening.width + margin, 0, -opening.thickness - 0.05
                 )
-                ring = ring.difference(far)
+                ring = difference(ring, far)
         parts.append(
             make_part(
                 "skirting", finishes.skirting, _extrude(ring, -0.01, finishes.skirting_height)
@@ -262,7 +263,7 @@ def _trim(plan: Plan, room: PlanRoom, finishes: Finishes, finish: RoomFinish) ->
     if finishes.cornice and not (finish.wall_tiles and finish.tile_height > plan.height):
         for step in (1.0, 0.5):
             size = finishes.cornice * step
-            ring = room.shape.difference(room.shape.buffer(-size, join_style="mitre"))
+            ring = difference(room.shape, buffered(room.shape, -size, join_style="mitre"))
             drop = finishes.cornice * (1.5 - step)
             mesh = _extrude(ring, plan.height - drop, plan.height + 0.01)
             parts.append(make_part(f"cornice_{step:g}", finishes.ceiling, mesh))
@@ -286,9 +287,9 @@ def _facade(plan: Plan, finishes: Finishes) -> SceneItem:
 def _slabs(plan: Plan, finishes: Finishes) -> SceneItem:
     """Base slab, roof slab and thresholds of the whole storey."""
     outline = Polygon(plan.outline)
-    base = _extrude(outline.buffer(0.015, join_style="mitre"), plan.ground - 0.3, -0.5 * EMBED)
+    base = _extrude(buffered(outline, 0.015, join_style="mitre"), plan.ground - 0.3, -0.5 * EMBED)
     roof = _extrude(
-        outline.buffer(0.18, join_style="mitre"), plan.height + 0.5 * EMBED, plan.height + 0.28
+        buffered(outline, 0.18, join_style="mitre"), plan.height + 0.5 * EMBED, plan.height + 0.28
     )
     sills = [
         make_part("roof", finishes.facade, roof),

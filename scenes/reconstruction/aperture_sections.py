@@ -19,6 +19,14 @@ from shapely.geometry import Polygon, box
 
 from scenes.arrays import BoolArray, Float64Array
 from scenes.geometry.mesh import face_areas
+from scenes.geometry.regions import (
+    buffered,
+    difference,
+    polygon_parts,
+    simplified,
+    thickened,
+    union,
+)
 from scenes.reconstruction.rooms import FoundOpening, slice_segments
 
 DEPTHS = np.arange(-0.03, 0.95, 0.04)  # of the sections, metres outwards from a wall's face
@@ -113,12 +121,12 @@ def enclosed_air(local: Float64Array, depth: float, seeds: Float64Array) -> list
         return []
     window = box(*low, *high)
     solid = [*shapely.linestrings(lines), *shapely.polygons(sheet)]
-    walls = shapely.union_all(shapely.buffer(solid, _HALF_GAP, cap_style="square"))
+    walls = thickened(solid, _HALF_GAP, cap_style="square")
     border = window.exterior
     return [
         part
-        for part in shapely.get_parts(window.difference(walls)).tolist()
-        if not part.intersects(border) and shapely.contains_xy(part, seeds[:, 0], seeds[:, 1]).any()
+        for part in polygon_parts(difference(window, walls))
+        if not meets(part, border) and shapely.contains_xy(part, seeds[:, 0], seeds[:, 1]).any()
     ]
 
 
@@ -127,13 +135,13 @@ def portal_outline(parts: list[Polygon]) -> Float64Array:
 
     It reaches into the surfaces that enclose the regions.
     """
-    whole = shapely.union_all(parts).buffer(_HALF_GAP + _OVERLAP, join_style="mitre")
+    whole = buffered(union(parts), _HALF_GAP + _OVERLAP, join_style="mitre")
     low, high = np.array(whole.bounds).reshape(2, 2)
     if whole.area < _MIN_FILL * float(np.prod(high - low)):
-        whole = whole.buffer(0.1, join_style="mitre").buffer(-0.1, join_style="mitre")
+        whole = buffered(buffered(whole, 0.1, join_style="mitre"), -0.1, join_style="mitre")
     if not isinstance(whole, Polygon) or whole.area >= _MIN_FILL * float(np.prod(high - low)):
         return np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
-    ring = Polygon(whole.exterior).simplify(0.5 * _OVERLAP)
+    ring = simplified(Polygon(whole.exterior), 0.5 * _OVERLAP)
     return np.array(shapely.geometry.polygon.orient(ring).exterior.coords)[:-1]
 
 

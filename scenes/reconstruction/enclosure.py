@@ -25,6 +25,15 @@ from shapely.geometry.polygon import orient
 from scenes.arrays import Float64Array, Int64Array
 from scenes.geometry.directions import unit
 from scenes.geometry.mesh import face_areas
+from scenes.geometry.regions import (
+    buffered,
+    covers,
+    difference,
+    intersection,
+    meets,
+    simplified,
+    union,
+)
 from scenes.reconstruction.aperture_sections import PlaneFrame
 from scenes.reconstruction.light_walks import LightWalker, crosses_opening, sample_room_points
 from scenes.reconstruction.raycast import RayCaster
@@ -166,8 +175,8 @@ def _sides(
 
 def _building_outline(rooms: list[FoundRoom]) -> Float64Array:
     """Outline (N, 2) of all rooms and the walls between them, counter-clockwise."""
-    grown = [room.floor.buffer(0.5 * _MAX_WALL, join_style="mitre") for room in rooms]
-    plan = shapely.union_all(grown).buffer(-0.5 * _MAX_WALL, join_style="mitre").simplify(0.01)
+    grown = [buffered(room.floor, 0.5 * _MAX_WALL, join_style="mitre") for room in rooms]
+    plan = simplified(buffered(union(grown), -0.5 * _MAX_WALL, join_style="mitre"), 0.01)
     if not isinstance(plan, Polygon):
         raise _NoFit
     return np.array(orient(Polygon(plan.exterior)).exterior.coords)[:-1]
@@ -225,7 +234,7 @@ def _place_sheets(side: _Side, local: Float64Array, outliers: int) -> None:
     side.boxes = _recesses(local[behind], outliers)
     for opening in openings:
         depth = side.opening_depth(opening) + _BEHIND
-        around = side.project(opening).buffer(_FLARE * _BEHIND + _HOLE_INSET, join_style="mitre")
+        around = buffered(side.project(opening), _FLARE * _BEHIND + _HOLE_INSET, join_style="mitre")
         if depth > side.main.depth + _BEHIND:
             side.boxes.append(_Sheet(around, depth, [opening]))
         else:
@@ -235,7 +244,7 @@ def _place_sheets(side: _Side, local: Float64Array, outliers: int) -> None:
         taken = [
             opening
             for opening in side.main.openings
-            if side.project(opening).intersects(recess.outline)
+            if meets(side.project(opening), recess.outline)
         ]
         recess.openings += taken
         side.main.openings = [
@@ -249,16 +258,16 @@ def _merge_touching(boxes: list[_Sheet]) -> list[_Sheet]:
     """Merge boxes that touch into one as large and as deep as all of them."""
     apart: list[_Sheet] = []
     for new in boxes:
-        touching = [sheet for sheet in apart if sheet.outline.intersects(new.outline)]
+        touching = [sheet for sheet in apart if meets(sheet.outline, new.outline)]
         while touching:
             apart = [sheet for sheet in apart if not any(sheet is other for other in touching)]
-            whole = shapely.union_all([new.outline, *(sheet.outline for sheet in touching)])
+            whole = union([new.outline, *(sheet.outline for sheet in touching)])
             new = _Sheet(
                 box(*whole.bounds),
                 max(new.depth, *(sheet.depth for sheet in touching)),
                 [*new.openings, *(opening for sheet in touching for opening in sheet.openings)],
             )
-            touching = [sheet for sheet in apart if sheet.outline.intersects(new.outline)]
+            touching = [sheet for sheet in apart if meets(sheet.outline, new.outline)]
         apart.append(new)
     return apart
 
@@ -294,7 +303,7 @@ def _offset_ring(ring: Float64Array, depths: list[float]) -> Float64Array:
             raise _NoFit
         corners.append(np.linalg.solve(pair, offsets[[index - 1, index]]))
     moved = np.array(corners)
-    if not Polygon(moved).is_valid or not Polygon(moved).contains(Polygon(ring)):
+    if not Polygon(moved).is_valid or not covers(Polygon(moved), Polygon(ring)):
         raise _NoFit
     return moved
 
@@ -303,7 +312,7 @@ def _side_triangles(side: _Side) -> list[Float64Array]:
     """Triangles (F, 3, 3) of a side: its sheets, collars and the walls of its boxes."""
     parts, box_outlines = [], []
     for sheet in side.boxes:
-        outline = sheet.outline.intersection(side.main.outline)
+        outline = intersection(sheet.outline, side.main.outline)
         parts.append(
             _strip(side.frame, outline, side.main.depth - _OVERLAP, outline, sheet.depth + _OVERLAP)
         )
@@ -317,17 +326,17 @@ def _sheet_triangles(side: _Side, sheet: _Sheet, holes: list[Polygon]) -> list[F
     parts, holes = [], list(holes)
     for opening in sheet.openings:
         length = sheet.depth - side.opening_depth(opening)
-        inner = side.project(opening).buffer(-_HOLE_INSET, join_style="mitre")
-        outer = inner.buffer(_FLARE * length, join_style="mitre").intersection(sheet.outline)
+        inner = buffered(side.project(opening), -_HOLE_INSET, join_style="mitre")
+        outer = intersection(buffered(inner, _FLARE * length, join_style="mitre"), sheet.outline)
         if length > _MAX_COLLAR:
             raise _NoFit
         parts.append(_strip(side.frame, inner, sheet.depth - length, outer, sheet.depth))
-        holes.append(outer.buffer(-_OVERLAP, join_style="mitre"))
-    whole = shapely.union_all(holes)
+        holes.append(buffered(outer, -_OVERLAP, join_style="mitre"))
+    whole = union(holes)
     overlap = sum(hole.area for hole in holes) - whole.area
-    if overlap > _MIN_AREA or whole.difference(sheet.outline).area > _MIN_AREA:
+    if overlap > _MIN_AREA or difference(whole, sheet.outline).area > _MIN_AREA:
         raise _NoFit
-    plane = sheet.outline.buffer(_OVERLAP, join_style="mitre").difference(whole)
+    plane = difference(buffered(sheet.outline, _OVERLAP, join_style="mitre"), whole)
     return [*parts, *_triangulated(side.frame, plane, sheet.depth)]
 
 

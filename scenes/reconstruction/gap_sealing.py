@@ -24,6 +24,13 @@ from shapely.geometry import Polygon, box
 
 from scenes.arrays import Float64Array
 from scenes.geometry.mesh import face_areas
+from scenes.geometry.regions import (
+    buffered,
+    difference,
+    polygon_parts,
+    simplified,
+    thickened,
+)
 from scenes.reconstruction.aperture_sections import CrossSections, PlaneFrame
 from scenes.reconstruction.light_walks import EscapedWalk, LightWalker, sample_room_points
 from scenes.reconstruction.raycast import RayCaster
@@ -198,20 +205,16 @@ def _slab_outline(
     lines = slice_segments(nearby, depth)
     free = box(*low, *high)
     if len(lines):
-        walls = shapely.union_all(
-            shapely.buffer(shapely.linestrings(lines), _HALF_SLIT, quad_segs=2)
-        )
-        free = free.difference(walls)
+        walls = thickened(shapely.linestrings(lines), _HALF_SLIT, quad_segs=2)
+        free = difference(free, walls)
     for opening in openings:
-        free = free.difference(_projected(opening, frame))
+        free = difference(free, _projected(opening, frame))
     parts = [
-        part
-        for part in shapely.get_parts(free).tolist()
-        if part.buffer(_HALF_SLIT).intersects(shapely.Point(point))
+        part for part in polygon_parts(free) if part.distance(shapely.Point(point)) <= _HALF_SLIT
     ]
     if not parts:
         return None
-    grown = parts[0].buffer(_HALF_SLIT - _CLEARANCE, quad_segs=2).simplify(0.5 * _CLEARANCE)
+    grown = simplified(buffered(parts[0], _HALF_SLIT - _CLEARANCE, quad_segs=2), 0.5 * _CLEARANCE)
     return grown if isinstance(grown, Polygon) and not grown.is_empty else None
 
 

@@ -23,6 +23,7 @@ from shapely.geometry import Polygon
 
 from scenes.arrays import Float64Array, Int64Array
 from scenes.geometry.mesh import face_areas
+from scenes.geometry.regions import buffered, intersection
 from scenes.reconstruction.aperture_sections import (
     DEPTHS,
     CrossSections,
@@ -139,7 +140,7 @@ def _busiest_aperture(
         nearby = sections.near(frame, low, np.append(high, depth))
         for part in enclosed_air(nearby, depth, points):
             inside = set(indices[shapely.contains_xy(part, points[:, 0], points[:, 1])].tolist())
-            if not inside or part.area < MIN_OPENING or part.buffer(-_MIN_HALF_WIDTH).is_empty:
+            if not inside or part.area < MIN_OPENING or buffered(part, -_MIN_HALF_WIDTH).is_empty:
                 continue
             room = rooms[escaped[min(inside)].room]
             if len(inside) >= _min_walks(part.area, walks, room) and not _is_indoors(
@@ -222,6 +223,6 @@ def _is_indoors(part: Polygon, frame: PlaneFrame, depth: float, rooms: list[Foun
     plan = shapely.transform(part, lambda flat: frame.to_world(flat, depth)[:, :2])
     return any(
         room.floor_z - 0.05 < middle[2] < room.ceiling_z - 0.02
-        and plan.intersection(room.floor).area > 0.25 * plan.area
+        and intersection(plan, room.floor).area > 0.25 * plan.area
         for room in rooms
     )

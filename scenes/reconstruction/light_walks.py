@@ -21,12 +21,14 @@ from shapely.geometry import Polygon
 
 from scenes.arrays import BoolArray, Float64Array
 from scenes.geometry.directions import unit
+from scenes.geometry.regions import buffered, deepest_point
 from scenes.reconstruction.raycast import RayCaster
 from scenes.reconstruction.rooms import FoundOpening, FoundRoom
 from scenes.seeds import generator
 
 MAX_BOUNCES = 8
 _ESCAPE_LENGTH = 3.0  # metres of an escaped walk's last segment that are kept
+_MAX_DRAWS = 50  # of points in a room's bounding rectangle
 _OFFSET = 1e-4  # metres above a surface at which the next segment starts
 _MIN_COSINE = 0.01  # below it, the next segment starts closer to the surface
 _OVERLAP = 2e-3  # metres by which the blocker of a portal overlaps the portal's frame
@@ -148,7 +150,7 @@ def crosses_opening(
         first = np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0])
         first = first / np.linalg.norm(first)
         axes = np.stack([first, np.cross(normal, first)], axis=1)
-        blocker = Polygon((corners - corners[0]) @ axes).buffer(_OVERLAP, join_style="mitre")
+        blocker = buffered(Polygon((corners - corners[0]) @ axes), _OVERLAP, join_style="mitre")
         points = origins[reached] + plane_distance[reached, None] * directions[reached]
         local = (points - corners[0]) @ axes
         crossed[reached] |= shapely.contains_xy(blocker, local[:, 0], local[:, 1])
@@ -163,14 +165,18 @@ def sample_room_points(
     The lower half, because the ceiling height is that of most of the room: under a sloping roof
     the upper half may lie outdoors.
     """
-    inner = floor.buffer(-0.05)
+    inner = buffered(floor, -0.05)
     if inner.is_empty:
         inner = floor
     west, south, east, north = inner.bounds
     accepted: list[Float64Array] = []
-    while sum(map(len, accepted)) < count:
+    for _ in range(_MAX_DRAWS):
         drawn = rng.uniform((west, south), (east, north), (4 * count, 2))
         accepted.append(drawn[shapely.contains_xy(inner, drawn[:, 0], drawn[:, 1])])
+        if sum(map(len, accepted)) >= count:
+            break
+    else:  # a sliver that hardly any point falls into
+        accepted.append(np.tile(deepest_point(inner), (count, 1)))
     plan = np.concatenate(accepted)[:count]
     low = floor_z + 0.02
     high = max(0.5 * (floor_z + ceiling_z), floor_z + 0.03)

@@ -18,12 +18,21 @@ from itertools import pairwise
 import numpy as np
 import shapely
 from scipy import ndimage
-from shapely.geometry import MultiPolygon, Point, Polygon
-from shapely.ops import unary_union
+from shapely.geometry import Point, Polygon
 
 from scenes.arrays import BoolArray, Float64Array
 from scenes.geometry.directions import fibonacci_sphere, horizontal_directions
 from scenes.geometry.mesh import face_areas
+from scenes.geometry.regions import (
+    buffered,
+    deepest_point,
+    difference,
+    intersection,
+    polygon_parts,
+    simplified,
+    thickened,
+    union,
+)
 from scenes.reconstruction.orientation import surface_heights
 from scenes.reconstruction.raycast import RayCaster
 
@@ -54,13 +63,17 @@ class FoundRoom:
     @property
     def centre(self) -> Float64Array:
         """A point (3,) well inside, at eye height."""
-        point = shapely.maximum_inscribed_circle(self.floor).coords[0]
+        point = deepest_point(self.floor)
         return np.array([*point, self.floor_z + 0.55 * (self.ceiling_z - self.floor_z)])
 
     def contains(self, point: Float64Array, margin: float = 0.0) -> bool:
         """Return whether a point (3,) lies inside or at most `margin` metres outside."""
-        inside = self.floor_z - margin <= point[2] <= self.ceiling_z + margin
-        return bool(inside and self.floor.buffer(margin).contains(Point(point[0], point[1])))
+        if not self.floor_z - margin <= point[2] <= self.ceiling_z + margin:
+            return False
+        place = Point(point[0], point[1])
+        if margin > 0:
+            return bool(self.floor.distance(place) < margin)
+        return bool(self.floor.contains(place) and self.floor.boundary.distance(place) > -margin)
 
 
 @dataclass
@@ -163,7 +176,7 @@ def _leads_to_room(opening: FoundOpening, rooms: list[FoundRoom]) -> bool:
 
 def _has_view_outside(rays: RayCaster, room: FoundRoom) -> bool:
     """Return whether any ray from a few points of a room leaves the building."""
-    inner = room.floor.buffer(-0.3)
+    inner = buffered(room.floor, -0.3)
     inner = room.floor if inner.is_empty else inner
     west, south, east, north = inner.bounds
     places = [room.centre]
@@ -267,10 +280,9 @@ def _outline(cells: BoolArray, du: float, dv: float) -> Float64Array:
         low, high = low - cell, high + cell
         return np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
     boxes = shapely.box(columns * du, rows * dv, (columns + 1) * du, (rows + 1) * dv)
-    shape = unary_union(list(boxes)).buffer(max(du, dv), join_style="mitre")
-    if isinstance(shape, MultiPolygon):
-        shape = max(shape.geoms, key=lambda part: part.area)
-    ring = np.array(Polygon(shape.exterior).simplify(0.06).exterior.coords)[:-1]
+    shape = buffered(union(list(boxes)), max(du, dv), join_style="mitre")
+    outline = Polygon(largest_part(shape).exterior)
+    ring = np.array(simplified(outline, 0.06).exterior.coords)[:-1]
     return ring if Polygon(ring).exterior.is_ccw else ring[::-1]
 
 
@@ -297,15 +309,18 @@ def _free_areas(corners: Float64Array, level: float) -> list[Polygon]:
     for drop in _SLICES[:3]:
         # Buffering the union of the lines takes a hundred times as long.
         lines = shapely.linestrings(slice_segments(corners, level - drop))
-        walls = shapely.union_all(shapely.buffer(lines, _HALF_GAP, cap_style="square"))
-        free = cover.difference(walls)
-        for part in _polygon_parts(free):
-            grown = part.buffer(-_HALF_CAVITY).buffer(
-                _HALF_CAVITY + _HALF_GAP, join_style="mitre", mitre_limit=2.0
+        walls = thickened(lines, _HALF_GAP, cap_style="square")
+        free = difference(cover, walls)
+        for part in polygon_parts(free):
+            grown = buffered(
+                buffered(part, -_HALF_CAVITY),
+                _HALF_CAVITY + _HALF_GAP,
+                join_style="mitre",
+                mitre_limit=2.0,
             )
-            within = part.buffer(_HALF_GAP, join_style="mitre").intersection(cover)
-            for piece in _polygon_parts(grown.intersection(within)):
-                outline = Polygon(piece.exterior).simplify(0.03)
+            within = intersection(buffered(part, _HALF_GAP, join_style="mitre"), cover)
+            for piece in polygon_parts(intersection(grown, within)):
+                outline = simplified(Polygon(piece.exterior), 0.03)
                 if outline.area >= MIN_AREA and outline.is_valid:
                     polygons.append(shapely.geometry.polygon.orient(outline))
         if polygons:
@@ -345,8 +360,8 @@ def _ceiling_plan(corners: Float64Array, level: float) -> Polygon:
     if not len(triangles):
         return Polygon()
     # Ceilings are often made of tiles with seams, which this closes.
-    merged = unary_union(shapely.polygons(triangles).tolist())
-    return merged.buffer(_HALF_GAP, join_style="mitre").buffer(-_HALF_GAP, join_style="mitre")
+    merged = union(shapely.polygons(triangles).tolist())
+    return buffered(buffered(merged, _HALF_GAP, join_style="mitre"), -_HALF_GAP, join_style="mitre")
 
 
 def _room_below(rays: RayCaster, polygon: Polygon, level: float) -> FoundRoom | None:
@@ -384,7 +399,7 @@ def _floor_height(heights: Float64Array) -> float:
 
 def _enclosed_share(rays: RayCaster, polygon: Polygon, floor: float, ceiling: float) -> float:
     """Share of horizontal rays from inside, at three heights, that hit a wall near the outline."""
-    centre = shapely.maximum_inscribed_circle(polygon).coords[0]
+    centre = deepest_point(polygon)
     directions = horizontal_directions(72, 0.5)
     hits = 0
     limit = polygon.hausdorff_distance(Point(centre)) + 1.0
@@ -397,7 +412,7 @@ def _enclosed_share(rays: RayCaster, polygon: Polygon, floor: float, ceiling: fl
 
 def _inside_points(polygon: Polygon, count: int) -> Float64Array:
     """About `count` grid points (N, 2) inside a polygon, a little off its edge."""
-    inner = polygon.buffer(-0.1)
+    inner = buffered(polygon, -0.1)
     inner = polygon if inner.is_empty else inner
     west, south, east, north = inner.bounds
     step = math.sqrt(max(inner.area, 1e-9) / count)
@@ -422,11 +437,11 @@ def _visible_space(
     distance = np.median(around, axis=0)
     if np.isfinite(distance).mean() < 0.25:
         return None
-    box = shapely.box(low[0], low[1], high[0], high[1]).buffer(0.01)
+    box = buffered(shapely.box(low[0], low[1], high[0], high[1]), 0.01)
     far = float(np.linalg.norm(high - low))
     ring = eye[:2] + np.minimum(distance, far)[:, None] * directions[:, :2]
-    seen = Polygon(ring).buffer(0).intersection(box).simplify(0.05)
-    parts = [part for part in _polygon_parts(seen) if part.buffer(0.05).contains(Point(eye[:2]))]
+    seen = simplified(intersection(buffered(Polygon(ring), 0), box), 0.05)
+    parts = [part for part in polygon_parts(seen) if part.distance(Point(eye[:2])) < 0.05]
     if not parts or parts[0].area < MIN_AREA:
         return None
     outline = shapely.geometry.polygon.orient(Polygon(parts[0].exterior))
@@ -439,17 +454,12 @@ def _visible_space(
     return FoundRoom(outline, float(floor), float(ceiling), guessed=True)
 
 
-def _polygon_parts(shape: shapely.Geometry) -> list[Polygon]:
-    found = [part for part in shapely.get_parts(shape).tolist() if isinstance(part, Polygon)]
-    return [part for part in found if not part.is_empty]
-
-
 def _overlap(first: FoundRoom, second: FoundRoom) -> bool:
     """Return whether two rooms share more than 0.4 of the smaller area, at the same heights."""
     height = min(first.ceiling_z, second.ceiling_z) - max(first.floor_z, second.floor_z)
     if height <= 0.5:
         return False
-    shared = first.floor.intersection(second.floor).area
+    shared = intersection(first.floor, second.floor).area
     return shared > 0.4 * min(first.floor.area, second.floor.area)
 
 

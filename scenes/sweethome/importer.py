@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import shapely
 from shapely.geometry import Point
-from shapely.ops import unary_union
 
 from scenes.arrays import Float64Array
 from scenes.contract import Light, Portal, Room, Scene, load_scene, save_scene, writing_scene
@@ -21,6 +20,7 @@ from scenes.errors import InputError
 from scenes.formats.archive import MAX_XML, HomeArchive
 from scenes.formats.java_objects import MAX_BYTES
 from scenes.formats.model_parts import UnreadableModel
+from scenes.geometry.regions import simplified, union
 from scenes.importing.categories import category_of_piece, room_type
 from scenes.importing.changes import Changes
 from scenes.importing.textures import TextureStore
@@ -107,7 +107,7 @@ def import_sweethome(
         )
         note_missing(missing, changes)
         below = [
-            unary_union([space.floor_slab for space in level.spaces])
+            union([space.floor_slab for space in level.spaces])
             for level in levels
             if level.storey.elevation < -1
         ]
@@ -305,7 +305,7 @@ def _rooms(levels: list[_Level]) -> tuple[list[Room], list[tuple[Any, int]]]:
             outline = floor_outline(space)
             if not space.is_indoors or outline is None:
                 continue
-            outline = shapely.simplify(outline, 1e-3)
+            outline = simplified(outline, 1e-3)
             corners = np.asarray(shapely.geometry.polygon.orient(outline).exterior.coords)[:-1]
             floor = 0.01 * level.storey.elevation
             ceiling = float(np.mean(level.heights.over(space.ceiling, corners)))
@@ -322,7 +322,7 @@ def _rooms(levels: list[_Level]) -> tuple[list[Room], list[tuple[Any, int]]]:
                     has_light=False,
                 )
             )
-            inside.append((unary_union([space.floor, space.ceiling]), level.storey.number))
+            inside.append((union([space.floor, space.ceiling]), level.storey.number))
     return rooms, inside
 
 

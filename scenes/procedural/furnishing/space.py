@@ -21,6 +21,7 @@ from shapely.geometry import Polygon, box
 from shapely.prepared import prep
 
 from scenes.arrays import BoolArray, Float64Array
+from scenes.geometry.regions import buffered, deepest_point
 from scenes.procedural.piece import FurniturePiece
 from scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
 from scenes.procedural.scene_item import Pose, SceneItem, place_piece
@@ -81,9 +82,9 @@ class RoomSpace:
     def __init__(self, plan: Plan, room: PlanRoom) -> None:
         self.plan, self.room = plan, room
         self.shape: Polygon = room.shape
-        self.inside = prep(self.shape.buffer(CONTACT_TOLERANCE, join_style="mitre"))
+        self.inside = prep(buffered(self.shape, CONTACT_TOLERANCE, join_style="mitre"))
         # Floor between the skirtings, for boxes that extend down to them.
-        self._between = prep(self.shape.buffer(CONTACT_TOLERANCE - GAP, join_style="mitre"))
+        self._between = prep(buffered(self.shape, CONTACT_TOLERANCE - GAP, join_style="mitre"))
         self.items: list[PlacedPiece] = []
         self._boxes: Boxes = np.zeros((0, 2, 3))
         self._owners: list[str] = []
@@ -111,9 +112,11 @@ class RoomSpace:
             self._keep_clear(edge.strip(0, width, 0.0, width), "swing")
             leaf = leaf_footprint(self.plan, opening)
             if leaf is not None:
-                self._keep_clear(leaf.buffer(0.05), "leaf")
+                self._keep_clear(buffered(leaf, 0.05), "leaf")
                 # The leaf blocks furniture, not walking: a person pushes it aside.
-                self._boxes = np.concatenate([self._boxes, _raised(leaf.buffer(0.06), 0.0, 2.05)])
+                self._boxes = np.concatenate(
+                    [self._boxes, _raised(buffered(leaf, 0.06), 0.0, 2.05)]
+                )
                 self._owners.append("leaf")
 
     def _keep_clear(self, area: Polygon, owner: str) -> None:
@@ -258,7 +261,7 @@ class RoomSpace:
         columns, rows = math.ceil((x1 - x0) / CELL), math.ceil((y1 - y0) / CELL)
         xs = x0 + (np.arange(columns) + 0.5) * CELL
         ys = y0 + (np.arange(rows) + 0.5) * CELL
-        body = self.shape.buffer(-HALF_BODY_WIDTH, join_style="mitre")
+        body = buffered(self.shape, -HALF_BODY_WIDTH, join_style="mitre")
         return np.asarray(shapely.contains_xy(body, xs[:, None], ys[None, :]))
 
     def _commit(self, item: PlacedPiece, front: Boxes | None) -> None:
@@ -289,7 +292,7 @@ class RoomSpace:
 
     def middle(self) -> Float64Array:
         """Return the point of the floor that is farthest from the walls, (2,)."""
-        return np.array(shapely.maximum_inscribed_circle(self.shape, 0.1).coords[0])
+        return deepest_point(self.shape, 0.1)
 
     def open_middle(self) -> Float64Array:
         """Return the point of the free floor that is farthest from all obstacles, (2,)."""

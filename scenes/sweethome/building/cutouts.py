@@ -12,8 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 from shapely.geometry import Polygon
-from shapely.ops import unary_union
-from shapely.validation import make_valid
+
+from scenes.geometry.regions import buffered, symmetric_difference, union, valid
 
 _TOKEN = re.compile(r"([MmLlHhVvCcSsQqTtAaZz])|([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)")
 _ARGUMENTS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
@@ -31,11 +31,11 @@ def path_region(text: str) -> Polygon:
     region = None
     for ring in rings:
         points = np.array([[point.real, point.imag] for point in ring])
-        shape = make_valid(Polygon(points)).buffer(0)
-        region = shape if region is None else region.symmetric_difference(shape)
+        shape = buffered(valid(Polygon(points)), 0)
+        region = shape if region is None else symmetric_difference(region, shape)
     if region is None or region.is_empty or not np.isfinite(region.area):
         raise UnreadablePath("it encloses nothing")
-    return unary_union(region)
+    return union([region])
 
 
 def _rings(text: str) -> list[list[complex]]:

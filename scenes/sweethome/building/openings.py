@@ -11,9 +11,9 @@ import shapely
 from shapely.affinity import translate
 from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
-from shapely.ops import unary_union
 
 from scenes.arrays import Float64Array
+from scenes.geometry.regions import intersection, union
 from scenes.importing.changes import Changes
 from scenes.sweethome.building.cutouts import UnreadablePath, path_region
 from scenes.sweethome.building.solids import polygons
@@ -48,11 +48,11 @@ class Opening:
     def depths(self, wall: BaseGeometry, is_round: bool) -> tuple[float, float] | None:
         """Return the range along `out` (cm) of the hole in a wall's region, or None."""
         footprint = self.footprint
-        if wall.intersection(footprint).area < _TOUCH:
+        if intersection(wall, footprint).area < _TOUCH:
             return None
         reach = 0.5 * self.piece.depth
-        near = wall.intersection(self._strip(-reach - 200, reach + 200))
-        touched = [part for part in polygons(near) if part.intersection(footprint).area >= _TOUCH]
+        near = intersection(wall, self._strip(-reach - 200, reach + 200))
+        touched = [part for part in polygons(near) if intersection(part, footprint).area >= _TOUCH]
         if not touched:
             return None
         across = [self._depths(part) for part in touched]
@@ -71,7 +71,7 @@ class Opening:
         contours = []
         shape = self.shape
         if abs(shape.bounds[1] - floor) < _AT_FLOOR:
-            shape = unary_union([shape, translate(shape, 0, -_SUNK)])
+            shape = union([shape, translate(shape, 0, -_SUNK)])
         for part in polygons(shape):
             contours.append(np.asarray(part.exterior.coords)[:-1])
             contours += [np.asarray(inner.coords)[:-1] for inner in part.interiors]
@@ -110,7 +110,7 @@ def opening_of(piece: HomePiece, elevation: float, changes: Changes) -> Opening 
     region: BaseGeometry = _WHOLE
     if piece.cut.shape:
         try:
-            region = path_region(piece.cut.shape).intersection(_WHOLE)
+            region = intersection(path_region(piece.cut.shape), _WHOLE)
         except (UnreadablePath, ValueError) as error:
             changes.note("cut-out shapes that cannot be read became rectangles: {}",
                          f"{piece.name} ({error})")  # fmt: skip

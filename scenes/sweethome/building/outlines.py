@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from shapely.geometry import Polygon
-from shapely.validation import make_valid
 
 from scenes.arrays import Float64Array
+from scenes.geometry.regions import buffered, valid
 from scenes.sweethome.home import Wall
 
 _SHORT = 1e-5  # cm: a wall shorter than this has no direction
@@ -48,7 +48,7 @@ class Outline:
 def polygon(points: Float64Array) -> Polygon:
     """Return a valid polygon of `points` (N, 2), repaired where it crosses itself; may be empty."""
     shape = Polygon(points)
-    return shape if shape.is_valid else make_valid(shape).buffer(0)
+    return shape if shape.is_valid else buffered(valid(shape), 0)
 
 
 def arc_centre(wall: Wall) -> Float64Array:

@@ -9,6 +9,7 @@ from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from scenes.arrays import Float64Array
+from scenes.geometry.regions import simplified
 from scenes.sweethome.building.openings import Opening
 from scenes.sweethome.building.solids import polygons
 from scenes.sweethome.furnishing.items import PlacedItem
@@ -93,7 +94,7 @@ def _few_corners(part: Polygon) -> Polygon:
     """Return the outline with at most `_MAX_CORNERS` corners, else its bounding box."""
     outline = Polygon(part.exterior)
     if len(outline.exterior.coords) - 1 > _MAX_CORNERS:
-        outline = outline.simplify(0.5)
+        outline = simplified(outline, 0.5)
     if len(outline.exterior.coords) - 1 > _MAX_CORNERS:
         outline = outline.envelope
     return outline

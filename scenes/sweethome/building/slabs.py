@@ -10,10 +10,10 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
-from shapely.ops import unary_union
 
 from scenes.arrays import Float64Array
 from scenes.geometry.mesh import Mesh
+from scenes.geometry.regions import buffered, difference, intersection, union
 from scenes.importing.changes import Changes
 from scenes.sweethome.building.cutouts import UnreadablePath, path_region
 from scenes.sweethome.building.levels import Storey
@@ -49,7 +49,7 @@ def stairwells(pieces: list[tuple[HomePiece, float]], changes: Changes) -> list[
         if piece.staircase is None:
             continue
         try:
-            shape = path_region(piece.staircase).intersection(box(0, 0, 1, 1))
+            shape = intersection(path_region(piece.staircase), box(0, 0, 1, 1))
         except (UnreadablePath, ValueError) as error:
             changes.note("stairwell shapes that cannot be read became rectangles: {}",
                          f"{piece.name} ({error})")  # fmt: skip
@@ -140,14 +140,14 @@ def build_slabs(
 ) -> list[PlacedItem]:
     """Return a floor and a ceiling for each room, and one slab above all ceilings."""
     floor_z, ceiling_z = storey.elevation, storey.elevation + storey.height
-    through_floor = unary_union(
+    through_floor = union(
         [
             region
             for region, foot, top in wells
             if foot < floor_z and top >= floor_z - storey.floor_thickness
         ]
     )
-    through_ceiling = unary_union(
+    through_ceiling = union(
         [region for region, foot, top in wells if foot < ceiling_z <= top and not storey.is_highest]
     )
     thickness = _FLOOR if storey.is_lowest else max(0.01 * storey.floor_thickness - 0.01, 0.02)
@@ -158,7 +158,7 @@ def build_slabs(
     backing: list[tuple[BaseGeometry, float]] = []
     for number, space in enumerate(spaces):
         label = space.shape.name or "room"
-        region = space.floor_slab.difference(through_floor)
+        region = difference(space.floor_slab, through_floor)
         mesh = surface(prism(region, 0.01 * floor_z - thickness, 0.01 * floor_z))
         if mesh is not None:
             part = _covered(mesh, space.shape.floor, -1.0)
@@ -166,7 +166,7 @@ def build_slabs(
             items.append(
                 PlacedItem(name, f"{label} floor", "floor", (part,), True, level=storey.number)
             )
-        region = space.ceiling_slab.difference(through_ceiling)
+        region = difference(space.ceiling_slab, through_ceiling)
         mesh, flat = _ceiling(region, space.ceiling, heights, above)
         if mesh is not None:
             part = _covered(mesh, space.shape.ceiling, 1.0)
@@ -178,8 +178,8 @@ def build_slabs(
                 backing.append((region, flat))
     for number, z in enumerate(sorted({round(z, 4) for _, z in backing})):
         regions = [region for region, height in backing if abs(height - z) < 1e-3]
-        together = unary_union([region.buffer(1e-3, join_style="mitre") for region in regions])
-        together = together.buffer(-2e-3, join_style="mitre").difference(through_ceiling)
+        together = union([buffered(region, 1e-3, join_style="mitre") for region in regions])
+        together = difference(buffered(together, -2e-3, join_style="mitre"), through_ceiling)
         if above > 2 * _BACKING_HEIGHT:
             mesh = surface(prism(together, z + _BACKING_HEIGHT, z + above - 0.005))
             if mesh is not None:
@@ -200,7 +200,7 @@ def build_ground(
         x - _GROUND_EXTENT, y - _GROUND_EXTENT, x + _GROUND_EXTENT, y + _GROUND_EXTENT
     )
     if below:
-        region = region.difference(unary_union(below))
+        region = difference(region, union(below))
     vertices, faces = triangulated(region)
     points = np.column_stack([vertices, np.full(len(vertices), _GROUND)])
     texture = environment.ground_texture
@@ -273,8 +273,8 @@ def _creased_at(region: BaseGeometry, drawn: BaseGeometry) -> tuple[Float64Array
     A sloping ceiling follows the tops of walls along their inner faces; the part over the walls
     is triangulated apart.
     """
-    within, within_faces = triangulated(polygonal(region.intersection(drawn)))
-    beyond, beyond_faces = triangulated(polygonal(region.difference(drawn)))
+    within, within_faces = triangulated(polygonal(intersection(region, drawn)))
+    beyond, beyond_faces = triangulated(polygonal(difference(region, drawn)))
     points = np.round(np.concatenate([within, beyond]), 6)
     faces = np.concatenate([within_faces, beyond_faces + len(within)])
     vertices, index = np.unique(points, axis=0, return_inverse=True)

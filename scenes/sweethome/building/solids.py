@@ -17,6 +17,7 @@ from shapely.geometry.polygon import orient
 
 from scenes.arrays import Float64Array
 from scenes.geometry.mesh import Mesh
+from scenes.geometry.regions import on_grid
 
 _SMALLEST_AREA = 1e-6  # square metres: regions smaller than this are dropped
 _GRID = 1e-6  # metres: spikes thinner than this are dropped
@@ -51,7 +52,7 @@ def polygonal(region: BaseGeometry) -> BaseGeometry:
 
     A spike, an outline that returns along the same line, has no mitre when it is buffered.
     """
-    return MultiPolygon(polygons(shapely.set_precision(region, _GRID)))
+    return MultiPolygon(polygons(on_grid(region, _GRID)))
 
 
 def prism(region: BaseGeometry, bottom: float, top: float | Heights) -> manifold3d.Manifold:

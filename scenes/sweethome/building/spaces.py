@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import shapely
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
-from shapely.ops import unary_union
 
+from scenes.geometry.regions import buffered, difference, intersection, simplified, union
 from scenes.importing.changes import Changes
 from scenes.sweethome.building.levels import Storey
 from scenes.sweethome.building.openings import Opening
@@ -58,10 +57,10 @@ def find_spaces(
     which is how its users look into a home, get one where walls of a room's height enclose them;
     terraces and galleries stay open.
     """
-    solid = unary_union([world_region(one.outline.region) for one in walls])
+    solid = union([world_region(one.outline.region) for one in walls])
     inside = _enclosed_region(solid)
     tall = _enclosed_region(
-        unary_union([world_region(one.outline.region) for one in walls if _is_tall(one, storey)])
+        union([world_region(one.outline.region) for one in walls if _is_tall(one, storey)])
     )
     drawn: list[tuple[RoomShape, BaseGeometry]] = []
     for shape in storey.rooms:
@@ -78,11 +77,11 @@ def find_spaces(
             changes.note("rooms with neither floor nor ceiling were left out: {}",
                          shape.name or shape.id)  # fmt: skip
     found: list[tuple[RoomShape, BaseGeometry]] = []
-    everything = unary_union([region for _, region in drawn])
+    everything = union([region for _, region in drawn])
     slivers = []
-    doors = world_region(unary_union([opening.footprint for opening in openings]))
-    for gap in polygons(inside.difference(solid).difference(everything)):
-        is_roomy = gap.area > _SMALLEST and not gap.buffer(-_NARROW).is_empty
+    doors = world_region(union([opening.footprint for opening in openings]))
+    for gap in polygons(difference(difference(inside, solid), everything)):
+        is_roomy = gap.area > _SMALLEST and not buffered(gap, -_NARROW).is_empty
         is_all = not drawn and doors.is_empty
         if is_roomy and (is_all or gap.distance(doors) < _DOOR):
             number = len(found)
@@ -100,7 +99,7 @@ def find_spaces(
     ceilings = _later_wins(
         [region if shape.ceiling_visible else Polygon() for shape, region in rooms]
     )
-    inner = inside.buffer(-_INSET, join_style="mitre")
+    inner = buffered(inside, -_INSET, join_style="mitre")
     return [
         Space(shape, floor, ceiling, floor_slab, ceiling_slab, number >= len(drawn))
         for number, ((shape, _), floor, ceiling, floor_slab, ceiling_slab) in enumerate(
@@ -125,7 +124,7 @@ def _is_tall(wall: PlannedWall, storey: Storey) -> bool:
 
 def _is_walled(region: BaseGeometry, enclosed: BaseGeometry) -> bool:
     """Test whether nearly all of a region lies in what tall walls enclose."""
-    return bool(region.intersection(enclosed).area >= _WALLED * region.area)
+    return bool(intersection(region, enclosed).area >= _WALLED * region.area)
 
 
 def _region(shape: RoomShape) -> BaseGeometry:
@@ -136,16 +135,16 @@ def _region(shape: RoomShape) -> BaseGeometry:
 
 def _enclosed_region(solid: BaseGeometry) -> BaseGeometry:
     """Return the region that walls enclose, walls included; gaps of a few cm count as closed."""
-    closed = solid.buffer(_CRACK, join_style="mitre")
-    whole = unary_union([Polygon(part.exterior) for part in polygons(closed)])
-    return whole.buffer(-_CRACK, join_style="mitre")
+    closed = buffered(solid, _CRACK, join_style="mitre")
+    whole = union([Polygon(part.exterior) for part in polygons(closed)])
+    return buffered(whole, -_CRACK, join_style="mitre")
 
 
 def _later_wins(regions: list[BaseGeometry]) -> list[BaseGeometry]:
     made: list[BaseGeometry] = []
     for number, region in enumerate(regions):
-        over = unary_union(regions[number + 1 :])
-        made.append(polygonal(region.difference(over)) if not region.is_empty else region)
+        over = union(regions[number + 1 :])
+        made.append(polygonal(difference(region, over)) if not region.is_empty else region)
     return made
 
 
@@ -160,7 +159,7 @@ def _extended_into_walls(
     present = [number for number, region in enumerate(regions) if not region.is_empty]
     if not present:
         return regions
-    taken = unary_union([regions[number] for number in present])
+    taken = union([regions[number] for number in present])
     # Areas to distribute, and how far a room extends into each.
     areas: list[tuple[BaseGeometry, float]] = [(sliver, 0.05) for sliver in slivers]
     for one in walls:
@@ -171,31 +170,33 @@ def _extended_into_walls(
             for line in (one.outline.left, one.outline.right)
         ]
     for area, reach in areas:
-        rest = polygonal(area.difference(taken))
+        rest = polygonal(difference(area, taken))
         if rest.is_empty:
             continue
         near = [number for number in present if regions[number].distance(rest) < 2 * reach]
         fields = {
-            number: polygonal(rest.intersection(regions[number].buffer(reach, join_style="mitre")))
+            number: polygonal(
+                intersection(rest, buffered(regions[number], reach, join_style="mitre"))
+            )
             for number in near
         }
         ranked = sorted(near, key=lambda number: (-fields[number].area, number))
         claimed = []
         for number in ranked:
-            part = polygonal(fields[number].intersection(rest))
+            part = polygonal(intersection(fields[number], rest))
             shares[number].append(part)
             claimed.append(part)
-            rest = polygonal(rest.difference(part))
+            rest = polygonal(difference(rest, part))
         if ranked and not rest.is_empty:
             shares[ranked[0]].append(rest)
             claimed.append(rest)
-        taken = unary_union([taken, *claimed])
+        taken = union([taken, *claimed])
     made = []
     for number, region in enumerate(regions):
         if region.is_empty:
             made.append(region)
             continue
-        grown = unary_union([part.buffer(1e-4, join_style="mitre") for part in shares[number]])
-        grown = grown.buffer(-1e-4, join_style="mitre")
-        made.append(shapely.simplify(unary_union([grown.intersection(inner), region]), 1e-4))
+        grown = union([buffered(part, 1e-4, join_style="mitre") for part in shares[number]])
+        grown = buffered(grown, -1e-4, join_style="mitre")
+        made.append(simplified(union([intersection(grown, inner), region]), 1e-4))
     return made

@@ -10,10 +10,10 @@ import numpy as np
 from shapely import STRtree
 from shapely.geometry import Point
 from shapely.geometry.base import BaseGeometry
-from shapely.ops import unary_union
 
 from scenes.arrays import Float64Array
 from scenes.geometry.mesh import Mesh, creased
+from scenes.geometry.regions import union
 from scenes.importing.changes import Changes
 from scenes.sweethome.building.levels import Storey
 from scenes.sweethome.building.openings import Opening
@@ -255,7 +255,7 @@ def _extended_to_neighbours(walls: list[Wall]) -> list[Wall]:
             made.append(wall)
             continue
         near = tree.query(regions[number], predicate="dwithin", distance=_GAP)
-        others = unary_union([regions[other] for other in sorted(near) if other != number])
+        others = union([regions[other] for other in sorted(near) if other != number])
         start, end = np.array(wall.start), np.array(wall.end)
         along = (end - start) / math.dist(wall.start, wall.end)
         if not others.is_empty:
