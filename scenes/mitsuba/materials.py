@@ -381,7 +381,7 @@ class Materials:
         if color is not None:
             made.append(prop("specular_reflectance", color))
         outside = self._outside(properties)
-        eta, k = properties.color("eta"), properties.color("k")
+        eta, k = (properties.color(name, measured=True) for name in ("eta", "k"))
         if eta is not None or k is not None:
             made.append(prop("eta", self._relative(eta, outside, 0.0)))
             made.append(prop("k", self._relative(k, outside, 1.0)))

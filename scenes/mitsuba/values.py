@@ -121,12 +121,17 @@ class Properties:
         node = self.child(name)
         return np.eye(4) if node is None else read_transform(node, self.scope)
 
-    def color(self, name: str, emission: bool = False) -> Color | Node | None:
-        """Return linear Rec. 709 RGB, the element of a texture, or None."""
+    def color(
+        self, name: str, emission: bool = False, measured: bool = False
+    ) -> Color | Node | None:
+        """Return linear Rec. 709 RGB, the element of a texture, or None.
+
+        `measured` as for `read_color`.
+        """
         node = self.child(name)
         if node is None or self._missing(node):
             return None
-        return read_color(node, self.scope, emission)
+        return read_color(node, self.scope, emission, measured)
 
     def nested(self, *tags: str) -> list[Node]:
         """Return nested plugins with these tags, references resolved, in document order."""
@@ -217,8 +222,14 @@ def rotation(axis: Float64Array, angle: float, node: Node) -> Float64Array:
     return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
 
 
-def read_color(node: Node, scope: Scope, emission: bool = False) -> Color | Node:
-    """Return linear Rec. 709 RGB of a colour element of any type, or `node` if it is a texture."""
+def read_color(
+    node: Node, scope: Scope, emission: bool = False, measured: bool = False
+) -> Color | Node:
+    """Return linear Rec. 709 RGB of a colour element of any type, or `node` if it is a texture.
+
+    Negative values are refused, but for `measured` quantities, such as a metal's refractive
+    index: their conversion from a spectrum may leave the gamut, so they are clamped at 0 and noted.
+    """
     text = node.attributes.get("value", "").strip()
     if node.tag == "texture":
         return node
@@ -247,6 +258,9 @@ def read_color(node: Node, scope: Scope, emission: bool = False) -> Color | Node
         rgb = _spectrum(node, text, scope, emission)
     else:
         raise node.error("is neither a colour nor a texture")
+    if measured and rgb.min() < 0 < rgb.max():
+        scope.changes.note("negative values of a measured metal became 0: {}", text)
+        rgb = np.maximum(rgb, 0.0)
     if (rgb < 0).any():
         raise node.error(f"a colour cannot be negative: {text!r}")
     return (float(rgb[0]), float(rgb[1]), float(rgb[2]))

@@ -22,6 +22,7 @@ from scenes.geometry.mesh import face_areas
 from scenes.geometry.regions import (
     buffered,
     difference,
+    meets,
     polygon_parts,
     simplified,
     thickened,
@@ -81,8 +82,8 @@ class CrossSections:
         points = np.array([[edges[i, 0], edges[j, 1], edges[k, 2]]
                            for i in (0, 1) for j in (0, 1) for k in (0, 1)])  # fmt: skip
         world = frame.to_world(points[:, :2], 0.0) + points[:, 2:] * frame.normal
-        meets = _boxes_meet(self._low, self._high, world.min(axis=0), world.max(axis=0))
-        local = frame.to_local(self.corners[meets])
+        nearby = _boxes_meet(self._low, self._high, world.min(axis=0), world.max(axis=0))
+        local = frame.to_local(self.corners[nearby])
         return local[_boxes_meet(*_bounds(local), low, high)]
 
 
@@ -90,10 +91,10 @@ def _boxes_meet(
     lowest: Float64Array, highest: Float64Array, low: Float64Array, high: Float64Array
 ) -> BoolArray:
     """Return which boxes from `lowest` to `highest` (F, 3) meet the box from `low` to `high`."""
-    meets = np.ones(len(lowest), dtype=bool)
+    touching = np.ones(len(lowest), dtype=bool)
     for axis in range(3):  # `all(axis=1)` takes ten times as long on rows of three
-        meets &= (lowest[:, axis] <= high[axis]) & (highest[:, axis] >= low[axis])
-    return meets
+        touching &= (lowest[:, axis] <= high[axis]) & (highest[:, axis] >= low[axis])
+    return touching
 
 
 def _bounds(corners: Float64Array) -> tuple[Float64Array, Float64Array]:
@@ -113,8 +114,8 @@ def enclosed_air(local: Float64Array, depth: float, seeds: Float64Array) -> list
         return []
     low, high = seeds.min(axis=0) - _MARGIN, seeds.max(axis=0) + _MARGIN
     lines = slice_segments(local, depth)
-    meets = (lines.min(axis=1) <= high) & (lines.max(axis=1) >= low)
-    lines = _merged_segments(lines[meets.all(axis=1)])
+    inside = (lines.min(axis=1) <= high) & (lines.max(axis=1) >= low)
+    lines = _merged_segments(lines[inside.all(axis=1)])
     lowest, highest = _bounds(local)
     sheet = local[(lowest[:, 2] > depth - _FLAT) & (highest[:, 2] < depth + _FLAT)][..., :2]
     if not len(lines) + len(sheet) or len(lines) + len(sheet) > _MAX_SEGMENTS:

@@ -28,6 +28,7 @@ from scenes.geometry.regions import (
     deepest_point,
     difference,
     intersection,
+    largest_part,
     polygon_parts,
     simplified,
     thickened,

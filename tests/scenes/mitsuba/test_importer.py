@@ -445,6 +445,9 @@ MATERIALS = {
                   "replaced by beckmann: 'as'"),
     "metal": ('<bsdf type="conductor"><string name="material" value="Unobtainium"/></bsdf>',
               "perfect mirror: 'Unobtainium'"),
+    "negative eta": ('<bsdf type="conductor"><rgb name="eta" value="1.4,.2,-.01"/>'
+                     '<spectrum name="k" value="-.02,2,3"/></bsdf>',
+                     "measured metal became 0: 1.4,.2,-.01, -.02,2,3"),
     "phong": ('<bsdf type="phong"><float name="exponent" value="50"/>'
               '<rgb name="diffuseReflectance" '
               'value=".4"/><rgb name="specularReflectance" value=".2"/></bsdf>', "phong was"),
