@@ -50,13 +50,13 @@ def difference(first: BaseGeometry, second: BaseGeometry) -> BaseGeometry:
 
 
 def intersection(first: BaseGeometry, second: BaseGeometry) -> BaseGeometry:
-    """What two regions share; nothing where no grid helps."""
+    """The part that two regions share; nothing where no grid helps."""
     made = _robust(lambda pair, grid: shapely.intersection(*pair, grid_size=grid), [first, second])
     return Polygon() if made is None else made
 
 
 def symmetric_difference(first: BaseGeometry, second: BaseGeometry) -> BaseGeometry:
-    """What belongs to one of two regions only; `first` where no grid helps."""
+    """The part that belongs to one of two regions only; `first` where no grid helps."""
     made = _robust(
         lambda pair, grid: shapely.symmetric_difference(*pair, grid_size=grid), [first, second]
     )
