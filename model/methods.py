@@ -3,7 +3,7 @@
 A new baseline takes:
 
 1. a file in model/baselines with the network, and with an objective if it has a loss of its own;
-2. one entry in `METHODS`, two if it has a loss of its own;
+2. one entry in `METHODS`, or two if it has a loss of its own;
 3. its titles in model/titles.py;
 4. its name in `Baseline` and its section in `TrainParams`, both in pipeline/params.py;
 5. its section in params.yaml and params/*.yaml, which the matrix of dvc.yaml reads.
@@ -41,9 +41,9 @@ class Adam:
 class Method:
     """A network and its training. All networks take inputs of `model.data.encoding.encode`.
 
-    With `own` the method has the loss and the optimiser of its paper, and `own` describes the loss
-    in its model card. Otherwise it has the part-perceptual loss, and the learning rate and decay of
-    the parameters, as the paper's networks have.
+    A method with `adam` and `own_loss` has the optimiser and the loss of its paper, and `own_loss`
+    describes this loss in the model card. Other methods have the part-perceptual loss, and the
+    learning rate and decay of the parameters.
     """
 
     kind: str  # of the network's `Architecture`; methods of one kind share `build`
@@ -52,12 +52,10 @@ class Method:
     target: Target = "color"
     uses_shading_net: bool = False  # takes the output of the fixed shading network
     uses_direct_light: bool = False  # takes the direct light of the panorama
-    uses_noisy_samples: bool = (
-        False  # takes noisy samples and predicts radiance, not display values
-    )
+    uses_noisy_samples: bool = False  # takes noisy samples; predicts radiance, not display values
     predicts_shading: bool = False  # has the method `parts`: shading and colour
     adam: Adam | None = None
-    own: str = ""
+    own_loss: str = ""
 
     def rate(self, params: TrainParams, step: int, steps: int) -> float:
         """Return the learning rate of a step, counted from 0, of `steps`."""
@@ -77,14 +75,14 @@ METHODS: dict[str, Method] = {
     "unet": Method("unet", unet.build),
     "end_to_end": Method("end_to_end", end_to_end.EndToEnd),
     "can": Method("can", can.CAN),
-    "can_own": Method("can", can.CAN, can.MeanSquares, adam=Adam(1e-4), own="mean squares"),
+    "can_own": Method("can", can.CAN, can.MeanSquares, adam=Adam(1e-4), own_loss="mean squares"),
     "pix2pix": Method("pix2pix", pix2pix.Generator),
     "pix2pix_own": Method(
         "pix2pix",
         pix2pix.Generator,
         pix2pix.AdversarialObjective,
         adam=Adam(2e-4, (0.5, 0.999)),
-        own="log loss of 70x70 patches + 100 L1",
+        own_loss="log loss of 70x70 patches + 100 L1",
     ),
     "cyclegan": Method("cyclegan", cyclegan.ForwardGenerator),
     "cyclegan_own": Method(
@@ -92,7 +90,7 @@ METHODS: dict[str, Method] = {
         cyclegan.ForwardGenerator,
         cyclegan.CycleObjective,
         adam=Adam(2e-4, (0.5, 0.999), "halfway"),
-        own="least squares of 70x70 patches + 10 cycle + 5 identity, unpaired",
+        own_loss="least squares of 70x70 patches + 10 cycle + 5 identity, unpaired",
     ),
 }
 BASELINES = tuple(name for name in METHODS if name not in ("shading", "composition"))

@@ -1,4 +1,4 @@
-"""Options that the networks' commands share."""
+"""Command-line options shared by the commands on networks."""
 
 from __future__ import annotations
 
@@ -15,36 +15,38 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 class Size(click.ParamType):
-    """`640x480` as (width, height)."""
+    """Image size like `640x480`, as (width, height)."""
 
     name = "size"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, int]:
-        """Raises click's BadParameter."""
+        """Parse the value; raises click's `BadParameter` for anything else."""
         match = re.fullmatch(r"(\d{1,5})[xX](\d{1,5})", value)
         if match is None or min(int(match[1]), int(match[2])) < 1:
-            self.fail(f"{value!r} is no size; write it like 640x480", param, ctx)
+            self.fail(f"{value!r} is not a size; write it like 640x480", param, ctx)
         return int(match[1]), int(match[2])
 
 
-def models_option(help_text: str = "Trained networks.") -> Decorator:
-    """`--models`, a folder; `models/` unless given."""
+def models_option(help_text: str = "Folder of trained networks.") -> Decorator:
+    """Option `--models`: a folder, by default `models/`."""
     return click.option(
         "--models", type=FOLDER, default=Path("models"), show_default=True, help=help_text
     )
 
 
 def found_models_option() -> Decorator:
-    """`--models` of commands that use pretrained networks too, see `find_models`; None if not
-    given."""
+    """Option `--models` of commands that may use the pretrained networks; by default None.
+
+    `model.release.pretrained.find_models` turns it into a folder.
+    """
     return click.option(
         "--models",
         type=FOLDER,
         default=None,
-        help="Trained networks.  [default: models, or else the pretrained ones]",
+        help="Folder of trained networks.  [default: models, else the pretrained networks]",
     )
 
 
 def size_option(help_text: str) -> Decorator:
-    """`--size`, (width, height) or None."""
+    """Option `--size`: (width, height) or None."""
     return click.option("--size", type=Size(), default=None, metavar="WxH", help=help_text)

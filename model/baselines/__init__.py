@@ -1,1 +1,1 @@
-"""The methods that PBR-Net is compared with, each in one file to be read beside its paper."""
+"""Baselines: the networks that PBR-Net is compared with, one module for each paper."""

@@ -1,10 +1,11 @@
-"""CAN: a context aggregation network, dilated convolutions at full resolution.
+"""CAN: context aggregation network of dilated convolutions at full resolution.
 
 Q. Chen, J. Xu, V. Koltun: *Fast Image Processing with Fully-Convolutional Networks*, ICCV 2017.
-Layer s of d, from 1 to d - 2: 3x3 with dilation 2^(s-1), adaptive normalisation, leaky ReLU 0.2;
-then one more such layer without dilation; then 1x1 to three channels. CAN32+AN has d = 10 and 32
-channels, CAN24 d = 9 and 24. `width` is the channels, `levels` is d. The own loss is the mean
-square of the difference; Adam at 1e-4.
+The network has d layers. Layer s, from 1 to d - 2, is a 3x3 convolution with dilation 2^(s-1),
+adaptive normalisation and leaky ReLU 0.2. Layer d - 1 is the same without dilation, layer d a 1x1
+convolution to three channels. CAN32+AN has d = 10 and 32 channels, CAN24 has d = 9 and 24. `width`
+is the number of channels and `levels` is d. Its own loss is the mean squared error, with Adam at
+1e-4.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ LEAK = 0.2
 
 
 class CAN(nn.Module):
-    """Depth d, equal width throughout, no pooling: each layer keeps the image's size."""
+    """CAN of depth `levels` and constant width, without pooling; see the module."""
 
     def __init__(self, architecture: Architecture) -> None:
         super().__init__()
@@ -38,15 +39,14 @@ class CAN(nn.Module):
         nn.init.zeros_(self.out.bias)  # type: ignore[arg-type]
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
-        """`encode`'s tensors to display values (N, 3, H, W), not clamped."""
+        """Tensors of `encode` to display values (N, 3, H, W), not clamped."""
         return self.out(self.layers(self.stack(inputs)))
 
 
 class Layer(nn.Module):
     """3x3 dilated convolution without bias, adaptive normalisation, leaky ReLU.
 
-    It starts as the identity on the channels that it has in common with what it is given, as
-    far as its width goes.
+    The initial convolution is the identity on the first min(`inputs`, `outputs`) channels.
     """
 
     def __init__(self, inputs: int, outputs: int, dilation: int) -> None:
@@ -61,9 +61,9 @@ class Layer(nn.Module):
 
 
 class AdaptiveNorm(nn.Module):
-    """lambda x + mu BN(x): whether to normalise is learned, one pair of numbers a layer.
+    """Adaptive normalisation, lambda x + mu BN(x), with two learned scalars a layer.
 
-    lambda starts at 1 and mu at 0. BN shifts but does not scale, mu does.
+    lambda starts at 1 and mu at 0. BN has a learned shift and no learned scale, which mu replaces.
     """
 
     def __init__(self, channels: int) -> None:
@@ -78,7 +78,7 @@ class AdaptiveNorm(nn.Module):
 
 
 class MeanSquares(PairedLoss):
-    """CAN's own loss."""
+    """Mean squared error, the loss of the CAN paper."""
 
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)

@@ -1,16 +1,22 @@
-"""CycleGAN: two generators and two discriminators, trained without pairs.
+"""CycleGAN: two generators and two discriminators, trained on unpaired images.
 
 J.-Y. Zhu, T. Park, P. Isola, A. A. Efros: *Unpaired Image-to-Image Translation using
-Cycle-Consistent Adversarial Networks*, ICCV 2017, and its appendix. Generator after Johnson et
-al.: c7s1-64, d128, d256, R256 six times (nine at 256 pixels and more), u128, u64, c7s1-3, tanh;
-instance norm, reflection padding. Discriminators: pix2pix's 70x70 patches, without the inputs.
-The own loss: least squares for the game, 10 times L1 around each cycle, 5 times L1 of
-identity; the discriminators see a history of 50 generated images. `width` is the 64, `levels` the
-number of R blocks.
+Cycle-Consistent Adversarial Networks*, ICCV 2017, and its appendix.
 
-Here one domain is not a photograph but our stack of inputs, so the way back gives a stack,
-without tanh. Identity needs a picture that a generator of the other domain's could take: a colour
-picture stands in the stack as reflectance, of nothing else known (docs/networks.md).
+* Generator, after Johnson et al.: c7s1-64, d128, d256, R256 six times (nine times from 256 pixels
+  on), u128, u64, c7s1-3, tanh; instance norm and reflection padding.
+* Discriminators: the 70x70 PatchGAN of pix2pix, not conditioned on the inputs. They are trained on
+  a buffer of the last 50 generated images.
+* Its own loss: least-squares adversarial loss, plus 10 times the L1 cycle consistency loss, plus 5
+  times the L1 identity loss.
+
+`width` is the number of filters in the first layer (64 in the paper), `levels` the number of R
+blocks.
+
+One of the two domains is here the stack of inputs (`model.baselines.layers.stacked`). The generator
+of this domain has no tanh. The identity loss needs images of one domain as input for the generator
+from the other: a colour image becomes a stack with this colour as reflectance and all other
+channels 0 (docs/networks.md).
 """
 
 from __future__ import annotations
@@ -28,14 +34,14 @@ from model.data.encoding import CHANNELS, Tensors, centred
 from model.networks.objective import Batch, Objective, Setting
 from model.networks.pbrnet import Architecture
 
-CYCLE, IDENTITY = 10.0, 5.0
-HISTORY = 50  # images
+CYCLE, IDENTITY = 10.0, 5.0  # weights of the cycle consistency and identity losses
+BUFFER_SIZE = 50  # images
 _FIRST = sum(CHANNELS[name] for name in IMAGES[: IMAGES.index("reflectance")])
-REFLECTANCE = slice(_FIRST, _FIRST + CHANNELS["reflectance"])  # its channels in the stack
+REFLECTANCE = slice(_FIRST, _FIRST + CHANNELS["reflectance"])  # channels of the stack
 
 
 class Generator(nn.Module):
-    """c7s1-w, d2w, d4w, `blocks` times R4w, u2w, uw, c7s1-`outputs`: at full size again."""
+    """Generator: c7s1-w, d2w, d4w, `blocks` times R4w, u2w, uw, c7s1-`outputs`."""
 
     def __init__(self, inputs: int, outputs: int, width: int, blocks: int) -> None:
         super().__init__()
@@ -45,21 +51,21 @@ class Generator(nn.Module):
             *normalised(nn.Conv2d(width, 2 * width, 3, stride=2, padding=1)),
             *normalised(nn.Conv2d(2 * width, 4 * width, 3, stride=2, padding=1)),
             *(Residual(4 * width) for _ in range(blocks)),
-            *normalised(doubling(4 * width, 2 * width)),
-            *normalised(doubling(2 * width, width)),
+            *normalised(upsampling(4 * width, 2 * width)),
+            *normalised(upsampling(2 * width, width)),
             nn.ReflectionPad2d(3),
             nn.Conv2d(width, outputs, 7),
         )
         self.apply(gaussian)
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
-        """(N, inputs, H, W) to (N, outputs, H, W); padded to fours inside and cropped back."""
+        """(N, inputs, H, W) to (N, outputs, H, W); pads to multiples of 4 and crops back."""
         height, width = image.shape[-2:]
         return self.layers(padded(image, 4, 8))[..., :height, :width]
 
 
 class Residual(nn.Module):
-    """R: two 3x3 convolutions, reflected at the edges, added to what came in."""
+    """R: residual block of two 3x3 convolutions with reflection padding."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -72,144 +78,155 @@ class Residual(nn.Module):
         )
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """(N, width, H, W)."""
+        """(N, width, H, W) to the same shape."""
         return x + self.layers(x)
 
 
 class ForwardGenerator(nn.Module):
-    """Inputs to colour: what is kept after training."""
+    """Generator from the inputs to colour, the network that is saved after training."""
 
     def __init__(self, architecture: Architecture) -> None:
         super().__init__()
         self.generator = Generator(STACKED, 3, architecture.width, architecture.levels)
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
-        """`encode`'s tensors to display values (N, 3, H, W)."""
+        """Tensors of `encode` to display values (N, 3, H, W)."""
         return self.from_stack(stacked(inputs))
 
     def from_stack(self, stack: torch.Tensor) -> torch.Tensor:
-        """(N, `STACKED`, H, W), given or generated, to display values (N, 3, H, W)."""
+        """Real or generated stack (N, `STACKED`, H, W) to display values (N, 3, H, W)."""
         return display(torch.tanh(self.generator(stack)))
 
 
 class CycleObjective(Objective):
-    """CycleGAN's own loss. Stacks are of this step's views, pictures of the step before's.
+    """Adversarial objective of CycleGAN with cycle consistency and identity losses.
 
-    So no pair is ever seen together, though each is drawn as often as the other.
+    A step takes the stacks of its own views and the colour images of the previous step. No stack is
+    therefore seen together with its colour image, and both domains are sampled equally often.
     """
 
     def __init__(self, setting: Setting) -> None:
         self.network, self.half = setting.network, setting.half
         blocks = sum(isinstance(part, Residual) for part in self.network.modules())
-        self.back = Generator(3, STACKED, setting.width, blocks)
-        self.judges = nn.ModuleDict(
+        self.inverse = Generator(3, STACKED, setting.width, blocks)  # from colour to the stack
+        self.discriminators = nn.ModuleDict(
             {
                 name: PatchDiscriminator(channels, setting.width, lambda _: InstanceNorm())
                 for name, channels in (("color", 3), ("stack", STACKED))
             }
         )
         self.players = {
-            "network": nn.ModuleList([self.network, self.back]),
-            "discriminators": self.judges,
+            "network": nn.ModuleList([self.network, self.inverse]),
+            "discriminators": self.discriminators,
         }
-        self.histories = {name: History() for name in self.judges}
-        self.last: torch.Tensor | None = None  # the picture of the step before, centred
+        self.buffers = {name: ImageBuffer() for name in self.discriminators}
+        self.previous: torch.Tensor | None = None  # colour of the previous step, centred
 
     def losses(self, batch: Batch) -> Iterator[tuple[str, torch.Tensor]]:
-        """Both generators', then both discriminators', by generated images old and new."""
-        stack, here = stacked(batch.inputs), centred(batch.truth)
-        color = here if self.last is None else self.last.to(here.device)
-        loss, made = self._generators(stack, color)
+        """The loss of both generators, then that of both discriminators on buffered images."""
+        stack, current = stacked(batch.inputs), centred(batch.truth)
+        color = current if self.previous is None else self.previous.to(current.device)
+        loss, generated = self._generator_loss(stack, color)
         yield "network", loss
-        old = {name: self.histories[name].exchange(image.detach()) for name, image in made.items()}
+        fakes = {
+            name: self.buffers[name].exchange(each.detach()) for name, each in generated.items()
+        }
         with self.half():
             total = sum(
-                0.5 * (squares(self.judges[name](real), 1) + squares(self.judges[name](fake), 0))
-                for name, real, fake in (
-                    ("color", color, old["color"]),
-                    ("stack", stack, old["stack"]),
-                )
+                0.5
+                * (self._least_squares(name, real, 1) + self._least_squares(name, fakes[name], 0))
+                for name, real in (("color", color), ("stack", stack))
             )
         assert isinstance(total, torch.Tensor)
         yield "discriminators", total
-        self.last = here
+        self.previous = current
 
     def loss(self, batch: Batch) -> torch.Tensor:
-        """Both generators' on these views, without the histories."""
-        return self._generators(stacked(batch.inputs), centred(batch.truth))[0]
+        """The loss of both generators on these views, without the buffers."""
+        return self._generator_loss(stacked(batch.inputs), centred(batch.truth))[0]
 
     def memory(self) -> dict[str, Any]:
-        """The histories and the last picture."""
-        images = {name: history.images for name, history in self.histories.items()}
-        return {"histories": images, "last": self.last}
+        """The image buffers and the colour of the previous step."""
+        images = {name: buffer.images for name, buffer in self.buffers.items()}
+        return {"histories": images, "last": self.previous}
 
     def remember(self, memory: dict[str, Any]) -> None:
-        """Take up what `memory` gave."""
-        self.last = memory["last"]
+        """Restore the state that `memory` returned."""
+        self.previous = memory["last"]
         for name, images in memory["histories"].items():
-            self.histories[name].images = list(images)
+            self.buffers[name].images = list(images)
 
-    def _generators(
+    def _generator_loss(
         self, stack: torch.Tensor, color: torch.Tensor
     ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
-        """Loss of the two generators, and what they made; images centred, about [-1, 1]."""
+        """Loss of the two generators, and the images they generate, centred, about [-1, 1]."""
         with self.half():
-            made = {"color": self._forth(stack), "stack": self.back(color).float()}
-            game = sum(squares(self.judges[name](image), 1) for name, image in made.items())
-            around = functional.l1_loss(self.back(made["color"]).float(), stack)
-            around = around + functional.l1_loss(self._forth(made["stack"]), color)
-            same = functional.l1_loss(self._forth(as_stack(color)), color)
+            generated = {"color": self._to_color(stack), "stack": self._to_stack(color)}
+            adversarial = sum(
+                self._least_squares(name, image, 1) for name, image in generated.items()
+            )
+            cycle = functional.l1_loss(self._to_stack(generated["color"]), stack)
+            cycle = cycle + functional.l1_loss(self._to_color(generated["stack"]), color)
+            identity = functional.l1_loss(self._to_color(as_stack(color)), color)
             reflectance = stack[:, REFLECTANCE]
-            kept = self.back(reflectance).float()[:, REFLECTANCE]
-            same = same + functional.l1_loss(kept, reflectance)
-        return game + CYCLE * around + IDENTITY * same, made
+            restored = self._to_stack(reflectance)[:, REFLECTANCE]
+            identity = identity + functional.l1_loss(restored, reflectance)
+        return adversarial + CYCLE * cycle + IDENTITY * identity, generated
 
-    def _forth(self, stack: torch.Tensor) -> torch.Tensor:
+    def _to_color(self, stack: torch.Tensor) -> torch.Tensor:
         network = self.network
         assert isinstance(network, ForwardGenerator)
         return centred(network.from_stack(stack).float())
 
+    def _to_stack(self, color: torch.Tensor) -> torch.Tensor:
+        return self.inverse(color).float()
 
-class History:
-    """The last images that were generated (Shrivastava et al. 2017), at most `HISTORY`."""
+    def _least_squares(self, name: str, image: torch.Tensor, label: int) -> torch.Tensor:
+        return least_squares(self.discriminators[name](image), label)
+
+
+class ImageBuffer:
+    """Buffer of the last `BUFFER_SIZE` generated images (Shrivastava et al. 2017)."""
 
     def __init__(self) -> None:
         self.images: list[torch.Tensor] = []
 
     def exchange(self, batch: torch.Tensor) -> torch.Tensor:
-        """Each of (N, C, H, W) itself, or, once full and half the time, an old one for it.
+        """Images (N, C, H, W) for the discriminator in place of the generated `batch`.
 
-        An old one that is given out makes room for the new one. Draws from torch's random state.
+        Each image is stored and returned until the buffer is full. Then, with probability 0.5, a
+        stored image of the same size is returned and replaced by the new one. Draws from torch's
+        random state.
         """
-        given = []
+        returned = []
         for image in batch.split(1):
-            if len(self.images) < HISTORY:
+            if len(self.images) < BUFFER_SIZE:
                 self.images.append(image)
             elif torch.rand(()) < 0.5:
-                index = int(torch.randint(HISTORY, ()))
+                index = int(torch.randint(BUFFER_SIZE, ()))
                 if self.images[index].shape == image.shape:
                     image, self.images[index] = self.images[index].to(image.device), image
-            given.append(image)
-        return torch.cat(given)
+            returned.append(image)
+        return torch.cat(returned)
 
 
-def squares(verdict: torch.Tensor, wanted: int) -> torch.Tensor:
-    """Mean square of the difference between verdicts and what they should be: the LSGAN's."""
-    return (verdict.float() - wanted).square().mean()
+def least_squares(output: torch.Tensor, label: int) -> torch.Tensor:
+    """Mean squared difference between a discriminator's output and its label (LSGAN)."""
+    return (output.float() - label).square().mean()
 
 
 def as_stack(color: torch.Tensor) -> torch.Tensor:
-    """A centred picture (N, 3, H, W) as reflectance in a stack that says nothing else."""
+    """A stack (N, `STACKED`, H, W) with colour (N, 3, H, W) as reflectance, all else 0."""
     stack = color.new_zeros(color.shape[0], STACKED, *color.shape[-2:])
     stack[:, REFLECTANCE] = color
     return stack
 
 
 def normalised(convolution: nn.Module) -> tuple[nn.Module, nn.Module, nn.Module]:
-    """A convolution, instance norm, ReLU."""
+    """Layers of a block: the convolution, instance norm, ReLU."""
     return convolution, InstanceNorm(), nn.ReLU()
 
 
-def doubling(inputs: int, outputs: int) -> nn.ConvTranspose2d:
-    """u: a 3x3 convolution of stride 1/2."""
+def upsampling(inputs: int, outputs: int) -> nn.ConvTranspose2d:
+    """u: transposed 3x3 convolution that doubles the size (stride 1/2)."""
     return nn.ConvTranspose2d(inputs, outputs, 3, stride=2, padding=1, output_padding=1)

@@ -1,8 +1,8 @@
-"""The paper's two networks as one, which nobody tells what shading is.
+"""The paper's two networks in series, trained end to end on the loss of colour alone.
 
-What the decomposition is worth: the same layers as both stages, but colour's loss alone reaches
-them, so what passes between them is whatever helps. The composition network has two levels less
-than the shading network, as in the presets.
+The comparison with two-stage training shows the value of the decomposition. The layers are the
+same, but the image between the networks is not supervised and need not be shading. The composition
+network has two levels less than the shading network, as in the presets.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from model.networks.pbrnet import Architecture, composition_network, shading_net
 
 
 class EndToEnd(nn.Module):
-    """Shading network, then composition network, with a gradient through both."""
+    """Shading network and composition network in series, with a gradient through both."""
 
     def __init__(self, architecture: Architecture) -> None:
         super().__init__()
@@ -23,14 +23,14 @@ class EndToEnd(nn.Module):
         self.composition = composition_network(composition_of(architecture))
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
-        """`encode`'s tensors to colour in display values (N, 3, H, W), not clamped."""
-        between = self.shading(inputs)
-        # The second network is given [0, 1], as in two stages; the gradient does not stop there,
-        # lest pixels that once leave the range never come back.
-        between = between + (between.clamp(0, 1) - between).detach()
-        return self.composition(between, inputs["reflectance"])
+        """Tensors of `encode` to colour in display values (N, 3, H, W), not clamped."""
+        hidden = self.shading(inputs)
+        # Straight-through clamp: the second network gets values in [0, 1] as in two stages, and
+        # pixels outside of the range still get a gradient.
+        hidden = hidden + (hidden.clamp(0, 1) - hidden).detach()
+        return self.composition(hidden, inputs["reflectance"])
 
 
 def composition_of(architecture: Architecture) -> Architecture:
-    """The composition network that goes with a shading network of this width and depth."""
+    """Architecture of the composition network for that of a shading network."""
     return Architecture("composition", architecture.width, max(1, architecture.levels - 2))

@@ -1,4 +1,4 @@
-"""Shared layers of the baselines: stack of input images, normalisation, padding."""
+"""Shared layers of the baselines: input stack, normalisation, padding, initialisation."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ STACKED = sum(CHANNELS.values())  # channels of `stacked`
 
 
 def stacked(inputs: Tensors) -> torch.Tensor:
-    """All inputs as one image (N, `STACKED`, H, W); the panorama is stretched over it."""
+    """All inputs as one image (N, `STACKED`, H, W); the panorama is resized to its size."""
     panorama = torch.cat(log_panorama(inputs["intensity"], inputs["distance"]), dim=1)
     size = inputs["normal"].shape[-2:]
-    stretched = functional.interpolate(panorama, size, mode="bilinear", align_corners=False)
-    return torch.cat([*(inputs[name] for name in IMAGES), stretched], dim=1)
+    resized = functional.interpolate(panorama, size, mode="bilinear", align_corners=False)
+    return torch.cat([*(inputs[name] for name in IMAGES), resized], dim=1)
 
 
 class Stack(nn.Module):
-    """The image that a baseline's first layer sees, its panorama joined as in our networks.
+    """Input image of a baseline; the panorama is joined to it as in our networks.
 
-    `resize`: `stacked`. `normal`: features of the panorama, read in each pixel's normal, take
-    the place of the stretched panorama, so that no baseline is at a disadvantage.
+    With `panorama` `resize` it is `stacked`. With `normal` it has panorama features that are looked
+    up in the direction of each pixel's normal instead of the resized panorama. Baselines therefore
+    get the same information as our networks.
     """
 
     def __init__(self, panorama: Panorama, width: int) -> None:
@@ -36,7 +37,7 @@ class Stack(nn.Module):
         self.channels = STACKED if self.join is None else images + 2 * branch
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
-        """(N, channels, H, W) of `encode`'s tensors."""
+        """Tensors of `encode` to an image (N, channels, H, W)."""
         if self.join is None:
             return stacked(inputs)
         images = torch.cat([inputs[name] for name in IMAGES], dim=1)
@@ -44,10 +45,10 @@ class Stack(nn.Module):
 
 
 class BatchNorm(nn.Module):
-    """Batch normalisation by the statistics of the batch at hand, in training and in use.
+    """Batch normalisation by the statistics of the current batch, in training and inference.
 
-    The baselines' authors train with batch 1 and use it so too: each image is then normalised by
-    its own statistics, with learned scale and shift per channel. Computed in float32.
+    The authors of the baselines train and predict with batch 1. Each image is then normalised by
+    its own statistics, with a learned scale and shift for each channel. Computed in float32.
     """
 
     def __init__(self, channels: int, epsilon: float = 1e-5, scaled: bool = True) -> None:
@@ -57,7 +58,7 @@ class BatchNorm(nn.Module):
         self.bias = nn.Parameter(torch.zeros(channels))
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """(N, C, H, W), every channel with mean 0 and variance 1 before scale and shift."""
+        """(N, C, H, W) to the same shape; mean 0 and variance 1 before scale and shift."""
         wide = x.float()
         variance, mean = torch.var_mean(wide, dim=(0, 2, 3), correction=0, keepdim=True)
         normal = (wide - mean) * torch.rsqrt(variance + self.epsilon)
@@ -67,23 +68,26 @@ class BatchNorm(nn.Module):
 
 
 class InstanceNorm(nn.Module):
-    """Each channel of each image to mean 0 and variance 1; nothing is learned. In float32."""
+    """Instance normalisation without learned parameters, computed in float32."""
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """(N, C, H, W)."""
+        """(N, C, H, W) to the same shape; mean 0 and variance 1 of each channel and image."""
         return functional.instance_norm(x.float()).to(x.dtype)
 
 
-def padded(x: torch.Tensor, multiple: int, least: int = 1) -> torch.Tensor:
-    """(N, C, H, W) padded right and below by its edge: sides multiples, and at least `least`."""
+def padded(x: torch.Tensor, multiple: int, minimum: int = 1) -> torch.Tensor:
+    """Pad (N, C, H, W) at the right and bottom by repeating the edge.
+
+    The sides become multiples of `multiple` and at least `minimum`.
+    """
     bottom, right = (
-        max(side + -side % multiple, least + -least % multiple) - side for side in x.shape[-2:]
+        max(side + -side % multiple, minimum + -minimum % multiple) - side for side in x.shape[-2:]
     )
     return functional.pad(x, (0, right, 0, bottom), mode="replicate")
 
 
 def gaussian(module: nn.Module) -> None:
-    """Weights of convolutions from N(0, 0.02), no bias: how pix2pix and CycleGAN start."""
+    """Initialise a layer as pix2pix and CycleGAN do: weights from N(0, 0.02^2), bias 0."""
     if isinstance(module, (nn.Conv2d, nn.ConvTranspose2d)):
         nn.init.normal_(module.weight, std=0.02)
         if module.bias is not None:
@@ -93,5 +97,5 @@ def gaussian(module: nn.Module) -> None:
 
 
 def display(tanh: torch.Tensor) -> torch.Tensor:
-    """Output of a last tanh, [-1, 1], as display values in [0, 1]."""
+    """Output of a tanh in [-1, 1] as display values in [0, 1]."""
     return (tanh + 1) / 2

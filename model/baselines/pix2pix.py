@@ -1,13 +1,18 @@
-"""pix2pix: a conditional GAN on a U-Net with skips.
+"""pix2pix: a conditional GAN whose generator is a U-Net with skip connections.
 
 P. Isola, J.-Y. Zhu, T. Zhou, A. A. Efros: *Image-to-Image Translation with Conditional
-Adversarial Networks*, CVPR 2017, and its appendix. Ck is convolution, batch norm, ReLU with k
-filters; CDk has dropout of 50 % too; all 4x4, stride 2.
-Encoder (leaky 0.2): C64-C128-C256-C512-C512-C512-C512-C512, no norm in the first. Decoder:
-CD512-CD512-CD512-C512-C256-C128-C64, then to three channels and tanh; skips join i and n - i.
-Discriminator, 70x70 pixels a patch: C64-C128-C256-C512, then to one channel; it sees the inputs
-beside the picture. The own loss: log loss of the game, and 100 times L1 on the scale [-1, 1].
-`width` is the 64, `levels` the 8. At 256x256, 8 levels end in one pixel.
+Adversarial Networks*, CVPR 2017, and its appendix. Ck is a layer of convolution, batch norm and
+ReLU with k filters. CDk also has dropout of 50 %. All convolutions are 4x4 with stride 2.
+
+* Encoder (leaky ReLU 0.2): C64-C128-C256-C512-C512-C512-C512-C512, no norm in the first layer.
+* Decoder: CD512-CD512-CD512-C512-C256-C128-C64, then a convolution to three channels and tanh.
+  Skip connections join layers i and n - i.
+* Discriminator (70x70 patches): C64-C128-C256-C512, then a convolution to one channel. Its input is
+  the inputs and the real or generated image.
+* Its own loss: the adversarial log loss, plus 100 times L1 of images on the scale [-1, 1].
+
+`width` is the number of filters in the first layer (64 in the paper), `levels` the number of
+encoder layers (8). With 8 levels an image of 256x256 pixels shrinks to one pixel.
 """
 
 from __future__ import annotations
@@ -23,40 +28,40 @@ from model.data.encoding import Tensors, centred
 from model.networks.objective import Batch, Objective, Setting
 from model.networks.pbrnet import Architecture
 
-WIDEST = 8  # filters double up to so many times the first layer's
-DROPPING = 3  # of the decoder's layers, from the bottleneck on
+WIDEST = 8  # maximum number of filters, as a multiple of the first layer's
+DROPOUT_LAYERS = 3  # number of decoder layers with dropout, from the bottleneck on
 LEAK = 0.2
 L1 = 100.0
-SMALLEST = 32  # pixels a side below which the discriminator would have no patch
+SMALLEST = 32  # least side in pixels that gives the discriminator a patch
 
 
 class Generator(nn.Module):
-    """The U-Net of `levels` halvings (8: the paper's)."""
+    """U-Net that halves the image `levels` times (8 in the paper)."""
 
     def __init__(self, architecture: Architecture) -> None:
         super().__init__()
         self.levels = architecture.levels
         self.stack = Stack(architecture.panorama, architecture.width)
         widths = [architecture.width * min(2**level, WIDEST) for level in range(self.levels)]
-        ends = (0, self.levels - 1)  # neither the first layer nor the single pixel is normalised
+        ends = (0, self.levels - 1)  # no norm in the first layer and at the bottleneck
         self.down = nn.ModuleList(
             Down(before, after, norm=level not in ends)
             for level, (before, after) in enumerate(
                 zip([self.stack.channels, *widths], widths, strict=False)
             )
         )
-        ways = list(reversed(widths[:-1]))  # what the decoder's layers put out
-        givens = [widths[-1], *(2 * width for width in ways[:-1])]
+        up_outputs = list(reversed(widths[:-1]))
+        up_inputs = [widths[-1], *(2 * width for width in up_outputs[:-1])]  # with the skip
         self.up = nn.ModuleList(
-            Up(given, width, drop=layer < min(DROPPING, self.levels - 1))
-            for layer, (given, width) in enumerate(zip(givens, ways, strict=True))
+            Up(before, after, drop=layer < min(DROPOUT_LAYERS, self.levels - 1))
+            for layer, (before, after) in enumerate(zip(up_inputs, up_outputs, strict=True))
         )
         self.out = nn.ConvTranspose2d(2 * widths[0], 3, 4, stride=2, padding=1)
         for part in (self.down, self.up, self.out):
             part.apply(gaussian)
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
-        """`encode`'s tensors to display values (N, 3, H, W); padded inside and cropped back."""
+        """Tensors of `encode` to display values (N, 3, H, W); padded inside and cropped back."""
         x = self.stack(inputs)
         height, width = x.shape[-2:]
         x = padded(x, 2**self.levels)
@@ -67,12 +72,12 @@ class Generator(nn.Module):
         skips.pop()
         for up in self.up:
             x = torch.cat([up(x), skips.pop()], dim=1)
-        picture = torch.tanh(self.out(functional.relu(x)))
-        return display(picture)[..., :height, :width]
+        image = torch.tanh(self.out(functional.relu(x)))
+        return display(image)[..., :height, :width]
 
 
 class Down(nn.Module):
-    """Convolution, norm, leaky ReLU. (The ReLU that follows a skip makes the leak undone.)"""
+    """Encoder layer: convolution, norm, leaky ReLU. (The decoder applies ReLU to its skip.)"""
 
     def __init__(self, inputs: int, outputs: int, norm: bool) -> None:
         super().__init__()
@@ -85,7 +90,7 @@ class Down(nn.Module):
 
 
 class Up(nn.Module):
-    """ReLU, transposed convolution, norm, and dropout in the layers next to the bottleneck."""
+    """Decoder layer: ReLU, transposed convolution, norm, and dropout if `drop`."""
 
     def __init__(self, inputs: int, outputs: int, drop: bool) -> None:
         super().__init__()
@@ -99,10 +104,10 @@ class Up(nn.Module):
 
 
 class PatchDiscriminator(nn.Module):
-    """C64-C128-C256-C512, then to one channel: a verdict for every patch of 70x70 pixels.
+    """PatchGAN discriminator: C64-C128-C256-C512, then one logit for each 70x70 patch.
 
-    4x4 convolutions, leaky ReLU 0.2; the first three halve, the first is not normalised.
-    `norm` makes the normalisation of so many channels.
+    4x4 convolutions with leaky ReLU 0.2. The first three have stride 2, the first has no norm.
+    `norm` returns the normalisation layer for a number of channels.
     """
 
     def __init__(self, inputs: int, width: int, norm: Callable[[int], nn.Module]) -> None:
@@ -118,12 +123,12 @@ class PatchDiscriminator(nn.Module):
         self.apply(gaussian)
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
-        """(N, inputs, H, W) to verdicts (N, 1, about H / 8, about W / 8); small ones are padded."""
+        """(N, inputs, H, W) to logits (N, 1, about H / 8, about W / 8); pads small images."""
         return self.layers(padded(image, 1, SMALLEST))
 
 
 class AdversarialObjective(Objective):
-    """pix2pix's own loss: fool a discriminator that sees the inputs, and be near the truth."""
+    """Adversarial objective of pix2pix, with a discriminator conditioned on the inputs, and L1."""
 
     def __init__(self, setting: Setting) -> None:
         self.network, self.half = setting.network, setting.half
@@ -131,31 +136,31 @@ class AdversarialObjective(Objective):
         self.players = {"discriminator": self.discriminator, "network": self.network}
 
     def losses(self, batch: Batch) -> Iterator[tuple[str, torch.Tensor]]:
-        """The discriminator's half of the log loss, then the generator's against its update."""
+        """The loss of the discriminator, halved, then that of the generator after its update."""
         with self.half():
-            picture = self.network(batch.inputs)
-            seen = self._verdict(batch.inputs, batch.truth)
-            made = self._verdict(batch.inputs, picture.detach())
-        yield "discriminator", 0.5 * (log_loss(seen, True) + log_loss(made, False))
-        yield "network", self._generator(batch, picture)
+            generated = self.network(batch.inputs)
+            on_real = self._discriminate(batch.inputs, batch.truth)
+            on_generated = self._discriminate(batch.inputs, generated.detach())
+        yield "discriminator", 0.5 * (log_loss(on_real, True) + log_loss(on_generated, False))
+        yield "network", self._generator_loss(batch, generated)
 
     def loss(self, batch: Batch) -> torch.Tensor:
-        """The generator's: log loss of the game, and `L1` times the mean difference."""
+        """The loss of the generator: adversarial log loss plus `L1` times the mean difference."""
         with self.half():
-            picture = self.network(batch.inputs)
-        return self._generator(batch, picture)
+            generated = self.network(batch.inputs)
+        return self._generator_loss(batch, generated)
 
-    def _generator(self, batch: Batch, picture: torch.Tensor) -> torch.Tensor:
+    def _generator_loss(self, batch: Batch, generated: torch.Tensor) -> torch.Tensor:
         with self.half():
-            fooled = self._verdict(batch.inputs, picture)
-        near = functional.l1_loss(centred(picture.float()), centred(batch.truth))
-        return log_loss(fooled, True) + L1 * near
+            logits = self._discriminate(batch.inputs, generated)
+        difference = functional.l1_loss(centred(generated.float()), centred(batch.truth))
+        return log_loss(logits, True) + L1 * difference
 
-    def _verdict(self, inputs: Tensors, picture: torch.Tensor) -> torch.Tensor:
-        return self.discriminator(torch.cat([stacked(inputs), centred(picture)], dim=1)).float()
+    def _discriminate(self, inputs: Tensors, image: torch.Tensor) -> torch.Tensor:
+        return self.discriminator(torch.cat([stacked(inputs), centred(image)], dim=1)).float()
 
 
-def log_loss(verdict: torch.Tensor, real: bool) -> torch.Tensor:
-    """Mean cross entropy of verdicts (logits) that should all be `real`."""
-    wanted = torch.full_like(verdict, float(real))
-    return functional.binary_cross_entropy_with_logits(verdict, wanted)
+def log_loss(logits: torch.Tensor, real: bool) -> torch.Tensor:
+    """Mean binary cross entropy of the logits of images that are all `real`, or all not."""
+    target = torch.full_like(logits, float(real))
+    return functional.binary_cross_entropy_with_logits(logits, target)

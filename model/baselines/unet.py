@@ -1,9 +1,9 @@
-"""The direct U-Net: our own layers, straight from all inputs to colour.
+"""Direct U-Net: a single network from all inputs to colour.
 
 O. Ronneberger, P. Fischer, T. Brox: *U-Net: Convolutional Networks for Biomedical Image
-Segmentation*, MICCAI 2015. The trunk, with its skips, is `model.networks.pbrnet.UNet`; it is what
-tells whether two networks with shading in between are better than one. Its own loss is a
-classifier's, so it is trained with ours only.
+Segmentation*, MICCAI 2015. It has the layers of our networks (`model.networks.pbrnet.UNet`). The
+comparison shows whether two networks with shading between them are better than one. The loss of its
+paper is for classification, so it is only trained with ours.
 """
 
 from __future__ import annotations
@@ -14,5 +14,5 @@ INPUTS = ("depth", "normal", "reflectance")
 
 
 def build(architecture: Architecture) -> GuidedNet:
-    """`levels` resolutions; a convolution of its own for each input, as the shading network has."""
+    """U-Net of `levels` resolutions with one convolution for each input, as in our networks."""
     return GuidedNet(INPUTS, architecture.width, architecture.levels, architecture.panorama)

@@ -1,1 +1,1 @@
-"""Commands that train, evaluate and use networks."""
+"""Commands that train, evaluate, export and run networks, and the report."""

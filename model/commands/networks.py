@@ -1,4 +1,4 @@
-"""`pbrnet backbone`, `train`, `evaluate`, `pretrained`, `reference` and `export`."""
+"""Commands that train, evaluate, pack and export networks."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from scenes.files import atomic_file, write_json
 @click.command(
     epilog="""\b
 Examples:
-  pbrnet backbone                      VGG-19 if its weights are here, else EfficientNet-Lite0
-  pbrnet backbone --models /tmp/other  write it elsewhere
+  pbrnet backbone                      VGG-19 if its weights are available, else EfficientNet-Lite0
+  pbrnet backbone --models /tmp/other  write to another folder
 
-params.yaml, section backbone: `network`, `weights` (a VGG-19 file with torchvision's names),
-`download` (whether VGG-19 may be fetched)."""
+Section backbone of params.yaml: `network`, `weights` (a VGG-19 file with torchvision's names),
+`download` (whether to download the weights of VGG-19)."""
 )
-@models_option("Where backbone.safetensors and backbone.json go.")
+@models_option("Folder for backbone.safetensors and backbone.json.")
 @common_options
 def backbone(params: Params, data: Path, models: Path) -> None:
-    """Get the pretrained features that the perceptual loss compares."""
+    """Prepare the pretrained feature extractor of the perceptual loss."""
     card = make_backbone(params.backbone, models)
     click.echo(f"backbone: {card.network} from {card.source}, in {models}")
 
@@ -46,16 +46,16 @@ def backbone(params: Params, data: Path, models: Path) -> None:
 Examples:
   pbrnet train shading                 first stage
   pbrnet train composition             second stage, on the fixed shading network
-  pbrnet train baselines               those they are compared with
-  pbrnet train pix2pix                 one of those, trained with our loss
-  pbrnet train pix2pix_own             and with its paper's
+  pbrnet train baselines               the baselines for comparison
+  pbrnet train pix2pix                 one baseline, trained with our loss
+  pbrnet train pix2pix_own             the same with the loss of its paper
   pbrnet train shading --data data/room --models models/room \\
       --from models/shading.safetensors      fine-tune on another dataset
 
-A training that was stopped goes on from its last checkpoint when started again."""
+A training run that was interrupted resumes from its last checkpoint."""
 )
 def train() -> None:
-    """Train a network; each has its own section in params.yaml, train.NAME."""
+    """Train a network with the parameters in section train.NAME of params.yaml."""
 
 
 def _train_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -66,7 +66,7 @@ def _train_options(command: Callable[..., Any]) -> Callable[..., Any]:
             type=FILE,
             default=None,
             metavar="MODEL",
-            help="Start from this model's weights (fine-tuning) instead of random ones.",
+            help="Initialise with the weights of this model (fine-tuning).",
         ),
         click.option(
             "--backbone",
@@ -74,9 +74,9 @@ def _train_options(command: Callable[..., Any]) -> Callable[..., Any]:
             type=FOLDER,
             default=Path("models"),
             show_default=True,
-            help="Folder with the perceptual loss's backbone.",
+            help="Folder of the backbone of the perceptual loss.",
         ),
-        models_option("Where models are read and written; metrics and plots go along."),
+        models_option("Folder of trained networks, to read and to write."),
     ):
         command = option(command)
     return common_options(command)
@@ -106,7 +106,7 @@ def train_shading(
 def train_composition(
     params: Params, data: Path, models: Path, backbone_folder: Path, start: Path | None
 ) -> None:
-    """Second stage: colour from the fixed network's shading and reflectance."""
+    """Second stage: colour from reflectance and the predicted shading."""
     _train("composition", params, data, models, backbone_folder, start)
 
 
@@ -131,16 +131,16 @@ for _name in BASELINES:
     "baselines",
     epilog="""\b
 Examples:
-  pbrnet train baselines               those that params.yaml names: train.baselines
-  dvc repro train_baselines            the same, each only if it is out of date""",
+  pbrnet train baselines               the networks in train.baselines of params.yaml
+  dvc repro train_baselines            the same, but only those that are out of date""",
 )
 @_train_options
 def train_baselines(
     params: Params, data: Path, models: Path, backbone_folder: Path, start: Path | None
 ) -> None:
-    """Every network of train.baselines, one after the other."""
+    """All networks in train.baselines, one after the other."""
     if start is not None and len(params.train.baselines) > 1:
-        raise click.UsageError("--from fits one network; train the baselines one by one")
+        raise click.UsageError("--from applies to one network; train the baselines one by one")
     for name in params.train.baselines:
         _train(name, params, data, models, backbone_folder, start)
 
@@ -148,20 +148,20 @@ def train_baselines(
 @click.command(
     epilog="""\b
 Examples:
-  pbrnet evaluate                      the split that params.yaml names (evaluate.split)
+  pbrnet evaluate                      on the split evaluate.split of params.yaml
   pbrnet evaluate --models models/room --data data/room
   pbrnet evaluate --models weights --data data/room     the pretrained networks
 
-Measures every method whose networks lie in the folder. Refused if a network was trained on a test
-scene or on another scene of its floor plan.""",
+Measures every method whose networks are in the folder. Fails if a network was trained on a scene of
+the split or on another scene with its floor plan.""",
 )
 @models_option()
 @common_options
 def evaluate(params: Params, data: Path, models: Path) -> None:
-    """Measure the networks beside reflectance x shading and every baseline that is trained."""
+    """Measure the trained networks, the baselines, and reflectance x shading."""
     result = evaluation.evaluate(params, Folders.beside(data, models, models))
     click.echo(f"{result['views']} views of {result['scenes']} {result['split']} scenes")
-    for method in evaluation.METHODS:
+    for method in evaluation.EVALUATED_METHODS:
         if method in result["methods"]:
             click.echo(_line(method, result["methods"][method]))
 
@@ -179,13 +179,13 @@ def _line(method: str, values: dict[str, Any]) -> str:
 @click.command(
     epilog="""\b
 Examples:
-  pbrnet pretrained                        the two networks of models/, to weights/
-  pbrnet pretrained --method plus --method hybrid     other methods' networks
+  pbrnet pretrained                        the two networks in models/, to weights/
+  pbrnet pretrained --method plus --method hybrid     networks of other methods
   pbrnet pretrained --from models/room --out /tmp/room --metrics models/room
 
-Each network is stored in half precision with its card, and a README.md says what it was trained
-on, under which licences, and how good it is. Refused if pictures would change visibly or the
-folder would exceed 16 MB. `pbrnet predict` uses weights/ where models/ has no networks."""
+Stores each network in half precision with its card, and writes a README.md with training data,
+licences and results. Fails if predictions would change visibly or the folder would exceed 16 MB.
+`pbrnet predict` uses weights/ if models/ has no networks."""
 )
 @click.option(
     "--from",
@@ -193,14 +193,14 @@ folder would exceed 16 MB. `pbrnet predict` uses weights/ where models/ has no n
     type=FOLDER,
     default=Path("models"),
     show_default=True,
-    help="Trained networks.",
+    help="Folder of trained networks.",
 )
 @click.option(
     "--out",
     type=FOLDER,
     default=Path("weights"),
     show_default=True,
-    help="Folder to write; packed networks in it are replaced.",
+    help="Folder to write; replaces packed networks in it.",
 )
 @click.option(
     "--method",
@@ -209,23 +209,23 @@ folder would exceed 16 MB. `pbrnet predict` uses weights/ where models/ has no n
     multiple=True,
     default=["pbrnet"],
     show_default=True,
-    help="Whose networks, again for each.",
+    help="Method whose networks to pack (repeatable).",
 )
 @click.option(
     "--metrics",
     type=FOLDER,
     default=Path("metrics"),
     show_default=True,
-    help="Folder with evaluation.json, for the card.",
+    help="Folder of evaluation.json, for the results in the model card.",
 )
 @common_options
 def pretrained(
     params: Params, data: Path, source: Path, out: Path, methods: tuple[str, ...], metrics: Path
 ) -> None:
-    """Pack trained networks to be passed on: small, checked, with a model card."""
+    """Pack trained networks for release, in half precision and with a model card."""
     for difference in pack(source, out, methods, data, metrics):
         click.echo(
-            f"{', '.join(needed(difference.method))}: on {difference.views} views pictures "
+            f"{', '.join(needed(difference.method))}: on {difference.views} views predictions "
             f"differ by at most {difference.worst:.5f}, on average by {difference.mean:.6f}"
         )
     size = sum(file.stat().st_size for file in out.iterdir()) / 1e6
@@ -239,25 +239,25 @@ Examples:
   pbrnet reference --sheet best-to-worst.png --method plus --method hybrid
   python -c "import json; print(json.load(open('metrics/reference.json'))['methods']['plus'])"
 
-Takes what `pbrnet evaluate` wrote beside the models, and the dataset's pictures for the sheet:
-a row a view from the first method's best to its worst, the truth on the left."""
+Reads the results of `pbrnet evaluate` and, for the sheet, the dataset. The sheet has a row for each
+view, from the best to the worst of the first method, with the truth on the left."""
 )
-@models_option("Trained networks.")
+@models_option()
 @click.option(
     "--out",
     type=FILE,
     default=None,
     help="JSON to write.  [default: reference.json beside evaluation.json]",
 )
-@click.option("--sheet", type=FILE, default=None, metavar="FILE", help="PNG to draw too.")
+@click.option("--sheet", type=FILE, default=None, metavar="FILE", help="Contact sheet to write.")
 @click.option(
     "--method",
     "methods",
-    type=click.Choice(evaluation.METHODS),
+    type=click.Choice(evaluation.EVALUATED_METHODS),
     multiple=True,
     default=["pbrnet"],
     show_default=True,
-    help="A column of the sheet, again for each.",
+    help="Column of the sheet (repeatable).",
 )
 @click.option(
     "--views", type=click.IntRange(1, 100), default=8, show_default=True, help="Rows of the sheet."
@@ -272,7 +272,7 @@ def reference(
     methods: tuple[str, ...],
     views: int,
 ) -> None:
-    """Keep what a run found: every method's figures in one flat file, and a sheet of pictures."""
+    """Write the figures of all methods to one flat file, and draw a contact sheet."""
     folders = Folders.beside(data, models, models)
     target = out or folders.metrics / "reference.json"
     write_json(target, kept.summary(params, folders))
@@ -292,23 +292,23 @@ Examples:
   python examples/consume/with_onnx.py model.onnx data/dataset
   python examples/onnx_predict.py model.onnx data/inputs/S/V.exr data/illumination/S/V.exr
 
-The file takes the dataset's columns as they are, at any size, and gives shading and colour as
-display values. Needs the extra packages: pip install 'pbrnet[onnx]'"""
+The model takes the columns of the dataset, at any image size, and returns shading and colour as
+display values. Requires extra packages: pip install 'pbrnet[onnx]'"""
 )
-@click.option("--onnx", "out", type=FILE, required=True, metavar="FILE", help="ONNX to write.")
+@click.option("--onnx", "out", type=FILE, required=True, metavar="FILE", help="File to write.")
 @click.option(
     "--method",
     type=click.Choice(("pbrnet", "plus")),
     default="pbrnet",
     show_default=True,
-    help="Whose networks.",
+    help="Method to export.",
 )
 @found_models_option()
 @common_options
 def export(params: Params, data: Path, models: Path | None, method: str, out: Path) -> None:
-    """Write a method's trained networks as one file for other programs."""
+    """Export the trained networks of a method as one ONNX file."""
     found = find_models(models, method)
     export_onnx(load_networks(found.folder, [method]), out)
     names = ", ".join((*INPUTS, "K") if method == "plus" else INPUTS)
     click.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {names} to shading, color")
-    click.echo(f"{method}, networks from {found.words}")
+    click.echo(f"{method}, networks from {found.description}")

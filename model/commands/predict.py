@@ -1,4 +1,4 @@
-"""`pbrnet predict`."""
+"""`pbrnet predict`: images from the trained networks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from model.evaluation import predict as prediction
 from model.evaluation.inference import PREDICTABLE, Networks, load_networks
-from model.evaluation.predict import Wanted
+from model.evaluation.predict import ViewSource
 from model.networks.tiles import SMALLEST
 from model.options import FILE, FOLDER, found_models_option, size_option
 from model.release.pretrained import find_models
@@ -20,7 +20,7 @@ from pipeline.images import png_bytes
 from pipeline.params import Params
 from pipeline.progress import Progress
 from pipeline.tonemap import to_bytes
-from pipeline.views import intrinsics_of
+from pipeline.views import View, intrinsics_of
 from scenes.contract import load_scene
 from scenes.errors import InputError
 from scenes.files import atomic_file
@@ -40,43 +40,44 @@ Examples:
   pbrnet predict --inputs in.exr --illumination panorama.exr --out picture.png
   pbrnet predict --inputs data/inputs/home-0000 --illumination data/illumination/home-0000
 
-VIEW is a view_id of the camera file, data/cameras/SCENE.json unless --camera names another.
-Networks are those in models/ or, if none are trained there, the pretrained ones that come with
-pbrnet. --compare reads the truth from the data folder, or renders it, and puts it beside the
-prediction with the error. --exr: docs/use.md says what its numbers mean. `pbrnet report` shows
-all that lies in predictions/."""
+VIEW is a view_id in the camera file, by default data/cameras/SCENE.json.
+The networks are those in models/, or the pretrained networks of pbrnet if that has none.
+--compare reads the true images from the data folder, or renders them.
+docs/use.md describes the values of --exr. `pbrnet report` shows all images in predictions/."""
 )
 @click.argument("scene", type=FOLDER, required=False)
-@click.option("--view", "views", multiple=True, help="View of the camera file; again for more.")
+@click.option("--view", "views", multiple=True, help="View of the camera file (repeatable).")
 @click.option("--all-views", is_flag=True, help="All views of the camera file.")
 @click.option("--camera", type=FILE, default=None, help="Camera file of the scene.")
-@click.option("--eye", metavar="X,Y,Z", help="A camera of your own: where, metres, Z up.")
-@click.option("--towards", metavar="X,Y,Z", help="And in which direction it looks.")
-@click.option("--inputs", type=_EITHER, help="Frame with depth, normal, reflectance, or a folder.")
-@click.option("--illumination", type=_EITHER, help="Frame with the panorama, or a folder.")
-@click.option("--visibility", type=_EITHER, help="Frame of shadows, or a folder, for plus.")
-@click.option("--noisy", type=_EITHER, help="Frame of few samples, or a folder, for hybrid.")
+@click.option("--eye", metavar="X,Y,Z", help="Position of a new camera, in metres, Z up.")
+@click.option("--towards", metavar="X,Y,Z", help="Viewing direction of the new camera.")
+@click.option("--inputs", type=_EITHER, help="Frame of depth, normal, reflectance, or a folder.")
+@click.option("--illumination", type=_EITHER, help="Frame of the panorama, or a folder.")
+@click.option("--visibility", type=_EITHER, help="Frame of shadows, or a folder (for plus).")
+@click.option("--noisy", type=_EITHER, help="Frame of noisy samples, or a folder (for hybrid).")
 @size_option("Render the inputs at this size.")
 @click.option(
     "--method",
     type=click.Choice(PREDICTABLE),
     default=None,
-    help="How to make the colour.  [default: pbrnet, or else what is trained]",
+    help="Method that predicts colour.  [default: pbrnet, else a trained method]",
 )
 @click.option(
     "--tile",
     type=click.IntRange(SMALLEST),
     default=None,
     metavar="N",
-    help="Compute large images in overlapping pieces of N pixels a side: less memory.",
+    help="Predict large images in tiles of N pixels a side, with less memory.",
 )
-@click.option("--exr", is_flag=True, help="Write linear radiance beside the PNG, as OpenEXR.")
-@click.option("--compare", "with_truth", is_flag=True, help="Put truth and error beside it.")
+@click.option("--exr", is_flag=True, help="Also write linear radiance as OpenEXR.")
+@click.option(
+    "--compare", "with_truth", is_flag=True, help="Show the truth and the error next to it."
+)
 @click.option(
     "--out",
     type=_EITHER,
     default=None,
-    help="PNG to write; of several views, a folder.  [default: predictions/SCENE--VIEW.png]",
+    help="PNG to write, or a folder for several views.  [default: predictions/SCENE--VIEW.png]",
 )
 @found_models_option()
 @common_options
@@ -91,69 +92,72 @@ def predict(
     out: Path | None,
     **source: Any,
 ) -> int:
-    """Make images through the trained networks, from SCENE or from frames."""
-    wanted = _wanted(params, data, with_truth, **source)
-    if len(wanted) > 1 and out is not None and out.suffix.lower() in (".png", ".exr"):
-        raise click.BadParameter(f"{out}: {len(wanted)} views need a folder", param_hint="--out")
+    """Predict images with the trained networks, from SCENE or from frames."""
+    views = _view_sources(params, data, with_truth, **source)
+    if len(views) > 1 and out is not None and out.suffix.lower() in (".png", ".exr"):
+        raise click.BadParameter(f"{out}: {len(views)} views need a folder", param_hint="--out")
     found = find_models(models, method)
     networks = load_networks(found.folder, [found.method], tile or 0)
-    click.echo(f"{found.method}, networks from {found.words}")
+    click.echo(f"{found.method}, networks from {found.description}")
     scene = source["scene"]
     failed = 0
-    with Progress(len(wanted), "predict") as progress:
-        for one in wanted:
-            folder = scene or data / "scenes" / one.view.scene_id
+    with Progress(len(views), "predict") as progress:
+        for each in views:
+            folder = scene or data / "scenes" / each.view.scene_id
+            target = _target(out, each.view, len(views))
             try:
-                said = _predict_one(networks, one, _target(out, one, len(wanted)), folder, exr,
-                                    with_truth, str(found.folder))  # fmt: skip
+                message = _predict_view(
+                    networks, each, target, folder, exr, with_truth, str(found.folder)
+                )
             except InputError as error:
-                if len(wanted) == 1:
+                if len(views) == 1:
                     raise
                 failed += 1
-                click.echo(f"Error: {one.name}: {error}", err=True)
+                click.echo(f"Error: {each.name}: {error}", err=True)
             else:
-                click.echo(said)
+                click.echo(message)
             progress.advance()
     return 1 if failed else 0
 
 
-def _predict_one(
+def _predict_view(
     networks: Networks,
-    wanted: Wanted,
+    source: ViewSource,
     out: Path,
     scene: Path,
     exr: bool,
     with_truth: bool,
     models: str,
 ) -> str:
-    """Write the picture of a view, and its radiance; returns what to tell."""
-    example = wanted.make(networks.card)
-    unshaded = bool(networks.card.training.get("shadows")) and example.visibility is None
-    if unshaded:
+    """Write the image of a view, and its radiance with `exr`; returns a message."""
+    example = source.load(networks.card)
+    unshadowed = bool(networks.card.training.get("shadows")) and example.visibility is None
+    if unshadowed:
         example = replace(example, visibility=np.ones_like(example.depth))
-    made = networks.predict(networks.methods[0], example)
-    picture, words = to_bytes(made.color), ""
+    predicted = networks.predict(networks.methods[0], example)
+    picture, metrics = to_bytes(predicted.color), ""
     if with_truth:
-        picture, words = prediction.compare(networks, example, made)
+        picture, metrics = prediction.compare(networks, example, predicted)
     facts = {
         "prediction": example.name,
-        "models": f"{made.method} of {models}",
-        "words": words,
+        "models": f"{predicted.method} of {models}",
+        "words": metrics,
         "credits": _credits(scene),
     }
     with atomic_file(out) as partial:
         partial.write_bytes(png_bytes(picture, facts))
-    said = f"{out}: {example.name}, {made.color.shape[1]}x{made.color.shape[0]} {words}".rstrip()
-    if unshaded:
-        said += "\nwithout shadows, which the network was trained with: give --visibility too"
+    height, width = predicted.color.shape[:2]
+    message = f"{out}: {example.name}, {width}x{height} {metrics}".rstrip()
+    if unshadowed:
+        message += "\nwithout shadows, which the network was trained with: add --visibility"
     if exr:
         target = out.with_suffix(".exr")
-        about = prediction.write_radiance(target, networks, wanted, example, made, facts)
-        said += f"\n{target}: {about}"
-    return said
+        about = prediction.write_radiance(target, networks, source.view, example, predicted, facts)
+        message += f"\n{target}: {about}"
+    return message
 
 
-def _wanted(
+def _view_sources(
     params: Params,
     data: Path,
     with_truth: bool,
@@ -168,30 +172,30 @@ def _wanted(
     visibility: Path | None,
     noisy: Path | None,
     size: tuple[int, int] | None,
-) -> list[Wanted]:
-    """The views that the options name."""
+) -> list[ViewSource]:
+    """The views that the options select."""
     if scene is None:
         if inputs is None or illumination is None:
-            raise click.UsageError("name a SCENE and a --view, or --inputs and --illumination")
+            raise click.UsageError("give a SCENE and a --view, or --inputs and --illumination")
         if size or views or all_views or camera or eye or towards:
             raise click.UsageError(
                 "--size, --view, --all-views, --camera, --eye and --towards need a SCENE"
             )
-        asked = {"visibility": visibility or _shadows_beside(illumination), "noisy": noisy}
-        more = {name: path for name, path in asked.items() if path}
-        frames = prediction.frame_sets(inputs, illumination, *more.values())
+        paths = {"visibility": visibility or _visibility_of(illumination), "noisy": noisy}
+        optional = {name: path for name, path in paths.items() if path}
+        frames = prediction.frame_sets(inputs, illumination, *optional.values())
         truth = data if with_truth else None
         return [
             prediction.from_frames(
-                *paths[:2], truth=truth, **dict(zip(more, paths[2:], strict=True))
+                *files[:2], truth=truth, **dict(zip(optional, files[2:], strict=True))
             )
-            for paths in frames
+            for files in frames
         ]
     if inputs or illumination or visibility or noisy:
-        raise click.UsageError("name a SCENE, or --inputs and --illumination, not both")
+        raise click.UsageError("give a SCENE, or --inputs and --illumination, not both")
     if sum((bool(views), all_views, eye is not None)) != 1 or (eye is None) != (towards is None):
         raise click.UsageError(
-            "with SCENE, name a --view (again for more), or --all-views, or --eye and --towards"
+            "with SCENE, give --view (repeatable), or --all-views, or --eye and --towards"
         )
     if eye is not None and towards is not None:
         image = replace(params.image, width=size[0], height=size[1]) if size else params.image
@@ -204,30 +208,33 @@ def _wanted(
     return prediction.from_scene(scene, found, params, data, with_truth)
 
 
-def _shadows_beside(illumination: Path) -> Path | None:
-    """Frames of shadows, where the stages put them: in `visibility` beside `illumination`."""
+def _visibility_of(illumination: Path) -> Path | None:
+    """Frames of visibility of the same views: `visibility` instead of `illumination` in the path.
+
+    None if there are none.
+    """
     parts = illumination.parts
     if "illumination" not in parts:
         return None
     place = len(parts) - 1 - parts[::-1].index("illumination")
     found = Path(*parts[:place], "visibility", *parts[place + 1 :])
-    there = any(found.rglob("*.exr")) if found.is_dir() else found.is_file()
-    return found if there else None
+    exists = any(found.rglob("*.exr")) if found.is_dir() else found.is_file()
+    return found if exists else None
 
 
-def _target(out: Path | None, wanted: Wanted, count: int) -> Path:
-    name = f"{wanted.view.scene_id}--{wanted.view.view_id}.png"
+def _target(out: Path | None, view: View, count: int) -> Path:
+    name = f"{view.scene_id}--{view.view_id}.png"
     if out is None:
         return Path("predictions") / name
     if count > 1 or out.is_dir():
         return out / name
     if out.suffix.lower() != ".png":
-        raise click.BadParameter(f"{out}: let the picture end in .png", param_hint="--out")
+        raise click.BadParameter(f"{out}: the file name must end in .png", param_hint="--out")
     return out
 
 
 def _credits(scene: Path) -> list[str]:
-    """Whose work a scene is and on what terms, as far as its folder is there."""
+    """Title, author and licence of each part of a scene; empty without its folder."""
     if not (scene / "scene.json").is_file():
         return []
     credits = load_scene(scene).credits

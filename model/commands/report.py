@@ -17,7 +17,7 @@ Examples:
   pbrnet report                        write report/index.html
   pbrnet report --out /tmp/page.html   write it elsewhere
 
-The page needs no network. What is not there yet is named, with the command that makes it."""
+The page works offline. For missing results it names the command that creates them."""
 )
 @click.option(
     "--out",
@@ -35,7 +35,7 @@ The page needs no network. What is not there yet is named, with the command that
 )
 @common_options
 def report(params: Params, data: Path, out: Path, root: Path) -> None:
-    """Write one self-contained HTML page that shows what happened."""
+    """Write a self-contained HTML page with the results of a run."""
     places = Places(data, *(root / name for name in ("models", "metrics", "plots", "predictions")))
     for sentence in write_report(places, params, out):
         click.echo(f"note: {sentence}", err=True)

@@ -1,1 +1,1 @@
-"""Metrics, inference and evaluation of methods."""
+"""Inference, image metrics and evaluation of trained methods."""

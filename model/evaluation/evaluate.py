@@ -1,4 +1,4 @@
-"""The evaluate stage: metrics and timings of the methods on scenes that training never saw."""
+"""Evaluate stage: metrics and timings of all methods on scenes held out from training."""
 
 from __future__ import annotations
 
@@ -25,8 +25,7 @@ from model.evaluation.inference import (
     load_networks,
 )
 from model.evaluation.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
-from model.methods import BASELINES
-from model.methods import METHODS as TRAINED
+from model.methods import BASELINES, METHODS
 from model.training.store import ModelCard
 from model.training.train import Folders
 from pipeline.costs.ledger import read_ledger
@@ -41,8 +40,8 @@ from scenes.errors import InputError
 from scenes.files import atomic_directory, read_json, write_json, write_text
 from scenes.seeds import derive
 
-METHODS = (*PREDICTABLE, "denoised", "ceiling")
-EXAMPLES = 4  # best and as many worst views are drawn
+EVALUATED_METHODS = (*PREDICTABLE, "denoised", "ceiling")
+EXAMPLES = 4  # number of best views, and of worst views, with example images
 RENDERER_STAGES = (
     "groundtruth",
     "color",
@@ -55,12 +54,12 @@ RENDERER_STAGES = (
 
 
 class LeakError(InputError):
-    """A network would be tested on what it was trained on."""
+    """A network was trained on a scene of the split to evaluate."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """A row of `evaluation.csv`."""
+    """Metrics of a method on a view: a row of `evaluation.csv`."""
 
     scene_id: str
     view_id: str
@@ -69,15 +68,18 @@ class Score:
 
 
 def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
-    """Measure every method on the split; write `evaluation.json`, `.csv` and example pictures.
+    """Measure every method on the split; write `evaluation.json`, `.csv` and example images.
 
-    Methods are those whose networks lie in the models folder: `pbrnet` (both networks), `product`
-    (reflectance x predicted shading) by Reinhard's operator and `product_linear`, and every method
-    of the registry that has been trained. Beside them `ceiling` (reflectance x true shading), the
-    upper bound of `product`, and, where the dataset's noisy samples are read, `denoised` (the
-    denoiser's result alone). Example pictures are ranked by the first method. Raises `InputError`
-    if there are no networks, or if the first stages are trained here and a method of
-    `train.baselines` is not, `LeakError` if a scene, or another scene of its plan, was trained on.
+    A method is measured if its networks are in the models folder: `pbrnet` (both networks),
+    `product` and `product_linear` (reflectance x predicted shading, tone-mapped by Reinhard's
+    operator or linearly), and the trained methods of the registry. Further rows are `ceiling`
+    (reflectance x true shading), the upper bound of `product`, and `denoised` (the denoiser alone)
+    if the noisy samples of the dataset are read. The example images are the best and worst views of
+    the first method.
+
+    Raises `InputError` if there are no networks, or if `pbrnet` is trained but a method of
+    `train.baselines` is not. Raises `LeakError` if a network was trained on a scene of the split or
+    on another scene of its floor plan.
     """
     torch.set_num_threads(len(os.sched_getaffinity(0)))
     methods, left_out = _measurable(_methods_in(params, folders.models), params, folders)
@@ -86,13 +88,13 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
     scores: list[Score] = []
     with Progress(len(dataset), "evaluate") as progress:
         if lpips is None:
-            progress.write("evaluate: without LPIPS, whose weights are not on this machine")
+            progress.write("evaluate: without LPIPS: its weights are not installed")
         for method, reason in left_out.items():
             progress.write(f"evaluate: without {method}: {reason}")
         for example in dataset.ordered():
             truth = true_color(example, networks)
             for method, image in _images(example, networks).items():
-                if method in METHODS:
+                if method in EVALUATED_METHODS:
                     values = measure(truth, image, lpips)
                     scores.append(Score(example.scene_id, example.view_id, method, values))
             progress.advance()
@@ -126,13 +128,13 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
 
 
 def _methods(scores: Sequence[Score], seconds: dict[str, float], seed: int) -> dict[str, Any]:
-    """Every method's figures: metrics with their intervals, and seconds an image."""
+    """Figures of each method: metrics with their intervals, and seconds an image."""
     return {
         method: {
             **_summary([score for score in scores if score.method == method], seed),
             "seconds": _method_seconds(method, seconds),
         }
-        for method in METHODS
+        for method in EVALUATED_METHODS
         if any(score.method == method for score in scores)
     }
 
@@ -140,18 +142,20 @@ def _methods(scores: Sequence[Score], seconds: dict[str, float], seed: int) -> d
 def _kept_back(
     dataset: Dataset, scores: Sequence[Score], seconds: dict[str, float], params: Params
 ) -> dict[str, Any] | None:
-    """The same of the scenes that `dataset.splits.test_only` names alone: how well the networks
-    do on sources that training never saw. None where it names none of them."""
+    """Figures on the scenes of `dataset.splits.test_only`, whose sources training never uses.
+
+    None if the split has none of these scenes.
+    """
     known = dataset.plans()
     plans = {score.scene_id: known.get(score.scene_id, score.scene_id) for score in scores}
     held_out = kept_back(params.dataset.splits.test_only, plans)
-    theirs = [score for score in scores if plans[score.scene_id] in held_out]
-    if not theirs:
+    selected = [score for score in scores if plans[score.scene_id] in held_out]
+    if not selected:
         return None
     return {
-        "views": len({(score.scene_id, score.view_id) for score in theirs}),
-        "scenes": len({score.scene_id for score in theirs}),
-        "methods": _methods(theirs, seconds, params.seed),
+        "views": len({(score.scene_id, score.view_id) for score in selected}),
+        "scenes": len({score.scene_id for score in selected}),
+        "methods": _methods(selected, seconds, params.seed),
     }
 
 
@@ -160,32 +164,32 @@ def open_split(
 ) -> tuple[Networks, Dataset]:
     """Return the networks of these methods and the split they are measured on.
 
-    Raises `LeakError` as `refuse_leaks` does, `InputError` if a network is missing or was trained
-    with another tone mapping than the parameters'.
+    Raises `LeakError` as `refuse_leaks` does, and `InputError` if a network is missing or its tone
+    mapping differs from that of the parameters.
     """
     networks = load_networks(folders.models, methods)
-    noisy = any(TRAINED[name].uses_noisy_samples for name in networks.baselines)
+    noisy = any(METHODS[name].uses_noisy_samples for name in networks.baselines)
     dataset = Dataset(folders.data / "dataset", params.evaluate.split, noisy)
     refuse_leaks(dataset, networks.cards)
     if networks.card.tone != plain(params.tone):
         raise InputError(
-            f"{folders.models}: trained with the tone mapping {networks.card.tone}, now it is "
-            f"{plain(params.tone)}; train again"
+            f"{folders.models}: trained with the tone mapping {networks.card.tone}, but the "
+            f"parameters give {plain(params.tone)}; train the networks again"
         )
     return networks, dataset
 
 
 def _methods_in(params: Params, models: Path) -> list[str]:
-    """Methods to measure: all whose networks lie in the folder, in the order of `PREDICTABLE`.
+    """Methods to measure: those whose networks are in the folder, in the order of `PREDICTABLE`.
 
-    Where `pbrnet` has been trained, those of `train.baselines` are expected too: they are named
-    even if they are missing, so that loading them fails.
+    If `pbrnet` is among them, the methods of `train.baselines` are included even if missing, so
+    that loading them fails. Raises `InputError` if the folder holds no networks.
     """
     present = available(models)
     if not present:
         raise InputError(
-            f"{models}: no trained networks here; train them (pbrnet train shading, pbrnet train "
-            "composition), or name another folder with --models"
+            f"{models}: no trained networks in this folder; train them (pbrnet train shading, "
+            "pbrnet train composition), or give another folder with --models"
         )
     expected = params.train.baselines if "pbrnet" in present else ()
     return [name for name in PREDICTABLE if name in present or name in expected]
@@ -194,21 +198,22 @@ def _methods_in(params: Params, models: Path) -> list[str]:
 def _measurable(
     methods: Sequence[str], params: Params, folders: Folders
 ) -> tuple[list[str], dict[str, str]]:
-    """Split methods into those whose inputs the dataset has, and the others with the reason.
+    """Methods whose inputs the dataset has, and the reason for each of the others.
 
-    Raises `InputError` if the dataset has the inputs of none.
+    Raises `InputError` if the dataset lacks an input of every method.
     """
     columns = image_columns(folders.data / "dataset", params.evaluate.split)
     left_out = {}
     for method in methods:
         card = folders.models / f"{method}.json"
         trained_with = read_json(card).get("training", {}) if card.is_file() else {}
-        noisy = method in TRAINED and TRAINED[method].uses_noisy_samples
+        noisy = method in METHODS and METHODS[method].uses_noisy_samples
         if noisy and not set(NOISY_IMAGES) <= columns:
-            left_out[method] = "the dataset has no noisy samples; set noisy.spp and make them"
+            left_out[method] = "the dataset has no noisy samples; set noisy.spp and render them"
         elif trained_with.get("shadows") and "visibility" not in columns:
             left_out[method] = (
-                "the dataset has no visibility of lights; set illumination.shadow_rays and make it"
+                "the dataset has no visibility of lights; set illumination.shadow_rays and "
+                "render it"
             )
     if len(left_out) == len(methods):
         reasons = "; ".join(f"{method}: {reason}" for method, reason in left_out.items())
@@ -217,9 +222,9 @@ def _measurable(
 
 
 def refuse_leaks(dataset: Dataset, cards: Mapping[str, ModelCard]) -> None:
-    """Raise `LeakError` if any network was trained on a scene or plan of this dataset.
+    """Raise `LeakError` if any network was trained on a scene or floor plan of this dataset.
 
-    The training split itself may be measured: whoever asks for it knows.
+    Evaluation on the split `train` is explicit, so it is allowed.
     """
     if dataset.split == "train":
         return
@@ -227,7 +232,7 @@ def refuse_leaks(dataset: Dataset, cards: Mapping[str, ModelCard]) -> None:
     scenes = sorted(set(dataset.column("scene_id")))
     for name, card in cards.items():
         for scene in scenes:
-            # Where plans are known, another scene may have the name: homes are numbered.
+            # If plans are known they decide: different homes may have the same numbered name.
             if scene in card.data.scenes and scene not in plans:
                 raise LeakError(
                     f"scene {scene!r} is in the {dataset.split} split, but {name} was trained on "
@@ -241,21 +246,21 @@ def refuse_leaks(dataset: Dataset, cards: Mapping[str, ModelCard]) -> None:
 
 
 def true_color(example: Example, networks: Networks) -> AnyArray:
-    """The truth as the networks' policy displays it, float32 (H, W, 3)."""
+    """True colour under the networks' exposure policy, display values float32 (H, W, 3)."""
     return tonemap(example.color, color_exposure(example, networks.card.exposure))
 
 
 def time_networks(dataset: Dataset, networks: Networks, views: int) -> dict[str, float]:
-    """Seconds an image of every part, the median over a few views after one to warm up."""
+    """Seconds an image of each network or product: the median over `views`, after a warm-up."""
     examples = [example for _, example in zip(range(views + 1), dataset.ordered(), strict=False)]
     examples = [examples[0], *examples] if len(examples) == 1 else examples
     parts: dict[str, list[float]] = {}
 
     def timed(part: str, call: Callable[..., Any], *arguments: Any) -> Any:
         began = time.perf_counter()
-        made = call(*arguments)
+        result = call(*arguments)
         parts.setdefault(part, []).append(time.perf_counter() - began)
-        return made
+        return result
 
     for example in examples:
         shading = timed("shading", networks.shading, example) if networks.two_stage else None
@@ -266,28 +271,28 @@ def time_networks(dataset: Dataset, networks: Networks, views: int) -> dict[str,
 
 
 def sampling_seconds(data: Path, scores: Sequence[Score]) -> dict[str, float]:
-    """Seconds to trace a view's noisy samples, `sampling`, from the ledger; nothing without rows.
+    """Seconds to trace the noisy samples of a view, as `sampling`; empty without ledger rows.
 
-    Of each view the worker's seconds times its threads, less those that it took to open the scene,
-    over the processors that the networks are timed on; of these the median, so that the views
-    that a scene's kernels were compiled for do not count. Networks are timed so, too: once warm.
+    For each view: the worker's seconds without opening the scene, times its threads, divided by the
+    processors on which the networks are timed. The median excludes the views during which the
+    kernels of a scene were compiled, as the warm-up does for the networks.
     """
-    wanted = {(score.scene_id, score.view_id) for score in scores}
+    views = {(score.scene_id, score.view_id) for score in scores}
     found = [
         (row["seconds"] - (row["opening"] or 0)) * (row["threads"] or 1)
         for row in read_ledger(data).to_pylist()
-        if row["stage"] == "noisy" and (row["scene_id"], row["view_id"]) in wanted
+        if row["stage"] == "noisy" and (row["scene_id"], row["view_id"]) in views
     ]
     processors = len(os.sched_getaffinity(0))
     return {"sampling": float(np.median(found)) / processors} if found else {}
 
 
 def renderer_seconds(data: Path, scores: Sequence[Score]) -> dict[str, float]:
-    """Mean seconds a view of each rendering stage, from the ledger where there is one."""
-    wanted = {(score.scene_id, score.view_id) for score in scores}
+    """Mean seconds a view of each rendering stage; empty without ledger rows."""
+    views = {(score.scene_id, score.view_id) for score in scores}
     found: dict[str, list[float]] = {}
     for row in read_ledger(data).to_pylist():
-        if (row["scene_id"], row["view_id"]) in wanted and row["stage"] in RENDERER_STAGES:
+        if (row["scene_id"], row["view_id"]) in views and row["stage"] in RENDERER_STAGES:
             found.setdefault(f"renderer_{row['stage']}", []).append(row["seconds"])
     return {stage: mean(times) for stage, times in sorted(found.items())}
 
@@ -295,22 +300,23 @@ def renderer_seconds(data: Path, scores: Sequence[Score]) -> dict[str, float]:
 def image_of(
     method: str, example: Example, shading: AnyArray | None, networks: Networks
 ) -> AnyArray:
-    """A method's picture of a view, float32 (H, W, 3), display values.
+    """Colour of a view by a method of `EVALUATED_METHODS`, display values float32 (H, W, 3).
 
-    `shading` is the predicted one, if it is there already; baselines and the ceiling do without.
+    `shading` is the prediction of the shading network if it is known already. Raises `InputError`
+    for `denoised` if the view has no noisy samples.
     """
     if method == "ceiling":
         method, shading = "product", tonemap(example.shading, example.exposure_shading)
     if method == "denoised":
         if example.denoised_color is None:
-            raise InputError(f"{example.name}: comes without denoised samples; see noisy.spp")
+            raise InputError(f"{example.name}: has no denoised samples; set noisy.spp")
         exposure = color_exposure(example, networks.card.exposure)
         return tonemap(example.denoised_color, exposure)
     return networks.predict(method, example, shading).color
 
 
 def _images(example: Example, networks: Networks) -> dict[str, AnyArray]:
-    """Every method's picture of a view, and `shading`, the shading network's, if it is there."""
+    """Colour of a view by each method, and `shading` of the shading network if it is loaded."""
     shading = networks.shading(example) if networks.two_stage else None
     methods = [networks.methods[0], "ceiling", *networks.methods[1:]]
     if example.denoised_color is not None:
@@ -333,13 +339,13 @@ def _summary(scores: Sequence[Score], seed: int) -> dict[str, Any]:
 
 
 def _method_seconds(method: str, parts: dict[str, float]) -> float | None:
-    """Seconds of all that a method needs beyond the guides; None if a part's are not known."""
+    """Seconds of all parts of a method, without its inputs; None if those of a part are unknown."""
     if method == "ceiling":
         return None
     needed: dict[str, tuple[str, ...]] = {"pbrnet": ("shading", "composition")}
     needed |= {name: ("shading", name) for name in PRODUCTS}
-    needed |= {name: (name, "sampling") for name in BASELINES if TRAINED[name].uses_noisy_samples}
-    needed["denoised"] = ("sampling",)  # guides and denoiser among it
+    needed |= {name: (name, "sampling") for name in BASELINES if METHODS[name].uses_noisy_samples}
+    needed["denoised"] = ("sampling",)  # includes the guides and the denoiser
     times = [parts.get(part) for part in needed.get(method, (method,))]
     return None if None in times else sum(time for time in times if time is not None)
 
@@ -347,14 +353,14 @@ def _method_seconds(method: str, parts: dict[str, float]) -> float | None:
 def _draw_examples(
     folder: Path, dataset: Dataset, networks: Networks, chosen: Iterable[Score]
 ) -> None:
-    wanted = {(score.scene_id, score.view_id) for score in chosen}
-    leading = networks.methods[0]
+    views = {(score.scene_id, score.view_id) for score in chosen}
+    first = networks.methods[0]
     names = {"shading": "shading", "product": "product"}
     names |= {name: name for name in networks.baselines}
-    names[leading] = "prediction"
+    names[first] = "prediction"
     with atomic_directory(folder) as partial:
         for example in dataset.ordered():
-            if (example.scene_id, example.view_id) not in wanted:
+            if (example.scene_id, example.view_id) not in views:
                 continue
             images = _images(example, networks)
             stem = f"{example.scene_id}--{example.view_id}"
@@ -362,7 +368,7 @@ def _draw_examples(
                 if method in images:
                     picture = to_bytes(images[method])
                     (partial / f"{stem}--{name}.png").write_bytes(png_bytes(picture))
-            errors = flip_map(true_color(example, networks), images[leading])
+            errors = flip_map(true_color(example, networks), images[first])
             (partial / f"{stem}--error.png").write_bytes(png_bytes(error_picture(errors)))
 
 

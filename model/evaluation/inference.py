@@ -1,6 +1,6 @@
-"""Inference: load trained networks and predict a view by a method.
+"""Inference: loading of trained networks and prediction of views.
 
-Commands, evaluation and studies all load and run networks through this module. Images may have any
+Commands, evaluation and studies load and run all networks through this module. Images may have any
 size.
 """
 
@@ -35,128 +35,128 @@ from scenes.errors import InputError
 
 PRODUCTS = {"product": product, "product_linear": product_linear}
 PREDICTABLE = ("pbrnet", *PRODUCTS, *BASELINES)
-_WHITE = 1 - 1e-6  # sRGB of 1 is a little less in float32
-_PREFERRED = ("pbrnet", "plus", *BASELINES, "product")  # where no method is named
+_WHITE = 1 - 1e-6  # in float32 the sRGB encoding of 1 is slightly less than 1
+_PREFERRED = ("pbrnet", "plus", *BASELINES, "product")  # default method: the first available one
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """A method's picture: display values, float32 (H, W, 3), [0, 1]."""
+    """Predicted images of a view: display values, float32 (H, W, 3), [0, 1]."""
 
     method: str
-    shading: AnyArray | None  # None of methods that go straight to colour
+    shading: AnyArray | None  # None for methods that predict colour only
     color: AnyArray
-    linear: tuple[AnyArray, AnyArray] | None = (
-        None  # shading and colour of methods that predict radiance
-    )
+    # Linear shading and colour, for methods that predict radiance.
+    linear: tuple[AnyArray, AnyArray] | None = None
 
 
 @dataclass(frozen=True)
 class Radiance:
-    """Linear HDR of a prediction, float32 (H, W, 3); see docs/use.md."""
+    """Linear radiance of a prediction, float32 (H, W, 3); see docs/use.md."""
 
     color: AnyArray
     shading: AnyArray | None
-    clipped: AnyArray  # bool (H, W): where a band of what was inverted is at white; a lower bound
-    exposure: Exposure  # that colour was taken to have
-    known: bool  # whether it is the true one, so that the unit is the scene's
+    clipped: AnyArray  # bool (H, W): a display band is white, so the radiance is a lower bound
+    exposure: Exposure  # used to invert the tone mapping of colour
+    known: bool  # whether it is the true exposure, so that the unit is that of the scene
 
 
 @dataclass(frozen=True)
 class Networks:
-    """Loaded networks of some methods; `tile` > 0 computes large images in tiles of that size."""
+    """Loaded networks of some methods; `tile` > 0 is the tile size for large images."""
 
-    methods: tuple[str, ...]  # of `PREDICTABLE`; all show their colours as the first does
-    modules: dict[str, nn.Module]  # by their names in the registry
-    cards: dict[str, ModelCard]  # of the same names
+    methods: tuple[str, ...]  # of `PREDICTABLE`; all have one exposure policy and tone mapping
+    modules: dict[str, nn.Module]  # by name in the registry
+    cards: dict[str, ModelCard]  # by name in the registry
     tile: int = 0
 
     @property
     def card(self) -> ModelCard:
-        """Of the network that makes the first method's colour, or a product's shading."""
+        """Card of the first method's last network, which predicts colour (products: shading)."""
         return self.cards[needed(self.methods[0])[-1]]
 
     @property
     def two_stage(self) -> bool:
-        """True if the shading network, the paper's first stage, is loaded."""
+        """Whether the shading network, the paper's first stage, is loaded."""
         return "shading" in self.modules
 
     @property
     def baselines(self) -> list[str]:
-        """The methods that are one network of their own."""
+        """The methods that consist of a single network."""
         return [method for method in self.methods if method in BASELINES]
 
     def shading(self, example: Example) -> AnyArray:
-        """Shading of a view predicted by the shading network, display values float32 (H, W, 3)."""
+        """Shading of a view by the shading network, display values float32 (H, W, 3)."""
         return to_image(self._run("shading", self.modules["shading"], encode([example])))
 
     def predict(self, method: str, example: Example, shading: AnyArray | None = None) -> Prediction:
-        """A view by a method; its truth is not looked at, but for its exposure.
+        """Predict a view. Of its true images only the exposure is used.
 
-        `shading`: what a method of two steps goes on from, if not from the shading network.
+        `shading` replaces the prediction of the shading network in methods of two stages. Raises
+        `InputError` if the view lacks an input of the method.
         """
         if method in BASELINES:
-            return self._directly(method, example)
+            return self._predict_baseline(method, example)
         if shading is None:
             shading = self.shading(example)
         if method in PRODUCTS:
-            given = neutral_background(example, self.card.albedo)
-            color = PRODUCTS[method](given, shading, example.exposure_shading, self.card)
+            reflectance = neutral_background(example, self.card.albedo)
+            color = PRODUCTS[method](reflectance, shading, example.exposure_shading, self.card)
             return Prediction(method, shading, color)
         network = self.modules["composition"]
         composed = self._run(
             "composition",
-            lambda given: network(given["shading"], given["reflectance"]),
+            lambda inputs: network(inputs["shading"], inputs["reflectance"]),
             {"shading": to_batch(shading), "reflectance": encode_reflectance([example])},
         )
         return Prediction(method, shading, to_image(composed))
 
-    def radiance(self, example: Example, made: Prediction) -> Radiance:
-        """Undo the tone mapping of a prediction of the example.
+    def radiance(self, example: Example, predicted: Prediction) -> Radiance:
+        """Linear radiance of a prediction, by the inverse of its tone mapping.
 
-        A product is linear before it is displayed, so only its shading is inverted. The exposure
-        is the example's: the true one if its truth is known; else scale 1 and training's median
-        white.
+        For a product only the shading is inverted, because the product is computed from linear
+        values. The exposure is the true one if the example has its true images; otherwise it has
+        scale 1 and the median white point of the training data.
         """
-        color_by = color_exposure(example, self.card.exposure)
+        exposure = color_exposure(example, self.card.exposure)
         known = bool(example.color.any())
-        if made.linear is not None:
-            light, color = made.linear
-            nowhere = np.zeros(color.shape[:2], bool)
-            return Radiance(color, light, nowhere, color_by, known=True)
-        display = made.color
+        if predicted.linear is not None:
+            light, color = predicted.linear
+            unclipped = np.zeros(color.shape[:2], bool)
+            return Radiance(color, light, unclipped, exposure, known=True)
+        display = predicted.color
         shading: AnyArray | None = None
-        if made.shading is not None:
-            shading = untonemap(made.shading, example.exposure_shading)
-        if made.method in PRODUCTS and made.shading is not None:
-            given = neutral_background(example, self.card.albedo)
-            display = made.shading
-            color = linear_product(given, display, example.exposure_shading, self.card)
-            color_by = example.exposure_shading
+        if predicted.shading is not None:
+            shading = untonemap(predicted.shading, example.exposure_shading)
+        if predicted.method in PRODUCTS and predicted.shading is not None:
+            reflectance = neutral_background(example, self.card.albedo)
+            display = predicted.shading
+            color = linear_product(reflectance, display, example.exposure_shading, self.card)
+            exposure = example.exposure_shading
         else:
-            color = untonemap(display, color_by)
+            color = untonemap(display, exposure)
         clipped = np.any(display >= _WHITE, axis=-1)
-        return Radiance(color.astype(np.float32), shading, clipped, color_by, known)
+        return Radiance(color.astype(np.float32), shading, clipped, exposure, known)
 
-    def _directly(self, name: str, example: Example) -> Prediction:
-        """By one network: colour, or shading and colour, as display values or as radiance."""
-        how, network = METHODS[name], self.modules[name]
-        if how.uses_direct_light:
-            example = in_the_light_of_training(example, self.cards[name])
-        inputs = encode([example], how.uses_direct_light, how.uses_noisy_samples)
-        if not how.predicts_shading:
+    def _predict_baseline(self, name: str, example: Example) -> Prediction:
+        """Predict a view by a method of a single network."""
+        method, network = METHODS[name], self.modules[name]
+        if method.uses_direct_light:
+            example = select_visibility(example, self.cards[name])
+        inputs = encode([example], method.uses_direct_light, method.uses_noisy_samples)
+        if not method.predicts_shading:
             return Prediction(name, None, to_image(self._run(name, network, inputs)))
         parts: Callable[..., tuple[torch.Tensor, ...]] = network.parts  # type: ignore[assignment]
-        both = self._run(name, lambda given: torch.cat(parts(given), dim=1), inputs)
-        if how.uses_noisy_samples:
+        both = self._run(name, lambda tensors: torch.cat(parts(tensors), dim=1), inputs)
+        if method.uses_noisy_samples:
             pixels = both[0].permute(1, 2, 0).cpu().numpy()
-            return self._displayed(name, example, pixels[..., :3].copy(), pixels[..., 3:].copy())
+            return self._tonemapped(name, example, pixels[..., :3].copy(), pixels[..., 3:].copy())
         return Prediction(name, to_image(both[:, :3]), to_image(both[:, 3:]))
 
-    def _displayed(
+    def _tonemapped(
         self, name: str, example: Example, shading: AnyArray, color: AnyArray
     ) -> Prediction:
-        """Radiance, displayed as the truth is, or by its own log average if that is not known."""
+        """Prediction from radiance, in the exposure of the truth, or in its own if unknown."""
         if not example.color.any():
             tone = ToneParams(**self.card.tone)
             own = [exposure_of(image, tone) for image in (shading, color)]
@@ -172,30 +172,30 @@ class Networks:
         return tiled(call, self.cards[name].architecture, inputs, self.tile)
 
 
-def in_the_light_of_training(example: Example, card: ModelCard) -> Example:
-    """The view with shadows if the network was trained with them, without if not.
+def select_visibility(example: Example, card: ModelCard) -> Example:
+    """The view with its `visibility` if the network was trained with it, else without.
 
-    Raises `InputError` where they are missing.
+    Raises `InputError` if it is required and missing.
     """
     if not card.training.get("shadows"):
         return replace(example, visibility=None)
     if example.visibility is None:
         raise InputError(
-            f"{example.name}: comes without the shadows of its lights, which the network takes; "
+            f"{example.name}: the visibility of its lights is missing, which the network requires; "
             "set illumination.shadow_rays to 8, then run: pbrnet illumination"
         )
     return example
 
 
 def needed(method: str) -> tuple[str, ...]:
-    """Return the names of a method's networks; the last one predicts its picture."""
+    """Return the names of a method's networks, in the order in which they run."""
     if method in PRODUCTS:
         return ("shading",)
     return ("shading", "composition") if method == "pbrnet" else (method,)
 
 
 def available(models: Path) -> list[str]:
-    """Return the methods whose networks are all in the folder, the preferred one first."""
+    """Return the methods whose networks are all in the folder, the default one first."""
     return [
         method
         for method in dict.fromkeys((*_PREFERRED, *PREDICTABLE))
@@ -204,11 +204,11 @@ def available(models: Path) -> list[str]:
 
 
 def load_networks(models: Path, methods: Sequence[str] = ("pbrnet",), tile: int = 0) -> Networks:
-    """Load the networks of these methods, and no others.
+    """Load the networks of these methods.
 
     Raises `InputError` if a network is missing or damaged, if the composition network was trained
-    on another shading network, if the methods' colours are of different exposure policies, or if
-    `tile` is asked of a network that cannot be cut.
+    on another shading network, if the methods differ in exposure policy or tone mapping, or if
+    `tile` is given for a network that does not support tiles.
     """
     modules, cards = {}, {}
     for name in dict.fromkeys(name for method in methods for name in needed(method)):
@@ -221,7 +221,7 @@ def load_networks(models: Path, methods: Sequence[str] = ("pbrnet",), tile: int 
     ):
         raise InputError(
             f"{models}/composition.safetensors was trained on another shading network than the "
-            "one beside it; train it again with: pbrnet train composition"
+            "one in this folder; train it again with: pbrnet train composition"
         )
     first, *others = dict.fromkeys(needed(method)[-1] for method in methods)
     card = cards[first]
@@ -229,8 +229,8 @@ def load_networks(models: Path, methods: Sequence[str] = ("pbrnet",), tile: int 
         other = cards[name]
         if (other.exposure, other.tone) != (card.exposure, card.tone):
             raise InputError(
-                f"{models}/{name}.safetensors and {first}.safetensors show their colours "
-                f"differently ({other.exposure} exposure, {other.tone}; {card.exposure} exposure, "
+                f"{models}/{name}.safetensors and {first}.safetensors differ in exposure or tone "
+                f"mapping ({other.exposure} exposure, {other.tone}; {card.exposure} exposure, "
                 f"{card.tone}); train both with the same parameters"
             )
     return Networks(tuple(methods), modules, cards, tile)

@@ -1,7 +1,7 @@
-"""Image metrics: SSIM, PSNR, FLIP, and LPIPS where its weights are installed.
+"""Image metrics: SSIM, PSNR, FLIP, and LPIPS if its weights are installed.
 
-All take display images (H, W, 3) in [0, 1]. LPIPS is None where AlexNet's ImageNet weights or the
-learned heads are missing; nothing replaces it.
+All take display values (H, W, 3) in [0, 1]. LPIPS is None if AlexNet's ImageNet weights or the
+learned heads are missing.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ NAMES = ("ssim", "psnr", "flip", "lpips")
 
 @dataclass(frozen=True)
 class Interval:
-    """A mean and its 95 % confidence interval; None where one scene gives no interval."""
+    """A mean and its 95 % confidence interval, whose bounds are None for a single scene."""
 
     mean: float
     low: float | None
@@ -38,7 +38,10 @@ class Interval:
 
 
 def ssim(truth: AnyArray, image: AnyArray) -> float:
-    """Structural similarity (Wang et al. 2004): Gaussian window, sigma 1.5, mean over RGB."""
+    """Structural similarity (Wang et al. 2004): Gaussian window, sigma 1.5, mean over RGB.
+
+    Raises `ValueError` for images below 11x11 pixels.
+    """
     if min(truth.shape[:2]) < 11:
         raise ValueError(f"SSIM needs at least 11x11 pixels, got {truth.shape[1]}x{truth.shape[0]}")
     return float(
@@ -55,13 +58,13 @@ def ssim(truth: AnyArray, image: AnyArray) -> float:
 
 
 def psnr(truth: AnyArray, image: AnyArray) -> float:
-    """Peak signal-to-noise ratio in decibels, peak 1; 100 for images equal to 1e-10."""
+    """Peak signal-to-noise ratio in decibels for a peak of 1, at most 100."""
     error = float(np.mean((truth.astype(np.float64) - image.astype(np.float64)) ** 2))
     return 10 * float(np.log10(1 / max(error, 1e-10)))
 
 
 def flip_map(truth: AnyArray, image: AnyArray) -> AnyArray:
-    """LDR-FLIP (Andersson et al. 2020), 67 pixels a degree: float32 (H, W), 0 where equal."""
+    """Error map of LDR-FLIP (Andersson et al. 2020) at 67 pixels a degree, float32 (H, W)."""
     errors, _, _ = flip_evaluator.evaluate(
         np.ascontiguousarray(truth, np.float32),
         np.ascontiguousarray(image, np.float32),
@@ -74,7 +77,7 @@ def flip_map(truth: AnyArray, image: AnyArray) -> AnyArray:
 def measure(
     truth: AnyArray, image: AnyArray, lpips: Lpips | None = None
 ) -> dict[str, float | None]:
-    """All metrics by name."""
+    """All metrics by name, in the order of `NAMES`; LPIPS is None if `lpips` is None."""
     return {
         "ssim": ssim(truth, image),
         "psnr": psnr(truth, image),
@@ -84,10 +87,10 @@ def measure(
 
 
 def bootstrap(values: Mapping[str, Sequence[float]], seed: int) -> Interval:
-    """Mean over all views and its 95 % interval from resampling whole scenes.
+    """Mean over all views and its 95 % bootstrap interval over scenes.
 
-    `values`: scene -> the metric of each of its views. Views of one scene are no independent
-    evidence, so scenes are drawn, not views.
+    `values`: scene -> the metric of each of its views. Views of a scene are not independent, so
+    the bootstrap resamples whole scenes.
     """
     scenes = sorted(values)
     sums = np.array([sum(values[scene]) for scene in scenes])
@@ -102,9 +105,9 @@ def bootstrap(values: Mapping[str, Sequence[float]], seed: int) -> Interval:
 
 
 class Lpips:
-    """LPIPS 0.1 with AlexNet (Zhang et al. 2018), from plain torch layers."""
+    """LPIPS 0.1 with AlexNet (Zhang et al. 2018), in plain torch layers."""
 
-    taps = (1, 4, 7, 9, 11)  # AlexNet's five ReLUs
+    taps = (1, 4, 7, 9, 11)  # indices of AlexNet's five ReLUs
     shift = (-0.030, -0.088, -0.188)
     scale = (0.458, 0.448, 0.450)
 
@@ -115,11 +118,11 @@ class Lpips:
 
     @torch.no_grad()
     def __call__(self, truth: AnyArray, image: AnyArray) -> float:
-        """Distance of two display images; 0 for equal ones."""
+        """Distance between two images of display values; 0 if they are equal."""
         total = 0.0
         pairs = zip(self._unit_maps(truth), self._unit_maps(image), self.heads, strict=True)
-        for ours, theirs, head in pairs:
-            total += float(((ours - theirs) ** 2 * head.view(1, -1, 1, 1)).sum(dim=1).mean())
+        for one, other, head in pairs:
+            total += float(((one - other) ** 2 * head.view(1, -1, 1, 1)).sum(dim=1).mean())
         return total
 
     def _unit_maps(self, image: AnyArray) -> list[torch.Tensor]:
@@ -145,7 +148,10 @@ def alexnet_features() -> nn.Sequential:
 
 
 def find_lpips() -> Lpips | None:
-    """LPIPS if AlexNet's weights are in torch's cache and the package `lpips` is installed."""
+    """LPIPS if torch's cache holds AlexNet's weights and the package `lpips` is installed.
+
+    Otherwise None. Raises `InputError` for weights that do not load.
+    """
     weights = hub_folder() / ALEXNET_FILE
     package = importlib.util.find_spec("lpips")
     if not weights.is_file() or package is None or package.origin is None:

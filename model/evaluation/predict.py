@@ -1,7 +1,7 @@
-"""Inputs and outputs of `pbrnet predict`: views from a scene or from frames, pictures, radiance.
+"""Inputs and outputs of `pbrnet predict`: views from a scene or from frames, images, radiance.
 
-Nothing is path traced, unless the truth is asked for beside the prediction, or the method takes
-a few noisy samples.
+Path tracing is only used for the truth, if it is compared with the prediction, and for methods that
+take noisy samples.
 """
 
 from __future__ import annotations
@@ -36,46 +36,47 @@ from scenes.contract import load_scene
 from scenes.errors import InputError
 from scenes.seeds import derive
 
-Make = Callable[[ModelCard], Example]  # of the network whose tone mapping the example is for
+Loader = Callable[[ModelCard], Example]  # takes the card of the network that gets the example
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """A view to predict; `make` renders or reads what the networks are given."""
+class ViewSource:
+    """A view to predict; `load` renders or reads its images for a network."""
 
     view: View
-    make: Make
+    load: Loader
 
     @property
     def name(self) -> str:
-        """Scene and view, for messages."""
+        """Scene and view for messages."""
         return f"{self.view.scene_id}/{self.view.view_id}"
 
 
 def from_scene(
     scene_folder: Path, views: Sequence[View], params: Params, data: Path, with_truth: bool
-) -> list[Wanted]:
-    """Views of a scene, which is opened once, when the first of them is made.
+) -> list[ViewSource]:
+    """Views of a scene, which is opened when the first of them is loaded.
 
-    Inputs and panorama are rendered; the truth is read from `data` if it is there, or traced. For
-    a network that takes noisy samples, so many are traced as it was trained with.
+    Inputs and panorama are rendered. With `with_truth` the true images are read from `data` if they
+    are there, and path traced otherwise. A network that takes noisy samples gets as many as it was
+    trained with.
     """
     opened: list[RenderScene] = []
 
-    def make(view: View, card: ModelCard) -> Example:
+    def load(view: View, card: ModelCard) -> Example:
         if not opened:
             set_variant(params.farm.variant)
             opened.append(open_scene(load_scene(scene_folder)))
         truth: tuple[Channels, Channels] | None = None
         if with_truth:
             frames = known_truth(data, view)
-            truth = _channels(frames) if frames else trace(opened[0], view, params)
+            truth = _channels(frames) if frames else trace_truth(opened[0], view, params)
         inputs = render_inputs(opened[0], view)
-        light = lit(opened[0], view, params, [card], inputs)
-        noisy = sampled(opened[0], view, params, card)
+        light = render_light(opened[0], view, params, [card], inputs)
+        noisy = render_noisy_samples(opened[0], view, params, card)
         return example_of(view, inputs, light, card, truth, noisy)
 
-    return [Wanted(view, partial(make, view)) for view in views]
+    return [ViewSource(view, partial(load, view)) for view in views]
 
 
 def from_frames(
@@ -85,18 +86,18 @@ def from_frames(
     *,
     visibility: Path | None = None,
     truth: Path | None = None,
-) -> Wanted:
-    """A view from its frames; its truth, if asked for, is read from the data folder `truth`.
+) -> ViewSource:
+    """A view from its frames; `truth` is the data folder to read its true images from, or None.
 
-    `noisy` is the frame of few samples, `visibility` that of shadows, for networks that take
-    them. Raises `InputError` for frames that are missing, damaged, or not of one view.
+    `noisy` and `visibility` are the frames of noisy samples and of the visibility of lights, for
+    networks that take them. Raises `InputError` for frames that are missing, damaged, or of
+    different views.
     """
     view = build(View, read_meta(inputs).get("view"), f"{inputs}: view", InputError)
-    wanted = {"Z": inputs, "intensity.Y": illumination}
-    wanted |= {DENOISED[0]: noisy} if noisy else {}
-    wanted |= {"visibility.Y": visibility} if visibility else {}
-    paths = list(wanted.values())
-    for path in paths[1:]:
+    paths = {"Z": inputs, "intensity.Y": illumination}
+    paths |= {DENOISED[0]: noisy} if noisy else {}
+    paths |= {"visibility.Y": visibility} if visibility else {}
+    for path in list(paths.values())[1:]:
         other = read_meta(path).get("view", {})
         if (view.scene_id, view.view_id) != (other.get("scene_id"), other.get("view_id")):
             raise InputError(
@@ -104,17 +105,17 @@ def from_frames(
                 f"{path} of {other.get('view_id')!r}"
             )
 
-    def make(card: ModelCard) -> Example:
-        frames = {name: read_frame(path) for name, path in wanted.items()}
+    def load(card: ModelCard) -> Example:
+        frames = {name: read_frame(path) for name, path in paths.items()}
         for name, frame in frames.items():
-            path = wanted[name]
             if name not in frame.channels:
-                raise InputError(f"{path}: a frame of {frame.meta.get('kind')!r}, without {name}")
+                kind = frame.meta.get("kind")
+                raise InputError(f"{paths[name]}: a frame of {kind!r} without the channel {name}")
         known = known_truth(truth, view) if truth else None
         if truth and known is None:
             raise InputError(
-                f"{truth}: no shading and colour frames of {view.scene_id}/{view.view_id} to "
-                "compare with; render them, or predict from the scene"
+                f"{truth}: no shading and colour frames of {view.scene_id}/{view.view_id} for "
+                "--compare; render them, or predict from the scene"
             )
         pair = _channels(known) if known else None
         samples = frames[DENOISED[0]].channels if noisy else None
@@ -123,13 +124,13 @@ def from_frames(
             light = light | frames["visibility.Y"].channels
         return example_of(view, frames["Z"].channels, light, card, pair, samples)
 
-    return Wanted(view, make)
+    return ViewSource(view, load)
 
 
 def frame_sets(inputs: Path, *others: Path) -> list[tuple[Path, ...]]:
-    """Frames of the same relative name in these folders, or the files themselves.
+    """Sets of frames with the same relative path in these folders; for files, the files themselves.
 
-    Raises `InputError` if there are none, or one is without its partner.
+    Raises `InputError` if there are none, or if a frame is missing in one of the folders.
     """
     if not any(path.is_dir() for path in (inputs, *others)):
         return [(inputs, *others)]
@@ -140,11 +141,11 @@ def frame_sets(inputs: Path, *others: Path) -> list[tuple[Path, ...]]:
     if not names:
         raise InputError(f"{inputs}: no .exr frames in this folder")
     for folder in others:
-        lonely = [name for name in names if not (folder / name).is_file()]
-        if lonely:
+        missing = [name for name in names if not (folder / name).is_file()]
+        if missing:
             raise InputError(
-                f"{folder / lonely[0]}: missing beside {inputs / lonely[0]}"
-                + (f", and {len(lonely) - 1} more" if len(lonely) > 1 else "")
+                f"{folder / missing[0]}: missing, but there is {inputs / missing[0]}"
+                + (f", and {len(missing) - 1} more" if len(missing) > 1 else "")
                 + "; render them with: pbrnet illumination"
                 + (", pbrnet groundtruth" if folder != others[0] else "")
             )
@@ -154,7 +155,10 @@ def frame_sets(inputs: Path, *others: Path) -> list[tuple[Path, ...]]:
 def find_views(
     scene: Path, cameras: Path, names: Sequence[str], size: tuple[int, int] | None
 ) -> list[View]:
-    """The named views of a camera file, or all, at another (width, height) if asked for."""
+    """The named views of a camera file, or all of them, resized to `size` (width, height).
+
+    Raises `InputError` for an unknown view, and for a camera file of another scene.
+    """
     views = load_cameras(cameras).views
     known = ", ".join(view.view_id for view in views[:8]) or "none"
     found = []
@@ -164,19 +168,20 @@ def find_views(
             raise InputError(f"{cameras}: no view {name!r} (there are: {known})")
         found.append(resized(view, size) if size else view)
     if not found:
-        raise InputError(f"{cameras}: holds no views")
+        raise InputError(f"{cameras}: contains no views")
     if found[0].scene_id != load_scene(scene).scene_id:
         raise InputError(f"{cameras}: cameras of {found[0].scene_id!r}, not of the scene {scene}")
     return found
 
 
 def placed_view(scene: Path, eye: AnyArray, towards: AnyArray, intrinsics: AnyArray) -> View:
-    """A camera of the user's own, named `camera`: `eye` and `towards` (3,), world, metres.
+    """View with the name `camera` from a position and a direction, (3,) each, world, metres.
 
-    The image's centre is the principal point. Raises `InputError` if it looks straight up or down.
+    The centre of the image is the principal point. Raises `InputError` for a camera that looks
+    straight up or down.
     """
     if np.linalg.norm(np.cross(towards, (0, 0, 1))) < 1e-6 * np.linalg.norm(towards) + 1e-12:
-        raise InputError("a camera that looks straight up or down has no upright; tilt it a little")
+        raise InputError("a camera that looks straight up or down has no up vector; tilt it a bit")
     width, height = (round(float(2 * side)) for side in intrinsics[:2, 2])
     pose = look(eye, towards)
     name = load_scene(scene).scene_id
@@ -184,9 +189,9 @@ def placed_view(scene: Path, eye: AnyArray, towards: AnyArray, intrinsics: AnyAr
 
 
 def resized(view: View, size: tuple[int, int]) -> View:
-    """The same camera with (width, height) pixels: equally wide a view, square pixels.
+    """The same camera with (width, height) pixels; they stay square.
 
-    Another aspect shows more or less above and below.
+    The horizontal field of view is kept, the vertical one follows from the aspect ratio.
     """
     width, height = size
     scale = width / view.width
@@ -197,36 +202,36 @@ def resized(view: View, size: tuple[int, int]) -> View:
 
 
 def known_truth(data: Path, view: View) -> tuple[Frame, Frame] | None:
-    """Shading and colour frames of just this camera at this size below `data`, if both are."""
+    """Shading and colour frames of this camera at this size below `data`, or None."""
     paths = (frame_path(data, "shading", view), frame_path(data, "color", view))
     if not all(path.is_file() for path in paths):
         return None
     frames = (read_frame(paths[0]), read_frame(paths[1]))
     for frame in frames:
-        seen = frame.meta.get("view", {})
+        stored = frame.meta.get("view", {})
         same = (
-            seen.get("width") == view.width
-            and seen.get("height") == view.height
-            and np.allclose(seen.get("K", 0), view.intrinsics)
-            and np.allclose(seen.get("camera_to_world", 0), view.pose)
+            stored.get("width") == view.width
+            and stored.get("height") == view.height
+            and np.allclose(stored.get("K", 0), view.intrinsics)
+            and np.allclose(stored.get("camera_to_world", 0), view.pose)
         )
         if not same:
             return None
     return frames
 
 
-def compare(networks: Networks, example: Example, made: Prediction) -> tuple[Picture, str]:
-    """Prediction, truth and FLIP error in one picture, and the metrics as a sentence."""
+def compare(networks: Networks, example: Example, predicted: Prediction) -> tuple[Picture, str]:
+    """Contact sheet of prediction, truth and FLIP error, and a line of metrics."""
     exposure = color_exposure(example, networks.card.exposure)
     truth = tonemap(example.color, exposure)
-    values = measure(truth, made.color)
+    values = measure(truth, predicted.color)
     shown = {
-        "prediction": to_bytes(made.color),
+        "prediction": to_bytes(predicted.color),
         "truth": to_bytes(truth),
-        f"FLIP error, mean {values['flip']:.3f}": error_picture(flip_map(truth, made.color)),
+        f"FLIP error, mean {values['flip']:.3f}": error_picture(flip_map(truth, predicted.color)),
     }
-    if made.shading is not None:
-        shown["predicted shading"] = to_bytes(made.shading)
+    if predicted.shading is not None:
+        shown["predicted shading"] = to_bytes(predicted.shading)
     shown["true shading"] = to_bytes(tonemap(example.shading, example.exposure_shading))
     shown["reflectance"] = reflectance_picture(example.reflectance)
     picture = contact_sheet(list(shown.values()), columns=3, labels=tuple(shown))
@@ -237,17 +242,18 @@ def compare(networks: Networks, example: Example, made: Prediction) -> tuple[Pic
 def write_radiance(
     path: Path,
     networks: Networks,
-    wanted: Wanted,
+    view: View,
     example: Example,
-    made: Prediction,
+    predicted: Prediction,
     facts: dict[str, Any],
 ) -> str:
-    """Write linear radiance as OpenEXR by rename; returns a sentence about unit and clipping.
+    """Write linear radiance as OpenEXR by rename; returns a message about unit and clipping.
 
-    Channels: `R`, `G`, `B`, float32; `shading.R/G/B` where the method has shading; `clipped`, 1
-    where the prediction is at white, so that the value is a lower bound.
+    Channels: `R`, `G`, `B`, float32; `shading.R/G/B` if the method predicts shading; `clipped`, 1
+    where the prediction is white and the radiance therefore a lower bound. `facts` are added to the
+    metadata.
     """
-    linear = networks.radiance(example, made)
+    linear = networks.radiance(example, predicted)
     pixels: Channels = {band: linear.color[..., i].copy() for i, band in enumerate(RGB)}
     if linear.shading is not None:
         pixels |= {f"shading.{band}": linear.shading[..., i].copy() for i, band in enumerate(RGB)}
@@ -258,46 +264,50 @@ def write_radiance(
     share = float(linear.clipped.mean())
     meta = {
         "kind": "prediction",
-        "method": made.method,
+        "method": predicted.method,
         "unit": unit,
         "exposure": plain(linear.exposure),
         "weights": {name: card.sha256 for name, card in networks.cards.items()},
         "clipped_share": share,
         **facts,
     }
-    write_pixels(path, pixels, wanted.view, meta)
-    return f"unit: {unit}; {share:.2%} of the pixels are at white, lower bounds"
+    write_pixels(path, pixels, view, meta)
+    return f"unit: {unit}; {share:.2%} of the pixels are white: their values are lower bounds"
 
 
-def trace(scene: RenderScene, view: View, params: Params) -> tuple[Channels, Channels]:
-    """Shading and colour of a view, path traced."""
+def trace_truth(scene: RenderScene, view: View, params: Params) -> tuple[Channels, Channels]:
+    """Path-traced shading and colour of a view."""
     seed = derive(params.seed, "predict", view.scene_id, view.view_id)
     truths = render_truths(scene, view, params, seed)
     return truths["shading"][0], truths["color"][0]
 
 
-def lit(
+def render_light(
     scene: RenderScene, view: View, params: Params, cards: Iterable[ModelCard], inputs: Channels
 ) -> Channels:
-    """The panorama, and its shadows if one of the networks takes them."""
+    """Panorama of a view, and the visibility of its lights if one of the networks takes it."""
     panorama = render_illumination(scene, view, params.illumination)
     if not any(card.training.get("shadows") for card in cards):
         return panorama
-    return panorama | shadows_of(scene, view, params, panorama, inputs)
+    return panorama | render_shadows(scene, view, params, panorama, inputs)
 
 
-def shadows_of(
+def render_shadows(
     scene: RenderScene, view: View, params: Params, panorama: Channels, inputs: Channels
 ) -> Channels:
-    """The shadows of a panorama's lights on what a view's inputs show, by so many rays as the
-    parameters say, if any."""
+    """Visibility of the panorama's lights from the surfaces of a view.
+
+    The number of rays is `illumination.shadow_rays`, or its default if that is 0.
+    """
     rays = params.illumination.shadow_rays or IlluminationParams().shadow_rays
     settings = replace(params.illumination, shadow_rays=rays)
     return render_visibility(scene, view, settings, panorama, inputs)
 
 
-def sampled(scene: RenderScene, view: View, params: Params, card: ModelCard) -> Channels | None:
-    """The noisy samples that a network takes, as many as it was trained with, if it takes any."""
+def render_noisy_samples(
+    scene: RenderScene, view: View, params: Params, card: ModelCard
+) -> Channels | None:
+    """Noisy samples for a network, as many as it was trained with, or None if it takes none."""
     spp = card.training.get("noisy_spp", 0)
     if not spp:
         return None
@@ -305,8 +315,8 @@ def sampled(scene: RenderScene, view: View, params: Params, card: ModelCard) -> 
     return render_noisy(scene, view, replace(params, noisy=NoisyParams(spp)), seed)[0]
 
 
-def with_samples_of(example: Example, noisy: Channels) -> Example:
-    """The view with noisy samples for a network that takes them."""
+def with_noisy_samples(example: Example, noisy: Channels) -> Example:
+    """The view with the noisy samples and denoised images of a frame."""
     return replace(
         example,
         noisy_color=_stack(noisy, RGB),
@@ -324,17 +334,19 @@ def example_of(
     truth: tuple[Channels, Channels] | None,
     noisy: Channels | None = None,
 ) -> Example:
-    """A view as the networks take it; without `truth`, black images of a likely exposure.
+    """Example for the networks, from the channels of frames.
 
-    `illumination`: the channels of a panorama, and of its shadows for networks that take them.
+    Without `truth` the true images are black, and their exposure has scale 1 and the median white
+    point of the training data. `illumination` holds the channels of the panorama, and
+    `visibility.Y` for networks that take it.
     """
     depth = inputs["Z"].astype(np.float32)
-    nothing = np.zeros((*depth.shape, 3), np.float32)
-    shading, color = (_stack(images, RGB) for images in truth) if truth else (nothing, nothing)
-    shadows = illumination.get("visibility.Y")
+    black = np.zeros((*depth.shape, 3), np.float32)
+    shading, color = (_stack(images, RGB) for images in truth) if truth else (black, black)
+    visibility = illumination.get("visibility.Y")
     tone = ToneParams(**card.tone)
-    unknown = Exposure(1.0, card.white)  # the scale cancels, the white is training's median
-    made = Example(
+    unknown = Exposure(1.0, card.white)
+    example = Example(
         scene_id=view.scene_id,
         view_id=view.view_id,
         depth=depth,
@@ -345,13 +357,13 @@ def example_of(
         distance=illumination["distance.Z"].astype(np.float32),
         intrinsics=view.intrinsics,
         tint=_stack(illumination, TINT) if TINT[0] in illumination else None,
-        visibility=None if shadows is None else shadows.astype(np.float32),
+        visibility=None if visibility is None else visibility.astype(np.float32),
         shading=shading,
         color=color,
         exposure_shading=exposure_of(shading, tone) if truth else unknown,
         exposure_color=exposure_of(color, tone) if truth else unknown,
     )
-    return with_samples_of(made, noisy) if noisy else made
+    return with_noisy_samples(example, noisy) if noisy else example
 
 
 def _channels(frames: tuple[Frame, Frame]) -> tuple[Channels, Channels]:

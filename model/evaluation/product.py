@@ -1,9 +1,9 @@
-"""Reflectance x shading: no network at all after the shading network.
+"""Composition without a network: reflectance x shading.
 
-A matte surface shows its reflectance times the light it gets, so this is the composition that
-needs no learning; what it lacks is interreflection, gloss and glass. Shading comes as display
-values and is made linear first. Two projections of the linear product back onto the display:
-Reinhard's operator, as for every other image, and a linear one, to show what the operator does.
+The radiance of a matte surface is the product of its reflectance and the light it receives, so this
+composition needs no learning. It lacks interreflection, gloss and glass. The shading is given as
+display values and is first converted to linear radiance. The product is tone-mapped in two ways: by
+Reinhard's operator like all other images, and linearly, to show the effect of the operator.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ def product(
 ) -> AnyArray:
     """Reflectance x shading under Reinhard's operator, display values float32 (H, W, 3).
 
-    `reflectance` is linear; `shading` holds display values of exposure `exposure`. A surface of
-    reflectance `card.albedo` would look just so, hence the division. Under the policy `own` the
-    product, like any image then, is exposed by its own log average.
+    `reflectance` is linear and `shading` holds display values of the exposure `exposure`. The
+    shading frames show surfaces of reflectance `card.albedo`, so the product is divided by it.
+    Under the policy `own` the product is exposed by its own log average.
     """
     linear = linear_product(reflectance, shading, exposure, card)
     return tonemap(linear, product_exposure(linear, exposure, card))
@@ -33,9 +33,9 @@ def product(
 def product_linear(
     reflectance: AnyArray, shading: AnyArray, exposure: Exposure, card: ModelCard
 ) -> AnyArray:
-    """The same product, projected linearly: 0 to black, Reinhard's white point to white.
+    """Reflectance x shading under a linear tone mapping, display values float32 (H, W, 3).
 
-    What is brighter is clipped; display values float32 (H, W, 3).
+    Maps 0 to black and Reinhard's white point to white. Brighter values are clipped.
     """
     linear = linear_product(reflectance, shading, exposure, card)
     chosen = product_exposure(linear, exposure, card)
@@ -45,12 +45,12 @@ def product_linear(
 def linear_product(
     reflectance: AnyArray, shading: AnyArray, exposure: Exposure, card: ModelCard
 ) -> AnyArray:
-    """Linear radiance float32 (H, W, 3), in shading's own unit."""
+    """Reflectance x shading as linear radiance, float32 (H, W, 3), in the unit of shading."""
     return untonemap(shading, exposure) * (reflectance / card.albedo)
 
 
 def product_exposure(linear: AnyArray, shading: Exposure, card: ModelCard) -> Exposure:
-    """The exposure of a linear product under the card's policy."""
+    """Exposure of a linear product under the policy of the model card."""
     if card.exposure == "shared":
         return shading
     return exposure_of(np.asarray(linear), ToneParams(**card.tone))

@@ -1,7 +1,8 @@
-"""Summary of an evaluation: one flat JSON file, and a contact sheet of pictures.
+"""Summary of an evaluation: a flat JSON file and a contact sheet of images.
 
-`metrics/reference.json` is what the project says of itself: every method's means, flat, so that
-another program reads them in a line, and beside them what they rest on.
+`metrics/reference.json` holds the project's reference figures: the mean of each metric of each
+method, in a flat layout that is easy to read by other programs, with confidence intervals and facts
+about the data and the networks.
 """
 
 from __future__ import annotations
@@ -12,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from model.data.reader import Dataset, Example
-from model.evaluation.evaluate import METHODS, image_of, open_split, true_color
+from model.evaluation.evaluate import EVALUATED_METHODS, image_of, open_split, true_color
 from model.evaluation.inference import PREDICTABLE, available, load_networks
 from model.evaluation.metrics import NAMES, bootstrap
-from model.methods import METHODS as TRAINED
+from model.methods import METHODS
 from model.training.train import Folders
 from pipeline.images import contact_sheet, enlarge, png_bytes
 from pipeline.params import Params
@@ -25,22 +26,22 @@ from scenes.errors import InputError
 from scenes.files import read_json
 from scenes.seeds import derive
 
-BASELINES = ("unet", "can", "pix2pix", "cyclegan")  # the paper's, with its loss
+BASELINES = ("unet", "can", "pix2pix", "cyclegan")  # of the paper, trained with its loss
 PAIRS = (
     ("hybrid", "denoised"),
     ("plus", "pbrnet"),
     ("pbrnet", "product"),
     *((ours, other) for ours in ("pbrnet", "plus") for other in BASELINES),
 )
-SHOWN = 320  # pixels, width of a picture on the sheet, by whole multiples
+SHOWN = 320  # width of an image on the sheet in pixels, by integer enlargement
 
 
 def summary(params: Params, folders: Folders) -> dict[str, Any]:
-    """Every method's means and seconds an image; intervals, data and networks beside them.
+    """Contents of `reference.json`: figures of each method, and facts on data and networks.
 
-    `differences` are those of `PAIRS`, view by view: what two methods have in common, the scenes,
-    is out of them. Raises `InputError` without `evaluation.json` and `.csv`, or if a network is
-    missing or damaged.
+    `differences` compares the methods of `PAIRS` view by view, so the difficulty of the scenes
+    cancels. Raises `InputError` without `evaluation.json` and `.csv`, or if a network is missing or
+    damaged.
     """
     path = folders.metrics / "evaluation.json"
     if not path.is_file():
@@ -54,12 +55,12 @@ def summary(params: Params, folders: Folders) -> dict[str, Any]:
         "intervals": _intervals(found["methods"]),
         "differences": _differences(folders.metrics / "evaluation.csv", params.seed),
         **{name: found[name] for name in ("split", "views", "scenes", "exposure", "backbone")},
-        "kept_back": (apart := found.get("kept_back"))
+        "kept_back": (held_out := found.get("kept_back"))
         and {
-            "views": apart["views"],
-            "scenes": apart["scenes"],
-            "methods": _flat(apart["methods"]),
-            "intervals": _intervals(apart["methods"]),
+            "views": held_out["views"],
+            "scenes": held_out["scenes"],
+            "methods": _flat(held_out["methods"]),
+            "intervals": _intervals(held_out["methods"]),
         },
         "trained_on": {
             "dataset": trained.fingerprint,
@@ -81,14 +82,14 @@ def summary(params: Params, folders: Folders) -> dict[str, Any]:
 
 
 def sheet(params: Params, folders: Folders, methods: Sequence[str], count: int) -> bytes:
-    """A PNG: a row a view of the split, from the best of the first method to its worst.
+    """Contact sheet as PNG: a row for each view, from the best to the worst of the first method.
 
-    Columns: the truth, then the methods. Rows are spread evenly over the ranking by FLIP.
-    Raises `InputError` for a method without figures, else as `open_split`.
+    Columns: the truth, then the methods. The `count` rows are spread evenly over the ranking by
+    FLIP. Raises `InputError` for a method without figures, and as `open_split` does.
     """
-    wanted = _ranked(folders.metrics / "evaluation.csv", methods[0])
-    steps = max(1, min(count, len(wanted)) - 1)
-    chosen = [wanted[k * (len(wanted) - 1) // steps] for k in range(min(count, len(wanted)))]
+    ranked = _ranked(folders.metrics / "evaluation.csv", methods[0])
+    steps = max(1, min(count, len(ranked)) - 1)
+    chosen = [ranked[k * (len(ranked) - 1) // steps] for k in range(min(count, len(ranked)))]
     networks, dataset = open_split(params, folders, _shown(folders.models, methods))
     rows = {(row.scene_id, row.view_id): row for row in _examples(dataset, chosen)}
     pictures, labels = [], []
@@ -103,9 +104,9 @@ def sheet(params: Params, folders: Folders, methods: Sequence[str], count: int) 
 
 
 def _shown(models: Path, methods: Sequence[str]) -> list[str]:
-    """Methods of the folder to load: those shown, and for `denoised` one that takes its samples.
+    """Methods to load: those shown, and for `denoised` one that uses noisy samples.
 
-    `pbrnet` comes first if it is there, so that all sheets have one exposure.
+    `pbrnet` comes first if it is available, so that all sheets have the same exposure.
     """
     return [
         name
@@ -114,7 +115,7 @@ def _shown(models: Path, methods: Sequence[str]) -> list[str]:
         and (
             name == "pbrnet"
             or name in methods
-            or ("denoised" in methods and name in TRAINED and TRAINED[name].uses_noisy_samples)
+            or ("denoised" in methods and name in METHODS and METHODS[name].uses_noisy_samples)
         )
     ] or available(models)[:1]
 
@@ -126,17 +127,19 @@ def _examples(dataset: Dataset, chosen: Sequence[tuple[str, str, float]]) -> Ite
 
 
 def _ranked(path: Path, method: str) -> list[tuple[str, str, float]]:
-    """Scene, view and FLIP of all views, the best first."""
+    """Scene, view and FLIP of all views, in order of increasing FLIP."""
     rows = _scores(path, "flip").get(method)
     if not rows:
-        raise InputError(f"{path}: no figures of {method!r}")
+        raise InputError(f"{path}: no figures for {method!r}")
     found = [(scene, view, value) for (scene, view), value in rows.items()]
     return sorted(found, key=lambda row: (row[2], row[0], row[1]))
 
 
 def _differences(path: Path, seed: int) -> dict[str, dict[str, Any]]:
-    """By "one - other": the mean difference of each metric and its 95 % interval over scenes, and
-    on how many of the views one is better by FLIP."""
+    """Differences by pair, "one - other": each metric's mean difference and 95 % interval.
+
+    `better` is the number of views on which the first method has a lower FLIP.
+    """
     result: dict[str, dict[str, Any]] = {}
     for name in ("ssim", "psnr", "flip"):
         scores = _scores(path, name)
@@ -154,7 +157,7 @@ def _differences(path: Path, seed: int) -> dict[str, dict[str, Any]]:
 
 
 def _scores(path: Path, name: str) -> dict[str, dict[tuple[str, str], float]]:
-    """A metric of every method and view: method -> scene and view -> value."""
+    """A metric by method, then by (scene, view)."""
     if not path.is_file():
         raise InputError(f"{path}: no such file; make it with: pbrnet evaluate")
     scores: dict[str, dict[tuple[str, str], float]] = {}
@@ -171,7 +174,7 @@ def _flat(methods: dict[str, Any]) -> dict[str, dict[str, float | None]]:
             **{name: values[name]["mean"] if values[name] else None for name in NAMES},
             "seconds": values["seconds"],
         }
-        for method in METHODS
+        for method in EVALUATED_METHODS
         if (values := methods.get(method))
     }
 
@@ -182,6 +185,6 @@ def _intervals(methods: dict[str, Any]) -> dict[str, dict[str, list[float] | Non
             name: [figure["low"], figure["high"]] if (figure := values[name]) else None
             for name in NAMES
         }
-        for method in METHODS
+        for method in EVALUATED_METHODS
         if (values := methods.get(method))
     }

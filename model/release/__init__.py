@@ -1,1 +1,1 @@
-"""Networks for other programs: ONNX export and packed weights."""
+"""Release of trained networks: packed weights and ONNX export."""

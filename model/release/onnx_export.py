@@ -1,7 +1,7 @@
-"""ONNX export of trained networks: one file from a view's images to a picture.
+"""ONNX export of trained networks: one model from the images of a view to shading and colour.
 
-Programs that run the file need neither torch nor this package. The graph begins with the encoding
-of the inputs, traced from `model.data.encoding`, so it takes the dataset's columns as they are.
+Programs that run the model need neither torch nor this package. The graph includes the encoding of
+the inputs, traced from `model.data.encoding`, so its inputs are columns of the dataset.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ EXPORTABLE = ("pbrnet", "plus")
 INPUTS = ("depth", "valid", "normal", "reflectance", "intensity", "distance")
 PLUS_INPUTS = (*INPUTS, "tint", "K")
 OUTPUTS = ("shading", "color")
-# Sizes of the inputs while the exporter traces; any other sizes give the same graph.
+# Input sizes for the exporter's trace; the graph does not depend on them.
 _TRACED_SIZES = {
     "depth": (45, 61),
     "valid": (45, 61),
@@ -45,10 +45,10 @@ _TRACED_SIZES = {
 
 
 class ExportedMethod(nn.Module):
-    """A method with the encoding of its inputs, from the dataset's columns to display values.
+    """A method and the encoding of its inputs, from columns of the dataset to display values.
 
-    `pbrnet` takes `INPUTS`, `plus` takes `PLUS_INPUTS`, and `visibility` too if it was trained with
-    shadows. Where the lights' colours are unknown, a `tint` of ones is white light.
+    `pbrnet` takes `INPUTS`. `plus` takes `PLUS_INPUTS`, and `visibility` if it was trained with it.
+    If the colours of the lights are unknown, pass a `tint` of ones for white light.
     """
 
     def __init__(self, networks: Networks) -> None:
@@ -74,8 +74,8 @@ class ExportedMethod(nn.Module):
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Shading and colour, display values (H, W, 3) in [0, 1].
 
-        All inputs are float32, otherwise as the fields of `ViewInputs`: images (H, W) or
-        (H, W, 3), panoramas (h, w) or (h, w, 3), `K` the intrinsics (3, 3).
+        The inputs are the fields of `ViewInputs`, all as float32: images (H, W) or (H, W, 3),
+        panoramas (h, w) or (h, w, 3), and `K`, the intrinsics (3, 3).
         """
         view = ViewInputs(
             depth=depth,
@@ -104,9 +104,10 @@ class ExportedMethod(nn.Module):
 
 
 def averaged_panorama(inputs: Tensors) -> Tensors:
-    """The inputs with the panorama averaged to `GRID`, as `model.networks.pbrnet.averaged` does.
+    """The inputs with the panorama averaged to `GRID`, as in `model.networks.pbrnet.averaged`.
 
-    That takes adaptive pooling of any size, which ONNX lacks; of `GRID` itself it is the identity.
+    That function uses adaptive pooling of any size, which ONNX lacks. For a panorama of the size
+    `GRID` it is the identity.
     """
     intensity, distance = inputs["intensity"][0, 0], inputs["distance"][0, 0]
     mean = on_grid(intensity)
@@ -115,7 +116,7 @@ def averaged_panorama(inputs: Tensors) -> Tensors:
 
 
 def on_grid(panorama: torch.Tensor) -> torch.Tensor:
-    """A panorama (h, w) averaged to `GRID` as adaptive pooling does, by products of matrices."""
+    """Adaptive average pooling of a panorama (h, w) to `GRID`, as matrix products."""
     rows, columns = (
         _pooling_weights(size, cells) for size, cells in zip(panorama.shape, GRID, strict=True)
     )
@@ -123,17 +124,18 @@ def on_grid(panorama: torch.Tensor) -> torch.Tensor:
 
 
 def _pooling_weights(size: int, cells: int) -> torch.Tensor:
-    """Weights (cells, size): cell i is the mean of the pixels that its stretch touches."""
+    """Pooling weights (cells, size): cell i is the mean of the pixels that it overlaps."""
     start, cell = torch.arange(size), torch.arange(cells)[:, None]
     inside = ((start + 1) * cells > cell * size) & (start * cells < (cell + 1) * size)
     return inside.float() / inside.sum(dim=1, keepdim=True)
 
 
 def export_onnx(networks: Networks, path: Path) -> None:
-    """Write the first method's networks as one ONNX file, any image and panorama size, by rename.
+    """Write the networks of the first method as one ONNX model, by rename.
 
-    Methods: `EXPORTABLE`. The metadata hold the networks' cards as JSON under the networks' names.
-    Raises `MachineError` without the packages of the extra `onnx`.
+    The method must be in `EXPORTABLE`. The model takes images and panoramas of any size. Its
+    metadata contain the card of each network as JSON under the network's name. Raises
+    `MachineError` without the packages of the extra `onnx`.
     """
     missing = [name for name in ("onnx", "onnxscript") if importlib.util.find_spec(name) is None]
     if missing:
@@ -165,7 +167,7 @@ def export_onnx(networks: Networks, path: Path) -> None:
 
 
 def exported_inputs(networks: Networks) -> list[str]:
-    """Names of the exported file's inputs, in order."""
+    """Names of the inputs of the exported model, in order."""
     if networks.methods[0] != "plus":
         return list(INPUTS)
     shadows = bool(networks.card.training.get("shadows"))

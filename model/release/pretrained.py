@@ -1,8 +1,8 @@
-"""Packing of trained networks for release: half precision, checked, with a model card.
+"""Packing of trained networks for release, in half precision and with a model card.
 
-`weights/`, beside the packages, holds those that come with pbrnet; they are used where no network
-has been trained. A packed network is a model like any other (`model/training/store.py`): half the
-bytes a number, its card beside it.
+The folder `weights/` contains the pretrained networks of pbrnet, which are used if no network has
+been trained. A packed network is stored like any other (`model/training/store.py`), with half the
+bytes per weight.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from scenes.checked import plain
 from scenes.errors import InputError
 from scenes.files import atomic_directory, atomic_file, digest_file, read_json, write_json
 
-LIMIT = 16_000_000  # bytes of all files in the folder
-# How far a packed network's pictures may be from the original's, in display values [0, 1]:
-# anywhere, and on average. An 8-bit step is 0.0039.
+LIMIT = 16_000_000  # maximum size of the folder in bytes
+# Maximum and mean difference allowed between predictions of a packed and the original network, in
+# display values [0, 1]. A step of 8 bits is 0.0039.
 WORST, MEAN = 0.008, 0.001
-VIEWS = 4  # of the dataset, to compare with
+VIEWS = 4  # number of views for the comparison
 HALF_MAX = 0.5 * torch.finfo(torch.float16).max
 
 
@@ -42,12 +42,12 @@ class Models:
 
     folder: Path
     method: str
-    words: str
+    description: str
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Between pictures of packed and of original networks, display values."""
+    """Difference between predictions of packed and original networks, in display values."""
 
     method: str
     views: int
@@ -56,24 +56,25 @@ class Difference:
 
 
 def find_models(models: Path | None, method: str | None) -> Models:
-    """The folder to take networks from: the given one, else `models/`, else `PACKED`.
+    """Folder of networks for a method: `models` if given, else `models/`, else `PACKED`.
 
-    Raises `InputError` if the method's networks, or without one any method's, are nowhere.
+    Without `method` it is the first available one. Raises `InputError` if no folder has its
+    networks.
     """
-    places = [models] if models is not None else [Path("models"), PACKED]
-    for folder in places:
-        there = available(folder)
-        chosen = method if method in there else None if method else next(iter(there), None)
+    folders = [models] if models is not None else [Path("models"), PACKED]
+    for folder in folders:
+        present = available(folder)
+        chosen = method if method in present else None if method else next(iter(present), None)
         if chosen:
             packed = models is None and folder == PACKED
-            words = f"{folder} (pretrained; its README.md says on what)" if packed else str(folder)
-            return Models(folder, chosen, words)
+            description = f"{folder} (pretrained, see its README.md)" if packed else str(folder)
+            return Models(folder, chosen, description)
     names = needed(method or "pbrnet")
-    looked = " or ".join(str(folder) for folder in places)
-    have = sorted({name for folder in places for name in available(folder)})
-    other = f"; there are networks for --method {', '.join(have)}" if have else ""
+    searched = " or ".join(str(folder) for folder in folders)
+    others = sorted({name for folder in folders for name in available(folder)})
+    hint = f"; available are networks for --method {', '.join(others)}" if others else ""
     raise InputError(
-        f"{places[0] / names[0]}.safetensors: no such model (looked in {looked}){other}; make it "
+        f"{folders[0] / names[0]}.safetensors: no such model (looked in {searched}){hint}; make it "
         + " and ".join(f"with: pbrnet train {name}" for name in names)
     )
 
@@ -81,13 +82,13 @@ def find_models(models: Path | None, method: str | None) -> Models:
 def pack(
     source: Path, target: Path, methods: Sequence[str], data: Path, metrics: Path
 ) -> list[Difference]:
-    """Write the networks of these methods as `target`, by rename; returns how pictures differ.
+    """Write the packed networks of these methods to the folder `target`, by rename.
 
-    Raises `InputError` if networks or views to compare with are missing, if `target` holds
-    anything else than packed networks, if pictures differ by more than `WORST` or `MEAN`, or if
-    the folder would exceed `LIMIT`: then `target` stays as it was.
+    Returns the differences between predictions. Raises `InputError` and leaves `target` unchanged
+    if networks or views for the comparison are missing, if `target` contains other files, if
+    predictions differ by more than `WORST` or `MEAN`, or if the folder would exceed `LIMIT`.
     """
-    _refuse_strange_files(source, target)
+    _check_target(source, target)
     methods = tuple(dict.fromkeys(methods))
     originals = load_networks(source, methods)
     noisy = any(method in METHODS and METHODS[method].uses_noisy_samples for method in methods)
@@ -105,31 +106,31 @@ def pack(
         size = sum(file.stat().st_size for file in partial.iterdir())
         if size > LIMIT:
             raise InputError(
-                f"{target}: {size / 1e6:.1f} MB of weights, at most {LIMIT / 1e6:.0f} MB are to be "
-                f"passed on; train {' and '.join(names)} with a smaller width, or pack fewer "
-                "methods, of one network each: --method plus"
+                f"{target}: {size / 1e6:.1f} MB of weights, but at most {LIMIT / 1e6:.0f} MB are "
+                f"allowed; train {' and '.join(names)} with a smaller width, or pack fewer "
+                "methods, for example: --method plus"
             )
     return differences
 
 
-def _refuse_strange_files(source: Path, target: Path) -> None:
-    """The folder is replaced as a whole, so nothing of anybody's may lie in it."""
+def _check_target(source: Path, target: Path) -> None:
+    """Raise `InputError` if the folder, which is replaced as a whole, contains other files."""
     if target.resolve() == source.resolve():
-        raise InputError(f"{target}: holds the networks to pack; name another folder")
+        raise InputError(f"{target}: contains the networks to pack; give another folder")
     if target.exists() and not target.is_dir():
         raise InputError(f"{target}: not a folder")
-    ours = {"README.md"} | {f"{name}{suffix}" for name in METHODS
+    packed = {"README.md"} | {f"{name}{suffix}" for name in METHODS
                             for suffix in (".safetensors", ".json")}  # fmt: skip
     present = {path.name for path in target.iterdir()} if target.is_dir() else set()
-    if present - ours:
+    if present - packed:
         raise InputError(
-            f"{target}: holds {min(present - ours)!r}, which is no packed network; the folder "
-            "would be replaced, so name an empty or a new one"
+            f"{target}: contains {min(present - packed)!r}, which is not a packed network; the "
+            "folder would be replaced, so give an empty or a new one"
         )
 
 
 def _pack_network(source: Path, target: Path, name: str, digests: dict[str, str]) -> str:
-    """Copy a network in half precision with its card; returns the digest of the weights."""
+    """Write a network in half precision with its card; returns the digest of the weights."""
     network, card = load_model(source / f"{name}.safetensors")
     state = {key: value.contiguous() for key, value in network.state_dict().items()}
     dtype = half_type(state)
@@ -150,13 +151,13 @@ def _pack_network(source: Path, target: Path, name: str, digests: dict[str, str]
 
 
 def half_type(state: dict[str, torch.Tensor]) -> torch.dtype:
-    """float16, which is finer, unless a weight is too large for it: then bfloat16."""
+    """float16, or bfloat16 if a weight exceeds half the range of float16."""
     largest = max(float(value.abs().max()) for value in state.values() if value.numel())
     return torch.float16 if largest < HALF_MAX else torch.bfloat16
 
 
 def _views(data: Path, noisy: bool) -> list[Example]:
-    """Views spread evenly over the test split, or over the training split where there is none."""
+    """Views spread evenly over the first split that exists: test, validation or train."""
     for split in ("test", "validation", "train"):
         try:
             dataset = Dataset(data / "dataset", split, noisy)  # type: ignore[arg-type]
@@ -165,7 +166,7 @@ def _views(data: Path, noisy: bool) -> list[Example]:
             continue
         numbers = np.linspace(0, len(dataset) - 1, min(VIEWS, len(dataset))).astype(int)
         return list(dataset.at([int(number) for number in numbers]))
-    raise InputError(f"packed networks are compared on a dataset's views: {missing}")
+    raise InputError(f"packing needs a dataset to compare predictions: {missing}")
 
 
 def _compare(
@@ -179,9 +180,9 @@ def _compare(
     mean = float(np.mean([error.mean() for error in errors]))
     if not (worst <= WORST and mean <= MEAN):
         raise InputError(
-            f"{method}: pictures of the packed networks differ by up to {worst:.4f} and on average "
-            f"by {mean:.5f} from the originals' (at most {WORST} and {MEAN}): these weights do not "
-            "bear half precision; train them longer, or pass on models/ itself"
+            f"{method}: predictions of the packed networks differ from the original ones by up to "
+            f"{worst:.4f}, on average by {mean:.5f} (allowed: {WORST} and {MEAN}); half precision "
+            "does not suit these weights: train longer, or release models/ itself"
         )
     return Difference(method, len(examples), worst, mean)
 
@@ -194,7 +195,7 @@ def _figures(metrics: Path) -> dict[str, Any]:
     found: dict[str, Any] = read_json(path)
     missing = [key for key in ("views", "scenes", "split", "methods") if key not in found]
     if missing:
-        raise InputError(f"{path}: without {missing[0]!r}; make it again with: pbrnet evaluate")
+        raise InputError(f"{path}: {missing[0]!r} is missing; make it again with: pbrnet evaluate")
     return found
 
 
@@ -202,7 +203,7 @@ def _card(packed: Networks, differences: Sequence[Difference], figures: dict[str
     cards: list[ModelCard] = list(packed.cards.values())
     licences = sorted({licence for card in cards for licence in card.data.licences})
     credits = sorted({line for card in cards for line in card.data.attributions})
-    shown, apart = [*packed.methods, "denoised", "ceiling"], figures.get("kept_back")
+    shown, held_out = [*packed.methods, "denoised", "ceiling"], figures.get("kept_back")
     environment = templates("model.release", markup=False)
     environment.filters["json"] = lambda value: json.dumps(value, sort_keys=True)
     return environment.get_template("model_card.md").render(
@@ -216,7 +217,7 @@ def _card(packed: Networks, differences: Sequence[Difference], figures: dict[str
         figures=figures,
         tables=[
             {**block, "rows": [(name, block["methods"].get(name)) for name in shown]}
-            for block in (figures, apart)
+            for block in (figures, held_out)
             if block
         ],
         shadows=any(card.training.get("shadows") for card in cards),

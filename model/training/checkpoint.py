@@ -1,4 +1,4 @@
-"""Training checkpoints: a resumed training is bit-identical to an uninterrupted one."""
+"""Training checkpoints, from which a resumed run continues bit-identically."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from scenes.checked import plain
 from scenes.errors import InputError
 from scenes.files import atomic_file
 
-Optimisers = dict[str, torch.optim.Adam]  # by the objective's players
+Optimisers = dict[str, torch.optim.Adam]  # by the names of the objective's players
 
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """A row of `plots/train_NAME.csv`."""
+    """Point of a learning curve: a row of `plots/train_NAME.csv`."""
 
     step: int
     epoch: int
@@ -28,22 +28,22 @@ class CurvePoint:
 
 @dataclass
 class State:
-    """Progress of a training: the part of a checkpoint beside networks and Adam's moments."""
+    """Progress of a training run, without the states of networks and optimisers."""
 
     step: int = 0
-    loss_sum: float = 0.0  # over the steps of this epoch
+    loss_sum: float = 0.0  # over the steps of the current epoch
     curve: list[CurvePoint] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Checkpoint file of one training."""
+    """Checkpoint file of one training run."""
 
     path: Path
-    identity: str  # of the training; what another one left is not gone on from
+    identity: str  # digest of the run's settings; checkpoints of other runs are ignored
 
     def save(self, objective: Objective, optimisers: Optimisers, state: State) -> None:
-        """Write all that the next step depends on, by rename."""
+        """Write everything that the next step depends on, by rename."""
         content = {
             "identity": self.identity,
             "players": {name: p.state_dict() for name, p in objective.players.items()},
@@ -57,7 +57,10 @@ class Checkpoint:
             torch.save(content, partial)
 
     def resume(self, objective: Objective, optimisers: Optimisers) -> State:
-        """Go on from the checkpoint if it is of this very training, else from the start."""
+        """Restore the checkpoint if it belongs to this run; otherwise return a new `State`.
+
+        Raises `InputError` for a damaged file.
+        """
         if not self.path.is_file():
             return State()
         try:

@@ -1,7 +1,7 @@
-"""The loop that trains every network of the registry.
+"""Training loop of all networks in the registry.
 
-Data order, mirroring, random draws and learning rate are functions of the step, so that a run
-resumed from a checkpoint is bit-identical to an uninterrupted one.
+Data order, mirroring, random numbers and learning rate are functions of the step. A run that
+resumes from a checkpoint is therefore bit-identical to an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from scenes.seeds import derive, derive32
 
 
 class TrainingError(PbrnetError):
-    """The loss of a training is not finite."""
+    """A training loss is not finite."""
 
 
 class Run:
-    """One training: the objective, an optimiser for each of its players, and how to feed it."""
+    """Training run: an objective, an optimiser for each of its players, and their settings."""
 
     def __init__(
         self,
@@ -52,13 +52,13 @@ class Run:
         }
 
     def batch(self, examples: Sequence[Example]) -> Batch:
-        """The views as tensors on the device."""
+        """Inputs and targets of views as tensors on the device."""
         truth = {
             name: self._put(value)
             for name, value in targets(examples, self.params.train.exposure).items()
         }
-        given = encode(examples, self.method.uses_direct_light, self.method.uses_noisy_samples)
-        inputs = {name: self._put(value) for name, value in given.items()}
+        encoded = encode(examples, self.method.uses_direct_light, self.method.uses_noisy_samples)
+        inputs = {name: self._put(value) for name, value in encoded.items()}
         radiance = None
         if self.method.uses_noisy_samples:
             linear = radiances(examples, self.params.train.exposure)
@@ -66,14 +66,14 @@ class Run:
         return Batch(inputs, truth[self.method.target], truth["shading"], radiance)
 
     def begin_step(self, step: int) -> None:
-        """Learning rates and random draws (dropout, histories) are functions of the step."""
+        """Set the learning rates and seed torch's random state (dropout, image buffers)."""
         torch.manual_seed(derive32(self.params.seed, "step", self.name, step))
         for optimiser in self.optimisers.values():
             for group in optimiser.param_groups:
                 group["lr"] = self.method.rate(self.params.train, step, self.steps)
 
     def validate(self, views: Sequence[Example]) -> float | None:
-        """Mean loss of the network on these views, without dropout; none without views."""
+        """Mean validation loss of the network, without dropout; None if there are no views."""
         if not views:
             return None
         self._set_mode(training=False)
@@ -97,10 +97,15 @@ def train_steps(
     dataset: Dataset,
     validation: Sequence[Example],
 ) -> None:
-    """The loop: from the state's step to the last, players in turn within a step."""
+    """Train from the state's step to the last one.
+
+    A step updates the players one after the other. The loop writes a checkpoint every
+    `train.checkpoint_steps` steps, and on Ctrl-C between two steps. Raises `TrainingError` if a
+    loss is not finite.
+    """
     name, epochs = run.name, run.steps // run.steps_per_epoch
     batches = batches_from(dataset, run.params, state.step)
-    whole = True  # whether all players have made equally many steps
+    whole = True  # False within a step, when only some players have been updated
     with torch.random.fork_rng(), Progress(run.steps, f"train {name}", "steps") as progress:
         progress.advance(state.step)
         try:
@@ -120,7 +125,7 @@ def train_steps(
                 whole = True
                 if state.step % run.steps_per_epoch == 0:
                     point = _close_epoch(state, run, validation)
-                    progress.write(_sentence(name, point, epochs))
+                    progress.write(_epoch_message(name, point, epochs))
                 if state.step % run.params.train.checkpoint_steps == 0 and state.step < run.steps:
                     checkpoint.save(run.objective, run.optimisers, state)
                 progress.advance()
@@ -131,7 +136,10 @@ def train_steps(
 
 
 def batches_from(dataset: Dataset, params: Params, step: int) -> Iterator[list[Example]]:
-    """Endless batches from `step` on; the same ones whether or not training stopped between."""
+    """Endless batches from `step` on, the same in a resumed and in an uninterrupted run.
+
+    Raises `InputError` if the views of a batch differ in size.
+    """
     batch, seed = params.train.batch, derive(params.seed, "train")
     position = step * batch
     views = dataset.shuffled(seed, start=position)
@@ -149,7 +157,7 @@ def _same_size(examples: Sequence[Example]) -> None:
     sizes = {(example.depth.shape, example.intensity.shape) for example in examples}
     if len(sizes) > 1:
         raise InputError(
-            f"views of different sizes in one batch ({examples[0].name} and others); "
+            f"the views of one batch differ in size ({examples[0].name} and others); "
             "set train.batch: 1, or render all scenes at one size"
         )
 
@@ -161,7 +169,7 @@ def _stop_if_diverged(
         views = ", ".join(example.name for example in examples)
         raise TrainingError(
             f"train {name}: the loss became {value.item()} at step {step} on view {views}; "
-            "look at the view with pbrnet inspect, or lower train.learning_rate"
+            "check the view with pbrnet inspect, or reduce train.learning_rate"
         )
 
 
@@ -177,9 +185,9 @@ def _close_epoch(state: State, run: Run, validation: Sequence[Example]) -> Curve
     return point
 
 
-def _sentence(name: str, point: CurvePoint, epochs: int) -> str:
-    seen = "none" if point.validation_loss is None else f"{point.validation_loss:.2f}"
+def _epoch_message(name: str, point: CurvePoint, epochs: int) -> str:
+    validation = "none" if point.validation_loss is None else f"{point.validation_loss:.2f}"
     return (
         f"train {name}: epoch {point.epoch} of {epochs}, "
-        f"loss {point.train_loss:.2f}, validation {seen}"
+        f"loss {point.train_loss:.2f}, validation {validation}"
     )

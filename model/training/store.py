@@ -1,4 +1,4 @@
-"""Trained networks on disk: `NAME.safetensors`, and a JSON card that says what they are."""
+"""Trained networks on disk: weights in `NAME.safetensors` and a model card in `NAME.json`."""
 
 from __future__ import annotations
 
@@ -25,36 +25,36 @@ class TrainingData:
     fingerprint: str  # SHA-256 over the bytes of the training shards
     views: int
     scenes: tuple[str, ...]
-    plans: tuple[str, ...]  # floor plans of the scenes: no other scene of theirs may test it
+    plans: tuple[str, ...]  # floor plans of the scenes; scenes with these must not be tested
     licences: tuple[str, ...]
     attributions: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class ModelCard:
-    """`models/NAME.json`. Nothing in it depends on when or how fast it was made."""
+    """Model card, `models/NAME.json`. It holds neither dates nor times, so it is reproducible."""
 
     name: str
     architecture: Architecture
     parameters: int
     sha256: str  # of the weights
-    exposure: Policy  # whose exposure the colours it gives have
-    white: float  # the median white point of the training shadings, for images without truth
+    exposure: Policy  # exposure policy of the predicted colours
+    white: float  # median white point of the training shadings, for views without truth
     tone: dict[str, float]  # key and burn of the tone mapping
-    albedo: float  # grey of the shading frames, 0.5: a surface's shading is half its irradiance
+    albedo: float  # reflectance of every surface in the shading frames
     training: dict[str, Any]
     data: TrainingData
-    backbone: dict[str, Any]  # network, source, sha256 of the loss's features
+    backbone: dict[str, Any]  # network, source and sha256 of the loss's feature extractor
     metrics: dict[str, float | None]
-    needs: dict[str, str]  # other networks whose output it takes: name -> sha256
+    needs: dict[str, str]  # networks whose output it takes: name -> sha256
     versions: dict[str, str]
     licence: str
-    precision: str = "float32"  # of the numbers in the file
-    packed_from: str = ""  # sha256 of the float32 weights that half precision was made of
+    precision: str = "float32"  # of the stored weights
+    packed_from: str = ""  # sha256 of the original weights, for weights in half precision
 
 
 def save_model(models: Path, network: nn.Module, card: dict[str, Any]) -> ModelCard:
-    """Write weights, then the card, which gets the weights' digest; each by rename."""
+    """Write the weights, then the card with their digest; each by rename."""
     name = card["name"]
     path = models / f"{name}.safetensors"
     state = {key: value.detach().cpu().contiguous() for key, value in network.state_dict().items()}
@@ -68,9 +68,9 @@ def save_model(models: Path, network: nn.Module, card: dict[str, Any]) -> ModelC
 
 
 def load_model(path: Path) -> tuple[nn.Module, ModelCard]:
-    """The network in `path` (a `.safetensors` file beside its card), in evaluation mode.
+    """Load the network of a `.safetensors` file and its card, in evaluation mode.
 
-    Raises `InputError` if either file is missing, broken, or they do not belong together.
+    Raises `InputError` if either file is missing or damaged, or if they do not belong together.
     """
     path = Path(path)
     if not path.is_file():
@@ -79,10 +79,10 @@ def load_model(path: Path) -> tuple[nn.Module, ModelCard]:
         ModelCard, read_json(path.with_suffix(".json")), str(path.with_suffix(".json")), InputError
     )
     if digest_file(path) != card.sha256:
-        raise InputError(f"{path}: damaged, or not the weights that {path.stem}.json describes")
+        raise InputError(f"{path}: damaged, or not the weights described in {path.stem}.json")
     network = build_network(card.architecture)
     try:
         network.load_state_dict(load_file(path))
     except (SafetensorError, RuntimeError) as error:
-        raise InputError(f"{path}: does not fit its card ({error})") from None
+        raise InputError(f"{path}: does not match its card ({error})") from None
     return channels_last(network.eval().requires_grad_(False)), card

@@ -1,8 +1,8 @@
-"""Training: the same for every network of the registry, two stages for ours.
+"""Training of a network of the registry, from the dataset to a stored model.
 
-The shading network first; then, fixed, it feeds the composition network (paper, section III-B).
-On one machine a resumed run is bit-identical to an uninterrupted one
-(`model/training/loop.py`).
+The paper's networks are trained in two stages (section III-B): first the shading network, then the
+composition network on the predictions of the fixed shading network. On one machine a resumed run is
+bit-identical to an uninterrupted one (`model/training/loop.py`).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from scenes.errors import InputError
 from scenes.files import digest_bytes, digest_file, write_json, write_text
 from scenes.seeds import derive32
 
-VALIDATION_VIEWS = 32  # at most so many are looked at after each epoch
+VALIDATION_VIEWS = 32  # maximum number of views for the validation loss
 LICENCE = "MIT"
 
 
@@ -53,7 +53,7 @@ class Folders:
 
     @staticmethod
     def beside(data: Path, models: Path, backbone: Path) -> Folders:
-        """Metrics and plots in their usual places, or inside `models` if that is another folder."""
+        """Folders with metrics and plots inside `models`, unless that is the default folder."""
         if models == Path("models"):
             return Folders(data=data, backbone=backbone)
         return Folders(data, models, models / "metrics", models / "plots", backbone)
@@ -68,10 +68,10 @@ def train_network(
 ) -> ModelCard:
     """Train the method `name` of the registry; write its model, card, metrics and learning curve.
 
-    `start`: a model file of the same architecture to go on from (fine-tuning). `only`: the scenes
-    of the training split to learn from, all of them if None.
-    Raises `TrainingError` that names view and step if the loss stops being a number,
-    `InputError` for a dataset, backbone or model that cannot be used.
+    `start`: a model file of the same architecture whose weights are the initial ones (fine-tuning).
+    `only`: the scenes of the training split to use, all if None.
+    Raises `TrainingError` with view and step if the loss is not finite, and `InputError` for a
+    dataset, backbone or model that cannot be used.
     """
     torch.set_num_threads(len(os.sched_getaffinity(0)))
     method = METHODS[name]
@@ -89,7 +89,7 @@ def train_network(
     network = _initial(name, architecture, params.seed, start)
     steps_per_epoch = stage.steps_per_epoch or math.ceil(len(dataset) / params.train.batch)
     steps = stage.epochs * steps_per_epoch
-    data = _seen(dataset)
+    data = _training_data(dataset)
     settings = _settings(params.train, method)
     identity = _identity(
         *(name, params.seed, settings, plain(params.tone), plain(architecture), data.fingerprint),
@@ -125,7 +125,7 @@ def train_network(
             "training": {
                 **settings,
                 **plain(stage),
-                **_given(method, dataset),
+                **_input_facts(method, dataset),
                 "seed": params.seed,
                 "steps": steps,
                 "precision": precision,
@@ -143,34 +143,38 @@ def train_network(
     return card
 
 
-def _given(method: Method, dataset: Dataset) -> dict[str, Any]:
-    """Inputs beside the paper's that the network was trained with and requires."""
-    given: dict[str, Any] = {}
+def _input_facts(method: Method, dataset: Dataset) -> dict[str, Any]:
+    """Facts about the network's inputs beyond those of the paper, for the model card."""
+    facts: dict[str, Any] = {}
     if method.uses_noisy_samples:
-        given["noisy_spp"] = int(median(dataset.column("noisy_spp")))
+        facts["noisy_spp"] = int(median(dataset.column("noisy_spp")))
     if method.uses_direct_light:
-        given["shadows"] = "visibility" in dataset.images
-    return given
+        facts["shadows"] = "visibility" in dataset.images
+    return facts
 
 
 def _losses(curve: Sequence[CurvePoint]) -> dict[str, float | None]:
-    """Last losses of the learning curve."""
+    """Final losses of the learning curve."""
     return {"train_loss": curve[-1].train_loss, "validation_loss": curve[-1].validation_loss}
 
 
 def choose_device(params: TrainParams) -> torch.device:
-    """The device that `params.device` means here; `auto` is CUDA where there is one."""
+    """Device of `params.device`; `auto` is CUDA if available, else the CPU.
+
+    Raises `InputError` if CUDA is required and not available.
+    """
     if params.device == "cuda" and not torch.cuda.is_available():
-        raise InputError("train.device is cuda, but torch sees no CUDA device; use auto or cpu")
+        raise InputError("train.device is cuda, but torch finds no CUDA device; use auto or cpu")
     if params.device == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     return torch.device(params.device)
 
 
 def choose_precision(params: TrainParams, device: torch.device) -> str:
-    """`auto`: bfloat16 where the processor multiplies it natively, and so faster; else float32.
+    """Precision of `params.precision`; `auto` is bfloat16 if the device supports it natively.
 
-    Decided by capability flags, not by a stopwatch: the same machine always gives the same bits.
+    The choice follows from capability flags, not from a timing, so one machine always chooses
+    alike.
     """
     if params.precision != "auto":
         return params.precision
@@ -190,15 +194,15 @@ def _initial(name: str, architecture: Architecture, seed: int, start: Path | Non
     earlier, card = load_model(start)
     if card.architecture != architecture:
         raise InputError(
-            f"{start}: is a {plain(card.architecture)}; the parameters ask for "
-            f"{plain(architecture)}; make train.{name} equal to start from it"
+            f"{start}: has the architecture {plain(card.architecture)}, but the parameters give "
+            f"{plain(architecture)}; change train.{name} to match"
         )
     network.load_state_dict(earlier.state_dict())
     return network
 
 
 def _objective(method: Method, setting: Setting, seed: int, device: torch.device) -> Objective:
-    """The method's objective on the device; opponents start from random weights of the seed."""
+    """Objective of the method on the device; `seed` initialises its discriminators."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         objective = method.objective(setting)
@@ -215,14 +219,17 @@ def _autocast(device: torch.device, precision: str) -> Callable[[], torch.autoca
 def _fixed_shading(
     method: Method, params: Params, folders: Folders
 ) -> tuple[nn.Module | None, dict[str, str]]:
-    """The trained shading network whose predictions the composition network learns from."""
+    """Fixed shading network that the method takes as input, and its digest by name; or None.
+
+    Raises `InputError` if it was trained with another tone mapping.
+    """
     if not method.uses_shading_net:
         return None, {}
     network, card = load_model(folders.models / "shading.safetensors")
     if card.tone != plain(params.tone):
         raise InputError(
-            f"{folders.models}/shading.json: trained with the tone mapping {card.tone}, now it is "
-            f"{plain(params.tone)}; train the shading network again"
+            f"{folders.models}/shading.json: trained with the tone mapping {card.tone}, but the "
+            f"parameters give {plain(params.tone)}; train the shading network again"
         )
     return network, {"shading": card.sha256}
 
@@ -237,7 +244,7 @@ def _validation_views(folder: Path, noisy: bool) -> list[Example]:
     return [example for _, example in zip(range(VALIDATION_VIEWS), dataset.ordered(), strict=False)]
 
 
-def _seen(dataset: Dataset) -> TrainingData:
+def _training_data(dataset: Dataset) -> TrainingData:
     scenes = sorted(set(dataset.column("scene_id")))
     plans = dataset.plans()
     return TrainingData(
@@ -251,17 +258,21 @@ def _seen(dataset: Dataset) -> TrainingData:
 
 
 def _identity(*parts: object) -> str:
-    """All that determines the weights: a checkpoint of another identity is not gone on from."""
+    """Digest of everything that determines the weights; checkpoints of other runs are ignored."""
     return digest_bytes(*(repr(part).encode() for part in parts))
 
 
 def _settings(params: TrainParams, method: Method) -> dict[str, Any]:
-    """Parameters that determine the weights: those shared by networks, or the method's own."""
-    others = ("checkpoint_steps", "device", "baselines", *METHODS)
-    settings = {name: value for name, value in plain(params).items() if name not in others}
+    """Parameters that determine the weights; the method's own replace the shared ones."""
+    excluded = ("checkpoint_steps", "device", "baselines", *METHODS)
+    settings = {name: value for name, value in plain(params).items() if name not in excluded}
     if method.adam is not None:
-        own = {"learning_rate": method.adam.rate, "decay": method.adam.decay, "loss": method.own}
-        settings |= {**own, "betas": plain(method.adam.betas)}
+        settings |= {
+            "learning_rate": method.adam.rate,
+            "decay": method.adam.decay,
+            "loss": method.own_loss,
+            "betas": plain(method.adam.betas),
+        }
     return settings
 
 
@@ -288,8 +299,8 @@ def _write_curve(path: Path, curve: Sequence[CurvePoint]) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("step", "epoch", "train_loss", "validation_loss"))
     for point in curve:
-        seen = "" if point.validation_loss is None else f"{point.validation_loss:.6g}"
-        writer.writerow((point.step, point.epoch, f"{point.train_loss:.6g}", seen))
+        validation = "" if point.validation_loss is None else f"{point.validation_loss:.6g}"
+        writer.writerow((point.step, point.epoch, f"{point.train_loss:.6g}", validation))
     write_text(path, text.getvalue())
 
 

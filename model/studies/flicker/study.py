@@ -19,7 +19,7 @@ from scipy.ndimage import map_coordinates
 from model.data.encoding import color_exposure
 from model.data.reader import Example
 from model.evaluation.inference import Networks
-from model.evaluation.predict import example_of, lit, sampled, trace
+from model.evaluation.predict import example_of, render_light, render_noisy_samples, trace_truth
 from model.studies.flicker.results import MethodFlicker, Move
 from pipeline.images import Picture, contact_sheet
 from pipeline.params import Params
@@ -85,9 +85,9 @@ def measure_move(
     with Progress(len(views), "flicker", "frames") as progress:
         for shown in views:
             inputs = render_inputs(scene, shown)
-            light = lit(scene, shown, params, cards, inputs)
-            truth = trace(scene, shown, params)
-            noisy = sampled(scene, shown, params, sampling)
+            light = render_light(scene, shown, params, cards, inputs)
+            truth = trace_truth(scene, shown, params)
+            noisy = render_noisy_samples(scene, shown, params, sampling)
             example = example_of(shown, inputs, light, card, truth, noisy)
             examples.append(example)
             for method, each in methods.items():

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from model.evaluation.evaluate import METHODS
+from model.evaluation.evaluate import EVALUATED_METHODS
 from model.options import FILE, models_option
 from model.studies.pairs.answers import MAX_PAIRS, Pair, read_all, read_key, score
 from model.studies.pairs.results import PairsResult, interval, percent
@@ -56,7 +56,7 @@ renderer's. Keep it: without it, answers cannot be scored.""",
 @click.option(
     "--method",
     "methods",
-    type=click.Choice(METHODS),
+    type=click.Choice(EVALUATED_METHODS),
     multiple=True,
     help="A method to show; repeatable.  [default: pbrnet, product, trained baselines]",
 )
@@ -129,13 +129,13 @@ def _page_lines(written: WrittenPage, config: PairsConfig, page: Path) -> list[s
 
 
 def _by_method(pair: Pair) -> int:
-    return METHODS.index(pair.method)
+    return EVALUATED_METHODS.index(pair.method)
 
 
 def _result_lines(result: PairsResult, target: Path) -> list[str]:
     people = "1 person" if result.people == 1 else f"{result.people} people"
     lines = [f"{people}, {result.pairs} pairs each, shown {result.seconds:g} s"]
-    for method in METHODS:
+    for method in EVALUATED_METHODS:
         if method not in result.methods:
             continue
         figure = result.methods[method]

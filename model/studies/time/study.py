@@ -28,7 +28,13 @@ from model.data.reader import Example
 from model.evaluation.evaluate import open_split, true_color
 from model.evaluation.inference import PRODUCTS, Networks
 from model.evaluation.metrics import flip_map, ssim
-from model.evaluation.predict import example_of, resized, sampled, shadows_of, with_samples_of
+from model.evaluation.predict import (
+    example_of,
+    render_noisy_samples,
+    render_shadows,
+    resized,
+    with_noisy_samples,
+)
 from model.methods import METHODS, trained_baselines
 from model.studies.frame_store import (
     FrameStore,
@@ -218,7 +224,7 @@ class ViewBenchmark:
             method_input = example
             if method in METHODS and METHODS[method].uses_noisy_samples:
                 noisy = self._timed("samples", partial(self._sampled, method))
-                method_input = with_samples_of(example, noisy)
+                method_input = with_noisy_samples(example, noisy)
             part = "composition" if method == "pbrnet" else method
             prediction = self._timed(part, partial(networks.predict, method, method_input, shading))
             self._measure(method, None, prediction.color)
@@ -252,11 +258,13 @@ class ViewBenchmark:
         """Render shadows of the panorama's lights, if a network uses them."""
         if not self._shadows():
             return {}
-        return shadows_of(self.scene, self.view, self.params, self.panorama, self.inputs)
+        return render_shadows(self.scene, self.view, self.params, self.panorama, self.inputs)
 
     def _sampled(self, name: str) -> Channels:
         """Render the noisy samples that a network uses."""
-        samples = sampled(self.scene, self.view, self.params, self.networks.cards[name])
+        samples = render_noisy_samples(
+            self.scene, self.view, self.params, self.networks.cards[name]
+        )
         assert samples is not None
         return samples
 

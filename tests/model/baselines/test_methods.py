@@ -14,11 +14,11 @@ from torch.nn import functional
 from model.baselines import cyclegan, pix2pix
 from model.baselines.can import CAN, AdaptiveNorm, MeanSquares
 from model.baselines.cyclegan import (
-    HISTORY,
+    BUFFER_SIZE,
     REFLECTANCE,
     CycleObjective,
     ForwardGenerator,
-    History,
+    ImageBuffer,
     Residual,
 )
 from model.baselines.layers import STACKED, BatchNorm, InstanceNorm, stacked
@@ -83,7 +83,7 @@ def test_the_registry_knows_which_networks_give_shading_too() -> None:
 
 def test_only_an_own_loss_has_an_optimiser_of_its_own() -> None:
     for name, method in METHODS.items():
-        assert (method.adam is not None) == bool(method.own) == name.endswith("_own")
+        assert (method.adam is not None) == bool(method.own_loss) == name.endswith("_own")
     ours = TrainParams(learning_rate=7e-3)
     assert METHODS["pix2pix"].rate(ours, 0, 100) == 7e-3
     rates = [METHODS["cyclegan_own"].rate(ours, step, 200) for step in (0, 100, 150, 199)]
@@ -205,8 +205,8 @@ def test_the_discriminators_layers() -> None:
 def test_a_patch_is_70_pixels_wide() -> None:
     network = PatchDiscriminator(3, 4, lambda _: nn.Identity())
     image = torch.rand(1, 3, 160, 160, requires_grad=True)
-    verdicts = network(image)
-    verdicts[0, 0, verdicts.shape[2] // 2, verdicts.shape[3] // 2].backward()
+    logits = network(image)
+    logits[0, 0, logits.shape[2] // 2, logits.shape[3] // 2].backward()
     assert field(image.grad) == (70, 70)
 
 
@@ -214,11 +214,11 @@ def setting(network: nn.Module) -> Setting:
     return Setting(network, functional.l1_loss, None, 4, nullcontext)
 
 
-def constant(discriminator: nn.Module, verdict: float) -> None:
-    """Make it say the same of everything."""
+def constant(discriminator: nn.Module, output: float) -> None:
+    """Make its output constant."""
     last = kernels(discriminator)[-1]
     nn.init.zeros_(last.weight)
-    nn.init.constant_(last.bias, verdict)
+    nn.init.constant_(last.bias, output)
 
 
 def by_player(objective: Objective, batch: Batch) -> dict[str, float]:
@@ -229,35 +229,35 @@ def test_pix2pixs_losses_by_hand() -> None:
     network = Generator(Architecture("pix2pix", 4, 3))
     nn.init.zeros_(network.out.weight)
     nn.init.zeros_(network.out.bias)  # type: ignore[arg-type]  # so it paints 0.5
-    game = AdversarialObjective(setting(network))
-    constant(game.discriminator, 1.0)
+    objective = AdversarialObjective(setting(network))
+    constant(objective.discriminator, 1.0)
     batch = Batch(inputs(24, 24), torch.full((1, 3, 24, 24), 0.6))
-    losses = by_player(game, batch)
+    losses = by_player(objective, batch)
     real, fake = math.log(1 + math.exp(-1)), math.log(1 + math.exp(1))
     assert losses["discriminator"] == pytest.approx((real + fake) / 2, rel=1e-5)
     # Off by 0.1 of [0, 1] is 0.2 of [-1, 1].
     assert losses["network"] == pytest.approx(real + 100 * 0.2, rel=1e-5)
-    assert float(game.loss(batch)) == pytest.approx(losses["network"])
+    assert float(objective.loss(batch)) == pytest.approx(losses["network"])
     assert list(losses) == ["discriminator", "network"]
 
 
 def test_the_generator_meets_the_discriminator_after_its_update() -> None:
     torch.manual_seed(0)
-    game = AdversarialObjective(setting(Generator(Architecture("pix2pix", 4, 3)).eval()))
+    objective = AdversarialObjective(setting(Generator(Architecture("pix2pix", 4, 3)).eval()))
     batch = Batch(inputs(24, 24), torch.rand(1, 3, 24, 24))
-    before = float(game.loss(batch))
-    turns = game.losses(batch)
-    next(turns)
-    constant(game.discriminator, 20.0)  # as an update might: all is real
-    assert float(next(turns)[1]) < before
-    assert float(game.loss(batch)) < before
+    before = float(objective.loss(batch))
+    losses = objective.losses(batch)
+    next(losses)
+    constant(objective.discriminator, 20.0)  # as an update might: all is real
+    assert float(next(losses)[1]) < before
+    assert float(objective.loss(batch)) < before
 
 
 def test_the_discriminator_does_not_teach_the_generator() -> None:
-    game = AdversarialObjective(setting(Generator(Architecture("pix2pix", 4, 3))))
-    _, loss = next(game.losses(Batch(inputs(24, 24), torch.rand(1, 3, 24, 24))))
+    objective = AdversarialObjective(setting(Generator(Architecture("pix2pix", 4, 3))))
+    _, loss = next(objective.losses(Batch(inputs(24, 24), torch.rand(1, 3, 24, 24))))
     loss.backward()
-    assert all(value.grad is None for value in game.network.parameters())
+    assert all(value.grad is None for value in objective.network.parameters())
 
 
 # CycleGAN
@@ -288,12 +288,12 @@ def test_cyclegans_generator(blocks: int) -> None:
 def test_cyclegans_losses_by_hand() -> None:
     network = ForwardGenerator(Architecture("cyclegan", 4, 1))
     cycles = CycleObjective(setting(network))
-    for generator in (network.generator, cycles.back):  # grey pictures, empty stacks
+    for generator in (network.generator, cycles.inverse):  # grey pictures, empty stacks
         last = kernels(generator)[-1]
         nn.init.zeros_(last.weight)
         nn.init.zeros_(last.bias)
-    for judge in cycles.judges.values():
-        constant(judge, 0.25)
+    for discriminator in cycles.discriminators.values():
+        constant(discriminator, 0.25)
     batch = Batch(inputs(24, 24), torch.full((1, 3, 24, 24), 0.8))  # 0.6 of [-1, 1]
     losses = by_player(cycles, batch)
     stack = stacked(batch.inputs)
@@ -318,38 +318,38 @@ def test_pictures_come_from_the_step_before() -> None:
     """A view's stack and its picture are not seen together."""
     cycles = CycleObjective(setting(ForwardGenerator(Architecture("cyclegan", 4, 1))))
     seen: list[float] = []
-    inner = cycles._generators
+    inner = cycles._generator_loss
 
     def spy(stack: torch.Tensor, color: torch.Tensor) -> Any:
         seen.append(float(color.mean()))
         return inner(stack, color)
 
-    cycles._generators = spy  # type: ignore[method-assign]
+    cycles._generator_loss = spy  # type: ignore[method-assign]
     for value in (0.5, 0.75, 1.0):
         by_player(cycles, Batch(inputs(16, 16), torch.full((1, 3, 16, 16), value)))
     assert seen == pytest.approx([0.0, 0.0, 0.5])
 
 
-def test_the_history_holds_fifty_images_and_gives_old_ones_half_the_time() -> None:
+def test_the_buffer_holds_fifty_images_and_returns_stored_ones_half_the_time() -> None:
     torch.manual_seed(0)
-    history = History()
+    buffer = ImageBuffer()
     images = [torch.full((1, 1, 1, 1), float(index)) for index in range(450)]
-    given = [float(history.exchange(image)) for image in images]
-    assert HISTORY == 50 and given[:50] == list(range(50))
+    given = [float(buffer.exchange(image)) for image in images]
+    assert BUFFER_SIZE == 50 and given[:50] == list(range(50))
     old = [value < index for index, value in enumerate(given[50:], 50)]
-    assert len(history.images) == 50
+    assert len(buffer.images) == 50
     assert 0.4 < sum(old) / 400 < 0.6
     assert len({value for value, was in zip(given[50:], old, strict=True) if was}) == sum(old)
 
 
-def test_generated_images_of_another_size_pass_by_the_history() -> None:
+def test_generated_images_of_another_size_are_not_exchanged() -> None:
     torch.manual_seed(0)
-    history = History()
-    for _ in range(HISTORY):
-        history.exchange(torch.zeros(1, 1, 2, 2))
+    buffer = ImageBuffer()
+    for _ in range(BUFFER_SIZE):
+        buffer.exchange(torch.zeros(1, 1, 2, 2))
     for _ in range(20):
-        assert history.exchange(torch.ones(1, 1, 3, 3)).shape == (1, 1, 3, 3)
-    assert all(image.shape == (1, 1, 2, 2) for image in history.images)
+        assert buffer.exchange(torch.ones(1, 1, 3, 3)).shape == (1, 1, 3, 3)
+    assert all(image.shape == (1, 1, 2, 2) for image in buffer.images)
 
 
 # All

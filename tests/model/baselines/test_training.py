@@ -64,7 +64,7 @@ def test_a_game_that_was_stopped_ends_as_one_that_was_not(
     call: int,
     error: type[BaseException],
 ) -> None:
-    monkeypatch.setattr(cyclegan, "HISTORY", 3)  # so that old images come out
+    monkeypatch.setattr(cyclegan, "BUFFER_SIZE", 3)  # so that stored images are returned
     undisturbed, stopped = workplace(tmp_path / "a"), workplace(tmp_path / "b")
     train_network(name, PARAMS, undisturbed)
     with monkeypatch.context() as patch:
@@ -137,12 +137,14 @@ def test_all_are_trained_and_measured(tmp_path: Path) -> None:
     assert set(BASELINES) < drawn
 
 
-def test_nan_in_one_player_stops_the_game(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nan_in_the_loss_of_one_player_stops_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folders = workplace(tmp_path)
     monkeypatch.setattr(
         cyclegan,
-        "squares",
-        lambda verdict, wanted: verdict.mean() * (1 / wanted if wanted else torch.nan),
+        "least_squares",
+        lambda output, label: output.mean() * (1 / label if label else torch.nan),
     )
     with pytest.raises(TrainingError, match="nan at step 0 on view"):
         train_network("cyclegan_own", PARAMS, folders)
@@ -236,6 +238,6 @@ def test_cyclegan_learns_the_way_there_and_back(
     assert batch is not None
     color = 2 * batch.truth - 1
     with torch.no_grad():
-        returned = cycles._forth(cycles.back(color))
+        returned = cycles._to_color(cycles._to_stack(color))
     assert (returned - color).abs().mean() < 0.3 * (color - color.mean()).abs().mean()
     assert ssim(to_image(batch.truth), to_image((returned + 1) / 2)) > 0.8

@@ -178,7 +178,9 @@ def test_a_folder_without_networks_is_refused_with_what_to_do(
     trained: Folders, tmp_path: Path
 ) -> None:
     folders = replace(folders_in(tmp_path), data=trained.data)
-    with pytest.raises(InputError, match=r"no trained networks here.*pbrnet train shading"):
+    with pytest.raises(
+        InputError, match=r"no trained networks in this folder.*pbrnet train shading"
+    ):
         evaluate(PARAMS, folders)
 
 
@@ -240,7 +242,7 @@ def test_networks_of_different_exposure_policies_are_not_compared(
         (tmp_path / source.name).write_bytes(source.read_bytes())
     card = tmp_path / "unet.json"
     card.write_text(card.read_text().replace('"exposure": "shared"', '"exposure": "own"'))
-    with pytest.raises(InputError, match="colours differently"):
+    with pytest.raises(InputError, match="differ in exposure"):
         load_networks(tmp_path, ["pbrnet", "unet"])
 
 
@@ -416,7 +418,7 @@ def test_another_size_keeps_the_horizontal_view_and_square_pixels() -> None:
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        (("data/scenes/box",), 2, "name a --view"),
+        (("data/scenes/box",), 2, "give --view"),
         (("data/scenes/box", "--view", "v9"), 3, "no view 'v9' (there are: v0)"),
         (("data/scenes/box", "--view", "v0", "--size", "huge"), 2, "640x480"),
         (("data/scenes/none", "--view", "v0"), 3, "none"),

@@ -96,7 +96,7 @@ def test_a_view_that_fails_is_named_and_the_others_are_made() -> None:
     path.unlink()
     done = predict(*FOLDERS)
     assert isinstance(done.exception, InputError)
-    assert "data/illumination/box/v1.exr: missing beside" in str(done.exception)
+    assert "data/illumination/box/v1.exr: missing, but" in str(done.exception)
 
 
 def test_all_views_of_a_scene_and_a_camera_of_ones_own(room: Path) -> None:
@@ -128,7 +128,7 @@ def test_what_does_not_fit_together_is_said(room: Path, words: tuple[str, ...], 
 
 def test_a_camera_that_looks_straight_down_is_refused(room: Path) -> None:
     done = predict(room, "--eye", "1,1,1", "--towards", "0,0,-1")
-    assert isinstance(done.exception, InputError) and "no upright" in str(done.exception)
+    assert isinstance(done.exception, InputError) and "no up vector" in str(done.exception)
 
 
 @pytest.mark.parametrize("method", ["pbrnet", "plus", "unet", "product"])
@@ -138,7 +138,7 @@ def test_linear_radiance_shows_as_the_prediction(method: str) -> None:
     assert done.exit_code == 0, done.output
     frame = read_frame(Path("p.exr"))
     assert frame.meta["unit"] == "shading's log-average luminance is 0.8"
-    assert "are at white, lower bounds" in done.output
+    assert "are white: their values are lower bounds" in done.output
     exposure = Exposure(**frame.meta["exposure"])
     assert (exposure.scale, exposure.white) == (1.0, 4.0)
     picture = read_picture(Path("p.png").read_bytes()) / 255
@@ -161,12 +161,12 @@ def test_a_network_that_was_trained_with_shadows_takes_them() -> None:
     ):
         done = predict(*given, "--method", "plus", "--out", name)
         assert done.exit_code == 0, done.output
-        assert ("give --visibility too" in done.output) == (name == "without.png")
+        assert ("add --visibility" in done.output) == (name == "without.png")
     pictures = [Path(f"{name}.png").read_bytes() for name in ("beside", "named", "without")]
     assert pictures[0] == pictures[1] != pictures[2]
     wrong = predict(*FRAMES, "--visibility", FRAMES[1], "--method", "plus", "--out", "wrong.png")
     assert isinstance(wrong.exception, InputError)
-    assert "without visibility.Y" in str(wrong.exception)
+    assert "without the channel visibility.Y" in str(wrong.exception)
 
 
 def test_shadows_do_not_reach_a_network_that_never_saw_any() -> None:
@@ -180,8 +180,8 @@ def test_shadows_do_not_reach_a_network_that_never_saw_any() -> None:
 def test_an_evaluation_without_the_shadows_is_refused() -> None:
     untrained_models(Path("models"), ("plus",), levels=3, shadows=True)
     networks = load_networks(Path("models"), ["plus"])
-    example = from_frames(Path(FRAMES[1]), Path(FRAMES[3])).make(networks.card)
-    with pytest.raises(InputError, match="comes without the shadows of its lights"):
+    example = from_frames(Path(FRAMES[1]), Path(FRAMES[3])).load(networks.card)
+    with pytest.raises(InputError, match="the visibility of its lights is missing"):
         networks.predict("plus", example)
 
 
@@ -208,7 +208,7 @@ def test_from_a_scene_shadows_are_found_where_they_are_wanted(
 def test_with_the_truth_the_unit_is_the_scenes() -> None:
     networks = load_networks(Path("models"))
     wanted = from_frames(Path(FRAMES[1]), Path(FRAMES[3]), truth=Path("data"))
-    example = wanted.make(networks.card)
+    example = wanted.load(networks.card)
     perfect = Prediction(
         "pbrnet",
         tonemap(example.shading, example.exposure_shading),

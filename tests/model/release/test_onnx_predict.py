@@ -40,7 +40,7 @@ def test_onnx_predict_draws_a_view_from_its_frames(
     frames = [tmp_path / "data" / kind / "box" / "v0.exr" for kind in kinds]
     run_example("onnx_predict.py", tmp_path, made.path, "picture.png", *frames)
     wanted = from_frames(frames[0], frames[1], visibility=frames[2])
-    expected = made.networks.predict(method, wanted.make(made.networks.card)).color
+    expected = made.networks.predict(method, wanted.load(made.networks.card)).color
     drawn = read_picture((tmp_path / "picture.png").read_bytes()) / 255
     assert np.abs(drawn - expected).max() < 1 / 255 + 1e-3
 

@@ -98,9 +98,9 @@ def test_packing_again_replaces_and_gives_the_same_bytes(project: Path) -> None:
 def test_nothing_else_is_overwritten(project: Path) -> None:
     Path("weights").mkdir()
     Path("weights/thesis.txt").write_text("years of work")
-    with pytest.raises(InputError, match=r"thesis\.txt.*no packed network"):
+    with pytest.raises(InputError, match=r"thesis\.txt.*not a packed network"):
         packed()
-    with pytest.raises(InputError, match="name another folder"):
+    with pytest.raises(InputError, match="give another folder"):
         packed(target=Path("models"))
     assert Path("weights/thesis.txt").read_text() == "years of work"
 
@@ -114,17 +114,17 @@ def test_too_large_or_too_different_is_refused_and_leaves_nothing(
             packed()
     with monkeypatch.context() as patch:
         patch.setattr(pretrained, "WORST", 1e-9)
-        with pytest.raises(InputError, match="do not bear half precision"):
+        with pytest.raises(InputError, match="half precision does not suit these weights"):
             packed()
     with pytest.raises(InputError, match=r"evaluation\.json: no such file.*pbrnet evaluate"):
         packed(metrics=Path("nowhere"))
     Path("broken").mkdir()
     Path("broken/evaluation.json").write_text("{}")
-    with pytest.raises(InputError, match=r"broken/evaluation\.json: without 'views'"):
+    with pytest.raises(InputError, match=r"broken/evaluation\.json: .views. is missing"):
         packed(metrics=Path("broken"))
     Path("broken/evaluation.json").unlink()
     Path("broken").rmdir()
-    with pytest.raises(InputError, match="compared on a dataset's views"):
+    with pytest.raises(InputError, match="packing needs a dataset"):
         packed(data=Path("nowhere"))
     assert sorted(path.name for path in project.iterdir()) == [
         "data", "metrics", "models", "params.yaml",
@@ -141,11 +141,11 @@ def test_weights_too_large_for_float16_become_bfloat16() -> None:
 def test_own_networks_come_first_and_what_is_used_is_said(project: Path) -> None:
     packed()
     own = find_models(None, None)
-    assert (own.folder, own.method, own.words) == (Path("models"), "pbrnet", "models")
-    assert find_models(Path("weights"), "product").words == "weights"
+    assert (own.folder, own.method, own.description) == (Path("models"), "pbrnet", "models")
+    assert find_models(Path("weights"), "product").description == "weights"
     Path("models/shading.safetensors").unlink()
     found = find_models(None, None)
-    assert found.folder == pretrained.PACKED and "pretrained" in found.words
+    assert found.folder == pretrained.PACKED and "pretrained" in found.description
     with pytest.raises(InputError, match=r"plus\.safetensors: no such model \(looked in models or"):
         find_models(None, "plus")
     with pytest.raises(InputError, match=r"--method .*pbrnet.*pbrnet train unet"):

@@ -211,7 +211,7 @@ def test_views_of_different_sizes_do_not_share_a_batch(workplace: Workplace) -> 
     write_shard(dataset / "train-00001-of-00002.parquet", other)
     train_network("shading", PARAMS, folders)
     batches = replace(PARAMS, train=replace(PARAMS.train, batch=4))
-    with pytest.raises(InputError, match="different sizes in one batch"):
+    with pytest.raises(InputError, match="views of one batch differ in size"):
         train_network("shading", batches, folders)
 
 
