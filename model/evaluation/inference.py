@@ -77,7 +77,7 @@ class Networks:
 
     @property
     def two_stage(self) -> bool:
-        """Whether the shading network, the paper's first stage, is loaded."""
+        """True if the shading network, the first stage of the paper, is loaded."""
         return "shading" in self.modules
 
     @property
