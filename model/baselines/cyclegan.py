@@ -106,7 +106,7 @@ class CycleObjective(Objective):
     """
 
     def __init__(self, setting: Setting) -> None:
-        self.network, self.half = setting.network, setting.half
+        self.network, self.autocast = setting.network, setting.autocast
         blocks = sum(isinstance(part, Residual) for part in self.network.modules())
         self.inverse = Generator(3, STACKED, setting.width, blocks)  # from colour to the stack
         self.discriminators = nn.ModuleDict(
@@ -115,7 +115,7 @@ class CycleObjective(Objective):
                 for name, channels in (("color", 3), ("stack", STACKED))
             }
         )
-        self.players = {
+        self.modules = {
             "network": nn.ModuleList([self.network, self.inverse]),
             "discriminators": self.discriminators,
         }
@@ -131,7 +131,7 @@ class CycleObjective(Objective):
         fakes = {
             name: self.buffers[name].exchange(each.detach()) for name, each in generated.items()
         }
-        with self.half():
+        with self.autocast():
             total = sum(
                 0.5
                 * (self._least_squares(name, real, 1) + self._least_squares(name, fakes[name], 0))
@@ -145,22 +145,22 @@ class CycleObjective(Objective):
         """The loss of both generators on these views, without the buffers."""
         return self._generator_loss(stacked(batch.inputs), centred(batch.truth))[0]
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """The image buffers and the colour of the previous step."""
         images = {name: buffer.images for name, buffer in self.buffers.items()}
         return {"histories": images, "last": self.previous}
 
-    def remember(self, memory: dict[str, Any]) -> None:
-        """Restore the state that `memory` returned."""
-        self.previous = memory["last"]
-        for name, images in memory["histories"].items():
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore the state that `state_dict` returned."""
+        self.previous = state["last"]
+        for name, images in state["histories"].items():
             self.buffers[name].images = list(images)
 
     def _generator_loss(
         self, stack: torch.Tensor, color: torch.Tensor
     ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         """Loss of the two generators, and the images they generate, centred, about [-1, 1]."""
-        with self.half():
+        with self.autocast():
             generated = {"color": self._to_color(stack), "stack": self._to_stack(color)}
             adversarial = sum(
                 self._least_squares(name, image, 1) for name, image in generated.items()

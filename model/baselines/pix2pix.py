@@ -32,7 +32,7 @@ WIDEST = 8  # maximum number of filters, as a multiple of the first layer's
 DROPOUT_LAYERS = 3  # number of decoder layers with dropout, from the bottleneck on
 LEAK = 0.2
 L1 = 100.0
-SMALLEST = 32  # least side in pixels that gives the discriminator a patch
+MIN_SIDE = 32  # least side in pixels that gives the discriminator a patch
 
 
 class Generator(nn.Module):
@@ -124,20 +124,20 @@ class PatchDiscriminator(nn.Module):
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """(N, inputs, H, W) to logits (N, 1, about H / 8, about W / 8); pads small images."""
-        return self.layers(padded(image, 1, SMALLEST))
+        return self.layers(padded(image, 1, MIN_SIDE))
 
 
 class AdversarialObjective(Objective):
     """Adversarial objective of pix2pix, with a discriminator conditioned on the inputs, and L1."""
 
     def __init__(self, setting: Setting) -> None:
-        self.network, self.half = setting.network, setting.half
+        self.network, self.autocast = setting.network, setting.autocast
         self.discriminator = PatchDiscriminator(STACKED + 3, setting.width, BatchNorm)
-        self.players = {"discriminator": self.discriminator, "network": self.network}
+        self.modules = {"discriminator": self.discriminator, "network": self.network}
 
     def losses(self, batch: Batch) -> Iterator[tuple[str, torch.Tensor]]:
         """The loss of the discriminator, halved, then that of the generator after its update."""
-        with self.half():
+        with self.autocast():
             generated = self.network(batch.inputs)
             on_real = self._discriminate(batch.inputs, batch.truth)
             on_generated = self._discriminate(batch.inputs, generated.detach())
@@ -146,12 +146,12 @@ class AdversarialObjective(Objective):
 
     def loss(self, batch: Batch) -> torch.Tensor:
         """The loss of the generator: adversarial log loss plus `L1` times the mean difference."""
-        with self.half():
+        with self.autocast():
             generated = self.network(batch.inputs)
         return self._generator_loss(batch, generated)
 
     def _generator_loss(self, batch: Batch, generated: torch.Tensor) -> torch.Tensor:
-        with self.half():
+        with self.autocast():
             logits = self._discriminate(batch.inputs, generated)
         difference = functional.l1_loss(centred(generated.float()), centred(batch.truth))
         return log_loss(logits, True) + L1 * difference

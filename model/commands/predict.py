@@ -12,7 +12,7 @@ import numpy as np
 from model.evaluation import predict as prediction
 from model.evaluation.inference import PREDICTABLE, Networks, load_networks
 from model.evaluation.predict import ViewSource
-from model.networks.tiles import SMALLEST
+from model.networks.tiles import MIN_TILE
 from model.options import FILE, FOLDER, found_models_option, size_option
 from model.release.pretrained import find_models
 from pipeline.commands.options import common_options
@@ -64,7 +64,7 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
 )
 @click.option(
     "--tile",
-    type=click.IntRange(SMALLEST),
+    type=click.IntRange(MIN_TILE),
     default=None,
     metavar="N",
     help="Predict large images in tiles of N pixels a side, with less memory.",

@@ -256,9 +256,9 @@ class Dataset:
             }
         images = {name: _pixels(path, table.column(name), shapes[name]) for name in self.images}
         scalars = {name: table.column(name).to_pylist() for name in SCALARS}
-        strangers = sorted(set(scalars["split"]) - {self.split})
-        if strangers:
-            raise InputError(f"{path}: holds rows of the split {strangers[0]!r}; pack it again")
+        foreign = sorted(set(scalars["split"]) - {self.split})
+        if foreign:
+            raise InputError(f"{path}: contains rows of the split {foreign[0]!r}; pack it again")
         return {
             row: {
                 **{name: values[row] for name, values in scalars.items()},

@@ -22,11 +22,11 @@ from model.networks.pbrnet import Architecture, UNet
 from scenes.color import decode_srgb
 
 GUIDES = ("depth", "normal", "reflectance")
-LEAST = 0.03  # added to every reflectance before the division by it
-FAINT = 0.01  # floor of the logarithm's argument, relative to the log-average shading
-REACH = 3.0  # bound of the predicted logarithm: the factor is at most exp(3), about 20
+REFLECTANCE_OFFSET = 0.03  # added to reflectance before the division by it
+INPUT_LOG_OFFSET = 0.01  # added before the logarithm, relative to the log-average shading
+MAX_LOG_FACTOR = 3.0  # bound of the predicted logarithm: the factor is at most exp(3), about 20
 # Weight of the logarithmic loss, and the value added to exposed radiance before the logarithm.
-LOG_WEIGHT, LOG_FLOOR = 25.0, 0.05
+LOG_WEIGHT, LOSS_LOG_OFFSET = 25.0, 0.05
 
 
 class HybridNet(nn.Module):
@@ -49,15 +49,15 @@ class HybridNet(nn.Module):
 
     def parts(self, inputs: Tensors) -> tuple[torch.Tensor, torch.Tensor]:
         """Shading and colour: linear radiance, float32 (N, 3, H, W), at least 0."""
-        reflectance = decode_srgb((inputs["reflectance"].float() + 1) / 2) + LEAST
+        reflectance = decode_srgb((inputs["reflectance"].float() + 1) / 2) + REFLECTANCE_OFFSET
         noisy, denoised = inputs["noisy"].float(), inputs["denoised"].float()
         known = [inputs[name] for name in GUIDES]
         average = log_average(luminance(denoised[:, 3:]))
         for images in (noisy, denoised):
             light = torch.cat([images[:, :3] / reflectance, images[:, 3:]], dim=1)
-            known.append((light / average + FAINT).log() / 3)
+            known.append((light / average + INPUT_LOG_OFFSET).log() / 3)
         logarithm = self.unet(torch.cat(known, dim=1)).float()
-        factor = (REACH * torch.tanh(logarithm / REACH)).exp()
+        factor = (MAX_LOG_FACTOR * torch.tanh(logarithm / MAX_LOG_FACTOR)).exp()
         color, shading = (factor * denoised).split(3, dim=1)
         return shading, color
 
@@ -73,12 +73,12 @@ class ExposedLoss(SingleLoss):
         """The sum of the three terms, a scalar with gradient."""
         assert isinstance(self.network, HybridNet) and batch.radiance is not None
         truth = batch.radiance
-        with self.half():
+        with self.autocast():
             shading, color = self.network.parts(batch.inputs)
             scale, white = truth["exposure_color"].split(1, dim=1)
             loss = self.criterion(tonemap_exposed(color * scale, white), batch.truth)
         for image, name in ((color, "color"), (shading, "shading")):
             scale = truth[f"exposure_{name}"][:, :1]
-            logs = [(scale * each + LOG_FLOOR).log() for each in (image, truth[name])]
+            logs = [(scale * each + LOSS_LOG_OFFSET).log() for each in (image, truth[name])]
             loss = loss + LOG_WEIGHT * (logs[0] - logs[1]).abs().mean()
         return loss

@@ -1,9 +1,9 @@
 """Training objectives: a single loss, or losses of several networks trained against each other.
 
-An objective has players. Each player is a module with its own optimiser. `losses` yields pairs of a
-player and its loss, and the loop in model/training/loop.py updates the player before it takes the
-next pair. A later loss is therefore computed with the earlier update. A single loss yields one
-pair, a GAN yields two.
+An objective has modules, each with its own optimiser: the network and, in a GAN, discriminators.
+`losses` yields pairs of a module's name and its loss, and the loop in model/training/loop.py
+updates the module before it takes the next pair. A later loss is therefore computed with the
+earlier update. A single loss yields one pair, a GAN yields two.
 """
 
 from __future__ import annotations
@@ -41,40 +41,40 @@ class Setting:
     criterion: Criterion  # the part-perceptual loss, on display values
     shading: nn.Module | None  # the fixed shading network whose output the network takes, or None
     width: int  # channels of the first level, of the network and of its discriminators
-    half: Callable[[], AbstractContextManager[Any]]  # context of the precision (autocast)
+    autocast: Callable[[], AbstractContextManager[Any]]  # context that sets the precision
 
 
 class Objective(ABC):
-    """Players and their losses. The player named `network` contains the network that is saved."""
+    """Modules and their losses. The module named `network` contains the network that is saved."""
 
-    players: dict[str, nn.Module]
+    modules: dict[str, nn.Module]
 
     @abstractmethod
     def losses(self, batch: Batch) -> Iterator[tuple[str, torch.Tensor]]:
-        """Pairs of player and loss (a scalar with gradient) in the order of one step's updates."""
+        """Names of modules and their losses (scalars with gradient), in the order of updates."""
 
     @abstractmethod
     def loss(self, batch: Batch) -> torch.Tensor:
-        """The loss of the player `network`, for validation; does not change the objective."""
+        """The loss of the module `network`, for validation; does not change the objective."""
 
-    def memory(self) -> dict[str, Any]:
-        """State of the objective without its players, for a checkpoint."""
+    def state_dict(self) -> dict[str, Any]:
+        """State of the objective without its modules, for a checkpoint."""
         return {}
 
-    def remember(self, memory: dict[str, Any]) -> None:  # noqa: B027  (most have no memory)
-        """Restore the state that `memory` returned."""
+    def load_state_dict(self, state: dict[str, Any]) -> None:  # noqa: B027  (most have none)
+        """Restore the state that `state_dict` returned."""
 
 
 class SingleLoss(Objective):
-    """Objective with one loss whose only player is the network."""
+    """Objective with one loss whose only module is the network."""
 
     def __init__(self, setting: Setting) -> None:
         self.network = setting.network
-        self.half, self.criterion = setting.half, setting.criterion
-        self.players = {"network": self.network}
+        self.autocast, self.criterion = setting.autocast, setting.criterion
+        self.modules = {"network": self.network}
 
     def losses(self, batch: Batch) -> Iterator[tuple[str, torch.Tensor]]:
-        """The only player and its loss."""
+        """The name of the only module, and its loss."""
         yield "network", self.loss(batch)
 
 
@@ -87,7 +87,7 @@ class PairedLoss(SingleLoss):
 
     def loss(self, batch: Batch) -> torch.Tensor:
         """The criterion between prediction and truth, a scalar with gradient."""
-        with self.half():
+        with self.autocast():
             return self.criterion(self._predict(batch.inputs).float(), batch.truth)
 
     def _predict(self, inputs: Tensors) -> torch.Tensor:

@@ -31,7 +31,7 @@ class PlusNet(nn.Module):
         super().__init__()
         width, levels = architecture.width, architecture.levels
         self.own_exposure = architecture.exposure == "own"
-        self.shading = LitNet(width, levels, architecture.panorama)
+        self.shading = DirectLightNet(width, levels, architecture.panorama)
         self.color = LightColor()
         self.correction = UNet(9, width, max(1, levels - 2))
         nn.init.zeros_(self.correction.out.bias)  # type: ignore[arg-type]
@@ -53,7 +53,7 @@ class PlusNet(nn.Module):
         return shading, base + self.correction(seen)
 
 
-class LitNet(GuidedNet):
+class DirectLightNet(GuidedNet):
     """Shading network with direct light as a further input; predicts a residual to it."""
 
     def __init__(self, width: int, levels: int, panorama: Panorama) -> None:
@@ -114,7 +114,7 @@ class DecomposedLoss(SingleLoss):
     def loss(self, batch: Batch) -> torch.Tensor:
         """The sum of the two terms, a scalar with gradient."""
         assert isinstance(self.network, PlusNet) and batch.shading is not None
-        with self.half():
+        with self.autocast():
             shading, color = self.network.parts(batch.inputs)
             return self.criterion(color.float(), batch.truth) + self.criterion(
                 shading.float(), batch.shading

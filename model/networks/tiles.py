@@ -21,15 +21,15 @@ from scenes.errors import InputError
 
 # Inputs that are not images of the view: each tile gets them whole.
 WHOLE = ("intensity", "distance", "tint", "gain", "brightness")
-SMALLEST = 16  # least side of a tile in pixels
+MIN_TILE = 16  # least side of a tile in pixels
 
 # Margin of each network's receptive field around an aligned block, in pixels: a `Branch` has 1, and
 # the margins of networks in series add up.
-_LOOKS: dict[str, Callable[[int], int]] = {
-    "shading": lambda levels: 1 + unet_reach(levels),
-    "composition": lambda levels: unet_reach(levels),
-    "unet": lambda levels: 1 + unet_reach(levels),
-    "plus": lambda levels: 1 + unet_reach(levels) + unet_reach(max(1, levels - 2)),
+_MARGINS: dict[str, Callable[[int], int]] = {
+    "shading": lambda levels: 1 + unet_margin(levels),
+    "composition": lambda levels: unet_margin(levels),
+    "unet": lambda levels: 1 + unet_margin(levels),
+    "plus": lambda levels: 1 + unet_margin(levels) + unet_margin(max(1, levels - 2)),
 }
 
 
@@ -43,7 +43,7 @@ class Tile:
     window_columns: slice
 
 
-def unet_reach(levels: int) -> int:
+def unet_margin(levels: int) -> int:
     """Margin of the receptive field of `UNet` around a block of `2^(levels - 1)` aligned pixels.
 
     Computed from the output back to the input: a double convolution adds 2 pixels on each side,
@@ -72,13 +72,13 @@ def margin(architecture: Architecture) -> int:
 
     Raises `InputError` for a network whose receptive field is the whole image.
     """
-    if architecture.kind not in _LOOKS:
+    if architecture.kind not in _MARGINS:
         raise InputError(
             f"a network of the kind {architecture.kind!r} cannot work in tiles: it normalises by "
             "the statistics of the whole picture; leave out --tile"
         )
     step = stride(architecture)
-    return -(-_LOOKS[architecture.kind](architecture.levels) // step) * step
+    return -(-_MARGINS[architecture.kind](architecture.levels) // step) * step
 
 
 def stride(architecture: Architecture) -> int:
@@ -86,18 +86,18 @@ def stride(architecture: Architecture) -> int:
     return int(2 ** (architecture.levels - 1))
 
 
-def pieces(height: int, width: int, tile: int, architecture: Architecture) -> Iterator[Tile]:
+def tile_grid(height: int, width: int, tile: int, architecture: Architecture) -> Iterator[Tile]:
     """Tiles of `tile` x `tile` pixels, rounded up to whole strides, that cover an image."""
-    step, around = stride(architecture), margin(architecture)
-    side = -(-max(tile, SMALLEST) // step) * step
+    step, overlap = stride(architecture), margin(architecture)
+    side = -(-max(tile, MIN_TILE) // step) * step
 
-    def stretches(size: int) -> Iterator[tuple[slice, slice]]:
+    def spans(size: int) -> Iterator[tuple[slice, slice]]:
         for start in range(0, size, side):
             end = min(start + side, size)
-            yield slice(start, end), slice(max(0, start - around), min(end + around, size))
+            yield slice(start, end), slice(max(0, start - overlap), min(end + overlap, size))
 
-    for rows, window_rows in stretches(height):
-        for columns, window_columns in stretches(width):
+    for rows, window_rows in spans(height):
+        for columns, window_columns in spans(width):
             yield Tile(rows, columns, window_rows, window_columns)
 
 
@@ -117,30 +117,30 @@ def tiled(
     images = [name for name in inputs if name not in WHOLE]
     height, width = inputs[images[0]].shape[-2:]
     whole: torch.Tensor | None = None
-    for piece in pieces(height, width, tile, architecture):
+    for region in tile_grid(height, width, tile, architecture):
         window = {
             name: value
             if name in WHOLE
-            else value[..., piece.window_rows, piece.window_columns].contiguous()
+            else value[..., region.window_rows, region.window_columns].contiguous()
             for name, value in inputs.items()
         }
-        window["place"] = _places(piece, height, width)
-        made = network(window)
+        window["place"] = _positions(region, height, width)
+        output = network(window)
         if whole is None:
-            whole = made.new_empty((*made.shape[:2], height, width))
-        top = piece.rows.start - piece.window_rows.start
-        left = piece.columns.start - piece.window_columns.start
-        rows = slice(top, top + piece.rows.stop - piece.rows.start)
-        columns = slice(left, left + piece.columns.stop - piece.columns.start)
-        whole[..., piece.rows, piece.columns] = made[..., rows, columns]
+            whole = output.new_empty((*output.shape[:2], height, width))
+        top = region.rows.start - region.window_rows.start
+        left = region.columns.start - region.window_columns.start
+        rows = slice(top, top + region.rows.stop - region.rows.start)
+        columns = slice(left, left + region.columns.stop - region.columns.start)
+        whole[..., region.rows, region.columns] = output[..., rows, columns]
     assert whole is not None
     return whole
 
 
-def _places(piece: Tile, height: int, width: int) -> torch.Tensor:
+def _positions(region: Tile, height: int, width: int) -> torch.Tensor:
     """Pixel centres of the window in the image: (1, h, w, 2), x and y, [-1, 1]."""
-    y = torch.arange(piece.window_rows.start, piece.window_rows.stop, dtype=torch.float64)
-    x = torch.arange(piece.window_columns.start, piece.window_columns.stop, dtype=torch.float64)
+    y = torch.arange(region.window_rows.start, region.window_rows.stop, dtype=torch.float64)
+    x = torch.arange(region.window_columns.start, region.window_columns.stop, dtype=torch.float64)
     y, x = (2 * y + 1) / height - 1, (2 * x + 1) / width - 1
     rows, columns = torch.meshgrid(y, x, indexing="ij")
     return torch.stack([columns, rows], dim=-1)[None].float()

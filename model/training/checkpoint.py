@@ -13,7 +13,7 @@ from scenes.checked import plain
 from scenes.errors import InputError
 from scenes.files import atomic_file
 
-Optimisers = dict[str, torch.optim.Adam]  # by the names of the objective's players
+Optimisers = dict[str, torch.optim.Adam]  # by the names of the objective's modules
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,9 @@ class Checkpoint:
         """Write everything that the next step depends on, by rename."""
         content = {
             "identity": self.identity,
-            "players": {name: p.state_dict() for name, p in objective.players.items()},
+            "players": {name: m.state_dict() for name, m in objective.modules.items()},
             "optimisers": {name: o.state_dict() for name, o in optimisers.items()},
-            "memory": objective.memory(),
+            "memory": objective.state_dict(),
             "step": state.step,
             "loss_sum": state.loss_sum,
             "curve": [plain(point) for point in state.curve],
@@ -67,10 +67,10 @@ class Checkpoint:
             content: dict[str, Any] = torch.load(self.path, map_location="cpu", weights_only=True)
             if content["identity"] != self.identity:
                 return State()
-            for name, player in objective.players.items():
-                player.load_state_dict(content["players"][name])
+            for name, module in objective.modules.items():
+                module.load_state_dict(content["players"][name])
                 optimisers[name].load_state_dict(content["optimisers"][name])
-            objective.remember(content["memory"])
+            objective.load_state_dict(content["memory"])
         except Exception as error:
             raise InputError(
                 f"{self.path}: damaged checkpoint ({type(error).__name__}); delete it to start over"

@@ -26,7 +26,7 @@ class TrainingError(PbrnetError):
 
 
 class Run:
-    """Training run: an objective, an optimiser for each of its players, and their settings."""
+    """Training run: an objective, an optimiser for each of its modules, and their settings."""
 
     def __init__(
         self,
@@ -42,13 +42,13 @@ class Run:
         self.objective, self.device = objective, device
         self.steps, self.steps_per_epoch = steps, steps_per_epoch
         self.optimisers: Optimisers = {
-            player: torch.optim.Adam(
+            name: torch.optim.Adam(
                 module.parameters(),
                 lr=params.train.learning_rate,
                 betas=method.adam.betas if method.adam else (0.9, 0.999),
                 fused=True,
             )
-            for player, module in objective.players.items()
+            for name, module in objective.modules.items()
         }
 
     def batch(self, examples: Sequence[Example]) -> Batch:
@@ -83,7 +83,7 @@ class Run:
         return sum(losses) / len(losses)
 
     def _set_mode(self, training: bool) -> None:
-        for module in self.objective.players.values():
+        for module in self.objective.modules.values():
             module.train(training)
 
     def _put(self, value: torch.Tensor) -> torch.Tensor:
@@ -99,27 +99,27 @@ def train_steps(
 ) -> None:
     """Train from the state's step to the last one.
 
-    A step updates the players one after the other. The loop writes a checkpoint every
+    A step updates the modules one after the other. The loop writes a checkpoint every
     `train.checkpoint_steps` steps, and on Ctrl-C between two steps. Raises `TrainingError` if a
     loss is not finite.
     """
     name, epochs = run.name, run.steps // run.steps_per_epoch
     batches = batches_from(dataset, run.params, state.step)
-    whole = True  # False within a step, when only some players have been updated
+    whole = True  # False within a step, when only some modules have been updated
     with torch.random.fork_rng(), Progress(run.steps, f"train {name}", "steps") as progress:
         progress.advance(state.step)
         try:
             while state.step < run.steps:
                 examples = next(batches)
                 run.begin_step(state.step)
-                for player, value in run.objective.losses(run.batch(examples)):
+                for updated, value in run.objective.losses(run.batch(examples)):
                     _stop_if_diverged(value, name, state.step, examples)
-                    optimiser = run.optimisers[player]
+                    optimiser = run.optimisers[updated]
                     optimiser.zero_grad(set_to_none=True)
                     value.backward()  # type: ignore[no-untyped-call]
                     whole = False
                     optimiser.step()
-                    if player == "network":
+                    if updated == "network":
                         state.loss_sum += float(value.detach())
                 state.step += 1
                 whole = True

@@ -206,7 +206,7 @@ def _objective(method: Method, setting: Setting, seed: int, device: torch.device
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         objective = method.objective(setting)
-    for module in objective.players.values():
+    for module in objective.modules.values():
         channels_last(module.to(device))
     return objective
 

@@ -159,7 +159,7 @@ class Dispatch:
             if batch[0].key == isolated:
                 yield Outcome(
                     key=batch[0].key,
-                    error=self.cause_of_death(),
+                    error=self.worker_loss_reason(),
                     worker=worker,
                     attempt=self.attempts[batch[0].key],
                 )
@@ -187,7 +187,7 @@ class Dispatch:
             else:
                 yield outcome
 
-    def cause_of_death(self) -> str:
+    def worker_loss_reason(self) -> str:
         """Return why the isolated item ended its workers, as an error message."""
         limit, tries = self.params.time_limit, self.params.retries + 1
         if limit and time.monotonic() - self.isolated_since >= tries * limit:

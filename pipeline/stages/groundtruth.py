@@ -8,7 +8,7 @@ from typing import Literal
 
 from pipeline.channels import Kind
 from pipeline.params import Params
-from pipeline.stages.frames import run_frames
+from pipeline.stages.frame_stage import run_frames
 from pipeline.stages.runner import Summary
 
 Truth = Literal["shading", "color"]

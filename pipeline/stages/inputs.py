@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pipeline.params import Params
-from pipeline.stages.frames import run_frames
+from pipeline.stages.frame_stage import run_frames
 from pipeline.stages.runner import Summary
 
 

@@ -38,7 +38,7 @@ DISPATCHERS: dict[str, tuple[str, ...]] = {
         ("inputs", "illumination", "groundtruth"),
         (
             "pipeline/passes/registry.py",
-            "pipeline/stages/frames.py",
+            "pipeline/stages/frame_stage.py",
             "pipeline/stages/render_jobs.py",
         ),
     ),

@@ -221,8 +221,8 @@ def constant(discriminator: nn.Module, output: float) -> None:
     nn.init.constant_(last.bias, output)
 
 
-def by_player(objective: Objective, batch: Batch) -> dict[str, float]:
-    return {player: float(loss.detach()) for player, loss in objective.losses(batch)}
+def by_module(objective: Objective, batch: Batch) -> dict[str, float]:
+    return {name: float(loss.detach()) for name, loss in objective.losses(batch)}
 
 
 def test_pix2pixs_losses_by_hand() -> None:
@@ -232,7 +232,7 @@ def test_pix2pixs_losses_by_hand() -> None:
     objective = AdversarialObjective(setting(network))
     constant(objective.discriminator, 1.0)
     batch = Batch(inputs(24, 24), torch.full((1, 3, 24, 24), 0.6))
-    losses = by_player(objective, batch)
+    losses = by_module(objective, batch)
     real, fake = math.log(1 + math.exp(-1)), math.log(1 + math.exp(1))
     assert losses["discriminator"] == pytest.approx((real + fake) / 2, rel=1e-5)
     # Off by 0.1 of [0, 1] is 0.2 of [-1, 1].
@@ -295,7 +295,7 @@ def test_cyclegans_losses_by_hand() -> None:
     for discriminator in cycles.discriminators.values():
         constant(discriminator, 0.25)
     batch = Batch(inputs(24, 24), torch.full((1, 3, 24, 24), 0.8))  # 0.6 of [-1, 1]
-    losses = by_player(cycles, batch)
+    losses = by_module(cycles, batch)
     stack = stacked(batch.inputs)
     around = float(stack.abs().mean()) + 0.6
     same = float(stack[:, REFLECTANCE].abs().mean()) + 0.6
@@ -326,7 +326,7 @@ def test_pictures_come_from_the_step_before() -> None:
 
     cycles._generator_loss = spy  # type: ignore[method-assign]
     for value in (0.5, 0.75, 1.0):
-        by_player(cycles, Batch(inputs(16, 16), torch.full((1, 3, 16, 16), value)))
+        by_module(cycles, Batch(inputs(16, 16), torch.full((1, 3, 16, 16), value)))
     assert seen == pytest.approx([0.0, 0.0, 0.5])
 
 
@@ -375,10 +375,10 @@ def test_losses_of_views_of_any_size(name: str, size: tuple[int, int]) -> None:
     network = layouts[layout](Architecture(layout, 4, 4))
     objective = METHODS[name].objective(setting(network))
     batch = Batch(inputs(*size), torch.rand(1, 3, *size))
-    for player, loss in objective.losses(batch):
+    for module, loss in objective.losses(batch):
         loss.backward()
-        assert torch.isfinite(loss), player
-        grown = [p.grad for p in objective.players[player].parameters() if p.grad is not None]
+        assert torch.isfinite(loss), module
+        grown = [p.grad for p in objective.modules[module].parameters() if p.grad is not None]
         assert grown and all(bool(torch.isfinite(g).all()) for g in grown)
 
 

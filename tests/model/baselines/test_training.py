@@ -53,7 +53,7 @@ def workplace(root: Path, train: int = 8, noisy: bool = False, **size: int) -> F
     return folders
 
 
-# Calls 13 and 14 are the two players of step 6, the first after a checkpoint; 16: the second of 7.
+# Calls 13 and 14 are the two updates of step 6, the first after a checkpoint; 16: the second of 7.
 @pytest.mark.slow
 @pytest.mark.parametrize("name", GAMES)
 @pytest.mark.parametrize(("call", "error"), [(16, Killed), (15, KeyboardInterrupt)])
@@ -137,7 +137,7 @@ def test_all_are_trained_and_measured(tmp_path: Path) -> None:
     assert set(BASELINES) < drawn
 
 
-def test_nan_in_the_loss_of_one_player_stops_training(
+def test_nan_in_one_of_the_losses_stops_training(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folders = workplace(tmp_path)

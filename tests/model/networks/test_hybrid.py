@@ -17,7 +17,7 @@ from model.data.encoding import encode, radiances, targets
 from model.data.reader import NOISY_IMAGES, Dataset, Example, mirrored
 from model.evaluation.evaluate import evaluate
 from model.evaluation.inference import load_networks
-from model.networks.hybrid import REACH, ExposedLoss, HybridNet, tonemap_exposed
+from model.networks.hybrid import MAX_LOG_FACTOR, ExposedLoss, HybridNet, tonemap_exposed
 from model.networks.objective import Batch, Setting
 from model.networks.pbrnet import Architecture
 from model.training import train
@@ -113,7 +113,8 @@ def test_it_changes_light_by_a_bounded_factor(view: Example) -> None:
     assert view.denoised_shading is not None
     shading, _ = parts(untrained(spread=500.0), view)
     factor = shading / view.denoised_shading
-    assert np.exp(-REACH) * 0.999 < factor.min() < 0.1 and 10 < factor.max() < np.exp(REACH) * 1.001
+    bound = np.exp(MAX_LOG_FACTOR) * 1.001
+    assert 1 / bound < factor.min() < 0.1 and 10 < factor.max() < bound
 
 
 def with_light(view: Example, change: Callable[[AnyArray], AnyArray]) -> Example:

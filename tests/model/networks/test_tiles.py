@@ -1,4 +1,4 @@
-"""A picture made in pieces is the picture made at once."""
+"""Tiled inference equals inference of the whole image."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import torch
 from model.data.reader import Dataset, Example
 from model.evaluation.inference import load_networks
 from model.networks.pbrnet import Architecture, Panorama, UNet
-from model.networks.tiles import margin, pieces, stride, tiled, unet_reach
+from model.networks.tiles import margin, stride, tile_grid, tiled, unet_margin
 from scenes.errors import InputError
 from tests.fixtures.model import box_dataset
 from tests.fixtures.predictor import untrained_models
@@ -25,16 +25,16 @@ def _one_thread() -> None:
 
 @pytest.fixture(scope="module")
 def example(tmp_path_factory: pytest.TempPathFactory) -> Example:
-    """A view of odd size, several pieces wide and high."""
+    """A view of odd size, several tiles wide and high."""
     data = box_dataset(tmp_path_factory.mktemp("large"), 0, 0, 2, width=187, height=141)
     return next(Dataset(data / "dataset", "test").ordered())
 
 
 @pytest.mark.parametrize("levels", [1, 2, 3, 4])
-def test_the_reach_of_a_u_net_is_as_far_as_it_sees_and_no_farther(levels: int) -> None:
+def test_the_margin_of_a_u_net_is_that_of_its_receptive_field(levels: int) -> None:
     """Random inputs and gradients of a random block: what has a gradient is what is seen."""
-    block, reach = 2 ** (levels - 1), unet_reach(levels)
-    size = 2 * block * (-(-reach // block) + 2)
+    block, bound = 2 ** (levels - 1), unet_margin(levels)
+    size = 2 * block * (-(-bound // block) + 2)
     start = size // 2 // block * block
     seen = torch.zeros(size, dtype=torch.bool)
     for seed in range(8):
@@ -46,8 +46,8 @@ def test_the_reach_of_a_u_net_is_as_far_as_it_sees_and_no_farther(levels: int) -
         seen |= (image.grad[0].abs().amax(dim=(0, 1))) > 0
     columns = seen.nonzero()[:, 0]
     found = (start - int(columns.min()), int(columns.max()) - (start + block - 1))
-    assert max(found) <= reach
-    assert max(found) >= reach - block  # ReLU and maximum hide a little
+    assert max(found) <= bound
+    assert max(found) >= bound - block  # ReLU and maximum hide a little
 
 
 @pytest.mark.parametrize("panorama", ["normal", "resize"])
@@ -67,7 +67,7 @@ def test_tiles_give_the_whole_picture(
 
 def test_too_little_overlap_would_show(example: Example, tmp_path: Path,
                                        monkeypatch: pytest.MonkeyPatch) -> None:  # fmt: skip
-    """The test above can fail: with a tenth of the margin, pieces differ from the whole."""
+    """The test above can fail: with a tenth of the margin, tiles differ from the whole."""
     models = untrained_models(tmp_path / "models", ("unet",), levels=3)
     whole = load_networks(models, ["unet"]).predict("unet", example)
     monkeypatch.setattr("model.networks.tiles.margin", lambda architecture: stride(architecture))
@@ -75,7 +75,7 @@ def test_too_little_overlap_would_show(example: Example, tmp_path: Path,
     assert np.abs(whole.color - cut.color).max() > 1e-4
 
 
-def test_a_piece_bounds_what_is_held_at_once() -> None:
+def test_the_tile_size_bounds_the_window() -> None:
     architecture = Architecture("composition", 4, 3)
     sizes = []
 
@@ -90,19 +90,19 @@ def test_a_piece_bounds_what_is_held_at_once() -> None:
 
 
 @pytest.mark.parametrize("size", [(1, 1), (16, 16), (17, 100), (250, 33)])
-def test_pieces_cover_every_pixel_once_from_aligned_windows(size: tuple[int, int]) -> None:
+def test_tiles_cover_every_pixel_once_from_aligned_windows(size: tuple[int, int]) -> None:
     architecture = Architecture("shading", 4, 3)
     covered = np.zeros(size, int)
-    for piece in pieces(*size, tile=18, architecture=architecture):
-        covered[piece.rows, piece.columns] += 1
-        assert piece.rows.stop - piece.rows.start <= 20  # 18, rounded up to whole strides
-        for window in (piece.window_rows, piece.window_columns):
+    for region in tile_grid(*size, tile=18, architecture=architecture):
+        covered[region.rows, region.columns] += 1
+        assert region.rows.stop - region.rows.start <= 20  # 18, rounded up to whole strides
+        for window in (region.window_rows, region.window_columns):
             assert window.start % stride(architecture) == 0
     assert (covered == 1).all()
 
 
 @pytest.mark.parametrize("name", ["can", "pix2pix", "cyclegan"])
-def test_networks_that_normalise_refuse_to_be_cut(name: str, tmp_path: Path) -> None:
+def test_networks_that_normalise_refuse_tiles(name: str, tmp_path: Path) -> None:
     models = untrained_models(tmp_path / "models", (name,))
     load_networks(models, [name])
     with pytest.raises(InputError, match="statistics of the whole picture; leave out --tile"):
