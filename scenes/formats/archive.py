@@ -1,4 +1,4 @@
-"""Reader of Sweet Home 3D archives (zip): checked names, limits of size and compression."""
+"""Reader of zip archives (Sweet Home 3D, USDZ): checked names, limits of size and compression."""
 
 from __future__ import annotations
 
@@ -19,9 +19,12 @@ _SMALL = 2**20  # bytes: any ratio is allowed up to this size
 
 
 class HomeArchive:
-    """Reads members of a `.sh3d` or `.sh3f`; `InputError` names the file and the member."""
+    """Reads members of a `.sh3d`, `.sh3f` or `.usdz`; `InputError` names the file and the member.
 
-    def __init__(self, path: Path) -> None:
+    `kind` is the name of the kind of file, for errors.
+    """
+
+    def __init__(self, path: Path, kind: str = "Sweet Home 3D file") -> None:
         self.path = path
         self._read = 0
         self._folders: dict[str, list[str]] | None = None
@@ -29,7 +32,7 @@ class HomeArchive:
         try:
             self._zip = zipfile.ZipFile(path)
         except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
-            raise InputError(f"{path}: not a Sweet Home 3D file, or damaged ({error})") from None
+            raise InputError(f"{path}: not a {kind}, or damaged ({error})") from None
         self._add(self._zip, "")
 
     def _add(self, file: zipfile.ZipFile, prefix: str) -> list[str]:
@@ -109,6 +112,11 @@ class HomeArchive:
                 if near and posixpath.basename(member).lower() == base:
                     return member
         return None
+
+    def stored(self) -> list[str]:
+        """Return all members in the order in which the file holds them."""
+        places = {name: info.header_offset for name, (_, info) in self._members.items()}
+        return sorted(places, key=lambda name: places[name])
 
     def names(self) -> list[str]:
         """Return all members, sorted."""

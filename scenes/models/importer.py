@@ -146,10 +146,10 @@ def _draft(
             changes.note("cameras of a single object were left out")
     cameras = views or [transformed_camera(camera, frame, changes) for camera in model.cameras]
     emitters = [_punctual_emitter(light, frame) for light in model.lights]
-    outdoors = is_single or options.sky or not (emitters or area)
+    outdoors = is_single or options.sky or model.outdoors or not (emitters or area)
     if outdoors:
         emitters.append(daylight())
-        if not is_single and not options.sky:
+        if not (is_single or options.sky or model.outdoors):
             changes.note("the file has no light; sun, sky and a ground plane were added")
     return Draft(
         scene_id,

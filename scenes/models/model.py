@@ -50,6 +50,7 @@ class Model:
     node_paths: dict[str, tuple[str, ...]] = field(default_factory=dict)
     up: Literal["", "x", "y", "z"] = ""  # axis that the file states as up; empty if it states none
     unit: float | None = None  # metres, if the file states a unit
+    outdoors: bool = False  # whether sun and sky replace a light of the file
     kind: str = ""  # name of the format, for `scene.json`
     version: str = ""  # of the format
     author: str = ""  # empty if the file does not state it

@@ -49,16 +49,6 @@ def test_a_unit_that_cannot_be_is_overruled_and_said(tmp_path: Path) -> None:
     assert any("read as centimetres, though the file states 1 m" in each for each in scene.changes)
 
 
-def test_options_override_unit_and_up(tmp_path: Path) -> None:
-    scene = imported(
-        tmp_path,
-        files.dae(geometries=files.box(ROOM[:, [0, 2, 1]] * [1, -1, 1] * 10), meter=1),
-        scale=0.1,
-        up="z",
-    )
-    assert scene.rooms[0].ceiling_z - scene.rooms[0].floor_z == pytest.approx(2.6, abs=0.01)
-
-
 def test_colour_gloss_and_glass(tmp_path: Path) -> None:
     shading = files.PLAIN + (
         "<specular><color>0.5 0.5 0.5 1</color></specular><shininess><float>30</float></shininess>"

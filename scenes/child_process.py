@@ -1,0 +1,92 @@
+"""Child processes for libraries that may crash, limited in processor time, memory and duration.
+
+The parent calls `run_child`; the child sets its own limits and calls a function with words as
+arguments, which leaves its results in files. Also the check that an optional library is there.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+from importlib.util import find_spec
+from pathlib import Path
+
+from scenes.errors import InputError, MachineError
+from scenes.source_options import load
+
+_PACKAGES = Path(__file__).resolve().parents[1]  # the folder that holds `scenes`
+_REFUSED, _FAILED = 3, 4  # exit status of a child that leaves a message
+
+
+def require_extra(module: str, extra: str, path: Path) -> None:
+    """Raise `MachineError` unless the Python module of the optional dependency is installed."""
+    if find_spec(module) is None:
+        raise MachineError(
+            f"{path}: {path.suffix.lower()} files need an optional library; "
+            f"install pbrnet[{extra}], for example by: pip install 'pbrnet[{extra}]'"
+        )
+
+
+def run_child(
+    function: str, arguments: tuple[str, ...], path: Path, seconds: int, memory: int
+) -> None:
+    """Call "module:function" with `arguments` in a child of at most `seconds` and `memory` bytes.
+
+    `path` is the file that it reads. Raises `InputError` with the message of an `InputError` in
+    the child, and for a child that crashes, runs too long or needs too much memory.
+    """
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PXR_")}
+    known = environment.get("PYTHONPATH", "")
+    environment["PYTHONPATH"] = os.pathsep.join(filter(None, (str(_PACKAGES), known)))
+    with tempfile.TemporaryDirectory() as folder:
+        message = Path(folder) / "message"
+        command = [sys.executable, "-m", __name__, function, str(message), str(seconds),
+                   str(memory), *arguments]  # fmt: skip
+        try:
+            done = subprocess.run(
+                command,
+                env=environment,
+                cwd=folder,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                timeout=2 * seconds + 30,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            raise InputError(f"{path}: reading took more than {2 * seconds + 30} s") from None
+        if done.returncode == 0:
+            return
+        said = message.read_text("utf-8", "replace") if message.is_file() else ""
+        if done.returncode == _REFUSED and said:
+            raise InputError(said)
+        if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+            raise InputError(f"{path}: reading took more than {seconds} s of a processor")
+        raise InputError(
+            f"{path}: the library that reads {path.suffix.lower()} files failed on it "
+            f"({said or f'status {done.returncode}'}); it is damaged, or needs more than "
+            f"{memory / 2**30:g} GiB"
+        )
+
+
+def _main(function: str, message: str, seconds: str, memory: str, *arguments: str) -> int:
+    resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 5))
+    resource.setrlimit(resource.RLIMIT_AS, (int(memory), int(memory)))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    try:
+        load(function)(*arguments)
+    except InputError as error:
+        Path(message).write_text(str(error), "utf-8", "replace")
+        return _REFUSED
+    except Exception as error:  # of the library, which may raise anything on a damaged file
+        Path(message).write_text(f"{type(error).__name__}: {error}"[:500], "utf-8", "replace")
+        return _FAILED
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main(*sys.argv[1:]))
