@@ -142,7 +142,7 @@ class _Exporter:
         return np.array(self._transforms.GetLocalToWorldTransform(prim)).T
 
     def _is_shown(self, prim: Any) -> bool:
-        """Whether the prim and what is below it can be visible."""
+        """Return whether the prim and what is below it can be visible."""
         imageable = UsdGeom.Imageable(prim)
         if not imageable:
             return True
