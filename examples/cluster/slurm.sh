@@ -1,8 +1,8 @@
 #!/bin/bash
-# dvc repro within one SLURM allocation:   sbatch examples/cluster/slurm.sh
-# Submit it in the project folder, which all nodes must see. The scheduler and dvc run on the first
-# node, one worker process per core on every node. When the time is up, submit it again: finished
-# frames are kept.
+# dvc repro in one SLURM allocation:   sbatch examples/cluster/slurm.sh
+# Submit it from the project folder, which must be on a file system shared by all nodes. The dask
+# scheduler and dvc run on the first node, and every node runs one worker process per core. After a
+# timeout, submit it again: finished frames are kept.
 #SBATCH --job-name=pbrnet
 #SBATCH --nodes=4
 #SBATCH --ntasks-per-node=1
@@ -12,7 +12,7 @@
 set -euo pipefail
 cd "$SLURM_SUBMIT_DIR"
 export PATH="$PWD/.venv/bin:$PATH"
-export DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False  # it would keep 0.1 MB a second
+export DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False  # would accumulate 0.1 MB per second
 port=${PORT:-8786}
 address="tcp://$(hostname):$port"
 

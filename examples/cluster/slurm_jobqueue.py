@@ -1,8 +1,8 @@
-"""dvc repro with workers that dask-jobqueue asks SLURM for, a job each.
+"""dvc repro with dask workers that dask-jobqueue submits as SLURM jobs.
 
-pip install dask-jobqueue; run in the project folder, on a node that may submit jobs:
+Install dask-jobqueue and run in the project folder, on a node that can submit jobs:
     .venv/bin/python examples/cluster/slurm_jobqueue.py --jobs 8
-Jobs that end are replaced, so their time limit may be short.
+Jobs that end are replaced, so a short time limit is enough.
 """
 
 import argparse
@@ -14,20 +14,20 @@ from dask_jobqueue import SLURMCluster
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--jobs", type=int, default=4)
-parser.add_argument("--cores", type=int, default=32, help="of a job")
+parser.add_argument("--cores", type=int, default=32, help="cores per job")
 parser.add_argument("--walltime", default="04:00:00")
 parser.add_argument("--partition", default=None)
 options = parser.parse_args()
 
 with SLURMCluster(
     cores=options.cores,
-    processes=options.cores,  # a renderer's threads are its process's: one core each
+    processes=options.cores,  # one single-threaded worker process per core
     memory=f"{2 * options.cores}GB",
     walltime=options.walltime,
     queue=options.partition,
     python=sys.executable,
     local_directory=os.environ.get("TMPDIR", "/tmp"),
-    # Dask's profiler would keep 0.1 MB a second.
+    # Dask's profiler would accumulate 0.1 MB per second.
     job_script_prologue=["export DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False"],
 ) as cluster:
     cluster.adapt(minimum_jobs=options.jobs, maximum_jobs=options.jobs)

@@ -1,4 +1,4 @@
-"""Make a picture through the networks without torch: python with_onnx.py model.onnx data/dataset"""
+"""Predict a view of the dataset without torch: python with_onnx.py model.onnx data/dataset"""
 
 import json
 import sys
@@ -10,14 +10,14 @@ import pyarrow.parquet as pq
 from PIL import Image
 
 session = onnxruntime.InferenceSession(sys.argv[1], providers=["CPUExecutionProvider"])
-names = [given.name for given in session.get_inputs()]
+names = [each.name for each in session.get_inputs()]
 shard = min(Path(sys.argv[2]).glob("test-*.parquet"))
 view = pq.ParquetFile(shard).read_row_group(0, columns=["scene_id", "view_id", *names]).slice(0, 1)
-given = {}
+inputs = {}
 for name in names:
     shape = [side for side in json.loads(view.field(name).metadata[b"shape"]) if side != 1]
-    given[name] = view.column(name)[0].values.to_numpy(zero_copy_only=False).astype(np.float32)
-    given[name] = given[name].reshape(shape)
-shading, color = session.run(["shading", "color"], given)
+    values = view.column(name)[0].values.to_numpy(zero_copy_only=False)
+    inputs[name] = values.astype(np.float32).reshape(shape)
+shading, color = session.run(["shading", "color"], inputs)
 Image.fromarray((np.hstack([shading, color]) * 255).round().astype(np.uint8)).save("picture.png")
 print(f"picture.png: {view['scene_id'][0]}/{view['view_id'][0]}, {color.shape[1]}x{color.shape[0]}")

@@ -1,4 +1,4 @@
-"""Read the dataset with pyarrow and NumPy alone: python with_pyarrow.py data/dataset"""
+"""Read the dataset with pyarrow and NumPy only: python with_pyarrow.py data/dataset"""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""Read the dataset with a plain torch DataLoader: python with_torch.py data/dataset"""
+"""Read the dataset with a PyTorch DataLoader: python with_torch.py data/dataset"""
 
 import json
 import sys
