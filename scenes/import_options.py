@@ -9,12 +9,13 @@ from typing import Any
 
 from scenes.mitsuba.options import MitsubaOptions
 from scenes.models.options import ModelOptions
+from scenes.pbrt.options import PbrtOptions
 from scenes.source_options import SourceOptions
 from scenes.sweethome.options import SweetHomeOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImportEntry(MitsubaOptions, SweetHomeOptions, ModelOptions):
+class ImportEntry(MitsubaOptions, SweetHomeOptions, ModelOptions, PbrtOptions):
     """A file of `scenes.imports` with options. The base classes are the registry of sources."""
 
     file: str

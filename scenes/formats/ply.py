@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +25,7 @@ PlyElement = tuple[str, int, list[PlyProperty]]
 
 
 def read_ply(path: Path) -> Mesh:
-    """Read a triangle or polygon mesh, ASCII or binary of either byte order.
+    """Read a triangle or polygon mesh, ASCII or binary of either byte order, or a `.gz` of it.
 
     Polygons become fans. Raises `InputError`.
     """
@@ -87,7 +89,16 @@ def _bytes(path: Path) -> bytes:
     size = path.stat().st_size
     if size > MAX_BYTES:
         raise InputError(f"{path}: {size / 2**20:.0f} MiB; at most {MAX_BYTES >> 20} MiB")
-    return path.read_bytes()
+    if path.suffix.lower() != ".gz":
+        return path.read_bytes()
+    try:
+        with gzip.open(path) as stream:
+            data = stream.read(MAX_BYTES + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path}: damaged ({error})") from None
+    if len(data) > MAX_BYTES:
+        raise InputError(f"{path}: decompressed, it has more than {MAX_BYTES >> 20} MiB")
+    return data
 
 
 def _ply_header(path: Path, lines: list[str]) -> tuple[str, list[PlyElement]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -79,14 +80,26 @@ class TextureStore:
 
         return self._store(path, f"cutout{factor}-{cutoff}", write)
 
-    def radiance(self, path: Path, factor: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> str:
-        """Store an HDR image (environment, emission) times `factor` as EXR, RGB float32."""
+    def radiance(
+        self,
+        path: Path,
+        factor: tuple[float, float, float] = (1.0, 1.0, 1.0),
+        convert: Callable[[Float32Array], Float32Array] | None = None,
+    ) -> str:
+        """Store an HDR image (environment, emission) times `factor` as EXR, RGB float32.
+
+        `convert` changes the pixels (H, W, 3) first; such an image is stored at each call.
+        """
 
         def write(source: Path, name: str) -> str:
-            scaled = read_radiance(source) * np.array(factor, dtype=np.float32)
+            pixels = read_radiance(source)
+            scaled = (pixels if convert is None else convert(pixels)) * np.array(factor, np.float32)
             return self._save_exr(scaled.astype(np.float32), name)
 
-        return self._store(path, f"radiance{factor}", write)
+        use = f"radiance{factor}"
+        if convert is not None:
+            use += f"-{len(self._stored)}"
+        return self._store(path, use, write)
 
     def _store(self, path: Path, use: str, write: object) -> str:
         key = (path, use)
@@ -143,11 +156,13 @@ def read_rgb(path: Path) -> UInt8Array:
 
 
 def read_radiance(path: Path) -> Float32Array:
-    """Read an EXR, Radiance HDR or 8-bit image as linear RGB, float32 (H, W, 3), non-negative."""
+    """Read an EXR, Radiance HDR, PFM or 8-bit image as linear RGB, float32 (H, W, 3), positive."""
     if _is_exr(path):
         pixels = read_exr(path)
     elif path.suffix.lower() in (".hdr", ".rgbe", ".pic"):
         pixels = read_rgbe(path)
+    elif path.suffix.lower() == ".pfm":
+        pixels = read_pfm(path)
     else:
         pixels = _decode(read_rgb(path))
     if not np.isfinite(pixels).all():
@@ -224,6 +239,23 @@ def read_rgbe(path: Path) -> Float32Array:
                 column += length
     scale = np.ldexp(1.0, rgbe[..., 3].astype(int) - 136)
     return (rgbe[..., :3] * scale[..., None]).astype(np.float32)
+
+
+def read_pfm(path: Path) -> Float32Array:
+    """Read a portable float map, colour or grey, as float32 (H, W, 3)."""
+    data = path.read_bytes()
+    match = re.match(rb"P([Ff])\s+(\d{1,6})\s+(\d{1,6})\s+(-?\d[\d.eE+-]{0,20})\s", data[:4096])
+    if match is None:
+        raise UnreadableImage("not a portable float map")
+    width, height, bands = int(match[2]), int(match[3]), 3 if match[1] == b"F" else 1
+    if not 1 <= width * height <= MAX_PIXELS:
+        raise UnreadableImage(f"{width} x {height} pixels")
+    order = "<f4" if match[4].startswith(b"-") else ">f4"
+    if len(data) - match.end() < 4 * bands * width * height:
+        raise UnreadableImage("truncated")
+    values = np.frombuffer(data, order, bands * width * height, match.end())
+    pixels = values.reshape(height, width, bands)[::-1].astype(np.float32)  # bottom row first
+    return np.repeat(pixels, 3, axis=2) if bands == 1 else pixels
 
 
 def _to_rgb8(image: Image.Image) -> UInt8Array:

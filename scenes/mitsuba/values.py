@@ -16,8 +16,8 @@ from scenes.geometry.transforms import look_at
 from scenes.importing.changes import Changes
 from scenes.importing.sandbox import Sandbox
 from scenes.mitsuba.reader import Node, unresolved
-from scenes.mitsuba.spectra import blackbody_radiance, spectrum_to_rgb
 from scenes.photometry import blackbody
+from scenes.spectra import blackbody_radiance, spectrum_to_rgb
 
 T = TypeVar("T")
 Matrix4 = Float64Array

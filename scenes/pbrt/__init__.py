@@ -1,0 +1,1 @@
+"""Importer of PBRT scenes, versions 3 and 4."""
