@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from scenes.ifc.options import IfcOptions
 from scenes.mitsuba.options import MitsubaOptions
 from scenes.models.options import ModelOptions
 from scenes.pbrt.options import PbrtOptions
@@ -15,7 +16,7 @@ from scenes.sweethome.options import SweetHomeOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImportEntry(MitsubaOptions, SweetHomeOptions, ModelOptions, PbrtOptions):
+class ImportEntry(MitsubaOptions, SweetHomeOptions, ModelOptions, PbrtOptions, IfcOptions):
     """A file of `scenes.imports` with options. The base classes are the registry of sources."""
 
     file: str

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, count
 from pathlib import Path
@@ -79,6 +79,8 @@ class Draft:
     # Maps the source's names of rooms to ids, for sources that name rooms.
     room_names: Callable[[list[Shape], list[FoundRoom], list[str]], dict[str, str]] | None = None
     ground: bool = False  # add a ground plane
+    # Names and rooms, for sources that state them; otherwise rooms are found in the triangles.
+    stated_rooms: tuple[tuple[str, FoundRoom], ...] = ()
 
 
 def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
@@ -87,7 +89,8 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
     Raises `InputError` if nothing in the scene is visible or it is far too large.
     """
     shapes, cameras = draft.shapes, draft.cameras
-    rooms, openings = find_rooms_and_openings(shapes, cameras)
+    stated = [room for _, room in draft.stated_rooms]
+    rooms, openings = find_rooms_and_openings(shapes, cameras, stated)
     shapes, pane_shapes, openings = _locate_openings(shapes, rooms, openings)
     if pane_shapes:
         changes.note("clear window panes became portals: {}", ", ".join(pane_shapes))
@@ -127,14 +130,16 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
     lit_rooms = {light.room for light in lights} | {portal.room for portal in portals}
     everywhere = any(light.room is None and light.kind != "environment" for light in lights)
     views = [_view(camera, names) for camera in cameras]
+    labels = [label for label, _ in draft.stated_rooms] or [""] * len(rooms)
+    hints = labels if draft.stated_rooms else [draft.hint if len(rooms) == 1 else ""] * len(rooms)
     scene = Scene(
         scene_id=draft.scene_id,
         source={**draft.source, "views": views, **({"rooms": names} if names else {})},
         rooms=tuple(
             Room(
                 id=name,
-                name=f"{type_of_room(objects, name, draft.hint)} {index}",
-                type=type_of_room(objects, name, draft.hint if len(rooms) == 1 else ""),
+                name=labels[index] or f"{type_of_room(objects, name, draft.hint)} {index}",
+                type=type_of_room(objects, name, hints[index]),
                 floor=tuple((float(x), float(y)) for x, y in list(room.floor.exterior.coords)[:-1]),
                 floor_z=room.floor_z,
                 ceiling_z=room.ceiling_z,
@@ -206,9 +211,12 @@ def guess_scene_scale(
 
 
 def find_rooms_and_openings(
-    shapes: list[Shape], cameras: list[Camera]
+    shapes: list[Shape], cameras: list[Camera], stated: Sequence[FoundRoom] = ()
 ) -> tuple[list[FoundRoom], list[FoundOpening]]:
-    """Find rooms and openings; clear glass and frosted panes do not close an opening."""
+    """Find openings and, unless they are `stated`, rooms.
+
+    Clear glass and frosted panes do not close an opening.
+    """
     everything = np.concatenate([shape.mesh.corners for shape in shapes])
     extent = float(np.ptp(everything.reshape(-1, 3), axis=0).max())
     if extent > _MAX_EXTENT:
@@ -217,7 +225,7 @@ def find_rooms_and_openings(
             "its unit with --scale, or repair the shape that lies so far out"
         )
     eye = cameras[0].to_world[:3, 3] if cameras else None
-    rooms = find_rooms(RayCaster(everything), everything, eye)
+    rooms = list(stated) or find_rooms(RayCaster(everything), everything, eye)
     return rooms, find_openings(RayCaster(_solid_corners(shapes)), rooms)
 
 

@@ -45,7 +45,7 @@ def remove_panes(
         if not shape.surface.see_through or shape.sphere is not None or shape.emitter is not None:
             kept.append(shape)
             continue
-        labels = _connected_pieces(shape.mesh)
+        labels = pieces_of_mesh(shape.mesh)
         keep = np.ones(len(shape.mesh.faces), dtype=bool)
         for label in range(labels.max() + 1):
             members = labels == label
@@ -121,7 +121,7 @@ def _plane_axes(opening: FoundOpening) -> Float64Array:
     return np.stack([first, np.cross(opening.normal, first)])
 
 
-def _connected_pieces(mesh: Mesh) -> Int64Array:
+def pieces_of_mesh(mesh: Mesh) -> Int64Array:
     """Number (F,) of the connected piece of each face; coincident vertices connect faces."""
     _, merged = np.unique(mesh.vertices.round(6), axis=0, return_inverse=True)
     faces = merged.reshape(-1)[mesh.faces]

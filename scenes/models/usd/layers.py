@@ -66,8 +66,8 @@ class Layers:
         return target
 
     def _read(self, path: Path, scene: Path) -> Any:
-        """Return the layer in a file; None, recorded in `missing`, if there is no such file."""
-        if not path.is_file():
+        """Return the layer in a file; None, noted in `missing`, without one of a known format."""
+        if not path.is_file() or (path != scene and not Sdf.FileFormat.FindByExtension(str(path))):
             self.missing.append(str(path))
             return None
         try:

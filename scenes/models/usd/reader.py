@@ -64,7 +64,9 @@ def read_model(
         if not is_package:
             sandbox.opened.is_file(Path(layer))
     for layer in data["missing"]:
-        changes.note("layers that are missing were left out: {}", Path(layer).name)
+        changes.note(
+            "layers that are missing or of an unknown format were left out: {}", Path(layer).name
+        )
     for sentence, details in data["notes"].items():
         for detail in details:
             changes.note(sentence, detail)

@@ -272,10 +272,12 @@ def test_lights(tmp_path: Path) -> None:
 def test_layers_beside_the_file_are_read_and_recorded(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "shell.usda").write_text(usd.stage(usd.SHELL, usd.PAINT))
-    world = 'def "all" (references = [@./shell.usda@, @gone.usd@])\n{\n}'
+    (tmp_path / "in" / "look.mtlx").write_text("<materialx version='1.38'/>")
+    world = 'def "all" (references = [@./shell.usda@, @gone.usd@, @look.mtlx@])\n{\n}'
     scene = imported(tmp_path, usd.stage(world))
     assert len(scene.rooms) == 1
-    assert any("layers that are missing were left out: gone.usd" in e for e in scene.changes)
+    (said,) = [each for each in scene.changes if each.startswith("layers that are missing")]
+    assert "gone.usd" in said and "look.mtlx" in said
 
 
 WHOLE = usd.stage(usd.SHELL, usd.PAINT)

@@ -1,0 +1,1 @@
+"""Scene source IFC: buildings that state their storeys, spaces, doors, windows and furniture."""

@@ -1,0 +1,24 @@
+"""Import options of IFC files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from scenes.source_options import SourceOptions, described
+
+
+@dataclass(frozen=True, kw_only=True)
+class IfcOptions(SourceOptions):
+    """Options of an `.ifc` file. It states its unit, up axis and rooms."""
+
+    title: ClassVar[str] = "IFC"
+    suffixes: ClassVar[tuple[str, ...]] = (".ifc",)
+    importer: ClassVar[str] = "scenes.ifc.importer:import_ifc"
+
+    storey: tuple[str, ...] = field(
+        default=(),
+        metadata=described(
+            "Storey of an IFC building to import; may be repeated. All if absent.", "NAME"
+        ),
+    )

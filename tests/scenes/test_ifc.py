@@ -1,0 +1,89 @@
+"""IFC: unit, rooms from spaces, windows as portals, objects by class, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenes import child_process
+from scenes.color import decode_srgb_value
+from scenes.contract import Scene
+from scenes.errors import InputError, MachineError
+from scenes.registry import import_scene
+from tests.fixtures.ifc import house
+from tests.fixtures.imported import values
+
+INSTALLED = pytest.mark.skipif(
+    child_process.find_spec("ifcopenshell") is None, reason="the extra pbrnet[ifc] is not installed"
+)
+
+
+def imported(folder: Path, text: str, **options: object) -> Scene:
+    path = folder / "in" / "house.ifc"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(text)
+    return import_scene(path, folder / "out", **options)
+
+
+@INSTALLED
+def test_a_house_with_spaces(tmp_path: Path) -> None:
+    scene = imported(tmp_path, house().text)
+    living, bath = scene.rooms
+    assert (living.name, living.type) == ("Wohnzimmer", "living")
+    assert (bath.name, bath.type) == ("Bad", "bathroom")
+    assert (living.floor_z, living.ceiling_z) == (0, 2.6)
+    assert np.ptp(living.floor, axis=0) == pytest.approx([5, 4])
+    assert np.min(bath.floor, axis=0) == pytest.approx([5.1, 0])
+    # The pane is the portal; the closed door between the rooms is none.
+    (portal,) = scene.portals
+    assert (portal.kind, portal.clear, portal.room) == ("window", True, living.id)
+    corners = np.array(portal.polygon)
+    assert corners.min(axis=0) == pytest.approx([1.05, -0.1, 0.95], abs=0.06)
+    assert corners.max(axis=0) == pytest.approx([2.45, -0.1, 2.05], abs=0.06)
+    assert living.has_light
+    found = {each.name: (each.category, each.is_structure, each.room) for each in scene.objects}
+    assert found["Fauteuil 7"] == ("armchair", False, living.id)
+    assert found["Typ 12"] == ("toilet", False, bath.id)
+    assert found["south"][:2] == ("wall", True) and found["Inner door"][:2] == ("door", True)
+    assert found["Fenster 1"][:2] == ("window", True)
+    assert found["floor"][:2] == ("floor", True)
+    expected = [decode_srgb_value(each) for each in (0.4, 0.2, 0.1)]
+    assert any(each == pytest.approx(expected, rel=1e-5)
+               for each in values(scene, "diffuse", "reflectance"))  # fmt: skip
+    assert scene.source["storeys"] == ["Ground floor"] and scene.source["version"] == "IFC4"
+    assert scene.credits[0].author == "A. Maker"
+    assert {each.kind for each in scene.lights} == {"sun", "sky"}
+
+
+@INSTALLED
+def test_metres_far_away_without_spaces_or_glass(tmp_path: Path) -> None:
+    text = house(glass=False, spaces=False, at=(4_000_000.0, 5_000_000.0, 0.0)).text
+    scene = imported(tmp_path, text, storey=["Ground floor"])
+    assert any("no spaces: rooms were derived" in each for each in scene.changes)
+    assert any("near the origin" in each for each in scene.changes)
+    assert any("without a transparent style became glass: Fenster 1" in e for e in scene.changes)
+    heights = [room.ceiling_z - room.floor_z for room in scene.rooms]
+    assert heights == [pytest.approx(2.6, abs=0.01)] * 2
+    assert np.abs([room.floor[0] for room in scene.rooms]).max() < 50
+    assert [(each.kind, each.clear) for each in scene.portals] == [("window", True)]
+
+
+@INSTALLED
+def test_files_are_refused_with_a_reason(tmp_path: Path) -> None:
+    text = house().text
+    with pytest.raises(InputError, match=r"no storey 'Attic'; there are Ground floor"):
+        imported(tmp_path, text, storey=["Attic"])
+    for damaged in (text[: len(text) // 2], "x" + text[100:], text.replace("IFCPROJECT", "IFCX")):
+        with pytest.raises(InputError, match=r"house\.ifc: damaged IFC file"):
+            imported(tmp_path, damaged)
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_the_library_the_error_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(child_process, "find_spec", lambda _: None)
+    with pytest.raises(MachineError, match=r"house\.ifc: .* install pbrnet\[ifc\]"):
+        imported(tmp_path, "")
