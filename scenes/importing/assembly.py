@@ -25,19 +25,22 @@ from scenes.errors import InputError
 from scenes.geometry.transforms import look_at
 from scenes.importing.changes import Changes
 from scenes.importing.daylight import ground
-from scenes.importing.objects import group_objects, type_of_room
+from scenes.importing.objects import group_objects, hollow_furniture, type_of_room
 from scenes.importing.panes import frosted_openings, is_flat, remove_panes
 from scenes.importing.sealing_shapes import sealing_shape, structure_object
 from scenes.importing.shape import Emitter, Shape, bounds_of
 from scenes.importing.writer import sensor_element, write_scene_xml
 from scenes.reconstruction.aperture_sections import CrossSections, at_narrowest_section
+from scenes.reconstruction.connections import connected_rooms
 from scenes.reconstruction.enclosure import ENCLOSURE_ID, build_enclosure
 from scenes.reconstruction.gap_sealing import GAP_SEALING_ID, seal_gaps
 from scenes.reconstruction.hidden_openings import hidden_openings
+from scenes.reconstruction.interior import find_rooms
 from scenes.reconstruction.orientation import guess_scale, surface_heights, tallest_gaps
 from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import FoundOpening, FoundRoom, find_openings, find_rooms
+from scenes.reconstruction.rooms import FoundOpening, FoundRoom, find_openings
 
+_OUTDOORS = ("sun", "sky", "environment", "directional")  # kinds of lights that come from outdoors
 _MAX_EXTENT = 1e6  # metres across, skies and grounds included
 
 
@@ -127,8 +130,7 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
         changes.note("NO ROOM WAS FOUND: the bounding box of the scene is used as a room")
     camera = cameras[0] if cameras else _default_camera(rooms[0])
     write_scene_xml(folder, shapes, area, draft.emitters, _sensor(camera), draft.max_depth)
-    lit_rooms = {light.room for light in lights} | {portal.room for portal in portals}
-    everywhere = any(light.room is None and light.kind != "environment" for light in lights)
+    lit_rooms = _lit_rooms(shapes, rooms, room_ids, lights, portals)
     views = [_view(camera, names) for camera in cameras]
     labels = [label for label, _ in draft.stated_rooms] or [""] * len(rooms)
     hints = labels if draft.stated_rooms else [draft.hint if len(rooms) == 1 else ""] * len(rooms)
@@ -143,7 +145,7 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
                 floor=tuple((float(x), float(y)) for x, y in list(room.floor.exterior.coords)[:-1]),
                 floor_z=room.floor_z,
                 ceiling_z=room.ceiling_z,
-                has_light=name in lit_rooms or everywhere or room.guessed,
+                has_light=name in lit_rooms or room.guessed,
             )
             for index, (name, room) in enumerate(zip(room_ids, rooms, strict=True))
         ),
@@ -225,7 +227,7 @@ def find_rooms_and_openings(
             "its unit with --scale, or repair the shape that lies so far out"
         )
     eye = cameras[0].to_world[:3, 3] if cameras else None
-    rooms = list(stated) or find_rooms(RayCaster(everything), everything, eye)
+    rooms = list(stated) or find_rooms(everything, eye, hollow_furniture(shapes))
     return rooms, find_openings(RayCaster(_solid_corners(shapes)), rooms)
 
 
@@ -324,6 +326,24 @@ def _lights(
     return tuple(lights)
 
 
+def _lit_rooms(
+    shapes: list[Shape],
+    rooms: list[FoundRoom],
+    room_ids: list[str],
+    lights: tuple[Light, ...],
+    portals: tuple[Portal, ...],
+) -> set[str | None]:
+    """The ids of rooms with a lamp or a portal, and of those that see one through an opening."""
+    lit = {light.room for light in lights} | {portal.room for portal in portals}
+    if any(light.room is None and light.kind not in _OUTDOORS for light in lights):
+        lit.update(room_ids)
+    if lit.issuperset(room_ids):
+        return lit
+    pairs = connected_rooms(RayCaster(_solid_corners(shapes)), rooms)
+    neighbours = [(room_ids[a], room_ids[b]) for i, j in pairs for a, b in ((i, j), (j, i))]
+    return lit | {there for here, there in neighbours if here in lit}
+
+
 def _portals(
     openings: list[FoundOpening], frosted: set[int], rooms: list[FoundRoom], room_ids: list[str]
 ) -> tuple[Portal, ...]:
@@ -369,7 +389,7 @@ def _room_at(point: Float64Array, rooms: list[FoundRoom], room_ids: list[str]) -
 
 def _lighting(lights: tuple[Light, ...]) -> str:
     """Classify lights as "day", "night" or "mixed"."""
-    outdoors = any(light.kind in ("sun", "sky", "environment", "directional") for light in lights)
+    outdoors = any(light.kind in _OUTDOORS for light in lights)
     lamps = any(light.kind in ("area", "point", "spot") for light in lights)
     if outdoors and lamps:
         return "mixed"

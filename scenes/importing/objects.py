@@ -43,6 +43,13 @@ _FLOOR_CATEGORIES = (
     "rug",
 )
 
+# Categories of things that a space may be inside of, and the greatest depth of such a thing.
+_HOLLOW_CATEGORIES = (
+    "wardrobe", "cabinet", "kitchen unit", "fridge", "chest", "sideboard", "shelf", "bookshelf",
+    "tv stand", "box", "stove", "fireplace",
+)  # fmt: skip
+_HOLLOW_DEPTH = 1.6  # metres
+
 _WALL_WORDS = ("wall", "walls", "ceiling", "floor", "roof", "skirting", "baseboard", "beam",
                "molding", "moulding", "cornice", "plinth", "pillar", "column", "slab")  # fmt: skip
 
@@ -57,6 +64,12 @@ class _SurfaceSample:
 def shape_category(shape: Shape) -> str:
     """The category that the names of a shape and of its material tell."""
     return category_of(shape.name, shape.surface.name)
+
+
+def hollow_furniture(shapes: list[Shape]) -> list[tuple[Float64Array, Float64Array]]:
+    """The bounds, two corners (3,), of shapes that are closed furniture by name and size."""
+    bounds = [shape.mesh.bounds for shape in shapes if shape_category(shape) in _HOLLOW_CATEGORIES]
+    return [(low, high) for low, high in bounds if (high - low)[:2].min() <= _HOLLOW_DEPTH]
 
 
 def group_objects(

@@ -1,21 +1,43 @@
-"""Shapes that an import adds to seal gaps between the surfaces of a building."""
+"""Shapes that an import adds to close a building: ceilings, walls, and seals of gaps."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from scenes.arrays import Float64Array
+from scenes.color import Color
 from scenes.contract import SceneObject
 from scenes.geometry.mesh import Mesh
+from scenes.importing.changes import Changes
 from scenes.importing.shape import Shape, Surface, make_object
 from scenes.importing.xml_elements import plugin
+from scenes.reconstruction.completion import Completion
 
-_GREY = (0.5, 0.5, 0.5)  # reflectance
+# Reflectances
+_GREY: Color = (0.5, 0.5, 0.5)
+_WALL: Color = (0.72, 0.71, 0.69)
+_CEILING: Color = (0.82, 0.82, 0.80)
 
 
-def sealing_shape(name: str, corners: Float64Array) -> Shape:
-    """A matt grey, two-sided shape of triangles (F, 3, 3); `name` is its id, too."""
-    matt = plugin("bsdf", "diffuse", reflectance=_GREY)
+def completing_shapes(completion: Completion, changes: Changes) -> list[Shape]:
+    """The ceiling and walls that close open spaces; notes them in `changes`."""
+    if not completion.spaces:
+        return []
+    shapes = [sealing_shape("added_ceiling", completion.ceilings, _CEILING)]
+    changes.note(f"{len(completion.spaces)} rooms were open above: a ceiling was added")
+    if completion.raised:
+        changes.note("low walls were continued up to the ceiling")
+    if len(completion.walls):
+        shapes.append(sealing_shape("added_wall", completion.walls, _WALL))
+    if completion.has_added_walls:
+        window = ", the longest with a window" if completion.has_window else ""
+        changes.note(f"outer walls were missing: they were added{window}")
+    return shapes
+
+
+def sealing_shape(name: str, corners: Float64Array, color: Color = _GREY) -> Shape:
+    """A matt, two-sided shape of triangles (F, 3, 3); `name` is its id, too."""
+    matt = plugin("bsdf", "diffuse", reflectance=color)
     surface = Surface(plugin("bsdf", "twosided", bsdf=matt), double=True, name=name)
     mesh = Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
     return Shape(name, name, mesh, surface)

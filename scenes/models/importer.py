@@ -31,6 +31,7 @@ from scenes.importing.credits import find_credit
 from scenes.importing.daylight import daylight
 from scenes.importing.objects import room_of, structure_category
 from scenes.importing.sandbox import Sandbox
+from scenes.importing.sealing_shapes import completing_shapes
 from scenes.importing.shape import Emitter, Shape, as_triple, bounds_of, make_object
 from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin
@@ -39,9 +40,10 @@ from scenes.models.options import READERS, ModelOptions
 from scenes.models.showroom import showroom
 from scenes.opened_files import OpenedFiles
 from scenes.photometry import LUMEN
+from scenes.reconstruction.interior import Interior, find_interior
 from scenes.reconstruction.orientation import up_from_geometry, upright
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import FoundRoom, find_rooms
+from scenes.reconstruction.rooms import FoundRoom
+from scenes.reconstruction.surroundings import without_ground
 from scenes.source_options import load
 
 LARGEST_OBJECT = 6.0  # metres; a larger model without a room is a scene of its own
@@ -121,9 +123,11 @@ def _draft(
 ) -> Draft:
     """The model upright and in metres, with light, and in a plain room if it has none."""
     up = _up(model, options)
-    scale = _scale_from_rooms(model, up, options)
-    is_single = scale is None
-    if scale is None:
+    found = _interior(model, up, options)
+    is_single = found is None
+    if found is not None:
+        scale, interior = found
+    else:
         up = up if model.up or options.up != "auto" else _Y
         scale, is_single = _scale_from_size(model, options, changes)
     _note_frame(up, scale, model, options, changes)
@@ -145,6 +149,12 @@ def _draft(
         if model.cameras:
             changes.note("cameras of a single object were left out")
     cameras = views or [transformed_camera(camera, frame, changes) for camera in model.cameras]
+    if found is not None:
+        taken = {shape.id.lower() for shape in model.shapes}
+        room_shapes = [
+            _with_unused_id(shape, taken)
+            for shape in completing_shapes(interior.completion, changes)
+        ]
     emitters = [_punctual_emitter(light, frame) for light in model.lights]
     outdoors = is_single or options.sky or model.outdoors or not (emitters or area)
     if outdoors:
@@ -179,22 +189,21 @@ def _up(model: Model, options: ModelOptions) -> Float64Array:
     return up_from_geometry(np.concatenate([shape.mesh.corners for shape in model.shapes]), _Y)
 
 
-def _scale_from_rooms(model: Model, up: Float64Array, options: ModelOptions) -> float | None:
-    """Metres per unit with which closed rooms of usual height are found; None if there is none."""
+def _interior(
+    model: Model, up: Float64Array, options: ModelOptions
+) -> tuple[float, Interior] | None:
+    """Metres per unit with which rooms of usual height are found, and these; None without."""
     turn = upright(up)
     corners = np.concatenate([shape.mesh.corners for shape in model.shapes]) @ turn.T
-    extent = float(np.max(np.ptp(corners.reshape(-1, 3), axis=0)))
+    extent = float(np.max(np.ptp(without_ground(corners)[0].reshape(-1, 3), axis=0)))
     stated = options.scale or model.unit
     guessed = () if options.scale is not None else _UNITS
     for scale in dict.fromkeys((stated, *guessed) if stated else guessed):
         if not _SMALLEST_SCENE < scale * extent < _LARGEST_SCENE:
             continue
-        eye = None
-        if model.cameras:
-            eye = scale * turn @ model.cameras[0].to_world[:3, 3]
-        rooms = find_rooms(RayCaster(scale * corners), scale * corners, eye)
-        if any(not room.guessed for room in rooms):
-            return scale
+        found = find_interior(scale * corners)
+        if found.rooms or found.completion.spaces:
+            return scale, found
     return None
 
 

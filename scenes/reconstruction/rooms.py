@@ -92,12 +92,10 @@ class FoundOpening:
     seeds: Float64Array = field(default_factory=lambda: np.empty((0, 3)))
 
 
-def find_rooms(rays: RayCaster, corners: Float64Array, eye: Float64Array | None) -> list[FoundRoom]:
-    """Find all rooms with a level ceiling, and the space around a camera at `eye` (3,).
+def closed_rooms(rays: RayCaster, corners: Float64Array) -> list[FoundRoom]:
+    """Find all rooms with a level ceiling, a floor and walls.
 
-    That space is added as a guessed room if no room contains the camera. Without a camera and
-    without rooms, a point in the middle of the scene stands for the camera. `corners` (F, 3, 3)
-    are the triangles that `rays` holds.
+    `corners` (F, 3, 3) are the triangles that `rays` holds.
     """
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     step = float(np.clip(np.max(high - low)[None] / 100, 0.2, 2.0)[0])
@@ -113,7 +111,17 @@ def find_rooms(rays: RayCaster, corners: Float64Array, eye: Float64Array | None)
             room = _room_below(rays, polygon, level)
             if room is not None and not any(_is_same_room(room, other) for other in rooms):
                 rooms.append(room)
-    rooms = _without_overlaps(rooms)
+    return rooms
+
+
+def with_visible_space(
+    rays: RayCaster, corners: Float64Array, rooms: list[FoundRoom], eye: Float64Array | None
+) -> list[FoundRoom]:
+    """Add the space around a camera at `eye` (3,) as a guessed room if no room contains it.
+
+    Without a camera and without rooms, a point in the middle of the scene stands for the camera.
+    """
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     least = 1.0  # metres of height of a space that contains a camera
     if eye is None and not rooms:
         least = MIN_HEIGHT
@@ -468,7 +476,7 @@ def _is_same_room(first: FoundRoom, second: FoundRoom) -> bool:
     return _overlap(first, second) and abs(first.ceiling_z - second.ceiling_z) < 0.03
 
 
-def _without_overlaps(rooms: list[FoundRoom]) -> list[FoundRoom]:
+def without_overlaps(rooms: list[FoundRoom]) -> list[FoundRoom]:
     """The rooms without those that overlap one with a larger floor, such as under a bulkhead."""
     kept: list[FoundRoom] = []
     for room in sorted(rooms, key=lambda room: -room.floor.area):

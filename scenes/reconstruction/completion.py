@@ -1,0 +1,352 @@
+"""Ceilings and walls for buildings without them: open-top floor plans, dioramas, bare roofs.
+
+Input: upright triangles (F, 3, 3) in metres, and the closed rooms found in them. Output:
+triangles of the ceilings and walls that close the open spaces.
+
+An open space is an area of floor with room to stand, seen in a section just below the top of the
+walls. It becomes a room if walls stand along enough of its outline. It gets a ceiling at the
+height of its walls, or at `_LEAST_CEILING` above the floor if they are lower, and then the walls
+are continued up to it. Where a wall is missing over more than the width of a doorway, it is
+added; the longest added wall has a window. If there is none, continued walls have windows.
+World: metres, Z up.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import shapely
+import trimesh
+from shapely.geometry import LineString, Polygon
+from shapely.geometry.base import BaseGeometry
+from shapely.geometry.polygon import orient
+from shapely.ops import substring
+
+from scenes.arrays import BoolArray, Float64Array
+from scenes.geometry.mesh import face_areas
+from scenes.geometry.regions import (
+    buffered,
+    difference,
+    intersection,
+    polygon_parts,
+    simplified,
+    thickened,
+    union,
+)
+from scenes.reconstruction.orientation import surface_heights
+from scenes.reconstruction.raycast import RayCaster
+from scenes.reconstruction.rooms import MAX_HEIGHT, MIN_HEIGHT, FoundRoom, slice_segments
+
+LEAST_WALLS = 0.4  # share of a floor's outline along which walls must stand
+_LEAST_WALLS_OUTDOORS = 0.75  # the same where the ground is the floor, or beside closed rooms
+_MAX_CELLS = 40_000  # of the grid of vertical rays
+_CELL = 0.1  # metres, at least
+_SAME_LEVEL = 0.04  # metres
+_LEAST_WALL = 0.9  # metres; what is lower is no wall
+_LEAST_CEILING = 2.4  # metres above the floor
+_BELOW_TOP = 0.12  # metres below the top of the walls, where the section is
+_HALF_GAP = 0.03  # metres; gaps in walls up to twice as wide are closed
+_HALF_PASSAGE = 0.35  # metres; half the least width of a passage within one space
+_NEAR_WALL = 0.4  # metres beside a floor's outline within which a wall counts as along it
+_DOORWAY = 1.3  # metres; a wider gap in a wall is a missing wall
+_LEAST_AREA = 3.0  # square metres
+_THICK = 0.1  # metres of added walls and ceilings
+_INTO = 0.01  # metres by which added walls stand inside the edge of the floor
+_OVER = 0.25  # metres by which a ceiling covers the walls
+_BELOW_FLOOR = 0.03  # metres
+_SILL, _HEAD = 0.9, 2.1  # of added windows, metres above the floor
+_WIDEST_WINDOW, _LEAST_WINDOW = 2.4, 0.5  # metres
+_STEP = 0.05  # metres along outlines
+
+
+@dataclass(frozen=True)
+class Completion:
+    """What closes a building's open spaces, and why nothing does if there is nothing."""
+
+    ceilings: Float64Array  # triangles (F, 3, 3)
+    walls: Float64Array  # triangles (F, 3, 3)
+    spaces: tuple[Polygon, ...]  # floors of the spaces that became rooms
+    raised: bool = False  # whether low walls were continued upwards
+    has_added_walls: bool = False
+    has_window: bool = False
+    refused: str = ""  # why an open space did not become a room
+
+
+@dataclass(frozen=True)
+class _Storey:
+    """The floor level of the open spaces, the top of their walls, and their plan."""
+
+    floor_z: float
+    top_z: float
+    floor: BaseGeometry
+    walls: BaseGeometry  # section just below the top
+    lower_walls: BaseGeometry  # section at half the height
+
+
+def complete(
+    corners: Float64Array, is_ground: BoolArray, closed: Sequence[FoundRoom]
+) -> Completion:
+    """Close the open spaces of a building.
+
+    `is_ground` (F,) tells which of the triangles `corners` (F, 3, 3) are ground. Open spaces
+    beside `closed` rooms, such as balconies, are left as they are.
+    """
+    nothing = Completion(np.empty((0, 3, 3)), np.empty((0, 3, 3)), ())
+    if closed:
+        return nothing
+    storey = _storey(corners)
+    if storey is None:
+        return nothing
+    built = _level_plan(corners[~is_ground], storey.floor_z)
+    spaces, best = [], 0.0
+    for piece in _pieces(storey):
+        share = _walled_share(piece, storey)
+        best = max(best, share)
+        on_ground = intersection(piece, built).area < 0.5 * piece.area
+        if share >= (_LEAST_WALLS_OUTDOORS if on_ground else LEAST_WALLS):
+            spaces.append(piece)
+    if not spaces:
+        if best == 0.0:
+            return nothing
+        return Completion(nothing.ceilings, nothing.walls, (), refused=_refusal(best))
+    ceiling_z = max(storey.top_z, storey.floor_z + _LEAST_CEILING)
+    foot = storey.floor_z - _BELOW_FLOOR
+    sill, head = storey.floor_z + _SILL, storey.floor_z + _HEAD
+    added, window = _missing_walls(spaces, storey)
+    walls = _pierced(added, window, (foot, sill, head, ceiling_z))
+    raised = ceiling_z > storey.top_z + _SAME_LEVEL
+    if raised:
+        base = storey.top_z - _INTO
+        sill = max(sill, storey.top_z + _INTO)
+        lit = not window.is_empty or sill > head - _LEAST_WINDOW
+        for space in spaces:
+            rim = difference(buffered(space, _THICK, join_style="mitre"), union([space, added]))
+            panes = Polygon() if lit else _pane(_longest_edge(space.exterior, spaces))
+            walls += _pierced(rim, panes, (base, sill, head, ceiling_z))
+    roof = union([buffered(each, _OVER, join_style="mitre", mitre_limit=2.0) for each in spaces])
+    return Completion(
+        _extruded(roof, ceiling_z, ceiling_z + _THICK),
+        np.concatenate(walls),
+        tuple(spaces),
+        raised,
+        not added.is_empty,
+        not window.is_empty,
+    )
+
+
+def _refusal(share: float) -> str:
+    return (
+        f"walls stand along {share:.0%} of the largest floor's outline; a room needs "
+        f"{LEAST_WALLS:.0%}, or {_LEAST_WALLS_OUTDOORS:.0%} on bare ground"
+    )
+
+
+def _storey(corners: Float64Array) -> _Storey | None:
+    """The storey that is open above; None without a floor with walls."""
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    size = np.maximum(high - low, 1e-6)
+    step = max(_CELL, math.sqrt(float(size[0] * size[1]) / _MAX_CELLS))
+    xs, ys = (np.arange(low[axis] + 0.37 * step, high[axis], step) for axis in (0, 1))
+    points = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
+    columns = surface_heights(RayCaster(corners), points, float(low[2]), float(high[2]))
+    lows = [_standing_height(column) for column in columns]
+    heights = np.array([height for height in lows if height is not None])
+    if len(heights) * step**2 < _LEAST_AREA:
+        return None
+    floor_z = _commonest(heights, np.ones(len(heights)))
+    top_z = _wall_top(corners, floor_z)
+    if top_z is None:
+        return None
+    floor = _level_plan(corners, floor_z)
+    if floor.is_empty:
+        return None
+    walls = [
+        _section(corners, height)
+        for height in (top_z - _BELOW_TOP, floor_z + 0.5 * (top_z - floor_z))
+    ]
+    return _Storey(floor_z, top_z, floor, walls[0], walls[1])
+
+
+def _standing_height(column: Float64Array) -> float | None:
+    """The lowest surface of a column with free height for a person above it, or the sky."""
+    if not len(column):
+        return None
+    gaps = np.append(np.diff(column), np.inf)
+    return float(column[int(np.argmax(gaps >= MIN_HEIGHT))])
+
+
+def _commonest(values: Float64Array, weights: Float64Array) -> float:
+    """The centre of the interval of `_SAME_LEVEL` with the most weight."""
+    order = np.argsort(values, kind="stable")
+    ordered, total = values[order], np.append(0.0, np.cumsum(weights[order]))
+    ends = np.searchsorted(ordered, ordered + _SAME_LEVEL, side="right")
+    sums = total[ends] - total[: len(ordered)]
+    start = int(np.argmax(sums))
+    return float(np.median(ordered[start : ends[start]]))
+
+
+def _wall_top(corners: Float64Array, floor_z: float) -> float | None:
+    """The height at which most of the walls on a floor end; None without walls."""
+    areas, normals = face_areas(corners)
+    bottom, top = corners[:, :, 2].min(axis=1), corners[:, :, 2].max(axis=1)
+    is_wall = (
+        (np.abs(normals[:, 2]) < 0.1)
+        & (top - floor_z >= _LEAST_WALL)
+        & (top - floor_z <= MAX_HEIGHT)
+        & (bottom - floor_z <= 0.5 * (top - floor_z))
+    )
+    if not is_wall.any():
+        return None
+    return _commonest(top[is_wall], areas[is_wall])
+
+
+def _section(corners: Float64Array, height: float) -> BaseGeometry:
+    """The surfaces in a level section, thickened by `_HALF_GAP`."""
+    lines = shapely.linestrings(slice_segments(corners, height))
+    return thickened(lines, _HALF_GAP, cap_style="square")
+
+
+def _level_plan(corners: Float64Array, level: float) -> BaseGeometry:
+    """Plan of the level triangles at a height."""
+    _, normals = face_areas(corners)
+    near = np.abs(corners[:, :, 2] - level).max(axis=1, initial=0.0) < 0.06
+    triangles = corners[near & (np.abs(normals[:, 2]) > 0.95)][:, :, :2]
+    merged = union(shapely.polygons(triangles).tolist())
+    return buffered(buffered(merged, _HALF_GAP, join_style="mitre"), -_HALF_GAP, join_style="mitre")
+
+
+def _pieces(storey: _Storey) -> list[Polygon]:
+    """The areas of floor between walls."""
+    pieces = []
+    for part in polygon_parts(difference(storey.floor, storey.walls)):
+        grown = buffered(
+            buffered(part, -_HALF_PASSAGE), _HALF_PASSAGE + _HALF_GAP, join_style="mitre",
+            mitre_limit=2.0,
+        )  # fmt: skip
+        for piece in polygon_parts(intersection(grown, buffered(part, _HALF_GAP))):
+            outline = simplified(Polygon(piece.exterior), 0.02)
+            if outline.area >= _LEAST_AREA and outline.is_valid:
+                pieces.append(orient(outline))
+    return pieces
+
+
+def _walled_share(piece: Polygon, storey: _Storey) -> float:
+    """Share of an outline along which a wall stands, at the top or at half its height."""
+    ring = piece.exterior
+    places = shapely.line_interpolate_point(ring, np.arange(0, ring.length, 2 * _STEP))
+    near = [shapely.distance(walls, places) < _NEAR_WALL
+            for walls in (storey.walls, storey.lower_walls)]  # fmt: skip
+    return float((near[0] | near[1]).mean())
+
+
+def _missing_walls(spaces: list[Polygon], storey: _Storey) -> tuple[BaseGeometry, BaseGeometry]:
+    """The plan of added walls, and the part of it that has a window."""
+    added: list[BaseGeometry] = []
+    edges: list[LineString] = []
+    for number, space in enumerate(spaces):
+        others = union([other for k, other in enumerate(spaces) if k != number])
+        band = difference(
+            buffered(space, _THICK, join_style="mitre", mitre_limit=2.0), buffered(space, -_INTO)
+        )
+        for run in _open_runs(space, storey, others):
+            reach = buffered(run, _THICK + _INTO, cap_style="square", join_style="mitre")
+            added.append(intersection(band, reach))
+            edges += [LineString(ends) for ends in pairwise(run.coords)]
+    longest = max(edges, key=lambda edge: float(edge.length), default=LineString())
+    return union(added), _pane(longest)
+
+
+def _longest_edge(ring: LineString, spaces: list[Polygon]) -> LineString:
+    """The longest edge of a space's outline that no other space lies behind."""
+    edges = [LineString(ends) for ends in pairwise(ring.coords)]
+    outer = [
+        edge for edge in edges if sum(space.distance(edge) < _NEAR_WALL for space in spaces) == 1
+    ]
+    return max(outer, key=lambda edge: float(edge.length), default=LineString())
+
+
+def _pane(edge: LineString) -> BaseGeometry:
+    """The plan of a window in the middle of a wall along `edge`; empty if the wall is short."""
+    width = min(_WIDEST_WINDOW, 0.6 * edge.length)
+    if width < _LEAST_WINDOW:
+        return Polygon()
+    middle = 0.5 * edge.length
+    line = substring(edge, middle - 0.5 * width, middle + 0.5 * width)
+    return buffered(line, 2 * _THICK, cap_style="flat")
+
+
+def _pierced(
+    plan: BaseGeometry, window: BaseGeometry, levels: tuple[float, float, float, float]
+) -> list[Float64Array]:
+    """Triangles of walls from the first to the last of `levels`, but for a window between.
+
+    `window` is its plan, and the middle levels are its sill and head.
+    """
+    foot, sill, head, top = levels
+    if window.is_empty:
+        return [_extruded(plan, foot, top)]
+    inside = intersection(plan, window)
+    return [
+        _extruded(difference(plan, window), foot, top),
+        _extruded(inside, foot, sill),
+        _extruded(inside, head, top),
+    ]
+
+
+def _open_runs(space: Polygon, storey: _Storey, others: BaseGeometry) -> list[LineString]:
+    """The stretches of an outline without a wall, other than doorways and ways to `others`."""
+    ring = space.exterior
+    covered = buffered(union([storey.walls, others]), _NEAR_WALL)
+    runs = shapely.line_merge(shapely.difference(ring, covered))
+    lines = [line for line in shapely.get_parts(runs).tolist() if isinstance(line, LineString)]
+    lines = _joined(lines)
+    # `covered` reaches `_NEAR_WALL` beyond the end of each wall.
+    return [
+        _extended(line, ring, storey.walls)
+        for line in lines
+        if line.is_closed or line.length + 2 * _NEAR_WALL > _DOORWAY
+    ]
+
+
+def _joined(lines: list[LineString]) -> list[LineString]:
+    """Lines of which the last continues in the first, over the start of the ring, are one."""
+    if len(lines) > 1 and lines[-1].coords[-1] == lines[0].coords[0]:
+        merged = LineString([*lines[-1].coords, *lines[0].coords[1:]])
+        return [merged, *lines[1:-1]]
+    return lines
+
+
+def _extended(line: LineString, ring: LineString, walls: BaseGeometry) -> LineString:
+    """The line, continued along the ring at both ends up to the walls there."""
+    if line.is_closed:
+        return line
+    start, end = (ring.project(shapely.Point(line.coords[k])) for k in (0, -1))
+    length, reach = ring.length, 2 * _NEAR_WALL
+    longer = _along(ring, (start - reach) % length, (end + reach) % length)
+    free = shapely.line_merge(shapely.difference(longer, buffered(walls, _HALF_GAP)))
+    middle = line.interpolate(0.5, normalized=True)
+    parts = [part for part in shapely.get_parts(free).tolist() if isinstance(part, LineString)]
+    return min(parts, key=lambda part: float(part.distance(middle)), default=line)
+
+
+def _along(ring: LineString, start: float, end: float) -> LineString:
+    """The part of a ring from one distance to another, over its start if need be."""
+    if start < end:
+        return substring(LineString(ring.coords), start, end)
+    first = substring(LineString(ring.coords), start, ring.length)
+    last = substring(LineString(ring.coords), 0.0, end)
+    return LineString([*first.coords, *last.coords[1:]])
+
+
+def _extruded(plan: BaseGeometry, low: float, high: float) -> Float64Array:
+    """Triangles (F, 3, 3) of the prism over a plan."""
+    parts = [np.empty((0, 3, 3))]
+    for part in polygon_parts(plan):
+        if part.area > 1e-4 and high - low > 1e-3:
+            solid = trimesh.creation.extrude_polygon(part, high - low, engine="earcut")
+            parts.append(np.asarray(solid.triangles) + np.array([0.0, 0.0, low]))
+    return np.concatenate(parts)

@@ -1,0 +1,54 @@
+"""Ways from room to room: archways, doors that stand open or ajar.
+
+Input: the triangles that stop light, as a ray caster, and the rooms. Output: pairs of rooms that
+see each other. Such an opening is no portal, for it does not lead outdoors, but light passes it.
+World: metres, Z up.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+
+from scenes.arrays import BoolArray, Float64Array
+from scenes.geometry.directions import fibonacci_sphere
+from scenes.geometry.regions import buffered
+from scenes.reconstruction.light_walks import sample_room_points
+from scenes.reconstruction.raycast import RayCaster
+from scenes.reconstruction.rooms import FoundRoom
+from scenes.seeds import generator
+
+_RAYS = 4096  # from each room
+_LEAST = 4  # of them that must end in the other room, so that a crack is no way
+_INSIDE = 0.05  # metres inside a room where a ray must have ended or passed
+
+
+def connected_rooms(rays: RayCaster, rooms: list[FoundRoom]) -> list[tuple[int, int]]:
+    """Return the pairs (i, j), i < j, of rooms with an opening between them."""
+    pairs = set()
+    for number, room in enumerate(rooms):
+        near = [k for k, other in enumerate(rooms) if k != number and _are_near(room, other)]
+        if not near:
+            continue
+        rng = generator(0, "connections", number)
+        origins = sample_room_points(room.floor, room.floor_z, room.ceiling_z, _RAYS, rng)
+        directions = rng.permutation(fibonacci_sphere(_RAYS))
+        distances, _ = rays.cast(origins, directions)
+        ends = origins + np.where(np.isfinite(distances), distances, 0.0)[:, None] * directions
+        for other in near:
+            if int(_are_inside(rooms[other], ends).sum()) >= _LEAST:
+                pairs.add((min(number, other), max(number, other)))
+    return sorted(pairs)
+
+
+def _are_near(first: FoundRoom, second: FoundRoom) -> bool:
+    """Whether a wall at most may lie between two rooms."""
+    height = min(first.ceiling_z, second.ceiling_z) - max(first.floor_z, second.floor_z)
+    return bool(height > 0 and first.floor.distance(second.floor) < 1.0)
+
+
+def _are_inside(room: FoundRoom, points: Float64Array) -> BoolArray:
+    """Which of `points` (N, 3) lie in a room or on its surfaces, off its outline in plan."""
+    inner = buffered(room.floor, -_INSIDE)
+    level = (points[:, 2] > room.floor_z - _INSIDE) & (points[:, 2] < room.ceiling_z + _INSIDE)
+    return level & shapely.contains_xy(inner, points[:, 0], points[:, 1])

@@ -1,0 +1,43 @@
+"""Made buildings come in with the rooms, scale, up axis, portals and light that they have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shapely.geometry import Polygon
+
+from scenes.contract import Scene
+from scenes.registry import import_scene
+from tests.fixtures.buildings import BUILDINGS, Building
+
+AREA_TOLERANCE = 0.03  # share of a room's area
+
+
+def imported(building: Building, folder: Path) -> Scene:
+    return import_scene(building.save(folder / "in"), folder / "out")
+
+
+@pytest.mark.parametrize("name", BUILDINGS)
+def test_a_known_building_comes_in_as_it_is(tmp_path: Path, name: str) -> None:
+    building = BUILDINGS[name]
+    scene = imported(building, tmp_path)
+    is_object = any("single object" in change for change in scene.changes)
+    assert is_object == building.is_object
+    assert len(scene.portals) == building.portals
+    assert sum(not room.has_light for room in scene.rooms) == building.unlit
+    # The scale, from what the file holds.
+    points = np.concatenate([part.quads.reshape(-1, 3) for part in building.parts])
+    if building.is_object:
+        own = [item for item in scene.objects if not item.is_structure and item.category != "lamp"]
+        sizes = np.max([np.subtract(item.bbox_max, item.bbox_min) for item in own], axis=0)
+        assert np.sort(sizes) == pytest.approx(np.sort(np.ptp(points, axis=0)), rel=0.02)
+        return
+    rooms = sorted(scene.rooms, key=lambda room: -Polygon(room.floor).area)
+    areas = [Polygon(room.floor).area for room in rooms]
+    assert areas == pytest.approx(list(building.areas), rel=AREA_TOLERANCE)
+    heights = [room.ceiling_z - room.floor_z for room in rooms]
+    assert all(2.3 < height < 5.1 for height in heights)
+    if building.heights:
+        assert heights == pytest.approx(list(building.heights), abs=0.05)
