@@ -65,7 +65,7 @@ _STEP = 0.05  # metres along outlines
 
 @dataclass(frozen=True)
 class Completion:
-    """What closes a building's open spaces, and why nothing does if there is nothing."""
+    """Ceilings and walls that close a building, or the reason why there are none."""
 
     ceilings: Float64Array  # triangles (F, 3, 3)
     walls: Float64Array  # triangles (F, 3, 3)

@@ -42,13 +42,13 @@ def connected_rooms(rays: RayCaster, rooms: list[FoundRoom]) -> list[tuple[int, 
 
 
 def _are_near(first: FoundRoom, second: FoundRoom) -> bool:
-    """Whether a wall at most may lie between two rooms."""
+    """Return whether a wall at most may lie between two rooms."""
     height = min(first.ceiling_z, second.ceiling_z) - max(first.floor_z, second.floor_z)
     return bool(height > 0 and first.floor.distance(second.floor) < 1.0)
 
 
 def _are_inside(room: FoundRoom, points: Float64Array) -> BoolArray:
-    """Which of `points` (N, 3) lie in a room or on its surfaces, off its outline in plan."""
+    """Return which of `points` (N, 3) lie in a room or on its surfaces, off its outline in plan."""
     inner = buffered(room.floor, -_INSIDE)
     level = (points[:, 2] > room.floor_z - _INSIDE) & (points[:, 2] < room.ceiling_z + _INSIDE)
     return level & shapely.contains_xy(inner, points[:, 0], points[:, 1])

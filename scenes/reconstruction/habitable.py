@@ -51,7 +51,7 @@ class _Look:
 
     @property
     def is_shut(self) -> bool:
-        """Whether the space is empty and has no way out."""
+        """Return whether the space is empty and has no way out."""
         return self.contents < _LEAST_CONTENTS and self.beyond == 0
 
 
@@ -104,7 +104,7 @@ def _origins(space: FoundRoom) -> Float64Array:
 def _is_solid(
     space: FoundRoom, rays: RayCaster, corners: Float64Array, normals: Float64Array
 ) -> bool:
-    """Whether the first surface in nearly every direction is the back of a triangle.
+    """Return whether the first surface in nearly every direction is the back of a triangle.
 
     Fronts of neighbours may lie in the same plane, so backs are looked for alone.
     """
@@ -123,7 +123,7 @@ def _is_solid(
 
 
 def _look(space: FoundRoom, rays: RayCaster, normals: Float64Array) -> _Look:
-    """What rays from the middle of a space meet."""
+    """The shares of rays from the middle of a space."""
     origins = _origins(space)
     fan = fibonacci_sphere(_RAYS)
     starts = np.repeat(origins, _RAYS, axis=0)

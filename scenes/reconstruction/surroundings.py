@@ -79,7 +79,7 @@ def without_ground(corners: Float64Array) -> tuple[Float64Array, BoolArray]:
 def _is_ground(
     low: Float64Array, high: Float64Array, rest_low: Float64Array, rest_high: Float64Array
 ) -> bool:
-    """Whether a part with bounds `low` and `high` (3,) is the ground of the rest."""
+    """Return whether a part with bounds `low` and `high` (3,) is the ground of the rest."""
     size, rest = high - low, rest_high - rest_low
     return bool(
         size[2] <= _FLATNESS * size[:2].min()
