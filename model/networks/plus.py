@@ -43,13 +43,13 @@ class PlusNet(nn.Module):
     def parts(self, inputs: Tensors) -> tuple[torch.Tensor, torch.Tensor]:
         """Shading and colour, display values (N, 3, H, W), not clamped."""
         shading = tint_display(self.shading(inputs).float(), self.color(inputs["tint"]))
-        given = inputs["reflectance"]
+        reflectance = inputs["reflectance"]
         valid = inputs["depth"][:, 1:]
         gain = 1 + valid * (inputs["gain"] - 1)  # light from outdoors does not bounce indoors
         if self.own_exposure:
             gain = gain / inputs["brightness"]
-        base = multiplied(shading.clamp(0, 1), (given.float() + 1) / 2, gain.float())
-        seen = torch.cat([centred(shading), given, centred(base)], dim=1)
+        base = multiplied(shading.clamp(0, 1), (reflectance.float() + 1) / 2, gain.float())
+        seen = torch.cat([centred(shading), reflectance, centred(base)], dim=1)
         return shading, base + self.correction(seen)
 
 
