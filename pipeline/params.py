@@ -79,6 +79,7 @@ class CameraParams:
     # largest share of furniture pixels that two views of one room may have in common
     max_alike: float = field(default=0.6, metadata=within(0, 1))
     stored_views: bool = True  # keep the cameras that imported scenes bring with them
+    outside_views: bool = False  # also those of them that are in no room
     # id render: width of the candidate images in pixels, and candidates per room and sector
     id_width: int = field(default=80, metadata=within(16, 640))
     candidates: int = field(default=12, metadata=within(1, 4096))

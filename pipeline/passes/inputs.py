@@ -22,6 +22,7 @@ from scenes.arrays import AnyArray, BoolArray, Float64Array
 from scenes.geometry.directions import pixel_directions, unit
 
 REVISION = 1  # raise it when a channel is added, or a change of code changes pixels
+_MIN_DEPTH = 1e-5  # metres
 
 
 @dataclass(frozen=True)
@@ -45,9 +46,13 @@ class VisibleSurfaces:
 
 
 def depth(surfaces: VisibleSurfaces) -> AnyArray:
-    """Return z-depth (P,): metres along the optical axis, 0 where no surface is."""
+    """Return z-depth (P,): metres along the optical axis, 0 where no surface is.
+
+    It is at least `_MIN_DEPTH`: a surface that touches the eye would round to one behind it.
+    """
     offset = surfaces.hits.position.astype(np.float64) - surfaces.view.eye
-    return np.where(surfaces.valid, offset @ surfaces.rotation[:, 2], 0).astype(np.float32)
+    along = np.maximum(offset @ surfaces.rotation[:, 2], _MIN_DEPTH)
+    return np.where(surfaces.valid, along, 0).astype(np.float32)
 
 
 def normal(surfaces: VisibleSurfaces) -> AnyArray:

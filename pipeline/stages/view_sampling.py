@@ -37,6 +37,7 @@ from scenes.geometry.directions import fibonacci_sphere
 from scenes.seeds import generator
 
 REVISION = 2
+_DOORWAY = 0.3  # metres outside a room that count as in it: under doors, sloping ceilings
 _ENCLOSED = 0.75  # share of directions that hit one object if the eye is inside it
 _RAYS = 192  # directions of the clearance test: 2.6 cm apart at 10 cm
 _PIXELS = 1 << 21  # per trace
@@ -83,8 +84,8 @@ def sample_cameras(
 
     Deterministic in the scene, `params.cameras`, `params.image` and `seed`. A scene may have no
     view. With `params.cameras.stored_views`, views of an imported scene
-    (`scene.source["views"]`) are added, whatever their score. They are not candidates:
-    candidates = sampled views + sum of `rejected`.
+    (`scene.source["views"]`) are added, whatever their score; those outside every room only with
+    `outside_views`. They are not candidates: candidates = sampled views + sum of `rejected`.
     """
     options = params.cameras
     rejected: Counter[str] = Counter()
@@ -336,14 +337,16 @@ def _stored_views(
                 f"{scene.folder / 'scene.json'}: source.views[{number}] needs camera_to_world "
                 "(4x4) and half_fov_x (radians)"
             ) from None
+        named = next((room for room in scene.rooms if room.id == stored.get("room")), None)
+        room = named or _room_at(scene, pose[:3, 3])
+        if room is None and not params.cameras.outside_views:
+            continue
         name = f"stored-{_slug(str(stored.get('name', number)))}"
         while name in taken:
             name += "-again"
         taken.add(name)
         (sight,) = _sights(render_scene, scene, [pose], params, half_fov_x)
         image = replace(params.image, half_fov_x=half_fov_x)
-        named = next((room for room in scene.rooms if room.id == stored.get("room")), None)
-        room = named or _room_at(scene, pose[:3, 3])
         view = _view(scene, image, name, pose, sight, room)
         views.append(replace(view, sector=int(stored.get("sector", view.sector))))
     return views
@@ -372,11 +375,15 @@ def _view(
 
 
 def _room_at(scene: Scene, eye: Any) -> Room | None:
-    for room in scene.rooms:
-        inside = shapely.contains_xy(shapely.make_valid(Polygon(room.floor)), eye[0], eye[1])
-        if inside and room.floor_z <= eye[2] <= room.ceiling_z:
-            return room
-    return None
+    """Return the room that contains a point (3,), or the nearest within `_DOORWAY`; or None."""
+    point = shapely.Point(eye[0], eye[1])
+    away = {
+        room.id: float(shapely.make_valid(Polygon(room.floor)).distance(point))
+        for room in scene.rooms
+        if room.floor_z - _DOORWAY <= eye[2] <= room.ceiling_z + _DOORWAY
+    }
+    rooms = [room for room in scene.rooms if away.get(room.id, math.inf) <= _DOORWAY]
+    return min(rooms, key=lambda room: away[room.id], default=None)
 
 
 def _room_names(scene: Scene) -> dict[str, str]:

@@ -78,11 +78,16 @@ class _Slab:
 
 
 def seal_gaps(
-    corners: Float64Array, rays: RayCaster, rooms: list[FoundRoom], openings: list[FoundOpening]
+    corners: Float64Array,
+    rays: RayCaster,
+    rooms: list[FoundRoom],
+    openings: list[FoundOpening],
+    max_visible: float = _MAX_VISIBLE,
 ) -> tuple[Float64Array, int]:
     """Return triangles (F, 3, 3) of slabs that seal the gaps found, and the number of slabs.
 
-    `corners` (F, 3, 3) are the light-stopping triangles that `rays` holds.
+    `corners` (F, 3, 3) are the light-stopping triangles that `rays` holds. At most `max_visible`
+    of a slab may be seen from indoors: what shows more may be an opening that is not known.
     """
     slabs: list[_Slab] = []
     added = np.empty((0, 3, 3))
@@ -105,7 +110,9 @@ def seal_gaps(
             segments = [walk.points[row : row + 2] for row in range(len(walk.points) - 1)]
             if not any(slab.blocks(segment) for slab in new for segment in segments):
                 tried = (
-                    _slab_across(segment, all_rays, sections, normals, openings, viewpoints)
+                    _slab_across(
+                        segment, all_rays, sections, normals, openings, viewpoints, max_visible
+                    )
                     for segment in reversed(segments)
                 )
                 new += islice((slab for slab in tried if slab is not None), 1)
@@ -142,6 +149,7 @@ def _slab_across(
     normals: Float64Array,
     openings: list[FoundOpening],
     viewpoints: Float64Array,
+    max_visible: float,
 ) -> _Slab | None:
     """A slab that blocks an escaping segment (2, 3) and is not visible from indoors."""
     for frame in _planes_beside(segment, rays, normals, sections):
@@ -150,7 +158,7 @@ def _slab_across(
             if outline is None:
                 break
             slab = _Slab(frame, outline)
-            if slab.blocks(segment) and not _is_visible(slab, rays, viewpoints):
+            if slab.blocks(segment) and _visible_share(slab, rays, viewpoints) <= max_visible:
                 return slab
     return None
 
@@ -247,14 +255,14 @@ def _sample_viewpoints(rooms: list[FoundRoom]) -> Float64Array:
     return np.concatenate(sampled)
 
 
-def _is_visible(slab: _Slab, rays: RayCaster, viewpoints: Float64Array) -> bool:
-    """Return whether more of a slab is visible from indoors than shows through a gap."""
+def _visible_share(slab: _Slab, rays: RayCaster, viewpoints: Float64Array) -> float:
+    """Return the share of a slab that is visible from indoors."""
     rng = generator(0, "slab")
     low, high = np.array(slab.outline.bounds).reshape(2, 2)
     flat = rng.uniform(low, high, (8 * _SLAB_SAMPLES, 2))
     flat = flat[shapely.contains_xy(slab.outline, flat[:, 0], flat[:, 1])][:_SLAB_SAMPLES]
     if not len(flat):
-        return False
+        return 0.0
     points = slab.frame.to_world(flat, 0.5 * _BEHIND)
     nearest = viewpoints[np.argsort(np.linalg.norm(viewpoints - points[0], axis=1))[:_VIEWPOINTS]]
     offsets = nearest[None] - points[:, None]
@@ -262,4 +270,4 @@ def _is_visible(slab: _Slab, rays: RayCaster, viewpoints: Float64Array) -> bool:
     directions = (offsets / lengths[..., None]).reshape(-1, 3)
     distance, _ = rays.cast(np.repeat(points, len(nearest), axis=0), directions)
     visible = (distance >= lengths.reshape(-1)).reshape(len(points), len(nearest))
-    return bool(visible.any(axis=1).mean() > _MAX_VISIBLE)
+    return float(visible.any(axis=1).mean())

@@ -25,6 +25,7 @@ from scenes.importing.categories import category_of_piece, room_type
 from scenes.importing.changes import Changes
 from scenes.importing.textures import TextureStore
 from scenes.opened_files import OpenedFiles
+from scenes.reconstruction.gap_sealing import GAP_SEALING_ID
 from scenes.sweethome.building.levels import Storey, storeys
 from scenes.sweethome.building.openings import Opening, opening_of
 from scenes.sweethome.building.outlines import is_round
@@ -36,6 +37,7 @@ from scenes.sweethome.building.slabs import (
     floor_outline,
     stairwells,
 )
+from scenes.sweethome.building.solids import world_region
 from scenes.sweethome.building.spaces import Space, find_spaces
 from scenes.sweethome.building.walls import PlannedWall, build_walls, plan_walls
 from scenes.sweethome.credits import Credits
@@ -49,8 +51,9 @@ from scenes.sweethome.home import Home, HomePiece
 from scenes.sweethome.java_home import home_xml
 from scenes.sweethome.options import SweetHomeOptions
 from scenes.sweethome.reader import read_home
+from scenes.sweethome.sealing import seal_home
 from scenes.sweethome.sun import Sky, make_sky
-from scenes.sweethome.views import default_camera, stored_cameras
+from scenes.sweethome.views import Camera, default_camera, stored_cameras
 from scenes.sweethome.writer import write_scene
 
 _RESERVED_STEMS = (
@@ -60,6 +63,7 @@ _RESERVED_STEMS = (
     "skirting",
     "slab",
     "ground",
+    GAP_SEALING_ID,
 )  # beginnings of generated ids
 MAX_TRIANGLES = 20_000_000  # of a whole home
 # Pieces are lifted slightly, neighbours by different amounts, so that no faces coincide with
@@ -122,17 +126,14 @@ def import_sweethome(
         portals, lit_by_opening = _portals(levels, rooms, inside, pieces)
         lost = [(one, _room_at(one.centre, rooms, inside, 0.25)) for one in missing]
         rooms = _described_rooms(rooms, items, lost, lit_by_opening)
+        items += seal_home(items, rooms, portals, changes)
         lamps = [item for item in items if item.lumens > 0]
         for texture in _textures(home):
             credits.texture(texture)
         sky = make_sky(home, options.time, sum(_weight(item) for item in lamps), changes)
         if not rooms:
             changes.note("NO ROOM WAS FOUND: draw rooms, or close the walls, to get views")
-        cameras = [
-            camera
-            for camera in stored_cameras(home, changes)
-            if not camera.is_observer or _room_at(camera.eye, rooms, inside, 0.0) is not None
-        ]
+        cameras = _indoor_first(stored_cameras(home, changes), rooms, inside, changes)
         finishes = BsdfWriter(
             archive, TextureStore(folder / "textures", changes), Path(unpacked), changes
         )
@@ -196,7 +197,7 @@ def _planned_levels(home: Home, options: SweetHomeOptions, changes: Changes) -> 
             if (opening := opening_of(piece, storey.elevation, changes)) is not None
         ]
         spaces = find_spaces(storey, walls, openings, changes)
-        made.append(_Level(storey, walls, openings, spaces, CeilingHeights(storey, walls)))
+        made.append(_Level(storey, walls, openings, spaces, CeilingHeights(storey, walls, spaces)))
     return made
 
 
@@ -301,8 +302,9 @@ def _rooms(levels: list[_Level]) -> tuple[list[Room], list[tuple[Any, int]]]:
     rooms: list[Room] = []
     inside: list[tuple[Any, int]] = []
     for level in levels:
+        solid = unary_union([world_region(one.outline.region) for one in level.walls])
         for space in level.spaces:
-            outline = floor_outline(space)
+            outline = floor_outline(space, solid)
             if not space.is_indoors or outline is None:
                 continue
             outline = simplified(outline, 1e-3)
@@ -391,6 +393,27 @@ def _portals(
                     )
                 )
     return portals, lit
+
+
+def _indoor_first(
+    cameras: list[Camera],
+    rooms: list[Room],
+    inside: list[tuple[Any, int]],
+    changes: Changes,
+) -> list[Camera]:
+    """Return the cameras in a room, then the stored ones outside; the visitor's only in a room."""
+    indoors = [_room_at(camera.eye, rooms, inside, 0.0) is not None for camera in cameras]
+    outdoors = [
+        camera
+        for camera, is_in in zip(cameras, indoors, strict=True)
+        if not is_in and not camera.is_observer
+    ]
+    for camera in outdoors:
+        changes.note(
+            "stored views outside every room become views only with cameras.outside_views: {}",
+            camera.name,
+        )
+    return [camera for camera, is_in in zip(cameras, indoors, strict=True) if is_in] + outdoors
 
 
 def _described_rooms(

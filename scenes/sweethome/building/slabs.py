@@ -8,7 +8,7 @@ from dataclasses import replace
 import mapbox_earcut
 import numpy as np
 import shapely
-from shapely.geometry import Polygon, box
+from shapely.geometry import Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
 from scenes.arrays import Float64Array
@@ -17,7 +17,14 @@ from scenes.geometry.regions import buffered, difference, intersection, union
 from scenes.importing.changes import Changes
 from scenes.sweethome.building.cutouts import UnreadablePath, path_region
 from scenes.sweethome.building.levels import Storey
-from scenes.sweethome.building.solids import polygonal, polygons, prism, surface, world_region
+from scenes.sweethome.building.solids import (
+    polygonal,
+    polygons,
+    prism,
+    surface,
+    to_world,
+    world_region,
+)
 from scenes.sweethome.building.spaces import Space
 from scenes.sweethome.building.walls import PlannedWall
 from scenes.sweethome.furnishing.finishes import (
@@ -35,6 +42,10 @@ _CEILING = 0.12  # metres: of a ceiling with nothing above
 _BACKING_HEIGHT = 0.02  # metres between a ceiling and the slab above all ceilings
 _SAME_CORNER = 0.1  # cm between corners of walls that count as one
 _STEP = 20.0  # cm: larger differences of wall heights at a corner are intended
+_PARAPET = 130.0  # cm above the floor: a wall between rooms that ends below may carry no ceiling
+_JOINT = 30.0  # cm between the ends of walls that meet
+_SLIVER = 0.02  # metres: half the width of parts between walls that are no floor
+_BESIDE = 15.0  # cm from a wall's face to the point that tells what is on that side
 _GROUND = -0.03  # metres: the ground lies a little below floors at 0
 _GROUND_EXTENT = 2500.0  # metres of ground to each side
 
@@ -75,11 +86,13 @@ class CeilingHeights:
     """Ceiling heights of a storey: its own height; on the highest level those of the walls.
 
     There, as in the application, a corner of a ceiling is as high as the nearest corner of a
-    wall. The application defines this for corners of the drawn room; `over` extends it to points
-    outside.
+    wall; but parapets and walls below stairs carry no ceiling. The
+    application defines this for corners of the drawn room; `over` extends it to points outside.
     """
 
-    def __init__(self, storey: Storey, walls: list[PlannedWall]) -> None:
+    def __init__(self, storey: Storey, walls: list[PlannedWall], spaces: list[Space]) -> None:
+        if storey.is_highest and walls:
+            walls = _walls_under_ceilings(storey, walls, spaces)
         self._level = 0.01 * (storey.elevation + storey.height)
         self._points = np.zeros((0, 2))
         self._tops = np.zeros(0)
@@ -130,6 +143,41 @@ class CeilingHeights:
             edge = int(np.argmin(away))
             made[number] = low[edge] + share[edge] * (high[edge] - low[edge])
         return made
+
+
+def _walls_under_ceilings(
+    storey: Storey, walls: list[PlannedWall], spaces: list[Space]
+) -> list[PlannedWall]:
+    """Return the walls without those that end low between rooms: parapets, walls below stairs.
+
+    Partitions below a sloping roof end low, too, but beside an outer wall that is as low.
+    """
+    lowest = storey.elevation + _PARAPET
+
+    def low_ends(one: PlannedWall) -> list[Float64Array]:
+        line, tops = one.outline.middle, (one.top_at_start, one.top_at_end)
+        return [line[end] for end, top in zip((0, -1), tops, strict=True) if top <= lowest]
+
+    doubtful = [one for one in walls if low_ends(one) and _is_between_rooms(one, spaces)]
+    certain = [one for one in walls if not any(one is other for other in doubtful)]
+    eaves = unary_union([one.outline.region for one in certain if low_ends(one)])
+    roofed = [
+        one
+        for one in doubtful
+        if all(eaves.distance(Point(end)) <= _JOINT for end in low_ends(one))
+    ]
+    return [one for one in walls if any(one is kept for kept in (*certain, *roofed))] or walls
+
+
+def _is_between_rooms(wall: PlannedWall, spaces: list[Space]) -> bool:
+    sides = []
+    middle = 0.5 * (wall.outline.middle[0] + wall.outline.middle[-1])
+    for line in (wall.outline.left, wall.outline.right):
+        face = 0.5 * (line[0] + line[-1])
+        away = face - middle
+        point = face + _BESIDE * away / max(float(np.linalg.norm(away)), 1e-9)
+        sides.append(Point(to_world(point[None])[0]))
+    return all(any(space.floor.covers(side) for space in spaces) for side in sides)
 
 
 def build_slabs(
@@ -299,9 +347,15 @@ def _covered(mesh: Mesh, finish: Surface, toward: float) -> ItemPart:
     return ItemPart(mesh, surface_finish(finish))
 
 
-def floor_outline(space: Space) -> Polygon | None:
-    """Return the largest part of a room's floor as a polygon without holes; None if empty."""
-    found = polygons(space.floor if not space.floor.is_empty else space.ceiling)
-    if not found:
-        return None
-    return Polygon(found[0].exterior)
+def floor_outline(space: Space, walls: BaseGeometry) -> Polygon | None:
+    """Return the largest part of a room's floor between `walls`, without holes; None if empty.
+
+    Drawn rooms may reach under walls and into the recesses of doors.
+    """
+    drawn = space.floor if not space.floor.is_empty else space.ceiling
+    between = drawn.difference(walls)
+    found = [
+        *polygons(between.buffer(-_SLIVER, join_style="mitre").buffer(_SLIVER, join_style="mitre")),
+        *polygons(drawn),
+    ]
+    return Polygon(found[0].exterior) if found else None

@@ -29,7 +29,8 @@ from scenes.sweethome.home import Baseboard, Surface, Texture, Wall
 
 EMBED = 0.5  # cm by which walls extend into floor and ceiling
 _NEARLY = 20.0  # cm: a wall that ends no farther below the ceiling is raised to it
-_GAP = 2.0  # cm: smaller gaps between a free end and another wall are closed
+_GAP = 4.0  # cm: smaller gaps between a free end and another wall are closed; `spaces` takes
+# them for closed, too
 _ROUND = 25.0  # degrees between facets that are smoothed on round walls
 
 

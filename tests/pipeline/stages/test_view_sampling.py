@@ -239,6 +239,26 @@ def test_stored_views_are_kept_beside_the_sampled_ones(tmp_path: Path) -> None:
     assert all(not view.view_id.startswith("stored") for view in without.views)
 
 
+@pytest.mark.parametrize(
+    ("eye", "is_inside"),
+    [((2.0, 1.5, 1.5), True), ((-0.1, 1.5, 1.5), True), ((2.0, 1.5, 9.0), False),
+     ((-5.0, 1.5, 1.5), False)],
+    ids=["inside", "in the doorway", "above", "outside"],
+)  # fmt: skip
+def test_stored_views_outside_every_room_are_views_only_where_asked_for(
+    tmp_path: Path, eye: tuple[float, float, float], is_inside: bool
+) -> None:
+    stored = {"name": "own", "camera_to_world": look(eye, (1.0, 0.2, -0.3)).tolist()}
+    rs = _opened(tmp_path / "stored", source={"views": [stored]})
+
+    def rooms(options: CameraParams) -> list[str | None]:
+        views = _sample(rs, Params(cameras=options)).views
+        return [view.room for view in views if view.view_id == "stored-own"]
+
+    assert rooms(CameraParams()) == (["living"] if is_inside else [])
+    assert rooms(CameraParams(outside_views=True)) == ["living" if is_inside else None]
+
+
 def test_a_bigger_image_changes_no_choice(living: RenderScene) -> None:
     small = _sample(living, Params(image=ImageParams(160, 120)))
     large = _sample(living, Params(image=ImageParams(640, 480)))

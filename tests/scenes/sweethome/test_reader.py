@@ -259,7 +259,7 @@ def slab_areas(xml: str) -> dict[str, tuple[float, float]]:
     for storey in found:
         walls = plan_walls(storey, drawing.wall_height, changes)
         spaces = find_spaces(storey, walls, [], changes)
-        for item in build_slabs(storey, spaces, CeilingHeights(storey, walls), wells):
+        for item in build_slabs(storey, spaces, CeilingHeights(storey, walls, spaces), wells):
             areas[item.id] = facing_area(item.parts[0].mesh, axis=2)
     return areas
 
