@@ -16,7 +16,8 @@ from scenes.sweethome.furnishing.items import PlacedItem
 
 _BEYOND = 25.0  # cm in front of and behind a wall: points that tell the rooms on its sides
 _MAX_CORNERS = 48
-_COVER = 0.5  # share of an opening that a closed door or a blind hides
+_COVER = 0.75  # share of an opening that a closed door or a blind hides; frames hide up to 0.6
+_GRID = 16  # points of an opening in each direction that are tested
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Doorway:
     depth: float  # metres between the outermost wall faces
 
     def is_clear(self, items: list[PlacedItem]) -> bool:
-        """Return whether light passes through most of it: no opaque part fills the hole.
+        """Return whether light passes through: no opaque part fills the hole, frames aside.
 
         A grid of points is tested against the triangles of doors and windows.
         """
@@ -42,11 +43,13 @@ class Doorway:
         reach = np.linalg.norm(self.polygon - middle, axis=1).max() + 0.1
         across = self.polygon[1] - self.polygon[0]
         across = across / max(np.linalg.norm(across), 1e-9)
-        axes = np.stack([np.cross([0.0, 0, 1], self.normal), [0.0, 0, 1]])
-        flat = (self.polygon - middle) @ axes.T
+        axes = np.stack([np.cross([0.0, 0, 1], self.normal), [0.0, 0, 1], self.normal])
+        flat = (self.polygon - middle) @ axes[:2].T
         low, high = flat.min(axis=0), flat.max(axis=0)
         grid = np.stack(
-            np.meshgrid(*(np.linspace(a, b, 11)[1::2] for a, b in zip(low, high, strict=True))),
+            np.meshgrid(
+                *(np.linspace(a, b, 2 * _GRID + 1)[1::2] for a, b in zip(low, high, strict=True))
+            ),
             axis=-1,
         ).reshape(-1, 2)
         hidden = np.zeros(len(grid), dtype=bool)
@@ -59,9 +62,8 @@ class Doorway:
             for part in item.parts:
                 if part.finish.kind in ("glass", "sheer"):
                     continue
-                corners = part.mesh.corners - middle
-                near = np.abs(corners @ self.normal).min(axis=1) < 0.5 * self.depth + 0.1
-                hidden |= _covered(corners[near] @ axes.T, grid)
+                corners = (part.mesh.corners - middle) @ axes.T
+                hidden |= _covered(corners, grid, 0.5 * self.depth + 0.1)
         return bool(hidden.mean() < _COVER)
 
 
@@ -100,19 +102,27 @@ def _few_corners(part: Polygon) -> Polygon:
     return outline
 
 
-def _covered(triangles: Float64Array, points: Float64Array) -> np.ndarray:
-    """Return bool (N,): does a point (N, 2) lie in any of the triangles (T, 3, 2)?"""
+def _covered(triangles: Float64Array, points: Float64Array, depth: float) -> np.ndarray:
+    """Return bool (N,): does a triangle cross the line through a point within `depth` of it?
+
+    `triangles` (T, 3, 3) have the plane's coordinates and the distance from it, `points` (N, 2)
+    lie in it. A leaf that stands open crosses these lines farther away.
+    """
     covered = np.zeros(len(points), dtype=bool)
-    if not len(triangles):
-        return covered
+    triangles = triangles[(np.abs(triangles[..., 2]).min(axis=1) < depth)]
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    area = _cross(b - a, c - a)
+    a, b, c, area = (values[area != 0] for values in (a, b, c, area))
     for number, point in enumerate(points):
-        signs = np.stack(
-            [
-                (q[:, 0] - p[:, 0]) * (point[1] - p[:, 1])
-                - (q[:, 1] - p[:, 1]) * (point[0] - p[:, 0])
-                for p, q in ((a, b), (b, c), (c, a))
-            ]
-        )
-        covered[number] = bool(((signs > 0).all(axis=0) | (signs < 0).all(axis=0)).any())
+        point = np.append(point, 0.0)
+        at_b, at_c = _cross(point - a, c - a) / area, _cross(b - a, point - a) / area
+        distance = a[:, 2] + at_b * (b - a)[:, 2] + at_c * (c - a)[:, 2]
+        inside = (at_b > 0) & (at_c > 0) & (at_b + at_c < 1)
+        covered[number] = bool((inside & (np.abs(distance) < depth)).any())
     return covered
+
+
+def _cross(first: Float64Array, second: Float64Array) -> Float64Array:
+    """Return the cross products (N,) of the first two coordinates of vectors (N, 3)."""
+    made: Float64Array = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+    return made
