@@ -302,7 +302,7 @@ def _rooms(levels: list[_Level]) -> tuple[list[Room], list[tuple[Any, int]]]:
     rooms: list[Room] = []
     inside: list[tuple[Any, int]] = []
     for level in levels:
-        solid = unary_union([world_region(one.outline.region) for one in level.walls])
+        solid = union([world_region(one.outline.region) for one in level.walls])
         for space in level.spaces:
             outline = floor_outline(space, solid)
             if not space.is_indoors or outline is None:

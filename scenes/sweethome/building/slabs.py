@@ -160,7 +160,7 @@ def _walls_under_ceilings(
 
     doubtful = [one for one in walls if low_ends(one) and _is_between_rooms(one, spaces)]
     certain = [one for one in walls if not any(one is other for other in doubtful)]
-    eaves = unary_union([one.outline.region for one in certain if low_ends(one)])
+    eaves = union([one.outline.region for one in certain if low_ends(one)])
     roofed = [
         one
         for one in doubtful
@@ -353,9 +353,6 @@ def floor_outline(space: Space, walls: BaseGeometry) -> Polygon | None:
     Drawn rooms may reach under walls and into the recesses of doors.
     """
     drawn = space.floor if not space.floor.is_empty else space.ceiling
-    between = drawn.difference(walls)
-    found = [
-        *polygons(between.buffer(-_SLIVER, join_style="mitre").buffer(_SLIVER, join_style="mitre")),
-        *polygons(drawn),
-    ]
+    between = buffered(difference(drawn, walls), -_SLIVER, join_style="mitre")
+    found = [*polygons(buffered(between, _SLIVER, join_style="mitre")), *polygons(drawn)]
     return Polygon(found[0].exterior) if found else None
