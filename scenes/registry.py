@@ -17,6 +17,7 @@ from scenes.files import copy_files
 from scenes.import_options import SOURCES as ALL_SOURCES
 from scenes.import_options import option_names
 from scenes.opened_files import OpenedFiles
+from scenes.refused_kinds import REFUSED
 from scenes.source_options import load
 
 # (file, scene folder to write, scene id, options, files that it opens) -> the scene
@@ -55,6 +56,9 @@ def import_scene(
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
     source = SOURCES.get(path.suffix.lower())
+    if source is None and path.suffix.lower() in REFUSED:
+        kind, remedy = REFUSED[path.suffix.lower()]
+        raise InputError(f"{path}: {path.suffix} files ({kind}) are not read; {remedy}")
     if source is None:
         raise InputError(
             f"{path}: unknown kind of scene {path.suffix!r}; known: {', '.join(sorted(SOURCES))}, "

@@ -22,17 +22,17 @@ def test_help_knows_every_kind_and_sorts_the_options() -> None:
     text = run("--help").output
     for suffix in SOURCES:
         assert suffix.removeprefix(".") in text.lower()
-    models, mitsuba, homes, every = (
+    shared, mitsuba, homes, every = (
         text.index(title)
         for title in (
-            "Mitsuba, models:",
+            "Mitsuba, models, ",  # and whatever other sources have free axes
             "Mitsuba only:",
             "Sweet Home 3D only:",
             "All kinds of files, but not scene folders:",
         )
     )
-    assert models < text.index("--scale") < text.index("--sky") < mitsuba
-    assert mitsuba < text.index("--skip-missing") < homes < text.index("--level") < every
+    assert shared < text.index("--scale") < text.index("--sky") < mitsuba
+    assert mitsuba < text.index("--parameter") < homes < text.index("--level") < every
     assert every < text.index("--licence")
 
 

@@ -1,0 +1,33 @@
+"""Kinds of files that are refused say what to do instead."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from scenes.errors import InputError
+from scenes.refused_kinds import REFUSED
+from scenes.registry import SOURCES, import_scene
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("Flat.SKP", r"SketchUp.*\.dae"),
+        ("a.rvt", r"Revit.*\.ifc"),
+        ("a.max", r"3ds Max.*\.glb"),
+        ("a.zip", "unpack it"),
+    ],
+)
+def test_a_known_kind_is_refused_with_a_way_around(tmp_path: Path, name: str, message: str) -> None:
+    (tmp_path / name).write_bytes(b"whatever")
+    with pytest.raises(InputError, match=message):
+        import_scene(tmp_path / name, tmp_path / "out")
+
+
+def test_every_way_around_leads_to_a_kind_that_is_read() -> None:
+    for suffix, (_, remedy) in REFUSED.items():
+        assert suffix == suffix.lower()
+        words = {word.strip(".,;:()") for word in remedy.split() if word.startswith((".", "(."))}
+        assert all(f".{word}" in SOURCES for word in words), (suffix, words)
