@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from scenes.errors import InputError
-from scenes.refused_kinds import REFUSED
-from scenes.registry import SOURCES, import_scene
+from scenes.registry import REFUSED, SOURCES, import_scene
 
 
 @pytest.mark.parametrize(
