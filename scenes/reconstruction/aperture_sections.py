@@ -29,6 +29,7 @@ from scenes.geometry.regions import (
     union,
 )
 from scenes.reconstruction.rooms import FoundOpening, slice_segments
+from scenes.reconstruction.section_raster import enclosed_seeds
 
 DEPTHS = np.arange(-0.03, 0.95, 0.04)  # of the sections, metres outwards from a wall's face
 _HALF_GAP = 0.02  # half of the widest gap in the surfaces that enclose a hole, metres
@@ -104,11 +105,14 @@ def _bounds(corners: Float64Array) -> tuple[Float64Array, Float64Array]:
     return low, np.maximum(np.maximum(first, second), third)
 
 
-def enclosed_air(local: Float64Array, depth: float, seeds: Float64Array) -> list[Polygon]:
+def enclosed_air(
+    local: Float64Array, depth: float, seeds: Float64Array, least: int = 1
+) -> list[Polygon]:
     """Regions of air in a section that surfaces enclose and that hold any of `seeds` (K, 2).
 
     `local` are triangles in the frame's axes. A region that reaches `_MARGIN` metres past the
-    seeds is not enclosed and left out.
+    seeds is not enclosed and left out. With `least` above 1, nothing is returned if fewer seeds
+    can be enclosed at all, which is quick to tell.
     """
     if not len(seeds):
         return []
@@ -120,6 +124,8 @@ def enclosed_air(local: Float64Array, depth: float, seeds: Float64Array) -> list
     sheet = local[(lowest[:, 2] > depth - _FLAT) & (highest[:, 2] < depth + _FLAT)][..., :2]
     if not len(lines) + len(sheet) or len(lines) + len(sheet) > _MAX_SEGMENTS:
         return []
+    if least > 1 and _seeds_cut_off(lines, sheet, seeds) < least:
+        return []
     window = box(*low, *high)
     solid = [*shapely.linestrings(lines), *shapely.polygons(sheet)]
     walls = thickened(solid, _HALF_GAP, cap_style="square")
@@ -129,6 +135,12 @@ def enclosed_air(local: Float64Array, depth: float, seeds: Float64Array) -> list
         for part in polygon_parts(difference(window, walls))
         if not meets(part, border) and shapely.contains_xy(part, seeds[:, 0], seeds[:, 1]).any()
     ]
+
+
+def _seeds_cut_off(lines: Float64Array, sheet: Float64Array, seeds: Float64Array) -> int:
+    """Count the seeds (K, 2) that segments and the edges of parallel triangles may cut off."""
+    edges = np.stack([sheet, np.roll(sheet, -1, axis=1)], axis=2).reshape(-1, 2, 2)
+    return enclosed_seeds(np.concatenate([lines, edges]), seeds, _HALF_GAP, _MARGIN)
 
 
 def portal_outline(parts: list[Polygon]) -> Float64Array:

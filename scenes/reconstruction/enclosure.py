@@ -207,12 +207,12 @@ def _assign_to_side(opening: FoundOpening, sides: list[_Side]) -> bool:
 
 def _nearest_wall(ring: Float64Array, points: Float64Array) -> Int64Array:
     """Number (N,) of the ring's edge nearest to each of `points` (N, 2); -1 for points inside."""
-    edges = np.stack([ring, np.roll(ring, -1, axis=0)], axis=1)
-    distances = [
-        shapely.distance(edge, shapely.points(points)) for edge in shapely.linestrings(edges)
-    ]
-    inside = shapely.contains_xy(Polygon(ring), points[:, 0], points[:, 1])
-    return np.where(inside, -1, np.argmin(distances, axis=0))
+    edges = shapely.linestrings(np.stack([ring, np.roll(ring, -1, axis=0)], axis=1))
+    outside = np.nonzero(~shapely.contains_xy(Polygon(ring), points[:, 0], points[:, 1]))[0]
+    found = shapely.STRtree(edges).query_nearest(shapely.points(points[outside]))
+    nearest = np.full(len(points), len(ring))
+    np.minimum.at(nearest, outside[found[0]], found[1])  # of equally near ones, the first
+    return np.where(nearest < len(ring), nearest, -1)
 
 
 def _place_sheets(side: _Side, local: Float64Array, outliers: int) -> None:

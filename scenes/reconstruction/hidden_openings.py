@@ -47,6 +47,8 @@ _MIN_SHARE = 0.05  # of the walks that an unobstructed hole would let out: a doo
 # may stand before it
 _NEARLY_MOST = 0.7  # of the walks that the best hole explains
 
+# Enclosed air by axes of the frame, depth, and the points where walks cross the section.
+_KnownSections = dict[tuple[bytes, float, bytes], list[Polygon]]
 SectionBounds = tuple[Float64Array, Float64Array] | None  # lowest and highest (u, v)
 
 
@@ -96,8 +98,9 @@ def _openings_of(
     stride = max(1, -(-len(escaped) // _MAX_WALKS))
     remaining, walks = escaped[::stride], walks // stride
     openings = []
+    known: _KnownSections = {}
     while len(remaining) >= _MIN_WALKS:
-        aperture = _busiest_aperture(remaining, walks, sections, rooms)
+        aperture = _busiest_aperture(remaining, walks, sections, rooms, known)
         if aperture is None:
             break
         room, frame = remaining[min(aperture.walks)].room, aperture.frame
@@ -122,9 +125,16 @@ def _openings_of(
 
 
 def _busiest_aperture(
-    escaped: list[EscapedWalk], walks: int, sections: CrossSections, rooms: list[FoundRoom]
+    escaped: list[EscapedWalk],
+    walks: int,
+    sections: CrossSections,
+    rooms: list[FoundRoom],
+    known: _KnownSections,
 ) -> _Aperture | None:
-    """The smallest of the holes that nearly the most walks pass; None if all are cracks."""
+    """The smallest of the holes that nearly the most walks pass; None if all are cracks.
+
+    `known` holds sections that an earlier call took, and gets those of this one.
+    """
     crossings = [
         (frame, depth, indices, points)
         for frame, depths, bounds in _section_planes(escaped, rooms)
@@ -136,9 +146,12 @@ def _busiest_aperture(
     for frame, depth, indices, points in crossings:
         if len(indices) < _NEARLY_MOST * most:
             break  # no hole in this section or in those that follow has enough walks
-        low, high = np.append(points.min(axis=0) - 1.0, depth), points.max(axis=0) + 1.0
-        nearby = sections.near(frame, low, np.append(high, depth))
-        for part in enclosed_air(nearby, depth, points):
+        key = (frame.origin.tobytes() + frame.u.tobytes(), depth, points.tobytes())
+        if key not in known:
+            low, high = np.append(points.min(axis=0) - 1.0, depth), points.max(axis=0) + 1.0
+            nearby = sections.near(frame, low, np.append(high, depth))
+            known[key] = enclosed_air(nearby, depth, points, _MIN_WALKS)
+        for part in known[key]:
             inside = set(indices[shapely.contains_xy(part, points[:, 0], points[:, 1])].tolist())
             if not inside or part.area < MIN_OPENING or buffered(part, -_MIN_HALF_WIDTH).is_empty:
                 continue
@@ -197,22 +210,21 @@ def _crossings(
 
     Yields depth, walk numbers (M,) and the points (M, 2) of their last crossing.
     """
-    tracks = [frame.to_local(walk.points) for walk in escaped]
+    tracks = frame.to_local(np.concatenate([walk.points for walk in escaped]))
+    walks = np.repeat(np.arange(len(escaped)), [len(walk.points) for walk in escaped])
+    same = walks[:-1] == walks[1:]
+    before, after, walks = tracks[:-1][same], tracks[1:][same], walks[:-1][same]
     for depth in depths.tolist():
-        indices, points = [], []
-        for index, track in enumerate(tracks):
-            before, after = track[:-1, 2], track[1:, 2]
-            rows = np.nonzero((before < depth) & (after >= depth))[0]
-            if not len(rows):
-                continue
-            row = rows[-1]
-            share = (depth - before[row]) / (after[row] - before[row])
-            point = track[row, :2] + share * (track[row + 1, :2] - track[row, :2])
-            if bounds is None or ((point >= bounds[0]) & (point <= bounds[1])).all():
-                indices.append(index)
-                points.append(point)
-        if len(indices) >= _MIN_WALKS:
-            yield depth, np.array(indices, dtype=np.int64), np.array(points)
+        rows = np.nonzero((before[:, 2] < depth) & (after[:, 2] >= depth))[0]
+        rows = rows[np.append(walks[rows][1:] != walks[rows][:-1], True)[: len(rows)]]
+        start, end = before[rows], after[rows]
+        share = (depth - start[:, 2]) / (end[:, 2] - start[:, 2])
+        points = start[:, :2] + share[:, None] * (end - start)[:, :2]
+        if bounds is not None:
+            inside = ((points >= bounds[0]) & (points <= bounds[1])).all(axis=1)
+            rows, points = rows[inside], points[inside]
+        if len(rows) >= _MIN_WALKS:
+            yield depth, walks[rows], points
 
 
 def _is_indoors(part: Polygon, frame: PlaneFrame, depth: float, rooms: list[FoundRoom]) -> bool:

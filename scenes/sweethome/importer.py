@@ -44,7 +44,7 @@ from scenes.sweethome.credits import Credits
 from scenes.sweethome.furnishing.finishes import BsdfWriter
 from scenes.sweethome.furnishing.furniture import PlacedModel, place_piece, place_without_model
 from scenes.sweethome.furnishing.items import PlacedItem, merge_parts
-from scenes.sweethome.furnishing.lamps import lit_parts
+from scenes.sweethome.furnishing.lamps import ceiling_lamp, lit_parts
 from scenes.sweethome.furnishing.missing import MissingPiece, missing_piece, note_missing
 from scenes.sweethome.furnishing.models import Models
 from scenes.sweethome.home import Home, HomePiece
@@ -126,6 +126,15 @@ def import_sweethome(
         portals, lit_by_opening = _portals(levels, rooms, inside, pieces)
         lost = [(one, _room_at(one.centre, rooms, inside, 0.25)) for one in missing]
         rooms = _described_rooms(rooms, items, lost, lit_by_opening)
+        if options.lamps == "fill":
+            lamps_added, rooms = _filled_with_light(rooms)
+            items += lamps_added
+        dark = [room.name for room in rooms if not room.has_light]
+        if dark:
+            changes.note(
+                "rooms without lamps, windows and open doors have no light, so they get no views; "
+                "--lamps fill puts lamps there: {}", ", ".join(dark),
+            )  # fmt: skip
         items += seal_home(items, rooms, portals, changes)
         lamps = [item for item in items if item.lumens > 0]
         for texture in _textures(home):
@@ -439,6 +448,13 @@ def _described_rooms(
         has_light = room.id in lit or room.id in lamps
         made.append(replace(room, name=name, type=kind, has_light=has_light))
     return made
+
+
+def _filled_with_light(rooms: list[Room]) -> tuple[list[PlacedItem], list[Room]]:
+    """Return ceiling lamps for the rooms without light, and the rooms with light."""
+    dark = [room for room in rooms if not room.has_light]
+    lamps = [ceiling_lamp(room, number) for number, room in enumerate(dark)]
+    return lamps, [replace(room, has_light=True) for room in rooms]
 
 
 def _textures(home: Home) -> list:

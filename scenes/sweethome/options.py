@@ -29,9 +29,12 @@ class SweetHomeOptions(SourceOptions):
             allowed="in quotes, such as '19:30'",
         ),
     )
-    lamps: Literal["home", "on", "off"] = field(
+    lamps: Literal["home", "on", "off", "fill"] = field(
         default="home",
-        metadata=described("Lamps of a home: as the home has them, all on, or all off."),
+        metadata=described(
+            "Lamps of a home: as the home has them, all on, all off, or fill: as the home has "
+            "them, and a plain ceiling lamp in every room without light."
+        ),
     )
 
     def verify(self, where: str) -> None:

@@ -10,16 +10,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from shapely.geometry import Polygon
 
 from scenes.arrays import Float64Array
 from scenes.color import REC709, Color
+from scenes.contract import Room
 from scenes.geometry.directions import fibonacci_sphere
 from scenes.geometry.mesh import Mesh
+from scenes.geometry.regions import deepest_point
 from scenes.importing.changes import Changes
 from scenes.photometry import LUMEN
 from scenes.reconstruction.raycast import RayCaster
 from scenes.sweethome.furnishing.finishes import decode_clipped
-from scenes.sweethome.furnishing.items import ItemPart, SurfaceFinish, area
+from scenes.sweethome.furnishing.items import ItemPart, PlacedItem, SurfaceFinish, area
 from scenes.sweethome.home import Bulb, HomePiece
 
 USUAL = 1000.0  # lumens of a source of colour AA9770 at power 0.5
@@ -28,6 +31,11 @@ _SMALLEST, _LARGEST = 0.008, 0.05  # metres: radii of bulbs
 _DEFAULT_RADIUS = 0.0325
 _ENCLOSED = 0.1  # fraction of open directions below which the shade emits instead of the bulb
 _DIRECTIONS = 256
+_GLOBE, _GLOBE_DROP = (
+    0.12,
+    0.3,
+)  # metres: radius of a plain lamp, and from the ceiling to its centre
+_LUMENS_PER_AREA, _MOST_LUMENS = 150.0, 6000.0  # of a plain lamp, per square metre of floor
 _BLACK = SurfaceFinish(color=(0.0, 0.0, 0.0))
 
 
@@ -82,6 +90,22 @@ def lit_parts(
                 made[number] = replace(made[number], radiance=glow)
             changes.note("closed shades glow in place of the bulbs inside: {}", piece.name)
     return tuple(made), total
+
+
+def ceiling_lamp(room: Room, number: int) -> PlacedItem:
+    """A globe below the ceiling, over the point farthest from the walls of `room`."""
+    floor = Polygon(room.floor)
+    x, y = deepest_point(floor)
+    centre = np.array([x, y, room.ceiling_z - _GLOBE_DROP])
+    lumens = float(np.clip(_LUMENS_PER_AREA * floor.area, USUAL, _MOST_LUMENS))
+    part = ItemPart(
+        _octahedron(centre, _GLOBE),
+        _BLACK,
+        _radiance(lumens, 4 * np.pi * _GLOBE**2, _tint(_USUAL_COLOR)),
+        ((float(centre[0]), float(centre[1]), float(centre[2])), _GLOBE),
+    )
+    name = f"ceiling-lamp-{number}"
+    return PlacedItem(name, "ceiling lamp", "lamp", (part,), room=room.id, lumens=lumens)
 
 
 def _emissive_parts(

@@ -229,3 +229,18 @@ def test_a_sloping_ceiling_leaves_no_gap(tmp_path: Path) -> None:
     closed = loaded(scene, blocked=True)
     for eye in ((1.0, -1.6, 1.0), (3.0, -1.6, 2.3), (0.4, -2.8, 2.9)):
         assert looks(closed, eye, spp=128).max() == 0
+
+
+def test_rooms_without_light_are_named_and_filled(tmp_path: Path) -> None:
+    body = draw.box_walls(-10, -10, 520, 420) + draw.room(0, 0, 500, 400, name="Cellar")
+    dark = bring(tmp_path, draw.home(body))
+    assert not dark.rooms[0].has_light and not any(light.kind == "area" for light in dark.lights)
+    assert any("--lamps fill" in note and "Cellar" in note for note in dark.changes)
+    # A closed white box: the walls see the lamp's light, and nothing else.
+    assert looks(loaded(dark), (2.5, -2.0, 1.5), spp=8).mean() == 0
+    lit = bring(tmp_path, draw.home(body), lamps="fill")
+    (lamp,) = [light for light in lit.lights if light.kind == "area"]
+    assert lit.rooms[0].has_light and lamp.room == lit.rooms[0].id
+    assert lamp.lumens == pytest.approx(150 * 5 * 4)
+    assert not any("--lamps fill" in note for note in lit.changes)
+    assert looks(loaded(lit), (2.5, -2.0, 1.5), spp=8).mean() > 0
