@@ -11,6 +11,7 @@ centimetres, and the one with the least enclosed air wins. World: metres, Z up.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -29,9 +30,10 @@ from scenes.geometry.regions import (
     union,
 )
 from scenes.reconstruction.rooms import FoundOpening, slice_segments
-from scenes.reconstruction.section_raster import enclosed_seeds
+from scenes.reconstruction.section_raster import cut_off_regions
 
 DEPTHS = np.arange(-0.03, 0.95, 0.04)  # of the sections, metres outwards from a wall's face
+LEAST_SEEDS = 3  # that a region holds to be estimated
 _HALF_GAP = 0.02  # half of the widest gap in the surfaces that enclose a hole, metres
 _OVERLAP = 0.03  # metres by which a portal reaches into what encloses its hole
 _MARGIN = 1.0  # metres around the seed points that a hole may reach
@@ -106,13 +108,17 @@ def _bounds(corners: Float64Array) -> tuple[Float64Array, Float64Array]:
 
 
 def enclosed_air(
-    local: Float64Array, depth: float, seeds: Float64Array, least: int = 1
+    local: Float64Array,
+    depth: float,
+    seeds: Float64Array,
+    wanted: Callable[[list[Float64Array]], bool] | None = None,
 ) -> list[Polygon]:
     """Regions of air in a section that surfaces enclose and that hold any of `seeds` (K, 2).
 
     `local` are triangles in the frame's axes. A region that reaches `_MARGIN` metres past the
-    seeds is not enclosed and left out. With `least` above 1, nothing is returned if fewer seeds
-    can be enclosed at all, which is quick to tell.
+    seeds is not enclosed and left out. `wanted` tells from a quick estimate of the regions, points
+    (M, 2) of each that may hold `LEAST_SEEDS` seeds, whether to compute them; if not, there are
+    none.
     """
     if not len(seeds):
         return []
@@ -124,7 +130,7 @@ def enclosed_air(
     sheet = local[(lowest[:, 2] > depth - _FLAT) & (highest[:, 2] < depth + _FLAT)][..., :2]
     if not len(lines) + len(sheet) or len(lines) + len(sheet) > _MAX_SEGMENTS:
         return []
-    if least > 1 and _seeds_cut_off(lines, sheet, seeds) < least:
+    if wanted is not None and not wanted(_estimated_air(lines, sheet, seeds)):
         return []
     window = box(*low, *high)
     solid = [*shapely.linestrings(lines), *shapely.polygons(sheet)]
@@ -137,10 +143,13 @@ def enclosed_air(
     ]
 
 
-def _seeds_cut_off(lines: Float64Array, sheet: Float64Array, seeds: Float64Array) -> int:
-    """Count the seeds (K, 2) that segments and the edges of parallel triangles may cut off."""
+def _estimated_air(
+    lines: Float64Array, sheet: Float64Array, seeds: Float64Array
+) -> list[Float64Array]:
+    """Points (M, 2) of each region that segments and parallel triangles may enclose."""
     edges = np.stack([sheet, np.roll(sheet, -1, axis=1)], axis=2).reshape(-1, 2, 2)
-    return enclosed_seeds(np.concatenate([lines, edges]), seeds, _HALF_GAP, _MARGIN)
+    walls = np.concatenate([lines, edges])
+    return cut_off_regions(walls, seeds, _HALF_GAP, _MARGIN, LEAST_SEEDS)
 
 
 def portal_outline(parts: list[Polygon]) -> Float64Array:

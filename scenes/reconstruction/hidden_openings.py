@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -26,6 +27,7 @@ from scenes.geometry.mesh import face_areas
 from scenes.geometry.regions import buffered, intersection
 from scenes.reconstruction.aperture_sections import (
     DEPTHS,
+    LEAST_SEEDS,
     CrossSections,
     PlaneFrame,
     enclosed_air,
@@ -42,13 +44,15 @@ _MARGIN = 0.3  # metres beside a wall that an opening through it may be
 _MIN_HALF_WIDTH = 0.04  # metres; a narrower hole is a crack
 _LEVEL_STEP = 0.04  # metres between level sections
 _MAX_WALKS = 400  # escaped walks that are examined, evenly chosen
-_MIN_WALKS = 3  # through an opening; fewer show a crack
+_MIN_WALKS = LEAST_SEEDS  # through an opening; fewer show a crack
 _MIN_SHARE = 0.05  # of the walks that an unobstructed hole would let out: a door leaf or a fire
 # may stand before it
 _NEARLY_MOST = 0.7  # of the walks that the best hole explains
 
 # Enclosed air by axes of the frame, depth, and the points where walks cross the section.
 _KnownSections = dict[tuple[bytes, float, bytes], list[Polygon]]
+_CLEARLY, _CLEARLY_LEVEL = 0.9, 0.5  # share of an estimate in a room from which it is indoors
+
 SectionBounds = tuple[Float64Array, Float64Array] | None  # lowest and highest (u, v)
 
 
@@ -150,7 +154,8 @@ def _busiest_aperture(
         if key not in known:
             low, high = np.append(points.min(axis=0) - 1.0, depth), points.max(axis=0) + 1.0
             nearby = sections.near(frame, low, np.append(high, depth))
-            known[key] = enclosed_air(nearby, depth, points, _MIN_WALKS)
+            may_lead_out = partial(_may_lead_out, frame=frame, depth=depth, rooms=rooms)
+            known[key] = enclosed_air(nearby, depth, points, may_lead_out)
         for part in known[key]:
             inside = set(indices[shapely.contains_xy(part, points[:, 0], points[:, 1])].tolist())
             if not inside or part.area < MIN_OPENING or buffered(part, -_MIN_HALF_WIDTH).is_empty:
@@ -225,6 +230,26 @@ def _crossings(
             rows, points = rows[inside], points[inside]
         if len(rows) >= _MIN_WALKS:
             yield depth, walks[rows], points
+
+
+def _may_lead_out(
+    regions: list[Float64Array], frame: PlaneFrame, depth: float, rooms: list[FoundRoom]
+) -> bool:
+    """Return whether any of `regions`, points (M, 2) in a section, is not clearly in a room."""
+    is_level = abs(frame.normal[2]) > 0.9
+    share = _CLEARLY_LEVEL if is_level else _CLEARLY
+    low, high = (0.05, 0.02) if is_level else (-0.1, 0.1)
+    for points in regions:
+        world = frame.to_world(points, depth)
+        for room in rooms:
+            inner = room.floor if is_level else buffered(room.floor, -0.1)
+            inside = shapely.contains_xy(inner, world[:, 0], world[:, 1])
+            inside &= (world[:, 2] > room.floor_z - low) & (world[:, 2] < room.ceiling_z - high)
+            if inside.mean() > share:
+                break
+        else:
+            return True
+    return False
 
 
 def _is_indoors(part: Polygon, frame: PlaneFrame, depth: float, rooms: list[FoundRoom]) -> bool:

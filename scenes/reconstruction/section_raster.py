@@ -16,14 +16,18 @@ from scenes.arrays import Float64Array, Int64Array
 _CELL = 0.02  # metres
 _MOST_CELLS = 250  # along a side; larger windows get larger cells
 _BESIDE = 2  # cells from cut-off air at which a seed still counts
+_POINTS = 200  # at most about twice as many describe a region
 _LEAST_AREA = 0.01  # square metres that thick walls leave of air worth a closer look
 
 
-def enclosed_seeds(lines: Float64Array, seeds: Float64Array, half_gap: float, margin: float) -> int:
-    """Count the seeds (K, 2) in the region that walls may cut off with the most of them.
+def cut_off_regions(
+    lines: Float64Array, seeds: Float64Array, half_gap: float, margin: float, least: int
+) -> list[Float64Array]:
+    """Regions that walls may cut off and that hold at least `least` of `seeds` (K, 2).
 
     `lines` (N, 2, 2) are the walls' centre lines, `half_gap` metres thick to each side. A region
-    is cut off if it does not reach `margin` metres past all seeds.
+    is cut off if it does not reach `margin` metres past all seeds. Returns points (M, 2) for each,
+    spread evenly over it.
     """
     low, high = seeds.min(axis=0) - margin, seeds.max(axis=0) + margin
     cell = max(_CELL, float((high - low).max()) / _MOST_CELLS)
@@ -33,20 +37,24 @@ def enclosed_seeds(lines: Float64Array, seeds: Float64Array, half_gap: float, ma
     inside = ((drawn >= 0) & (drawn < shape)).all(axis=1)
     wall[tuple(drawn[inside].T)] = True
     if not wall.any():
-        return 0
+        return []
     reach = half_gap / cell + np.sqrt(0.5)
-    thick = ndimage.distance_transform_edt(~wall) <= reach
-    labels, count = ndimage.label(~thick)
-    cut_off = np.ones(count + 1, dtype=bool)
+    labels, count = ndimage.label(ndimage.distance_transform_edt(~wall) > reach)
+    labels = labels.astype(np.int64)
+    cut_off = np.bincount(labels.reshape(-1), minlength=count + 1) * cell**2 >= _LEAST_AREA
     cut_off[0] = False
     for side in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
         cut_off[side] = False
     if not cut_off.any():
-        return 0
-    cut_off[np.bincount(labels.reshape(-1), minlength=count + 1) * cell**2 < _LEAST_AREA] = False
+        return []
     near = ndimage.grey_dilation(labels * cut_off[labels], size=(2 * _BESIDE + 1,) * 2)
     places = np.minimum(((seeds - low) / cell).astype(int), shape - 1)
-    return int(np.bincount(near[tuple(places.T)], minlength=2)[1:].max())
+    held = np.bincount(near[tuple(places.T)], minlength=count + 1)
+    found = []
+    for label in np.nonzero(cut_off & (held >= least))[0].tolist():
+        cells = np.argwhere(labels == label)
+        found.append(low + (cells[:: 1 + len(cells) // _POINTS] + 0.5) * cell)
+    return found
 
 
 def _drawn_cells(lines: Float64Array) -> Int64Array:

@@ -1,0 +1,58 @@
+"""The quick estimate of enclosed air agrees with the exact sections that it saves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+
+from scenes.arrays import Float64Array
+from scenes.reconstruction.aperture_sections import LEAST_SEEDS, enclosed_air
+from scenes.reconstruction.section_raster import cut_off_regions
+
+SEEDS = np.array([[0.5, 0.5], [0.4, 0.6], [0.6, 0.4]])
+
+
+def frame_of_walls(gap: float) -> Float64Array:
+    """Edges (N, 2, 2) of the unit square, one of which lacks `gap` metres."""
+    ring = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1], [0, gap]])
+    return np.stack([ring[:-1], ring[1:]], axis=1)
+
+
+@pytest.mark.parametrize(("gap", "count"), [(0.0, 1), (0.03, 1), (0.2, 0)])
+def test_only_what_walls_surround_is_cut_off(gap: float, count: int) -> None:
+    found = cut_off_regions(frame_of_walls(gap), SEEDS, 0.02, 1.0, LEAST_SEEDS)
+    assert len(found) == count
+    for points in found:
+        assert shapely.box(0, 0, 1, 1).buffer(0.03).covers(shapely.multipoints(points))
+
+
+def test_a_region_with_few_seeds_is_left_out() -> None:
+    assert cut_off_regions(frame_of_walls(0.0), SEEDS[:2], 0.02, 1.0, LEAST_SEEDS) == []
+    assert cut_off_regions(np.empty((0, 2, 2)), SEEDS, 0.02, 1.0, LEAST_SEEDS) == []
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_estimate_misses_no_large_region(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    ends = rng.uniform(0, 3, (40, 2, 2))
+    triangles = np.empty((40, 3, 3))  # upright slivers that cut the plane z = 0 in a segment
+    triangles[:, 0] = np.column_stack([ends[:, 0], np.full(40, -1.0)])
+    triangles[:, 1] = np.column_stack([2 * ends[:, 1] - ends[:, 0], np.full(40, 1.0)])
+    triangles[:, 2] = triangles[:, 0] + [0, 0, 2.0]
+    seeds = rng.uniform(0, 3, (60, 2))
+    exact = [
+        part
+        for part in enclosed_air(triangles, 0.0, seeds)
+        if shapely.contains_xy(part, *seeds.T).sum() >= LEAST_SEEDS
+        and not part.buffer(-0.04).is_empty
+    ]
+    estimates: list[Float64Array] = []
+
+    def remember(regions: list[Float64Array]) -> bool:
+        estimates.extend(regions)
+        return False
+
+    assert enclosed_air(triangles, 0.0, seeds, remember) == []
+    for part in exact:
+        assert any(part.intersects(shapely.multipoints(points)) for points in estimates)
