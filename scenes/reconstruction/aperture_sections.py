@@ -146,10 +146,13 @@ def enclosed_air(
 def _estimated_air(
     lines: Float64Array, sheet: Float64Array, seeds: Float64Array
 ) -> list[Float64Array]:
-    """Points (M, 2) of each region that segments and parallel triangles may enclose."""
+    """Points (M, 2) of each region that segments and parallel triangles may enclose.
+
+    One seed of `LEAST_SEEDS` may lie in a tail too narrow for the estimate.
+    """
     edges = np.stack([sheet, np.roll(sheet, -1, axis=1)], axis=2).reshape(-1, 2, 2)
     walls = np.concatenate([lines, edges])
-    return cut_off_regions(walls, seeds, _HALF_GAP, _MARGIN, LEAST_SEEDS)
+    return cut_off_regions(walls, seeds, _HALF_GAP, _MARGIN, LEAST_SEEDS - 1)
 
 
 def portal_outline(parts: list[Polygon]) -> Float64Array:

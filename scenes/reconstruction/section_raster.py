@@ -15,7 +15,7 @@ from scenes.arrays import Float64Array, Int64Array
 
 _CELL = 0.02  # metres
 _MOST_CELLS = 250  # along a side; larger windows get larger cells
-_BESIDE = 2  # cells from cut-off air at which a seed still counts
+_BESIDE = 3  # cells from cut-off air at which a seed still counts
 _POINTS = 200  # at most about twice as many describe a region
 _LEAST_AREA = 0.01  # square metres that thick walls leave of air worth a closer look
 

@@ -8,6 +8,7 @@ import shapely
 
 from scenes.arrays import Float64Array
 from scenes.reconstruction.aperture_sections import LEAST_SEEDS, enclosed_air
+from scenes.reconstruction.rooms import MIN_OPENING
 from scenes.reconstruction.section_raster import cut_off_regions
 
 SEEDS = np.array([[0.5, 0.5], [0.4, 0.6], [0.6, 0.4]])
@@ -45,6 +46,7 @@ def test_the_estimate_misses_no_large_region(seed: int) -> None:
         part
         for part in enclosed_air(triangles, 0.0, seeds)
         if shapely.contains_xy(part, *seeds.T).sum() >= LEAST_SEEDS
+        and part.area >= MIN_OPENING
         and not part.buffer(-0.04).is_empty
     ]
     estimates: list[Float64Array] = []
