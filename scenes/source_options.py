@@ -66,6 +66,6 @@ class FreeAxesOptions(SourceOptions):
     sky: bool = field(
         default=False,
         metadata=described(
-            "Add sun and sky: to a Mitsuba or PBRT scene without light, to any building as model."
+            "Add sun and sky to a scene without any, for rooms that are too dark otherwise."
         ),
     )

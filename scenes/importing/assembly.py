@@ -24,7 +24,13 @@ from scenes.contract import Credit, Light, Portal, Room, Scene, SceneObject, sav
 from scenes.errors import InputError
 from scenes.geometry.transforms import look_at
 from scenes.importing.changes import Changes
-from scenes.importing.daylight import ground
+from scenes.importing.daylight import daylight, ground
+from scenes.importing.light_plan import (
+    needs_sky,
+    note_dark_rooms,
+    note_sky,
+    room_light,
+)
 from scenes.importing.objects import group_objects, hollow_furniture, type_of_room
 from scenes.importing.panes import frosted_openings, is_flat, remove_panes
 from scenes.importing.sealing_shapes import sealing_shape, structure_object
@@ -84,6 +90,7 @@ class Draft:
     ground: bool = False  # add a ground plane
     # Names and rooms, for sources that state them; otherwise rooms are found in the triangles.
     stated_rooms: tuple[tuple[str, FoundRoom], ...] = ()
+    sky_if_dark: bool = False  # add sun, sky and ground if its own light lights no room
 
 
 def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
@@ -110,10 +117,16 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
     room_ids = [f"room_{index}" for index in range(len(rooms))]
     objects = draft.grouping(shapes, rooms, room_ids)
     names = draft.room_names(shapes, rooms, room_ids) if draft.room_names else {}
-    if draft.ground:
+    emitters, has_ground = draft.emitters, draft.ground
+    if draft.sky_if_dark:
+        found = room_light(folder, shapes, area, emitters, objects, rooms)
+        if needs_sky(found, emitters):
+            emitters, has_ground = [*emitters, daylight()], True
+            note_sky(found, changes)
+    if has_ground:
         ground_shape, ground_object = ground(*bounds_of(shapes))
         shapes, objects = [*shapes, ground_shape], (*objects, ground_object)
-    lights = _lights(shapes, area, draft.emitters, rooms, room_ids)
+    lights = _lights(shapes, area, emitters, rooms, room_ids)
     used_ids = {shape.id for shape in shapes} | {each.id for each in objects}
     sealing_shapes, openings = _seal(shapes, rooms, openings, used_ids, changes)
     shapes = [*shapes, *sealing_shapes]
@@ -129,7 +142,7 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
         rooms, room_ids = [_bounding_room(shapes)], ["room_0"]
         changes.note("NO ROOM WAS FOUND: the bounding box of the scene is used as a room")
     camera = cameras[0] if cameras else _default_camera(rooms[0])
-    write_scene_xml(folder, shapes, area, draft.emitters, _sensor(camera), draft.max_depth)
+    write_scene_xml(folder, shapes, area, emitters, _sensor(camera), draft.max_depth)
     lit_rooms = _lit_rooms(shapes, rooms, room_ids, lights, portals)
     views = [_view(camera, names) for camera in cameras]
     labels = [label for label, _ in draft.stated_rooms] or [""] * len(rooms)
@@ -155,9 +168,9 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
         credits=draft.credits,
         lighting=_lighting(lights),
         plan=draft.scene_id,
-        changes=changes.sentences(),
     )
-    save_scene(folder, scene)
+    note_dark_rooms(scene, changes)
+    save_scene(folder, replace(scene, changes=changes.sentences()))
 
 
 def transformed_camera(camera: Camera, frame: Float64Array, changes: Changes) -> Camera:

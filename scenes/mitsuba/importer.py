@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -22,9 +21,10 @@ from scenes.importing.assembly import Camera, Draft, assemble, guess_scene_scale
 from scenes.importing.changes import Changes
 from scenes.importing.credits import find_credit
 from scenes.importing.daylight import daylight
+from scenes.importing.light_plan import sky_for
 from scenes.importing.objects import group_objects
 from scenes.importing.sandbox import Sandbox
-from scenes.importing.shape import Emitter, Shape
+from scenes.importing.shape import Shape
 from scenes.importing.textures import TextureStore
 from scenes.importing.xml_elements import plugin
 from scenes.mitsuba.emitters import Emitters, half_fov_x
@@ -100,7 +100,7 @@ def import_mitsuba(
             if (target := scope.resolve(node)).tag in ("emitter", "luminaire")
             and (made := emitters.world(target)) is not None
         ]
-        others += _lights_if_none(path, area, others, options, changes)
+        others += sky_for(path, bool(area), others, options.sky, changes)
         _report_dropped(root, scope)
         for old, new in sandbox.relocated:
             if old != new:
@@ -257,22 +257,6 @@ def _credit(
         "before you share anything made from it"
     )
     return find_credit(opened, path.parent.name, options.licence, author, changes)
-
-
-def _lights_if_none(
-    path: Path,
-    area: dict[str, Element],
-    others: list[Emitter],
-    options: MitsubaOptions,
-    changes: Changes,
-) -> list[Emitter]:
-    """Sun and sky for a scene without light, if `options.sky` allows it."""
-    if area or others:
-        return []
-    if not options.sky:
-        raise InputError(f"{path}: the scene has no light; add sun and sky with --sky")
-    changes.note("the scene has no light; sun and sky were added")
-    return [daylight()]
 
 
 def _report_dropped(root: Node, scope: Scope) -> None:

@@ -156,11 +156,9 @@ def _draft(
             for shape in completing_shapes(interior.completion, changes)
         ]
     emitters = [_punctual_emitter(light, frame) for light in model.lights]
-    outdoors = is_single or options.sky or model.outdoors or not (emitters or area)
+    outdoors = is_single or options.sky or model.outdoors
     if outdoors:
         emitters.append(daylight())
-        if not (is_single or options.sky or model.outdoors):
-            changes.note("the file has no light; sun, sky and a ground plane were added")
     return Draft(
         scene_id,
         {"kind": model.kind, "file": path.name, "version": model.version},
@@ -178,6 +176,7 @@ def _draft(
             frozenset(shape.id for shape in model.shapes),
         ),
         ground=outdoors,
+        sky_if_dark=not outdoors,
     )
 
 

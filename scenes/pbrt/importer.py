@@ -18,7 +18,7 @@ from scenes.errors import InputError
 from scenes.importing.assembly import Camera, Draft, assemble, guess_scene_scale, transformed_camera
 from scenes.importing.changes import Changes
 from scenes.importing.credits import find_credit
-from scenes.importing.daylight import daylight
+from scenes.importing.light_plan import sky_for
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import Emitter, Shape
 from scenes.importing.textures import TextureStore
@@ -102,12 +102,7 @@ def _emitters(
         for light, to_world in scene.lights
         if (made := lights.world(light, to_world)) is not None
     ]
-    if not (area or emitters):
-        if not options.sky:
-            raise InputError(f"{path}: the scene has no light; add sun and sky with --sky")
-        changes.note("the scene has no light; sun and sky were added")
-        emitters.append(daylight())
-    return area, emitters
+    return area, [*emitters, *sky_for(path, bool(area), emitters, options.sky, changes)]
 
 
 def cameras_of(scene: PbrtScene, changes: Changes) -> list[Camera]:

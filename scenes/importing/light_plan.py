@@ -1,0 +1,194 @@
+"""Light of an import's rooms: emitted lumens per square metre of floor, and whether to add a sky.
+
+Screens, glowing windows, pictures and LED strips shine without lighting a room. So the decision is
+photometric: only emitters that can light a room count, and only a room that they give at least
+`LEAST_LIT` lumens per square metre of floor has light of its own. (EN 12464-1 asks for 100 lux in
+corridors; of 30 lumens per square metre, about half arrives.)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from scenes.color import REC709
+from scenes.contract import Scene, SceneObject
+from scenes.errors import InputError
+from scenes.geometry.mesh import face_areas
+from scenes.importing.changes import Changes
+from scenes.importing.daylight import daylight
+from scenes.importing.shape import Emitter, Shape
+from scenes.importing.textures import read_radiance
+from scenes.photometry import LUMEN
+from scenes.reconstruction.rooms import FoundRoom
+
+LEAST_LIT = 30.0  # lumens per square metre of floor
+OUTDOORS = ("sun", "sky", "environment", "directional")  # kinds of light that come from outside
+_MARGIN = 0.15  # metres outside a room's outline or height at which a lamp still belongs to it
+_DISPLAYS = ("television", "monitor", "picture", "window")
+_UPRIGHT = 0.5  # cosine to the horizontal: an emitter with an image that faces sideways is a screen
+
+
+@dataclass(frozen=True)
+class RoomLight:
+    """Lumens per square metre of a room's floor, from lamps and from what merely glows."""
+
+    lamps: float
+    glow: float
+
+    @property
+    def is_lit(self) -> bool:
+        """Whether the room has light of its own."""
+        return self.lamps >= LEAST_LIT
+
+
+def room_light(
+    folder: Path,
+    shapes: list[Shape],
+    area: Mapping[str, Element],
+    emitters: list[Emitter],
+    objects: tuple[SceneObject, ...],
+    rooms: list[FoundRoom],
+) -> list[RoomLight]:
+    """The light of each room.
+
+    `area` holds area emitters by shape id, whose images lie in the scene's `folder`. An emitter in
+    no room counts for none.
+    """
+    categories = {name: each.category for each in objects for name in each.shapes}
+    lamps, glow = np.zeros(len(rooms)), np.zeros(len(rooms))
+    for shape in shapes:
+        if shape.id not in area:
+            continue
+        centre = shape.mesh.bounds.mean(axis=0)
+        number = next((k for k, room in enumerate(rooms) if room.contains(centre, _MARGIN)), None)
+        if number is not None:
+            flux = _area_lumens(shape, area[shape.id], folder)
+            is_display = categories.get(shape.id) in _DISPLAYS or _is_screen(shape, area[shape.id])
+            (glow if is_display else lamps)[number] += flux
+    for emitter in emitters:
+        if emitter.position is not None:
+            place = np.array(emitter.position)
+            for number, room in enumerate(rooms):
+                if room.contains(place, _MARGIN):
+                    lamps[number] += _point_lumens(emitter.element)
+                    break
+    floors = [max(room.floor.area, 1e-6) for room in rooms]
+    return [RoomLight(*values) for values in zip(lamps / floors, glow / floors, strict=True)]
+
+
+def needs_sky(found: list[RoomLight], emitters: list[Emitter]) -> bool:
+    """Return whether no room has light of its own and none comes from outdoors."""
+    is_outdoors = any(kind in OUTDOORS for emitter in emitters for kind in emitter.kinds)
+    return not is_outdoors and not any(room.is_lit for room in found)
+
+
+def sky_for(
+    path: Path, has_area_lights: bool, emitters: list[Emitter], is_wanted: bool, changes: Changes
+) -> list[Emitter]:
+    """Sun and sky for the scene at `path` if `--sky` asks for it and nothing shines outdoors.
+
+    For scenes whose units of light are arbitrary, so that the power of lamps says nothing. Raises
+    `InputError` for a scene without any light if `is_wanted` is false.
+    """
+    if not (has_area_lights or emitters):
+        if not is_wanted:
+            raise InputError(f"{path}: the scene has no light; add sun and sky with --sky")
+        changes.note("the scene has no light; sun and sky were added")
+        return [daylight()]
+    if not is_wanted or any(kind in OUTDOORS for made in emitters for kind in made.kinds):
+        return []
+    changes.note("sun and sky were added to the scene's lamps")
+    return [daylight()]
+
+
+def note_sky(found: list[RoomLight], changes: Changes) -> None:
+    """Record that sun and sky were added, and why."""
+    brightest = max((room.lamps for room in found), default=0.0)
+    glow = max((room.glow for room in found), default=0.0)
+    if brightest == glow == 0:
+        changes.note("the file has no light in its rooms; sun, sky and a ground plane were added")
+        return
+    parts = []
+    if brightest > 0:
+        parts.append(f"lamps give no room more than {brightest:.2g} lm per square metre of floor")
+    if glow > 0:
+        parts.append(f"screens and other displays ({glow:.2g} lm per square metre) light no room")
+    changes.note(
+        f"sun, sky and a ground plane were added: {', and '.join(parts)}; a lit room has "
+        f"{LEAST_LIT:g} or more"
+    )
+
+
+def note_dark_rooms(scene: Scene, changes: Changes) -> None:
+    """Record the rooms that no light reaches, with the remedy."""
+    is_outdoors = any(light.kind in OUTDOORS for light in scene.lights)
+    with_lamp = {light.room for light in scene.lights if light.kind not in OUTDOORS}
+    with_portal = {portal.room for portal in scene.portals}
+    if None in with_lamp:
+        return
+    closed = [room for room in scene.rooms if not room.has_light]
+    for room in closed:
+        changes.note(
+            "rooms without a lamp, a window or a door, which no light reaches, get no views: {}",
+            f"{room.id} ({room.name})",
+        )
+    if is_outdoors:
+        return
+    for room in scene.rooms:
+        if room.has_light and room.id in with_portal - with_lamp:
+            changes.note(
+                "rooms without a lamp may be black, because nothing shines outdoors; add sun and "
+                "sky with --sky: {}",
+                f"{room.id} ({room.name})",
+            )
+
+
+def _area_lumens(shape: Shape, emitter: Element, folder: Path) -> float:
+    """Luminous flux of a Lambertian emitter, one side of its surface."""
+    radiance = emitter.find("*[@name='radiance']")
+    if radiance is None:
+        return 0.0
+    area = float(face_areas(shape.mesh.corners)[0].sum())
+    return math.pi * area * _luminance(radiance, folder) / LUMEN
+
+
+def _luminance(value: Element, folder: Path) -> float:
+    """Luminance, in our radiance units, of a colour or the mean of an image; 0 if unknown."""
+    image = value.find("string[@name='filename']")
+    if image is not None:
+        pixels = read_radiance(folder / image.attrib["value"])
+        return float(pixels.reshape(-1, 3).mean(axis=0, dtype=np.float64) @ REC709)
+    try:
+        rgb = [float(part) for part in value.attrib.get("value", "").replace(",", " ").split()]
+    except ValueError:
+        return 0.0
+    if len(rgb) not in (1, 3):
+        return 0.0
+    return float(np.broadcast_to(rgb, 3) @ REC709)
+
+
+def _point_lumens(emitter: Element) -> float:
+    """Luminous flux of a point or spot light from its radiant intensity."""
+    intensity = emitter.find("*[@name='intensity']")
+    if intensity is None:
+        return 0.0
+    solid_angle = 4 * math.pi
+    cutoff = emitter.find("float[@name='cutoff_angle']")
+    if cutoff is not None:
+        solid_angle = 2 * math.pi * (1 - math.cos(math.radians(float(cutoff.attrib["value"]))))
+    return solid_angle * _luminance(intensity, Path()) / LUMEN
+
+
+def _is_screen(shape: Shape, emitter: Element) -> bool:
+    """Return whether an emitter shows an image and faces sideways."""
+    if emitter.find("*[@name='radiance']/string[@name='filename']") is None:
+        return False
+    areas, normals = face_areas(shape.mesh.corners)
+    level = float((areas * (np.abs(normals[:, 2]) < _UPRIGHT)).sum())
+    return level > 0.5 * float(areas.sum())

@@ -1,0 +1,127 @@
+"""Light of imported rooms: what shines decides whether sun and sky are added."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shapely.geometry import box
+
+from scenes.contract import Light, Scene
+from scenes.errors import InputError
+from scenes.geometry.mesh import Mesh
+from scenes.importing.changes import Changes
+from scenes.importing.light_plan import RoomLight, needs_sky, note_dark_rooms, room_light
+from scenes.importing.shape import Emitter, Shape, Surface, make_object
+from scenes.importing.xml_elements import plugin
+from scenes.photometry import LUMEN
+from scenes.reconstruction.rooms import FoundRoom
+from scenes.registry import import_scene
+from tests.fixtures.rooms import Block, shell, write_obj
+
+SOFA = Block("sofa", (1.0, 3.0, 0.0), (3.0, 3.9, 0.8))
+SCREEN = Block("television", (4.9, 1.0, 0.8), (4.95, 2.0, 1.4), 300)
+STRIP = Block("shelf_edge", (0.5, 3.9, 1.6), (2.5, 3.91, 1.61), 1000)
+LAMP = Block("ceiling_lamp", (2.3, 1.8, 2.5), (2.7, 2.2, 2.59), 4000)
+
+
+def imported(folder: Path, *things: Block, **options: object) -> Scene:
+    """A room with `things` through the whole import."""
+    path = write_obj(folder / "in" / "room.obj", [*shell(), SOFA, *things])
+    return import_scene(path, folder / "out", up="z", **options)
+
+
+@pytest.mark.parametrize(
+    ("things", "reason"),
+    [
+        ([SCREEN], "screens and other displays"),
+        ([STRIP], "lamps give no room more than"),
+        ([], "no light in its rooms"),
+    ],
+)
+def test_what_lights_no_room_gets_a_sky(things: list[Block], reason: str, tmp_path: Path) -> None:
+    scene = imported(tmp_path, *things)
+    assert {"sun", "sky"} <= {light.kind for light in scene.lights}
+    assert any("sun, sky" in change and reason in change for change in scene.changes)
+    assert any(each.category == "ground" for each in scene.objects)
+
+
+def test_a_ceiling_lamp_is_light_enough(tmp_path: Path) -> None:
+    scene = imported(tmp_path, LAMP, SCREEN)
+    assert {light.kind for light in scene.lights} == {"area"}
+    assert not any("sky" in change for change in scene.changes)
+
+
+def test_rooms_that_no_light_reaches_are_named_with_the_remedy(tmp_path: Path) -> None:
+    scene = imported(tmp_path, LAMP)
+    (room,) = scene.rooms
+
+    def sentences(**changed: object) -> str:
+        changes = Changes()
+        note_dark_rooms(replace(scene, **changed), changes)  # type: ignore[arg-type]
+        return " ".join(changes.sentences())
+
+    assert sentences() == ""
+    assert "no light reaches, get no views: room_0" in sentences(
+        rooms=(replace(room, has_light=False),)
+    )
+    elsewhere = tuple(replace(light, room="room_9") for light in scene.lights)
+    assert scene.portals
+    assert "--sky: room_0" in sentences(lights=elsewhere)
+    outside = (*elsewhere, Light("sky", "sky", (), None))
+    assert sentences(lights=outside) == ""
+
+
+def closed_room() -> FoundRoom:
+    """A room of 20 square metres."""
+    return FoundRoom(box(0, 0, 5, 4), 0.0, 2.5)
+
+
+def test_lumens_per_floor_area_are_those_of_the_emitters() -> None:
+    square = np.array([[1.0, 1, 2], [2, 1, 2], [2, 2, 2], [1, 2, 2]])
+    shape = Shape("a", "a", Mesh(square, np.array([[0, 1, 2], [0, 2, 3]])), Surface(None))
+    area = {"a": plugin("emitter", "area", radiance=(100 * LUMEN,) * 3)}
+    point = plugin("emitter", "point", intensity=(10 * LUMEN,) * 3)
+    spot = plugin("emitter", "spot", intensity=(10 * LUMEN,) * 3, cutoff_angle=60.0)
+    emitters = [Emitter(point, ("point",), (1, 1, 1)), Emitter(spot, ("spot",), (9, 9, 1))]
+    objects = (make_object("a", "a", "lamp", [shape]),)
+    (found,) = room_light(Path(), [shape], area, emitters, objects, [closed_room()])
+    assert found.lamps == pytest.approx((100 * np.pi + 40 * np.pi) / 20)
+    assert found.glow == 0
+    inside = [Emitter(spot, ("spot",), (1, 1, 1))]
+    (found,) = room_light(Path(), [], {}, inside, (), [closed_room()])
+    assert found.lamps == pytest.approx(2 * np.pi * 0.5 * 10 / 20)
+    screen = (make_object("a", "a", "television", [shape]),)
+    (found,) = room_light(Path(), [shape], area, [], screen, [closed_room()])
+    assert (found.lamps, found.glow) == (0, pytest.approx(100 * np.pi / 20))
+
+
+def test_sky_is_needed_only_where_nothing_shines() -> None:
+    sun = Emitter(plugin("emitter", "directional"), ("directional",))
+    dark, lit = RoomLight(5, 200), RoomLight(80, 0)
+    assert needs_sky([dark], [])
+    assert needs_sky([], [])
+    assert not needs_sky([dark, lit], [])
+    assert not needs_sky([dark], [sun])
+
+
+MITSUBA = """<scene version="3.0.0"><shape type="cube"><emitter type="area">
+<rgb name="radiance" value="1"/></emitter></shape></scene>"""
+
+
+def test_a_mitsuba_scene_gets_a_sky_beside_its_lamps_if_asked_to(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    path = tmp_path / "in" / "scene.xml"
+    path.write_text(MITSUBA)
+    options = {"scale": 1.0, "up": "z"}
+    kinds = [
+        {light.kind for light in import_scene(path, tmp_path / f"{sky}", sky=sky, **options).lights}
+        for sky in (False, True)
+    ]
+    assert kinds == [{"area"}, {"area", "sun", "sky"}]
+    path.write_text(MITSUBA.replace('<emitter type="area">', "").replace("</emitter>", "").replace(
+        '<rgb name="radiance" value="1"/>', ""))  # fmt: skip
+    with pytest.raises(InputError, match="--sky"):
+        import_scene(path, tmp_path / "none", **options)
