@@ -26,6 +26,7 @@ from scenes.geometry.transforms import look_at
 from scenes.importing.changes import Changes
 from scenes.importing.daylight import daylight, ground
 from scenes.importing.light_plan import (
+    OUTDOORS,
     needs_sky,
     note_dark_rooms,
     note_sky,
@@ -46,7 +47,6 @@ from scenes.reconstruction.orientation import guess_scale, surface_heights, tall
 from scenes.reconstruction.raycast import RayCaster
 from scenes.reconstruction.rooms import FoundOpening, FoundRoom, find_openings
 
-_OUTDOORS = ("sun", "sky", "environment", "directional")  # kinds of lights that come from outdoors
 _MAX_EXTENT = 1e6  # metres across, skies and grounds included
 
 
@@ -348,7 +348,7 @@ def _lit_rooms(
 ) -> set[str | None]:
     """The ids of rooms with a lamp or a portal, and of those that see one through an opening."""
     lit = {light.room for light in lights} | {portal.room for portal in portals}
-    if any(light.room is None and light.kind not in _OUTDOORS for light in lights):
+    if any(light.room is None and light.kind not in OUTDOORS for light in lights):
         lit.update(room_ids)
     if lit.issuperset(room_ids):
         return lit
@@ -402,7 +402,7 @@ def _room_at(point: Float64Array, rooms: list[FoundRoom], room_ids: list[str]) -
 
 def _lighting(lights: tuple[Light, ...]) -> str:
     """Classify lights as "day", "night" or "mixed"."""
-    outdoors = any(light.kind in _OUTDOORS for light in lights)
+    outdoors = any(light.kind in OUTDOORS for light in lights)
     lamps = any(light.kind in ("area", "point", "spot") for light in lights)
     if outdoors and lamps:
         return "mixed"
