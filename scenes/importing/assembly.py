@@ -27,10 +27,9 @@ from scenes.importing.changes import Changes
 from scenes.importing.daylight import daylight, ground
 from scenes.importing.light_plan import (
     OUTDOORS,
-    needs_sky,
+    light_plan,
     note_dark_rooms,
     note_sky,
-    room_light,
 )
 from scenes.importing.objects import group_objects, hollow_furniture, type_of_room
 from scenes.importing.panes import frosted_openings, is_flat, remove_panes
@@ -119,10 +118,10 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
     names = draft.room_names(shapes, rooms, room_ids) if draft.room_names else {}
     emitters, has_ground = draft.emitters, draft.ground
     if draft.sky_if_dark:
-        found = room_light(folder, shapes, area, emitters, objects, rooms)
-        if needs_sky(found, emitters):
+        plan = light_plan(folder, shapes, area, emitters, objects, rooms)
+        if plan.needs_sky:
             emitters, has_ground = [*emitters, daylight()], True
-            note_sky(found, changes)
+            note_sky(plan, changes)
     if has_ground:
         ground_shape, ground_object = ground(*bounds_of(shapes))
         shapes, objects = [*shapes, ground_shape], (*objects, ground_object)

@@ -16,6 +16,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from scenes.arrays import Float64Array
 from scenes.color import REC709
 from scenes.contract import Scene, SceneObject
 from scenes.errors import InputError
@@ -47,45 +48,67 @@ class RoomLight:
         return self.lamps >= LEAST_LIT
 
 
-def room_light(
+@dataclass(frozen=True)
+class LightPlan:
+    """The light of a scene: of each closed room, and of all its lamps together in lumens."""
+
+    rooms: tuple[RoomLight, ...]
+    lamps: float
+    glow: float
+    from_outdoors: bool
+
+    @property
+    def needs_sky(self) -> bool:
+        """Whether no light comes from outdoors and no room has its own.
+
+        Without closed rooms, any lamp is light enough.
+        """
+        if self.from_outdoors:
+            return False
+        return not any(room.is_lit for room in self.rooms) if self.rooms else self.lamps == 0
+
+
+def light_plan(
     folder: Path,
     shapes: list[Shape],
     area: Mapping[str, Element],
     emitters: list[Emitter],
     objects: tuple[SceneObject, ...],
     rooms: list[FoundRoom],
-) -> list[RoomLight]:
-    """The light of each room.
+) -> LightPlan:
+    """The light of a scene and of each closed one of its `rooms`.
 
     `area` holds area emitters by shape id, whose images lie in the scene's `folder`. An emitter in
-    no room counts for none.
+    no room counts for the scene only.
     """
     categories = {name: each.category for each in objects for name in each.shapes}
-    lamps, glow = np.zeros(len(rooms)), np.zeros(len(rooms))
+    rooms = [room for room in rooms if not room.guessed]
+    # The last entry holds what belongs to no room.
+    lamps, glow = np.zeros(len(rooms) + 1), np.zeros(len(rooms) + 1)
     for shape in shapes:
         if shape.id not in area:
             continue
         centre = shape.mesh.bounds.mean(axis=0)
-        number = next((k for k, room in enumerate(rooms) if room.contains(centre, _MARGIN)), None)
-        if number is not None:
-            flux = _area_lumens(shape, area[shape.id], folder)
-            is_display = categories.get(shape.id) in _DISPLAYS or _is_screen(shape, area[shape.id])
-            (glow if is_display else lamps)[number] += flux
+        is_display = categories.get(shape.id) in _DISPLAYS or _is_screen(shape, area[shape.id])
+        flux = _area_lumens(shape, area[shape.id], folder)
+        (glow if is_display else lamps)[_number_of_room(centre, rooms)] += flux
     for emitter in emitters:
         if emitter.position is not None:
-            place = np.array(emitter.position)
-            for number, room in enumerate(rooms):
-                if room.contains(place, _MARGIN):
-                    lamps[number] += _point_lumens(emitter.element)
-                    break
+            number = _number_of_room(np.array(emitter.position), rooms)
+            lamps[number] += _point_lumens(emitter.element)
     floors = [max(room.floor.area, 1e-6) for room in rooms]
-    return [RoomLight(*values) for values in zip(lamps / floors, glow / floors, strict=True)]
+    by_room = zip(lamps[:-1] / floors, glow[:-1] / floors, strict=True)
+    return LightPlan(
+        tuple(RoomLight(float(own), float(display)) for own, display in by_room),
+        float(lamps.sum()),
+        float(glow.sum()),
+        any(kind in OUTDOORS for emitter in emitters for kind in emitter.kinds),
+    )
 
 
-def needs_sky(found: list[RoomLight], emitters: list[Emitter]) -> bool:
-    """Return whether no room has light of its own and none comes from outdoors."""
-    is_outdoors = any(kind in OUTDOORS for emitter in emitters for kind in emitter.kinds)
-    return not is_outdoors and not any(room.is_lit for room in found)
+def _number_of_room(point: Float64Array, rooms: list[FoundRoom]) -> int:
+    """Number of the room that contains a point (3,); -1 if none does."""
+    return next((k for k, room in enumerate(rooms) if room.contains(point, _MARGIN)), -1)
 
 
 def sky_for(
@@ -107,18 +130,17 @@ def sky_for(
     return [daylight()]
 
 
-def note_sky(found: list[RoomLight], changes: Changes) -> None:
+def note_sky(plan: LightPlan, changes: Changes) -> None:
     """Record that sun and sky were added, and why."""
-    brightest = max((room.lamps for room in found), default=0.0)
-    glow = max((room.glow for room in found), default=0.0)
-    if brightest == glow == 0:
-        changes.note("the file has no light in its rooms; sun, sky and a ground plane were added")
+    if plan.lamps == plan.glow == 0:
+        changes.note("the file has no light; sun, sky and a ground plane were added")
         return
+    brightest = max((room.lamps for room in plan.rooms), default=0.0)
     parts = []
-    if brightest > 0:
+    if plan.lamps > 0:
         parts.append(f"lamps give no room more than {brightest:.2g} lm per square metre of floor")
-    if glow > 0:
-        parts.append(f"screens and other displays ({glow:.2g} lm per square metre) light no room")
+    if plan.glow > 0:
+        parts.append(f"screens and other displays ({plan.glow:.2g} lm) light no room")
     changes.note(
         f"sun, sky and a ground plane were added: {', and '.join(parts)}; a lit room has "
         f"{LEAST_LIT:g} or more"

@@ -13,7 +13,7 @@ from scenes.contract import Light, Scene
 from scenes.errors import InputError
 from scenes.geometry.mesh import Mesh
 from scenes.importing.changes import Changes
-from scenes.importing.light_plan import RoomLight, needs_sky, note_dark_rooms, room_light
+from scenes.importing.light_plan import LightPlan, RoomLight, light_plan, note_dark_rooms
 from scenes.importing.shape import Emitter, Shape, Surface, make_object
 from scenes.importing.xml_elements import plugin
 from scenes.photometry import LUMEN
@@ -38,7 +38,7 @@ def imported(folder: Path, *things: Block, **options: object) -> Scene:
     [
         ([SCREEN], "screens and other displays"),
         ([STRIP], "lamps give no room more than"),
-        ([], "no light in its rooms"),
+        ([], "the file has no light"),
     ],
 )
 def test_what_lights_no_room_gets_a_sky(things: list[Block], reason: str, tmp_path: Path) -> None:
@@ -87,24 +87,24 @@ def test_lumens_per_floor_area_are_those_of_the_emitters() -> None:
     spot = plugin("emitter", "spot", intensity=(10 * LUMEN,) * 3, cutoff_angle=60.0)
     emitters = [Emitter(point, ("point",), (1, 1, 1)), Emitter(spot, ("spot",), (9, 9, 1))]
     objects = (make_object("a", "a", "lamp", [shape]),)
-    (found,) = room_light(Path(), [shape], area, emitters, objects, [closed_room()])
+    (found,) = light_plan(Path(), [shape], area, emitters, objects, [closed_room()]).rooms
     assert found.lamps == pytest.approx((100 * np.pi + 40 * np.pi) / 20)
     assert found.glow == 0
     inside = [Emitter(spot, ("spot",), (1, 1, 1))]
-    (found,) = room_light(Path(), [], {}, inside, (), [closed_room()])
+    (found,) = light_plan(Path(), [], {}, inside, (), [closed_room()]).rooms
     assert found.lamps == pytest.approx(2 * np.pi * 0.5 * 10 / 20)
     screen = (make_object("a", "a", "television", [shape]),)
-    (found,) = room_light(Path(), [shape], area, [], screen, [closed_room()])
+    (found,) = light_plan(Path(), [shape], area, [], screen, [closed_room()]).rooms
     assert (found.lamps, found.glow) == (0, pytest.approx(100 * np.pi / 20))
 
 
 def test_sky_is_needed_only_where_nothing_shines() -> None:
-    sun = Emitter(plugin("emitter", "directional"), ("directional",))
     dark, lit = RoomLight(5, 200), RoomLight(80, 0)
-    assert needs_sky([dark], [])
-    assert needs_sky([], [])
-    assert not needs_sky([dark, lit], [])
-    assert not needs_sky([dark], [sun])
+    assert LightPlan((dark,), 100, 4000, False).needs_sky
+    assert LightPlan((), 0, 500, False).needs_sky
+    assert not LightPlan((), 1, 0, False).needs_sky
+    assert not LightPlan((dark, lit), 1600, 4000, False).needs_sky
+    assert not LightPlan((dark,), 100, 4000, True).needs_sky
 
 
 MITSUBA = """<scene version="3.0.0"><shape type="cube"><emitter type="area">
