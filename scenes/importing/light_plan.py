@@ -44,7 +44,7 @@ class RoomLight:
 
     @property
     def is_lit(self) -> bool:
-        """Whether the room has light of its own."""
+        """True if the room has light of its own."""
         return self.lamps >= LEAST_LIT
 
 
@@ -59,7 +59,7 @@ class LightPlan:
 
     @property
     def needs_sky(self) -> bool:
-        """Whether no light comes from outdoors and no room has its own.
+        """True if no light comes from outdoors and no room has its own.
 
         Without closed rooms, any lamp is light enough.
         """
