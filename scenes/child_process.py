@@ -46,31 +46,47 @@ def run_child(
         message = Path(folder) / "message"
         command = [sys.executable, "-m", __name__, function, str(message), str(seconds),
                    str(memory), *arguments]  # fmt: skip
-        try:
-            done = subprocess.run(
-                command,
-                env=environment,
-                cwd=folder,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                timeout=2 * seconds + 30,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            raise InputError(f"{path}: reading took more than {2 * seconds + 30} s") from None
-        if done.returncode == 0:
-            return
-        said = message.read_text("utf-8", "replace") if message.is_file() else ""
-        if done.returncode == _REFUSED and said:
-            raise InputError(said)
-        if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
-            raise InputError(f"{path}: reading took more than {seconds} s of a processor")
-        raise InputError(
-            f"{path}: the library that reads {path.suffix.lower()} files failed on it "
-            f"({said or f'status {done.returncode}'}); it is damaged, or needs more than "
-            f"{memory / 2**30:g} GiB"
+        run_program(command, environment, path, seconds, memory, message)
+
+
+def run_program(
+    command: list[str],
+    environment: dict[str, str],
+    path: Path,
+    seconds: int,
+    memory: int,
+    message: Path,
+) -> None:
+    """Run a program that reads the file `path` and sets its limits itself, as `run_child` does.
+
+    It runs in the folder of `message`, the file in which it may say why it ended with a status
+    other than 0. Raises `InputError` as `run_child` does.
+    """
+    try:
+        done = subprocess.run(
+            command,
+            env=environment,
+            cwd=message.parent,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            timeout=2 * seconds + 30,
+            check=False,
         )
+    except subprocess.TimeoutExpired:
+        raise InputError(f"{path}: reading took more than {2 * seconds + 30} s") from None
+    if done.returncode == 0:
+        return
+    said = message.read_text("utf-8", "replace") if message.is_file() else ""
+    if done.returncode == _REFUSED and said:
+        raise InputError(said)
+    if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+        raise InputError(f"{path}: reading took more than {seconds} s of a processor")
+    raise InputError(
+        f"{path}: the library that reads {path.suffix.lower()} files failed on it "
+        f"({said or f'status {done.returncode}'}); it is damaged, or needs more than "
+        f"{memory / 2**30:g} GiB"
+    )
 
 
 def _main(function: str, message: str, seconds: str, memory: str, *arguments: str) -> int:

@@ -14,6 +14,7 @@ READERS = {
     ".obj": "scenes.models.obj:read_model",
     ".dae": "scenes.models.collada:read_model",
     ".3ds": "scenes.models.max3ds:read_model",
+    **dict.fromkeys((".blend", ".fbx"), "scenes.models.blender.reader:read_model"),
     **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), "scenes.models.usd.reader:read_model"),
 }
 
