@@ -24,7 +24,7 @@ _SIDES = 32  # of a round area lamp
 
 
 class Notes:
-    """What was left out or changed, and the files that were used."""
+    """Sentences on losses and changes, and the files that were used."""
 
     def __init__(self) -> None:
         self.notes: dict[str, list[str]] = {}
