@@ -101,6 +101,7 @@ class _Building:
     elements: dict[str, dict[str, Any]] = field(default_factory=dict)  # by shape id
     rooms: list[tuple[str, FoundRoom]] = field(default_factory=list)
     storeys: list[str] = field(default_factory=list)
+    _with_rooms: set[str] = field(default_factory=set)  # names of storeys
     _names: Names = field(default_factory=Names)
     _surfaces: dict[int, Surface] = field(default_factory=dict)
 
@@ -125,6 +126,9 @@ class _Building:
             raise InputError(f"{self.path}: the file has no elements with surfaces")
         if not self.rooms:
             self.changes.note("the file has no spaces: rooms were derived from its surfaces")
+        for name in self.storeys if self.rooms else ():
+            if name not in self._with_rooms:
+                self.changes.note("storeys without a space have no rooms: {}", name)
         for kind, count in self.data["lost"].items():
             self.changes.note("elements whose shape cannot be made: {}", f"{count} {kind}")
         if any(self.data["shift"]):
@@ -148,6 +152,7 @@ class _Building:
             return
         outline = orient(Polygon(floor.exterior))
         self.rooms.append((name, FoundRoom(outline, float(low), float(high))))
+        self._with_rooms.add(element["storey"])
 
     def _element(self, element: dict[str, Any]) -> None:
         label = element["name"] or element["class"]
