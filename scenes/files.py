@@ -96,16 +96,17 @@ def remove_partials(folder: Path) -> int:
     return len(leftovers)
 
 
-def sweep(folder: Path) -> int:
+def sweep(folder: Path, recursive: bool = True) -> int:
     """Delete partial files of killed writers in `folder` and below; returns their number.
 
-    Partial files of running writers are kept.
+    Partial files of running writers are kept. If `recursive` is false, only those directly in
+    `folder` are looked for.
     """
     removed = 0
     for place, folders, files in os.walk(folder):
         partials = sorted(name for name in (*folders, *files) if name.startswith(_PARTIAL))
         removed += sum(_abandoned(Path(place) / name) for name in partials)
-        folders[:] = [name for name in folders if name not in partials]
+        folders[:] = [name for name in folders if recursive and name not in partials]
     return removed
 
 

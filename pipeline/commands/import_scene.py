@@ -11,9 +11,11 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import click
 
+from pipeline.commands.limits import Limits, run_limited
 from pipeline.inspection.sizes import triangles_of
-from scenes.contract import Scene
-from scenes.errors import ParameterError
+from scenes.contract import Scene, load_scene
+from scenes.errors import MachineError, ParameterError
+from scenes.files import sweep
 from scenes.import_options import SOURCES, option_names, source_of
 from scenes.params import SceneParams
 from scenes.registry import import_scene
@@ -142,6 +144,20 @@ Kinds of files, options and limits: docs/scenes.md.""",
     show_default=True,
     help="Seed of the variants; the import itself is not random.",
 )
+@click.option(
+    "--max-seconds",
+    type=click.FloatRange(0.1),
+    default=900.0,
+    show_default=True,
+    help="Time after which the import is stopped, seconds.",
+)
+@click.option(
+    "--max-memory",
+    type=click.FloatRange(0.25),
+    default=16.0,
+    show_default=True,
+    help="Memory above which the import is stopped, GiB.",
+)
 @_import_options
 def import_command(
     path: Path,
@@ -149,12 +165,23 @@ def import_command(
     scene_id: str | None,
     variants: int,
     seed: int,
+    max_seconds: float,
+    max_memory: float,
     **options: Any,
 ) -> None:
     """Run `pbrnet import`."""
     given = _given_options(path, options)
     started = time.monotonic()
-    scene = import_scene(path, out, scene_id, **given)
+
+    def work() -> None:
+        import_scene(path, out, scene_id, **given)
+
+    try:
+        run_limited(work, Limits(max_seconds, max_memory), str(path))
+    except MachineError:
+        sweep(out.parent, recursive=False)
+        raise
+    scene = load_scene(out)
     click.echo(f"{path} -> {out} in {time.monotonic() - started:.1f} s")
     for line in summary(scene):
         click.echo(line)

@@ -1,0 +1,125 @@
+"""Limits of time and memory for work in a child process, which is stopped when it exceeds them."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import select
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+
+import psutil
+
+from scenes.errors import MachineError
+
+_INTERVAL = 0.1  # seconds between two checks
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Wall-clock seconds, and GiB of resident memory of a process and its children."""
+
+    seconds: float
+    gibibytes: float
+
+
+def run_limited(work: Callable[[], None], limits: Limits, what: str) -> None:
+    """Call `work` in a forked child within `limits`; its exceptions are raised here.
+
+    Raises `MachineError`, which begins with `what`, if the child exceeds a limit or crashes.
+    Temporary files of the child are removed in any case. A process with several threads cannot be
+    forked safely; it calls `work` itself, without limits.
+    """
+    if len(psutil.Process().threads()) > 1:
+        work()
+        return
+    with tempfile.TemporaryDirectory(prefix="pbrnet-import-") as folder:
+        reader, writer = os.pipe()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        child = os.fork()
+        if child == 0:
+            os.close(reader)
+            _run_child(work, writer, folder)
+        os.close(writer)
+        try:
+            said = _watched(child, reader, limits, what)
+        finally:
+            os.close(reader)
+            _stop(child)
+    if not said:
+        raise MachineError(
+            f"{what}: the import ended without a word, as if it was killed or a library crashed; "
+            "allow it more memory, or convert the file with another program"
+        )
+    error = pickle.loads(said)
+    if error is not None:
+        raise error
+
+
+def _run_child(work: Callable[[], None], writer: int, folder: str) -> None:
+    """Run in the child: call `work`, send its exception (or None) and end the process."""
+    os.setpgid(0, 0)
+    tempfile.tempdir = folder
+    outcome: BaseException | None = None
+    try:
+        work()
+    except BaseException as error:
+        error.add_note("In the child process:\n" + "".join(traceback.format_exception(error)))
+        outcome = error
+    try:
+        said = pickle.dumps(outcome)
+        pickle.loads(said)
+    except Exception:  # an exception with arguments of its own
+        said = pickle.dumps(RuntimeError(f"{type(outcome).__name__}: {outcome}"))
+    with os.fdopen(writer, "wb") as stream:
+        stream.write(said)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
+
+
+def _watched(child: int, reader: int, limits: Limits, what: str) -> bytes:
+    """Return what the child writes until it closes `reader`; raises `MachineError` at a limit."""
+    started, said = time.monotonic(), b""
+    while True:
+        if select.select([reader], [], [], _INTERVAL)[0]:
+            part = os.read(reader, 1 << 16)
+            if not part:
+                return said
+            said += part
+        if time.monotonic() - started > limits.seconds:
+            raise MachineError(
+                f"{what}: the import took more than {limits.seconds:g} s and was stopped; import a "
+                "simpler or smaller part of the scene, or allow more with --max-seconds"
+            )
+        if _memory(child) > limits.gibibytes * 2**30:
+            raise MachineError(
+                f"{what}: the import needed more than {limits.gibibytes:g} GiB of memory and was "
+                "stopped; import a simpler or smaller part of the scene, or allow more with "
+                "--max-memory"
+            )
+
+
+def _memory(child: int) -> int:
+    """Resident memory of a process and its descendants, bytes; 0 when it has ended."""
+    total = 0
+    with suppress(psutil.Error):
+        process = psutil.Process(child)
+        for each in (process, *process.children(recursive=True)):
+            total += each.memory_info().rss
+    return total
+
+
+def _stop(child: int) -> None:
+    """Kill a child and its process group, if they still run, and reap it."""
+    for kill in (os.killpg, os.kill):
+        with suppress(ProcessLookupError):
+            kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)

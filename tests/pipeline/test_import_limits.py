@@ -1,0 +1,80 @@
+"""An import that takes too long or too much memory is stopped, with one line and exit code 4."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from tests.fixtures.rooms import shell, write_obj
+
+# Each case runs in a fresh process, as a process with threads is not forked.
+CASES = """
+import os, time
+from pipeline.commands.limits import Limits, run_limited
+from scenes.errors import InputError
+
+def spin():
+    while True: pass
+
+def grow():
+    kept = []
+    while True: kept.append(bytearray(10**7)); time.sleep(0.001)
+
+def refuse():
+    raise InputError("x.obj: no")
+
+def crash():
+    os.abort()
+
+def leave():
+    import tempfile
+    tempfile.mkdtemp()
+    spin()
+
+limits = Limits(0.5, 0.4)
+for work in (spin, grow, refuse, crash, leave, lambda: None):
+    started = time.monotonic()
+    try:
+        run_limited(work, limits if work is not grow else Limits(20, 0.4), "x.obj")
+        print(work.__name__, "fine")
+    except Exception as error:
+        print(work.__name__, type(error).__name__, error.exit_code, error)
+    assert time.monotonic() - started < 15
+print(len(os.listdir(os.environ["TMPDIR"])), "left")
+"""
+
+
+def test_a_child_is_stopped_at_each_limit_and_its_errors_pass(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", CASES], env={**_environment(), "TMPDIR": str(tmp_path)},
+        capture_output=True, text=True, timeout=100, check=True,
+    )  # fmt: skip
+    said = done.stdout.splitlines()
+    assert said[0].startswith("spin MachineError 4 x.obj: the import took more than 0.5 s")
+    assert said[1].startswith("grow MachineError 4 x.obj: the import needed more than 0.4 GiB")
+    assert said[2] == "refuse InputError 3 x.obj: no"
+    assert said[3].startswith("crash MachineError 4 x.obj: the import ended without a word")
+    assert said[4].startswith("leave MachineError 4")
+    assert said[5:] == ["<lambda> fine", "0 left"]
+
+
+def test_the_command_ends_at_its_limit_and_leaves_nothing(tmp_path: Path) -> None:
+    room = write_obj(tmp_path / "in" / "room.obj", shell())
+    out = tmp_path / "out" / "room"
+    done = subprocess.run(
+        [sys.executable, "-m", "pipeline.cli", "import", str(room), "--out", str(out),
+         "--max-seconds", "0.3"],
+        env=_environment(), capture_output=True, text=True, timeout=100, check=False,
+    )  # fmt: skip
+    assert done.returncode == 4, done.stderr
+    assert "took more than 0.3 s" in done.stderr
+    assert "--max-seconds" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not out.exists()
+    assert not out.parent.exists() or list(out.parent.iterdir()) == []
+
+
+def _environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
