@@ -1,0 +1,29 @@
+"""Table of the families of hostile input. A new format is one more entry."""
+
+from __future__ import annotations
+
+from random import Random
+
+from tests.hostile.family import Family
+from tests.hostile.project_files import PROJECT
+from tests.hostile.scene_files import SCENES
+
+FAMILIES: tuple[Family, ...] = (*SCENES, *PROJECT)
+_CHEAP = 0.5  # seconds of a core
+
+
+def all_cases() -> list[tuple[Family, int]]:
+    """All cases of all families."""
+    return [(family, number) for family in FAMILIES for number in range(family.cases)]
+
+
+def sample(count: int, seed: int = 1) -> list[tuple[Family, int]]:
+    """`count` cases, drawn evenly from the families whose cases are cheap."""
+    cheap = [family for family in FAMILIES if family.seconds <= _CHEAP]
+    rng = Random(seed)
+    shares = [count // len(cheap) + (n < count % len(cheap)) for n in range(len(cheap))]
+    return [
+        (family, number)
+        for family, share in zip(cheap, shares, strict=True)
+        for number in sorted(rng.sample(range(family.cases), share))
+    ]

@@ -1,0 +1,49 @@
+"""A family of hostile inputs: files, the command line that reads them, and their number."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+
+from tests.hostile.mutations import Damage, damage_file
+
+Arguments = list[str]  # of pbrnet; paths are relative to the case's folder
+Base = Callable[[Path], object]  # writes sound files into a folder
+Made = Callable[[Path], Arguments]  # writes files made by hand and returns the command line
+
+
+@dataclass(frozen=True)
+class Victim:
+    """A file of a family's base, the damage that suits it, and command lines that read it."""
+
+    path: str
+    damage: Damage
+    commands: tuple[str, ...]  # split at blanks; one is drawn for each case
+
+
+@dataclass(frozen=True)
+class Family:
+    """Inputs of one kind: first those made by hand, then random damage to sound files.
+
+    Damaged files may follow from the victims by `after`, which packs what was damaged.
+    """
+
+    name: str
+    cases: int
+    base: Base
+    victims: Sequence[Victim] = ()
+    made: Sequence[Made] = ()
+    after: Callable[[Path], object] | None = None
+    seconds: float = 0.3  # of a core, about, for one case: expensive ones are in `make check` only
+
+    def write(self, folder: Path, rng: Random, number: int) -> Arguments:
+        """Write a case into a folder that holds the base; returns its command line."""
+        if number < len(self.made):
+            return self.made[number](folder)
+        victim = rng.choice(list(self.victims))
+        damage_file(folder / victim.path, victim.damage, rng)
+        if self.after:
+            self.after(folder)
+        return rng.choice(victim.commands).split()
