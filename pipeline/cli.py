@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import io
 import os
 import sys
 import tempfile
@@ -14,6 +15,7 @@ import click
 from scenes.errors import MachineError, PbrnetError
 
 UNEXPECTED = 70  # exit code of a fault of pbrnet, as in sysexits.h
+_LONG_LINE, _LONG_MESSAGE = 1000, 3500  # characters; a hostile file may put any number into one
 # Command: its definition and its line in `pbrnet --help`, which then imports no command.
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Stages, in the order of dvc.yaml": {
@@ -123,6 +125,8 @@ def cli() -> None:
 
 def main(arguments: list[str] | None = None) -> Any:
     """Run the command line; turn every failure into a message and an exit code."""
+    if isinstance(sys.stdout, io.TextIOWrapper):  # names of files may not be text
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         status = cli.main(args=arguments, prog_name="pbrnet", standalone_mode=False)
     except click.ClickException as error:
@@ -139,8 +143,11 @@ def main(arguments: list[str] | None = None) -> Any:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except PbrnetError as error:
-        click.echo(f"Error: {error}", err=True)
+        click.echo(f"Error: {_shortened(str(error))}", err=True)
         sys.exit(error.exit_code)
+    except MemoryError:
+        click.echo("Error: this takes more memory than there is", err=True)
+        sys.exit(MachineError.exit_code)
     except OSError as error:
         click.echo(f"Error: {error.filename or 'file'}: {os.strerror(error.errno or 0)}", err=True)
         sys.exit(MachineError.exit_code)
@@ -150,6 +157,16 @@ def main(arguments: list[str] | None = None) -> Any:
         click.echo(f"Error: {unexpected(error)}", err=True)
         sys.exit(UNEXPECTED)
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _shortened(message: str) -> str:
+    """Leave the middle of long lines out, and the end of a message of many lines."""
+    lines = [
+        line if len(line) <= _LONG_LINE else f"{line[: _LONG_LINE - 300]} ... {line[-250:]}"
+        for line in message.splitlines()
+    ]
+    text = "\n".join(lines)
+    return text if len(text) <= _LONG_MESSAGE else f"{text[:_LONG_MESSAGE]} ..."
 
 
 def unexpected(error: Exception) -> str:

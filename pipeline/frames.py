@@ -24,6 +24,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -35,12 +36,13 @@ from pipeline.channels import RGB, Kind, layout
 from pipeline.params import Params
 from pipeline.views import View
 from scenes.arrays import AnyArray, Float32Array
-from scenes.checked import plain
+from scenes.checked import build, plain, shown
 from scenes.errors import InputError, MachineError
-from scenes.files import atomic_file, digest_bytes
+from scenes.files import atomic_file, digest_bytes, parse_json, regular_file
 
 Channels = dict[str, AnyArray]
 
+MAX_BYTES = 2**32  # of a frame file
 HALF_MAX = float(np.finfo(np.float16).max)
 
 
@@ -144,8 +146,9 @@ def read_frame(path: Path, verify: bool = True) -> Frame:
 def read_meta(path: Path) -> dict[str, Any]:
     """Read only the `pbrnet` attribute of a frame; raises `InputError` like `read_frame`."""
     path = Path(path)
-    if not path.is_file():
+    if not path.exists():
         raise InputError(f"{path}: no such frame")
+    regular_file(path, MAX_BYTES)
     try:
         with OpenEXR.File(str(path), header_only=True) as file:
             text = file.header().get("pbrnet")
@@ -153,11 +156,35 @@ def read_meta(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: not a readable EXR ({error})") from None
     if not isinstance(text, str):
         raise InputError(f"{path}: an EXR, but not a pbrnet frame (no 'pbrnet' attribute)")
-    try:
-        meta: dict[str, Any] = json.loads(text)
-    except json.JSONDecodeError:
-        raise InputError(f"{path}: its 'pbrnet' attribute is not valid JSON") from None
+    meta = parse_json(text, f"{path}: its 'pbrnet' attribute")
+    if not isinstance(meta, dict):
+        raise InputError(f"{path}: its 'pbrnet' attribute is no JSON object; not a pbrnet frame")
     return meta
+
+
+def view_of(meta: dict[str, Any], path: Path) -> View:
+    """Return the view that a frame's attribute names; `InputError` if there is none."""
+    return build(View, meta.get("view"), f"{path}: view", InputError)
+
+
+def check_frame(
+    frame: Frame, path: Path, names: Iterable[str], size: tuple[int, int] | None
+) -> None:
+    """Raise `InputError` unless a frame has these channels, a size (width, height) and no NaN.
+
+    Without `size`, all channels must have one size.
+    """
+    kind = frame.meta.get("kind")
+    for name in names:
+        if name not in frame.channels:
+            raise InputError(f"{path}: a frame of {shown(kind)}, without the channel {name!r}")
+    for name, values in frame.channels.items():
+        size = size or values.shape[1::-1]
+        if values.shape != size[::-1]:
+            found = " x ".join(map(str, values.shape[::-1]))
+            raise InputError(f"{path}: {name} has {found} pixels, expected {size[0]} x {size[1]}")
+        if np.issubdtype(values.dtype, np.floating) and not np.isfinite(values).all():
+            raise InputError(f"{path}: the channel {name!r} holds NaN or infinity; render it again")
 
 
 def holds(path: Path, expected: str, verify: bool = False) -> bool:

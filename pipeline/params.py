@@ -9,9 +9,11 @@ from typing import Literal
 import yaml
 
 from scenes.checked import build, within
-from scenes.errors import ParameterError
+from scenes.errors import InputError, ParameterError
+from scenes.files import regular_file
 from scenes.params import AssetParams, SceneParams
 
+_MAX_BYTES = 2**20  # of a parameter file
 Variant = Literal["auto", "llvm_ad_rgb", "cuda_ad_rgb", "scalar_rgb"]
 # Baselines of the comparison; `_own`: trained with the loss of its own paper.
 Baseline = Literal[
@@ -294,13 +296,15 @@ def load_params(path: Path, seed: int | None = None) -> Params:
 
     Raises `ParameterError` that names file, key, value and what is allowed.
     """
+    if not Path(path).exists():
+        raise ParameterError(f"{path}: no such parameter file; write one with: pbrnet preset quick")
     try:
-        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ParameterError(
-            f"{path}: no such parameter file; write one with: pbrnet preset quick"
-        ) from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        data = yaml.safe_load(regular_file(path, _MAX_BYTES).read_text(encoding="utf-8"))
+    except InputError as error:
+        raise ParameterError(str(error)) from None
+    except RecursionError:
+        raise ParameterError(f"{path}: not valid YAML (nested too deep)") from None
+    except (yaml.YAMLError, ValueError) as error:  # wrong syntax, bytes, dates or long numbers
         raise ParameterError(f"{path}: not valid YAML ({error})") from None
     try:
         params = build(Params, data or {})

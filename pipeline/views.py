@@ -15,6 +15,8 @@ from scenes.checked import build, check_name, plain
 from scenes.errors import InputError
 from scenes.files import read_json, write_json
 
+MAX_SIDE = 16_384  # pixels
+MAX_NUMBER = 1e7  # metres in a pose, pixels in K
 Matrix = tuple[tuple[float, ...], ...]
 
 
@@ -43,9 +45,17 @@ class View:
         """Raise ValueError for wrong names, shapes, poses or focal lengths."""
         check_name(self.scene_id, "a scene's id", where, ValueError)
         check_name(self.view_id, "a view's id", where, ValueError)
-        pose, intrinsics = np.array(self.camera_to_world), np.array(self.K)
-        if pose.shape != (4, 4) or intrinsics.shape != (3, 3):
+        if not (1 <= self.width <= MAX_SIDE and 1 <= self.height <= MAX_SIDE):
+            raise ValueError(
+                f"{where}: {self.width:,} x {self.height:,} pixels; from 1 to {MAX_SIDE:,} a side"
+            )
+        if [len(row) for row in self.camera_to_world] != [4] * 4 or [
+            len(row) for row in self.K
+        ] != [3] * 3:
             raise ValueError(f"{where}: camera_to_world must be 4x4 and K 3x3")
+        pose, intrinsics = np.array(self.camera_to_world), np.array(self.K)
+        if np.abs(pose).max() > MAX_NUMBER or np.abs(intrinsics).max() > MAX_NUMBER:
+            raise ValueError(f"{where}: camera_to_world or K hold numbers beyond {MAX_NUMBER:g}")
         rotation = pose[:3, :3]
         orthonormal = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4)
         if not orthonormal or np.linalg.det(rotation) < 0:

@@ -6,6 +6,7 @@ import dataclasses
 import difflib
 import math
 import re
+import reprlib
 import types
 import typing
 from collections.abc import Callable
@@ -15,6 +16,11 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 from scenes.errors import ParameterError, PbrnetError
 
 T = TypeVar("T")
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 2, 200, 200
+_SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = _SHORT.maxset = 12
+_LONGEST = 400  # characters of a value in a message
 
 
 def within(
@@ -36,6 +42,17 @@ def within(
     }
 
 
+def shown(value: object) -> str:
+    """Return a value from outside for a message: its `repr`, shortened if it is long or deep."""
+    if isinstance(value, int) and value.bit_length() > 4096:
+        return "a number of over 1,200 digits"
+    try:
+        text = _SHORT.repr(value)
+    except ValueError:  # it holds such a number
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+
+
 def check_name(
     name: str, what: str, where: str = "", error: type[Exception] = ParameterError
 ) -> str:
@@ -46,7 +63,7 @@ def check_name(
     """
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}", name):
         raise error(
-            f"{f'{where}: ' if where else ''}{name[:200]!r} cannot be {what}: use letters, digits, "
+            f"{f'{where}: ' if where else ''}{shown(name)} cannot be {what}: use letters, digits, "
             "'.', '_' and '-' only, a letter or digit first, at most 128"
         )
     return name
@@ -59,12 +76,12 @@ def build(cls: type[T], data: Any, where: str = "", error: type[PbrnetError] = P
     field's `within(...)` raises `error`, naming key, value and what is allowed.
     """
     if not isinstance(data, dict):
-        raise error(f"{where or cls.__name__}: expected a mapping of keys, got {data!r}")
+        raise error(f"{where or cls.__name__}: expected a mapping of keys, got {shown(data)}")
     hints = get_type_hints(cls)
     fields = {field.name: field for field in dataclasses.fields(cls) if field.init}  # type: ignore[arg-type]
     for key in data:
         if key not in fields:
-            close = difflib.get_close_matches(str(key), fields, n=1)
+            close = difflib.get_close_matches(str(key)[:100], fields, n=1)
             hint = f"; did you mean {close[0]!r}?" if close else ""
             raise error(f"{_join(where, key)}: unknown key{hint} (known: {', '.join(fields)})")
     values = {}
@@ -100,7 +117,8 @@ def plain(value: Any) -> Any:
 
 
 def _join(where: str, key: object) -> str:
-    return f"{where}.{key}" if where else str(key)
+    name = key if isinstance(key, str) and len(key) <= 100 else shown(key)
+    return f"{where}.{name}" if where else str(name)
 
 
 def _convert(hint: Any, value: Any, key: str, metadata: Any, error: type[PbrnetError]) -> Any:
@@ -120,28 +138,33 @@ def _convert(hint: Any, value: Any, key: str, metadata: Any, error: type[PbrnetE
         return _convert_tuple(hint, value, key, metadata, error)
     if origin is dict:
         if not isinstance(value, dict):
-            raise error(f"{key}: expected {_describe(hint)}, got {value!r}")
+            raise error(f"{key}: expected {_describe(hint)}, got {shown(value)}")
         item_hint = get_args(hint)[1]
         return {
             str(name): _convert(item_hint, item, _join(key, name), metadata, error)
             for name, item in value.items()
         }
     if origin is Literal:
-        if value not in get_args(hint):
-            raise error(f"{key}: {value!r} is not one of {', '.join(map(repr, get_args(hint)))}")
+        if not any(type(value) is type(one) and value == one for one in get_args(hint)):
+            raise error(
+                f"{key}: {shown(value)} is not one of {', '.join(map(repr, get_args(hint)))}"
+            )
         return value
     if hint is Any:
         return value
     if hint is Path and isinstance(value, str):
         return Path(value)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
+        try:
+            value = float(value)
+        except OverflowError:
+            raise error(f"{key}: expected a finite number, got {shown(value)}") from None
     if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
-        raise error(f"{key}: expected {_describe(hint, metadata)}, got {value!r}")
+        raise error(f"{key}: expected {_describe(hint, metadata)}, got {shown(value)}")
     if hint is float and not math.isfinite(value):
-        raise error(f"{key}: expected a finite number, got {value!r}")
+        raise error(f"{key}: expected a finite number, got {shown(value)}")
     if "check" in metadata and not metadata["check"](value):
-        raise error(f"{key}: {value!r} is not allowed; must be {metadata['allowed']}")
+        raise error(f"{key}: {shown(value)} is not allowed; must be {metadata['allowed']}")
     return value
 
 
@@ -149,12 +172,12 @@ def _convert_tuple(
     hint: Any, value: Any, key: str, metadata: Any, error: type[PbrnetError]
 ) -> tuple[Any, ...]:
     if not isinstance(value, (list, tuple)):
-        raise error(f"{key}: expected {_describe(hint)}, got {value!r}")
+        raise error(f"{key}: expected {_describe(hint)}, got {shown(value)}")
     item_hints = get_args(hint)
     if len(item_hints) == 2 and item_hints[1] is Ellipsis:
         item_hints = (item_hints[0],) * len(value)
     if len(item_hints) != len(value):
-        raise error(f"{key}: expected {len(item_hints)} values, got {value!r}")
+        raise error(f"{key}: expected {len(item_hints)} values, got {shown(value)}")
     return tuple(
         _convert(item_hint, item, f"{key}[{index}]", metadata, error)
         for index, (item_hint, item) in enumerate(zip(item_hints, value, strict=True))

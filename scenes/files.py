@@ -8,6 +8,7 @@ import hashlib
 import json
 import os
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -20,6 +21,9 @@ from scenes.errors import InputError, MachineError
 _PARTIAL = ".partial-"
 _FLUSHERS = 16
 MAX_FILES = 200_000  # of a folder that is copied
+MAX_BYTES = 2**30  # of one file that is read as a whole
+MAX_JSON = 2**28  # bytes
+_MAX_DIGITS = 40  # of a whole number in JSON
 
 
 @contextmanager
@@ -169,14 +173,66 @@ def write_json(path: Path, value: Any) -> None:
     write_text(path, json.dumps(value, indent=1, sort_keys=True, allow_nan=False) + "\n")
 
 
+def regular_file(path: Path, limit: int = MAX_BYTES) -> Path:
+    """Return the path of a file from outside that may be opened and read as a whole.
+
+    Raises `InputError` for what is missing or a folder, for pipes and devices, whose reading might
+    never end, for links in a circle, and for more than `limit` bytes.
+    """
+    shown = str(path)[:300]
+    try:
+        facts = Path(path).stat()
+    except FileNotFoundError:
+        raise InputError(f"{shown}: no such file") from None
+    except OSError as error:
+        raise InputError(f"{shown}: {os.strerror(error.errno or 0)}") from None
+    except ValueError as error:  # a NUL in the name
+        raise InputError(f"{shown!r}: {error}") from None
+    if stat.S_ISDIR(facts.st_mode):
+        raise InputError(f"{shown}: a folder; expected a file")
+    if not stat.S_ISREG(facts.st_mode):
+        raise InputError(f"{shown}: not a regular file, but a pipe, a device or the like")
+    if facts.st_size > limit:
+        raise InputError(f"{shown}: {facts.st_size:,} bytes; at most {limit:,} can be read")
+    return Path(path)
+
+
 def read_json(path: Path) -> Any:
     """Read a JSON file; `InputError` names the file and line if it is missing or broken."""
     try:
-        return json.loads(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        text = regular_file(path, MAX_JSON).read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
         raise InputError(f"{path}: not valid JSON ({error})") from None
+    return parse_json(text, str(path))
+
+
+def parse_json(text: str | bytes, where: str) -> Any:
+    """Read JSON text from outside; `InputError` begins with `where`.
+
+    Refused, beside wrong syntax: lists nested deeper than Python reads, whole numbers of more
+    than `_MAX_DIGITS` digits, NaN and infinity, and text that is no Unicode (lone surrogates).
+    """
+    try:
+        content = json.loads(text, parse_int=_whole, parse_constant=_no_constant)
+        if b"\\ud" in (text.encode() if isinstance(text, str) else text).lower():
+            json.dumps(content, ensure_ascii=False).encode()
+    except RecursionError:
+        raise InputError(f"{where}: not valid JSON (nested too deep)") from None
+    except UnicodeEncodeError:
+        raise InputError(f"{where}: not valid JSON (text that is not Unicode)") from None
+    except ValueError as error:
+        raise InputError(f"{where}: not valid JSON ({error})") from None
+    return content
+
+
+def _whole(digits: str) -> int:
+    if len(digits) > _MAX_DIGITS:
+        raise ValueError(f"a number of {len(digits):,} digits")
+    return int(digits)
+
+
+def _no_constant(name: str) -> float:
+    raise ValueError(f"{name} is not a number")
 
 
 def digest_bytes(*parts: bytes) -> str:

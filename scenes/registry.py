@@ -13,7 +13,7 @@ from typing import Any
 from scenes.checked import build, check_name
 from scenes.contract import Scene, load_scene, save_scene, writing_scene
 from scenes.errors import InputError, ParameterError
-from scenes.files import copy_files
+from scenes.files import copy_files, regular_file
 from scenes.import_options import SOURCES as ALL_SOURCES
 from scenes.import_options import option_names
 from scenes.opened_files import OpenedFiles
@@ -98,8 +98,7 @@ def import_scene(
         raise InputError(f"{out}: exists and is not a scene folder; choose another place")
     if path.is_dir():
         return _copy_folder(path, out, scene_id, opened or OpenedFiles(path))
-    if not path.exists():
-        raise InputError(f"{path}: no such file or folder")
+    regular_file(path)
     source = SOURCES.get(path.suffix.lower())
     if source is None and path.suffix.lower() in REFUSED:
         kind, remedy = REFUSED[path.suffix.lower()]

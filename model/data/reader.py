@@ -7,7 +7,6 @@ A checkpoint therefore needs only the number of rows read so far to resume with 
 from __future__ import annotations
 
 import csv
-import json
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -16,8 +15,14 @@ from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
+from pipeline.dataset.parquet import (
+    check_filled,
+    check_types,
+    image_shape,
+    open_parquet,
+    reading,
+)
 from pipeline.tonemap import Exposure
 from scenes.arrays import AnyArray, ArrayOrTensor
 from scenes.errors import InputError
@@ -186,7 +191,7 @@ class Dataset:
         """Python values of a scalar column of the split; empty if the column does not exist."""
         values: list[Any] = []
         for path, groups in zip(self.shards, self.groups, strict=True):
-            with _reading(path), pq.ParquetFile(path) as file:
+            with reading(path), open_parquet(path) as file:
                 if name not in file.schema_arrow.names:
                     continue
                 for group, rows in enumerate(groups):
@@ -214,7 +219,7 @@ class Dataset:
     def _keep(self, only: frozenset[str]) -> None:
         """Restrict the rows to these scenes."""
         for path, groups in zip(self.shards, self.groups, strict=True):
-            with _reading(path), pq.ParquetFile(path) as file:
+            with reading(path), open_parquet(path) as file:
                 for group, rows in enumerate(groups):
                     names = file.read_row_group(group, columns=["scene_id"]).column(0).to_pylist()
                     groups[group] = [row for row in rows if names[row] in only]
@@ -248,8 +253,9 @@ class Dataset:
 
     def _load(self, shard: int, group: int, wanted: set[int]) -> dict[int, dict[str, Any]]:
         path = self.shards[shard]
-        with _reading(path), pq.ParquetFile(path) as file:
+        with reading(path), open_parquet(path) as file:
             table = file.read_row_group(group, columns=[*SCALARS, *self.images])
+            check_filled(path, table, SCALARS)
             shapes = {
                 name: _shape(path, table.schema.field(name), channels)
                 for name, channels in self.images.items()
@@ -315,7 +321,7 @@ def image_columns(folder: Path, split: Split) -> set[str]:
     """Return the names of the columns that all shards of a split have."""
     names = []
     for path in _shards(Path(folder), split):
-        with _reading(path), pq.ParquetFile(path) as file:
+        with reading(path), open_parquet(path) as file:
             names.append(set(file.schema_arrow.names))
     return set.intersection(*names)
 
@@ -324,14 +330,14 @@ def _optional(shards: Sequence[Path]) -> dict[str, int | None]:
     """The columns of `OPTIONAL_IMAGES` that all shards have."""
     kept = dict(OPTIONAL_IMAGES)
     for path in shards:
-        with _reading(path), pq.ParquetFile(path) as file:
+        with reading(path), open_parquet(path) as file:
             names = set(file.schema_arrow.names)
             kept = {name: channels for name, channels in kept.items() if name in names}
     return kept
 
 
 def _group_sizes(path: Path, images: Iterable[str]) -> list[int]:
-    with _reading(path), pq.ParquetFile(path) as file:
+    with reading(path), open_parquet(path) as file:
         names = file.schema_arrow.names
         missing = [name for name in (*SCALARS, *images) if name not in names]
         if missing and missing[0] in NOISY_IMAGES:
@@ -343,20 +349,17 @@ def _group_sizes(path: Path, images: Iterable[str]) -> list[int]:
             raise InputError(
                 f"{path}: not a dataset of this project: the column {missing[0]!r} is missing"
             )
+        check_types(path, file.schema_arrow, SCALARS)
         return [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
 
 
 def _shape(path: Path, field: pa.Field, channels: int | None) -> tuple[int, ...]:
-    name = field.name
-    try:
-        shape = tuple(int(size) for size in json.loads(field.metadata[b"shape"]))
-    except (KeyError, TypeError, ValueError):
-        raise InputError(f"{path}: the column {name!r} has no readable shape metadata") from None
+    shape = image_shape(path, field)
     plain = shape[:2] if channels is None and shape[2:] in ((), (1,)) else shape
     if len(plain) != (2 if channels is None else 3) or (channels and plain[2] != channels):
-        raise InputError(f"{path}: the column {name!r} has the impossible shape {list(shape)}")
-    if not pa.types.is_fixed_size_list(field.type) or field.type.list_size != np.prod(plain):
-        raise InputError(f"{path}: the column {name!r} does not hold {list(shape)} values a row")
+        raise InputError(
+            f"{path}: the column {field.name!r} has the impossible shape {list(shape)}"
+        )
     return plain
 
 
@@ -380,21 +383,3 @@ def _example(record: dict[str, Any], names: Iterable[str]) -> Example:
         exposure_color=Exposure(record["exposure_color"], record["white_color"]),
         **images,
     )
-
-
-class _reading:
-    """Context that turns Arrow's and the system's errors about `path` into an `InputError`."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if isinstance(error, (pa.ArrowException, OSError)):
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise InputError(
-                f"{self.path}: damaged, truncated or not Parquet ({reason}); "
-                "pack it again with: pbrnet dataset"
-            ) from None

@@ -20,7 +20,16 @@ from model.evaluation.inference import Networks, Prediction
 from model.evaluation.metrics import flip_map, measure
 from model.training.store import ModelCard
 from pipeline.channels import DENOISED, DENOISED_SHADING, NOISY_SHADING, RGB, TINT
-from pipeline.frames import Channels, Frame, frame_path, read_frame, read_meta, write_pixels
+from pipeline.frames import (
+    Channels,
+    Frame,
+    check_frame,
+    frame_path,
+    read_frame,
+    read_meta,
+    view_of,
+    write_pixels,
+)
 from pipeline.images import Picture, contact_sheet, error_picture, reflectance_picture
 from pipeline.params import IlluminationParams, NoisyParams, Params, ToneParams
 from pipeline.passes.illumination import render_illumination
@@ -31,11 +40,18 @@ from pipeline.render.scene import RenderScene, open_scene, set_variant
 from pipeline.tonemap import Exposure, exposure_of, to_bytes, tonemap
 from pipeline.views import View, as_matrix, load_cameras, look
 from scenes.arrays import AnyArray
-from scenes.checked import build, plain
+from scenes.checked import plain
 from scenes.contract import load_scene
 from scenes.errors import InputError
 from scenes.seeds import derive
 
+# Channels that each kind of frame must have; the key tells the kinds apart.
+_NEEDED = {
+    "Z": ("Z", "N.X", "N.Y", "N.Z", "albedo.R", "albedo.G", "albedo.B", "valid"),
+    "intensity.Y": ("intensity.Y", "distance.Z"),
+    "visibility.Y": ("visibility.Y",),
+    DENOISED[0]: (*RGB, *NOISY_SHADING, *DENOISED, *DENOISED_SHADING),
+}
 Loader = Callable[[ModelCard], Example]  # takes the card of the network that gets the example
 
 
@@ -93,24 +109,23 @@ def from_frames(
     networks that take them. Raises `InputError` for frames that are missing, damaged, or of
     different views.
     """
-    view = build(View, read_meta(inputs).get("view"), f"{inputs}: view", InputError)
+    view = view_of(read_meta(inputs), inputs)
     paths = {"Z": inputs, "intensity.Y": illumination}
     paths |= {DENOISED[0]: noisy} if noisy else {}
     paths |= {"visibility.Y": visibility} if visibility else {}
     for path in list(paths.values())[1:]:
-        other = read_meta(path).get("view", {})
-        if (view.scene_id, view.view_id) != (other.get("scene_id"), other.get("view_id")):
+        other = view_of(read_meta(path), path)
+        if (view.scene_id, view.view_id) != (other.scene_id, other.view_id):
             raise InputError(
                 f"the frames are of different views: {inputs} of {view.view_id!r} and "
-                f"{path} of {other.get('view_id')!r}"
+                f"{path} of {other.view_id!r}"
             )
 
     def load(card: ModelCard) -> Example:
         frames = {name: read_frame(path) for name, path in paths.items()}
         for name, frame in frames.items():
-            if name not in frame.channels:
-                kind = frame.meta.get("kind")
-                raise InputError(f"{paths[name]}: a frame of {kind!r} without the channel {name}")
+            size = None if name == "intensity.Y" else (view.width, view.height)
+            check_frame(frame, paths[name], _NEEDED[name], size)
         known = known_truth(truth, view) if truth else None
         if truth and known is None:
             raise InputError(
@@ -207,16 +222,16 @@ def known_truth(data: Path, view: View) -> tuple[Frame, Frame] | None:
     if not all(path.is_file() for path in paths):
         return None
     frames = (read_frame(paths[0]), read_frame(paths[1]))
-    for frame in frames:
-        stored = frame.meta.get("view", {})
+    for path, frame in zip(paths, frames, strict=True):
+        stored = view_of(frame.meta, path)
         same = (
-            stored.get("width") == view.width
-            and stored.get("height") == view.height
-            and np.allclose(stored.get("K", 0), view.intrinsics)
-            and np.allclose(stored.get("camera_to_world", 0), view.pose)
+            (stored.width, stored.height) == (view.width, view.height)
+            and np.allclose(stored.intrinsics, view.intrinsics)
+            and np.allclose(stored.pose, view.pose)
         )
         if not same:
             return None
+        check_frame(frame, path, RGB, (view.width, view.height))
     return frames
 
 
@@ -356,7 +371,7 @@ def example_of(
         intensity=illumination["intensity.Y"].astype(np.float32),
         distance=illumination["distance.Z"].astype(np.float32),
         intrinsics=view.intrinsics,
-        tint=_stack(illumination, TINT) if TINT[0] in illumination else None,
+        tint=_stack(illumination, TINT) if all(name in illumination for name in TINT) else None,
         visibility=None if visibility is None else visibility.astype(np.float32),
         shading=shading,
         color=color,

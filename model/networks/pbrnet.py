@@ -7,7 +7,7 @@ panorama join those of the image, which has another shape and frame: see docs/ne
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal
 
@@ -16,6 +16,7 @@ from torch import nn
 from torch.nn import functional
 
 from model.data.encoding import CHANNELS, Policy, Tensors, centred
+from scenes.checked import within
 
 Panorama = Literal["resize", "normal"]
 
@@ -28,8 +29,10 @@ class Architecture:
     """Hyperparameters of a network; part of its model card."""
 
     kind: str  # `Method.kind` of `model.methods.METHODS`
-    width: int  # channels of the first level
-    levels: int  # resolutions of a U-Net, or the depth that the network's own file defines
+    width: int = field(metadata=within(1, 1024))  # channels of the first level
+    levels: int = field(
+        metadata=within(1, 32)
+    )  # resolutions of a U-Net, or the depth that the network's own file defines
     panorama: Panorama = "normal"
     exposure: Policy = "shared"  # exposure policy of the predicted colour
 

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from safetensors import SafetensorError
+import torch
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 from torch import nn
 
 from model.data.encoding import Policy
 from model.methods import build_network
 from model.networks.pbrnet import Architecture, channels_last
-from scenes.checked import build, plain
-from scenes.errors import InputError
-from scenes.files import atomic_file, digest_file, read_json, write_json
+from pipeline.params import NoisyParams, ToneParams
+from scenes.checked import build, plain, shown
+from scenes.errors import InputError, MachineError, ParameterError
+from scenes.files import atomic_file, digest_file, read_json, regular_file, write_json
 
 
 @dataclass(frozen=True)
@@ -52,19 +56,69 @@ class ModelCard:
     precision: str = "float32"  # of the stored weights
     packed_from: str = ""  # sha256 of the original weights, for weights in half precision
 
+    def verify(self, where: str) -> None:
+        """Check the values that predictions depend on; raises ValueError."""
+        if self.white <= 0 or not 0 < self.albedo <= 1:
+            raise ValueError(f"{where}: white must be above 0, and albedo above 0 and at most 1")
+        try:
+            build(ToneParams, self.tone, f"{where}: tone")
+            samples = {"spp": self.training.get("noisy_spp", 0)}
+            build(NoisyParams, samples, f"{where}: training.noisy_spp")
+        except ParameterError as error:
+            raise ValueError(str(error)) from None
+
 
 def save_model(models: Path, network: nn.Module, card: dict[str, Any]) -> ModelCard:
     """Write the weights, then the card with their digest; each by rename."""
     name = card["name"]
     path = models / f"{name}.safetensors"
     state = {key: value.detach().cpu().contiguous() for key, value in network.state_dict().items()}
-    with atomic_file(path) as partial:
-        save_file(state, partial)
+    write_weights(path, state)
     complete = ModelCard(
         parameters=sum(value.numel() for value in state.values()), sha256=digest_file(path), **card
     )
     write_json(models / f"{name}.json", plain(complete))
     return complete
+
+
+def write_weights(path: Path, state: dict[str, torch.Tensor]) -> None:
+    """Write a `.safetensors` file by rename; raises `MachineError` where the disk is full."""
+    with atomic_file(path) as partial:
+        try:
+            save_file(state, partial)
+        except SafetensorError as error:
+            if "os error 28" in str(error):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from None
+            raise MachineError(f"{path}: cannot be written ({_words(error)})") from None
+
+
+def _fitting_network(path: Path, architecture: Architecture) -> nn.Module:
+    """Build the network of an architecture if its weights have the names and shapes of a file's.
+
+    They are compared before memory is allocated, because a card may ask for any size. Raises
+    `InputError`.
+    """
+    try:
+        with torch.device("meta"):
+            planned = build_network(architecture).state_dict()
+        with safe_open(str(regular_file(path)), framework="pt") as file:
+            names = list(file.keys())
+            stored = {name: tuple(file.get_slice(name).get_shape()) for name in names}
+    except (SafetensorError, RuntimeError, ValueError, OSError) as error:
+        raise InputError(f"{path}: does not match its card ({_words(error)})") from None
+    wanted = {name: tuple(value.shape) for name, value in planned.items()}
+    for name in sorted({*stored, *wanted}):
+        if stored.get(name) != wanted.get(name):
+            raise InputError(
+                f"{path}: does not match its card: {shown(name)} is "
+                f"{stored.get(name, 'missing')} in the file and "
+                f"{wanted.get(name, 'unknown')} in the network"
+            )
+    return build_network(architecture)
+
+
+def _words(error: Exception) -> str:
+    return " ".join(str(error).split())[:300]
 
 
 def load_model(path: Path) -> tuple[nn.Module, ModelCard]:
@@ -80,9 +134,12 @@ def load_model(path: Path) -> tuple[nn.Module, ModelCard]:
     )
     if digest_file(path) != card.sha256:
         raise InputError(f"{path}: damaged, or not the weights described in {path.stem}.json")
-    network = build_network(card.architecture)
+    network = _fitting_network(path, card.architecture)
     try:
-        network.load_state_dict(load_file(path))
-    except (SafetensorError, RuntimeError) as error:
-        raise InputError(f"{path}: does not match its card ({error})") from None
+        state = load_file(path)
+        network.load_state_dict(state)
+    except (SafetensorError, RuntimeError, OSError) as error:
+        raise InputError(f"{path}: does not match its card ({_words(error)})") from None
+    if not all(torch.isfinite(value).all() for value in state.values()):
+        raise InputError(f"{path}: the weights hold NaN or infinity; train the network again")
     return channels_last(network.eval().requires_grad_(False)), card

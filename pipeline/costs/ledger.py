@@ -10,14 +10,20 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from scenes.errors import InputError
-from scenes.files import atomic_file
+from scenes.files import atomic_file, regular_file
 
 KEY = ("stage", "scene_id", "view_id")
+# Largest credible values; a ledger may come from elsewhere.
+_MOST = {
+    "seconds": 1e9, "opening": 1e9, "threads": 1e6, "width": 1e6, "height": 1e6, "spp": 1e9,
+    "bytes": 1e15, "peak_mb": 1e9, "memory_mb": 1e9, "times": 1e9, "attempt": 1e6,
+}  # fmt: skip
 SCHEMA = pa.schema(
     [
         pa.field("stage", pa.string(), metadata={"meaning": "stage or pass: scenes, ... color"}),
@@ -60,15 +66,28 @@ def read_ledger(data: Path) -> pa.Table:
     Raises `InputError` if the file is damaged.
     """
     path = ledger_path(data)
-    if not path.is_file():
-        return SCHEMA.empty_table()
+    return read_ledger_file(path) if path.exists() else SCHEMA.empty_table()
+
+
+def read_ledger_file(path: Path) -> pa.Table:
+    """Return all rows of a ledger; raises `InputError` for damage and for impossible costs."""
     try:
-        return pq.read_table(path, schema=SCHEMA)
+        table = pq.read_table(regular_file(path), schema=SCHEMA)
     except (OSError, pa.ArrowException) as error:
-        reason = " ".join(str(error).split())
+        reason = " ".join(str(error).split())[:300]
         raise InputError(
             f"{path}: not a ledger of costs ({reason}); remove it and run the command again"
         ) from None
+    for name in (*KEY, "seconds"):
+        if table[name].null_count:
+            raise InputError(f"{path}: a row without {name}; remove it and run the command again")
+    for name, most in _MOST.items():
+        values = table[name].drop_null().to_numpy()
+        if not np.isfinite(values).all() or ((values < 0) | (values > most)).any():
+            raise InputError(
+                f"{path}: impossible values of {name}; remove it and run the command again"
+            )
+    return table
 
 
 class Ledger:

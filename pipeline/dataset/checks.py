@@ -16,11 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.channels import Kind, channels_of
+from pipeline.channels import Kind, channels_of, layout
 from pipeline.frames import HALF_MAX, Channels, Frame, frame_path, read_frame
 from pipeline.params import CheckParams
 from pipeline.views import View
 from scenes.arrays import Float32Array
+from scenes.checked import plain, shown
 from scenes.color import luminance
 from scenes.errors import InputError
 from scenes.files import read_json
@@ -102,7 +103,12 @@ def load_frames(
             message = str(error).removeprefix(f"{path}: ").replace(str(path), path.name)
             return Rejection("damaged", f"{kind}: {_one_line(message)}")
         if frame.meta.get("kind") != kind:
-            return Rejection("damaged", f"{kind}: holds a frame of kind {frame.meta.get('kind')!r}")
+            return Rejection(
+                "damaged", f"{kind}: holds a frame of kind {shown(frame.meta.get('kind'))}"
+            )
+        missing = [name for name in layout(kind) if name not in frame.channels]
+        if missing:
+            return Rejection("damaged", f"{kind}: the channel {missing[0]!r} is missing")
         frames[kind] = frame
     return frames
 
@@ -177,13 +183,14 @@ def _figure(frame: Frame, name: str) -> float | None:
 
 def _stale(view: View, frames: Mapping[Kind, Frame]) -> Rejection | None:
     for kind, frame in frames.items():
-        made_for: dict[str, Any] = frame.meta.get("view") or {}
+        stated = frame.meta.get("view")
+        made_for: dict[str, Any] = stated if isinstance(stated, dict) else {}
         for key in ("scene_id", "view_id"):
             if made_for.get(key) != getattr(view, key):
-                return Rejection("stale", f"{kind}: its {key} is {made_for.get(key)!r}")
+                return Rejection("stale", f"{kind}: its {key} is {shown(made_for.get(key))}")
         for key in ("camera_to_world", "K"):
-            rendered_with = np.array(made_for.get(key, ()), dtype=np.float64)
-            if not np.array_equal(rendered_with, np.array(getattr(view, key))):
+            rendered_with = made_for.get(key)
+            if plain(rendered_with) != plain(getattr(view, key)):
                 return Rejection("stale", f"{kind}: rendered with another {key}; render it again")
     return None
 

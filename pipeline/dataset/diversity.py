@@ -6,17 +6,22 @@ luminance, saturation, and number and extent of lights around the camera.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 from scipy import ndimage
 
+from pipeline.dataset.parquet import (
+    check_filled,
+    check_types,
+    image_shape,
+    open_parquet,
+    reading,
+)
 from scenes.arrays import AnyArray, BoolArray, Float64Array
 from scenes.color import luminance
 from scenes.errors import InputError
@@ -99,13 +104,16 @@ def dataset_figures(shards: Sequence[Path]) -> dict[str, dict[str, Float64Array]
     """
     found: dict[str, list[dict[str, float]]] = {}
     for shard in shards:
-        file = pq.ParquetFile(shard)
+        file = open_parquet(shard)
         missing = sorted(set(_COLUMNS) - set(file.schema_arrow.names))
         if missing:
             raise InputError(f"{shard}: has no column {missing[0]!r}; pack the dataset again")
+        check_types(shard, file.schema_arrow, _COLUMNS)
         for group in range(file.metadata.num_row_groups):
-            table = file.read_row_group(group, columns=list(_COLUMNS))
-            images = {name: _images(table, name) for name in _COLUMNS[2:]}
+            with reading(shard):
+                table = file.read_row_group(group, columns=list(_COLUMNS))
+            check_filled(shard, table, _COLUMNS)
+            images = {name: _images(shard, table, name) for name in _COLUMNS[2:]}
             for index in range(table.num_rows):
                 row = {name: values[index] for name, values in images.items()}
                 row["objects"] = table["objects"][index].as_py()
@@ -177,8 +185,7 @@ def _edges(quantity: Quantity, values: Float64Array) -> Float64Array:
     return np.linspace(low, max(high, low + 1e-6), _BINS + 1)
 
 
-def _images(table: Any, name: str) -> AnyArray:
-    field = table.schema.field(name)
-    shape = json.loads(field.metadata[b"shape"])
+def _images(shard: Path, table: Any, name: str) -> AnyArray:
+    shape = image_shape(shard, table.schema.field(name))
     column = table[name].combine_chunks()
     return column.flatten().to_numpy(zero_copy_only=False).reshape(table.num_rows, *shape)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -14,14 +13,18 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pipeline.costs.charts import draw_ledger
+from pipeline.costs.ledger import read_ledger_file
 from pipeline.costs.table import is_ledger, ledger_table
 from pipeline.dataset.diversity import dataset_figures, draw_figures, summary_table
+from pipeline.dataset.parquet import check_filled, check_types, open_parquet, reading
 from pipeline.frames import read_frame
+from pipeline.images import Picture
 from pipeline.inspection.drawings import counted, draw_frame, draw_previews, picture_of
 from pipeline.inspection.sections import Inspection, Table
 from pipeline.views import View
 from scenes.checked import build
 from scenes.errors import InputError
+from scenes.files import parse_json
 
 
 def inspect_frame(path: Path) -> Inspection:
@@ -70,7 +73,7 @@ def inspect_frame(path: Path) -> Inspection:
 
 def inspect_parquet(path: Path) -> Inspection:
     """Describe a ledger or a shard, by its columns."""
-    if is_ledger(_open_parquet(path).schema_arrow):
+    if is_ledger(open_parquet(path).schema_arrow):
         return inspect_ledger(path)
     return inspect_shards([path], path.name)
 
@@ -99,8 +102,8 @@ def inspect_shards(paths: Sequence[Path], name: str) -> Inspection:
             {
                 "column": field.name,
                 "type": str(field.type.value_type if listed else field.type).split("<")[0],
-                "shape": " x ".join(map(str, json.loads(metadata.get(b"shape", b"[]")))),
-                "unit": metadata.get(b"unit", b"").decode(),
+                "shape": _shape(name, field),
+                "unit": metadata.get(b"unit", b"").decode("utf-8", "replace"),
                 "kB": round(sizes[field.name] / 1e3, 1),
                 "of raw": f"{sizes[field.name] / max(1, raw[field.name]):.0%}",
                 "encoding": encodings.get(field.name, ""),
@@ -109,7 +112,9 @@ def inspect_shards(paths: Sequence[Path], name: str) -> Inspection:
     rows: Table = []
     scenes: dict[str, set[str]] = {}
     for path, file in zip(paths, files, strict=True):
-        ids = file.read(columns=["scene_id", "split"])
+        with reading(path):
+            ids = file.read(columns=["scene_id", "split"])
+        check_filled(path, ids, ids.column_names)
         split = ids["split"][0].as_py() if file.metadata.num_rows else "?"
         scenes.setdefault(split, set()).update(ids["scene_id"].to_pylist())
         rows.append(
@@ -129,13 +134,13 @@ def inspect_shards(paths: Sequence[Path], name: str) -> Inspection:
             "Files": rows,
             "Columns": columns,
         },
-        lambda: draw_previews(files),
+        lambda: _previews(paths, files),
     )
 
 
 def inspect_ledger(path: Path) -> Inspection:
     """Describe costs by stage; draw seconds, hours and memory."""
-    ledger = pq.read_table(path)
+    ledger = read_ledger_file(path)
     return Inspection(
         "ledger",
         f"Ledger {path}: {counted(range(ledger.num_rows), 'row')}",
@@ -162,23 +167,31 @@ def inspect_diversity(folder: Path) -> Inspection:
     )
 
 
-def _open_parquet(path: Path) -> pq.ParquetFile:
-    try:
-        return pq.ParquetFile(path)
-    except (pa.ArrowInvalid, OSError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path}: damaged, truncated or not Parquet ({reason})") from None
-
-
 def _open_shard(path: Path) -> pq.ParquetFile:
-    file = _open_parquet(path)
+    file = open_parquet(path)
     needed = {"scene_id", "view_id", "split", "preview"}
     missing = needed - set(file.schema_arrow.names)
     if missing:
         raise InputError(
             f"{path}: Parquet, but not a shard of pbrnet: no column {', '.join(sorted(missing))}"
         )
+    check_types(path, file.schema_arrow, needed)
     return file
+
+
+def _shape(name: str, field: pa.Field) -> str:
+    text = (field.metadata or {}).get(b"shape")
+    if text is None:
+        return ""
+    shape = parse_json(text, f"{name}: shape of {field.name!r}")
+    if not isinstance(shape, list) or not all(isinstance(one, int) for one in shape):
+        raise InputError(f"{name}: the column {field.name!r} has no readable shape metadata")
+    return " x ".join(map(str, shape))
+
+
+def _previews(paths: Sequence[Path], files: Sequence[pq.ParquetFile]) -> Picture:
+    with reading(paths[0].parent if len(paths) > 1 else paths[0]):
+        return draw_previews(files)
 
 
 def _encoding(names: Sequence[str]) -> str:

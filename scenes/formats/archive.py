@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import io
+import lzma
 import posixpath
+import struct
 import zipfile
 import zlib
 from pathlib import Path, PurePosixPath
 
 from scenes.errors import InputError
+from scenes.files import regular_file
 
 MAX_MEMBERS = 20_000
 MAX_MEMBER = 256 * 2**20  # bytes of one member, unpacked
@@ -30,7 +33,7 @@ class HomeArchive:
         self._folders: dict[str, list[str]] | None = None
         self._members: dict[str, tuple[zipfile.ZipFile, zipfile.ZipInfo]] = {}
         try:
-            self._zip = zipfile.ZipFile(path)
+            self._zip = zipfile.ZipFile(regular_file(path))
         except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
             raise InputError(f"{path}: not a {kind}, or damaged ({error})") from None
         self._add(self._zip, "")
@@ -65,7 +68,7 @@ class HomeArchive:
             return known
         try:
             inner = zipfile.ZipFile(io.BytesIO(self.read(name)))
-        except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
+        except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
             raise InputError(f"{self.path}: {name}: a damaged zip ({error})") from None
         return self._add(inner, prefix)
 
@@ -85,8 +88,8 @@ class HomeArchive:
         try:
             with file.open(info) as stream:
                 data = stream.read(info.file_size + 1)
-        except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError,
-                NotImplementedError) as error:  # fmt: skip
+        except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, OSError, EOFError, ValueError,
+                RuntimeError, NotImplementedError, struct.error) as error:  # fmt: skip
             raise InputError(f"{where}: damaged or encrypted ({error})") from None
         if len(data) != info.file_size:
             raise InputError(f"{where}: not of the size that the file says")

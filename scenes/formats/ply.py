@@ -50,8 +50,10 @@ def read_ply(path: Path) -> Mesh:
     if not all(axis in vertex for axis in "xyz"):
         raise InputError(f"{path}: a PLY without vertex positions")
     indices = faces.get("vertex_indices", faces.get("vertex_index"))
-    if indices is None or not len(indices):
+    if indices is None or not len(indices) or np.shape(indices)[1:] != (3,):
         raise InputError(f"{path}: a PLY without faces")
+    if any(np.ndim(vertex[axis]) != 1 for axis in vertex):
+        raise InputError(f"{path}: a PLY whose vertices hold lists")
     uvs = normals = None
     for u, v in (("u", "v"), ("s", "t"), ("texture_u", "texture_v")):
         if u in vertex and v in vertex:
@@ -152,7 +154,7 @@ def _ply_ascii(path: Path, body: bytes, elements: list[PlyElement]) -> dict[str,
                         triangles[column] += _fan(polygon)
                     at += length
             tables[name] = {key: np.array(value) for key, value in triangles.items() if value}
-    except (ValueError, IndexError):
+    except (ValueError, IndexError, OverflowError):
         raise InputError(f"{path}: truncated or damaged") from None
     return tables
 
@@ -206,7 +208,10 @@ def _ply_polygons(
             for column, kind, counter in properties:
                 length = 1
                 if counter:
-                    length = int(np.frombuffer(data, order + counter, 1, at)[0])
+                    counted = float(np.frombuffer(data, order + counter, 1, at)[0])
+                    if not 0 <= counted <= len(data):  # NaN is neither
+                        raise ValueError(f"a list of {counted:g}")
+                    length = int(counted)
                     at += np.dtype(counter).itemsize
                 values = np.frombuffer(data, order + kind, length, at)
                 at += values.nbytes

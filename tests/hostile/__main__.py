@@ -18,7 +18,7 @@ from pathlib import Path
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from tests.hostile.families import FAMILIES, all_cases, sample
+from tests.hostile.families import FAMILIES, all_cases, sample, sound_cases
 from tests.hostile.runner import Runner, table
 
 
@@ -32,6 +32,7 @@ def main() -> int:
     parser.add_argument("--only", action="append", choices=[one.name for one in FAMILIES])
     parser.add_argument("--case", type=int, action="append", help="number within the family")
     parser.add_argument("--sample", type=int, help="so many cheap ones of all families")
+    parser.add_argument("--sound", action="store_true", help="undamaged files instead")
     parser.add_argument("--every", type=int, default=1, help="only each n-th case")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--keep", action="store_true", help="keep all folders")
@@ -39,6 +40,7 @@ def main() -> int:
     parser.add_argument("--json", type=Path, help="file for all outcomes")
     options = parser.parse_args()
     cases = sample(options.sample) if options.sample else all_cases()
+    cases = sound_cases() if options.sound else cases
     cases = [
         (family, number)
         for family, number in cases

@@ -17,6 +17,11 @@ def all_cases() -> list[tuple[Family, int]]:
     return [(family, number) for family in FAMILIES for number in range(family.cases)]
 
 
+def sound_cases() -> list[tuple[Family, int]]:
+    """Undamaged files with each command line of their family."""
+    return [(family, -1 - n) for family in FAMILIES for n in range(len(family.sound))]
+
+
 def sample(count: int, seed: int = 1) -> list[tuple[Family, int]]:
     """`count` cases, drawn evenly from the families whose cases are cheap."""
     cheap = [family for family in FAMILIES if family.seconds <= _CHEAP]

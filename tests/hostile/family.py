@@ -36,10 +36,22 @@ class Family:
     victims: Sequence[Victim] = ()
     made: Sequence[Made] = ()
     after: Callable[[Path], object] | None = None
+    ends_early: tuple[str, ...] = ()  # commands that lack something after they have read the files
     seconds: float = 0.3  # of a core, about, for one case: expensive ones are in `make check` only
 
+    @property
+    def sound(self) -> tuple[str, ...]:
+        """Command lines that succeed on undamaged files."""
+        lines = dict.fromkeys(line for victim in self.victims for line in victim.commands)
+        return tuple(line for line in lines if line not in self.ends_early)
+
     def write(self, folder: Path, rng: Random, number: int) -> Arguments:
-        """Write a case into a folder that holds the base; returns its command line."""
+        """Write a case into a folder that holds the base; returns its command line.
+
+        Negative numbers are the command lines of `sound`, on undamaged files.
+        """
+        if number < 0:
+            return self.sound[-1 - number].split()
         if number < len(self.made):
             return self.made[number](folder)
         victim = rng.choice(list(self.victims))

@@ -823,12 +823,13 @@ PROJECT = (
     Family(
         "params",
         200,
-        _small,
+        _ledger,
         (
             Victim("params.yaml", damaged_text, PARAMS[:2]),
             Victim("params.yaml", damaged_yaml, PARAMS),
         ),
         PARAMS_MADE,
+        ends_early=PARAMS[1:],
         seconds=0.1,
     ),
     Family(
@@ -840,6 +841,7 @@ PROJECT = (
             Victim(CAMERAS, damaged_text, CAMERA[:2]),
         ),
         CAMERAS_MADE,
+        ends_early=CAMERA[3:],
     ),
     Family(
         "frames",
@@ -852,7 +854,13 @@ PROJECT = (
         FRAMES_MADE,
     ),
     Family(
-        "shards", 140, _dataset, (Victim(SHARD, damaged_bytes, CHECKED),), SHARDS_MADE, seconds=1.5
+        "shards",
+        140,
+        _dataset,
+        (Victim(SHARD, damaged_bytes, CHECKED),),
+        SHARDS_MADE,
+        ends_early=CHECKED[2:],
+        seconds=1.5,
     ),
     Family("ledgers", 80, _ledger, (Victim(LEDGER, damaged_bytes, COSTS),), LEDGERS_MADE),
     Family(

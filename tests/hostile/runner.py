@@ -109,6 +109,7 @@ class Runner:
         """Write a family's sound files once, in a child, so that this process starts no threads."""
         if family.name not in self._templates:
             folder = self.work / f"template-{family.name}"
+            shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
             child = os.fork()
             if child == 0:
@@ -206,7 +207,7 @@ class _Watch:
             self._check(event, values[1])
         elif event in ("subprocess.Popen", "os.exec", "os.posix_spawn", "os.system"):
             program = str(values[0])
-            if Path(program).name not in ("ldconfig", Path(sys.executable).name):
+            if Path(program).name not in ("ldconfig", "uname", Path(sys.executable).name):
                 os.write(self.report, f"runs {program}\n".encode(errors="replace"))
 
     def _check(self, event: str, path: Any) -> None:

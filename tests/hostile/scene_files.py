@@ -606,7 +606,7 @@ SCENES = (
         _home,
         (
             Victim("members/Home.xml", damaged_text, (HOME,)),
-            Victim("members/Home.xml", damaged_text, (HOME, HOME + " --time 25:99")),
+            Victim("members/Home.xml", damaged_text, (HOME, HOME + " --time 21:30")),
             Victim("members/box", damaged_text, (HOME,)),
             Victim("members/t", damaged_bytes, (HOME,)),
         ),

@@ -1,0 +1,56 @@
+"""Every hostile input ends in time, within its folder, with a message and without a traceback."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.fixtures.paths import ROOT
+from tests.hostile.families import FAMILIES
+from tests.hostile.runner import Outcome
+
+CASES = 2000
+
+
+def outcomes(folder: Path, *arguments: str) -> list[Outcome]:
+    """Run `python -m tests.hostile` in a process of its own, which can be forked."""
+    made = folder / "outcomes.json"
+    command = [sys.executable, "-m", "tests.hostile", "--work", str(folder), "--json", str(made)]
+    done = subprocess.run([*command, *arguments], cwd=ROOT, capture_output=True, text=True)
+    print(done.stdout[-4000:])
+    assert made.is_file(), done.stderr[-4000:]
+    return [Outcome(**one) for one in json.loads(made.read_text(encoding="utf-8"))]
+
+
+def test_there_are_thousands_of_cases_and_each_family_has_its_own() -> None:
+    assert sum(family.cases for family in FAMILIES) >= CASES
+    assert len({family.name for family in FAMILIES}) == len(FAMILIES)
+    assert all(len(family.made) < family.cases for family in FAMILIES)
+
+
+@pytest.mark.slow
+def test_a_hundred_cases_of_all_cheap_families(tmp_path: Path) -> None:
+    found = outcomes(tmp_path, "--sample", "100", "--processes", "1")
+    assert len(found) == 100
+    assert not [(one.name, one.faults, one.message) for one in found if one.faults]
+
+
+@pytest.mark.check
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("family", [family.name for family in FAMILIES])
+def test_all_cases_of_a_family(tmp_path: Path, family: str) -> None:
+    found = outcomes(tmp_path, "--only", family)
+    assert not [(one.name, one.faults, one.message) for one in found if one.faults]
+
+
+@pytest.mark.check
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("family", [family.name for family in FAMILIES])
+def test_undamaged_files_of_a_family_are_read(tmp_path: Path, family: str) -> None:
+    found = outcomes(tmp_path, "--only", family, "--sound")
+    assert found
+    assert not [(one.arguments, one.message) for one in found if one.code != 0]
