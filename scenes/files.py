@@ -197,6 +197,14 @@ def regular_file(path: Path, limit: int = MAX_BYTES) -> Path:
     return Path(path)
 
 
+def resolved(path: Path) -> Path:
+    """Return the absolute path without links; `InputError` for links in a circle."""
+    try:
+        return Path(path).resolve()
+    except (RuntimeError, OSError, ValueError):
+        raise InputError(f"{str(path)[:300]}: links in a circle, or no possible name") from None
+
+
 def read_json(path: Path) -> Any:
     """Read a JSON file; `InputError` names the file and line if it is missing or broken."""
     try:

@@ -13,7 +13,7 @@ from typing import Any
 from scenes.checked import build, check_name
 from scenes.contract import Scene, load_scene, save_scene, writing_scene
 from scenes.errors import InputError, ParameterError
-from scenes.files import copy_files, regular_file
+from scenes.files import copy_files, regular_file, resolved
 from scenes.import_options import SOURCES as ALL_SOURCES
 from scenes.import_options import option_names
 from scenes.opened_files import OpenedFiles
@@ -131,9 +131,9 @@ def _copy_folder(path: Path, out: Path, scene_id: str, opened: OpenedFiles) -> S
             f"{path}: a folder without scene.json; name the scene's own file, such as scene.xml"
         )
     scene = load_scene(path)
-    if out.resolve() == path.resolve():
+    if resolved(out) == resolved(path):
         return scene
-    if out.resolve().is_relative_to(path.resolve()):
+    if resolved(out).is_relative_to(resolved(path)):
         raise InputError(f"{out}: lies inside the scene that is to be copied there")
     opened.add_folder(path)
     with writing_scene(out) as folder:

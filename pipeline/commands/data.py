@@ -109,7 +109,7 @@ def inspect(
         inspection = with_leaks(inspection, path)
     click.echo(inspection.json if as_json else inspection.text)
     if not text_only:
-        target = out or Path(f"inspect-{path.resolve().stem}.png")
+        target = out or Path(f"inspect-{path.absolute().stem}.png")
         picture = png_bytes(inspection.draw())
         with atomic_file(target) as partial:
             partial.write_bytes(picture)

@@ -7,6 +7,7 @@ count back from the last element read.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -208,10 +209,11 @@ def _table(rows: list[bytes], columns: int, least: int, place: str) -> Float64Ar
     widths = np.array([len(row.split()) for row in rows])
     if widths.min() < least:
         raise InputError(f"{place}: a damaged line of numbers: {_shown(rows[widths.argmin()])}")
-    try:
-        if widths.min() == widths.max() >= columns:
+    if widths.min() == widths.max() >= columns:
+        with suppress(ValueError):  # then one by one: what follows the numbers does not matter
             flat = np.array(b" ".join(rows).split(), dtype=np.float64)
             return flat.reshape(len(rows), -1)[:, :columns].copy()
+    try:
         table = np.zeros((len(rows), columns))
         for number, row in enumerate(rows):
             values = [float(word) for word in row.split()[:columns]]

@@ -123,7 +123,11 @@ def _ply_header(path: Path, lines: list[str]) -> tuple[str, list[PlyElement]]:
             elif words[0] == "property":
                 elements[-1][2].append((words[2], _PLY_TYPES[words[1]], None))
         except (IndexError, KeyError, ValueError):
-            raise InputError(f"{path}: a damaged PLY header line: {line!r}") from None
+            raise InputError(f"{path}: a damaged PLY header line: {line[:200]!r}") from None
+    for element, _, properties in elements:
+        names = [one[0] for one in properties]
+        if len(set(names)) < len(names):
+            raise InputError(f"{path}: a damaged PLY header: {element!r} repeats a property")
     return form, elements
 
 

@@ -16,6 +16,7 @@ from scenes.errors import InputError
 FARTHEST = 1e12  # largest coordinate of a vertex
 FARTHEST_UV = 1e5  # beyond this float32 cannot resolve texels, and lookups fail
 MAX_TRIANGLES = 10_000_000  # of one mesh; the whole scene has a limit of its own
+_PAIRS = 4_000_000  # of corners at one point that are compared at a time
 
 
 @dataclass(frozen=True)
@@ -141,18 +142,23 @@ def creased(mesh: Mesh, degrees: float) -> Mesh:
     sizes = sizes[sizes > 0]
     if int((sizes.astype(np.int64) ** 2).sum()) > 200_000_000:
         return replace(mesh, normals=smooth_normals(mesh.vertices, mesh.faces))
-    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    # All pairs (a, b) of corners at the same point; the normal of a sums those of b.
+    # All pairs (a, b) of corners at the same point; the normal of a sums those of b. Rows of
+    # corners are taken in pieces, because a few points may have all corners of a mesh.
     size_of = np.repeat(sizes, sizes)
-    first = np.repeat(np.arange(len(order)), size_of)
-    offset = np.arange(len(first)) - np.repeat(np.cumsum(size_of) - size_of, size_of)
-    second = np.repeat(np.repeat(starts, sizes), size_of) + offset
-    a, b = order[first], order[second]
-    near = (face[owner[a]] * face[owner[b]]).sum(axis=1) >= np.cos(np.radians(degrees)) - 1e-9
-    a, b = a[near], b[near]
+    start_of = np.repeat(np.concatenate([[0], np.cumsum(sizes)[:-1]]), sizes)
+    piece_of = np.cumsum(size_of) // _PAIRS
+    cosine = np.cos(np.radians(degrees)) - 1e-9
     normals = np.zeros((len(owner), 3))
-    for axis in range(3):
-        normals[:, axis] = np.bincount(a, (face[owner[b]][:, axis] * weights[b]), len(owner))
+    for rows in np.split(np.arange(len(order)), np.flatnonzero(np.diff(piece_of)) + 1):
+        counts = size_of[rows]
+        first = np.repeat(rows, counts)
+        offset = np.arange(len(first)) - np.repeat(np.cumsum(counts) - counts, counts)
+        second = np.repeat(start_of[rows], counts) + offset
+        a, b = order[first], order[second]
+        near = (face[owner[a]] * face[owner[b]]).sum(axis=1) >= cosine
+        a, b = a[near], b[near]
+        for axis in range(3):
+            normals[:, axis] += np.bincount(a, face[owner[b]][:, axis] * weights[b], len(owner))
     flat = mesh.faces.ravel()
     return Mesh(
         mesh.vertices[flat],

@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from scenes.errors import InputError
+from scenes.files import resolved
 from scenes.opened_files import OpenedFiles
 
 
@@ -24,7 +25,7 @@ class Sandbox:
     ) -> None:
         self.opened = opened
         self.folder = opened.folder
-        self.root = (root or self.folder).resolve()
+        self.root = resolved(root or self.folder)
         if not self.folder.is_relative_to(self.root):
             raise InputError(
                 f"{root}: does not contain the scene's folder {self.folder}; see --root"
@@ -57,13 +58,13 @@ class Sandbox:
                 if self.opened.is_file(folder / written):
                     return path
         for found in self.opened.with_name(PurePosixPath(written).name):
-            if found.resolve().is_relative_to(self.root) and self.opened.is_file(found):
+            if resolved(found).is_relative_to(self.root) and self.opened.is_file(found):
                 self.relocated.append((name, found.relative_to(self.root).as_posix()))
                 return found
         return None
 
     def _inside(self, name: str, place: str, folder: Path | None = None) -> Path:
-        path = ((folder or self.folder) / name).resolve()
+        path = resolved((folder or self.folder) / name)
         if not path.is_relative_to(self.root):
             raise InputError(
                 f"{place}: {name!r} lies outside the scene's folder {self.root}; "

@@ -237,7 +237,7 @@ XML_MADE = (
     _usual(
         "<shape type='sphere'><transform name='toWorld'><translate x='1e300'/></transform></shape>"
     ),
-    _usual("".join(f"<shape type='sphere' id='s{n}'/>" for n in range(2000))),
+    _usual("".join(f"<shape type='sphere' id='s{n}'/>" for n in range(200))),
     _usual("<shape type='hair'><string name='filename' value='t.png'/></shape>"),
     _usual("<shape type='sphere' id='a'/><shape type='sphere' id='a'/>"),
     _usual("<spectrum name='radiance' value='400:nan, 700:inf'/>"),

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import binascii
-import json
 import math
 import struct
 from dataclasses import dataclass, field
@@ -16,7 +15,9 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
+from scenes.checked import shown
 from scenes.errors import InputError
+from scenes.files import parse_json
 from scenes.importing.sandbox import Sandbox
 from scenes.models.gltf.compression import decode_meshopt
 
@@ -25,6 +26,20 @@ MAX_JSON = 64 * 2**20  # bytes
 MAX_ITEMS = 100_000  # of any list in the JSON
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
+# Properties of glTF's objects that are text, and those that are numbers, wherever they stand.
+_TEXTS = frozenset(
+    (
+        "alphaMode", "copyright", "generator", "interpolation", "mimeType", "minVersion", "name",
+        "type", "uri", "version",
+    )
+)  # fmt: skip
+_NUMBERS = frozenset(
+    (
+        "buffer", "bufferView", "byteLength", "byteOffset", "byteStride", "camera",
+        "componentType", "count", "index", "light", "magFilter", "material", "mesh", "minFilter",
+        "sampler", "source", "texCoord", "wrapS", "wrapT",
+    )
+)  # fmt: skip
 # Extensions that a file may require.
 UNDERSTOOD = frozenset(
     (
@@ -195,11 +210,13 @@ def open_asset(path: Path, sandbox: Sandbox) -> Asset:
             f"{path}: the JSON has {len(text) >> 20} MiB; the limit is {MAX_JSON >> 20} MiB"
         )
     try:
-        parsed = json.loads(text.decode("utf-8-sig"), parse_constant=_no_constant)
-    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        decoded = text.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
         raise InputError(f"{path}: not a glTF file; its JSON is damaged ({error})") from None
+    parsed = parse_json(decoded, f"{path}: not a glTF file; its JSON is damaged")
     if not isinstance(parsed, dict) or not isinstance(parsed.get("asset"), dict):
         raise InputError(f"{path}: not a glTF file; it has no 'asset'")
+    _check_types(parsed, path)
     version = str(parsed["asset"].get("version", ""))
     if version.split(".")[0] != "2":
         raise InputError(f"{path}: glTF version {version[:20]!r} is not supported, only version 2")
@@ -253,6 +270,29 @@ def whole(value: Any, where: str, low: int, high: int) -> int:
     return value
 
 
+def _check_types(parsed: dict[str, Any], path: Path) -> None:
+    """Raise `InputError` where a property that is text, or a number, holds anything else.
+
+    What applications keep for themselves (`extras`, extensions that are not read) is passed over.
+    """
+    waiting: list[Any] = [parsed]
+    while waiting:
+        item = waiting.pop()
+        if isinstance(item, list):
+            waiting += item
+        if not isinstance(item, dict):
+            continue
+        for key, value in item.items():
+            if key in _TEXTS and not isinstance(value, str):
+                raise InputError(f"{path}: {key!r} must be text, got {shown(value)}")
+            if key in _NUMBERS and (isinstance(value, bool) or not isinstance(value, int | float)):
+                raise InputError(f"{path}: {key!r} must be a number, got {shown(value)}")
+            if key == "extensions" and isinstance(value, dict):
+                waiting += [one for name, one in value.items() if name in UNDERSTOOD]
+            elif key != "extras":
+                waiting.append(value)
+
+
 def number(value: Any, where: str, low: float = -math.inf, high: float = math.inf) -> float:
     """Check a finite number and return it, clipped to [low, high]."""
     if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
@@ -289,7 +329,3 @@ def _chunks(path: Path, data: bytes) -> tuple[bytes, bytes | None]:
     if not found or found[0][0] != _JSON_CHUNK:
         raise InputError(f"{path}: the first chunk of the GLB file is not JSON")
     return found[0][1], next((body for kind, body in found[1:] if kind == _BINARY_CHUNK), None)
-
-
-def _no_constant(name: str) -> Any:
-    raise ValueError(f"{name} is not a valid number in JSON")
