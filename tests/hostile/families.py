@@ -30,5 +30,7 @@ def sample(count: int, seed: int = 1) -> list[tuple[Family, int]]:
     return [
         (family, number)
         for family, share in zip(cheap, shares, strict=True)
-        for number in sorted(rng.sample(range(family.cases), share))
+        for number in sorted(
+            rng.sample([n for n in range(family.cases) if n not in family.costly], share)
+        )
     ]

@@ -37,6 +37,7 @@ class Family:
     made: Sequence[Made] = ()
     after: Callable[[Path], object] | None = None
     ends_early: tuple[str, ...] = ()  # commands that lack something after they have read the files
+    costly: frozenset[int] = frozenset()  # cases that take many seconds: in `make check` only
     seconds: float = 0.3  # of a core, about, for one case: expensive ones are in `make check` only
 
     @property

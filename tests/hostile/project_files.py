@@ -878,6 +878,7 @@ PROJECT = (
             _with_link(WEIGHTS, "x", PREDICT),
         ),
         _digests,
+        seconds=1.0,
     ),
     Family(
         "model cards",

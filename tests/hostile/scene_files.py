@@ -653,7 +653,14 @@ SCENES = (
         PARTS_MADE,
         _packed,
     ),
-    Family("mitsuba xml", 220, _xml, (Victim("scene.xml", damaged_text, (XML,)),), XML_MADE),
+    Family(
+        "mitsuba xml",
+        220,
+        _xml,
+        (Victim("scene.xml", damaged_text, (XML,)),),
+        XML_MADE,
+        costly=frozenset((26,)),
+    ),
     Family(
         "meshes",
         200,
@@ -674,6 +681,7 @@ SCENES = (
             Victim("a.mtl", damaged_text, (OBJ,)),
         ),
         OBJ_MADE,
+        costly=frozenset((7,)),
     ),
     Family(
         "gltf",
