@@ -61,19 +61,25 @@ PLUMBING = (
 OTHER_METHODS = ("model/baselines", "model/networks/hybrid.py", "model/networks/plus.py")
 # Features are a dependency as files: models/backbone.safetensors.
 FEATURES = ("model/training/backbone.py",)
-# The format of JSON files: weights and scores do not depend on it, and training takes long.
-JSON = ("scenes/checked.py", "scenes/files.py")
+# Formats of files and their checks: weights and scores do not depend on them, and training takes
+# long.
+FORMATS = (
+    "model/training/weights.py",
+    "pipeline/dataset/parquet.py",
+    "scenes/checked.py",
+    "scenes/files.py",
+)
 # The farm's jobs: pieces and homes are made by functions of other modules.
 JOBS = ("pipeline/stages/render_jobs.py",)
 LEFT_OUT = {
     "assets": JOBS,
     "scenes": JOBS,
-    "backbone": JSON,
-    "train_shading": OTHER_METHODS + FEATURES + JSON,
-    "train_composition": OTHER_METHODS + FEATURES + JSON,
-    "train_baselines": FEATURES + JSON,
-    "evaluate": FEATURES + JSON,
-    "report": JSON,
+    "backbone": FORMATS,
+    "train_shading": OTHER_METHODS + FEATURES + FORMATS,
+    "train_composition": OTHER_METHODS + FEATURES + FORMATS,
+    "train_baselines": FEATURES + FORMATS,
+    "evaluate": FEATURES + FORMATS,
+    "report": FORMATS,
 }
 
 
