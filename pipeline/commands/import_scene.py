@@ -229,6 +229,13 @@ def _given_options(path: Path, options: dict[str, Any]) -> dict[str, Any]:
 def summary(scene: Scene) -> list[str]:
     """Return lines of text on the content of a scene and the changes of its importer."""
     lines = [f"scene {scene.scene_id}: {scene.source.get('kind', '')}, light: {scene.lighting}"]
+    placement = scene.source.get("placement")
+    if isinstance(placement, dict):
+        lines.append(
+            f"  placed   as {placement['kind']}, 1 unit = {placement['scale']:.4g} m, "
+            f"+{placement['up'].upper()} up, confidence {placement['confidence']:.2f}, because"
+        )
+        lines += [f"           - {reason}" for reason in placement["reasons"]]
     for room in scene.rooms:
         west, south = (min(point[axis] for point in room.floor) for axis in (0, 1))
         east, north = (max(point[axis] for point in room.floor) for axis in (0, 1))

@@ -138,7 +138,7 @@ _ROOM_FURNITURE = (
 def category_of(*labels: str) -> str:
     """Return the category of the first of `labels` that tells one, else "other"."""
     for label in labels:
-        ranked = [_CATEGORY_OF_WORD[word] for word in _words(label) if word in _CATEGORY_OF_WORD]
+        ranked = [_CATEGORY_OF_WORD[word] for word in words_of(label) if word in _CATEGORY_OF_WORD]
         if ranked:
             return min(ranked)[1]
     return "other"
@@ -152,12 +152,12 @@ def category_of_piece(kind: str, name: str, catalog_id: str, model: str = "") ->
     """
     identifier = catalog_id.rpartition("#")[2]
     if kind == "doorOrWindow":
-        words = _words(identifier) | _words(name)
+        words = words_of(identifier) | words_of(name)
         return ("door" if words & set(_DOORS) else "window"), True
     if kind == "light":
         return "lamp", False
     for text in (identifier, name, model):
-        if _words(text) & set(_WHOLE_BUILDING):
+        if words_of(text) & set(_WHOLE_BUILDING):
             return "structure", True
         category = category_of(text)
         if category != "other":
@@ -168,7 +168,7 @@ def category_of_piece(kind: str, name: str, catalog_id: str, model: str = "") ->
 def room_type(name: str, categories: Iterable[str]) -> str:
     """Return the type of a room from its name, else from the categories of its objects."""
     plain = _plain(name)
-    words = _words(name)
+    words = words_of(name)
     for kind, hints in _ROOMS:
         if words & set(hints) or any(" " in hint and hint in plain for hint in hints):
             return kind
@@ -183,8 +183,8 @@ def room_type(name: str, categories: Iterable[str]) -> str:
     return "other"
 
 
-def _words(text: str) -> set[str]:
-    """Lower-case words of a text without accents, pairs of neighbours as one word, and singulars.
+def words_of(text: str) -> set[str]:
+    """Return a text's lower-case words without accents, neighbours as one word, and singulars.
 
     Capitals inside a word and digits separate words, too.
     """

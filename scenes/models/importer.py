@@ -37,20 +37,15 @@ from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin
 from scenes.models.model import Emission, Model, PunctualLight
 from scenes.models.options import READERS, ModelOptions
+from scenes.models.placement import place_model
 from scenes.models.showroom import showroom
 from scenes.opened_files import OpenedFiles
 from scenes.photometry import LUMEN
-from scenes.reconstruction.interior import Interior, find_interior
-from scenes.reconstruction.orientation import up_from_geometry, upright
+from scenes.reconstruction.orientation import upright
 from scenes.reconstruction.rooms import FoundRoom
-from scenes.reconstruction.surroundings import without_ground
+from scenes.reconstruction.scale_clues import unit_name
 from scenes.source_options import load
 
-LARGEST_OBJECT = 6.0  # metres; a larger model without a room is a scene of its own
-_SMALLEST_OBJECT = 0.02  # metres
-_LARGEST_AS_STATED = 60.0  # metres, of a model without a room that is read in the file's unit
-_SMALLEST_SCENE, _LARGEST_SCENE = 1.5, 200.0  # metres, of a model that may have rooms
-_UNITS = {1.0: "metres", 0.01: "centimetres", 0.0254: "inches", 0.001: "millimetres"}
 _TOUCH_DISTANCE = 0.02  # metres
 # Categories of which shapes that touch are one object, such as a table's top and legs.
 _MERGED_CATEGORIES = (
@@ -66,7 +61,6 @@ _MERGED_CATEGORIES = (
     "sofa",
     "armchair",
 )
-_Y = np.array([0.0, 1.0, 0.0])
 # Emission is defined in candela per square metre, but many files use 1 for a bright display.
 _MAX_RELATIVE = 50.0  # a file whose brightest surface stays below this does so
 _RELATIVE_UNIT = 1000.0  # candela per square metre
@@ -122,14 +116,9 @@ def _draft(
     changes: Changes,
 ) -> Draft:
     """The model upright and in metres, with light, and in a plain room if it has none."""
-    up = _up(model, options)
-    found = _interior(model, up, options)
-    is_single = found is None
-    if found is not None:
-        scale, interior = found
-    else:
-        up = up if model.up or options.up != "auto" else _Y
-        scale, is_single = _scale_from_size(model, options, changes)
+    placement = place_model(model, path.stem, options)
+    is_single = placement.kind == "object"
+    scale, up = placement.scale, placement.up
     _note_frame(up, scale, model, options, changes)
     frame = np.eye(4)
     frame[:3, :3] = scale * upright(up)
@@ -149,19 +138,22 @@ def _draft(
         if model.cameras:
             changes.note("cameras of a single object were left out")
     cameras = views or [transformed_camera(camera, frame, changes) for camera in model.cameras]
-    if found is not None:
+    if placement.interior is not None:
         taken = {shape.id.lower() for shape in model.shapes}
-        room_shapes = [
-            _with_unused_id(shape, taken)
-            for shape in completing_shapes(interior.completion, changes)
-        ]
+        added = completing_shapes(placement.interior.completion, changes)
+        room_shapes = [_with_unused_id(shape, taken) for shape in added]
     emitters = [_punctual_emitter(light, frame) for light in model.lights]
     outdoors = is_single or options.sky or model.outdoors
     if outdoors:
         emitters.append(daylight())
     return Draft(
         scene_id,
-        {"kind": model.kind, "file": path.name, "version": model.version},
+        {
+            "kind": model.kind,
+            "file": path.name,
+            "version": model.version,
+            "placement": placement.summary,
+        },
         [shape.transformed(frame) for shape in model.shapes] + room_shapes,
         area,
         emitters,
@@ -180,61 +172,15 @@ def _draft(
     )
 
 
-def _up(model: Model, options: ModelOptions) -> Float64Array:
-    """The axis that points up in the file, as a unit vector (3,)."""
-    stated = options.up if options.up != "auto" else model.up
-    if stated:
-        return np.eye(3)["xyz".index(stated)]
-    return up_from_geometry(np.concatenate([shape.mesh.corners for shape in model.shapes]), _Y)
-
-
-def _interior(
-    model: Model, up: Float64Array, options: ModelOptions
-) -> tuple[float, Interior] | None:
-    """Metres per unit with which rooms of usual height are found, and these; None without."""
-    turn = upright(up)
-    corners = np.concatenate([shape.mesh.corners for shape in model.shapes]) @ turn.T
-    extent = float(np.max(np.ptp(without_ground(corners)[0].reshape(-1, 3), axis=0)))
-    stated = options.scale or model.unit
-    guessed = () if options.scale is not None else _UNITS
-    for scale in dict.fromkeys((stated, *guessed) if stated else guessed):
-        if not _SMALLEST_SCENE < scale * extent < _LARGEST_SCENE:
-            continue
-        found = find_interior(scale * corners)
-        if found.rooms or found.completion.spaces:
-            return scale, found
-    return None
-
-
-def _scale_from_size(model: Model, options: ModelOptions, changes: Changes) -> tuple[float, bool]:
-    """Metres per unit of a model without rooms, and whether it is a single object."""
-    low, high = bounds_of(model.shapes)
-    extent = float(np.max(high - low))
-    if options.scale is not None:
-        return options.scale, options.scale * extent <= LARGEST_OBJECT
-    unit = model.unit or 1.0
-    if unit * extent < _SMALLEST_OBJECT:
-        changes.note(
-            f"an object of {extent:.3g} units was enlarged to 0.5 m (change it with --scale)"
-        )
-        return 0.5 / extent, True
-    if unit * extent <= _LARGEST_AS_STATED:
-        return unit, unit * extent <= LARGEST_OBJECT
-    for scale in _UNITS:
-        if scale * extent <= LARGEST_OBJECT:
-            return scale, True
-    return unit, False
-
-
 def _note_frame(
     up: Float64Array, scale: float, model: Model, options: ModelOptions, changes: Changes
 ) -> None:
     if up[2] != 1:
         name = "+" + "XYZ"[int(np.argmax(up))]
         changes.note(f"the scene was turned so that its {name} axis points up (Z)")
-    if scale in _UNITS and scale != (model.unit or 1) and options.scale is None:
+    if options.scale is None and not math.isclose(scale, model.unit or 1):
         stated = f", though the file states {model.unit:g} m" if model.unit else ""
-        changes.note(f"lengths were read as {_UNITS[scale]}{stated} (change it with --scale)")
+        changes.note(f"lengths were read as {unit_name(scale)}{stated} (change it with --scale)")
 
 
 def _area_lights(model: Model, textures: TextureStore, changes: Changes) -> dict[str, Element]:

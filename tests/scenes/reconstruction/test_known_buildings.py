@@ -27,7 +27,12 @@ def test_a_known_building_comes_in_as_it_is(tmp_path: Path, name: str) -> None:
     assert is_object == building.is_object
     assert len(scene.portals) == building.portals
     assert sum(not room.has_light for room in scene.rooms) == building.unlit
-    # The scale, from what the file holds.
+    placement = scene.source["placement"]
+    assert placement["kind"] == ("object" if building.is_object else "building")
+    assert placement["scale"] == pytest.approx(building.scale)
+    assert placement["up"] == building.up
+    assert 0.5 <= placement["confidence"] <= 1
+    assert any("1 unit is" in reason for reason in placement["reasons"])
     points = np.concatenate([part.quads.reshape(-1, 3) for part in building.parts])
     if building.is_object:
         own = [item for item in scene.objects if not item.is_structure and item.category != "lamp"]

@@ -1,0 +1,292 @@
+"""Scale, up axis and kind of a model: one decision from all the evidence in the file.
+
+Input: a `Model` in the file's axes and units, and the options. Output: a `Placement` with its
+reasons. The up axis is the one that the options or the file state; otherwise +Y and +Z (and +X)
+are compared by level surfaces at both ends, by parts that stand on one level, and by the shape of
+named things. For each, `scale_clues` gives the scale; the pair with the most evidence wins.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from scenes.arrays import Float64Array
+from scenes.errors import InputError
+from scenes.geometry.mesh import face_areas
+from scenes.importing.categories import category_of, words_of
+from scenes.importing.shape import Shape
+from scenes.models.model import Model
+from scenes.models.options import ModelOptions
+from scenes.reconstruction.interior import Interior, find_interior
+from scenes.reconstruction.orientation import upright
+from scenes.reconstruction.scale_clues import (
+    Clue,
+    ScaleEstimate,
+    building_clues,
+    estimate_scale,
+    object_clues,
+    size_clues,
+    unit_name,
+)
+from scenes.reconstruction.surroundings import connected_parts, without_ground
+
+LARGEST_OBJECT = 6.0  # metres; a larger model without a room is a scene of its own
+LEAST_CONFIDENCE = 0.5
+_SMALLEST_SCENE, _LARGEST_SCENE = 1.5, 400.0  # metres, of a model that may have rooms
+_SMALLEST_OBJECT = 0.02  # metres
+_UP_PRIOR = {"y": 0.7, "z": 0.27, "x": 0.03}
+_BUILDING_WORDS = {"wall", "walls", "floor", "floors", "ceiling", "room", "roof", "house", "home",
+                   "apartment", "flat", "building", "interior", "kitchen", "bathroom", "bedroom",
+                   "office", "livingroom", "loft", "studio"}  # fmt: skip
+_STRUCTURE = ("door", "window", "stairs", "railing", "fireplace")  # categories of parts of one
+# Categories by the axis along which such a thing is longest or shortest.
+_TALL = ("door", "wardrobe", "fridge", "bookshelf", "person", "chair", "shower")
+_FLAT = ("bed", "rug", "table", "desk", "sofa", "bath")
+_MOST_TRIANGLES = 400_000  # that are split into parts to see what stands on one level
+_SURE_BUILDING, _SURE_OBJECT = 0.98, 0.02
+
+
+@dataclass(frozen=True)
+class Placement:
+    """The decision, its reasons as sentences, and how sure it is, 0 to 1."""
+
+    kind: Literal["building", "object"]
+    up: Float64Array  # axis (3,) of the file
+    scale: float  # metres per unit
+    confidence: float
+    reasons: tuple[str, ...]
+    interior: Interior | None  # of a building that has rooms or may get some
+
+    @property
+    def summary(self) -> dict[str, object]:
+        """The decision for `scene.json`."""
+        return {
+            "kind": self.kind,
+            "up": "xyz"[int(np.argmax(self.up))],
+            "scale": self.scale,
+            "confidence": round(self.confidence, 3),
+            "reasons": list(self.reasons),
+        }
+
+
+@dataclass(frozen=True)
+class _Named:
+    """Bounds of the things with a known name, by category, and whether names tell the kind."""
+
+    bounds: dict[str, list[Float64Array]]  # (2, 3) each
+    building: float  # probability that the file is a building
+
+
+def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
+    """Decide how the model called `name` is placed.
+
+    Raises `InputError` with the candidates if no scale is probable enough, and with the reason
+    for a building that cannot become a room.
+    """
+    named = _named(model, name)
+    corners = np.concatenate([shape.mesh.corners for shape in model.shapes])
+    stated_up = options.up if options.up != "auto" else model.up
+    found: list[tuple[float, str, ScaleEstimate, list[Clue]]] = []
+    for axis, weight in _up_weights(corners, named, stated_up).items():
+        turned = corners @ upright(_axis(axis)).T
+        estimate, clues = _estimate(turned, named, options.scale or model.unit)
+        found.append((weight * estimate.evidence, axis, estimate, clues))
+    total = sum(each[0] for each in found)
+    evidence, axis, estimate, clues = max(found, key=lambda each: each[0])
+    confidence = evidence / total if total > 0 else 1.0
+    reasons = [_up_reason(axis, stated_up, options)]
+    scale = options.scale
+    if scale is None:
+        scale = estimate.scale
+        confidence *= estimate.candidates[0][1]
+        reasons += _scale_reasons(scale, model.unit, clues)
+        if confidence < LEAST_CONFIDENCE:
+            raise InputError(_question(estimate, clues, confidence))
+    else:
+        reasons.append(f"1 unit is {scale:g} m, as --scale says")
+    turned = corners @ upright(_axis(axis)).T
+    extent = float(np.max(np.ptp(without_ground(turned)[0].reshape(-1, 3), axis=0)))
+    interior = None
+    is_thing = named.building <= _SURE_OBJECT and scale * extent <= LARGEST_OBJECT
+    if not is_thing and _SMALLEST_SCENE < scale * extent < _LARGEST_SCENE:
+        interior = find_interior(scale * turned)
+        if not (interior.rooms or interior.completion.spaces):
+            refused, interior = interior.completion.refused, None
+            if refused and named.building >= _SURE_BUILDING and not model.cameras:
+                raise InputError(
+                    f"the building cannot become a room, because {refused}. Add walls, or "
+                    "import its pieces of furniture one by one"
+                )
+    is_object = interior is None and scale * extent <= LARGEST_OBJECT
+    if is_object and not stated_up:
+        axis = "y"
+    if interior is not None:
+        reasons.append(_interior_reason(interior))
+    elif is_object:
+        reasons.append("a single object, since it has no room that a person can stand in")
+    else:
+        reasons.append(f"a scene of its own, since it is {scale * extent:.3g} m across")
+    if is_object and options.scale is None and scale * extent < _SMALLEST_OBJECT:
+        reasons.append(f"an object of {extent:.3g} units was enlarged to 0.5 m")
+        scale = 0.5 / extent
+    kind: Literal["building", "object"] = "object" if is_object else "building"
+    return Placement(kind, _axis(axis), scale, min(1.0, confidence), tuple(reasons), interior)
+
+
+def _axis(name: str) -> Float64Array:
+    return np.eye(3)["xyz".index(name)]
+
+
+def _estimate(
+    turned: Float64Array, named: _Named, stated: float | None
+) -> tuple[ScaleEstimate, list[Clue]]:
+    """The scale of upright triangles, and the clues of the more probable kind."""
+    sizes = {
+        category: [float(np.max(bounds[1] - bounds[0])) for bounds in found]
+        for category, found in named.bounds.items()
+    }
+    known = size_clues(sizes)
+    single = known or object_clues(turned)
+    building = [*known, *building_clues(*without_ground(turned))]
+    share = named.building
+    estimate = estimate_scale([(share, building), (1 - share, single)], stated)
+    return estimate, building if share >= 0.5 else single
+
+
+def _named(model: Model, name: str) -> _Named:
+    """The things whose names tell what they are."""
+    bounds: dict[str, list[Float64Array]] = {}
+    words = words_of(name)
+    for label, shapes in _groups(model):
+        words |= words_of(label)
+        category = category_of(label)
+        low = np.min([shape.mesh.bounds[0] for shape in shapes], axis=0)
+        high = np.max([shape.mesh.bounds[1] for shape in shapes], axis=0)
+        if category != "other" and (high - low).min() > 1e-3 * (high - low).max():
+            bounds.setdefault(category, []).append(np.array([low, high]))
+    things = set(bounds) - set(_STRUCTURE)
+    whole = category_of(name)
+    if not bounds and whole != "other":
+        low = np.min([shape.mesh.bounds[0] for shape in model.shapes], axis=0)
+        high = np.max([shape.mesh.bounds[1] for shape in model.shapes], axis=0)
+        bounds, things = {whole: [np.array([low, high])]}, {whole}
+    building = 0.5
+    if words & _BUILDING_WORDS or len(things) >= 3:
+        building = _SURE_BUILDING
+    elif (whole != "other" and whole not in _STRUCTURE) or (
+        len(things) == 1 and not set(bounds) & set(_STRUCTURE)
+        and sum(map(len, bounds.values())) >= len(model.shapes)
+    ):  # fmt: skip
+        building = _SURE_OBJECT
+    return _Named(bounds, building)
+
+
+def _groups(model: Model) -> Iterator[tuple[str, list[Shape]]]:
+    """The innermost named nodes of a model, each with its shapes."""
+    groups: dict[tuple[str, ...], list[Shape]] = {}
+    for shape in model.shapes:
+        groups.setdefault(model.node_paths.get(shape.id, (shape.name,)), []).append(shape)
+    for path, shapes in groups.items():
+        yield path[-1].partition(":")[2] or shapes[0].name, shapes
+
+
+def _up_weights(corners: Float64Array, named: _Named, stated: str) -> dict[str, float]:
+    """The axes that may point up, with their probabilities."""
+    if stated:
+        return {stated: 1.0}
+    areas, normals = face_areas(corners)
+    centres = corners.mean(axis=1)
+    logs = {}
+    for axis, prior in _UP_PRIOR.items():
+        k = "xyz".index(axis)
+        low, high = corners[:, :, k].min(), corners[:, :, k].max()
+        edge = 0.08 * max(high - low, 1e-9)
+        ends = (centres[:, k] < low + edge) | (centres[:, k] > high - edge)
+        level = areas[(np.abs(normals[:, k]) > 0.95) & ends].sum() / areas.sum()
+        logs[axis] = math.log(prior) + 1.5 * math.log(level + 0.05) + _shape_score(named, k)
+    standing = _standing(corners)
+    for k, axis in enumerate("xyz"):
+        logs[axis] += 4.0 * standing[k]
+    top = max(logs.values())
+    weights = {axis: math.exp(value - top) for axis, value in logs.items()}
+    total = sum(weights.values())
+    return {axis: value / total for axis, value in weights.items() if value > 0.02 * total}
+
+
+def _shape_score(named: _Named, k: int) -> float:
+    """How well the shapes of named things fit the up axis number `k`, -3 to 3."""
+    score = 0.0
+    for category, found in named.bounds.items():
+        for low, high in found:
+            size = high - low
+            if category in _TALL:
+                score += 1.0 if np.argmax(size) == k else -0.5
+            elif category in _FLAT:
+                score += 1.0 if np.argmin(size) == k else -0.5
+    return min(3.0, max(-3.0, score))
+
+
+def _standing(corners: Float64Array) -> Float64Array:
+    """Share (3,) of the parts that begin at one level of each axis, less that which end at one."""
+    if len(corners) > _MOST_TRIANGLES:
+        return np.zeros(3)
+    part = connected_parts(corners)
+    count = int(part.max()) + 1
+    if count < 6:
+        return np.zeros(3)
+    lows, highs = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(lows, part, corners.min(axis=1))
+    np.maximum.at(highs, part, corners.max(axis=1))
+    extent = (highs.max(axis=0) - lows.min(axis=0)).max()
+    return np.array(
+        [_share_at_one_level(lows[:, k], extent) - _share_at_one_level(highs[:, k], extent)
+         for k in range(3)]
+    )  # fmt: skip
+
+
+def _share_at_one_level(values: Float64Array, extent: float) -> float:
+    ordered = np.sort(values)
+    ends = np.searchsorted(ordered, ordered + 0.003 * extent, side="right")
+    return float((ends - np.arange(len(ordered))).max() / len(ordered))
+
+
+def _up_reason(axis: str, stated: str, options: ModelOptions) -> str:
+    if options.up != "auto":
+        return f"+{axis.upper()} points up, as --up says"
+    if stated:
+        return f"+{axis.upper()} points up, as the file states"
+    return f"+{axis.upper()} points up, by level surfaces, what stands on them and named things"
+
+
+def _scale_reasons(scale: float, stated: float | None, clues: list[Clue]) -> list[str]:
+    source = "which the file does not state"
+    if stated:
+        agrees = math.isclose(stated, scale)
+        source = "as the file states" if agrees else f"though the file states {stated:g} m"
+    return [f"1 unit is {scale:.4g} m ({unit_name(scale)}), {source}",
+            *(clue.sentence(scale) for clue in clues)]  # fmt: skip
+
+
+def _question(estimate: ScaleEstimate, clues: list[Clue], confidence: float) -> str:
+    """The error that asks for `--scale`."""
+    options = "; ".join(
+        f"--scale {scale:.4g} ({unit_name(scale)}, probability {share:.0%}: "
+        + ", ".join(clue.sentence(scale) for clue in clues[:3])
+        + ")"
+        for scale, share in estimate.candidates[:3]
+    )
+    return (
+        f"the unit of length is not clear (confidence {confidence:.2f}, "
+        f"{LEAST_CONFIDENCE} is needed). Give it: {options}"
+    )
+
+
+def _interior_reason(interior: Interior) -> str:
+    if interior.rooms:
+        return f"a building, since {len(interior.rooms)} closed rooms were found"
+    return f"a building, since {len(interior.completion.spaces)} spaces between walls were found"
