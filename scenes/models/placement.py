@@ -171,12 +171,13 @@ def _named(model: Model, name: str) -> _Named:
             bounds.setdefault(category, []).append(np.array([low, high]))
     things = set(bounds) - set(_STRUCTURE)
     whole = category_of(name)
-    if not bounds and whole != "other":
+    is_named_building = bool(words & _BUILDING_WORDS) or len(things) >= 3
+    if whole != "other" and not is_named_building:  # a couch's seat is no chair
         low = np.min([shape.mesh.bounds[0] for shape in model.shapes], axis=0)
         high = np.max([shape.mesh.bounds[1] for shape in model.shapes], axis=0)
         bounds, things = {whole: [np.array([low, high])]}, {whole}
     building = 0.5
-    if words & _BUILDING_WORDS or len(things) >= 3:
+    if is_named_building:
         building = _SURE_BUILDING
     elif (whole != "other" and whole not in _STRUCTURE) or (
         len(things) == 1 and not set(bounds) & set(_STRUCTURE)

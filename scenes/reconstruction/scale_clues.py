@@ -22,12 +22,12 @@ from scenes.reconstruction.raycast import RayCaster
 
 UNITS = {1.0: "metres", 0.01: "centimetres", 0.001: "millimetres", 0.0254: "inches",
          0.3048: "feet", 0.1: "decimetres"}  # fmt: skip
-_PRIOR = {1.0: 0.45, 0.01: 0.2, 0.001: 0.12, 0.0254: 0.1, 0.3048: 0.05, 0.1: 0.01}
+_PRIOR = {1.0: 0.45, 0.01: 0.24, 0.001: 0.08, 0.0254: 0.1, 0.3048: 0.05, 0.1: 0.01}
 _STATED = 0.85  # prior of the unit that the file states
 _FREE = 0.07  # prior of all other scales together
 _FREE_RANGE = (1e-4, 1e3)  # metres per unit
 _FREE_STEPS = 800
-_UNLIKELY = 0.03  # least likelihood of a clue
+_UNLIKELY = 0.01  # least likelihood of a clue
 _WINDOW = 0.17  # natural logarithm; scales as close as this are one candidate
 _GRID = 48  # vertical rays each way
 _SAME_HEIGHT = 0.03  # of the height measured
