@@ -220,7 +220,7 @@ def _up_weights(corners: Float64Array, named: _Named, stated: str) -> dict[str, 
 
 
 def _shape_score(named: _Named, k: int) -> float:
-    """How well the shapes of named things fit the up axis number `k`, -3 to 3."""
+    """Fit of the shapes of named things to the up axis number `k`, -3 to 3."""
     score = 0.0
     for category, found in named.bounds.items():
         for low, high in found:
