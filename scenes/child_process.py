@@ -99,7 +99,8 @@ def _main(function: str, message: str, seconds: str, memory: str, *arguments: st
         Path(message).write_text(str(error), "utf-8", "replace")
         return _REFUSED
     except Exception as error:  # of the library, which may raise anything on a damaged file
-        Path(message).write_text(f"{type(error).__name__}: {error}"[:500], "utf-8", "replace")
+        said = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+        Path(message).write_text(said, "utf-8", "replace")
         return _FAILED
     return 0
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom, UsdShade
+from pxr import Tf, Usd, UsdGeom, UsdShade
 
 from scenes.arrays import Float64Array
 from scenes.errors import InputError
@@ -24,7 +24,7 @@ from scenes.models.usd.geometry import (
     mesh_geometry,
     subset_faces,
 )
-from scenes.models.usd.layers import Layers
+from scenes.models.usd.layers import Layers, reason
 from scenes.models.usd.lights import KINDS, OUTDOORS, light_data
 from scenes.models.usd.shading import material_data
 
@@ -50,7 +50,10 @@ def export(path: str, root: str, out: str) -> None:
     layers = Layers(Path(root))
     stage = layers.open_stage(Path(path))
     made = _Exporter(path, stage)
-    made.walk(stage.GetPseudoRoot(), np.eye(4), (), 0)
+    try:
+        made.walk(stage.GetPseudoRoot(), np.eye(4), (), 0)
+    except Tf.ErrorException as error:
+        raise InputError(f"{path}: damaged USD file ({reason(error, Path(path))})") from None
     result = {
         "up": str(UsdGeom.GetStageUpAxis(stage)).lower(),
         "metres": float(UsdGeom.GetStageMetersPerUnit(stage)),

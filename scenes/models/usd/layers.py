@@ -50,7 +50,7 @@ class Layers:
         try:
             stage = Usd.Stage.Open(first, Usd.Stage.LoadAll)
         except Tf.ErrorException as error:
-            raise InputError(f"{path}: damaged USD file ({_reason(error, path)})") from None
+            raise InputError(f"{path}: damaged USD file ({reason(error, path)})") from None
         return stage
 
     def _target(self, layer: Any, name: str) -> Path:
@@ -73,14 +73,14 @@ class Layers:
         try:
             layer = Sdf.Layer.FindOrOpen(str(path))
         except Tf.ErrorException as error:
-            raise InputError(f"{path}: damaged USD file ({_reason(error, path)})") from None
+            raise InputError(f"{path}: damaged USD file ({reason(error, path)})") from None
         if layer is None:
             raise InputError(f"{path}: damaged USD file, or a layer of another format")
         self.found.append(str(path))
         return layer
 
 
-def _reason(error: Exception, path: Path) -> str:
-    """The message of OpenUSD without the places in its own code and the name of the file."""
+def reason(error: Exception, path: Path) -> str:
+    """Return the message of OpenUSD without the places in its own code and the name of the file."""
     found = _QUOTED.search(str(error).replace(f"{path}:", "line "))
     return " ".join((found[1] if found else type(error).__name__).split())[:200]
