@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import shapely
@@ -26,10 +26,11 @@ from scenes.importing.changes import Changes
 from scenes.importing.textures import TextureStore
 from scenes.opened_files import OpenedFiles
 from scenes.reconstruction.gap_sealing import GAP_SEALING_ID
+from scenes.sweethome.building.gaps import find_gaps
 from scenes.sweethome.building.levels import Storey, storeys
 from scenes.sweethome.building.openings import Opening, opening_of
 from scenes.sweethome.building.outlines import is_round
-from scenes.sweethome.building.portals import find_doorways
+from scenes.sweethome.building.portals import Doorway, find_doorways
 from scenes.sweethome.building.slabs import (
     CeilingHeights,
     build_ground,
@@ -375,33 +376,38 @@ def _portals(
         for level in levels
     }
     for level in levels:
-        for opening in level.openings:
-            for doorway in find_doorways(opening, regions[level.storey.number]):
-                sides = [
-                    _room_at(point, rooms, inside, 0.0) for point in (doorway.front, doorway.back)
-                ]
-                is_clear = doorway.is_clear(pieces)
-                if is_clear:
-                    lit |= {side for side in sides if side is not None}
-                if (sides[0] is None) == (sides[1] is None):
-                    continue
-                room = sides[0] or sides[1]
-                outward = doorway.normal if sides[0] is None else -doorway.normal
-                kind, _ = category_of_piece(
-                    opening.piece.kind, opening.piece.name, opening.piece.catalog_id
+        doorways: list[tuple[Doorway, Literal["window", "door", "opening"]]] = [
+            (doorway, "door" if _is_door(opening) else "window")
+            for opening in level.openings
+            for doorway in find_doorways(opening, regions[level.storey.number])
+        ]
+        gaps = find_gaps(level.storey, level.spaces, level.walls, level.heights)
+        for doorway, kind in (*doorways, *((gap, "opening") for gap in gaps)):
+            sides = [_room_at(point, rooms, inside, 0.0) for point in (doorway.front, doorway.back)]
+            is_clear = doorway.is_clear(pieces)
+            if is_clear:
+                lit |= {side for side in sides if side is not None}
+            if (sides[0] is None) == (sides[1] is None):
+                continue
+            room = sides[0] or sides[1]
+            outward = doorway.normal if sides[0] is None else -doorway.normal
+            polygon = doorway.polygon if sides[0] is None else doorway.polygon[::-1]
+            portals.append(
+                Portal(
+                    id=f"portal_{len(portals)}",
+                    kind=kind,
+                    polygon=tuple((float(x), float(y), float(z)) for x, y, z in polygon),
+                    normal=(float(outward[0]), float(outward[1]), float(outward[2])),
+                    clear=is_clear,
+                    room=room,
                 )
-                polygon = doorway.polygon if sides[0] is None else doorway.polygon[::-1]
-                portals.append(
-                    Portal(
-                        id=f"portal_{len(portals)}",
-                        kind="door" if kind == "door" else "window",
-                        polygon=tuple((float(x), float(y), float(z)) for x, y, z in polygon),
-                        normal=(float(outward[0]), float(outward[1]), float(outward[2])),
-                        clear=is_clear,
-                        room=room,
-                    )
-                )
+            )
     return portals, lit
+
+
+def _is_door(opening: Opening) -> bool:
+    piece = opening.piece
+    return category_of_piece(piece.kind, piece.name, piece.catalog_id)[0] == "door"
 
 
 def _indoor_first(

@@ -25,7 +25,7 @@ from scenes.sweethome.building.solids import (
     to_world,
     world_region,
 )
-from scenes.sweethome.building.spaces import Space
+from scenes.sweethome.building.spaces import Space, is_tall
 from scenes.sweethome.building.walls import PlannedWall
 from scenes.sweethome.furnishing.finishes import (
     ground_reflectance,
@@ -152,6 +152,8 @@ def _walls_under_ceilings(
 
     Partitions below a sloping roof end low, too, but beside an outer wall that is as low.
     """
+    if any(space.has_gaps for space in spaces):
+        return [one for one in walls if is_tall(one, storey)]
     lowest = storey.elevation + _PARAPET
 
     def low_ends(one: PlannedWall) -> list[Float64Array]:

@@ -25,6 +25,10 @@ _SMALLEST = 1.0  # square metres of a closed space that makes a room
 _NARROW = 0.3  # metres: half the least width of such a space
 _TALL = 0.7  # of the storey's height, that walls of rooms have; less under sloping roofs
 _WALLED = 0.9  # of a room's area
+_PARTLY = 0.45  # of a room's outline, that walls with gaps follow
+_NEARLY_ALL = 0.8  # of a room's outline, that walls and such rooms follow
+_BESIDE = 0.12  # metres from a wall that follows the outline
+CLOSING = 0.15  # metres: half of the widest wall in which a gap between two rooms is inside
 _INSET = 0.01  # metres that slabs stay behind the outer faces of walls
 _DOOR = 0.1  # metres: a door or window opens a space no farther away
 _PLAIN_FLOOR = Surface(color=0xFFC8C2B8)
@@ -40,6 +44,7 @@ class Space:
     floor_slab: BaseGeometry
     ceiling_slab: BaseGeometry
     found: bool  # enclosed by walls, not drawn
+    has_gaps: bool = False  # walls are missing at a part of its outline
 
     @property
     def is_indoors(self) -> bool:
@@ -55,17 +60,24 @@ def find_spaces(
     Closed spaces without a drawn room are rooms too, if a door or window leads into them, or if
     the storey has neither drawn rooms nor doors. Rooms whose ceiling is hidden in the application,
     which is how its users look into a home, get one where walls of a room's height enclose them;
-    terraces and galleries stay open.
+    terraces and galleries stay open. If walls enclose no room of a storey, as in sketches that
+    draw doors and windows as gaps, walls along nearly half of a room's outline are enough.
     """
     solid = union([world_region(one.outline.region) for one in walls])
     inside = _enclosed_region(solid)
     tall = _enclosed_region(
-        union([world_region(one.outline.region) for one in walls if _is_tall(one, storey)])
+        union([world_region(one.outline.region) for one in walls if is_tall(one, storey)])
     )
     drawn: list[tuple[RoomShape, BaseGeometry]] = []
+    gapped = _rooms_with_gaps(storey, walls, tall)
     for shape in storey.rooms:
         region = _region(shape)
-        if not region.is_empty and not shape.ceiling_visible and _is_walled(region, tall):
+        if shape.id in gapped:
+            changes.note("rooms whose walls leave gaps got a ceiling, and openings in the gaps: {}",
+                         shape.name or shape.id)  # fmt: skip
+            shape = replace(shape, ceiling_visible=True, floor_visible=True)
+            inside = union([inside, region])
+        elif not region.is_empty and not shape.ceiling_visible and _is_walled(region, tall):
             changes.note("hidden ceilings of rooms that walls enclose were shown: {}",
                          shape.name or shape.id)  # fmt: skip
             shape = replace(shape, ceiling_visible=True, floor_visible=True)
@@ -76,6 +88,9 @@ def find_spaces(
         else:
             changes.note("rooms with neither floor nor ceiling were left out: {}",
                          shape.name or shape.id)  # fmt: skip
+    if gapped:
+        closed = buffered(inside, CLOSING, join_style="mitre")
+        inside = buffered(closed, -CLOSING, join_style="mitre")
     found: list[tuple[RoomShape, BaseGeometry]] = []
     everything = union([region for _, region in drawn])
     slivers = []
@@ -101,7 +116,15 @@ def find_spaces(
     )
     inner = buffered(inside, -_INSET, join_style="mitre")
     return [
-        Space(shape, floor, ceiling, floor_slab, ceiling_slab, number >= len(drawn))
+        Space(
+            shape,
+            floor,
+            ceiling,
+            floor_slab,
+            ceiling_slab,
+            number >= len(drawn),
+            shape.id in gapped,
+        )
         for number, ((shape, _), floor, ceiling, floor_slab, ceiling_slab) in enumerate(
             zip(
                 rooms,
@@ -116,10 +139,29 @@ def find_spaces(
     ]
 
 
-def _is_tall(wall: PlannedWall, storey: Storey) -> bool:
+def is_tall(wall: PlannedWall, storey: Storey) -> bool:
     """Test whether a wall is as high as those of rooms; those of terraces are lower."""
     lowest = min(wall.top_at_start, wall.top_at_end) - storey.elevation
     return lowest >= _TALL * storey.height
+
+
+def _rooms_with_gaps(storey: Storey, walls: list[PlannedWall], enclosed: BaseGeometry) -> set[str]:
+    """Return the ids of rooms between walls with gaps, if walls enclose no room of the storey."""
+    regions = {shape.id: _region(shape) for shape in storey.rooms}
+    regions = {name: region for name, region in regions.items() if not region.is_empty}
+    if any(shape.ceiling_visible for shape in storey.rooms) or any(
+        _is_walled(region, enclosed) for region in regions.values()
+    ):
+        return set()
+    bounds = union([world_region(one.outline.region) for one in walls if is_tall(one, storey)])
+
+    def share(name: str) -> float:
+        outline = regions[name].boundary
+        return float(intersection(outline, buffered(bounds, _BESIDE)).length / outline.length)
+
+    kept = {name for name in regions if share(name) >= _PARTLY}
+    bounds = union([bounds, *(regions[name] for name in sorted(kept))])
+    return kept | {name for name in regions if share(name) >= _NEARLY_ALL} if kept else set()
 
 
 def _is_walled(region: BaseGeometry, enclosed: BaseGeometry) -> bool:

@@ -82,3 +82,31 @@ def test_a_floor_ends_at_the_walls(tmp_path: Path) -> None:
     (room,) = bring(tmp_path, drawn_over).rooms
     xs, ys = zip(*room.floor, strict=True)
     assert (min(xs), max(xs), min(ys), max(ys)) == pytest.approx((0, 5, -4, 0), abs=1e-4)
+
+
+def test_gaps_between_walls_of_a_sketch_are_openings(tmp_path: Path) -> None:
+    """A window drawn as a low wall, doors as gaps, ceilings hidden."""
+    hidden = {"ceilingVisible": "false"}
+    body = (
+        draw.wall("n1", (-10, -10), (150, -10))
+        + draw.wall("low", (150, -10), (300, -10), height=80)
+        + draw.wall("n2", (300, -10), (1030, -10))
+        + draw.wall("east", (1030, -10), (1030, 410))
+        + draw.wall("south", (1030, 410), (-10, 410))
+        + draw.wall("w1", (-10, 410), (-10, 250))
+        + draw.wall("w2", (-10, 150), (-10, -10))
+        + draw.wall("m1", (510, 0), (510, 150))
+        + draw.wall("m2", (510, 240), (510, 400))
+        + draw.room(0, 0, 500, 400, **hidden)
+        + draw.room(520, 0, 500, 400, **hidden)
+        + draw.room(-300, 0, 280, 400, **hidden)
+    )
+    scene = bring(tmp_path, body)
+    assert [room.ceiling_z for room in scene.rooms] == pytest.approx([2.5, 2.5])
+    assert any("walls leave gaps" in note for note in scene.changes)
+    assert {portal.kind for portal in scene.portals} == {"opening"}
+    assert {portal.room for portal in scene.portals} == {"room_0"}
+    sides = sorted(tuple(round(value) for value in portal.normal) for portal in scene.portals)
+    assert sides == [(-1, 0, 0), (0, 1, 0)]
+    assert scene.rooms[0].has_light
+    assert leaks(scene) == []

@@ -1,0 +1,66 @@
+"""Openings of rooms whose walls leave gaps, for homes drawn as sketches.
+
+Where doors and windows are drawn as gaps between walls, or as low walls, no piece states the
+opening. The outline of the rooms, less the walls, does: openings reach from floor to ceiling, also
+where a low wall stands beside them. World coordinates, metres.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import shapely
+
+from scenes.arrays import Float64Array
+from scenes.geometry.regions import buffered, difference, simplified, union
+from scenes.sweethome.building.levels import Storey
+from scenes.sweethome.building.portals import Doorway
+from scenes.sweethome.building.slabs import CeilingHeights
+from scenes.sweethome.building.solids import polygons, world_region
+from scenes.sweethome.building.spaces import CLOSING, Space, is_tall
+from scenes.sweethome.building.walls import PlannedWall
+
+_ALONG_WALL = 0.05  # metres between the outline of a room and the wall along it
+_SHORTEST = 0.05  # metres of a gap
+_BEYOND = 0.25  # metres in front of and behind a gap: points that tell the rooms on its sides
+_EXTENSION = 0.07  # metres by which an opening reaches into what bounds it
+
+
+def find_gaps(
+    storey: Storey, spaces: list[Space], walls: list[PlannedWall], heights: CeilingHeights
+) -> list[Doorway]:
+    """Return the gaps in the walls around the rooms of a storey that has rooms with gaps."""
+    indoors = [space for space in spaces if space.is_indoors]
+    if not any(space.has_gaps for space in indoors):
+        return []
+    rooms = buffered(union([space.floor for space in indoors]), CLOSING, join_style="mitre")
+    rooms = simplified(buffered(rooms, -CLOSING, join_style="mitre"), 0.01)
+    tall = union([world_region(one.outline.region) for one in walls if is_tall(one, storey)])
+    tall = buffered(tall, _ALONG_WALL)
+    bottom = 0.01 * storey.elevation
+    found = []
+    for part in polygons(rooms):
+        for ring in (part.exterior, *part.interiors):
+            corners = np.asarray(ring.coords)
+            for start, end in pairwise(corners):
+                free = difference(shapely.LineString([start, end]), tall)
+                for line in shapely.get_parts(free).tolist():
+                    if line.geom_type == "LineString" and line.length > _SHORTEST:
+                        ends = np.asarray(line.coords)
+                        top = float(heights.at(line.centroid.coords[:1] * np.ones((1, 2)))[0])
+                        found.append(_doorway(ends[0], ends[-1], bottom, top))
+    return found
+
+
+def _doorway(start: Float64Array, end: Float64Array, bottom: float, top: float) -> Doorway:
+    """Return a rectangle over the plan's segment from `start` to `end`, rooms on its left."""
+    along = (end - start) / np.linalg.norm(end - start)
+    outward = np.array([along[1], -along[0], 0.0])
+    left, right = start - _EXTENSION * along, end + _EXTENSION * along
+    low, high = bottom - _EXTENSION, top + _EXTENSION
+    polygon = np.array([[*left, low], [*right, low], [*right, high], [*left, high]])
+    middle = polygon.mean(axis=0)
+    return Doorway(
+        polygon, outward, middle + _BEYOND * outward, middle - _BEYOND * outward, _ALONG_WALL
+    )
