@@ -14,6 +14,7 @@ from scenes.checked import build, check_name
 from scenes.contract import Scene, load_scene, save_scene, writing_scene
 from scenes.errors import InputError, ParameterError
 from scenes.files import copy_files, regular_file, resolved
+from scenes.formats.scene_xml import check_scene_xml
 from scenes.import_options import SOURCES as ALL_SOURCES
 from scenes.import_options import option_names
 from scenes.opened_files import OpenedFiles
@@ -131,6 +132,7 @@ def _copy_folder(path: Path, out: Path, scene_id: str, opened: OpenedFiles) -> S
             f"{path}: a folder without scene.json; name the scene's own file, such as scene.xml"
         )
     scene = load_scene(path)
+    check_scene_xml(scene.xml)
     if resolved(out) == resolved(path):
         return scene
     if resolved(out).is_relative_to(resolved(path)):

@@ -31,6 +31,7 @@ from pipeline.views import View, as_matrix
 from scenes.color import encode_srgb
 from scenes.contract import Room, Scene, load_scene
 from scenes.formats.ply import read_ply, write_ply
+from scenes.formats.scene_xml import check_scene_xml
 from scenes.geometry.mesh import Mesh
 from scenes.seeds import derive
 
@@ -141,6 +142,7 @@ def _cutaway_scene(
     scene: Scene, cut: float, low: np.ndarray, high: np.ndarray, folder: Path
 ) -> Path:
     """Write a copy of `scene.xml` under a constant sky, without shapes above `cut` or far away."""
+    check_scene_xml(scene.xml)
     root: Element = defusedxml.ElementTree.parse(scene.xml).getroot()
     for node in [*root.findall("emitter"), *root.findall("sensor"), *root.findall("integrator")]:
         root.remove(node)

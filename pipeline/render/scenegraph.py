@@ -19,6 +19,7 @@ import numpy as np
 import OpenEXR
 
 from scenes.errors import InputError
+from scenes.formats.scene_xml import check_scene_xml
 
 # Rendering settings in a scene file, which the stages override.
 _NOT_BUILT = ("Sensor", "Integrator", "Sampler", "Film", "ReconstructionFilter")
@@ -114,8 +115,9 @@ class Graph:
 
 def parse(xml: Path) -> Graph:
     """Parse `scene.xml`; raises `InputError` with file and line if it is broken."""
-    if not Path(xml).is_file():
+    if not Path(xml).exists():
         raise InputError(f"{xml}: no such scene file")
+    check_scene_xml(Path(xml))
     config = mi.parser.ParserConfig(mi.variant())
     config.merge_meshes = False
     config.merge_equivalent = False

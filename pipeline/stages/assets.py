@@ -179,7 +179,7 @@ def _catalogues(folder: Path) -> list[Path]:
 
 
 def _installed_version(package: str) -> str:
-    query = ["dpkg-query", "--show", "--showformat=${db:Status-Status} ${Version}", package]
+    query = ["dpkg-query", "--show", "--showformat=${db:Status-Status} ${Version}", "--", package]
     try:
         done = subprocess.run(query, capture_output=True, text=True, timeout=60, check=False)
     except (OSError, subprocess.TimeoutExpired):
@@ -196,7 +196,7 @@ def _fetch(package: str, out: Path) -> None:
     )
     with tempfile.TemporaryDirectory(prefix="pbrnet-assets-") as name:
         folder = Path(name)
-        _command(["apt-get", "download", package], folder, f"cannot fetch {package}", advice)
+        _command(["apt-get", "download", "--", package], folder, f"cannot fetch {package}", advice)
         debs = sorted(folder.glob("*.deb"))
         if not debs:
             raise MachineError(f"assets: apt-get downloaded no package for {package}{advice}")

@@ -21,6 +21,7 @@ from defusedxml import DefusedXmlException
 from pipeline.render.scene import RenderScene, free_memory, open_scene
 from scenes.contract import Light, Point3, Scene, SceneObject, load_scene, save_scene
 from scenes.errors import InputError
+from scenes.files import copy_files
 
 ADDED_LAMP_ID = "study-lamp"  # of the added object, shape and light
 # Strength properties by type of emitter; a missing property that ends in "scale" is 1.
@@ -65,10 +66,7 @@ def open_relit(scene: Scene, change: LightChange) -> Iterator[RenderScene]:
     root, changed = _changed(scene, change)
     with tempfile.TemporaryDirectory(prefix="pbrnet-relit-") as parent:
         folder = Path(parent) / scene.scene_id
-        folder.mkdir()
-        for entry in scene.folder.iterdir():
-            if entry.name not in ("scene.xml", "scene.json"):
-                (folder / entry.name).symlink_to(entry.resolve())
+        copy_files(scene.folder, folder)
         ElementTree(root).write(folder / "scene.xml", encoding="utf-8", xml_declaration=True)
         save_scene(folder, changed)
         try:

@@ -1,0 +1,109 @@
+"""Frames, cameras, shards and ledgers from elsewhere end in one sentence."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from pipeline.costs.ledger import Ledger, ledger_path, read_ledger
+from pipeline.dataset.parquet import check_types, image_shape
+from pipeline.frames import check_frame, read_frame, read_meta, view_of
+from pipeline.params import load_params
+from pipeline.views import load_cameras
+from scenes.errors import InputError, ParameterError
+from tests.fixtures.dataset import add_scene, small_params
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    add_scene(tmp_path, small_params(), "home-0000", 1)
+    return tmp_path
+
+
+@pytest.mark.parametrize("text", ["[]", "3", "null", "[" * 50_000, "7" * 5000, '{"a": "\\ud800"}'])
+def test_an_attribute_that_is_no_object(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "a.exr"
+    with OpenEXR.File({"pbrnet": text}, {"Z": np.zeros((4, 4), np.float32)}) as file:
+        file.write(str(path))
+    with pytest.raises(InputError, match="'pbrnet' attribute"):
+        read_meta(path)
+
+
+def test_a_frame_is_whole(data: Path) -> None:
+    path = data / "inputs/home-0000/000.exr"
+    frame = read_frame(path)
+    assert view_of(frame.meta, path).view_id == "000"
+    check_frame(frame, path, ("Z", "valid"), (32, 24))
+    with pytest.raises(InputError, match="without the channel 'R'"):
+        check_frame(frame, path, ("R",), None)
+    with pytest.raises(InputError, match="32 x 24 pixels, expected 16 x 12"):
+        check_frame(frame, path, (), (16, 12))
+    frame.channels["Z"][0, 0] = np.nan
+    with pytest.raises(InputError, match="NaN"):
+        check_frame(frame, path, ("Z",), (32, 24))
+    with pytest.raises(InputError, match="view"):
+        view_of({"view": [1]}, path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("width", 200_000, "200,000 x 24 pixels"),
+        ("height", 0, "pixels"),
+        ("width", 10**39, "pixels"),
+        ("K", [[1, 2], [3]], "3x3"),
+        ("camera_to_world", [[1, 0, 0, 1e300], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "beyond"),
+    ],
+)
+def test_impossible_views(data: Path, key: str, value: Any, words: str) -> None:
+    path = data / "cameras/home-0000.json"
+    content = json.loads(path.read_text())
+    content["views"][0][key] = value
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=words):
+        load_cameras(path)
+
+
+@pytest.mark.parametrize(
+    "text", ["seed: " + "[" * 3000, "seed: " + "7" * 5000, "seed: 2001-99-99", "a: &a [*a]"]
+)
+def test_impossible_yaml(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text(text)
+    with pytest.raises(ParameterError) as error:
+        load_params(path)
+    assert len(str(error.value)) < 1000
+
+
+def test_columns_of_another_type() -> None:
+    schema = pa.schema([("scene_id", pa.int64()), ("view_id", pa.large_string())])
+    check_types(Path("a"), schema, ["view_id", "absent"])
+    with pytest.raises(InputError, match="'scene_id' holds int64"):
+        check_types(Path("a"), schema, ["scene_id"])
+    kind = pa.list_(pa.float32(), 6)
+    good = pa.field("depth", kind, metadata={"shape": "[2, 3]"})
+    assert image_shape(Path("a"), good) == (2, 3)
+    for shape in ("x", "[]", "[1e9, 2]", "[-2, -3]", "[2, 4]", "[" * 9999, f"[{'9' * 5000}]"):
+        with pytest.raises(InputError, match="depth"):
+            image_shape(Path("a"), good.with_metadata({"shape": shape}))
+
+
+@pytest.mark.parametrize("value", [None, -1.0, float("nan"), 1e308])
+def test_ledgers_with_impossible_costs(tmp_path: Path, value: float | None) -> None:
+    ledger = Ledger(tmp_path)
+    ledger.add(("color", "a", "000"), seconds=1.0)
+    ledger.save()
+    table = pq.read_table(ledger_path(tmp_path))
+    place = table.column_names.index("seconds")
+    changed = pa.array([value], pa.float64())
+    table = table.set_column(place, table.schema.field("seconds"), changed)
+    pq.write_table(table, ledger_path(tmp_path))
+    with pytest.raises(InputError, match="seconds"):
+        read_ledger(tmp_path)
