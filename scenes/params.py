@@ -72,5 +72,3 @@ class SceneParams:
                 f"{where}.vary: {self.variants} variants that differ in nothing; name at least "
                 "one of finishes, furniture, light, outdoors"
             )
-        if not self.homes and not self.furnished_homes and not self.imports:
-            raise ValueError(f"{where}.homes: 0 homes and no imports leave nothing to do")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import queue
+import sys
 import time
 import uuid
 from collections import deque
@@ -21,6 +22,8 @@ from pipeline.params import FarmParams
 from scenes.errors import MachineError
 
 WORKER_PATIENCE = 300.0  # seconds without a single worker before the run is given up
+FIRST_PATIENCE = 60.0  # the same for an external scheduler that has had none in this run
+_NOTE_AFTER = 5.0  # seconds until a missing first worker is mentioned
 _FETCH = 10.0  # seconds for finished outcomes to arrive
 _RESUME = "run the same command again to resume"
 
@@ -58,6 +61,7 @@ class Dispatch:
         self.name = f"pbrnet-{uuid.uuid4().hex[:12]}"  # a shared scheduler sees other runs' keys
         self.submitted = 0
         self.last_worker_seen = time.monotonic()
+        self.had_worker = self.noted = False
         self.liveness = Liveness()
 
     def outcomes(self) -> Iterator[Outcome]:
@@ -136,13 +140,29 @@ class Dispatch:
         """
         if self.client.status not in ("running", "newly-created"):
             raise MachineError(f"the dask scheduler has gone; {_RESUME}")
-        if time.monotonic() - self.last_worker_seen > WORKER_PATIENCE:
-            advice = "start one with 'dask worker ADDRESS', then " if self.external else ""
-            raise MachineError(f"no dask worker for {WORKER_PATIENCE:.0f} s; {advice}{_RESUME}")
+        self.check_for_workers()
         try:
             return self.done.get(timeout=1)
         except queue.Empty:  # dask calls back once only: not when it runs a lost batch again
             return next((future for future in self.flight if future.done()), None)
+
+    def check_for_workers(self) -> None:
+        """Raise `MachineError` after too long a time without any worker."""
+        alone = time.monotonic() - self.last_worker_seen
+        if self.external and not self.had_worker:
+            missing = (
+                f"the dask scheduler at {self.client.scheduler.address} has no worker (workers end "
+                "with their scheduler); start one with: dask worker "
+                f"{self.client.scheduler.address}"
+            )
+            if alone > FIRST_PATIENCE:
+                raise MachineError(f"{missing}; then {_RESUME}")
+            if alone > _NOTE_AFTER and not self.noted:
+                self.noted = True
+                print(f"note: {missing}; waiting {FIRST_PATIENCE:.0f} s", file=sys.stderr)
+        elif alone > WORKER_PATIENCE:
+            advice = "start one with 'dask worker ADDRESS', then " if self.external else ""
+            raise MachineError(f"no dask worker for {WORKER_PATIENCE:.0f} s; {advice}{_RESUME}")
 
     def collect(self, future: Future) -> Iterator[Outcome]:
         """Yield the final outcomes of a finished batch and queue its other items again."""
@@ -199,7 +219,7 @@ class Dispatch:
         self.refill()
         workers = self.client.scheduler_info()["workers"]
         if workers:
-            self.last_worker_seen = time.monotonic()
+            self.last_worker_seen, self.had_worker = time.monotonic(), True
         frozen = self.frozen(workers)
         if frozen:
             restart_workers(self.client, frozen)

@@ -19,7 +19,7 @@ from pipeline.versions import source_revision
 from scenes.assets.index import INDEX, load_index
 from scenes.contract import load_scene, scene_folders
 from scenes.errors import InputError
-from scenes.files import digest_file
+from scenes.files import digest_file, resolved
 from scenes.import_options import SOURCES, ImportEntry
 from scenes.opened_files import unchanged
 from scenes.seeds import derive
@@ -88,7 +88,7 @@ def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable
     revision = source_revision(*_IMPORT_CODE)
     for named in wanted.imports:
         entry = ImportEntry(file=named) if isinstance(named, str) else named
-        path = Path(entry.file).expanduser().resolve()
+        path = resolved(Path(entry.file).expanduser())
         scene_id = entry.id or scene_name(path)
         options = entry.options()
         missing = [one for one in (path, options.get("root", path)) if not one.exists()]

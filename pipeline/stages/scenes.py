@@ -16,7 +16,8 @@ from pipeline.stages.scene_jobs import (
     stage_fingerprint,
 )
 from pipeline.stages.scene_work import HomeJob, ImportJob, make_scene
-from scenes.errors import InputError
+from scenes.contract import scene_folders
+from scenes.errors import InputError, ParameterError
 from scenes.files import remove_partials
 
 
@@ -42,6 +43,12 @@ def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summ
                     "another id"
                 )
             wanted[job.scene_id] = job
+        others = [one for one in scene_folders(root) if stage_fingerprint(one) is None]
+        if not wanted and not plan.failures and not others:
+            raise ParameterError(
+                f"scenes.homes: 0 homes, no imports, and no scene in {root} leave nothing to do; "
+                "raise scenes.homes, or import scenes with: pbrnet import"
+            )
         plan.removed = remove_old_scenes(root, set(wanted))
         for scene_id, job in wanted.items():
             if is_up_to_date(job):

@@ -29,7 +29,7 @@ PRESETS = sorted((ROOT / "params").glob("*.yaml"))
         ("scenes: {lighting: [noon]}", ["scenes.lighting[0]", "'noon'", "'night'"]),
         ("scenes: {lighting: []}", ["scenes.lighting"]),
         ("scenes: {rooms_min: 5, rooms_max: 2}", ["rooms_min", "5", "2"]),
-        ("scenes: {homes: 0}", ["homes"]),
+        ("scenes: {homes: -1}", ["homes"]),
         ("groundtruth: {spp: 33}", ["groundtruth.spp", "33"]),
         ("groundtruth: {spp: .nan}", ["groundtruth.spp"]),
         ("cameras: {grid: .inf}", ["cameras.grid", "inf"]),
