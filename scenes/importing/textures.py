@@ -18,6 +18,7 @@ from scenes.image_files import MAX_PIXELS, UnreadableImage, is_intact, open_imag
 from scenes.importing.changes import Changes
 
 _COPIED = {"JPEG": (".jpg", ("RGB", "L")), "PNG": (".png", ("RGB", "L", "RGBA", "LA"))}
+_MIN_SIDE = 2  # pixels of a texture that Mitsuba takes
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 
 
@@ -122,25 +123,28 @@ class TextureStore:
         suffix, modes = _COPIED.get(image.format or "", ("", ()))
         if suffix and image.mode in modes and not is_intact(path):
             self.changes.note("an image with wrong checksums was written anew: {}", path.name)
-        elif suffix and image.mode in modes:
+        elif suffix and image.mode in modes and min(image.size) >= _MIN_SIDE:
             shutil.copyfile(path, self.folder / (name + suffix))
             (self.folder / (name + suffix)).chmod(0o644)
             return f"{self.folder.name}/{name}{suffix}"
-        Image.fromarray(_to_rgb8(image)).save(self.folder / f"{name}.png")
-        return f"{self.folder.name}/{name}.png"
+        return self._save_png(_to_rgb8(image), name)
 
     def _write_channel(self, path: Path, name: str, index: int) -> str:
         image = open_image(path).convert("RGBA")
-        image.getchannel(index).save(self.folder / f"{name}.png")
-        return f"{self.folder.name}/{name}.png"
+        return self._save_png(np.asarray(image.getchannel(index)), name)
 
     def _save_rgb(self, linear: FloatingArray, name: str) -> str:
-        pixels = np.rint(encode_srgb(linear) * 255).astype(np.uint8)
-        Image.fromarray(pixels).save(self.folder / f"{name}.png")
-        return f"{self.folder.name}/{name}.png"
+        return self._save_png(np.rint(encode_srgb(linear) * 255).astype(np.uint8), name)
 
     def _save_grey(self, pixels: FloatingArray, name: str) -> str:
-        Image.fromarray(np.rint(pixels).astype(np.uint8)).save(self.folder / f"{name}.png")
+        return self._save_png(np.rint(pixels).astype(np.uint8), name)
+
+    def _save_png(self, pixels: UInt8Array, name: str) -> str:
+        """Save 8-bit pixels (H, W) or (H, W, 3), repeated where Mitsuba would refuse so few."""
+        for axis in (0, 1):
+            if pixels.shape[axis] < _MIN_SIDE:
+                pixels = np.repeat(pixels, _MIN_SIDE, axis=axis)
+        Image.fromarray(pixels).save(self.folder / f"{name}.png")
         return f"{self.folder.name}/{name}.png"
 
     def _save_exr(self, pixels: Float32Array, name: str) -> str:
