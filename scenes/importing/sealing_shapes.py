@@ -24,7 +24,7 @@ def completing_shapes(completion: Completion, changes: Changes) -> list[Shape]:
     if not completion.spaces:
         return []
     shapes = [sealing_shape("added_ceiling", completion.ceilings, _CEILING)]
-    changes.note(f"{len(completion.spaces)} rooms were open above: a ceiling was added")
+    changes.note(f"rooms open above got a ceiling: {len(completion.spaces)}")
     if completion.raised:
         changes.note("low walls were continued up to the ceiling")
     if len(completion.walls):

@@ -25,6 +25,7 @@ from scenes.models.options import ModelOptions
 from scenes.reconstruction.interior import Interior, find_interior
 from scenes.reconstruction.orientation import upright
 from scenes.reconstruction.scale_clues import (
+    NAMED,
     Clue,
     ScaleEstimate,
     building_clues,
@@ -48,6 +49,7 @@ _STRUCTURE = ("door", "window", "stairs", "railing", "fireplace")  # categories 
 _TALL = ("door", "wardrobe", "fridge", "bookshelf", "person", "chair", "shower")
 _FLAT = ("bed", "rug", "table", "desk", "sofa", "bath")
 _MOST_TRIANGLES = 400_000  # that are split into parts to see what stands on one level
+_SHOWN = 4  # kinds of named things among the reasons
 _SURE_BUILDING, _SURE_OBJECT = 0.98, 0.02
 
 
@@ -269,8 +271,14 @@ def _scale_reasons(scale: float, stated: float | None, clues: list[Clue]) -> lis
     if stated:
         agrees = math.isclose(stated, scale)
         source = "as the file states" if agrees else f"though the file states {stated:g} m"
-    return [f"1 unit is {scale:.4g} m ({unit_name(scale)}), {source}",
-            *(clue.sentence(scale) for clue in clues)]  # fmt: skip
+    named = [clue for clue in clues if clue.what.endswith(NAMED)]
+    named.sort(key=lambda clue: abs(math.log(clue.length * scale / clue.usual)) / clue.spread)
+    shown = [*named[:_SHOWN], *(clue for clue in clues if not clue.what.endswith(NAMED))]
+    sentences = [clue.sentence(scale) for clue in shown]
+    if len(named) > _SHOWN:
+        fit = sum(clue.agrees(scale) for clue in named)
+        sentences.append(f"{fit} of {len(named)} kinds of named things have their usual size")
+    return [f"1 unit is {scale:.4g} m ({unit_name(scale)}), {source}", *sentences]
 
 
 def _question(estimate: ScaleEstimate, clues: list[Clue], confidence: float) -> str:
@@ -289,5 +297,5 @@ def _question(estimate: ScaleEstimate, clues: list[Clue], confidence: float) -> 
 
 def _interior_reason(interior: Interior) -> str:
     if interior.rooms:
-        return f"a building, since {len(interior.rooms)} closed rooms were found"
-    return f"a building, since {len(interior.completion.spaces)} spaces between walls were found"
+        return f"a building, since it has closed rooms ({len(interior.rooms)})"
+    return f"a building, since it has floors between walls ({len(interior.completion.spaces)})"

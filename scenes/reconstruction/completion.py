@@ -227,7 +227,9 @@ def _pieces(storey: _Storey) -> list[Polygon]:
             buffered(part, -_HALF_PASSAGE), _HALF_PASSAGE + _HALF_GAP, join_style="mitre",
             mitre_limit=2.0,
         )  # fmt: skip
-        for piece in polygon_parts(intersection(grown, buffered(part, _HALF_GAP))):
+        for piece in polygon_parts(
+            intersection(grown, buffered(part, _HALF_GAP, join_style="mitre"))
+        ):
             outline = simplified(Polygon(piece.exterior), 0.02)
             if outline.area >= _LEAST_AREA and outline.is_valid:
                 pieces.append(orient(outline))

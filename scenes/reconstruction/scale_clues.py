@@ -33,6 +33,7 @@ _GRID = 48  # vertical rays each way
 _SAME_HEIGHT = 0.03  # of the height measured
 _LEAST_SHARE = 0.25  # of the columns that must have a ceiling at about the same height
 
+NAMED = " by name"  # ends the titles of clues from names
 # Longest side in metres, and its spread as a natural logarithm, by category.
 _SIZES = {
     "bed": (2.1, 0.12), "sofa": (2.0, 0.25), "armchair": (0.9, 0.15), "chair": (0.9, 0.15),
@@ -62,10 +63,13 @@ class Clue:
         distance = np.log(self.length * scales / self.usual) / self.spread
         return np.log(_UNLIKELY + (1 - _UNLIKELY) * np.exp(-0.5 * distance**2))
 
+    def agrees(self, scale: float) -> bool:
+        """Return whether the length is usual for `scale` metres per unit."""
+        return abs(math.log(self.length * scale / self.usual)) <= 2 * self.spread
+
     def sentence(self, scale: float) -> str:
         """The clue in words, for `scale` metres per unit."""
-        agrees = abs(math.log(self.length * scale / self.usual)) <= 2 * self.spread
-        start = "" if agrees else "against it: "
+        start = "" if self.agrees(scale) else "against it: "
         return f"{start}{self.what}: {self.length * scale:.2g} m (usually {self.usual:.2g} m)"
 
 
@@ -130,7 +134,7 @@ def estimate_scale(
 def size_clues(sizes: dict[str, list[float]]) -> list[Clue]:
     """Clues from the longest sides, in units, of the things of each category."""
     return [
-        Clue(f"{category} by name", float(np.median(found)), *_SIZES[category])
+        Clue(f"{category}{NAMED}", float(np.median(found)), *_SIZES[category])
         for category, found in sizes.items()
         if category in _SIZES
     ]
