@@ -289,6 +289,11 @@ def _on_floor(low: Float64Array, rooms: list[FoundRoom]) -> bool:
     return not rooms or any(abs(low[2] - room.floor_z) < 0.35 for room in rooms)
 
 
+def has_structural_name(label: str) -> bool:
+    """Return whether a name says that a shape is part of the building, as "Walls" does."""
+    return bool(_words(label) & set(_WALL_WORDS))
+
+
 def _words(label: str) -> set[str]:
     """Words of a label in lower case, with and without separation at capitals."""
     spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", label)

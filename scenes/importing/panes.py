@@ -121,9 +121,12 @@ def _plane_axes(opening: FoundOpening) -> Float64Array:
     return np.stack([first, np.cross(opening.normal, first)])
 
 
-def pieces_of_mesh(mesh: Mesh) -> Int64Array:
-    """Number (F,) of the connected piece of each face; coincident vertices connect faces."""
-    _, merged = np.unique(mesh.vertices.round(6), axis=0, return_inverse=True)
+def pieces_of_mesh(mesh: Mesh, decimals: int = 6) -> Int64Array:
+    """Number (F,) of the connected piece of each face.
+
+    Vertices that coincide when rounded to `decimals` connect faces.
+    """
+    _, merged = np.unique(mesh.vertices.round(decimals), axis=0, return_inverse=True)
     faces = merged.reshape(-1)[mesh.faces]
     rows = np.concatenate([faces[:, 0], faces[:, 1]])
     columns = np.concatenate([faces[:, 1], faces[:, 2]])

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -37,6 +38,7 @@ from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin
 from scenes.models.model import Emission, Model, PunctualLight
 from scenes.models.options import READERS, ModelOptions
+from scenes.models.pieces import UNKNOWN, Pieces, split_unnamed
 from scenes.models.placement import place_model
 from scenes.models.showroom import showroom
 from scenes.opened_files import OpenedFiles
@@ -143,6 +145,18 @@ def _draft(
         added = completing_shapes(placement.interior.completion, changes)
         room_shapes = [_with_unused_id(shape, taken) for shape in added]
     emitters = [_punctual_emitter(light, frame) for light in model.lights]
+    shapes = [shape.transformed(frame) for shape in model.shapes]
+    node_paths, unknown = model.node_paths, frozenset[str]()
+    if not is_single:
+        pieces = split_unnamed(shapes, node_paths)
+        shapes, unknown = pieces.shapes, frozenset(pieces.piece)
+        node_paths = {**node_paths, **{id_: (f":{name}",) for id_, name in pieces.piece.items()}}
+        area = _area_of_pieces(area, pieces)
+        if unknown:
+            changes.note(
+                "large meshes without telling names were split by connected parts; those that are "
+                f"no part of the building are objects of category {UNKNOWN!r}"
+            )
     outdoors = is_single or options.sky or model.outdoors
     if outdoors:
         emitters.append(daylight())
@@ -154,7 +168,7 @@ def _draft(
             "version": model.version,
             "placement": placement.summary,
         },
-        [shape.transformed(frame) for shape in model.shapes] + room_shapes,
+        shapes + room_shapes,
         area,
         emitters,
         cameras,
@@ -162,7 +176,8 @@ def _draft(
         hint="" if is_single else path.stem,
         grouping=partial(
             _objects,
-            model.node_paths,
+            node_paths,
+            unknown,
             frozenset(area),
             path.stem if is_single else "",
             frozenset(shape.id for shape in model.shapes),
@@ -259,8 +274,19 @@ def _punctual_emitter(light: PunctualLight, frame: Float64Array) -> Emitter:
     return Emitter(made, ("spot",), place)
 
 
+def _area_of_pieces(area: dict[str, Element], pieces: Pieces) -> dict[str, Element]:
+    """Area emitters by shape id, also of pieces of shapes that shine."""
+    gone = set(pieces.origin.values()) - {shape.id for shape in pieces.shapes}
+    made = {id_: emitter for id_, emitter in area.items() if id_ not in gone}
+    for id_, origin in pieces.origin.items():
+        if origin in area:
+            made[id_] = deepcopy(area[origin])
+    return made
+
+
 def _objects(
     node_paths: dict[str, tuple[str, ...]],
+    unknown: frozenset[str],
     emitting: frozenset[str],
     single_name: str,
     own_ids: frozenset[str],
@@ -273,7 +299,7 @@ def _objects(
     A single object in a plain room has the name of its file, `single_name` (else ""). If this
     name tells a category, all its shapes are one object of it; otherwise only the shapes without
     a category of their own are. `own_ids` are the ids of the file's shapes, `emitting` of those
-    that emit light.
+    that emit light, `unknown` of pieces of meshes without telling names.
     """
     groups: dict[str, list[Shape]] = {}
     kinds: dict[str, tuple[str, str, bool]] = {}  # category, name, is structure
@@ -289,11 +315,11 @@ def _objects(
             key, category, name = _owning_node(names, shape, shape_counts, len(node_paths))
             if part and (whole != "other" or category == "other"):
                 key, category, name = "/", whole, single_name
-            kind = (
-                "lamp" if shape.id in emitting and category == "other" else category,
-                name,
-                False,
-            )
+            if category == "other" and shape.id in emitting:
+                category = "lamp"
+            elif category == "other" and shape.id in unknown:
+                category = UNKNOWN
+            kind = (category, name, False)
         groups.setdefault(key, []).append(shape)
         if key not in kinds or kinds[key][0] == "other":
             kinds[key] = kind
