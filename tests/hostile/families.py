@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from random import Random
 
+from tests.hostile.building_files import BUILDINGS
 from tests.hostile.family import Family
 from tests.hostile.project_files import PROJECT
 from tests.hostile.scene_files import SCENES
 
-FAMILIES: tuple[Family, ...] = (*SCENES, *PROJECT)
+FAMILIES: tuple[Family, ...] = (*SCENES, *BUILDINGS, *PROJECT)
 _CHEAP = 0.5  # seconds of a core
 
 

@@ -29,6 +29,7 @@ from scenes.models.usd.lights import KINDS, OUTDOORS, light_data
 from scenes.models.usd.shading import material_data
 
 _DEPTH = 8  # of point instancers in each other
+_MOST_INSTANCES = 20_000  # of all point instancers, those of instances included
 _PURPOSES = ("default", "render")
 
 
@@ -95,6 +96,7 @@ class _Exporter:
     triangles: int = 0
     _stored: int = 0
     _nodes: int = 0
+    _instances: int = 0  # of point instancers
     _parts: dict[Any, list[_Part]] = field(default_factory=dict)
     _material_numbers: dict[str, int] = field(default_factory=dict)
 
@@ -293,8 +295,12 @@ class _Exporter:
         prototypes = [self.stage.GetPrimAtPath(path) for path in targets]
         numbers = instancer.GetProtoIndicesAttr().Get(self.time)
         numbers = np.asarray(numbers if numbers is not None else [], dtype=np.int64)
-        if len(numbers) > MAX_SHAPES:
-            raise InputError(f"{self.path}: {prim.GetPath()}: more than {MAX_SHAPES:,} instances")
+        self._instances += len(numbers)
+        if self._instances > _MOST_INSTANCES:
+            raise InputError(
+                f"{self.path}: {prim.GetPath()}: more than {_MOST_INSTANCES:,} instances of "
+                "point instancers in the file"
+            )
         places = instancer.ComputeInstanceTransformsAtTime(
             self.time, self.time, UsdGeom.PointInstancer.IncludeProtoXform,
             UsdGeom.PointInstancer.IgnoreMask,
