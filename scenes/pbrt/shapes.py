@@ -124,13 +124,13 @@ class ShapeReader:
             if len(points) != 3:
                 raise entity.error("indices are missing")
             indices = np.arange(3.0)
-        faces = _faces(entity, indices, 3)
+        faces = _faces(entity, indices, 3, len(points))
         entity.ignore("S", "faceIndices")
         return Mesh(points, faces, _per_vertex(entity, ("N",), 3, points), _uvs(entity, points))
 
     def _subdivision_cage(self, entity: Entity) -> Mesh:
         points, indices = _points(entity), entity.numbers("indices")
-        faces = _faces(entity, np.zeros(0) if indices is None else indices, 3)
+        faces = _faces(entity, np.zeros(0) if indices is None else indices, 3, len(points))
         entity.ignore("levels", "nlevels", "scheme")
         self.context.changes.note(
             "a subdivision surface was replaced by its control mesh, smoothed"
@@ -140,7 +140,7 @@ class ShapeReader:
     def _bilinear_mesh(self, entity: Entity) -> Mesh:
         """Bilinear patches as two triangles each; the corners of a patch are in rows."""
         points, indices = _points(entity), entity.numbers("indices")
-        quads = _faces(entity, np.arange(4.0) if indices is None else indices, 4)
+        quads = _faces(entity, np.arange(4.0) if indices is None else indices, 4, len(points))
         faces = quads[:, [0, 1, 3, 0, 3, 2]].reshape(-1, 3)
         entity.ignore("faceIndices", "emissionfilename")
         return Mesh(points, faces, _per_vertex(entity, ("N",), 3, points), _uvs(entity, points))
@@ -217,9 +217,12 @@ def _points(entity: Entity) -> Float64Array:
     return points
 
 
-def _faces(entity: Entity, indices: Float64Array, corners: int) -> Int64Array:
+def _faces(entity: Entity, indices: Float64Array, corners: int, count: int) -> Int64Array:
+    """Faces (F, corners) of indices into `count` points."""
     if not len(indices) or len(indices) % corners:
         raise entity.error(f"needs a multiple of {corners} indices")
+    if indices.min() < 0 or indices.max() >= count:
+        raise entity.error("a face refers to a vertex that does not exist")
     return indices.astype(np.int64).reshape(-1, corners)
 
 

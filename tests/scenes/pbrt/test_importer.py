@@ -484,6 +484,8 @@ HOSTILE = {
     "missing include": ('Include "none.pbrt"', "missing"),
     "missing mesh": ('Shape "plymesh" "string filename" "none.ply"', "--skip-missing"),
     "index": (TRIANGLE.replace("[0 1 2]", "[0 1 9]"), "does not exist"),
+    "cage index": (TRIANGLE.replace("[0 1 2]", "[0 1 -9]").replace("trianglemesh", "loopsubdiv"),
+                   "does not exist"),
     "odd indices": (TRIANGLE.replace("[0 1 2]", "[0 1]"), "multiple of 3"),
     "unknown shape": ('Shape "teapot"', "unknown type of shape"),
     "radius": ('Shape "sphere" "float radius" -1', "positive"),
