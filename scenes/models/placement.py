@@ -105,9 +105,9 @@ def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
     scale = options.scale
     if scale is None:
         scale = estimate.scale
-        confidence *= estimate.candidates[0][1]
+        confidence = min(confidence, estimate.candidates[0][1])
         reasons += _scale_reasons(scale, model.unit, clues)
-        if confidence < LEAST_CONFIDENCE:
+        if estimate.candidates[0][1] < LEAST_CONFIDENCE:
             raise InputError(_question(estimate, clues, confidence))
     else:
         reasons.append(f"1 unit is {scale:g} m, as --scale says")
