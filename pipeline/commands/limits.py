@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import psutil
 
-from scenes.errors import MachineError
+from scenes.errors import MachineError, PbrnetError
 
 _INTERVAL = 0.1  # seconds between two checks
 
@@ -76,8 +76,13 @@ def _run_child(work: Callable[[], None], writer: int, folder: str) -> None:
     try:
         said = pickle.dumps(outcome)
         pickle.loads(said)
-    except Exception:  # an exception with arguments of its own
-        said = pickle.dumps(RuntimeError(f"{type(outcome).__name__}: {outcome}"))
+    except Exception:  # it holds what cannot be sent
+        plain = (
+            type(outcome)(str(outcome))
+            if isinstance(outcome, PbrnetError)
+            else RuntimeError(f"{type(outcome).__name__}: {outcome}")
+        )
+        said = pickle.dumps(plain)
     with os.fdopen(writer, "wb") as stream:
         stream.write(said)
     sys.stdout.flush()

@@ -66,7 +66,7 @@ def import_mitsuba(
     defaults = release.parameters if release else {}
     sandbox = Sandbox(opened, options.root, (*given.values(), *defaults.values()))
     root, version = read_tree(path, sandbox, given, changes, defaults)
-    scope = Scope(sandbox, changes, tuple(int(part) for part in version.split(".")))
+    scope = Scope(sandbox, changes, tuple(int(part[:6]) for part in version.split(".")))
     upgrade(root, scope.version)
     _index(root, scope)
     with writing_scene(out) as folder:
