@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import json
 import os
-import pickle
 import select
 import signal
 import sys
@@ -16,8 +16,14 @@ from dataclasses import dataclass
 
 import psutil
 
-from scenes.errors import MachineError, PbrnetError
+from scenes.errors import InputError, MachineError, ParameterError, PbrnetError
 
+_ERRORS: tuple[type[PbrnetError], ...] = (
+    ParameterError,
+    InputError,
+    MachineError,
+    PbrnetError,
+)
 _INTERVAL = 0.1  # seconds between two checks
 
 
@@ -58,8 +64,11 @@ def run_limited(work: Callable[[], None], limits: Limits, what: str) -> None:
             f"{what}: the import ended without a word, as if it was killed or a library crashed; "
             "allow it more memory, or convert the file with another program"
         )
-    error = pickle.loads(said)
-    if error is not None:
+    outcome = json.loads(said)
+    if outcome is not None:
+        kinds: dict[str, type[Exception]] = {each.__name__: each for each in _ERRORS}
+        error = kinds.get(outcome["kind"], RuntimeError)(outcome["text"])
+        error.add_note(outcome["trace"])
         raise error
 
 
@@ -67,27 +76,25 @@ def _run_child(work: Callable[[], None], writer: int, folder: str) -> None:
     """Run in the child: call `work`, send its exception (or None) and end the process."""
     os.setpgid(0, 0)
     tempfile.tempdir = folder
-    outcome: BaseException | None = None
+    outcome: dict[str, str] | None = None
     try:
         work()
     except BaseException as error:
-        error.add_note("In the child process:\n" + "".join(traceback.format_exception(error)))
-        outcome = error
-    try:
-        said = pickle.dumps(outcome)
-        pickle.loads(said)
-    except Exception:  # it holds what cannot be sent
-        plain = (
-            type(outcome)(str(outcome))
-            if isinstance(outcome, PbrnetError)
-            else RuntimeError(f"{type(outcome).__name__}: {outcome}")
-        )
-        said = pickle.dumps(plain)
+        outcome = _described(error)
     with os.fdopen(writer, "wb") as stream:
-        stream.write(said)
+        stream.write(json.dumps(outcome).encode())
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(0)
+
+
+def _described(error: BaseException) -> dict[str, str]:
+    """Describe an exception as text: JSON, since what a hostile file made is not unpickled."""
+    kind = next((each for each in _ERRORS if isinstance(error, each)), None)
+    trace = "In the child process:\n" + "".join(traceback.format_exception(error))
+    if kind is None:
+        return {"kind": "", "text": f"{type(error).__name__}: {error}", "trace": trace}
+    return {"kind": kind.__name__, "text": str(error), "trace": trace}
 
 
 def _watched(child: int, reader: int, limits: Limits, what: str) -> bytes:
