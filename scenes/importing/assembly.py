@@ -122,6 +122,7 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
         if plan.needs_sky:
             emitters, has_ground = [*emitters, daylight()], True
             note_sky(plan, changes)
+    bounding_room = _bounding_room(shapes)
     if has_ground:
         ground_shape, ground_object = ground(*bounds_of(shapes))
         shapes, objects = [*shapes, ground_shape], (*objects, ground_object)
@@ -138,7 +139,7 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
             "scene, is used as a room"
         )
     if not rooms:
-        rooms, room_ids = [_bounding_room(shapes)], ["room_0"]
+        rooms, room_ids = [bounding_room], ["room_0"]
         changes.note("NO ROOM WAS FOUND: the bounding box of the scene is used as a room")
     camera = cameras[0] if cameras else _default_camera(rooms[0])
     write_scene_xml(folder, shapes, area, emitters, _sensor(camera), draft.max_depth)
