@@ -303,7 +303,7 @@ def _open_runs(space: Polygon, storey: _Storey, others: BaseGeometry) -> list[Li
     """The stretches of an outline without a wall, other than doorways and ways to `others`."""
     ring = space.exterior
     covered = buffered(union([storey.walls, others]), _NEAR_WALL)
-    runs = shapely.line_merge(shapely.difference(ring, covered))
+    runs = shapely.line_merge(difference(ring, covered))
     lines = [line for line in shapely.get_parts(runs).tolist() if isinstance(line, LineString)]
     lines = _joined(lines)
     # `covered` reaches `_NEAR_WALL` beyond the end of each wall.
@@ -329,7 +329,7 @@ def _extended(line: LineString, ring: LineString, walls: BaseGeometry) -> LineSt
     start, end = (ring.project(shapely.Point(line.coords[k])) for k in (0, -1))
     length, reach = ring.length, 2 * _NEAR_WALL
     longer = _along(ring, (start - reach) % length, (end + reach) % length)
-    free = shapely.line_merge(shapely.difference(longer, buffered(walls, _HALF_GAP)))
+    free = shapely.line_merge(difference(longer, buffered(walls, _HALF_GAP)))
     middle = line.interpolate(0.5, normalized=True)
     parts = [part for part in shapely.get_parts(free).tolist() if isinstance(part, LineString)]
     return min(parts, key=lambda part: float(part.distance(middle)), default=line)

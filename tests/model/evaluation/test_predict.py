@@ -166,7 +166,7 @@ def test_a_network_that_was_trained_with_shadows_takes_them() -> None:
     assert pictures[0] == pictures[1] != pictures[2]
     wrong = predict(*FRAMES, "--visibility", FRAMES[1], "--method", "plus", "--out", "wrong.png")
     assert isinstance(wrong.exception, InputError)
-    assert "without the channel visibility.Y" in str(wrong.exception)
+    assert "without the channel 'visibility.Y'" in str(wrong.exception)
 
 
 def test_shadows_do_not_reach_a_network_that_never_saw_any() -> None:

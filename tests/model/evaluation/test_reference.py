@@ -58,7 +58,7 @@ def test_figures_are_those_of_the_evaluation(project: Path) -> None:
     pair = found["differences"]["plus - pbrnet"]
     for name in ("ssim", "psnr", "flip"):
         apart = measured["plus"][name]["mean"] - measured["pbrnet"][name]["mean"]
-        assert pair[name]["mean"] == pytest.approx(apart, abs=1e-5)
+        assert pair[name]["mean"] == pytest.approx(apart, abs=1e-4 if name == "psnr" else 1e-5)
         assert pair[name]["low"] <= pair[name]["mean"] <= pair[name]["high"]
     assert 0 <= pair["better"] <= 4 and "hybrid - denoised" not in found["differences"]
     assert (found["views"], found["scenes"], found["networks"]["plus"]["steps"]) == (4, 2, 7)

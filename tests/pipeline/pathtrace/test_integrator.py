@@ -50,7 +50,7 @@ def test_shading_depends_on_no_colour(tmp_path: Path) -> None:
     pairs = []
     for folder, materials in (("one", FAITHFUL), ("other", repainted)):
         scene, view, _ = shelf(tmp_path / folder, materials)
-        pairs.append(joined(scene, view, 2, SPP, 2, 7))
+        pairs.append(joined(scene, view, 2, 16, 2, 7))  # a power of two, see `block_spp`
     assert np.array_equal(pairs[0][1], pairs[1][1])
     assert not np.array_equal(pairs[0][0], pairs[1][0])
 

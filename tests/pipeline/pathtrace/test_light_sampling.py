@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -61,11 +62,13 @@ HIDDEN = "".join(
 GROUND = quad("ground", (0, 8, -0.5), (0, 0, 1), (8, 5.9), diffuse(0.8), (0, 1, 0))
 
 
-def room(folder: Path, *things: str, wall: str = "0.6,0.5,0.4") -> RenderScene:
+def room(
+    folder: Path, *things: str, wall: str = "0.6,0.5,0.4", files: dict[str, bytes] | None = None
+) -> RenderScene:
     walls, _ = room_walls(diffuse(wall), window=True)
     balls = ball("ball", (0.5, 1.0, 0.5), 0.5, diffuse("0.2,0.6,0.3"))
     return open_scene(
-        write_scene(folder / "room", walls + balls + "".join(things), portals=[WINDOW])
+        write_scene(folder / "room", walls + balls + "".join(things), portals=[WINDOW], files=files)
     )
 
 
@@ -247,11 +250,11 @@ def test_other_environments_keep_their_own_sampling_where_they_are_uneven(tmp_pa
     constant = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
     plan = plan_lights(room(tmp_path / "a", LAMP, constant).mitsuba, VIEW, (WINDOW,), 0)
     assert plan.emitters.min() == 0 and plan.sun_disc is None and plan.sun == 0
-    Image.fromarray(np.full((8, 16, 3), 200, dtype=np.uint8)).save(tmp_path / "sky.png")
-    picture = (
-        f'<emitter type="envmap"><string name="filename" value="{tmp_path}/sky.png"/></emitter>'
-    )
-    plan = plan_lights(room(tmp_path / "b", LAMP, picture).mitsuba, VIEW, (WINDOW,), 0)
+    sky = io.BytesIO()
+    Image.fromarray(np.full((8, 16, 3), 200, dtype=np.uint8)).save(sky, "PNG")
+    picture = '<emitter type="envmap"><string name="filename" value="sky.png"/></emitter>'
+    under_map = room(tmp_path / "b", LAMP, picture, files={"sky.png": sky.getvalue()})
+    plan = plan_lights(under_map.mitsuba, VIEW, (WINDOW,), 0)
     assert plan.emitters.min() > 0 and plan.portals.sum() > 0
 
 

@@ -984,9 +984,9 @@ def test_bad_files_are_refused_with_a_clear_message(tmp_path: Path, name: str) -
 
 
 def test_unknown_kinds_and_foreign_folders_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.blend").write_text("x")
+    (tmp_path / "a.room").write_text("x")
     with pytest.raises(InputError, match="unknown kind"):
-        import_scene(tmp_path / "a.blend", tmp_path / "out")
+        import_scene(tmp_path / "a.room", tmp_path / "out")
     with pytest.raises(InputError, match="no such file"):
         import_scene(tmp_path / "b.xml", tmp_path / "out")
     with pytest.raises(InputError, match=r"without scene\.json"):
