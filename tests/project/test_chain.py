@@ -150,6 +150,7 @@ def test_a_longer_list_of_baselines_trains_only_the_new_one(changeable: Path) ->
     assert _runs(changeable, "--dry") == ["report"]
 
 
+@pytest.mark.check
 def test_killed_repro_ends_with_the_same_dataset(finished: Path, tmp_path: Path) -> None:
     """The killed run used all CPUs, the finished one a single CPU."""
     folder = _project(tmp_path / "killed")

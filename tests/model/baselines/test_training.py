@@ -225,7 +225,7 @@ class Watched:
         monkeypatch.setattr(training, "_objective", watch)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_cyclegan_learns_the_way_there_and_back(
     one_view: Folders, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -121,7 +121,12 @@ def test_without_the_packages_it_says_how_to_get_them(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("method", "panorama"), [("pbrnet", "normal"), ("pbrnet", "resize"), ("plus", "normal")]
+    ("method", "panorama"),
+    [
+        ("pbrnet", "normal"),
+        ("pbrnet", "resize"),
+        pytest.param("plus", "normal", marks=pytest.mark.check),
+    ],
 )
 def test_the_file_draws_the_same_pictures_of_any_size(
     method: str, panorama: Panorama, views: list[Example], exported: Callable[..., ExportedFile]

@@ -20,7 +20,7 @@ def test_growth_is_told_from_a_large_scene_that_comes_back() -> None:
     assert leak.growth == pytest.approx(129 / 119 - 1)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 @pytest.mark.timeout(600)
 def test_memory_is_flat_over_rooms(tmp_path: Path) -> None:
     """A small sample of the check below: forty scenes, one worker."""
