@@ -102,20 +102,12 @@ class IlluminationParams:
             raise ValueError(f"{where}.width: {self.width} is odd; the height is half of it")
 
 
-def _check_power_of_two(samples: int, where: str) -> None:
-    if samples & (samples - 1):
-        raise ValueError(
-            f"{where}: {samples} is not a power of two, so pixels would differ in their last bit "
-            "from run to run"
-        )
-
-
 @dataclass(frozen=True)
 class GroundTruthParams:
     """Path-traced shading and colour."""
 
     spp: int = field(default=64, metadata=within(1, 1 << 20))
-    block_spp: int = field(default=16, metadata=within(1, 4096))  # one seeded block
+    block_spp: int = field(default=16, metadata=within(1, 4096))  # at most, in one seeded block
     # relative error below which a view is finished, after min_spp to spp samples; 0: always spp
     noise: float = field(default=0.0, metadata=within(0, 1))
     min_spp: int = field(default=16, metadata=within(1, 1 << 20))
@@ -127,28 +119,18 @@ class GroundTruthParams:
     lights: Literal["planned", "uniform"] = "planned"
 
     def verify(self, where: str) -> None:
-        """Raise ValueError unless block_spp divides spp and min_spp is at most spp.
-
-        A block has a power of two of samples: threads take pieces of 2^n samples, so other numbers
-        would split a pixel between threads, and its last bit would depend on which adds first.
-        """
+        """Raise ValueError unless block_spp divides spp and min_spp is at most spp."""
         if self.noise and self.min_spp > self.spp:
             raise ValueError(f"{where}.min_spp: {self.min_spp} is more than spp ({self.spp})")
         if self.spp % self.block_spp and self.spp > self.block_spp:
             raise ValueError(f"{where}.spp: {self.spp} is not a multiple of block_spp")
-        name = "spp" if self.spp < self.block_spp else "block_spp"
-        _check_power_of_two(min(self.spp, self.block_spp), f"{where}.{name}")
 
 
 @dataclass(frozen=True)
 class NoisyParams:
     """A few samples per pixel, independent of the ground truth, as input of a network."""
 
-    spp: int = field(default=0, metadata=within(0, 16))  # 0: none; else a power of two
-
-    def verify(self, where: str) -> None:
-        """Raise ValueError unless spp is 0 or a power of two, see `GroundTruthParams.verify`."""
-        _check_power_of_two(self.spp, f"{where}.spp")
+    spp: int = field(default=0, metadata=within(0, 16))  # 0: none
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,8 @@ from scenes.contract import Room
 from scenes.seeds import derive32
 
 REVISION = 10
+# Powers of two that are a grid of nearly equal sides, as the `multijitter` sampler needs it.
+_BLOCK_SIZES = (1, 2, 4, 8, 16, 64, 256, 1024, 4096)
 _LAUNCH_SAMPLES = 1 << 21  # most samples of one launch; changing it changes pixels
 _TRACERS: WeakKeyDictionary[MaterialSets, FrozenTracer] = WeakKeyDictionary()
 
@@ -158,13 +160,15 @@ def block_sizes(params: GroundTruthParams) -> tuple[int, int]:
     """Return samples per pixel in one block and the number of blocks.
 
     There are two or more blocks unless `spp` is 1, because a noise estimate needs two independent
-    ones: samples that would fit into one block are divided between two (or, if odd, each is a
-    block). The sampler needs a number with a factor near its root; other numbers are rounded up.
+    ones: samples that would fit into one block are divided between two. A block has a power of two
+    of samples: threads take pieces of 2^n samples, so other numbers would split a pixel between
+    two threads, and its last bit would depend on which adds first.
     """
-    spp, size = params.spp, min(params.block_spp, params.spp)
-    if spp // size < 2 and spp > 1:
-        size = spp // 2 if spp % 2 == 0 else 1
-    return stratified(size), spp // size
+    spp, most = params.spp, min(params.block_spp, params.spp)
+    if spp // most < 2 and spp > 1:
+        most = spp // 2
+    size = max(number for number in _BLOCK_SIZES if number <= most and spp % number == 0)
+    return size, spp // size
 
 
 def blocks_per_launch(blocks: int, samples: int) -> int:
@@ -178,12 +182,6 @@ def blocks_per_launch(blocks: int, samples: int) -> int:
         n for n in range(1, blocks + 1) if blocks % n == 0 and n * samples <= _LAUNCH_SAMPLES
     )
     return max(fitting, default=1)
-
-
-def stratified(spp: int) -> int:
-    """Round `spp` up to a grid of nearly equal sides, as the `multijitter` sampler needs it."""
-    side = int(np.sqrt(spp))
-    return side * -(-spp // side)
 
 
 @lru_cache(maxsize=8)

@@ -17,7 +17,7 @@ from PIL import Image
 
 from pipeline.params import GroundTruthParams
 from pipeline.passes import groundtruth
-from pipeline.passes.groundtruth import block_sizes, blocks_per_launch, render_truth, stratified
+from pipeline.passes.groundtruth import block_sizes, blocks_per_launch, render_truth
 from pipeline.render.scene import open_scene
 from pipeline.views import View
 from scenes.errors import InputError
@@ -223,11 +223,14 @@ def test_samples_are_split_into_blocks() -> None:
     assert sizes(16, 16) == (8, 2)
     assert sizes(4, 16) == (2, 2)
     assert sizes(3, 16) == (1, 3)
+    # A power of two that the sampler takes, so that no pixel is split between threads.
+    assert sizes(40, 20) == (8, 5)
+    assert sizes(64, 32) == (16, 4)
+    assert sizes(12, 12) == (4, 3)
     assert sizes(1, 16) == (1, 1)
     assert blocks_per_launch(12, 1 << 18) == 6
     assert blocks_per_launch(7, 1 << 20) == 1
     assert blocks_per_launch(4, 1 << 30) == 1
-    assert [stratified(n) for n in (1, 2, 7, 8, 12, 16, 17)] == [1, 2, 8, 8, 12, 16, 20]
 
 
 def test_broken_samples_are_counted_and_replaced(
