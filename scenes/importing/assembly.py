@@ -42,9 +42,17 @@ from scenes.reconstruction.enclosure import ENCLOSURE_ID, build_enclosure
 from scenes.reconstruction.gap_sealing import GAP_SEALING_ID, seal_gaps
 from scenes.reconstruction.hidden_openings import hidden_openings
 from scenes.reconstruction.interior import find_rooms
-from scenes.reconstruction.orientation import guess_scale, surface_heights, tallest_gaps
+from scenes.reconstruction.orientation import (
+    guess_scale,
+    signed_axis,
+    surface_heights,
+    tallest_gaps,
+    up_from_geometry,
+    upright,
+)
 from scenes.reconstruction.raycast import RayCaster
 from scenes.reconstruction.rooms import FoundOpening, FoundRoom, find_openings
+from scenes.source_options import FreeAxesOptions
 
 _MAX_EXTENT = 1e6  # metres across, skies and grounds included
 
@@ -187,6 +195,37 @@ def transformed_camera(camera: Camera, frame: Float64Array, changes: Changes) ->
     rigid[:3, :3] = np.stack([left, np.cross(forward, left), forward], axis=1)
     rigid[:3, 3] = matrix[:3, 3]
     return replace(camera, to_world=rigid)
+
+
+def upright_metric_frame(
+    shapes: list[Shape],
+    cameras: list[Camera],
+    options: FreeAxesOptions,
+    changes: Changes,
+    default_up: tuple[float, float, float] = (0.0, 1.0, 0.0),
+) -> Float64Array:
+    """The similarity (4, 4) from a file's right-handed world to ours (metres, Z up).
+
+    Up is what the options state, else that of the first camera, else found in the geometry with
+    `default_up` in doubt; the scale is what the options state or a guess.
+    """
+    corners = np.concatenate([shape.mesh.corners for shape in shapes])
+    if options.up != "auto":
+        up = np.eye(3)["xyz".index(options.up)]
+    elif cameras:
+        up = signed_axis(cameras[0].to_world[:3, 1])
+    else:
+        up = up_from_geometry(corners, np.array(default_up))
+    turn = upright(up)
+    if not np.array_equal(turn, np.eye(3)):
+        name = ("-" if up.sum() < 0 else "+") + "XYZ"[int(np.argmax(np.abs(up)))]
+        changes.note(f"the scene was turned so that its {name} axis points up (Z)")
+    scale = options.scale
+    if scale is None:
+        scale = guess_scene_scale(corners @ turn.T, cameras, turn, changes)
+    frame = np.eye(4)
+    frame[:3, :3] = scale * turn
+    return frame
 
 
 def guess_scene_scale(

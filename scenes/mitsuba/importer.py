@@ -11,13 +11,16 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
-from scenes.arrays import Float64Array
 from scenes.contract import Credit, Scene, load_scene, writing_scene
 from scenes.errors import InputError
 from scenes.geometry.transforms import look_at
-from scenes.importing.assembly import Camera, Draft, assemble, guess_scene_scale, transformed_camera
+from scenes.importing.assembly import (
+    Camera,
+    Draft,
+    assemble,
+    transformed_camera,
+    upright_metric_frame,
+)
 from scenes.importing.changes import Changes
 from scenes.importing.credits import find_credit
 from scenes.importing.daylight import daylight
@@ -45,7 +48,6 @@ from scenes.mitsuba.shapes import ShapeReader
 from scenes.mitsuba.upgrade import upgrade
 from scenes.mitsuba.values import Properties, Scope
 from scenes.opened_files import OpenedFiles
-from scenes.reconstruction.orientation import signed_axis, up_from_geometry, upright
 
 _MAX_SENSORS = 64
 _SENSORS = ("sensor", "camera")
@@ -87,7 +89,9 @@ def import_mitsuba(
             cameras = [_release_camera(camera, root) for camera in release.cameras]
         else:
             cameras = _cameras(root, scope)
-        frame = _frame(shapes, cameras, root, scope, options)
+        frame = upright_metric_frame(
+            shapes, cameras, options, scope.changes, _default_up(root, scope.is_old)
+        )
         shapes = [shape.transformed(frame) for shape in shapes]
         cameras = [transformed_camera(camera, frame, changes) for camera in cameras]
         emitters = Emitters(scope, materials, frame, daylight if release else None)
@@ -214,31 +218,11 @@ def _release_camera(camera: ReleaseCamera, root: Node) -> Camera:
     return Camera(camera.name, pose, camera.half_fov[0], 640, 480, camera.room, more)
 
 
-def _frame(
-    shapes: list[Shape], cameras: list[Camera], root: Node, scope: Scope, options: MitsubaOptions
-) -> Float64Array:
-    """The similarity (4, 4) from the file's world to ours (metres, Z up)."""
-    corners = np.concatenate([shape.mesh.corners for shape in shapes])
-    if options.up != "auto":
-        up = np.eye(3)["xyz".index(options.up)]
-    elif cameras:
-        up = signed_axis(cameras[0].to_world[:3, 1])
-    else:
-        default_up = np.array([0.0, 1, 0])
-        kinds = {node.type for node in root.children if node.tag == "emitter"}
-        if not scope.is_old and kinds & {"sunsky", "timed_sunsky"}:
-            default_up = np.array([0.0, 0, 1])
-        up = up_from_geometry(corners, default_up)
-    turn = upright(up)
-    if not np.array_equal(turn, np.eye(3)):
-        name = ("-" if up.sum() < 0 else "+") + "XYZ"[int(np.argmax(np.abs(up)))]
-        scope.changes.note(f"the scene was turned so that its {name} axis points up (Z)")
-    scale = options.scale
-    if scale is None:
-        scale = guess_scene_scale(corners @ turn.T, cameras, turn, scope.changes)
-    frame = np.eye(4)
-    frame[:3, :3] = scale * turn
-    return frame
+def _default_up(root: Node, is_old: bool) -> tuple[float, float, float]:
+    """Z for a sunsky of Mitsuba 3, whose zenith it is; else Y."""
+    kinds = {node.type for node in root.children if node.tag == "emitter"}
+    is_z = not is_old and kinds & {"sunsky", "timed_sunsky"}
+    return (0.0, 0.0, 1.0) if is_z else (0.0, 1.0, 0.0)
 
 
 def _credit(

@@ -12,10 +12,15 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.arrays import Float64Array
 from scenes.contract import Scene, load_scene, writing_scene
 from scenes.errors import InputError
-from scenes.importing.assembly import Camera, Draft, assemble, guess_scene_scale, transformed_camera
+from scenes.importing.assembly import (
+    Camera,
+    Draft,
+    assemble,
+    transformed_camera,
+    upright_metric_frame,
+)
 from scenes.importing.changes import Changes
 from scenes.importing.credits import find_credit
 from scenes.importing.light_plan import sky_for
@@ -30,7 +35,6 @@ from scenes.pbrt.reader import PbrtScene, read_scene
 from scenes.pbrt.shapes import ShapeReader
 from scenes.pbrt.textures import Textures
 from scenes.pbrt.values import Context
-from scenes.reconstruction.orientation import signed_axis, up_from_geometry, upright
 
 _MAX_SIZE = 8192  # pixels of a stored view's side
 _DEFAULT_FILM = (1280, 720)
@@ -55,7 +59,7 @@ def import_pbrt(
         if not shapes:
             raise InputError(f"{path}: the scene has no shapes")
         cameras = cameras_of(scene, changes)
-        frame = _frame(shapes, cameras, options, changes)
+        frame = upright_metric_frame(shapes, cameras, options, changes)
         shapes = [shape.transformed(frame) for shape in shapes]
         cameras = [transformed_camera(camera, frame, changes) for camera in cameras]
         lights = Lights(context, textures, store, frame)
@@ -141,29 +145,6 @@ def cameras_of(scene: PbrtScene, changes: Changes) -> list[Camera]:
     # pbrt's x axis points to the right, Mitsuba's to the left.
     pose = scene.camera_to_world @ np.diag([-1.0, 1, 1, 1])
     return [Camera("camera", pose, half, width, height)]
-
-
-def _frame(
-    shapes: list[Shape], cameras: list[Camera], options: PbrtOptions, changes: Changes
-) -> Float64Array:
-    """The similarity (4, 4) from the file's right-handed world to ours (metres, Z up)."""
-    corners = np.concatenate([shape.mesh.corners for shape in shapes])
-    if options.up != "auto":
-        up = np.eye(3)["xyz".index(options.up)]
-    elif cameras:
-        up = signed_axis(cameras[0].to_world[:3, 1])
-    else:
-        up = up_from_geometry(corners, np.array([0.0, 1.0, 0.0]))
-    turn = upright(up)
-    if not np.array_equal(turn, np.eye(3)):
-        name = ("-" if up.sum() < 0 else "+") + "XYZ"[int(np.argmax(np.abs(up)))]
-        changes.note(f"the scene was turned so that its {name} axis points up (Z)")
-    scale = options.scale
-    if scale is None:
-        scale = guess_scene_scale(corners @ turn.T, cameras, turn, changes)
-    frame = np.eye(4)
-    frame[:3, :3] = scale * turn
-    return frame
 
 
 def _max_depth(scene: PbrtScene) -> int:

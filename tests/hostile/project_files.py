@@ -250,17 +250,23 @@ CAMERA = (
 )
 
 
-def _camera(*path: str | int, value: Any, command: int = 2) -> Made:
+def _with_value(file: str, command: str, path: tuple[str | int, ...], value: Any) -> Made:
+    """Change one value of a JSON file."""
+
     def write(folder: Path) -> Arguments:
-        content = json.loads((folder / CAMERAS).read_text())
+        content = json.loads((folder / file).read_text())
         place = content
         for key in path[:-1]:
             place = place[key]
         place[path[-1]] = value
-        (folder / CAMERAS).write_text(json.dumps(content))
-        return CAMERA[command].split()
+        (folder / file).write_text(json.dumps(content))
+        return command.split()
 
     return write
+
+
+def _camera(*path: str | int, value: Any, command: int = 2) -> Made:
+    return _with_value(CAMERAS, CAMERA[command], path, value)
 
 
 CAMERAS_MADE = (
@@ -496,16 +502,7 @@ def _weights(value: float, command: str = PREDICT, whole: bool = True) -> Made:
 
 
 def _card(*path: str, value: Any, command: int = 0) -> Made:
-    def write(folder: Path) -> Arguments:
-        content = json.loads((folder / CARD).read_text())
-        place = content
-        for key in path[:-1]:
-            place = place[key]
-        place[path[-1]] = value
-        (folder / CARD).write_text(json.dumps(content))
-        return MODEL[command].split()
-
-    return write
+    return _with_value(CARD, MODEL[command], path, value)
 
 
 CARDS_MADE = (

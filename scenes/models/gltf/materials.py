@@ -19,24 +19,12 @@ from scenes.importing.changes import Changes
 from scenes.importing.shape import Surface
 from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin, prop
-from scenes.models.gltf.container import Asset, extensions, number, numbers
+from scenes.models.gltf.container import UNDERSTOOD, Asset, extensions, number, numbers
 from scenes.models.gltf.images import Images, ImageTexture
 from scenes.models.model import Emission
 
 CLEAR_ROUGHNESS = 0.1  # up to which glass counts as clear
 _WHITE: Color = (1.0, 1.0, 1.0)
-_HANDLED = frozenset(
-    (
-        "KHR_materials_clearcoat",
-        "KHR_materials_emissive_strength",
-        "KHR_materials_ior",
-        "KHR_materials_pbrSpecularGlossiness",
-        "KHR_materials_specular",
-        "KHR_materials_transmission",
-        "KHR_materials_unlit",
-        "KHR_materials_volume",
-    )
-)
 
 
 @dataclass(frozen=True)
@@ -72,7 +60,7 @@ class GltfMaterials:
         where = f"materials[{index}]"
         name = str(material.get("name") or where)
         more = extensions(material)
-        for extension in sorted(set(more) - _HANDLED):
+        for extension in sorted(set(more) - UNDERSTOOD):
             self.changes.note(f"material extension {extension} was left out: {{}}", name)
         if "occlusionTexture" in material:
             self.changes.note("baked ambient occlusion was left out")
