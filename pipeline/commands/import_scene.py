@@ -178,7 +178,7 @@ def import_command(
 
     try:
         run_limited(work, Limits(max_seconds, max_memory), str(path))
-    except MachineError:
+    except (MachineError, KeyboardInterrupt):
         sweep(out.parent, recursive=False)
         raise
     scene = load_scene(out)
