@@ -31,7 +31,9 @@ class ImportEntry(MitsubaOptions, SweetHomeOptions, ModelOptions, PbrtOptions, I
                 kind = f"{suffix} files" if known else "scene folders"
                 allowed = f"; they take {', '.join(known)}" if known else ""
                 raise ValueError(f"{where}.{name}: not for {kind}{allowed}")
-        super().verify(where)
+        source = source_of(suffix)
+        if source is not None:  # with the rules of this source alone
+            source(**{name: getattr(self, name) for name in known}).verify(where)
         if self.id is not None and not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}", self.id):
             raise ValueError(f"{where}.id: {self.id!r}; letters, digits, '.', '_' and '-' only")
 

@@ -14,6 +14,8 @@ from typing import Any, ClassVar, Literal
 
 from scenes.checked import within
 
+_SWITCHED = "Sweet Home 3D homes"  # files whose lamps can be all on or all off
+
 
 def load(reference: str) -> Any:
     """Import a module and return the attribute of it that "module:attribute" names."""
@@ -33,11 +35,19 @@ class SourceOptions:
     title: ClassVar[str]  # of the source, for headings
     suffixes: ClassVar[tuple[str, ...]]  # of its files, lower case
     importer: ClassVar[str]  # "module:function", see `registry.Importer`
+    can_switch_lamps: ClassVar[bool] = False  # whether lamps can be all on or all off
 
     licence: str = field(
         default="", metadata=described("Terms of use, e.g. CC-BY-4.0, if no file says so.")
     )
     author: str = field(default="", metadata=described("Whose work it is, if no file says so."))
+    lamps: Literal["home", "on", "off", "fill"] = field(
+        default="home",
+        metadata=described(
+            "Lamps as the file has them (home); fill: also a plain ceiling lamp in every room "
+            "without light. Of homes also all on, or all off."
+        ),
+    )
 
     @classmethod
     def code(cls) -> tuple[str, ...]:
@@ -46,6 +56,10 @@ class SourceOptions:
 
     def verify(self, where: str) -> None:
         """Check values beyond their types; raises ValueError that begins with `where`."""
+        if self.lamps in ("on", "off") and not self.can_switch_lamps:
+            raise ValueError(
+                f"{where}.lamps: {self.lamps!r} is for {_SWITCHED}; others take 'home' or 'fill'"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,7 +29,7 @@ from scenes.ifc.options import IfcOptions
 from scenes.importing.assembly import Draft, assemble
 from scenes.importing.changes import Changes
 from scenes.importing.credits import find_credit
-from scenes.importing.daylight import daylight
+from scenes.importing.light.daylight import daylight
 from scenes.importing.names import Names
 from scenes.importing.objects import room_of, structure_category
 from scenes.importing.panes import pieces_of_mesh
@@ -84,6 +84,7 @@ def import_ifc(
             hint=path.stem,
             grouping=partial(_objects, building.elements),
             ground=True,
+            lamps_if_dark=options.lamps == "fill",
             stated_rooms=tuple(building.rooms),
         )
         assemble(folder, draft, changes)

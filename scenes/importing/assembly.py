@@ -24,20 +24,26 @@ from scenes.contract import Credit, Light, Portal, Room, Scene, SceneObject, sav
 from scenes.errors import InputError
 from scenes.geometry.transforms import look_at
 from scenes.importing.changes import Changes
-from scenes.importing.daylight import daylight, ground
-from scenes.importing.light_plan import (
-    OUTDOORS,
+from scenes.importing.light.ceiling_lamps import free_ceiling_lamp, hung_lamp
+from scenes.importing.light.daylight import daylight, ground
+from scenes.importing.light.in_rooms import (
+    lighting_of,
+    lights_of,
+    rooms_to_fill,
+    rooms_with_light,
+)
+from scenes.importing.light.plan import (
     light_plan,
     note_dark_rooms,
+    note_filled,
     note_sky,
 )
 from scenes.importing.objects import group_objects, hollow_furniture, type_of_room
-from scenes.importing.panes import frosted_openings, is_flat, remove_panes
+from scenes.importing.panes import frosted_openings, remove_panes, solid_corners
 from scenes.importing.sealing_shapes import sealing_shape, structure_object
 from scenes.importing.shape import Emitter, Shape, bounds_of
 from scenes.importing.writer import sensor_element, write_scene_xml
 from scenes.reconstruction.aperture_sections import CrossSections, at_narrowest_section
-from scenes.reconstruction.connections import connected_rooms
 from scenes.reconstruction.enclosure import ENCLOSURE_ID, build_enclosure
 from scenes.reconstruction.gap_sealing import GAP_SEALING_ID, seal_gaps
 from scenes.reconstruction.hidden_openings import hidden_openings
@@ -97,7 +103,11 @@ class Draft:
     ground: bool = False  # add a ground plane
     # Names and rooms, for sources that state them; otherwise rooms are found in the triangles.
     stated_rooms: tuple[tuple[str, FoundRoom], ...] = ()
-    sky_if_dark: bool = False  # add sun, sky and ground if its own light lights no room
+    photometric: bool = False  # the power of its lamps is known, so that too weak ones do not count
+    sky_if_dark: bool = (
+        False  # if `photometric`: add sun, sky and ground if its own light lights no room
+    )
+    lamps_if_dark: bool = False  # hang a plain ceiling lamp in each room without light
 
 
 def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
@@ -125,16 +135,21 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
     objects = draft.grouping(shapes, rooms, room_ids)
     names = draft.room_names(shapes, rooms, room_ids) if draft.room_names else {}
     emitters, has_ground = draft.emitters, draft.ground
-    if draft.sky_if_dark:
+    dim = frozenset[str]()
+    if draft.photometric:
         plan = light_plan(folder, shapes, area, emitters, objects, rooms)
-        if plan.needs_sky:
+        closed = [name for name, room in zip(room_ids, rooms, strict=True) if not room.guessed]
+        dim = frozenset(
+            name for name, light in zip(closed, plan.rooms, strict=True) if light.is_dark
+        )
+        if draft.sky_if_dark and plan.needs_sky:
             emitters, has_ground = [*emitters, daylight()], True
             note_sky(plan, changes)
     bounding_room = _bounding_room(shapes)
     if has_ground:
         ground_shape, ground_object = ground(*bounds_of(shapes))
         shapes, objects = [*shapes, ground_shape], (*objects, ground_object)
-    lights = _lights(shapes, area, emitters, rooms, room_ids)
+    lights = lights_of(shapes, area, emitters, rooms, room_ids)
     used_ids = {shape.id for shape in shapes} | {each.id for each in objects}
     sealing_shapes, openings = _seal(shapes, rooms, openings, used_ids, changes)
     shapes = [*shapes, *sealing_shapes]
@@ -150,31 +165,31 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
         rooms, room_ids = [bounding_room], ["room_0"]
         changes.note("NO ROOM WAS FOUND: the bounding box of the scene is used as a room")
     camera = cameras[0] if cameras else _default_camera(rooms[0])
+    lit_rooms = rooms_with_light(shapes, rooms, room_ids, lights, portals, dim)
+    described = _described_rooms(draft, objects, rooms, room_ids, lit_rooms)
+    if draft.lamps_if_dark:
+        dark = rooms_to_fill(shapes, rooms, room_ids, lights, portals, dim)
+        rays = RayCaster(solid_corners(shapes))
+        for number in dark:
+            name = _unused_id(f"ceiling_lamp_{number}", used_ids)
+            lamp = hung_lamp(free_ceiling_lamp(rooms[number], rays), name, room_ids[number])
+            shapes, objects = [*shapes, lamp.shape], (*objects, lamp.object)
+            area[name] = lamp.emitter
+            light_id = f"light_{len(lights)}"
+            lights = (*lights, Light(light_id, "area", (name,), room_ids[number], lamp.lumens))
+            described[number] = replace(described[number], has_light=True)
+        note_filled([described[number] for number in dark], changes)
     write_scene_xml(folder, shapes, area, emitters, _sensor(camera), draft.max_depth)
-    lit_rooms = _lit_rooms(shapes, rooms, room_ids, lights, portals)
     views = [_view(camera, names) for camera in cameras]
-    labels = [label for label, _ in draft.stated_rooms] or [""] * len(rooms)
-    hints = labels if draft.stated_rooms else [draft.hint if len(rooms) == 1 else ""] * len(rooms)
     scene = Scene(
         scene_id=draft.scene_id,
         source={**draft.source, "views": views, **({"rooms": names} if names else {})},
-        rooms=tuple(
-            Room(
-                id=name,
-                name=labels[index] or f"{type_of_room(objects, name, draft.hint)} {index}",
-                type=type_of_room(objects, name, hints[index]),
-                floor=tuple((float(x), float(y)) for x, y in list(room.floor.exterior.coords)[:-1]),
-                floor_z=room.floor_z,
-                ceiling_z=room.ceiling_z,
-                has_light=name in lit_rooms or room.guessed,
-            )
-            for index, (name, room) in enumerate(zip(room_ids, rooms, strict=True))
-        ),
+        rooms=tuple(described),
         objects=objects,
         lights=lights,
         portals=portals,
         credits=draft.credits,
-        lighting=_lighting(lights),
+        lighting=lighting_of(lights),
         plan=draft.scene_id,
     )
     note_dark_rooms(scene, changes)
@@ -280,7 +295,7 @@ def find_rooms_and_openings(
         )
     eye = cameras[0].to_world[:3, 3] if cameras else None
     rooms = list(stated) or find_rooms(everything, eye, hollow_furniture(shapes))
-    return rooms, find_openings(RayCaster(_solid_corners(shapes)), rooms)
+    return rooms, find_openings(RayCaster(solid_corners(shapes)), rooms)
 
 
 def _locate_openings(
@@ -292,7 +307,7 @@ def _locate_openings(
     given, moved to their narrowest section, and those that only random walks find.
     """
     shapes, pane_shapes, openings = remove_panes(shapes, openings)
-    corners = _solid_corners(shapes)
+    corners = solid_corners(shapes)
     sections = CrossSections(corners)
     openings = [at_narrowest_section(sections, opening) for opening in openings]
     hidden = hidden_openings(RayCaster(corners), sections, rooms, openings)
@@ -313,7 +328,7 @@ def _seal(
     stay open.
     """
     added = []
-    solid = _solid_corners(shapes)
+    solid = solid_corners(shapes)
     rays = RayCaster(solid)
     sheets, kept = build_enclosure(solid, rays, rooms, openings)
     if len(sheets):
@@ -340,60 +355,28 @@ def _unused_id(name: str, used_ids: set[str]) -> str:
     return next(each for each in chain([name], numbered) if each not in used_ids)
 
 
-def _solid_corners(shapes: list[Shape]) -> Float64Array:
-    """The triangles (F, 3, 3) that stop light; all triangles if none does."""
-    solid = [
-        shape.mesh.corners
-        for shape in shapes
-        if not shape.surface.see_through
-        and not shape.surface.invisible
-        and not (shape.surface.frosted and is_flat(shape.mesh))
+def _described_rooms(
+    draft: Draft,
+    objects: tuple[SceneObject, ...],
+    rooms: list[FoundRoom],
+    room_ids: list[str],
+    lit_rooms: set[str | None],
+) -> list[Room]:
+    """The rooms of `scene.json`, with types and names by their objects unless they are stated."""
+    labels = [label for label, _ in draft.stated_rooms] or [""] * len(rooms)
+    hints = labels if draft.stated_rooms else [draft.hint if len(rooms) == 1 else ""] * len(rooms)
+    return [
+        Room(
+            id=name,
+            name=labels[index] or f"{type_of_room(objects, name, draft.hint)} {index}",
+            type=type_of_room(objects, name, hints[index]),
+            floor=tuple((float(x), float(y)) for x, y in list(room.floor.exterior.coords)[:-1]),
+            floor_z=room.floor_z,
+            ceiling_z=room.ceiling_z,
+            has_light=name in lit_rooms or room.guessed,
+        )
+        for index, (name, room) in enumerate(zip(room_ids, rooms, strict=True))
     ]
-    return np.concatenate(solid or [shape.mesh.corners for shape in shapes])
-
-
-def _lights(
-    shapes: list[Shape],
-    area: dict[str, Element],
-    others: list[Emitter],
-    rooms: list[FoundRoom],
-    room_ids: list[str],
-) -> tuple[Light, ...]:
-    """The lights of `scene.json`: area emitters by shape, then one for each kind of the others."""
-    lights: list[Light] = []
-    for shape in shapes:
-        if shape.id in area:
-            centre = shape.mesh.bounds.mean(axis=0)
-            lights.append(
-                Light(
-                    f"light_{len(lights)}", "area", (shape.id,), _room_at(centre, rooms, room_ids)
-                )
-            )
-    for emitter in others:
-        for kind in emitter.kinds:
-            room = None
-            if emitter.position is not None:
-                room = _room_at(np.array(emitter.position), rooms, room_ids)
-            lights.append(Light(f"light_{len(lights)}", kind, (), room))
-    return tuple(lights)
-
-
-def _lit_rooms(
-    shapes: list[Shape],
-    rooms: list[FoundRoom],
-    room_ids: list[str],
-    lights: tuple[Light, ...],
-    portals: tuple[Portal, ...],
-) -> set[str | None]:
-    """The ids of rooms with a lamp or a portal, and of those that see one through an opening."""
-    lit = {light.room for light in lights} | {portal.room for portal in portals}
-    if any(light.room is None and light.kind not in OUTDOORS for light in lights):
-        lit.update(room_ids)
-    if lit.issuperset(room_ids):
-        return lit
-    pairs = connected_rooms(RayCaster(_solid_corners(shapes)), rooms)
-    neighbours = [(room_ids[a], room_ids[b]) for i, j in pairs for a, b in ((i, j), (j, i))]
-    return lit | {there for here, there in neighbours if here in lit}
 
 
 def _portals(
@@ -429,23 +412,6 @@ def _portals(
             )
         )
     return tuple(portals)
-
-
-def _room_at(point: Float64Array, rooms: list[FoundRoom], room_ids: list[str]) -> str | None:
-    """The id of the room that contains a point (3,), or None."""
-    for room, name in zip(rooms, room_ids, strict=True):
-        if room.contains(point, 0.15):
-            return name
-    return None
-
-
-def _lighting(lights: tuple[Light, ...]) -> str:
-    """Classify lights as "day", "night" or "mixed"."""
-    outdoors = any(light.kind in OUTDOORS for light in lights)
-    lamps = any(light.kind in ("area", "point", "spot") for light in lights)
-    if outdoors and lamps:
-        return "mixed"
-    return "day" if outdoors else "night"
 
 
 def _bounding_room(shapes: list[Shape]) -> FoundRoom:

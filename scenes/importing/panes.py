@@ -30,6 +30,18 @@ def is_flat(mesh: Mesh) -> bool:
     return bool(extents[0] <= _MAX_THICKNESS and extents[1] >= _MIN_WIDTH)
 
 
+def solid_corners(shapes: list[Shape]) -> Float64Array:
+    """The triangles (F, 3, 3) that stop light; all triangles if none does."""
+    solid = [
+        shape.mesh.corners
+        for shape in shapes
+        if not shape.surface.see_through
+        and not shape.surface.invisible
+        and not (shape.surface.frosted and is_flat(shape.mesh))
+    ]
+    return np.concatenate(solid or [shape.mesh.corners for shape in shapes])
+
+
 def remove_panes(
     shapes: list[Shape], openings: list[FoundOpening]
 ) -> tuple[list[Shape], list[str], list[FoundOpening]]:

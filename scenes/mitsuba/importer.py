@@ -23,8 +23,8 @@ from scenes.importing.assembly import (
 )
 from scenes.importing.changes import Changes
 from scenes.importing.credits import find_credit
-from scenes.importing.daylight import daylight
-from scenes.importing.light_plan import sky_for
+from scenes.importing.light.daylight import daylight
+from scenes.importing.light.plan import sky_for
 from scenes.importing.objects import group_objects
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import Shape
@@ -104,7 +104,7 @@ def import_mitsuba(
             if (target := scope.resolve(node)).tag in ("emitter", "luminaire")
             and (made := emitters.world(target)) is not None
         ]
-        others += sky_for(path, bool(area), others, options.sky, changes)
+        others += sky_for(path, bool(area), others, options, changes)
         _report_dropped(root, scope)
         for old, new in sandbox.relocated:
             if old != new:
@@ -119,6 +119,7 @@ def import_mitsuba(
             (_credit(path, scene_id, options, release is not None, opened, changes),),
             hint=path.parent.name,
             max_depth=_max_depth(root, scope),
+            lamps_if_dark=options.lamps == "fill",
             grouping=partial(objects_of_nodes, nodes, release) if release else group_objects,
             room_names=partial(match_rooms, nodes) if release else None,
             ground=release is not None and any("sun" in made.kinds for made in others),

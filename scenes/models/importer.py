@@ -29,7 +29,7 @@ from scenes.importing.assembly import Camera, Draft, assemble, transformed_camer
 from scenes.importing.categories import category_of
 from scenes.importing.changes import Changes
 from scenes.importing.credits import find_credit
-from scenes.importing.daylight import daylight
+from scenes.importing.light.daylight import daylight
 from scenes.importing.objects import room_of, structure_category
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.sealing_shapes import completing_shapes
@@ -183,7 +183,9 @@ def _draft(
             frozenset(shape.id for shape in model.shapes),
         ),
         ground=outdoors,
+        photometric=True,
         sky_if_dark=not outdoors,
+        lamps_if_dark=options.lamps == "fill",
     )
 
 

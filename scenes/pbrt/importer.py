@@ -23,7 +23,7 @@ from scenes.importing.assembly import (
 )
 from scenes.importing.changes import Changes
 from scenes.importing.credits import find_credit
-from scenes.importing.light_plan import sky_for
+from scenes.importing.light.plan import sky_for
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import Emitter, Shape
 from scenes.importing.textures import TextureStore
@@ -77,6 +77,7 @@ def import_pbrt(
             (find_credit(opened, scene_id, options.licence, options.author, changes),),
             hint=path.parent.name,
             max_depth=_max_depth(scene),
+            lamps_if_dark=options.lamps == "fill",
         )
         assemble(folder, draft, changes)
     return load_scene(out)
@@ -106,7 +107,7 @@ def _emitters(
         for light, to_world in scene.lights
         if (made := lights.world(light, to_world)) is not None
     ]
-    return area, [*emitters, *sky_for(path, bool(area), emitters, options.sky, changes)]
+    return area, [*emitters, *sky_for(path, bool(area), emitters, options, changes)]
 
 
 def cameras_of(scene: PbrtScene, changes: Changes) -> list[Camera]:

@@ -23,6 +23,7 @@ from scenes.formats.model_parts import UnreadableModel
 from scenes.geometry.regions import simplified, union
 from scenes.importing.categories import category_of_piece, room_type
 from scenes.importing.changes import Changes
+from scenes.importing.light.plan import note_filled, note_without_light
 from scenes.importing.textures import TextureStore
 from scenes.opened_files import OpenedFiles
 from scenes.reconstruction.gap_sealing import GAP_SEALING_ID
@@ -45,7 +46,7 @@ from scenes.sweethome.credits import Credits
 from scenes.sweethome.furnishing.finishes import BsdfWriter
 from scenes.sweethome.furnishing.furniture import PlacedModel, place_piece, place_without_model
 from scenes.sweethome.furnishing.items import PlacedItem, merge_parts
-from scenes.sweethome.furnishing.lamps import ceiling_lamp, lit_parts
+from scenes.sweethome.furnishing.lamps import hung_lamp, lit_parts
 from scenes.sweethome.furnishing.missing import MissingPiece, missing_piece, note_missing
 from scenes.sweethome.furnishing.models import Models
 from scenes.sweethome.home import Home, HomePiece
@@ -128,14 +129,9 @@ def import_sweethome(
         lost = [(one, _room_at(one.centre, rooms, inside, 0.25)) for one in missing]
         rooms = _described_rooms(rooms, items, lost, lit_by_opening)
         if options.lamps == "fill":
-            lamps_added, rooms = _filled_with_light(rooms)
+            lamps_added, rooms = _filled_with_light(rooms, changes)
             items += lamps_added
-        dark = [room.name for room in rooms if not room.has_light]
-        if dark:
-            changes.note(
-                "rooms without lamps, windows and open doors have no light, so they get no views; "
-                "--lamps fill puts lamps there: {}", ", ".join(dark),
-            )  # fmt: skip
+        note_without_light([room for room in rooms if not room.has_light], changes)
         items += seal_home(items, rooms, portals, changes)
         lamps = [item for item in items if item.lumens > 0]
         for texture in _textures(home):
@@ -456,10 +452,11 @@ def _described_rooms(
     return made
 
 
-def _filled_with_light(rooms: list[Room]) -> tuple[list[PlacedItem], list[Room]]:
+def _filled_with_light(rooms: list[Room], changes: Changes) -> tuple[list[PlacedItem], list[Room]]:
     """Return ceiling lamps for the rooms without light, and the rooms with light."""
     dark = [room for room in rooms if not room.has_light]
-    lamps = [ceiling_lamp(room, number) for number, room in enumerate(dark)]
+    note_filled(dark, changes)
+    lamps = [hung_lamp(room, number) for number, room in enumerate(dark)]
     return lamps, [replace(room, has_light=True) for room in rooms]
 
 

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 from scenes.source_options import SourceOptions, described
 
 
 @dataclass(frozen=True, kw_only=True)
 class SweetHomeOptions(SourceOptions):
-    """Options of a `.sh3d` file: levels, time of day, lamps."""
+    """Options of a `.sh3d` file: levels, time of day."""
 
     title: ClassVar[str] = "Sweet Home 3D"
     suffixes: ClassVar[tuple[str, ...]] = (".sh3d",)
     importer: ClassVar[str] = "scenes.sweethome.importer:import_sweethome"
+    can_switch_lamps: ClassVar[bool] = True
 
     level: tuple[str, ...] = field(
         default=(),
@@ -27,13 +28,6 @@ class SweetHomeOptions(SourceOptions):
             "Local time of day in a home, instead of its own.",
             "HH:MM",
             allowed="in quotes, such as '19:30'",
-        ),
-    )
-    lamps: Literal["home", "on", "off", "fill"] = field(
-        default="home",
-        metadata=described(
-            "Lamps of a home: as the home has them, all on, all off, or fill: as the home has "
-            "them, and a plain ceiling lamp in every room without light."
         ),
     )
 

@@ -13,7 +13,7 @@ import numpy as np
 from scenes.contract import Scene, SceneObject, load_scene, save_scene, writing_scene
 from scenes.files import copy_files
 from scenes.formats.ply import write_ply
-from scenes.importing.daylight import ground
+from scenes.importing.light.daylight import ground
 from scenes.importing.xml_elements import plugin
 from scenes.params import SceneParams
 from scenes.variants.refinish import refinish

@@ -86,7 +86,10 @@ def test_one_file_needs_two_names_to_come_in_twice(tmp_path: Path, house: str) -
     ("entry", "words"),
     [
         ({"file": "a.sh3d", "scale": 2.0}, r"imports\[0\]\.scale: not for \.sh3d files; they take"),
-        ({"file": "a.glb", "lamps": "on"}, r"imports\[0\]\.lamps: not for \.glb files"),
+        (
+            {"file": "a.glb", "lamps": "on"},
+            r"imports\[0\]\.lamps: 'on' is for Sweet Home 3D homes; others take",
+        ),
         ({"file": "folder", "sky": True}, r"sky: not for scene folders"),
         ({"file": "a.xml", "levels": ["x"]}, "unknown key; did you mean 'level'"),
         ({"file": "a.sh3d", "level": "Above"}, r"level: expected a list"),

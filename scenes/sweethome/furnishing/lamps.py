@@ -16,9 +16,8 @@ from scenes.arrays import Float64Array
 from scenes.color import REC709, Color
 from scenes.contract import Room
 from scenes.geometry.directions import fibonacci_sphere
-from scenes.geometry.mesh import Mesh
-from scenes.geometry.regions import deepest_point
 from scenes.importing.changes import Changes
+from scenes.importing.light.ceiling_lamps import ceiling_lamp, octahedron
 from scenes.photometry import LUMEN
 from scenes.reconstruction.raycast import RayCaster
 from scenes.sweethome.furnishing.finishes import decode_clipped
@@ -31,11 +30,6 @@ _SMALLEST, _LARGEST = 0.008, 0.05  # metres: radii of bulbs
 _DEFAULT_RADIUS = 0.0325
 _ENCLOSED = 0.1  # fraction of open directions below which the shade emits instead of the bulb
 _DIRECTIONS = 256
-_GLOBE, _GLOBE_DROP = (
-    0.12,
-    0.3,
-)  # metres: radius of a plain lamp, and from the ceiling to its centre
-_LUMENS_PER_AREA, _MOST_LUMENS = 150.0, 6000.0  # of a plain lamp, per square metre of floor
 _BLACK = SurfaceFinish(color=(0.0, 0.0, 0.0))
 
 
@@ -74,7 +68,7 @@ def lit_parts(
             surface = 4 * np.pi * radius**2
             made.append(
                 ItemPart(
-                    _octahedron(centre, radius),
+                    octahedron(centre, radius),
                     _BLACK,
                     _radiance(lumens, surface, tint),
                     ((float(centre[0]), float(centre[1]), float(centre[2])), radius),
@@ -92,20 +86,12 @@ def lit_parts(
     return tuple(made), total
 
 
-def ceiling_lamp(room: Room, number: int) -> PlacedItem:
-    """A globe below the ceiling, over the point farthest from the walls of `room`."""
-    floor = Polygon(room.floor)
-    x, y = deepest_point(floor)
-    centre = np.array([x, y, room.ceiling_z - _GLOBE_DROP])
-    lumens = float(np.clip(_LUMENS_PER_AREA * floor.area, USUAL, _MOST_LUMENS))
-    part = ItemPart(
-        _octahedron(centre, _GLOBE),
-        _BLACK,
-        _radiance(lumens, 4 * np.pi * _GLOBE**2, _tint(_USUAL_COLOR)),
-        ((float(centre[0]), float(centre[1]), float(centre[2])), _GLOBE),
-    )
+def hung_lamp(room: Room, number: int) -> PlacedItem:
+    """The plain ceiling lamp of a room without light."""
+    lamp = ceiling_lamp(Polygon(room.floor), room.ceiling_z)
+    part = ItemPart(lamp.mesh, _BLACK, lamp.radiance, (lamp.centre, lamp.radius))
     name = f"ceiling-lamp-{number}"
-    return PlacedItem(name, "ceiling lamp", "lamp", (part,), room=room.id, lumens=lumens)
+    return PlacedItem(name, "ceiling lamp", "lamp", (part,), room=room.id, lumens=lamp.lumens)
 
 
 def _emissive_parts(
@@ -164,11 +150,3 @@ def _around(parts: list[ItemPart], centre: Float64Array) -> tuple[np.ndarray, fl
     caster = RayCaster(np.concatenate([part.mesh.corners for _, part in solid]))
     distances, triangles = caster.cast(centre, fibonacci_sphere(_DIRECTIONS))
     return np.where(triangles >= 0, owner[triangles], -1), float(distances.min())
-
-
-def _octahedron(centre: Float64Array, radius: float) -> Mesh:
-    """An octahedron around the ball, for its bounds."""
-    tips = np.concatenate([np.eye(3), -np.eye(3)])
-    faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2],
-                      [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])  # fmt: skip
-    return Mesh(centre + radius * tips, faces)

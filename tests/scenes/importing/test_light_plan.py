@@ -7,18 +7,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from shapely.geometry import box
+from shapely.geometry import Polygon, box
 
 from scenes.contract import Light, Scene
 from scenes.errors import InputError
 from scenes.geometry.mesh import Mesh
 from scenes.importing.changes import Changes
-from scenes.importing.light_plan import LightPlan, RoomLight, light_plan, note_dark_rooms
+from scenes.importing.light.plan import LightPlan, RoomLight, light_plan, note_dark_rooms
 from scenes.importing.shape import Emitter, Shape, Surface, make_object
 from scenes.importing.xml_elements import plugin
 from scenes.photometry import LUMEN
 from scenes.reconstruction.rooms import FoundRoom
 from scenes.registry import import_scene
+from tests.fixtures import mitsuba_files, pbrt_files
 from tests.fixtures.rooms import Block, shell, write_obj
 
 SOFA = Block("sofa", (1.0, 3.0, 0.0), (3.0, 3.9, 0.8))
@@ -64,12 +65,12 @@ def test_rooms_that_no_light_reaches_are_named_with_the_remedy(tmp_path: Path) -
         return " ".join(changes.sentences())
 
     assert sentences() == ""
-    assert "no light reaches, get no views: room_0" in sentences(
+    assert "--lamps fill hangs lamps there: room_0" in sentences(
         rooms=(replace(room, has_light=False),)
     )
     elsewhere = tuple(replace(light, room="room_9") for light in scene.lights)
     assert scene.portals
-    assert "--sky: room_0" in sentences(lights=elsewhere)
+    assert "with --lamps fill: room_0" in sentences(lights=elsewhere)
     outside = (*elsewhere, Light("sky", "sky", (), None))
     assert sentences(lights=outside) == ""
 
@@ -125,3 +126,32 @@ def test_a_mitsuba_scene_gets_a_sky_beside_its_lamps_if_asked_to(tmp_path: Path)
         '<rgb name="radiance" value="1"/>', ""))  # fmt: skip
     with pytest.raises(InputError, match="--sky"):
         import_scene(path, tmp_path / "none", **options)
+
+
+def test_a_dark_room_of_any_source_gets_a_lamp_if_asked_to(tmp_path: Path) -> None:
+    """A closed room as OBJ, Mitsuba and PBRT, whose lamp hangs in free air below its ceiling."""
+    beam = Block("beam", (1.5, 1.6, 2.3), (3.5, 2.4, 2.6))
+    model = write_obj(tmp_path / "in" / "room.obj", [*shell(has_window=False), SOFA, beam])
+    mitsuba = mitsuba_files.write(tmp_path / "mitsuba", mitsuba_files.room())
+    pbrt = pbrt_files.write(tmp_path / "pbrt", pbrt_files.room())
+    for path, options in ((model, {"up": "z"}), (mitsuba, {}), (pbrt, {})):
+        scene = import_scene(path, tmp_path / f"from{path.suffix}", lamps="fill", **options)
+        (room,) = scene.rooms
+        (lamp,) = [light for light in scene.lights if light.kind == "area"]
+        assert room.has_light and lamp.room == room.id
+        assert lamp.lumens == pytest.approx(150 * Polygon(room.floor).area, rel=0.01)
+        (globe,) = [each for each in scene.objects if each.category == "lamp"]
+        assert globe.shapes == lamp.shapes and globe.room == room.id
+        assert 0.1 < room.ceiling_z - globe.bbox_max[2] < 0.7
+        assert any("got a plain ceiling lamp: room_0" in change for change in scene.changes)
+        if path is model:
+            outside = np.greater(globe.bbox_min, beam.high) | np.less(globe.bbox_max, beam.low)
+            assert outside.any()
+
+
+def test_lamps_that_are_too_weak_leave_a_closed_room_without_light(tmp_path: Path) -> None:
+    path = write_obj(tmp_path / "in" / "room.obj", [*shell(has_window=False), SOFA, STRIP])
+    dark = import_scene(path, tmp_path / "dark", up="z")
+    assert not dark.rooms[0].has_light
+    assert any("--lamps fill hangs lamps there: room_0" in change for change in dark.changes)
+    assert import_scene(path, tmp_path / "lit", up="z", lamps="fill").rooms[0].has_light

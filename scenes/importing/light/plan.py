@@ -9,7 +9,7 @@ corridors; of 30 lumens per square metre, about half arrives.)
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -18,15 +18,16 @@ import numpy as np
 
 from scenes.arrays import Float64Array
 from scenes.color import REC709
-from scenes.contract import Scene, SceneObject
+from scenes.contract import Room, Scene, SceneObject
 from scenes.errors import InputError
 from scenes.geometry.mesh import face_areas
 from scenes.importing.changes import Changes
-from scenes.importing.daylight import daylight
+from scenes.importing.light.daylight import daylight
 from scenes.importing.shape import Emitter, Shape
 from scenes.importing.textures import read_radiance
 from scenes.photometry import LUMEN
 from scenes.reconstruction.rooms import FoundRoom
+from scenes.source_options import FreeAxesOptions
 
 LEAST_LIT = 30.0  # lumens per square metre of floor
 OUTDOORS = ("sun", "sky", "environment", "directional")  # kinds of light that come from outside
@@ -46,6 +47,11 @@ class RoomLight:
     def is_lit(self) -> bool:
         """True if the room has light of its own."""
         return self.lamps >= LEAST_LIT
+
+    @property
+    def is_dark(self) -> bool:
+        """True if the room is too dark to be seen by its own light."""
+        return self.lamps + self.glow < LEAST_LIT
 
 
 @dataclass(frozen=True)
@@ -112,16 +118,26 @@ def _number_of_room(point: Float64Array, rooms: list[FoundRoom]) -> int:
 
 
 def sky_for(
-    path: Path, has_area_lights: bool, emitters: list[Emitter], is_wanted: bool, changes: Changes
+    path: Path,
+    has_area_lights: bool,
+    emitters: list[Emitter],
+    options: FreeAxesOptions,
+    changes: Changes,
 ) -> list[Emitter]:
     """Sun and sky for the scene at `path` if `--sky` asks for it and nothing shines outdoors.
 
     For scenes whose units of light are arbitrary, so that the power of lamps says nothing. Raises
-    `InputError` for a scene without any light if `is_wanted` is false.
+    `InputError` for a scene without any light if the options add none.
     """
+    is_wanted = options.sky
     if not (has_area_lights or emitters):
+        if not is_wanted and options.lamps == "fill":
+            return []
         if not is_wanted:
-            raise InputError(f"{path}: the scene has no light; add sun and sky with --sky")
+            raise InputError(
+                f"{path}: the scene has no light; add sun and sky with --sky, or lamps with "
+                "--lamps fill"
+            )
         changes.note("the scene has no light; sun and sky were added")
         return [daylight()]
     if not is_wanted or any(kind in OUTDOORS for made in emitters for kind in made.kinds):
@@ -147,26 +163,36 @@ def note_sky(plan: LightPlan, changes: Changes) -> None:
     )
 
 
-def note_dark_rooms(scene: Scene, changes: Changes) -> None:
+def note_filled(rooms: Iterable[Room], changes: Changes) -> None:
+    """Record the rooms that got a ceiling lamp."""
+    for room in rooms:
+        changes.note("rooms without light got a plain ceiling lamp: {}", f"{room.id} ({room.name})")
+
+
+def note_without_light(rooms: Iterable[Room], changes: Changes) -> None:
     """Record the rooms that no light reaches, with the remedy."""
-    is_outdoors = any(light.kind in OUTDOORS for light in scene.lights)
+    for room in rooms:
+        changes.note(
+            "rooms without enough light from lamps, windows and open doors get no views; "
+            "--lamps fill hangs lamps there: {}",
+            f"{room.id} ({room.name})",
+        )
+
+
+def note_dark_rooms(scene: Scene, changes: Changes) -> None:
+    """Record the rooms that no light reaches, and those where light may be missing outdoors."""
     with_lamp = {light.room for light in scene.lights if light.kind not in OUTDOORS}
     with_portal = {portal.room for portal in scene.portals}
     if None in with_lamp:
         return
-    closed = [room for room in scene.rooms if not room.has_light]
-    for room in closed:
-        changes.note(
-            "rooms without a lamp, a window or a door, which no light reaches, get no views: {}",
-            f"{room.id} ({room.name})",
-        )
-    if is_outdoors:
+    note_without_light([room for room in scene.rooms if not room.has_light], changes)
+    if any(light.kind in OUTDOORS for light in scene.lights):
         return
     for room in scene.rooms:
         if room.has_light and room.id in with_portal - with_lamp:
             changes.note(
                 "rooms without a lamp may be black, because nothing shines outdoors; add sun and "
-                "sky with --sky: {}",
+                "sky with --sky, or lamps with --lamps fill: {}",
                 f"{room.id} ({room.name})",
             )
 
