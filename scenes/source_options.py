@@ -44,8 +44,8 @@ class SourceOptions:
     lamps: Literal["home", "on", "off", "fill"] = field(
         default="home",
         metadata=described(
-            "Lamps as the file has them (home); fill: also a plain ceiling lamp in every room "
-            "without light. Of homes also all on, or all off."
+            "home: lamps as the file has them; fill: also a plain ceiling lamp in every room "
+            "without light. Sweet Home 3D: also all on, or all off."
         ),
     )
 

@@ -43,7 +43,7 @@ def test_help_knows_every_kind_and_sorts_the_options() -> None:
         ("a.gltf", ["--parameter", "a=b"]),
         ("a.obj", ["--skip-missing"]),
         ("a.sh3d", ["--up", "z"]),
-        ("a.xml", ["--lamps", "on"]),
+        ("a.xml", ["--level", "x"]),
     ],
 )
 def test_options_of_other_kinds_are_refused(tmp_path: Path, name: str, options: list[str]) -> None:
