@@ -33,6 +33,7 @@ from scenes.reconstruction.scale_clues import (
     object_clues,
     size_clues,
     unit_name,
+    usual_size,
 )
 from scenes.reconstruction.surroundings import connected_parts, without_ground
 
@@ -43,7 +44,12 @@ _SMALLEST_OBJECT = 0.02  # metres
 _UP_PRIOR = {"y": 0.7, "z": 0.27, "x": 0.03}
 _BUILDING_WORDS = {"wall", "walls", "floor", "floors", "ceiling", "room", "roof", "house", "home",
                    "apartment", "flat", "building", "interior", "kitchen", "bathroom", "bedroom",
-                   "office", "livingroom", "loft", "studio"}  # fmt: skip
+                   "office", "livingroom", "loft", "studio", "museum", "gallery", "garage",
+                   "hall", "lobby", "classroom", "school", "library", "cafe", "restaurant",
+                   "shop", "hotel", "church", "theater", "theatre", "factory", "warehouse",
+                   "hospital", "coffeeshop", "bookshop", "showroom", "ballroom", "playroom",
+                   "diningroom", "storeroom", "boardroom"}  # fmt: skip
+_PARTS = {"wall", "floor", "ceiling", "roof"}  # words in the names of a building's surfaces
 _STRUCTURE = ("door", "window", "stairs", "railing", "fireplace")  # categories of parts of one
 # Categories by the axis along which such a thing is longest or shortest.
 _TALL = ("door", "wardrobe", "fridge", "bookshelf", "person", "chair", "shower")
@@ -51,6 +57,11 @@ _FLAT = ("bed", "rug", "table", "desk", "sofa", "bath")
 _MOST_TRIANGLES = 400_000  # that are split into parts to see what stands on one level
 _SHOWN = 4  # kinds of named things among the reasons
 _SURE_BUILDING, _SURE_OBJECT = 0.98, 0.02
+_SURE_MANY = 0.998  # of a building that has many parts or several walls, too
+_MANY_PARTS, _SEVERAL = 10, 3
+_PART_OF_ROOM = 0.5  # of its usual size in metres: share of a building above which a thing is many
+_LEAST_STATED = 0.1  # probability of the stated unit below which it is asked for
+_CLEARLY = 3.0  # times as probable as the stated unit is clearly better
 
 
 @dataclass(frozen=True)
@@ -102,17 +113,24 @@ def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
     evidence, axis, estimate, clues = max(found, key=lambda each: each[0])
     confidence = evidence / total if total > 0 else 1.0
     reasons = [_up_reason(axis, stated_up, options)]
-    scale = options.scale
-    if scale is None:
-        scale = estimate.scale
-        confidence = min(confidence, estimate.candidates[0][1])
-        reasons += _scale_reasons(scale, model.unit, clues)
-        if estimate.candidates[0][1] < LEAST_CONFIDENCE:
-            raise InputError(_question(estimate, clues, confidence))
-    else:
-        reasons.append(f"1 unit is {scale:g} m, as --scale says")
     turned = corners @ upright(_axis(axis)).T
     extent = float(np.max(np.ptp(without_ground(turned)[0].reshape(-1, 3), axis=0)))
+    scale = options.scale
+    if scale is None:
+        smallest = _SMALLEST_SCENE if named.building >= _SURE_MANY else _SMALLEST_OBJECT
+        stated = model.unit
+        if stated and not smallest < stated * extent < _LARGEST_SCENE:
+            stated = None
+            estimate, clues = _estimate(turned, named, None)
+        scale, share = _chosen(estimate, stated)
+        confidence = min(confidence, share)
+        if not scale:
+            raise InputError(_question(estimate, clues, confidence))
+        reasons += _scale_reasons(scale, model.unit, clues)
+        if share < LEAST_CONFIDENCE:
+            reasons.append(_unclear_reason(estimate, scale))
+    else:
+        reasons.append(f"1 unit is {scale:g} m, as --scale says")
     interior = None
     is_thing = named.building <= _SURE_OBJECT and scale * extent <= LARGEST_OBJECT
     if not is_thing and _SMALLEST_SCENE < scale * extent < _LARGEST_SCENE:
@@ -140,6 +158,20 @@ def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
     return Placement(kind, _axis(axis), scale, min(1.0, confidence), tuple(reasons), interior)
 
 
+def _chosen(estimate: ScaleEstimate, stated: float | None) -> tuple[float, float]:
+    """Metres per unit and its probability; 0 metres if that is not clear.
+
+    The unit that the file states holds unless another one is clearly better.
+    """
+    best, share = estimate.candidates[0]
+    if stated is None or math.isclose(best, stated):
+        is_clear = share >= LEAST_CONFIDENCE or stated is not None
+        return (best if is_clear else 0.0), share
+    if share >= LEAST_CONFIDENCE and share >= _CLEARLY * estimate.stated:
+        return best, share
+    return (stated if estimate.stated >= _LEAST_STATED else 0.0), estimate.stated
+
+
 def _axis(name: str) -> Float64Array:
     return np.eye(3)["xyz".index(name)]
 
@@ -163,30 +195,56 @@ def _estimate(
 def _named(model: Model, name: str) -> _Named:
     """The things whose names tell what they are."""
     bounds: dict[str, list[Float64Array]] = {}
-    words = words_of(name)
+    whole = category_of(name)
+    is_thing = whole != "other" and whole not in _STRUCTURE
+    words = set() if is_thing else words_of(name)
+    parts, groups = 0, 0
     for label, shapes in _groups(model):
-        words |= words_of(label)
-        category = category_of(label)
+        groups += 1
+        category, spoken = category_of(label), words_of(label)
         low = np.min([shape.mesh.bounds[0] for shape in shapes], axis=0)
         high = np.max([shape.mesh.bounds[1] for shape in shapes], axis=0)
-        if category != "other" and (high - low).min() > 1e-3 * (high - low).max():
+        is_surface = bool(spoken & _PARTS) and category in ("other", *_STRUCTURE)
+        parts += is_surface
+        if category == "other" or category in _STRUCTURE:  # an office chair is no office
+            words |= spoken
+        if category == "other" or is_surface:  # a wall with a door is as large as the wall
+            continue
+        if (high - low).min() > 1e-3 * (high - low).max():
             bounds.setdefault(category, []).append(np.array([low, high]))
     things = set(bounds) - set(_STRUCTURE)
-    whole = category_of(name)
-    is_named_building = bool(words & _BUILDING_WORDS) or len(things) >= 3
+    is_named_building = bool(words & _BUILDING_WORDS) or len(things) >= _SEVERAL
+    low = np.min([shape.mesh.bounds[0] for shape in model.shapes], axis=0)
+    high = np.max([shape.mesh.bounds[1] for shape in model.shapes], axis=0)
     if whole != "other" and not is_named_building:  # a couch's seat is no chair
-        low = np.min([shape.mesh.bounds[0] for shape in model.shapes], axis=0)
-        high = np.max([shape.mesh.bounds[1] for shape in model.shapes], axis=0)
         bounds, things = {whole: [np.array([low, high])]}, {whole}
     building = 0.5
     if is_named_building:
         building = _SURE_BUILDING
-    elif (whole != "other" and whole not in _STRUCTURE) or (
+        if groups >= _MANY_PARTS or parts >= _SEVERAL:
+            building = _SURE_MANY
+        bounds = _single(bounds, float((high - low).max()))
+    elif is_thing or (
         len(things) == 1 and not set(bounds) & set(_STRUCTURE)
         and sum(map(len, bounds.values())) >= len(model.shapes)
     ):  # fmt: skip
         building = _SURE_OBJECT
     return _Named(bounds, building)
+
+
+def _single(bounds: dict[str, list[Float64Array]], extent: float) -> dict[str, list[Float64Array]]:
+    """`bounds` without those of things that are too large a part of a building: all its chairs.
+
+    `extent` is that of the building. One of 3 m holds nothing of 1.5 times its usual size.
+    """
+    kept = {}
+    for category, found in bounds.items():
+        usual = usual_size(category)
+        most = math.inf if usual is None else _PART_OF_ROOM * usual * extent
+        single = [each for each in found if np.ptp(each, axis=0).max() <= most]
+        if single:
+            kept[category] = single
+    return kept
 
 
 def _groups(model: Model) -> Iterator[tuple[str, list[Shape]]]:
@@ -272,13 +330,25 @@ def _scale_reasons(scale: float, stated: float | None, clues: list[Clue]) -> lis
         agrees = math.isclose(stated, scale)
         source = "as the file states" if agrees else f"though the file states {stated:g} m"
     named = [clue for clue in clues if clue.what.endswith(NAMED)]
-    named.sort(key=lambda clue: abs(math.log(clue.length * scale / clue.usual)) / clue.spread)
+    named.sort(key=lambda clue: abs(clue.deviation(scale)))
     shown = [*named[:_SHOWN], *(clue for clue in clues if not clue.what.endswith(NAMED))]
     sentences = [clue.sentence(scale) for clue in shown]
     if len(named) > _SHOWN:
         fit = sum(clue.agrees(scale) for clue in named)
         sentences.append(f"{fit} of {len(named)} kinds of named things have their usual size")
     return [f"1 unit is {scale:.4g} m ({unit_name(scale)}), {source}", *sentences]
+
+
+def _unclear_reason(estimate: ScaleEstimate, scale: float) -> str:
+    others = ", ".join(
+        f"{unit_name(other)} {share:.0%}"
+        for other, share in estimate.candidates
+        if not math.isclose(other, scale)
+    )
+    return (
+        "the stated unit was taken, though it is not sure, because no other one is clearly better "
+        f"({others}); change it with --scale"
+    )
 
 
 def _question(estimate: ScaleEstimate, clues: list[Clue], confidence: float) -> str:

@@ -2,9 +2,9 @@
 
 Each clue compares a length measured in the file's units with the usual length of such a thing in
 metres: furniture by name, ceilings and walls above the floor, furniture's tops, the extent. Its
-likelihood is log-normal with a floor, so that no single clue decides. The prior favours the unit
-that the file states, then common units; a small part of it is spread over all scales, for files
-in no unit at all.
+likelihood is log-normal with a floor, so that no single clue decides; halls and museums make
+greater lengths likelier than smaller ones. The prior favours the unit that the file states, then
+common units; a small part of it is spread over all scales, for files in no unit at all.
 """
 
 from __future__ import annotations
@@ -21,16 +21,21 @@ from scenes.reconstruction.orientation import surface_heights
 from scenes.reconstruction.raycast import RayCaster
 
 UNITS = {1.0: "metres", 0.01: "centimetres", 0.001: "millimetres", 0.0254: "inches",
-         0.3048: "feet", 0.1: "decimetres"}  # fmt: skip
-_PRIOR = {1.0: 0.45, 0.01: 0.24, 0.001: 0.08, 0.0254: 0.1, 0.3048: 0.05, 0.1: 0.01}
-_STATED = 0.85  # prior of the unit that the file states
+         0.3048: "feet", 0.1: "decimetres", 0.5: "half metres"}  # fmt: skip
+_PRIOR = {1.0: 0.45, 0.01: 0.24, 0.001: 0.08, 0.0254: 0.1, 0.3048: 0.05, 0.1: 0.01, 0.5: 0.01}
+_STATED = 0.85  # prior of the unit that the file states, if programs write it unasked
+_CHOSEN = 0.9  # prior of another one: somebody chose it
+_UNASKED = (1.0, 0.01)  # metres: units that programs write unasked
 _FREE = 0.07  # prior of all other scales together
 _FREE_RANGE = (1e-4, 1e3)  # metres per unit
 _FREE_STEPS = 800
-_UNLIKELY = 0.01  # least likelihood of a clue
+_UNLIKELY = 0.01  # least likelihood of a clue from one thing
+_MOST_COUNTED = 5
+_SAME_LENGTH = 0.1  # natural logarithm
 _WINDOW = 0.17  # natural logarithm; scales as close as this are one candidate
 _GRID = 48  # vertical rays each way
 _SAME_HEIGHT = 0.03  # of the height measured
+_LEAST_HEIGHT = 0.02  # of a building's extent: lower gaps are in floors, not between them
 _LEAST_SHARE = 0.25  # of the columns that must have a ceiling at about the same height
 
 NAMED = " by name"  # ends the titles of clues from names
@@ -57,15 +62,24 @@ class Clue:
     length: float  # units
     usual: float  # metres
     spread: float  # standard deviation of the natural logarithm
+    spread_above: float = 0.0  # of greater lengths than the usual one; 0: the same
+    count: int = 1  # things of the same length: the more there are, the less can a name mislead
 
     def log_likelihood(self, scales: Float64Array) -> Float64Array:
         """Natural logarithms (N,) for `scales` (N,), metres per unit."""
-        distance = np.log(self.length * scales / self.usual) / self.spread
-        return np.log(_UNLIKELY + (1 - _UNLIKELY) * np.exp(-0.5 * distance**2))
+        distance = np.log(self.length * scales / self.usual)
+        distance /= np.where(distance > 0, self.spread_above or self.spread, self.spread)
+        least = _UNLIKELY / min(self.count, _MOST_COUNTED)
+        return np.log(least + (1 - least) * np.exp(-0.5 * distance**2))
+
+    def deviation(self, scale: float) -> float:
+        """Distance to the usual length in standard deviations, for `scale` metres per unit."""
+        distance = math.log(self.length * scale / self.usual)
+        return distance / ((self.spread_above or self.spread) if distance > 0 else self.spread)
 
     def agrees(self, scale: float) -> bool:
         """Return whether the length is usual for `scale` metres per unit."""
-        return abs(math.log(self.length * scale / self.usual)) <= 2 * self.spread
+        return abs(self.deviation(scale)) <= 2
 
     def sentence(self, scale: float) -> str:
         """The clue in words, for `scale` metres per unit."""
@@ -79,6 +93,7 @@ class ScaleEstimate:
 
     candidates: tuple[tuple[float, float], ...]  # scale, probability
     evidence: float
+    stated: float  # probability of the unit that the file states; 0 if it states none
 
     @property
     def scale(self) -> float:
@@ -105,8 +120,8 @@ def estimate_scale(
     units = dict.fromkeys([*([stated] if stated else []), *UNITS])
     prior = np.array([_PRIOR.get(unit, 0.0) for unit in units])
     if stated:
-        prior[1:] *= (1 - _STATED - _FREE) / prior[1:].sum()
-        prior[0] = _STATED
+        prior[0] = _STATED if stated in _UNASKED else _CHOSEN
+        prior[1:] *= (1 - prior[0] - _FREE) / prior[1:].sum()
     free = np.geomspace(*_FREE_RANGE, _FREE_STEPS)
     scales = np.concatenate([list(units), free])
     weights = np.concatenate([prior, np.full(_FREE_STEPS, _FREE / _FREE_STEPS)])
@@ -118,6 +133,7 @@ def estimate_scale(
     evidence = float(mass.sum())
     left, candidates = mass / evidence, []
     logs = np.log(scales)
+    of_stated = float(left[np.abs(logs - logs[0]) <= _WINDOW].sum()) if stated else 0.0
     for _ in range(4):
         near = np.abs(logs[:, None] - logs[None]) <= _WINDOW
         best = int(np.argmax(near @ left))
@@ -128,16 +144,23 @@ def estimate_scale(
         first = int(np.argmax(np.where(window, left, 0.0)))  # a unit, if one fits
         candidates.append((float(scales[first]), share))
         left = np.where(window, 0.0, left)
-    return ScaleEstimate(tuple(candidates), evidence)
+    return ScaleEstimate(tuple(candidates), evidence, of_stated)
+
+
+def usual_size(category: str) -> float | None:
+    """Usual longest side in metres of a thing; None if its category has none."""
+    return _SIZES[category][0] if category in _SIZES else None
 
 
 def size_clues(sizes: dict[str, list[float]]) -> list[Clue]:
     """Clues from the longest sides, in units, of the things of each category."""
-    return [
-        Clue(f"{category}{NAMED}", float(np.median(found)), *_SIZES[category])
-        for category, found in sizes.items()
-        if category in _SIZES
-    ]
+    made = []
+    for category, found in sizes.items():
+        if category in _SIZES:
+            length = float(np.median(found))
+            same = sum(abs(math.log(each / length)) <= _SAME_LENGTH for each in found)
+            made.append(Clue(f"{category}{NAMED}", length, *_SIZES[category], count=max(same, 1)))
+    return made
 
 
 def object_clues(corners: Float64Array) -> list[Clue]:
@@ -154,7 +177,7 @@ def building_clues(corners: Float64Array, is_ground: BoolArray) -> list[Clue]:
     own = corners[~is_ground]
     low, high = own.min(axis=(0, 1)), own.max(axis=(0, 1))
     extent = float(np.max((high - low)[:2]))
-    clues = [Clue("extent of the building", extent, 8.0, 0.8)]
+    clues = [Clue("extent of the building", extent, 8.0, 0.8, 1.2)]
     xs, ys = (
         np.linspace(low[axis], high[axis], _GRID + 2)[1:-1] + 1e-4 * extent for axis in (0, 1)
     )
@@ -165,18 +188,18 @@ def building_clues(corners: Float64Array, is_ground: BoolArray) -> list[Clue]:
     if not columns:
         return clues
     ceiling = _ceiling(columns)
-    if ceiling is not None:
+    if ceiling is not None and ceiling[1] > _LEAST_HEIGHT * extent:
         floor, height = ceiling
-        clues.append(Clue("ceiling above the floor", height, 2.6, 0.2))
+        clues.append(Clue("ceiling above the floor", height, 2.6, 0.2, 0.35))
     else:
         floor = _common_low(np.array([column[-1] for column in columns]))
         height = _wall_height(own, floor)
-        if height <= 0.02 * extent:
+        if height <= _LEAST_HEIGHT * extent:
             return clues
         clues.append(Clue("walls above the floor", height, 2.5, 0.3))
     top = _furniture_top(own, floor, height)
     if top is not None:
-        clues.append(Clue("tops of furniture above the floor", top, 0.55, 0.4))
+        clues.append(Clue("tops of furniture above the floor", top, 0.55, 0.4, 0.6))
     return clues
 
 

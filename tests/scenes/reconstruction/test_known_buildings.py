@@ -11,13 +11,14 @@ from shapely.geometry import Polygon
 from scenes.contract import Scene
 from scenes.errors import InputError
 from scenes.registry import import_scene
+from tests.fixtures import model_file as files
 from tests.fixtures.buildings import BUILDINGS, Building, Part, block, furniture, slab, wall
 
 AREA_TOLERANCE = 0.03  # share of a room's area
 # Others differ from these in one thing alone, and are imported by `make check`.
 QUICK = ("door ajar", "walls cut low", "hollow furniture", "open top on a ground plane",
          "centimetres in a glTF file", "millimetres, Z up", "open top in one mesh",
-         "diorama, inches", "couch", "cup")  # fmt: skip
+         "diorama, inches", "twice as large", "couch", "cup")  # fmt: skip
 
 
 def imported(building: Building, folder: Path) -> Scene:
@@ -54,6 +55,18 @@ def test_a_known_building_comes_in_as_it_is(tmp_path: Path, name: str) -> None:
     assert all(2.3 < height < 5.1 for height in heights)
     if building.heights:
         assert heights == pytest.approx(list(building.heights), abs=0.05)
+
+
+def test_a_stated_unit_holds_though_another_one_is_as_likely(tmp_path: Path) -> None:
+    """A garage in inches, too large and too high for a home; the report names the other unit."""
+    corners = files.POINTS * [50.0, 7.0, 15.0] / 0.0254
+    path = tmp_path / "garage.dae"
+    path.write_text(files.dae(geometries=files.box(corners), meter=0.0254))
+    scene = import_scene(path, tmp_path / "out")
+    placement = scene.source["placement"]
+    assert placement["scale"] == pytest.approx(0.0254) and placement["confidence"] < 0.5
+    assert any("the stated unit was taken" in reason and "centimetres" in reason
+               for reason in placement["reasons"])  # fmt: skip
 
 
 def test_an_unclear_unit_is_asked_for(tmp_path: Path) -> None:
