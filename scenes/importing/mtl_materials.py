@@ -72,7 +72,9 @@ class MtlLibrary:
         if name not in self._translated:
             if name and name not in self.materials:
                 self.changes.note("a material that no library defines became grey: {}", name)
-            self._translated[name] = self._translate(self.materials.get(name, Mtl(name)))
+            made = self._translate(self.materials.get(name, Mtl(name)))
+            made.surface.unstated = name not in self.materials
+            self._translated[name] = made
         return self._translated[name]
 
     def _translate(self, mtl: Mtl) -> MtlMaterial:

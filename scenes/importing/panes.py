@@ -16,11 +16,18 @@ from shapely.geometry import MultiPoint, Polygon
 from scenes.arrays import Float64Array, Int64Array
 from scenes.geometry.mesh import Mesh
 from scenes.geometry.regions import buffered, intersection
-from scenes.importing.shape import Shape
+from scenes.importing.categories import category_of, words_of
+from scenes.importing.changes import Changes
+from scenes.importing.shape import Shape, Surface
+from scenes.importing.xml_elements import plugin
 from scenes.reconstruction.rooms import FoundOpening
 
 _MAX_THICKNESS = 0.06  # metres
 _MIN_WIDTH = 0.15  # metres, of the shorter one of the two long sides
+_PANE_WORDS = {"glass", "pane", "window", "glazing", "glas", "scheibe", "vitre", "vidrio", "vetro"}
+_AROUND_PANES = {"frame", "sill", "handle", "lamp", "light", "table"}
+_PANE_CATEGORIES = ("glass", "window", "door", "other")
+_MOST_PANES = 64
 _MAX_DEPTH = 0.75  # metres behind the inner face of the wall
 
 
@@ -28,6 +35,27 @@ def is_flat(mesh: Mesh) -> bool:
     """Return whether a mesh is a thin sheet of some size, in any orientation."""
     extents = _extents(mesh.vertices)
     return bool(extents[0] <= _MAX_THICKNESS and extents[1] >= _MIN_WIDTH)
+
+
+def with_named_glass(shapes: list[Shape], changes: Changes) -> list[Shape]:
+    """Make flat shapes without a material whose name is that of a pane clear glass."""
+    made = []
+    for shape in shapes:
+        words = words_of(shape.name)
+        if (
+            shape.surface.unstated
+            and words & _PANE_WORDS
+            and not words & _AROUND_PANES
+            and category_of(shape.name) in _PANE_CATEGORIES
+            and _is_of_flat_pieces(shape.mesh)
+        ):
+            changes.note("flat shapes named as glass, without a material, became glass: {}",
+                         shape.name)  # fmt: skip
+            glass = plugin("bsdf", "thindielectric", int_ior=1.5)
+            surface = Surface(glass, transmissive=True, see_through=True, name="named_glass")
+            shape = replace(shape, surface=surface)
+        made.append(shape)
+    return made
 
 
 def solid_corners(shapes: list[Shape]) -> Float64Array:
@@ -147,6 +175,14 @@ def pieces_of_mesh(mesh: Mesh, decimals: int = 6) -> Int64Array:
     _, labels = connected_components(graph, directed=False)
     _, dense = np.unique(labels[faces[:, 0]], return_inverse=True)
     return dense.reshape(-1)
+
+
+def _is_of_flat_pieces(mesh: Mesh) -> bool:
+    """Return whether each connected piece of a mesh, at most `_MOST_PANES`, is a thin sheet."""
+    labels = pieces_of_mesh(mesh)
+    return bool(labels.max() < _MOST_PANES) and all(
+        is_flat(mesh.subset(labels == label)) for label in range(labels.max() + 1)
+    )
 
 
 def _extents(points: Float64Array) -> Float64Array:

@@ -49,6 +49,7 @@ class Surface:
     see_through: bool = False  # light passes straight, as through a clear pane
     frosted: bool = False  # light passes and is scattered
     invisible: bool = False  # no effect on light at all
+    unstated: bool = False  # the file states no material
     name: str = ""
 
 

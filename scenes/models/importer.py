@@ -31,6 +31,7 @@ from scenes.importing.changes import Changes
 from scenes.importing.credits import find_credit
 from scenes.importing.light.daylight import daylight
 from scenes.importing.objects import room_of, structure_category
+from scenes.importing.panes import with_named_glass
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.sealing_shapes import completing_shapes
 from scenes.importing.shape import Emitter, Shape, as_triple, bounds_of, make_object
@@ -145,7 +146,7 @@ def _draft(
         added = completing_shapes(placement.interior.completion, changes)
         room_shapes = [_with_unused_id(shape, taken) for shape in added]
     emitters = [_punctual_emitter(light, frame) for light in model.lights]
-    shapes = [shape.transformed(frame) for shape in model.shapes]
+    shapes = with_named_glass([shape.transformed(frame) for shape in model.shapes], changes)
     node_paths, unknown = model.node_paths, frozenset[str]()
     if not is_single:
         pieces = split_unnamed(shapes, node_paths)

@@ -67,7 +67,7 @@ class GltfMaterials:
         parameters = self._pbr_parameters(material, more, tint, where)
         emission, emission_image = self._emission(material, more, where)
         surface = self._surface(material, more, parameters, where)
-        surface.name = name
+        surface.name, surface.unstated = name, index is None
         used = [image for image in (*parameters.images, emission_image) if image is not None]
         texcoord = used[0].texcoord if used else 0
         if any(image.texcoord != texcoord for image in used):
