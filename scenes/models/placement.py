@@ -61,7 +61,7 @@ _SURE_MANY = 0.998  # of a building that has many parts or several walls, too
 _MANY_PARTS, _SEVERAL = 10, 3
 _PART_OF_ROOM = 0.5  # of its usual size in metres: share of a building above which a thing is many
 _LEAST_STATED = 0.1  # probability of the stated unit below which it is asked for
-_CLEARLY = 3.0  # times as probable as the stated unit is clearly better
+_CLEARLY = 2.0  # times as probable as the stated unit is clearly better
 
 
 @dataclass(frozen=True)

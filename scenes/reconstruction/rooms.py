@@ -266,10 +266,16 @@ def _reaches_sky(
     """Return the open cells from which any of 24 directions outwards hits nothing."""
     fan = fibonacci_sphere(48)
     fan = fan[fan @ outward > 0.05]
+    fan = fan[np.argsort(-(fan @ outward), kind="stable")]
     points = grid[cells] + 0.02 * outward
-    origins = np.repeat(points, len(fan), axis=0)
-    distance, _ = rays.cast(origins, np.tile(fan, (len(points), 1)))
-    free = np.isinf(distance).reshape(len(points), len(fan)).any(axis=1)
+    left = np.arange(len(points))
+    for direction in fan:  # straight out first: most open cells are free there
+        distance, _ = rays.cast(points[left], direction)
+        left = left[np.isfinite(distance)]
+        if not len(left):
+            break
+    free = np.ones(len(points), dtype=bool)
+    free[left] = False
     found = np.zeros_like(cells)
     found[cells] = free
     return found
