@@ -27,6 +27,12 @@ CLEAR_ROUGHNESS = 0.1  # up to which glass counts as clear
 _WHITE: Color = (1.0, 1.0, 1.0)
 
 
+# The specification's default is a white, rough metal, which modelling programs do not show either.
+_NO_MATERIAL: dict[str, Any] = {
+    "pbrMetallicRoughness": {"baseColorFactor": [0.8, 0.8, 0.8, 1.0], "metallicFactor": 0.0}
+}
+
+
 @dataclass(frozen=True)
 class GltfMaterial:
     """A translated material."""
@@ -56,7 +62,7 @@ class GltfMaterials:
         return self._translated[key]
 
     def _translate(self, index: int | None, tint: Color) -> GltfMaterial:
-        material = {} if index is None else self.asset.items("materials")[index]
+        material = _NO_MATERIAL if index is None else self.asset.items("materials")[index]
         where = f"materials[{index}]"
         name = str(material.get("name") or where)
         more = extensions(material)

@@ -40,6 +40,7 @@ from scenes.models.model import Model, PunctualLight
 
 MAX_DEPTH = 256  # of nested nodes
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_BLACK = 1e-3  # least mean of vertex colours that are meant; some programs store 1 of 65,535
 _LIGHTS = "KHR_lights_punctual"
 _INSTANCES = "EXT_mesh_gpu_instancing"
 
@@ -199,7 +200,11 @@ class _Reader:
         tint: Color = (1.0, 1.0, 1.0)
         if "COLOR_0" in data:
             mean = data.colors("COLOR_0").mean(axis=0)
-            if mean.min() < 0.999:
+            if mean.max() < _BLACK:
+                self.changes.note(
+                    "vertex colours that are black everywhere were left out: {}", label
+                )
+            elif mean.min() < 0.999:
                 self.changes.note("vertex colours were replaced by their mean: {}", label)
                 tint = (
                     round(float(mean[0]), 4),

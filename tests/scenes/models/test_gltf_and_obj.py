@@ -700,3 +700,18 @@ def test_a_new_format_needs_no_more_than_a_reader(
     (chair,) = [item for item in scene.objects if item.shapes == ("chair",)]
     assert chair.category == "chair" and scene.source["kind"] == "triangles"
     assert np.allclose(np.subtract(chair.bbox_max, chair.bbox_min), [1, 1, 1])
+
+
+def test_a_mesh_without_material_is_matt_and_black_vertex_colours_are_no_colours(
+    tmp_path: Path,
+) -> None:
+    builder = Builder()
+    number = builder.mesh()
+    stored = builder.accessor(np.ones((4, 4)), "u2")
+    builder.json["accessors"][stored]["normalized"] = True
+    builder.json["meshes"][number]["primitives"][0]["attributes"]["COLOR_0"] = stored
+    builder.node(mesh=number, name="Board")
+    scene = imported(builder, tmp_path)
+    assert values(scene, "principled", "base_color") == [[0.8, 0.8, 0.8]]
+    assert values(scene, "principled", "metallic") == [[0]]
+    assert any("black everywhere were left out: Board" in each for each in scene.changes)
