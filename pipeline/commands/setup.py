@@ -9,6 +9,7 @@ import platform
 import shutil
 import sys
 from dataclasses import asdict, dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import get_args
 
@@ -22,6 +23,37 @@ from pipeline.versions import PACKED
 from scenes.errors import ParameterError
 from scenes.files import write_text
 
+
+@dataclass(frozen=True)
+class Extra:
+    """An optional part of pbrnet: its Python modules, and the package that brings them."""
+
+    topic: str
+    modules: tuple[str, ...]
+    package: str  # for pip
+    purpose: str
+    note: str = ""
+    program: str = ""  # on the PATH, which does instead of the modules
+    variable: str = ""  # environment variable that names such a program
+
+
+EXTRAS = (
+    Extra("usd", ("pxr",), "pbrnet[usd]", "import of .usd, .usda, .usdc and .usdz"),
+    Extra("ifc", ("ifcopenshell",), "pbrnet[ifc]", "import of .ifc"),
+    Extra(
+        "blender",
+        ("bpy",),
+        "pbrnet[blender]",
+        "import of .blend and .fbx",
+        "with Python below 3.13 install Blender itself, on the PATH or named in PBRNET_BLENDER",
+        "blender",
+        "PBRNET_BLENDER",
+    ),
+    Extra("onnx", ("onnx", "onnxruntime", "onnxscript"), "pbrnet[onnx]", "pbrnet export"),
+    Extra("draco", ("DracoPy",), "DracoPy", "glTF with KHR_draco_mesh_compression"),
+    Extra("meshopt", ("meshopt",), "meshopt", "glTF with EXT_meshopt_compression"),
+    Extra("ktx2", ("opengl_basisu",), "opengl_basisu", "glTF with KHR_texture_basisu"),
+)
 NETWORKS = ("shading", "composition", *get_args(Baseline))
 
 
@@ -145,6 +177,7 @@ def examine() -> list[Finding]:
             "" if disk.free >= 4 * 2**30 else "the quick start needs about 4 GiB",
         ),
         _packages(),
+        *_extras(),
         _llvm(),
         _cuda(),
         _vgg(),
@@ -167,6 +200,23 @@ def _packages() -> Finding:
             "packages", f"missing: {', '.join(missing)}", False, "install them with: make env"
         )
     return Finding("packages", ", ".join(found), True)
+
+
+def _extras() -> list[Finding]:
+    """Findings on the optional dependencies and on the decoders that web models need."""
+    found = []
+    for extra in EXTRAS:
+        missing = [module for module in extra.modules if find_spec(module) is None]
+        program = os.environ.get(extra.variable) or shutil.which(extra.program or os.devnull)
+        if missing and program:
+            found.append(Finding(extra.topic, f"installed, {program}: {extra.purpose}", True))
+            continue
+        state = "installed" if not missing else f"not installed ({', '.join(missing)})"
+        advice = f"pip install {extra.package!r}" if missing else ""
+        if missing and extra.note:
+            advice += f"; {extra.note}"
+        found.append(Finding(extra.topic, f"{state}: {extra.purpose}", True, advice))
+    return found
 
 
 def _llvm() -> Finding:

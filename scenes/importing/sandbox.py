@@ -12,6 +12,19 @@ from scenes.errors import InputError
 from scenes.files import resolved
 from scenes.opened_files import OpenedFiles
 
+# Where the images of `X/meshes/X.dae` lie, seen from `X`: Gazebo's layout, and the usual others.
+_TEXTURE_FOLDERS = ("materials/textures", "textures", "Textures", "maps")
+
+
+def model_root(opened: OpenedFiles) -> Path | None:
+    """Return the folder of a Gazebo model, whose file lies in its folder `meshes`; else None.
+
+    Such a folder has a `model.config`, and is a package: all its files belong to the model.
+    """
+    parent = opened.folder.parent
+    is_package = opened.folder.name == "meshes" and opened.is_file(parent / "model.config")
+    return parent if is_package else None
+
 
 class Sandbox:
     """Finds files by name inside `root`, first relative to the scene's folder.
@@ -43,7 +56,8 @@ class Sandbox:
     def find(self, name: str, place: str) -> Path | None:
         """Return the path of the file called `name`, or None if it is missing.
 
-        An absolute path, or one in another case, is looked up by its last part. Raises
+        An absolute path, or one in another case, is looked up by its last part, below the scene's
+        folder and then in folders of textures beside it, as far as `root` has them. Raises
         `InputError`, with `place` in its message, for a path that leads out of `root`.
         """
         if not name or "\0" in name or len(name) > 4096:
@@ -57,7 +71,12 @@ class Sandbox:
                 path = self._inside(written, place, folder)
                 if self.opened.is_file(folder / written):
                     return path
-        for found in self.opened.with_name(PurePosixPath(written).name):
+        last = PurePosixPath(written).name
+        beside = self.folder.parent
+        textures = [beside / name / last for name in _TEXTURE_FOLDERS] if last else []
+        if self.folder == self.root:
+            textures = []
+        for found in (*self.opened.with_name(last), *textures):
             if resolved(found).is_relative_to(self.root) and self.opened.is_file(found):
                 self.relocated.append((name, found.relative_to(self.root).as_posix()))
                 return found

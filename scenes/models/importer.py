@@ -32,7 +32,7 @@ from scenes.importing.credits import find_credit
 from scenes.importing.light.daylight import daylight
 from scenes.importing.objects import room_of, structure_category
 from scenes.importing.panes import with_named_glass
-from scenes.importing.sandbox import Sandbox
+from scenes.importing.sandbox import Sandbox, model_root
 from scenes.importing.sealing_shapes import completing_shapes
 from scenes.importing.shape import Emitter, Shape, as_triple, bounds_of, make_object
 from scenes.importing.textures import TextureStore, UnreadableImage
@@ -93,7 +93,7 @@ def import_model(
     """
     changes = Changes()
     opened.is_file(path)
-    sandbox = Sandbox(opened, options.root)
+    sandbox = Sandbox(opened, options.root or model_root(opened))
     with writing_scene(out) as folder, tempfile.TemporaryDirectory() as unpacked:
         textures = TextureStore(folder / "textures", changes)
         reader: ModelReader = load(READERS[path.suffix.lower()])

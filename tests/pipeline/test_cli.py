@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import tempfile
+import tomllib
 from pathlib import Path
 from typing import get_args
 
@@ -137,6 +139,20 @@ def test_doctor_reports(
     assert exit_code("doctor", "--json") == 0
     topics = [finding["topic"] for finding in yaml.safe_load(capsys.readouterr().out)]
     assert {"LLVM", "GPU", "threads", "memory", "VGG-19", "catalogues"} <= set(topics)
+
+
+def test_doctor_lists_every_optional_extra_with_its_command(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.commands.setup.find_spec", lambda name: None)
+    monkeypatch.setattr("pipeline.commands.setup.shutil.which", lambda name: None)
+    assert exit_code("doctor", "--json") == 0
+    found = {each["topic"]: each for each in json.loads(capsys.readouterr().out)}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    for extra in set(project["optional-dependencies"]) - {"dev"}:
+        assert found[extra]["state"].startswith("not installed")
+        assert f"pip install 'pbrnet[{extra}]'" in found[extra]["advice"]
+    assert "DracoPy" in found["draco"]["advice"]
 
 
 def test_doctor_names_the_pretrained_networks(

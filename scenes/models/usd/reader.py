@@ -36,6 +36,7 @@ if TYPE_CHECKING:  # the child's code: what an import gives depends on it, but i
 _SECONDS = 240  # of a processor, for OpenUSD
 _MEMORY = 8 * 2**30  # bytes of address space, for OpenUSD
 _PACKAGE = (".usd", ".usda", ".usdc")  # suffixes of a package's first file
+_NAMED = 5  # missing files that an error lists
 _ZIP = b"PK\3\4"
 
 
@@ -67,6 +68,8 @@ def read_model(
         changes.note(
             "layers that are missing or of an unknown format were left out: {}", Path(layer).name
         )
+    if data["missing"] and not data["shapes"]:
+        raise InputError(f"{path}: {_missing(data['missing'], root)}")
     for sentence, details in data["notes"].items():
         for detail in details:
             changes.note(sentence, detail)
@@ -76,6 +79,23 @@ def read_model(
     }
     materials = UsdMaterials(data["materials"], images.find, textures, changes)
     return _Builder(path, data, arrays, materials, changes).build()
+
+
+def _missing(layers: list[str], root: Path) -> str:
+    """Say that a stage is empty because files that it references, `layers`, cannot be opened."""
+    names = sorted(
+        path.relative_to(root).as_posix() if path.is_relative_to(root) else path.name
+        for path in map(Path, layers)
+    )
+    count = f"{len(names):,} of the files that it references are"
+    if len(names) == 1:
+        count = "a file that it references is"
+    more = f" and {len(names) - _NAMED:,} more" if len(names) > _NAMED else ""
+    return (
+        f"the file itself has no surfaces, and {count} missing or of an unknown format: "
+        f"{', '.join(name[-120:] for name in names[:_NAMED])}{more}; put them in their places "
+        f"below {root.name}, or save the scene as one file with: usdcat --flatten"
+    )
 
 
 @dataclass

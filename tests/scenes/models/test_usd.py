@@ -280,6 +280,18 @@ def test_layers_beside_the_file_are_read_and_recorded(tmp_path: Path) -> None:
     assert "gone.usd" in said and "look.mtlx" in said
 
 
+@INSTALLED
+def test_a_stage_whose_references_are_all_missing_names_them(tmp_path: Path) -> None:
+    names = [f"assets/chair_{number}/chair.usd" for number in range(7)]
+    references = ", ".join(f"@./{name}@" for name in names)
+    world = f'def "all" (references = [{references}])\n{{\n}}'
+    with pytest.raises(InputError) as caught:
+        imported(tmp_path, usd.stage(world))
+    said = str(caught.value)
+    assert "7 of the files that it references are missing" in said
+    assert ", ".join(names[:5]) + " and 2 more" in said
+
+
 WHOLE = usd.stage(usd.SHELL, usd.PAINT)
 REFUSED: dict[str, tuple[str, bytes, str]] = {
     "half a file": ("a.usda", WHOLE[: len(WHOLE) // 2].encode(), r"a\.usda: damaged USD file"),
