@@ -373,7 +373,7 @@ def _described_rooms(
             floor=tuple((float(x), float(y)) for x, y in list(room.floor.exterior.coords)[:-1]),
             floor_z=room.floor_z,
             ceiling_z=room.ceiling_z,
-            has_light=name in lit_rooms or room.guessed,
+            has_light=name in lit_rooms,
         )
         for index, (name, room) in enumerate(zip(room_ids, rooms, strict=True))
     ]

@@ -138,7 +138,7 @@ def find_openings(rays: RayCaster, rooms: list[FoundRoom]) -> list[FoundOpening]
     """Find the windows, outside doors, missing walls and skylights of every room."""
     openings = []
     for index, room in enumerate(rooms):
-        if not _has_view_outside(rays, room):
+        if not has_view_outside(rays, room):
             continue
         height = room.ceiling_z - room.floor_z
         ring = np.array(room.floor.exterior.coords)
@@ -183,7 +183,7 @@ def _leads_to_room(opening: FoundOpening, rooms: list[FoundRoom]) -> bool:
     )
 
 
-def _has_view_outside(rays: RayCaster, room: FoundRoom) -> bool:
+def has_view_outside(rays: RayCaster, room: FoundRoom) -> bool:
     """Return whether any ray from a few points of a room leaves the building."""
     inner = buffered(room.floor, -0.3)
     inner = room.floor if inner.is_empty else inner

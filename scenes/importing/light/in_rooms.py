@@ -16,7 +16,7 @@ from scenes.importing.panes import solid_corners
 from scenes.importing.shape import Emitter, Shape
 from scenes.reconstruction.connections import connected_rooms
 from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import FoundRoom
+from scenes.reconstruction.rooms import FoundRoom, has_view_outside
 
 
 def lights_of(
@@ -52,18 +52,31 @@ def rooms_with_light(
     lights: tuple[Light, ...],
     portals: tuple[Portal, ...],
     dim: frozenset[str] = frozenset(),
+    is_day: bool = True,
 ) -> set[str | None]:
     """The ids of rooms with a lamp or a portal, and of those that see one through an opening.
 
-    Lamps of the rooms with ids in `dim` do not count.
+    A guessed room has light, too, if a ray leaves the building from it. Lamps of the rooms with
+    ids in `dim` do not count, and nothing from outdoors does unless `is_day`.
     """
-    lit = {light.room for light in lights} - dim | {portal.room for portal in portals}
+    lit = {light.room for light in lights} - dim
+    if is_day:
+        lit |= {portal.room for portal in portals}
     if any(light.room is None and light.kind not in OUTDOORS for light in lights):
         lit.update(room_ids)
     if lit.issuperset(room_ids):
         return lit
-    pairs = connected_rooms(RayCaster(solid_corners(shapes)), rooms)
-    neighbours = [(room_ids[a], room_ids[b]) for i, j in pairs for a, b in ((i, j), (j, i))]
+    rays = RayCaster(solid_corners(shapes))
+    lit |= {
+        name
+        for name, room in zip(room_ids, rooms, strict=True)
+        if is_day and room.guessed and has_view_outside(rays, room)
+    }
+    neighbours = [
+        (room_ids[a], room_ids[b])
+        for i, j in connected_rooms(rays, rooms)
+        for a, b in ((i, j), (j, i))
+    ]
     return lit | {there for here, there in neighbours if here in lit}
 
 
@@ -76,13 +89,9 @@ def rooms_to_fill(
     dim: frozenset[str] = frozenset(),
 ) -> list[int]:
     """Numbers of the rooms that have no light of their own and none from outdoors."""
-    outdoors = any(light.kind in OUTDOORS for light in lights)
-    lit = rooms_with_light(shapes, rooms, room_ids, lights, portals if outdoors else (), dim)
-    return [
-        number
-        for number, (name, room) in enumerate(zip(room_ids, rooms, strict=True))
-        if name not in lit and not (room.guessed and outdoors)
-    ]
+    is_day = any(light.kind in OUTDOORS for light in lights)
+    lit = rooms_with_light(shapes, rooms, room_ids, lights, portals, dim, is_day)
+    return [number for number, name in enumerate(room_ids) if name not in lit]
 
 
 def _room_at(point: Float64Array, rooms: list[FoundRoom], room_ids: list[str]) -> str | None:
