@@ -165,10 +165,11 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
         rooms, room_ids = [bounding_room], ["room_0"]
         changes.note("NO ROOM WAS FOUND: the bounding box of the scene is used as a room")
     camera = cameras[0] if cameras else _default_camera(rooms[0])
-    lit_rooms = rooms_with_light(shapes, rooms, room_ids, lights, portals, dim)
+    positions = [each.position for each in emitters if each.position is not None]
+    lit_rooms = rooms_with_light(shapes, rooms, room_ids, lights, portals, positions, dim)
     described = _described_rooms(draft, objects, rooms, room_ids, lit_rooms)
     if draft.lamps_if_dark:
-        dark = rooms_to_fill(shapes, rooms, room_ids, lights, portals, dim)
+        dark = rooms_to_fill(shapes, rooms, room_ids, lights, portals, positions, dim)
         rays = RayCaster(solid_corners(shapes))
         for number in dark:
             name = _unused_id(f"ceiling_lamp_{number}", used_ids)

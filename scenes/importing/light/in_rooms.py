@@ -5,18 +5,27 @@ A room has light if it has a lamp, a portal, or an opening to a room that has on
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from scenes.arrays import Float64Array
 from scenes.contract import Light, Portal
+from scenes.geometry.directions import fibonacci_sphere
+from scenes.geometry.mesh import face_areas
 from scenes.importing.light.plan import OUTDOORS
 from scenes.importing.panes import solid_corners
 from scenes.importing.shape import Emitter, Shape
 from scenes.reconstruction.connections import connected_rooms
 from scenes.reconstruction.raycast import RayCaster
 from scenes.reconstruction.rooms import FoundRoom, has_view_outside
+
+_LAMP_POINTS = 4  # of an area light, on each side
+_LAMP_OFFSET = 0.01  # metres from its surface
+_MOST_POINTS = 64
+_DIRECTIONS = 256
+_BEFORE = 0.05  # metres before a surface, where a ray is still in the room that it lights
 
 
 def lights_of(
@@ -51,22 +60,33 @@ def rooms_with_light(
     room_ids: list[str],
     lights: tuple[Light, ...],
     portals: tuple[Portal, ...],
+    positions: Sequence[tuple[float, float, float]] = (),
     dim: frozenset[str] = frozenset(),
     is_day: bool = True,
 ) -> set[str | None]:
     """The ids of rooms with a lamp or a portal, and of those that see one through an opening.
 
-    A guessed room has light, too, if a ray leaves the building from it. Lamps of the rooms with
-    ids in `dim` do not count, and nothing from outdoors does unless `is_day`.
+    A guessed room has light, too, if a ray leaves the building from it, and any room that a ray
+    enters from a lamp in no room, such as one in a recess; `positions` are those of point lights.
+    Lamps of the rooms with ids in `dim` do not count, and nothing from outdoors does unless
+    `is_day`.
     """
     lit = {light.room for light in lights} - dim
     if is_day:
         lit |= {portal.room for portal in portals}
-    if any(light.room is None and light.kind not in OUTDOORS for light in lights):
-        lit.update(room_ids)
     if lit.issuperset(room_ids):
         return lit
     rays = RayCaster(solid_corners(shapes))
+    outside = _lamp_points(
+        shapes,
+        lights,
+        [each for each in positions if _room_at(np.array(each), rooms, room_ids) is None],
+    )
+    lit |= {
+        name
+        for name, room in zip(room_ids, rooms, strict=True)
+        if name not in lit and _is_reached(rays, outside, room)
+    }
     lit |= {
         name
         for name, room in zip(room_ids, rooms, strict=True)
@@ -86,12 +106,42 @@ def rooms_to_fill(
     room_ids: list[str],
     lights: tuple[Light, ...],
     portals: tuple[Portal, ...],
+    positions: Sequence[tuple[float, float, float]] = (),
     dim: frozenset[str] = frozenset(),
 ) -> list[int]:
     """Numbers of the rooms that have no light of their own and none from outdoors."""
     is_day = any(light.kind in OUTDOORS for light in lights)
-    lit = rooms_with_light(shapes, rooms, room_ids, lights, portals, dim, is_day)
+    lit = rooms_with_light(shapes, rooms, room_ids, lights, portals, positions, dim, is_day)
     return [number for number, name in enumerate(room_ids) if name not in lit]
+
+
+def _lamp_points(
+    shapes: list[Shape],
+    lights: tuple[Light, ...],
+    positions: Sequence[tuple[float, float, float]],
+) -> Float64Array:
+    """Points (N, 3) on both sides of the area lights in no room, and of point lights."""
+    names = {name for light in lights if light.room is None for name in light.shapes}
+    points = [np.array(positions, dtype=np.float64).reshape(-1, 3)]
+    for shape in shapes:
+        if shape.id in names:
+            corners = shape.mesh.corners
+            some = corners[np.linspace(0, len(corners) - 1, _LAMP_POINTS).astype(np.int64)]
+            _, normals = face_areas(some)
+            points += [some.mean(axis=1) + side * _LAMP_OFFSET * normals for side in (-1, 1)]
+    return np.unique(np.concatenate(points), axis=0)[:_MOST_POINTS]
+
+
+def _is_reached(rays: RayCaster, points: Float64Array, room: FoundRoom) -> bool:
+    """Return whether a ray from one of `points` (N, 3) ends inside a room."""
+    directions = fibonacci_sphere(_DIRECTIONS)
+    for point in points:
+        distance, _ = rays.cast(point, directions)
+        hits = np.isfinite(distance)
+        ends = point + (distance[hits, None] - _BEFORE) * directions[hits]
+        if any(room.contains(end) for end in ends):
+            return True
+    return False
 
 
 def _room_at(point: Float64Array, rooms: list[FoundRoom], room_ids: list[str]) -> str | None:

@@ -183,10 +183,8 @@ def note_dark_rooms(scene: Scene, changes: Changes) -> None:
     """Record the rooms that no light reaches, and those where light may be missing outdoors."""
     with_lamp = {light.room for light in scene.lights if light.kind not in OUTDOORS}
     with_portal = {portal.room for portal in scene.portals}
-    if None in with_lamp:
-        return
     note_without_light([room for room in scene.rooms if not room.has_light], changes)
-    if any(light.kind in OUTDOORS for light in scene.lights):
+    if None in with_lamp or any(light.kind in OUTDOORS for light in scene.lights):
         return
     for room in scene.rooms:
         if room.has_light and room.id in with_portal - with_lamp:

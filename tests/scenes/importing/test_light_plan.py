@@ -13,6 +13,7 @@ from scenes.contract import Light, Scene
 from scenes.errors import InputError
 from scenes.geometry.mesh import Mesh
 from scenes.importing.changes import Changes
+from scenes.importing.light.in_rooms import rooms_with_light
 from scenes.importing.light.plan import LightPlan, RoomLight, light_plan, note_dark_rooms
 from scenes.importing.shape import Emitter, Shape, Surface, make_object
 from scenes.importing.xml_elements import plugin
@@ -155,3 +156,22 @@ def test_lamps_that_are_too_weak_leave_a_closed_room_without_light(tmp_path: Pat
     assert not dark.rooms[0].has_light
     assert any("--lamps fill hangs lamps there: room_0" in change for change in dark.changes)
     assert import_scene(path, tmp_path / "lit", up="z", lamps="fill").rooms[0].has_light
+
+
+def test_a_lamp_in_no_room_lights_the_rooms_that_its_rays_enter() -> None:
+    """A point light above a ceiling with a hole, beside a closed room."""
+
+    def level(x: float, y: float, u: float, v: float, z: float) -> list[list[list[float]]]:
+        a, b, c, d = [x, y, z], [u, y, z], [u, v, z], [x, v, z]
+        return [[a, b, c], [a, c, d]]
+
+    hole = level(0, 0, 1, 4, 2.5) + level(2, 0, 5, 4, 2.5)
+    closed = level(5, 0, 10, 4, 2.5)
+    corners = np.array(level(0, 0, 10, 4, 0) + hole + closed)
+    mesh = Mesh(corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3))
+    rooms = [FoundRoom(box(0, 0, 5, 4), 0.0, 2.5), FoundRoom(box(5, 0, 10, 4), 0.0, 2.5)]
+    lights = (Light("a", "point"),)
+    shape = Shape("a", "a", mesh, Surface(None))
+    found = rooms_with_light([shape], rooms, ["a", "b"], lights, (), [(1.5, 2.0, 2.9)])
+    assert "a" in found
+    assert "b" not in rooms_with_light([shape], rooms, ["a", "b"], lights, (), [(7.0, 2.0, 2.9)])
