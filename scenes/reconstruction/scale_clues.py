@@ -31,7 +31,6 @@ _FREE_RANGE = (1e-4, 1e3)  # metres per unit
 _FREE_STEPS = 800
 _UNLIKELY = 0.01  # least likelihood of a clue from one thing
 _MOST_COUNTED = 5
-_SAME_LENGTH = 0.1  # natural logarithm
 _WINDOW = 0.17  # natural logarithm; scales as close as this are one candidate
 _GRID = 48  # vertical rays each way
 _SAME_HEIGHT = 0.03  # of the height measured
@@ -63,7 +62,7 @@ class Clue:
     usual: float  # metres
     spread: float  # standard deviation of the natural logarithm
     spread_above: float = 0.0  # of greater lengths than the usual one; 0: the same
-    count: int = 1  # things of the same length: the more there are, the less can a name mislead
+    count: int = 1  # things of about this length: the more there are, the less can a name mislead
 
     def log_likelihood(self, scales: Float64Array) -> Float64Array:
         """Natural logarithms (N,) for `scales` (N,), metres per unit."""
@@ -157,9 +156,9 @@ def size_clues(sizes: dict[str, list[float]]) -> list[Clue]:
     made = []
     for category, found in sizes.items():
         if category in _SIZES:
-            length = float(np.median(found))
-            same = sum(abs(math.log(each / length)) <= _SAME_LENGTH for each in found)
-            made.append(Clue(f"{category}{NAMED}", length, *_SIZES[category], count=max(same, 1)))
+            length, (usual, spread) = float(np.median(found)), _SIZES[category]
+            same = sum(abs(math.log(each / length)) <= 2 * spread for each in found)
+            made.append(Clue(f"{category}{NAMED}", length, usual, spread, count=max(same, 1)))
     return made
 
 
