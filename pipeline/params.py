@@ -8,12 +8,13 @@ from typing import Literal
 
 import yaml
 
-from scenes.checked import build, within
+from scenes.checked import build, shown, within
 from scenes.errors import InputError, ParameterError
-from scenes.files import regular_file
+from scenes.files import exists, regular_file
 from scenes.params import AssetParams, SceneParams
 
 _MAX_BYTES = 2**20  # of a parameter file
+MAX_SEED = 2**63 - 1
 Variant = Literal["auto", "llvm_ad_rgb", "cuda_ad_rgb", "scalar_rgb"]
 # Baselines of the comparison; `_own`: trained with the loss of its own paper.
 Baseline = Literal[
@@ -274,7 +275,7 @@ class EvaluateParams:
 class Params:
     """Everything in `params.yaml`."""
 
-    seed: int = field(default=0, metadata=within(0))
+    seed: int = field(default=0, metadata=within(0, MAX_SEED))
     image: ImageParams = ImageParams()
     farm: FarmParams = FarmParams()
     assets: AssetParams = AssetParams()
@@ -296,7 +297,7 @@ def load_params(path: Path, seed: int | None = None) -> Params:
 
     Raises `ParameterError` that names file, key, value and what is allowed.
     """
-    if not Path(path).exists():
+    if not exists(path):
         raise ParameterError(f"{path}: no such parameter file; write one with: pbrnet preset quick")
     try:
         data = yaml.safe_load(regular_file(path, _MAX_BYTES).read_text(encoding="utf-8"))
@@ -312,6 +313,6 @@ def load_params(path: Path, seed: int | None = None) -> Params:
         raise ParameterError(f"{path}: {error}") from None
     if seed is None:
         return params
-    if seed < 0:
-        raise ParameterError(f"--seed: {seed} is not allowed; must be at least 0")
+    if not 0 <= seed <= MAX_SEED:
+        raise ParameterError(f"--seed: {shown(seed)} is not allowed; must be from 0 to {MAX_SEED}")
     return replace(params, seed=seed)

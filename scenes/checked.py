@@ -59,8 +59,14 @@ def check_name(
     """Return a name from outside that becomes part of a path, or raise `error`.
 
     Letters, digits, '.', '_' and '-', at most 128, not beginning with one of the signs: so no
-    name climbs out of its folder, is hidden or is taken for an option.
+    name climbs out of its folder, is hidden or is taken for an option. Names of devices of
+    Windows, such as CON, are refused, since datasets are carried there.
     """
+    if re.fullmatch(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", name, re.IGNORECASE):
+        raise error(
+            f"{f'{where}: ' if where else ''}{shown(name)} cannot be {what}: it is the name of a "
+            "device on some systems; choose another"
+        )
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}", name):
         raise error(
             f"{f'{where}: ' if where else ''}{shown(name)} cannot be {what}: use letters, digits, "

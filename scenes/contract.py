@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from scenes.checked import build, plain
+from scenes.checked import build, check_name, plain
 from scenes.errors import InputError
 from scenes.files import atomic_directory, read_json, write_json
 
@@ -115,6 +115,7 @@ class Scene:
 
     def verify(self, where: str) -> None:
         """Check schema, credits, ids and rooms; raises ValueError."""
+        check_name(self.scene_id, "a scene's id", where, ValueError)
         prefix = where or self.scene_id
         if self.schema != SCHEMA:
             raise ValueError(f"{prefix}: schema {self.schema}, this version reads {SCHEMA}")

@@ -197,6 +197,14 @@ def regular_file(path: Path, limit: int = MAX_BYTES) -> Path:
     return Path(path)
 
 
+def exists(path: Path) -> bool:
+    """Return whether a file or folder is there; False for names that nothing can have."""
+    try:
+        return Path(path).exists()
+    except (OSError, ValueError):
+        return False
+
+
 def resolved(path: Path) -> Path:
     """Return the absolute path without links; `InputError` for links in a circle."""
     try:

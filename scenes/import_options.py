@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from scenes.checked import check_name
 from scenes.ifc.options import IfcOptions
 from scenes.mitsuba.options import MitsubaOptions
 from scenes.models.options import ModelOptions
@@ -34,8 +34,8 @@ class ImportEntry(MitsubaOptions, SweetHomeOptions, ModelOptions, PbrtOptions, I
         source = source_of(suffix)
         if source is not None:  # with the rules of this source alone
             source(**{name: getattr(self, name) for name in known}).verify(where)
-        if self.id is not None and not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}", self.id):
-            raise ValueError(f"{where}.id: {self.id!r}; letters, digits, '.', '_' and '-' only")
+        if self.id is not None:
+            check_name(self.id, "a scene's id", f"{where}.id", ValueError)
 
     def given(self) -> dict[str, Any]:
         """Return the options that differ from their defaults."""

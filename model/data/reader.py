@@ -25,6 +25,7 @@ from pipeline.dataset.parquet import (
 )
 from pipeline.tonemap import Exposure
 from scenes.arrays import AnyArray, ArrayOrTensor
+from scenes.checked import check_name
 from scenes.errors import InputError
 from scenes.files import digest_bytes, digest_file
 from scenes.seeds import generator
@@ -375,8 +376,8 @@ def _pixels(path: Path, column: pa.ChunkedArray, shape: tuple[int, ...]) -> AnyA
 def _example(record: dict[str, Any], names: Iterable[str]) -> Example:
     images = {name: record[name].astype(np.float32) for name in names if name != "valid"}
     return Example(
-        scene_id=record["scene_id"],
-        view_id=record["view_id"],
+        scene_id=check_name(record["scene_id"] or "", "a scene's id", "dataset", InputError),
+        view_id=check_name(record["view_id"] or "", "a view's id", "dataset", InputError),
         valid=record["valid"] > 0,
         intrinsics=np.array(record["K"], dtype=np.float64).reshape(3, 3),
         exposure_shading=Exposure(record["exposure_shading"], record["white_shading"]),

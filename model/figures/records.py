@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 from model.figures.row_pictures import uri
 from pipeline.images import Picture, fit, read_picture
 from pipeline.views import load_cameras
-from scenes.checked import build
+from scenes.checked import build, check_name
 from scenes.contract import Scene, load_scene, scene_folders
 from scenes.errors import InputError
 from scenes.files import read_json
@@ -172,9 +172,11 @@ class Records:
     def example_picture(self, scene_id: str, view_id: str, part: str) -> Picture | None:
         """Read a picture of an example view; None if missing or damaged."""
         path = self.places.metrics / "examples" / f"{scene_id}--{view_id}--{part}.png"
-        if not path.is_file():
-            return None
         try:
+            for name in (scene_id, view_id):
+                check_name(name, "the name of an example", error=InputError)
+            if not path.is_file():
+                return None
             return read_picture(path.read_bytes())
         except (InputError, OSError, ValueError):
             note = f"{path} is damaged; make it again with: pbrnet evaluate"

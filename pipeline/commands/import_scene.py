@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -13,8 +14,9 @@ import click
 
 from pipeline.commands.limits import Limits, run_limited
 from pipeline.inspection.sizes import triangles_of
+from scenes.checked import check_name
 from scenes.contract import Scene, load_scene
-from scenes.errors import MachineError, ParameterError
+from scenes.errors import InputError, MachineError, ParameterError
 from scenes.files import sweep
 from scenes.import_options import SOURCES, option_names, source_of
 from scenes.params import SceneParams
@@ -171,10 +173,16 @@ def import_command(
 ) -> None:
     """Run `pbrnet import`."""
     given = _given_options(path, options)
+    for option, limit in (("--max-seconds", max_seconds), ("--max-memory", max_memory)):
+        if math.isnan(limit):
+            raise ParameterError(f"{option}: nan is not a number")
+    name = scene_id if scene_id is not None else out.name
+    for longest in (name, f"{name}-v{variants}" if variants else name):
+        check_name(longest, "a scene's id", error=InputError)
     started = time.monotonic()
 
     def work() -> None:
-        import_scene(path, out, scene_id, **given)
+        import_scene(path, out, name, **given)
 
     try:
         run_limited(work, Limits(max_seconds, max_memory), str(path))

@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from pipeline.params import load_params
+from scenes.files import resolved
 
 Command = Callable[..., Any]
 
@@ -47,6 +48,7 @@ def common_options(command: Command) -> Command:
         options = {name: others.pop(name, None) for name in ("workers", "transfer")}
         given = {name: value for name, value in options.items() if value is not None}
         params = load_params(params_file, seed)
+        resolved(others["data"])  # refuses links in a circle
         params = replace(params, farm=replace(params.farm, **given))
         return command(params=params, **others)
 

@@ -20,8 +20,8 @@ import torch
 
 from pipeline.params import Baseline, load_params
 from pipeline.versions import PACKED
-from scenes.errors import ParameterError
-from scenes.files import write_text
+from scenes.errors import InputError, ParameterError
+from scenes.files import exists, regular_file, write_text
 
 
 @dataclass(frozen=True)
@@ -101,14 +101,19 @@ def preset(name: str | None, force: bool, presets: Path, target: Path, seed: int
         lines = text.splitlines(keepends=True)
         text = "".join(f"seed: {seed}\n" if row.startswith("seed:") else row for row in lines)
     known = [path.read_text(encoding="utf-8") for path in available.values()]
-    if target.exists() and not force:
-        current = target.read_text(encoding="utf-8")
+    if exists(target) and not force:
+        try:
+            current = regular_file(target).read_text(encoding="utf-8", errors="replace")
+        except InputError as error:
+            raise ParameterError(str(error)) from None
         if current != text and current not in known:
             raise ParameterError(
                 f"{target}: was edited and is equal to no preset; keep a copy, then overwrite it "
                 "with --force"
             )
     load_params(available[name])
+    if target.is_dir():
+        raise ParameterError(f"{target}: a folder; expected a file")
     write_text(target, text)
     click.echo(f"{target} now holds the preset {name!r}; next: dvc repro")
 

@@ -19,7 +19,7 @@ from pipeline.versions import source_revision
 from scenes.assets.index import INDEX, load_index
 from scenes.contract import load_scene, scene_folders
 from scenes.errors import InputError
-from scenes.files import digest_file, resolved
+from scenes.files import digest_file, exists, resolved
 from scenes.import_options import SOURCES, ImportEntry
 from scenes.opened_files import unchanged
 from scenes.seeds import derive
@@ -31,6 +31,7 @@ _IMPORT_CODE = (
     "scenes.contract",
     *(module for source in SOURCES for module in source.code()),
 )
+_LONGEST_NAME = 100  # characters; `-v12` and the like follow
 _GENERAL_NAMES = ("scene", "main", "main_template_color", "index")  # the third: of a PBRS house
 
 
@@ -91,7 +92,7 @@ def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable
         path = resolved(Path(entry.file).expanduser())
         scene_id = entry.id or scene_name(path)
         options = entry.options()
-        missing = [one for one in (path, options.get("root", path)) if not one.exists()]
+        missing = [one for one in (path, options.get("root", path)) if not exists(one)]
         if missing:
             error = (
                 f"{entry.file}: no such file"
@@ -126,7 +127,7 @@ def scene_name(path: Path) -> str:
     stem = path.stem if path.suffix else path.name
     if stem.lower() in _GENERAL_NAMES and path.parent.name:
         stem = path.parent.name
-    return re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-") or "scene"
+    return re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-")[:_LONGEST_NAME].strip("-") or "scene"
 
 
 def is_up_to_date(job: HomeJob | ImportJob) -> bool:

@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element, ParseError
 import defusedxml.ElementTree
 from defusedxml import DefusedXmlException
 
-from scenes.checked import shown
+from scenes.checked import check_name, shown
 from scenes.errors import InputError
 from scenes.files import MAX_BYTES, regular_file, resolved
 
@@ -25,7 +25,8 @@ def check_scene_xml(xml: Path) -> None:
     """Raise `InputError` if a scene file is broken, or reads what is outside of its folder.
 
     Refused: entities, `<include>` and `<path>`, absolute paths and those with `..` or variables,
-    links that lead out, devices and pipes. Missing files are counted.
+    links that lead out, devices and pipes, and ids of shapes that cannot be names of files. Missing
+    files are counted.
     """
     try:
         root = defusedxml.ElementTree.parse(regular_file(xml, MAX_XML), forbid_dtd=True).getroot()
@@ -47,6 +48,8 @@ def _names(xml: Path, root: Element) -> list[str]:
         for one in level:
             if one.tag in _READING:
                 raise InputError(f"{xml}: <{one.tag}> reads files from elsewhere; refused")
+            if one.tag == "shape" and "id" in one.attrib:  # meshes are named by it
+                check_name(one.attrib["id"], "a shape's id", str(xml), InputError)
             name = one.get("filename")
             if one.tag == "string":
                 value = one.get("value", "")

@@ -20,7 +20,7 @@ PRESETS = sorted((ROOT / "params").glob("*.yaml"))
     ("text", "words"),
     [
         ("sed: 1", ["sed", "unknown key", "'seed'"]),
-        ("seed: -1", ["seed", "-1", "at least 0"]),
+        ("seed: -1", ["seed", "-1", "from 0 to"]),
         ("seed: true", ["seed", "True", "whole number"]),
         ("seed: 1.5", ["seed", "1.5"]),
         ("image: 3", ["image", "3", "mapping"]),
