@@ -31,6 +31,7 @@ from scenes.source_options import FreeAxesOptions
 
 LEAST_LIT = 30.0  # lumens per square metre of floor
 OUTDOORS = ("sun", "sky", "environment", "directional")  # kinds of light that come from outside
+_FROM_ALL_SIDES = ("sun", "sky", "environment")
 _MARGIN = 0.15  # metres outside a room's outline or height at which a lamp still belongs to it
 _DISPLAYS = ("television", "monitor", "picture", "window")
 _UPRIGHT = 0.5  # cosine to the horizontal: an emitter with an image that faces sideways is a screen
@@ -61,7 +62,8 @@ class LightPlan:
     rooms: tuple[RoomLight, ...]
     lamps: float
     glow: float
-    from_outdoors: bool
+    from_outdoors: bool  # from all sides; a directional light may miss every window
+    has_directional: bool = False
 
     @property
     def needs_sky(self) -> bool:
@@ -108,7 +110,8 @@ def light_plan(
         tuple(RoomLight(float(own), float(display)) for own, display in by_room),
         float(lamps.sum()),
         float(glow.sum()),
-        any(kind in OUTDOORS for emitter in emitters for kind in emitter.kinds),
+        any(kind in _FROM_ALL_SIDES for emitter in emitters for kind in emitter.kinds),
+        any(kind == "directional" for emitter in emitters for kind in emitter.kinds),
     )
 
 
@@ -148,7 +151,7 @@ def sky_for(
 
 def note_sky(plan: LightPlan, changes: Changes) -> None:
     """Record that sun and sky were added, and why."""
-    if plan.lamps == plan.glow == 0:
+    if plan.lamps == plan.glow == 0 and not plan.has_directional:
         changes.note("the file has no light; sun, sky and a ground plane were added")
         return
     brightest = max((room.lamps for room in plan.rooms), default=0.0)
@@ -157,6 +160,8 @@ def note_sky(plan: LightPlan, changes: Changes) -> None:
         parts.append(f"lamps give no room more than {brightest:.2g} lm per square metre of floor")
     if plan.glow > 0:
         parts.append(f"screens and other displays ({plan.glow:.2g} lm) light no room")
+    if plan.has_directional:
+        parts.append("directional lights alone may miss every window")
     changes.note(
         f"sun, sky and a ground plane were added: {', and '.join(parts)}; a lit room has "
         f"{LEAST_LIT:g} or more"

@@ -107,6 +107,8 @@ def test_sky_is_needed_only_where_nothing_shines() -> None:
     assert not LightPlan((), 1, 0, False).needs_sky
     assert not LightPlan((dark, lit), 1600, 4000, False).needs_sky
     assert not LightPlan((dark,), 100, 4000, True).needs_sky
+    sun = Emitter(plugin("emitter", "directional"), ("directional",))
+    assert light_plan(Path(), [], {}, [sun], (), [closed_room()]).needs_sky
 
 
 MITSUBA = """<scene version="3.0.0"><shape type="cube"><emitter type="area">
