@@ -129,7 +129,9 @@ def _lamp_points(
             some = corners[np.linspace(0, len(corners) - 1, _LAMP_POINTS).astype(np.int64)]
             _, normals = face_areas(some)
             points += [some.mean(axis=1) + side * _LAMP_OFFSET * normals for side in (-1, 1)]
-    return np.unique(np.concatenate(points), axis=0)[:_MOST_POINTS]
+    found = np.concatenate(points)
+    count = min(len(found), _MOST_POINTS)
+    return found[np.linspace(0, max(len(found) - 1, 0), count).astype(np.int64)]
 
 
 def _is_reached(rays: RayCaster, points: Float64Array, room: FoundRoom) -> bool:
