@@ -302,4 +302,9 @@ def machine_errors(path: Path) -> Iterator[None]:
                 f"{path}: cannot be written ({os.strerror(error.errno)}); "
                 "check the folder's permissions and run the same command again"
             ) from error
+        if error.errno in (errno.EEXIST, errno.ENOTDIR, errno.ELOOP, errno.ENAMETOOLONG):
+            raise MachineError(
+                f"{str(path)[:300]}: cannot be written ({os.strerror(error.errno)}): a file or a "
+                "link is where a folder has to be, or the name is too long; choose another place"
+            ) from error
         raise

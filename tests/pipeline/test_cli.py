@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -139,6 +140,41 @@ def test_doctor_reports(
     assert exit_code("doctor", "--json") == 0
     topics = [finding["topic"] for finding in yaml.safe_load(capsys.readouterr().out)]
     assert {"LLVM", "GPU", "threads", "memory", "VGG-19", "catalogues"} <= set(topics)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (("preset", "quick", "--params", "pipe"), 2, "not a regular file"),
+        (("preset", "quick", "--params", "folder"), 2, "a folder"),
+        (("shading", "--data", "loop"), 3, "links in a circle"),
+        (("cost", "--seed", "9" * 4000), 2, "from 0 to"),
+        (("cost", "--params", "hex.yaml"), 2, "over 1,200 digits"),
+        (("cost", "--params", "a" * 300), 2, "no such parameter file"),
+        (("import", "a.glb", "--out", "x", "--max-seconds", "nan"), 2, "nan is not a number"),
+        (("import", "a.glb", "--out", "."), 3, "cannot be a scene's id"),
+        (("report", "--out", "loop/x.html"), 4, "a link is where a folder has to be"),
+    ],
+)
+def test_strange_places_and_numbers_end_in_one_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...],
+    code: int,
+    words: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe")
+    Path("folder").mkdir()
+    Path("loop").symlink_to("loop")
+    Path("hex.yaml").write_text("seed: 0x" + "f" * 6000)
+    for name in ("params.yaml", "params/quick.yaml"):
+        Path(name).parent.mkdir(exist_ok=True)
+        Path(name).write_text("seed: 0\n")
+    assert exit_code(*arguments) == code
+    said = capsys.readouterr().err
+    assert words in said and said.count("Error: ") == 1
 
 
 def test_doctor_lists_every_optional_extra_with_its_command(
