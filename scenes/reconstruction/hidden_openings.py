@@ -7,14 +7,15 @@ fireplace without a flue.
 Random walks (`light_walks`) start in every room. Cross-sections of the building at many depths,
 parallel to walls, floors and ceilings, are searched for enclosed holes that many escaped walks
 pass through. The smallest hole that explains nearly the most walks becomes an opening; the walks
-through it are set aside, and the search repeats until the rest looks like mere cracks.
-World: metres, Z up.
+through it are set aside, and the search repeats until the rest looks like mere cracks. Open
+rooms have thousands of sections without such a hole, so the search also ends when it has
+computed a certain number of them. World: metres, Z up.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
 
@@ -48,9 +49,9 @@ _MIN_WALKS = LEAST_SEEDS  # through an opening; fewer show a crack
 _MIN_SHARE = 0.05  # of the walks that an unobstructed hole would let out: a door leaf or a fire
 # may stand before it
 _NEARLY_MOST = 0.7  # of the walks that the best hole explains
+_MOST_FRUITLESS = 100  # exact sections of a scene without an opening, after which to give up
+_LEAST_FRUITLESS = 20  # of them that each room may have in any case
 
-# Enclosed air by axes of the frame, depth, and the points where walks cross the section.
-_KnownSections = dict[tuple[bytes, float, bytes], list[Polygon]]
 _CLEARLY, _CLEARLY_LEVEL = 0.9, 0.5  # share of an estimate in a room from which it is indoors
 
 SectionBounds = tuple[Float64Array, Float64Array] | None  # lowest and highest (u, v)
@@ -72,6 +73,28 @@ class _Aperture:
         return float(east - west)
 
 
+@dataclass
+class _Search:
+    """Sections computed so far, and how many more may be computed without finding an opening.
+
+    Sections are known by the axes of the frame, depth, and the points where walks cross them.
+    """
+
+    fruitless_left: int
+    known: dict[tuple[bytes, float, bytes], list[Polygon]] = field(default_factory=dict)
+
+    def wants(
+        self, regions: list[Float64Array], frame: PlaneFrame, depth: float, rooms: list[FoundRoom]
+    ) -> bool:
+        """Return whether to compute a section exactly, and count it as fruitless if so.
+
+        `regions` are those of `_may_lead_out`.
+        """
+        leads_out = _may_lead_out(regions, frame, depth, rooms)
+        self.fruitless_left -= leads_out
+        return leads_out
+
+
 def hidden_openings(
     rays: RayCaster,
     sections: CrossSections,
@@ -84,11 +107,12 @@ def hidden_openings(
     """
     normals = face_areas(sections.corners)[1]
     hidden: list[FoundOpening] = []
+    search = _Search(max(_MOST_FRUITLESS, _LEAST_FRUITLESS * len(rooms)))
     count = max(1, min(_WALKS_PER_ROOM, _WALKS_PER_SCENE // max(1, len(rooms))))
     for round_ in range(_ROUNDS):
         walker = LightWalker(rays, normals, openings + hidden)
         escaped = walker.escaped_walks(rooms, count, round_)
-        found = _openings_of(escaped, count, sections, rooms)
+        found = _openings_of(escaped, count, sections, rooms, search)
         if not found:
             break
         hidden += found
@@ -96,15 +120,19 @@ def hidden_openings(
 
 
 def _openings_of(
-    escaped: list[EscapedWalk], walks: int, sections: CrossSections, rooms: list[FoundRoom]
+    escaped: list[EscapedWalk],
+    walks: int,
+    sections: CrossSections,
+    rooms: list[FoundRoom],
+    search: _Search,
 ) -> list[FoundOpening]:
     """Openings that explain the escaped ones of `walks` walks a room, the busiest first."""
     stride = max(1, -(-len(escaped) // _MAX_WALKS))
     remaining, walks = escaped[::stride], walks // stride
     openings = []
-    known: _KnownSections = {}
+    search.known.clear()
     while len(remaining) >= _MIN_WALKS:
-        aperture = _busiest_aperture(remaining, walks, sections, rooms, known)
+        aperture = _busiest_aperture(remaining, walks, sections, rooms, search)
         if aperture is None:
             break
         room, frame = remaining[min(aperture.walks)].room, aperture.frame
@@ -133,12 +161,13 @@ def _busiest_aperture(
     walks: int,
     sections: CrossSections,
     rooms: list[FoundRoom],
-    known: _KnownSections,
+    search: _Search,
 ) -> _Aperture | None:
     """The smallest of the holes that nearly the most walks pass; None if all are cracks.
 
-    `known` holds sections that an earlier call took, and gets those of this one.
+    None, too, if `search` gives up, unless it found holes until then.
     """
+    known = search.known
     crossings = [
         (frame, depth, indices, points)
         for frame, depths, bounds in _section_planes(escaped, rooms)
@@ -148,14 +177,15 @@ def _busiest_aperture(
     found: list[_Aperture] = []
     most = _MIN_WALKS
     for frame, depth, indices, points in crossings:
-        if len(indices) < _NEARLY_MOST * most:
+        if len(indices) < _NEARLY_MOST * most or search.fruitless_left <= 0:
             break  # no hole in this section or in those that follow has enough walks
         key = (frame.origin.tobytes() + frame.u.tobytes(), depth, points.tobytes())
-        if key not in known:
+        is_new, before = key not in known, len(found)
+        if is_new:
             low, high = np.append(points.min(axis=0) - 1.0, depth), points.max(axis=0) + 1.0
             nearby = sections.near(frame, low, np.append(high, depth))
-            may_lead_out = partial(_may_lead_out, frame=frame, depth=depth, rooms=rooms)
-            known[key] = enclosed_air(nearby, depth, points, may_lead_out)
+            wanted = partial(search.wants, frame=frame, depth=depth, rooms=rooms)
+            known[key] = enclosed_air(nearby, depth, points, wanted)
         for part in known[key]:
             inside = set(indices[shapely.contains_xy(part, points[:, 0], points[:, 1])].tolist())
             if not inside or part.area < MIN_OPENING or buffered(part, -_MIN_HALF_WIDTH).is_empty:
@@ -166,6 +196,8 @@ def _busiest_aperture(
             ):
                 found.append(_Aperture(frame, depth, part, frozenset(inside)))
                 most = max(most, len(inside))
+        if is_new and len(found) > before:
+            search.fruitless_left += 1
     candidates = [aperture for aperture in found if len(aperture.walks) >= _NEARLY_MOST * most]
     return min(candidates, key=lambda aperture: aperture.air.area, default=None)
 
