@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -54,6 +54,7 @@ _HALF_PASSAGE = 0.35  # metres; half the least width of a passage within one spa
 _NEAR_WALL = 0.4  # metres beside a floor's outline within which a wall counts as along it
 _DOORWAY = 1.3  # metres; a wider gap in a wall is a missing wall
 _LEAST_AREA = 3.0  # square metres
+_MOST_CLOSED = 0.2  # of the open spaces' area that closed ones beside them may have
 _THICK = 0.1  # metres of added walls and ceilings
 _INTO = 0.01  # metres by which added walls stand inside the edge of the floor
 _OVER = 0.25  # metres by which a ceiling covers the walls
@@ -76,6 +77,9 @@ class Completion:
     refused: str = ""  # why an open space did not become a room
 
 
+NOTHING = Completion(np.empty((0, 3, 3)), np.empty((0, 3, 3)), ())
+
+
 @dataclass(frozen=True)
 class _Storey:
     """The floor level of the open spaces, the top of their walls, and their plan."""
@@ -93,26 +97,26 @@ def complete(
     """Close the open spaces of a building.
 
     `is_ground` (F,) tells which of the triangles `corners` (F, 3, 3) are ground. Open spaces
-    beside `closed` rooms, such as balconies, are left as they are.
+    beside `closed` ones are left as they are, unless those are a small share of them.
     """
-    nothing = Completion(np.empty((0, 3, 3)), np.empty((0, 3, 3)), ())
-    if closed:
-        return nothing
     storey = _storey(corners)
     if storey is None:
-        return nothing
+        return NOTHING
+    taken = union([space.floor for space in closed])
     built = _level_plan(corners[~is_ground], storey.floor_z)
     spaces, best = [], 0.0
     for piece in _pieces(storey):
+        if intersection(piece, taken).area > 0.5 * piece.area:
+            continue
         share = _walled_share(piece, storey)
         best = max(best, share)
         on_ground = intersection(piece, built).area < 0.5 * piece.area
         if share >= (_LEAST_WALLS_OUTDOORS if on_ground else LEAST_WALLS):
             spaces.append(piece)
+    if taken.area > _MOST_CLOSED * sum(space.area for space in spaces):
+        return NOTHING
     if not spaces:
-        if best == 0.0:
-            return nothing
-        return Completion(nothing.ceilings, nothing.walls, (), refused=_refusal(best))
+        return NOTHING if best == 0.0 else replace(NOTHING, refused=_refusal(best))
     ceiling_z = max(storey.top_z, storey.floor_z + _LEAST_CEILING)
     foot = storey.floor_z - _BELOW_FLOOR
     sill, head = storey.floor_z + _SILL, storey.floor_z + _HEAD

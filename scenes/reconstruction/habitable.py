@@ -85,6 +85,14 @@ def habitable(
     ]
 
 
+def is_shut(space: FoundRoom, rays: RayCaster, corners: Float64Array) -> bool:
+    """Return whether a space is empty and has no way out, as the inside of a pillar.
+
+    `corners` (F, 3, 3) are the triangles that `rays` holds.
+    """
+    return _look(space, rays, face_areas(corners)[1]).is_shut
+
+
 def _lies_in(space: FoundRoom, bounds: Bounds) -> bool:
     low, high = bounds[0] - _AROUND, bounds[1] + _AROUND
     west, south, east, north = space.floor.bounds

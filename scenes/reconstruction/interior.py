@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from scenes.arrays import Float64Array
-from scenes.reconstruction.completion import Completion, complete
-from scenes.reconstruction.habitable import Bounds, habitable
+from scenes.reconstruction.completion import NOTHING, Completion, complete
+from scenes.reconstruction.habitable import Bounds, habitable, is_shut
 from scenes.reconstruction.raycast import RayCaster
 from scenes.reconstruction.rooms import (
     FoundRoom,
@@ -31,10 +31,21 @@ class Interior:
 
 
 def find_interior(corners: Float64Array, furniture: Sequence[Bounds] = ()) -> Interior:
-    """Find closed rooms; if there is none, how open spaces can become rooms."""
+    """Find closed rooms; if there is none, how open spaces can become rooms.
+
+    Closed spaces that are empty, have no way out and are small beside the open ones, such as
+    pillars and shafts, do not count as rooms.
+    """
     building, is_ground = without_ground(corners)
-    rooms = _closed(RayCaster(building), building, furniture)
-    return Interior(rooms, complete(building, is_ground, rooms), bool(is_ground.any()))
+    rays = RayCaster(building)
+    rooms = _closed(rays, building, furniture)
+    if all(is_shut(room, rays, building) for room in rooms):
+        completion = complete(building, is_ground, rooms)
+        if completion.spaces:
+            rooms = []
+    else:
+        completion = NOTHING
+    return Interior(rooms, completion, bool(is_ground.any()))
 
 
 def find_rooms(
