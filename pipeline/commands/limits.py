@@ -8,6 +8,7 @@ import select
 import signal
 import sys
 import tempfile
+import threading
 import time
 import traceback
 from collections.abc import Callable
@@ -24,6 +25,7 @@ _ERRORS: tuple[type[PbrnetError], ...] = (
     MachineError,
     PbrnetError,
 )
+_THREADED = ("drjit", "torch", "pyarrow")  # libraries with threads that a fork loses
 _INTERVAL = 0.1  # seconds between two checks
 
 
@@ -39,10 +41,10 @@ def run_limited(work: Callable[[], None], limits: Limits, what: str) -> None:
     """Call `work` in a forked child within `limits`; its exceptions are raised here.
 
     Raises `MachineError`, which begins with `what`, if the child exceeds a limit or crashes.
-    Temporary files of the child are removed in any case. A process with several threads cannot be
-    forked safely; it calls `work` itself, without limits.
+    Temporary files of the child are removed in any case. A process with threads of Python, or of
+    libraries of `_THREADED`, cannot be forked safely; it calls `work` itself, without limits.
     """
-    if len(psutil.Process().threads()) > 1:
+    if not _can_fork():
         work()
         return
     with tempfile.TemporaryDirectory(prefix="pbrnet-import-") as folder:
@@ -70,6 +72,14 @@ def run_limited(work: Callable[[], None], limits: Limits, what: str) -> None:
         error = kinds.get(outcome["kind"], RuntimeError)(outcome["text"])
         error.add_note(outcome["trace"])
         raise error
+
+
+def _can_fork() -> bool:
+    """Return whether this process has no threads but those of NumPy's OpenBLAS.
+
+    OpenBLAS starts threads as it is loaded, and stops them around a fork.
+    """
+    return threading.active_count() == 1 and not any(name in sys.modules for name in _THREADED)
 
 
 def _run_child(work: Callable[[], None], writer: int, folder: str) -> None:

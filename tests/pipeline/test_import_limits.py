@@ -9,9 +9,11 @@ from pathlib import Path
 
 from tests.fixtures.rooms import shell, write_obj
 
-# Each case runs in a fresh process, as a process with threads is not forked.
+# Each case runs in a fresh process, as a process with threads is not forked. That of the command
+# has NumPy, whose OpenBLAS has threads where there are several processors.
 CASES = """
 import os, time
+import numpy
 from pipeline.commands.limits import Limits, run_limited
 from scenes.errors import InputError
 
