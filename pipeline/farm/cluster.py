@@ -24,6 +24,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import re
 import shutil
 import signal
 import sys
@@ -44,7 +45,7 @@ from pipeline.farm.scheduling import Item
 from pipeline.farm.transfer import TransferServer, TransferService
 from pipeline.farm.worker import Outcome
 from pipeline.params import FarmParams
-from scenes.errors import MachineError
+from scenes.errors import MachineError, ParameterError
 
 CONNECT_PATIENCE = 15.0  # seconds to look for a scheduler
 _LOST = "60s"  # in which a lost local worker may come back, on a busy machine
@@ -128,6 +129,10 @@ class Farm:
 
     def _connect(self) -> None:
         """Connect to the scheduler; reset `address` if one of its workers does not see `needed`."""
+        if "://" not in self.address and not re.search(r":\d+$", self.address):
+            raise ParameterError(
+                f"{self.address!r} is no scheduler's address; write it like tcp://head:8786"
+            )
         try:
             client = Client(self.address, timeout=CONNECT_PATIENCE, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:

@@ -23,7 +23,7 @@ from pipeline.farm.recycling import WorkerHistory
 from pipeline.farm.scheduling import BatchQueue, Item
 from pipeline.farm.worker import Outcome
 from pipeline.params import FarmParams
-from scenes.errors import MachineError
+from scenes.errors import MachineError, ParameterError
 from tests.fixtures.dask_processes import dask_cluster, workers_of
 from tests.fixtures.farm import no_setup, work
 
@@ -217,6 +217,11 @@ def test_no_scheduler_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
     farm = Farm(FarmParams(), "tcp://127.0.0.1:9", no_setup, 1)
     with pytest.raises(MachineError, match=r"no dask scheduler answers at 'tcp://127\.0\.0\.1:9'"):
         farm.__enter__()
+
+
+def test_an_address_without_a_port_is_refused() -> None:
+    with pytest.raises(ParameterError, match="tcp://head:8786"):
+        Farm(FarmParams(), "nonsense", no_setup, 1).__enter__()
 
 
 def test_the_environment_names_the_scheduler_and_losing_it_is_said(
