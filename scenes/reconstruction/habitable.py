@@ -35,6 +35,7 @@ _MARGIN = 0.5  # metres around a space in which its surfaces lie
 _LEVEL = 0.5  # cosine of a normal's angle to the vertical, from which a surface is level
 _INSIDE = 0.12  # metres off floor, walls and ceiling where something counts as in a space
 _LEAST_CONTENTS = 0.005  # share of the rays
+_LEAST_WAY_OUT = 0.02  # share of the rays; a shaft has gaps, a room has windows and doors
 _LEAST_AREA = 3.0  # square metres of a closed space with nothing in it
 _AROUND = 0.1  # metres by which a space may be larger than the furniture that it lies in
 
@@ -85,12 +86,13 @@ def habitable(
     ]
 
 
-def is_shut(space: FoundRoom, rays: RayCaster, corners: Float64Array) -> bool:
-    """Return whether a space is empty and has no way out, as the inside of a pillar.
+def is_void(space: FoundRoom, rays: RayCaster, corners: Float64Array) -> bool:
+    """Return whether a space is empty and hardly open, as the inside of a pillar or a shaft.
 
     `corners` (F, 3, 3) are the triangles that `rays` holds.
     """
-    return _look(space, rays, face_areas(corners)[1]).is_shut
+    look = _look(space, rays, face_areas(corners)[1])
+    return look.contents < _LEAST_CONTENTS and look.beyond < _LEAST_WAY_OUT
 
 
 def _lies_in(space: FoundRoom, bounds: Bounds) -> bool:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from scenes.arrays import Float64Array
 from scenes.reconstruction.completion import NOTHING, Completion, complete
-from scenes.reconstruction.habitable import Bounds, habitable, is_shut
+from scenes.reconstruction.habitable import Bounds, habitable, is_void
 from scenes.reconstruction.raycast import RayCaster
 from scenes.reconstruction.rooms import (
     FoundRoom,
@@ -33,13 +33,13 @@ class Interior:
 def find_interior(corners: Float64Array, furniture: Sequence[Bounds] = ()) -> Interior:
     """Find closed rooms; if there is none, how open spaces can become rooms.
 
-    Closed spaces that are empty, have no way out and are small beside the open ones, such as
+    Closed spaces that are empty, hardly open and small beside the open ones, such as
     pillars and shafts, do not count as rooms.
     """
     building, is_ground = without_ground(corners)
     rays = RayCaster(building)
     rooms = _closed(rays, building, furniture)
-    if all(is_shut(room, rays, building) for room in rooms):
+    if all(is_void(room, rays, building) for room in rooms):
         completion = complete(building, is_ground, rooms)
         if completion.spaces:
             rooms = []
