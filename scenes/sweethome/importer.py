@@ -371,11 +371,21 @@ def _portals(
         level.storey.number: [(one.outline.region, is_round(one.wall)) for one in level.walls]
         for level in levels
     }
+    trees = {
+        number: shapely.STRtree([region for region, _ in walls])
+        for number, walls in regions.items()
+    }
     for level in levels:
         doorways: list[tuple[Doorway, Literal["window", "door", "opening"]]] = [
             (doorway, "door" if _is_door(opening) else "window")
             for opening in level.openings
-            for doorway in find_doorways(opening, regions[level.storey.number])
+            for doorway in find_doorways(
+                opening,
+                [
+                    regions[level.storey.number][near]
+                    for near in trees[level.storey.number].query(opening.footprint).tolist()
+                ],
+            )
         ]
         gaps = find_gaps(level.storey, level.spaces, level.walls, level.heights)
         for doorway, kind in (*doorways, *((gap, "opening") for gap in gaps)):

@@ -92,10 +92,12 @@ def build_walls(
     }
     by_id = {planned_wall.wall.id: planned_wall.wall for planned_wall in planned}
     items = []
+    footprints = STRtree([opening.footprint for opening in openings])
     for number, one in enumerate(planned):
         region = one.outline.region
         holes = []
-        for opening in openings:
+        for near in sorted(footprints.query(region).tolist()):
+            opening = openings[near]
             depths = opening.depths(region, is_round(one.wall))
             if depths is not None:
                 holes.append(opening.hole(*depths, storey.elevation))
