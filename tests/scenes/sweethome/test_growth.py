@@ -1,0 +1,34 @@
+"""Work of importing a home grows with its walls and openings, not with their product."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from scenes.importing.changes import Changes
+from scenes.sweethome.building.levels import storeys
+from scenes.sweethome.building.openings import Opening, opening_of
+from scenes.sweethome.building.walls import build_walls, plan_walls
+from scenes.sweethome.reader import read_home
+from tests.fixtures import sweethome as draw
+
+
+def test_a_wall_is_tried_only_with_the_openings_near_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    count = 40
+    body = "".join(
+        draw.wall(f"w{n}", (500 * n, 0), (500 * n + 300, 0)) + draw.window(x=500 * n + 150, y=0)
+        for n in range(count)
+    )
+    changes = Changes()
+    home = read_home(Path("row.sh3d"), draw.home(body).encode(), changes)
+    (storey,) = storeys(home, (), changes)
+    found = [opening_of(piece, 0.0, changes) for piece in storey.pieces]
+    openings = [opening for opening in found if opening is not None]
+    tried = []
+    depths = Opening.depths
+    monkeypatch.setattr(Opening, "depths", lambda *given: tried.append(1) or depths(*given))
+    items = build_walls(storey, plan_walls(storey, 250.0, changes), openings)
+    assert len(items) == len(openings) == len(tried) == count
+    solid = 2 * 12  # triangles of two half walls
+    assert all(sum(len(part.mesh.faces) for part in item.parts) > solid for item in items)
