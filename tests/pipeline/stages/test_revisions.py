@@ -40,6 +40,7 @@ def _changed(sources: Path, file: str, code: tuple[str, ...]) -> bool:
     return before != after
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "file",
     [

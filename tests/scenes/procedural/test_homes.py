@@ -146,6 +146,7 @@ def test_meshes_are_sound(homes: list[Home]) -> None:
         assert triangles < 400_000
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_bytes(homes: list[Home], tmp_path: Path) -> None:
     home = homes[3]
     again = tmp_path / home.folder.name

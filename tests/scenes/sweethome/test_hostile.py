@@ -193,6 +193,7 @@ def said(scene: Scene) -> str:
 NO_MODEL = "CAME IN AS OPEN HOLES (1): window"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("body", "added", "note"),
     [

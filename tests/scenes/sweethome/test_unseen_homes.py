@@ -143,6 +143,7 @@ HOMES: dict[str, tuple[str | bytes, int, int]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HOMES)
 def test_it_comes_in(tmp_path: Path, name: str) -> None:
     xml, rooms, count = HOMES[name]
