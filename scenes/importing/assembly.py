@@ -27,10 +27,9 @@ from scenes.importing.changes import Changes
 from scenes.importing.light.ceiling_lamps import free_ceiling_lamp, hung_lamp
 from scenes.importing.light.daylight import daylight, ground
 from scenes.importing.light.in_rooms import (
+    RoomLighting,
     lighting_of,
     lights_of,
-    rooms_to_fill,
-    rooms_with_light,
 )
 from scenes.importing.light.plan import (
     light_plan,
@@ -104,9 +103,7 @@ class Draft:
     # Names and rooms, for sources that state them; otherwise rooms are found in the triangles.
     stated_rooms: tuple[tuple[str, FoundRoom], ...] = ()
     photometric: bool = False  # the power of its lamps is known, so that too weak ones do not count
-    sky_if_dark: bool = (
-        False  # if `photometric`: add sun, sky and ground if its own light lights no room
-    )
+    sky_if_dark: bool = False  # add sun, sky and ground if no room is lit; needs `photometric`
     lamps_if_dark: bool = False  # hang a plain ceiling lamp in each room without light
 
 
@@ -166,14 +163,14 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
         changes.note("NO ROOM WAS FOUND: the bounding box of the scene is used as a room")
     camera = cameras[0] if cameras else _default_camera(rooms[0])
     positions = [each.position for each in emitters if each.position is not None]
-    lit_rooms = rooms_with_light(shapes, rooms, room_ids, lights, portals, positions, dim)
-    described = _described_rooms(draft, objects, rooms, room_ids, lit_rooms)
+    lighting = RoomLighting(shapes, rooms, room_ids, lights, portals, positions, dim)
+    described = _described_rooms(draft, objects, rooms, room_ids, lighting.lit)
     if draft.lamps_if_dark:
-        dark = rooms_to_fill(shapes, rooms, room_ids, lights, portals, positions, dim)
-        rays = RayCaster(solid_corners(shapes))
+        dark = lighting.dark
         for number in dark:
             name = _unused_id(f"ceiling_lamp_{number}", used_ids)
-            lamp = hung_lamp(free_ceiling_lamp(rooms[number], rays), name, room_ids[number])
+            globe = free_ceiling_lamp(rooms[number], lighting.rays)
+            lamp = hung_lamp(globe, name, room_ids[number])
             shapes, objects = [*shapes, lamp.shape], (*objects, lamp.object)
             area[name] = lamp.emitter
             light_id = f"light_{len(lights)}"

@@ -72,10 +72,8 @@ class Sandbox:
                 if self.opened.is_file(folder / written):
                     return path
         last = PurePosixPath(written).name
-        beside = self.folder.parent
-        textures = [beside / name / last for name in _TEXTURE_FOLDERS] if last else []
-        if self.folder == self.root:
-            textures = []
+        beside = () if self.folder == self.root or not last else _TEXTURE_FOLDERS
+        textures = [self.folder.parent / each / last for each in beside]
         for found in (*self.opened.with_name(last), *textures):
             if resolved(found).is_relative_to(self.root) and self.opened.is_file(found):
                 self.relocated.append((name, found.relative_to(self.root).as_posix()))

@@ -383,7 +383,7 @@ def _portals(
                 opening,
                 [
                     regions[level.storey.number][near]
-                    for near in trees[level.storey.number].query(opening.footprint).tolist()
+                    for near in sorted(trees[level.storey.number].query(opening.footprint).tolist())
                 ],
             )
         ]

@@ -6,6 +6,8 @@ A room has light if it has a lamp, a portal, or an opening to a room that has on
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -54,65 +56,63 @@ def lights_of(
     return tuple(lights)
 
 
-def rooms_with_light(
-    shapes: list[Shape],
-    rooms: list[FoundRoom],
-    room_ids: list[str],
-    lights: tuple[Light, ...],
-    portals: tuple[Portal, ...],
-    positions: Sequence[tuple[float, float, float]] = (),
-    dim: frozenset[str] = frozenset(),
-    is_day: bool = True,
-) -> set[str | None]:
-    """The ids of rooms with a lamp or a portal, and of those that see one through an opening.
+@dataclass(frozen=True)
+class RoomLighting:
+    """All that decides which rooms of a scene have light."""
 
-    A guessed room has light, too, if a ray leaves the building from it, and any room that a ray
-    enters from a lamp in no room, such as one in a recess; `positions` are those of point lights.
-    Lamps of the rooms with ids in `dim` do not count, and nothing from outdoors does unless
-    `is_day`.
-    """
-    lit = {light.room for light in lights} - dim
-    if is_day:
-        lit |= {portal.room for portal in portals}
-    if lit.issuperset(room_ids):
-        return lit
-    rays = RayCaster(solid_corners(shapes))
-    outside = _lamp_points(
-        shapes,
-        lights,
-        [each for each in positions if _room_at(np.array(each), rooms, room_ids) is None],
-    )
-    lit |= {
-        name
-        for name, room in zip(room_ids, rooms, strict=True)
-        if name not in lit and _is_reached(rays, outside, room)
-    }
-    lit |= {
-        name
-        for name, room in zip(room_ids, rooms, strict=True)
-        if is_day and room.guessed and has_view_outside(rays, room)
-    }
-    neighbours = [
-        (room_ids[a], room_ids[b])
-        for i, j in connected_rooms(rays, rooms)
-        for a, b in ((i, j), (j, i))
-    ]
-    return lit | {there for here, there in neighbours if here in lit}
+    shapes: list[Shape]
+    rooms: list[FoundRoom]
+    room_ids: list[str]
+    lights: tuple[Light, ...]
+    portals: tuple[Portal, ...]
+    positions: Sequence[tuple[float, float, float]] = ()  # of point lights
+    dim: frozenset[str] = frozenset()  # ids of rooms whose own lamps are too weak to count
 
+    @cached_property
+    def rays(self) -> RayCaster:
+        """The surfaces that stop light."""
+        return RayCaster(solid_corners(self.shapes))
 
-def rooms_to_fill(
-    shapes: list[Shape],
-    rooms: list[FoundRoom],
-    room_ids: list[str],
-    lights: tuple[Light, ...],
-    portals: tuple[Portal, ...],
-    positions: Sequence[tuple[float, float, float]] = (),
-    dim: frozenset[str] = frozenset(),
-) -> list[int]:
-    """Numbers of the rooms that have no light of their own and none from outdoors."""
-    is_day = any(light.kind in OUTDOORS for light in lights)
-    lit = rooms_with_light(shapes, rooms, room_ids, lights, portals, positions, dim, is_day)
-    return [number for number, name in enumerate(room_ids) if name not in lit]
+    @cached_property
+    def lit(self) -> set[str | None]:
+        """The ids of rooms with a lamp or a portal, and of those that see one through an opening.
+
+        A guessed room has light, too, if a ray leaves the building from it, and any room that a
+        ray enters from a lamp in no room, such as one in a recess.
+        """
+        return self._lit(has_outdoors=True)
+
+    @property
+    def dark(self) -> list[int]:
+        """Numbers of the rooms without light; portals count only if something shines outdoors."""
+        has_outdoors = any(light.kind in OUTDOORS for light in self.lights)
+        lit = self.lit if has_outdoors else self._lit(has_outdoors=False)
+        return [number for number, name in enumerate(self.room_ids) if name not in lit]
+
+    def _lit(self, has_outdoors: bool) -> set[str | None]:
+        lit = {light.room for light in self.lights} - self.dim
+        if has_outdoors:
+            lit |= {portal.room for portal in self.portals}
+        if lit.issuperset(self.room_ids):
+            return lit
+        in_no_room = [
+            each
+            for each in self.positions
+            if _room_at(np.array(each), self.rooms, self.room_ids) is None
+        ]
+        points = _lamp_points(self.shapes, self.lights, in_no_room)
+        lit |= {
+            name
+            for name, room in zip(self.room_ids, self.rooms, strict=True)
+            if (name not in lit and _is_reached(self.rays, points, room))
+            or (has_outdoors and room.guessed and has_view_outside(self.rays, room))
+        }
+        neighbours = [
+            (self.room_ids[a], self.room_ids[b])
+            for i, j in connected_rooms(self.rays, self.rooms)
+            for a, b in ((i, j), (j, i))
+        ]
+        return lit | {there for here, there in neighbours if here in lit}
 
 
 def _lamp_points(

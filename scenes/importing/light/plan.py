@@ -132,18 +132,17 @@ def sky_for(
     For scenes whose units of light are arbitrary, so that the power of lamps says nothing. Raises
     `InputError` for a scene without any light if the options add none.
     """
-    is_wanted = options.sky
     if not (has_area_lights or emitters):
-        if not is_wanted and options.lamps == "fill":
+        if options.sky:
+            changes.note("the scene has no light; sun and sky were added")
+            return [daylight()]
+        if options.lamps == "fill":
             return []
-        if not is_wanted:
-            raise InputError(
-                f"{path}: the scene has no light; add sun and sky with --sky, or lamps with "
-                "--lamps fill"
-            )
-        changes.note("the scene has no light; sun and sky were added")
-        return [daylight()]
-    if not is_wanted or any(kind in OUTDOORS for made in emitters for kind in made.kinds):
+        raise InputError(
+            f"{path}: the scene has no light; add sun and sky with --sky, or lamps with "
+            "--lamps fill"
+        )
+    if not options.sky or any(kind in OUTDOORS for made in emitters for kind in made.kinds):
         return []
     changes.note("sun and sky were added to the scene's lamps")
     return [daylight()]

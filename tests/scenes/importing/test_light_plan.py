@@ -13,7 +13,7 @@ from scenes.contract import Light, Scene
 from scenes.errors import InputError
 from scenes.geometry.mesh import Mesh
 from scenes.importing.changes import Changes
-from scenes.importing.light.in_rooms import rooms_with_light
+from scenes.importing.light.in_rooms import RoomLighting
 from scenes.importing.light.plan import LightPlan, RoomLight, light_plan, note_dark_rooms
 from scenes.importing.shape import Emitter, Shape, Surface, make_object
 from scenes.importing.xml_elements import plugin
@@ -174,6 +174,7 @@ def test_a_lamp_in_no_room_lights_the_rooms_that_its_rays_enter() -> None:
     rooms = [FoundRoom(box(0, 0, 5, 4), 0.0, 2.5), FoundRoom(box(5, 0, 10, 4), 0.0, 2.5)]
     lights = (Light("a", "point"),)
     shape = Shape("a", "a", mesh, Surface(None))
-    found = rooms_with_light([shape], rooms, ["a", "b"], lights, (), [(1.5, 2.0, 2.9)])
-    assert "a" in found
-    assert "b" not in rooms_with_light([shape], rooms, ["a", "b"], lights, (), [(7.0, 2.0, 2.9)])
+    above_hole = RoomLighting([shape], rooms, ["a", "b"], lights, (), [(1.5, 2.0, 2.9)])
+    assert "a" in above_hole.lit
+    above_closed = RoomLighting([shape], rooms, ["a", "b"], lights, (), [(7.0, 2.0, 2.9)])
+    assert "b" not in above_closed.lit
