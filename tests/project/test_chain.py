@@ -141,6 +141,7 @@ def test_only_stages_that_depend_on_a_change_run_again(
     assert _runs(changeable, "--dry") == stages
 
 
+@pytest.mark.check
 def test_a_longer_list_of_baselines_trains_only_the_new_one(changeable: Path) -> None:
     _change(changeable, {"train": {"baselines": ["unet", "can"]}})
     assert _runs(changeable, "train_baselines") == ["train_baselines@can"]

@@ -30,7 +30,7 @@ def run_example(script: str, folder: Path, *words: Path | str) -> None:
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("method", ["pbrnet", "plus"])
+@pytest.mark.parametrize("method", ["pbrnet", pytest.param("plus", marks=pytest.mark.check)])
 def test_onnx_predict_draws_a_view_from_its_frames(
     method: str, exported: Callable[..., ExportedFile], tmp_path: Path
 ) -> None:
