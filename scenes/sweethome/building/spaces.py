@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from shapely import STRtree
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
@@ -183,11 +184,18 @@ def _enclosed_region(solid: BaseGeometry) -> BaseGeometry:
 
 
 def _later_wins(regions: list[BaseGeometry]) -> list[BaseGeometry]:
+    """Return each region without those after it."""
+    tree = STRtree(regions)
     made: list[BaseGeometry] = []
     for number, region in enumerate(regions):
-        over = union(regions[number + 1 :])
+        over = union([regions[other] for other in _near(tree, region) if other > number])
         made.append(polygonal(difference(region, over)) if not region.is_empty else region)
     return made
+
+
+def _near(tree: STRtree, region: BaseGeometry) -> list[int]:
+    """Numbers of the shapes in a tree whose bounds touch those of a region, in order."""
+    return sorted(tree.query(region).tolist())
 
 
 def _extended_into_walls(
@@ -201,7 +209,6 @@ def _extended_into_walls(
     present = [number for number, region in enumerate(regions) if not region.is_empty]
     if not present:
         return regions
-    taken = union([regions[number] for number in present])
     # Areas to distribute, and how far a room extends into each.
     areas: list[tuple[BaseGeometry, float]] = [(sliver, 0.05) for sliver in slivers]
     for one in walls:
@@ -211,11 +218,16 @@ def _extended_into_walls(
             (world_region(one.outline.ring(line, middle)), reach)
             for line in (one.outline.left, one.outline.right)
         ]
-    for area, reach in areas:
-        rest = polygonal(difference(area, taken))
+    rooms = STRtree([regions[number] for number in present])
+    areas_tree = STRtree([area for area, _ in areas])
+    # What each area has lost: rooms, and parts of other areas that rooms extend into.
+    taken = [[regions[present[near]] for near in _near(rooms, area)] for area, _ in areas]
+    for (area, reach), lost in zip(areas, taken, strict=True):
+        rest = polygonal(difference(area, union(lost)))
         if rest.is_empty:
             continue
-        near = [number for number in present if regions[number].distance(rest) < 2 * reach]
+        within_reach = rooms.query(rest, predicate="dwithin", distance=2 * reach)
+        near = [present[number] for number in sorted(within_reach.tolist())]
         fields = {
             number: polygonal(
                 intersection(rest, buffered(regions[number], reach, join_style="mitre"))
@@ -232,7 +244,9 @@ def _extended_into_walls(
         if ranked and not rest.is_empty:
             shares[ranked[0]].append(rest)
             claimed.append(rest)
-        taken = union([taken, *claimed])
+        for part in claimed:
+            for other in _near(areas_tree, part):
+                taken[other].append(part)
     made = []
     for number, region in enumerate(regions):
         if region.is_empty:

@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from shapely.geometry.base import BaseGeometry
 
+from scenes.geometry.regions import union
 from scenes.importing.changes import Changes
+from scenes.sweethome.building import spaces
 from scenes.sweethome.building.levels import storeys
 from scenes.sweethome.building.openings import Opening, opening_of
 from scenes.sweethome.building.walls import build_walls, plan_walls
@@ -32,3 +35,29 @@ def test_a_wall_is_tried_only_with_the_openings_near_it(monkeypatch: pytest.Monk
     assert len(items) == len(openings) == len(tried) == count
     solid = 2 * 12  # triangles of two half walls
     assert all(sum(len(part.mesh.faces) for part in item.parts) > solid for item in items)
+
+
+def test_shapes_joined_to_find_rooms_grow_with_the_rooms(monkeypatch: pytest.MonkeyPatch) -> None:
+    joined: list[int] = []
+
+    def counted(regions: list[BaseGeometry]) -> BaseGeometry:
+        joined.append(len(list(regions)))
+        return union(regions)
+
+    monkeypatch.setattr(spaces, "union", counted)
+
+    def total(count: int) -> int:
+        body = "".join(
+            draw.box_walls(500 * n, 0, 420, 320, str(n)) + draw.room(500 * n + 10, 10, 400, 300)
+            for n in range(count)
+        )
+        changes = Changes()
+        home = read_home(Path("row.sh3d"), draw.home(body).encode(), changes)
+        (storey,) = storeys(home, (), changes)
+        joined.clear()
+        assert len(spaces.find_spaces(storey, plan_walls(storey, 250.0, changes), [], changes)) == (
+            count
+        )
+        return sum(joined)
+
+    assert total(12) < 4.5 * total(3)
