@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import shapely
 from shapely.geometry.base import BaseGeometry
 
-from scenes.geometry.regions import union
+from scenes.geometry.regions import difference
 from scenes.importing.changes import Changes
 from scenes.sweethome.building import spaces
 from scenes.sweethome.building.levels import storeys
@@ -37,14 +38,14 @@ def test_a_wall_is_tried_only_with_the_openings_near_it(monkeypatch: pytest.Monk
     assert all(sum(len(part.mesh.faces) for part in item.parts) > solid for item in items)
 
 
-def test_shapes_joined_to_find_rooms_grow_with_the_rooms(monkeypatch: pytest.MonkeyPatch) -> None:
-    joined: list[int] = []
+def test_corners_cut_to_find_rooms_grow_with_the_rooms(monkeypatch: pytest.MonkeyPatch) -> None:
+    cut: list[int] = []
 
-    def counted(regions: list[BaseGeometry]) -> BaseGeometry:
-        joined.append(len(list(regions)))
-        return union(regions)
+    def counted(first: BaseGeometry, second: BaseGeometry) -> BaseGeometry:
+        cut.append(shapely.get_num_coordinates(first) + shapely.get_num_coordinates(second))
+        return difference(first, second)
 
-    monkeypatch.setattr(spaces, "union", counted)
+    monkeypatch.setattr(spaces, "difference", counted)
 
     def total(count: int) -> int:
         body = "".join(
@@ -54,10 +55,10 @@ def test_shapes_joined_to_find_rooms_grow_with_the_rooms(monkeypatch: pytest.Mon
         changes = Changes()
         home = read_home(Path("row.sh3d"), draw.home(body).encode(), changes)
         (storey,) = storeys(home, (), changes)
-        joined.clear()
+        cut.clear()
         assert len(spaces.find_spaces(storey, plan_walls(storey, 250.0, changes), [], changes)) == (
             count
         )
-        return sum(joined)
+        return sum(cut)
 
     assert total(12) < 4.5 * total(3)
