@@ -27,6 +27,7 @@ from tests.fixtures.leak import (
 pytestmark = pytest.mark.usefixtures("variant")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", [ENCLOSURE_ID, GAP_SEALING_ID])
 def test_gaps_are_sealed_from_outside(tmp_path: Path, part: str) -> None:
     """By an enclosure; where a second building stands apart, by slabs behind the wall's face."""
@@ -71,6 +72,7 @@ def test_an_enclosure_leaves_windows_and_fireplaces_as_they_are(tmp_path: Path) 
     assert (hits.shape < 0).all()
 
 
+@pytest.mark.slow
 def test_an_enclosure_closes_an_opening_up_the_fireplace(tmp_path: Path) -> None:
     quads = box_quads((0, 0, 0), ROOM, "ws") + west(0.0, (1.6, 2.4), (0.0, 0.7), ROOM)
     quads += box_quads((-0.4, 1.6, 0), (0, 2.4, 1.1), "et")

@@ -50,6 +50,7 @@ def test_the_margin_of_a_u_net_is_that_of_its_receptive_field(levels: int) -> No
     assert max(found) >= bound - block  # ReLU and maximum hide a little
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("panorama", ["normal", "resize"])
 @pytest.mark.parametrize("method", ["pbrnet", "product", "unet", "plus"])
 def test_tiles_give_the_whole_picture(

@@ -359,6 +359,7 @@ def test_sources_kept_back_have_a_table_of_their_own(root: Path, tmp_path: Path)
     assert "Test-only sources" in page.text and "0.123" in page.text
 
 
+@pytest.mark.slow
 def test_own_exposure_shows_the_truth_by_its_own_exposure(root: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy"
     shutil.copytree(root, copy)

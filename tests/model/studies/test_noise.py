@@ -113,6 +113,7 @@ def test_only_the_truth_differs(folders: Folders) -> None:
                 assert own != getattr(theirs, f"exposure_{kind}")
 
 
+@pytest.mark.slow
 def test_what_is_denoised_are_the_same_samples(folders: Folders) -> None:
     set_variant()
     kept = folders.data / "studies" / "noise"

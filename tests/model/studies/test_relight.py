@@ -62,6 +62,7 @@ def test_light_times_a_factor_is_the_picture_times_it(
     np.testing.assert_allclose(panorama(scene, change, view), factor * lit, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_only_what_is_meant_gets_brighter(tmp_path: Path) -> None:
     scene, view = room(tmp_path / "s"), views("s")[0]
     before = panorama(scene, LightChange(), view)

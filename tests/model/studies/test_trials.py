@@ -498,6 +498,7 @@ def test_composition_has_products_under_both_policies(run: Run, folders: Folders
         assert psnr["ceiling"] > max(psnr[label] for label in others)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -64,6 +64,7 @@ def test_each_variant_has_its_weights_and_computes_no_deeper(
     assert backbone.depths == ([depth] * 2 if depth else [])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["part", "full", "fifth", "l1"])
 def test_equal_images_lose_nothing(kind: str, tmp_path: Path) -> None:
     make_backbone(BackboneParams(network="efficientnet_lite0"), tmp_path)
@@ -135,6 +136,7 @@ def vgg_file(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_vgg19_is_read_from_a_named_file(vgg_file: Path, tmp_path: Path) -> None:
     card = make_backbone(BackboneParams(weights=str(vgg_file)), tmp_path / "models")
     assert card.network == "vgg19" and card.source == "file vgg.pth"
@@ -144,6 +146,7 @@ def test_vgg19_is_read_from_a_named_file(vgg_file: Path, tmp_path: Path) -> None
     assert [tuple(m.shape[1:]) for m in maps] == [(64, 32, 32), (128, 16, 16), (256, 8, 8)]
 
 
+@pytest.mark.slow
 def test_vgg19_is_found_in_torchs_cache(
     vgg_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

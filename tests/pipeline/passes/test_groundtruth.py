@@ -345,6 +345,7 @@ def test_the_number_of_threads_changes_no_bit(rich_scene: Path, variant: str, ki
         np.testing.assert_array_equal(values, two[channel], err_msg=channel)
 
 
+@pytest.mark.slow
 def test_one_allowed_cpu_is_enough(rich_scene: Path, variant: str) -> None:
     """Mitsuba's own EXR code hangs with one CPU; ours gives the same bits as with two."""
     alone = render_apart(

@@ -58,6 +58,7 @@ def test_homes_depend_on_the_code_of_their_generator(sources: Path, file: str) -
     assert _changed(sources, file, HOME)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", [HOME, IMPORT, PIECE])
 def test_nothing_depends_on_code_that_is_never_imported(
     sources: Path, code: tuple[str, ...]
@@ -72,6 +73,7 @@ def test_imports_and_pieces_depend_on_the_readers_of_models(
     assert _changed(sources, "scenes/formats/obj.py", code)
 
 
+@pytest.mark.slow
 def test_homes_do_not_depend_on_importers(sources: Path) -> None:
     assert not _changed(sources, "scenes/mitsuba/importer.py", HOME)
     assert _changed(sources, "scenes/mitsuba/importer.py", IMPORT)

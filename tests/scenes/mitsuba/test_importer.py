@@ -107,6 +107,7 @@ def test_look_at_becomes_an_opencv_pose(tmp_path: Path) -> None:
     assert (view["width"], view["height"]) == (64, 48)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("axis", "half"),
     [("x", 0.5), ("y", 0.5 * 4 / 3), ("smaller", 0.5 * 4 / 3), ("larger", 0.5),
@@ -967,6 +968,7 @@ BAD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BAD)
 def test_bad_files_are_refused_with_a_clear_message(tmp_path: Path, name: str) -> None:
     path = bad(tmp_path / "in", name)
@@ -1009,6 +1011,7 @@ def png(width: int, height: int) -> bytes:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "content", [b"\x89PNG\r\n\x1a\n" + bytes(30), png(40_000, 40_000), png(64, 64), b""],
     ids=["garbage", "1.6 billion pixels", "no pixels", "empty"],

@@ -204,6 +204,7 @@ def test_the_released_house_is_complete(released: Scene) -> None:
     assert not any("$" in change and "default" in change for change in released.changes)
 
 
+@pytest.mark.slow
 def test_every_object_is_a_node_of_the_release(released: Scene, shared_scenes: Path) -> None:
     text = (shared_scenes / HOUSE / "room_camera_node.txt").read_text()
     nodes = {line.split()[1] for line in text.splitlines()}

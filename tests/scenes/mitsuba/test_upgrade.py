@@ -224,6 +224,7 @@ SPECTRA = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPECTRA)
 def test_spectra_that_are_plugins_become_colours(tmp_path: Path, name: str) -> None:
     kind, inside, value = SPECTRA[name]
@@ -253,6 +254,7 @@ OLD_WORDS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OLD_WORDS)
 def test_words_of_before_0_5_are_understood(tmp_path: Path, name: str) -> None:
     bsdf, written = OLD_WORDS[name]

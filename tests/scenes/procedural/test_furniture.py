@@ -285,6 +285,7 @@ def test_meshes_are_sound(kind: str) -> None:
         assert sum(len(part.faces) for part in made.parts) <= BUDGET, (kind, seed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_solid_parts_are_closed_and_wound_outwards(kind: str) -> None:
     for seed in list(SEEDS)[:8]:
@@ -468,6 +469,7 @@ def test_kitchen_units_of_one_home_line_up() -> None:
     assert len(tops) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_two_bodies_share_a_visible_plane(kind: str) -> None:
     """Overlapping coplanar faces of two bodies with the same orientation would flicker."""

@@ -154,6 +154,7 @@ def test_equal_seeds_give_equal_bytes(homes: list[Home], tmp_path: Path) -> None
     assert digest_folder(again) == digest_folder(home.folder)
 
 
+@pytest.mark.slow
 def test_light_settings_share_plan_and_furniture(homes: list[Home], tmp_path: Path) -> None:
     home = min((home for home in homes if home.scene.lighting == "night"), key=_room_count)
     scene = make_home(tmp_path / "day", "day", SMALL, home.seed, "day")
@@ -276,6 +277,7 @@ def test_portals_lie_in_outer_walls_and_face_outdoors(homes: list[Home]) -> None
             assert abs(around @ normal) == pytest.approx(np.linalg.norm(around))
 
 
+@pytest.mark.slow
 def test_light_enters_a_home_through_portals_only(homes: list[Home]) -> None:
     """Rays in all directions from inside the rooms leave through portals only."""
     set_variant("auto")
@@ -473,6 +475,7 @@ def test_nothing_intersects(homes: list[Home]) -> None:
                         pytest.fail(f"seed {home.seed}: {first.id} in {second.id} by {deep}")
 
 
+@pytest.mark.slow
 def test_furniture_leaves_room_for_skirting(homes: list[Home]) -> None:
     for home in homes:
         for room in home.scene.rooms:
@@ -695,6 +698,7 @@ def _furnishes(seed: int) -> None:
     assert len({item.id for item in items}) == len(items) > 5 * len(plan.rooms)
 
 
+@pytest.mark.slow
 def test_a_sample_of_forty_homes_is_made(tmp_path: Path) -> None:
     sample = generator(0, "sample of homes").choice(FORTY, 3, replace=False)
     for seed in sample.tolist():

@@ -173,6 +173,7 @@ def test_pieces_have_the_size_that_their_catalogue_gives(converted: Path) -> Non
         assert 0.5 * (low + high)[:2] == pytest.approx([0, 0], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_fronts_face_forwards_and_rotations_turn_them(converted: Path) -> None:
     """A knob in the middle of the model's front, its +z, sticks out towards -Y here."""
     points = np.concatenate([mesh.vertices for mesh in _meshes(converted, "Chair")])

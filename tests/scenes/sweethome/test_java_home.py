@@ -134,6 +134,7 @@ def test_the_newest_list_of_furniture_counts() -> None:
     assert [piece.name for piece in home.pieces] == ["chair"]
 
 
+@pytest.mark.slow
 def test_an_old_home_comes_in_as_a_room(tmp_path: Path) -> None:
     path = tmp_path / "old.sh3d"
     with zipfile.ZipFile(path, "w") as archive:

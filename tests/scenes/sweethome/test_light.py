@@ -80,6 +80,7 @@ def middle_of(scene: Scene, number: int) -> tuple[float, float, float]:
 WINDOW = draw.window(x=200, y=0)
 
 
+@pytest.mark.slow
 def test_a_home_without_light_is_black(tmp_path: Path) -> None:
     # Rooms with a window, a wall that only touches, a gap of a centimetre at a corner.
     walls = (

@@ -202,6 +202,7 @@ class TestCollada:
                 continue
         assert 0 < read < len(spans)
 
+    @pytest.mark.slow
     def test_node_bombs_end(self) -> None:
         """Nodes that hold two of the next each: a billion boxes."""
         made = [f"<node id='n0'>{files.instance()}</node>"]

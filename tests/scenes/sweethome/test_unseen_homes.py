@@ -153,6 +153,7 @@ def test_it_comes_in(tmp_path: Path, name: str) -> None:
     assert scene.xml.is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["of 5.3", "walls alone", "walls as lines", "a cellar", "a room drawn twice, one in it",
              "levels side by side", "a window as wide as its wall", "other models"]
