@@ -15,11 +15,17 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 pytest_plugins = ["tests.costs"]
+# Fixtures that take long: what uses them is slow, or the next test would pay for them.
+SLOW_FIXTURES = frozenset({"homes", "converted", "released"})
 SHARED_SCENES = Path(__file__).resolve().parents[2] / "shared" / "scenes"
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put files with slow tests first where several processes share the work."""
+    """Mark users of slow fixtures; put slow files first where several processes share the work."""
+    for item in items:
+        if SLOW_FIXTURES & set(getattr(item, "fixturenames", ())):
+            item.add_marker("slow")
     if "PYTEST_XDIST_WORKER" in os.environ:
         slow = {item.path for item in items if item.get_closest_marker("slow")}
         items.sort(key=lambda item: item.path not in slow)

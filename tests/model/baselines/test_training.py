@@ -79,6 +79,7 @@ def test_a_game_that_was_stopped_ends_as_one_that_was_not(
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GAMES)
 def test_ctrl_c_between_two_players_keeps_the_last_whole_step(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str

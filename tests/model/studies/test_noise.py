@@ -37,7 +37,7 @@ from tests.fixtures.training import stop_at
 from tests.fixtures.trial import PARAMS as TRIALS
 from tests.fixtures.trial import SIZE, SMALL, folders_in
 
-pytestmark = pytest.mark.usefixtures("one_thread")
+pytestmark = [pytest.mark.usefixtures("one_thread"), pytest.mark.slow]
 
 TINY = replace(SMALL, levels=2)
 PARAMS = replace(
@@ -82,7 +82,6 @@ def packed(folders: Folders, name: str) -> Dataset:
     return Dataset(folders.data / "studies" / "noise" / "packs" / name / "dataset", "train")
 
 
-@pytest.mark.slow
 def test_rows_are_judged_against_the_clean_truth(folders: Folders) -> None:
     path = folders.models / "metrics" / "studies" / "noise.json"
     result = build(TrialsResult, read_json(path), str(path), InputError)
@@ -94,7 +93,6 @@ def test_rows_are_judged_against_the_clean_truth(folders: Folders) -> None:
     assert path.with_suffix(".png").is_file()
 
 
-@pytest.mark.slow
 def test_only_the_truth_differs(folders: Folders) -> None:
     clean = list(Dataset(folders.data / "dataset", "train").ordered())
     for truth in noisy_truths((1, 4)):
@@ -113,7 +111,6 @@ def test_only_the_truth_differs(folders: Folders) -> None:
                 assert own != getattr(theirs, f"exposure_{kind}")
 
 
-@pytest.mark.slow
 def test_what_is_denoised_are_the_same_samples(folders: Folders) -> None:
     set_variant()
     kept = folders.data / "studies" / "noise"
@@ -208,7 +205,6 @@ def test_what_is_done_is_not_done_again(
     assert "4 views to render with 4 samples" in said and said.count("kept") == 5
 
 
-@pytest.mark.slow
 def test_a_stopped_study_renders_only_what_is_missing(
     folders: Folders, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -131,6 +131,7 @@ def test_a_mitsuba_scene_gets_a_sky_beside_its_lamps_if_asked_to(tmp_path: Path)
         import_scene(path, tmp_path / "none", **options)
 
 
+@pytest.mark.slow
 def test_a_dark_room_of_any_source_gets_a_lamp_if_asked_to(tmp_path: Path) -> None:
     """A closed room as OBJ, Mitsuba and PBRT, whose lamp hangs in free air below its ceiling."""
     beam = Block("beam", (1.5, 1.6, 2.3), (3.5, 2.4, 2.6))

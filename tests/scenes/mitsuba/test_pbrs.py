@@ -189,7 +189,6 @@ def released(shared_scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> S
     return import_scene(path, tmp_path_factory.mktemp("pbrs") / "house")
 
 
-@pytest.mark.slow
 def test_the_released_house_is_complete(released: Scene) -> None:
     assert sorted(room.type for room in released.rooms) == ["bathroom", "bedroom", "other"]
     assert released.source["rooms"]["Room#0_1"] != released.source["rooms"]["Room#0_2"]
@@ -204,7 +203,6 @@ def test_the_released_house_is_complete(released: Scene) -> None:
     assert not any("$" in change and "default" in change for change in released.changes)
 
 
-@pytest.mark.slow
 def test_every_object_is_a_node_of_the_release(released: Scene, shared_scenes: Path) -> None:
     text = (shared_scenes / HOUSE / "room_camera_node.txt").read_text()
     nodes = {line.split()[1] for line in text.splitlines()}

@@ -115,7 +115,6 @@ def furniture_of(home: Home) -> list[SceneObject]:
     return [item for item in home.scene.objects if not item.is_structure]
 
 
-@pytest.mark.slow
 def test_every_file_is_used_and_every_reference_exists(homes: list[Home]) -> None:
     for home in homes:
         root = defusedxml.ElementTree.parse(home.folder / "scene.xml").getroot()
@@ -133,7 +132,6 @@ def test_every_file_is_used_and_every_reference_exists(homes: list[Home]) -> Non
         assert len(shapes) <= 600
 
 
-@pytest.mark.slow
 def test_meshes_are_sound(homes: list[Home]) -> None:
     for home in homes:
         triangles = 0
@@ -146,7 +144,6 @@ def test_meshes_are_sound(homes: list[Home]) -> None:
         assert triangles < 400_000
 
 
-@pytest.mark.slow
 def test_equal_seeds_give_equal_bytes(homes: list[Home], tmp_path: Path) -> None:
     home = homes[3]
     again = tmp_path / home.folder.name
@@ -154,7 +151,6 @@ def test_equal_seeds_give_equal_bytes(homes: list[Home], tmp_path: Path) -> None
     assert digest_folder(again) == digest_folder(home.folder)
 
 
-@pytest.mark.slow
 def test_light_settings_share_plan_and_furniture(homes: list[Home], tmp_path: Path) -> None:
     home = min((home for home in homes if home.scene.lighting == "night"), key=_room_count)
     scene = make_home(tmp_path / "day", "day", SMALL, home.seed, "day")
@@ -277,7 +273,6 @@ def test_portals_lie_in_outer_walls_and_face_outdoors(homes: list[Home]) -> None
             assert abs(around @ normal) == pytest.approx(np.linalg.norm(around))
 
 
-@pytest.mark.slow
 def test_light_enters_a_home_through_portals_only(homes: list[Home]) -> None:
     """Rays in all directions from inside the rooms leave through portals only."""
     set_variant("auto")
@@ -396,7 +391,6 @@ def test_lamps_emit_their_lumens(homes: list[Home]) -> None:
             assert lit == {room.id for room in home.scene.rooms}
 
 
-@pytest.mark.slow
 def test_a_variant_keeps_the_plan_and_differs_in_what_may_vary(
     homes: list[Home], tmp_path: Path
 ) -> None:
@@ -439,7 +433,6 @@ def test_a_variant_keeps_the_plan_and_differs_in_what_may_vary(
     assert outside.source["light"] == plain.source["light"]
 
 
-@pytest.mark.slow
 def test_rooms_are_furnished(homes: list[Home]) -> None:
     for home in homes:
         for room in home.scene.rooms:
@@ -453,7 +446,6 @@ def test_rooms_are_furnished(homes: list[Home]) -> None:
                     assert in_bay or shape.covers(footprint), f"seed {home.seed}: {item.id}"
 
 
-@pytest.mark.slow
 def test_nothing_intersects(homes: list[Home]) -> None:
     for home in homes:
         items = [
@@ -475,7 +467,6 @@ def test_nothing_intersects(homes: list[Home]) -> None:
                         pytest.fail(f"seed {home.seed}: {first.id} in {second.id} by {deep}")
 
 
-@pytest.mark.slow
 def test_furniture_leaves_room_for_skirting(homes: list[Home]) -> None:
     for home in homes:
         for room in home.scene.rooms:

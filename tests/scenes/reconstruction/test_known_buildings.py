@@ -34,7 +34,7 @@ def imported(building: Building, folder: Path) -> Scene:
     return import_scene(building.save(folder / "in"), folder / "out")
 
 
-@pytest.mark.parametrize("name", map(marked, BUILDINGS))
+@pytest.mark.parametrize("name", [marked(name) for name in BUILDINGS])
 def test_a_known_building_comes_in_as_it_is(tmp_path: Path, name: str) -> None:
     building = BUILDINGS[name]
     scene = imported(building, tmp_path)

@@ -163,7 +163,6 @@ def test_files_that_are_no_catalogues_are_refused(tmp_path: Path, library: Path)
 # -- converting -----------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_pieces_have_the_size_that_their_catalogue_gives(converted: Path) -> None:
     for piece in load_index(converted / "assets").pieces:
         bounds = np.array([m.bounds for m in _meshes(converted, piece.key.split("/")[1])])
@@ -173,7 +172,6 @@ def test_pieces_have_the_size_that_their_catalogue_gives(converted: Path) -> Non
         assert 0.5 * (low + high)[:2] == pytest.approx([0, 0], abs=1e-6)
 
 
-@pytest.mark.slow
 def test_fronts_face_forwards_and_rotations_turn_them(converted: Path) -> None:
     """A knob in the middle of the model's front, its +z, sticks out towards -Y here."""
     points = np.concatenate([mesh.vertices for mesh in _meshes(converted, "Chair")])
@@ -334,7 +332,6 @@ def test_off_means_an_empty_catalogue(tmp_path: Path, converted: Path, library: 
     assert off.removed == 8 and not list((tmp_path / "assets").glob("*/*"))
 
 
-@pytest.mark.slow
 def test_a_second_run_keeps_what_holds(converted: Path, library: Path, tmp_path: Path) -> None:
     params = _params(library.parent)
     shutil.copytree(converted / "assets", tmp_path / "assets")
@@ -437,7 +434,6 @@ def test_without_a_share_homes_stay_as_they_are(converted: Path, tmp_path: Path)
     assert digest_folder(tmp_path / "a") == digest_folder(tmp_path / "b")
 
 
-@pytest.mark.slow
 def test_homes_use_and_credit_the_catalogue(converted: Path, tmp_path: Path) -> None:
     assets = converted / "assets"
     kinds = load_kind_index(assets).kinds
@@ -524,7 +520,6 @@ def test_a_lamp_of_the_catalogue_lights_the_home(converted: Path, tmp_path: Path
     pytest.fail("no home has the catalogue's lamp burning")
 
 
-@pytest.mark.slow
 def test_the_scenes_stage_asks_for_a_catalogue_it_needs(
     converted: Path, library: Path, tmp_path: Path
 ) -> None:
@@ -537,7 +532,6 @@ def test_the_scenes_stage_asks_for_a_catalogue_it_needs(
     assert run_scenes(converted, more).made == 1
 
 
-@pytest.mark.slow
 def test_furnished_homes_alone_take_from_the_catalogue(
     converted: Path, library: Path, tmp_path: Path
 ) -> None:

@@ -50,6 +50,7 @@ def leaks(scene: Scene) -> list[str]:
     return [str(leak) for leak in find_leaks(open_scene(scene), walks=6000)]
 
 
+@pytest.mark.slow
 def test_a_gap_between_walls_is_sealed(tmp_path: Path) -> None:
     scene = bring(tmp_path, APART + ROOM)
     assert any("slabs were added" in note for note in scene.changes)
