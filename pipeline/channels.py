@@ -14,6 +14,11 @@ import numpy as np
 
 Kind = Literal["inputs", "illumination", "visibility", "shading", "color", "noisy"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
+ChannelSet = Literal["paper", "materials", "light", "labels", "video", "all"]
+# Kinds of frames of each set of the parameter `channels`; a set without an entry is not built yet.
+SETS: dict[ChannelSet, tuple[Kind, ...]] = {
+    "paper": ("inputs", "illumination", "shading", "color"),
+}
 
 RGB = ("R", "G", "B")
 NORMAL = ("N.X", "N.Y", "N.Z")
@@ -183,6 +188,12 @@ def channels_of(*kinds: str) -> tuple[Channel, ...]:
 def dataset_channels(kinds: Sequence[str]) -> tuple[Channel, ...]:
     """Return the channels of these kinds that are columns of the dataset."""
     return tuple(channel for channel in channels_of(*kinds) if channel.in_dataset)
+
+
+def kinds_of_sets(sets: Sequence[ChannelSet]) -> tuple[Kind, ...]:
+    """Return the kinds of frames of these sets and of `paper`, in the order of `SETS`."""
+    chosen = [name for name in SETS if name == "paper" or name in sets or "all" in sets]
+    return tuple(dict.fromkeys(kind for name in chosen for kind in SETS[name]))
 
 
 def layout(kind: Kind) -> dict[str, type]:

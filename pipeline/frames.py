@@ -32,7 +32,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import OpenEXR
 
-from pipeline.channels import RGB, Kind, layout
+from pipeline.channels import RGB, Kind, kinds_of_sets, layout
 from pipeline.params import Params
 from pipeline.views import View
 from scenes.arrays import AnyArray, Float32Array
@@ -65,7 +65,7 @@ class Frame:
 
 def kinds_of(params: Params) -> tuple[Kind, ...]:
     """Return the kinds of frames that the dataset needs of each view, in rendering order."""
-    kinds: list[Kind] = ["inputs", "illumination", "shading", "color"]
+    kinds = list(kinds_of_sets(params.channels))
     if params.illumination.shadow_rays:
         kinds.append("visibility")
     if params.noisy.spp:

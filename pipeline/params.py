@@ -8,6 +8,7 @@ from typing import Literal
 
 import yaml
 
+from pipeline.channels import SETS, ChannelSet
 from scenes.checked import build, shown, within
 from scenes.errors import InputError, ParameterError
 from scenes.files import exists, regular_file
@@ -276,6 +277,7 @@ class Params:
     """Everything in `params.yaml`."""
 
     seed: int = field(default=0, metadata=within(0, MAX_SEED))
+    channels: tuple[ChannelSet, ...] = ("paper",)  # sets of images; `paper` is always included
     image: ImageParams = ImageParams()
     farm: FarmParams = FarmParams()
     assets: AssetParams = AssetParams()
@@ -290,6 +292,16 @@ class Params:
     backbone: BackboneParams = BackboneParams()
     train: TrainParams = TrainParams()
     evaluate: EvaluateParams = EvaluateParams()
+
+    def verify(self, where: str) -> None:
+        """Raise ValueError unless `channels` names sets that can be rendered, each once."""
+        for index, name in enumerate(self.channels):
+            if name != "all" and name not in SETS:
+                allowed = ", ".join((*SETS, "all"))
+                raise ValueError(f"channels[{index}]: {name!r} cannot be rendered yet; {allowed}")
+        if not self.channels or len(set(self.channels)) < len(self.channels):
+            names = list(self.channels)
+            raise ValueError(f"channels: {names}; one or more sets are needed, each once")
 
 
 def load_params(path: Path, seed: int | None = None) -> Params:

@@ -9,9 +9,11 @@ from pathlib import Path
 
 import click
 
+from pipeline.channels import KINDS
 from pipeline.commands.options import common_options
 from pipeline.costs.forecast import TOGETHER, HeldOut, fit_costs, samples_of
 from pipeline.costs.ledger import read_ledger
+from pipeline.frames import kinds_of
 from pipeline.params import Params
 from scenes.errors import ParameterError
 
@@ -67,8 +69,8 @@ def cost(
     if check:
         _show_check(errors, as_json)
         return
-    enabled = {"noisy": params.noisy.spp, "visibility": params.illumination.shadow_rays}
-    costs = [cost for cost in costs if enabled.get(cost.stage, True)]
+    left_out = set(KINDS) - set(kinds_of(params))
+    costs = [cost for cost in costs if cost.stage not in left_out]
     each = params.cameras.views_per_scene
     if scenes is None:
         wanted = params.scenes

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from pipeline.channels import dataset_channels
+from pipeline.channels import SETS, ChannelSet, Kind, dataset_channels, kinds_of_sets
 
 
 @dataclass(frozen=True)
@@ -62,12 +63,19 @@ PREVIEW = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 
 
 def dataset_columns(
-    size: tuple[int, int], panorama: tuple[int, int], shadows: bool = False, noisy: bool = False
+    size: tuple[int, int],
+    panorama: tuple[int, int],
+    shadows: bool = False,
+    noisy: bool = False,
+    channels: Sequence[ChannelSet] = ("paper",),
 ) -> tuple[Column, ...]:
     """Return all columns, in order, for images and panoramas of these (width, height).
 
-    `shadows` adds the column of visibility frames and `noisy` those of noisy frames, at the end.
+    `shadows` adds the column of visibility frames, `noisy` those of noisy frames, and `channels`
+    those of further sets, at the end.
     """
+    paper = SETS["paper"]
+    further = tuple(kind for kind in kinds_of_sets(channels) if kind not in paper)
     text, single, double = pa.string(), pa.float32(), pa.float64()
     return (
         Column("scene_id", text, "Scene; with view_id it names the row."),
@@ -78,7 +86,7 @@ def dataset_columns(
         Column("preview", PREVIEW, "8-bit sRGB PNG of the tone-mapped colour, to look at."),
         Column("width", pa.int32(), "Width of the images.", "pixel"),
         Column("height", pa.int32(), "Height of the images.", "pixel"),
-        *_image_columns(("inputs", "illumination", "shading", "color"), size, panorama),
+        *_image_columns(paper, size, panorama),
         Column(
             "K", double, "Camera intrinsics, row-major; pixel centres at +0.5.", "pixel", (3, 3)
         ),
@@ -105,11 +113,12 @@ def dataset_columns(
         Column("attribution", text, "Title, author and licence of every part of the scene."),
         *(_image_columns(("visibility",), size, panorama) if shadows else ()),
         *(_noisy_columns(size, panorama) if noisy else ()),
+        *_image_columns(further, size, panorama),
     )
 
 
 def _image_columns(
-    kinds: tuple[str, ...], size: tuple[int, int], panorama: tuple[int, int]
+    kinds: tuple[Kind, ...], size: tuple[int, int], panorama: tuple[int, int]
 ) -> tuple[Column, ...]:
     """Return the columns of the image channels of these kinds of frames."""
     columns = []

@@ -205,6 +205,7 @@ def _columns(params: Params) -> tuple[Column, ...]:
         *_sizes(params),
         shadows=params.illumination.shadow_rays > 0,
         noisy=params.noisy.spp > 0,
+        channels=params.channels,
     )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter, defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -208,7 +208,8 @@ def _render(opened: RenderScene, case: LightCase, store: FrameStore) -> None:
 
 def _missing(case: LightCase, store: FrameStore) -> bool:
     """Return whether any frame of the case is missing."""
-    made = [kind for kind in kinds_of(store.params) if kind not in ("inputs", "noisy")]
+    kinds = kinds_of(replace(store.params, channels=("paper",)))
+    made = [kind for kind in kinds if kind not in ("inputs", "noisy")]
     return bool(store.missing(*_frame(case), made))
 
 
