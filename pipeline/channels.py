@@ -12,12 +12,13 @@ from typing import Literal, get_args
 
 import numpy as np
 
-Kind = Literal["inputs", "illumination", "visibility", "shading", "color", "noisy"]
+Kind = Literal["inputs", "illumination", "visibility", "shading", "color", "noisy", "materials"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 ChannelSet = Literal["paper", "materials", "light", "labels", "video", "all"]
 # Kinds of frames of each set of the parameter `channels`; a set without an entry is not built yet.
 SETS: dict[ChannelSet, tuple[Kind, ...]] = {
     "paper": ("inputs", "illumination", "shading", "color"),
+    "materials": ("materials",),
 }
 
 RGB = ("R", "G", "B")
@@ -25,6 +26,8 @@ NORMAL = ("N.X", "N.Y", "N.Z")
 ALBEDO = ("albedo.R", "albedo.G", "albedo.B")
 TINT = ("tint.R", "tint.G", "tint.B")
 NOISY_SHADING = ("shading.R", "shading.G", "shading.B")
+SPECULAR = ("specular.R", "specular.G", "specular.B")
+BUMPED = ("bumped.X", "bumped.Y", "bumped.Z")
 DENOISED = ("denoised.R", "denoised.G", "denoised.B")
 DENOISED_SHADING = ("denoised.shading.R", "denoised.shading.G", "denoised.shading.B")
 
@@ -51,6 +54,13 @@ class Channel:
     nonnegative: bool = False
     mask: bool = False  # 0 or 1, in the dataset a uint8
     in_dataset: bool = True  # False: in the frame only
+
+    @property
+    def dataset_dtype(self) -> type:
+        """NumPy type of the dataset's column; torch lacks most operations on unsigned integers."""
+        if self.mask:
+            return np.uint8
+        return np.int32 if self.dtype is np.uint32 else self.dtype
 
     @property
     def is_panorama(self) -> bool:
@@ -176,6 +186,62 @@ CHANNELS = (
         "Linear HDR RGB: noisy_shading through Intel's Open Image Denoise.",
         RADIANCE,
         nonnegative=True,
+    ),
+    Channel(
+        "roughness",
+        "materials",
+        ("roughness",),
+        np.float16,
+        "Perceptual roughness as in glTF, the square root of the microfacet width alpha, 0 to 1; "
+        "1: Lambertian.",
+        nonnegative=True,
+    ),
+    Channel(
+        "metalness",
+        "materials",
+        ("metalness",),
+        np.float16,
+        "Share of the metallic lobe, 0 to 1.",
+        nonnegative=True,
+    ),
+    Channel(
+        "specular_color",
+        "materials",
+        SPECULAR,
+        np.float16,
+        "Linear RGB reflectance at normal incidence (F0) of the specular lobe, 0 to 1; 0: none.",
+        nonnegative=True,
+    ),
+    Channel(
+        "normal_bump",
+        "materials",
+        BUMPED,
+        np.float16,
+        "As normal, with bump and normal maps.",
+    ),
+    Channel(
+        "emission",
+        "materials",
+        ("emission",),
+        np.float16,
+        "1 where the surface emits light to the camera, else 0.",
+        mask=True,
+    ),
+    Channel(
+        "material",
+        "materials",
+        ("material",),
+        np.uint32,
+        "Index + 1 into material_names; 0: none.",
+    ),
+    Channel(
+        "material_known",
+        "materials",
+        ("material_known",),
+        np.float16,
+        "1 where roughness, metalness and specular_color are known, else 0: no surface, or a "
+        "material that cannot say them.",
+        mask=True,
     ),
 )
 

@@ -17,7 +17,7 @@ import pyarrow as pa
 import yaml
 
 from pipeline.dataset.checks import REASONS
-from pipeline.dataset.columns import PREVIEW, Column
+from pipeline.dataset.columns import NAMES, PREVIEW, Column
 from pipeline.params import Params
 from pipeline.templating import templates
 from scenes.contract import Credit, Scene
@@ -196,7 +196,7 @@ def _croissant_field(column: Column) -> dict[str, Any]:
         source["transform"] = {"jsonPath": "bytes"}
     if column.name == "split":
         field["references"] = {"field": {"@id": "splits/name"}}
-    if column.shape:
+    if column.shape or column.dtype == NAMES:
         field["repeated"] = True
     return field
 
@@ -266,6 +266,8 @@ def _licence_url(licence: str) -> str:
 def _type_name(column: Column) -> str:
     if column.dtype == PREVIEW:
         return "image"
+    if column.dtype == NAMES:
+        return "list of string"
     names = {"halffloat": "float16", "float": "float32", "double": "float64"}
     return names.get(str(column.dtype), str(column.dtype))
 

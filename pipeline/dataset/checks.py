@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.channels import Kind, channels_of, layout
+from pipeline.dataset.label_checks import material_fault
 from pipeline.frames import HALF_MAX, Channels, Frame, frame_path, read_frame
 from pipeline.params import CheckParams
 from pipeline.views import View
@@ -129,6 +130,7 @@ def check_frames(
         or _not_finite(frames)
         or _negative(frames)
         or _inconsistent(inputs)
+        or _mislabelled(frames)
         or _few_surfaces(inputs, limits.min_valid)
         or _over("black", "pixels are black", renders, black_share, limits.max_black)
         or _over("blown_out", "pixels are at the limit", renders, blown_share, limits.max_blown)
@@ -239,6 +241,12 @@ def _inconsistent(inputs: Channels) -> Rejection | None:
     if crooked > 0:
         return Rejection("inconsistent", f"{crooked:.1%} of the normals are not of unit length")
     return None
+
+
+def _mislabelled(frames: Mapping[Kind, Frame]) -> Rejection | None:
+    inputs = frames["inputs"].channels
+    fault = material_fault(frames["materials"], inputs) if "materials" in frames else None
+    return Rejection("mislabelled", f"materials: {fault}") if fault else None
 
 
 def _few_surfaces(inputs: Channels, least: float) -> Rejection | None:

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 
 from pipeline.channels import SETS, ChannelSet, Kind, dataset_channels, kinds_of_sets
@@ -59,6 +58,7 @@ class Column:
         return pa.field(self.name, self.type, nullable=not self.is_image, metadata=metadata)
 
 
+NAMES = pa.list_(pa.string())  # a list of any length
 PREVIEW = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 
 
@@ -114,6 +114,7 @@ def dataset_columns(
         *(_image_columns(("visibility",), size, panorama) if shadows else ()),
         *(_noisy_columns(size, panorama) if noisy else ()),
         *_image_columns(further, size, panorama),
+        *(_table_columns(further)),
     )
 
 
@@ -125,11 +126,19 @@ def _image_columns(
     for channel in dataset_channels(kinds):
         width, height = panorama if channel.is_panorama else size
         bands = (len(channel.bands),) if len(channel.bands) > 1 else ()
-        dtype = pa.from_numpy_dtype(np.uint8 if channel.mask else channel.dtype)
+        dtype = pa.from_numpy_dtype(channel.dataset_dtype)
         columns.append(
             Column(channel.name, dtype, channel.description, channel.unit, (height, width, *bands))
         )
     return tuple(columns)
+
+
+def _table_columns(kinds: tuple[Kind, ...]) -> tuple[Column, ...]:
+    """Return the columns that say what the numbers in images of these kinds mean."""
+    names = Column(
+        "material_names", NAMES, "Names of the scene's materials; material i is entry i - 1."
+    )
+    return (names,) if "materials" in kinds else ()
 
 
 def _noisy_columns(size: tuple[int, int], panorama: tuple[int, int]) -> tuple[Column, ...]:
@@ -149,6 +158,8 @@ def arrow_schema(columns: tuple[Column, ...]) -> pa.Schema:
 def _feature(column: Column) -> dict[str, Any]:
     if column.dtype == PREVIEW:
         return {"_type": "Image"}
+    if column.dtype == NAMES:
+        return {"feature": {"dtype": "string", "_type": "Value"}, "length": -1, "_type": "Sequence"}
     names = {"halffloat": "float16", "float": "float32", "double": "float64"}
     value = {"dtype": names.get(str(column.dtype), str(column.dtype)), "_type": "Value"}
     if not column.shape:

@@ -51,8 +51,16 @@ def make_row(
         "source": str(scene.source.get("kind", "unknown")),
         "licence": licence_of(scene),
         "attribution": attribution_of(scene),
+        **_tables(frames),
         **({"noisy_spp": frames["noisy"].meta.get("spp")} if "noisy" in frames else {}),
     }
+
+
+def _tables(frames: Frames) -> dict[str, Any]:
+    """Return the names of what the images number."""
+    if "materials" not in frames:
+        return {}
+    return {"material_names": [str(name) for name in frames["materials"].meta["material_names"]]}
 
 
 def _image_cells(frames: Frames) -> dict[str, AnyArray]:
@@ -67,7 +75,8 @@ def _image(frame: Frame, channel: Channel) -> AnyArray:
     """Return a channel as (H, W) or (H, W, C), in the frame's own precision; masks as uint8."""
     planes = [frame.channels[band] for band in channel.bands]
     if channel.mask:
-        planes = [(plane > 0).astype(np.uint8) for plane in planes]
+        planes = [plane > 0 for plane in planes]
+    planes = [plane.astype(channel.dataset_dtype, copy=False) for plane in planes]
     return planes[0] if len(planes) == 1 else np.stack(planes, axis=-1)
 
 

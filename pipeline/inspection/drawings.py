@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle, Wedge
 
-from pipeline.channels import ALBEDO, NORMAL, RADIANCE, RGB, TINT, Channel, channels_of
+from pipeline.channels import ALBEDO, BUMPED, NORMAL, RADIANCE, RGB, TINT, Channel, channels_of
 from pipeline.frames import Frame
 from pipeline.images import (
     Picture,
@@ -295,6 +295,8 @@ def _draw_camera(axes: Axes, view: View) -> None:
 def _channel_picture(channel: Channel, frame: Frame) -> tuple[str, Picture]:
     """Return a label and a picture of any channel: labels, HDR colour, colour or a scalar."""
     values = frame.stack(*channel.bands)
+    if channel.bands == BUMPED:
+        return channel.name, normal_picture(values)
     if np.issubdtype(channel.dtype, np.integer):
         return channel.name, _label_picture(frame.channels[channel.bands[0]])
     if len(channel.bands) == 3:

@@ -102,11 +102,11 @@ def render_inputs(render_scene: RenderScene, view: View) -> Channels:
     return bands
 
 
-def visible_surfaces(render_scene: RenderScene, view: View) -> VisibleSurfaces:
-    """Trace a ray through each pixel centre of a view."""
+def visible_surfaces(render_scene: RenderScene, view: View, colors: bool = True) -> VisibleSurfaces:
+    """Trace a ray through each pixel centre of a view; without `colors` reflectance is 0."""
     local = pixel_directions(view.intrinsics, view.width, view.height)
     directions = unit(local.reshape(-1, 3)) @ view.pose[:3, :3].T
-    hits = raycast.surfaces(render_scene.geometry, view.eye, directions)
+    hits = raycast.surfaces(render_scene.geometry, view.eye, directions, colors)
     return VisibleSurfaces(render_scene, view, directions, hits, hits.shape >= 0)
 
 

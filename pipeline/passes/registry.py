@@ -14,11 +14,12 @@ from typing import Any
 from pipeline.channels import DENOISED, DENOISED_SHADING, NOISY_SHADING, RGB, Kind
 from pipeline.frames import Channels, fingerprint
 from pipeline.params import GroundTruthParams, Params
-from pipeline.passes import groundtruth, illumination, inputs, visibility
+from pipeline.passes import groundtruth, illumination, inputs, materials, visibility
 from pipeline.passes.denoise import denoise, denoiser_version, grey_guide, guides
 from pipeline.passes.groundtruth import render_both, render_truth
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
+from pipeline.passes.materials import render_materials
 from pipeline.passes.visibility import render_visibility
 from pipeline.pathtrace import integrator
 from pipeline.render.scene import RenderScene
@@ -49,6 +50,10 @@ class Pass:
 
 def _inputs(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
     return render_inputs(scene, view), {}
+
+
+def _materials(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
+    return render_materials(scene, view)
 
 
 def _illumination(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
@@ -201,6 +206,9 @@ PASSES: dict[Kind, Pass] = {
         _color_determined_by,
         _truth("color"),
         seeded=True,
+    ),
+    "materials": Pass(
+        materials.REVISION, lambda params: {"made_of": [inputs.REVISION]}, _materials
     ),
     "noisy": Pass(groundtruth.REVISION, _noisy_determined_by, render_noisy, seeded=True),
 }

@@ -113,7 +113,7 @@ def _base_colour(graph: Graph, index: int) -> Any:
         return _value(graph, index, "specular_transmittance", 1.0)
     if plugin in _CONDUCTORS:
         tint = _value(graph, index, "specular_reflectance", 1.0)
-        metal = _normal_incidence(graph.make(index))
+        metal = normal_incidence(graph.make(index))
         if isinstance(tint, float | int):
             return mi.ScalarColor3d(metal * tint)
         if "specular_reflectance" in graph.references(index):
@@ -130,7 +130,7 @@ def _value(graph: Graph, index: int, name: str, default: float) -> Any:
     return props.get(name, default)
 
 
-def _normal_incidence(conductor: Any) -> np.ndarray:
+def normal_incidence(conductor: Any) -> np.ndarray:
     """Return the Fresnel reflectance of a conductor at normal incidence, RGB (3,), in [0, 1]."""
     params = mi.traverse(conductor)
     if "eta.value" not in params or "k.value" not in params:

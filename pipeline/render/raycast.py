@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.render import raycast_scalar, raycast_wavefront
-from pipeline.render.scene_geometry import Hits, SceneGeometry
+from pipeline.render.scene_geometry import Hits, SceneGeometry, TextureSlot
 from scenes.arrays import AnyArray, BoolArray, Float32Array, Float64Array, Int32Array
 from scenes.geometry.directions import pixel_directions, unit
 
@@ -59,6 +59,21 @@ def surfaces(
     """
     trace = partial(_backend().surfaces, geometry, colors)
     return Hits(*_in_chunks(trace, origins, directions))
+
+
+def textures(
+    geometry: SceneGeometry,
+    slots: tuple[TextureSlot, ...],
+    origins: npt.ArrayLike,
+    directions: npt.ArrayLike,
+) -> list[AnyArray]:
+    """Return the values of each slot where rays hit, then s, dp_du and dp_dv there, (N, 3) each.
+
+    Arguments as in `nearest`. A slot with one band gives (N,), others (N, bands); 0 where a shape
+    has no such texture. `s` is the first tangent of the shading frame, `dp_du` and `dp_dv` are the
+    derivatives of the position; 0 where nothing is hit.
+    """
+    return _in_chunks(partial(_backend().textures, geometry, slots), origins, directions)
 
 
 def unoccluded(

@@ -10,7 +10,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from pipeline.render.scene_geometry import MAX_LAYERS, Hits, SceneGeometry
+from pipeline.render.scene_geometry import MAX_LAYERS, Hits, SceneGeometry, TextureSlot
 from scenes.arrays import AnyArray
 
 
@@ -58,6 +58,30 @@ def surfaces(
             twin = geometry.reflectances[numbers[si.shape.ptr]]
             hits.reflectance[i] = np.clip(twin.eval_diffuse_reflectance(si), 0, 1)
     return tuple(vars(hits).values())
+
+
+def textures(
+    geometry: SceneGeometry,
+    slots: tuple[TextureSlot, ...],
+    origins: AnyArray,
+    directions: AnyArray,
+) -> tuple[AnyArray, ...]:
+    """Return the values of each slot, then s, dp_du and dp_dv (N, 3)."""
+    count = len(directions)
+    values = [np.zeros((count, slot.bands), np.float32) for slot in slots]
+    tangents = tuple(np.zeros((count, 3), np.float32) for _ in range(3))
+    for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
+        shape, _, hit, ray = _first_hit(geometry, _ray(o, d), True)
+        if shape < 0:
+            continue
+        si = hit.compute_surface_interaction(ray)
+        for place, slot in enumerate(slots):
+            if slot.textures[shape] is not None:
+                values[place][i] = getattr(slot.textures[shape], slot.way)(si)
+        for array, vector in zip(tangents, (si.sh_frame.s, si.dp_du, si.dp_dv), strict=True):
+            array[i] = vector
+    single = (array[:, 0] if array.shape[1] == 1 else array for array in values)
+    return (*single, *tangents)
 
 
 def emitted_radiance(

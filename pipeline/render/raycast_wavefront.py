@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from pipeline.render.drjit_arrays import column, registry_id, registry_table, to_numpy, vector
-from pipeline.render.scene_geometry import MAX_LAYERS, SceneGeometry
+from pipeline.render.scene_geometry import MAX_LAYERS, SceneGeometry, TextureSlot
 from scenes.arrays import AnyArray
 
 
@@ -50,6 +50,34 @@ def surfaces(
         *(dr.select(valid, v, 0) for v in (si.p, si.n, si.sh_frame.n, mi.Color3f(reflectance))),
     )
     return number, metres, position, geometric, shading, np.clip(colour, 0, 1)
+
+
+def textures(
+    geometry: SceneGeometry,
+    slots: tuple[TextureSlot, ...],
+    origins: AnyArray,
+    directions: AnyArray,
+) -> tuple[AnyArray, ...]:
+    """Return the values of each slot, then s, dp_du and dp_dv (N, 3)."""
+    shape, _, hit, ray = _first_hit(geometry, _ray(origins, directions), True)
+    valid = shape >= 0
+    si = hit.compute_surface_interaction(ray, mi.RayFlags.All, valid)
+    tangents = (dr.select(valid, v, 0) for v in (si.sh_frame.s, si.dp_du, si.dp_dv))
+    return to_numpy(*(_evaluated(slot, shape, si, valid) for slot in slots), *tangents)
+
+
+def _evaluated(slot: TextureSlot, shape: Any, si: Any, valid: Any) -> Any:
+    """Return a slot's values. A switch over its textures alone, as in `_passes`."""
+    distinct = {id(texture): texture for texture in slot.textures if texture is not None}
+    places = {key: place for place, key in enumerate(distinct)}
+    numbers = np.array([places.get(id(texture), len(places)) for texture in slot.textures])
+    number = dr.gather(
+        mi.UInt32, column(mi.UInt32, numbers), mi.UInt32(dr.maximum(shape, 0)), valid
+    )
+    has = valid & (number < len(places))
+    ways = [getattr(texture, slot.way) for texture in distinct.values()]
+    kind = {1: mi.Float, 2: mi.Vector2f, 3: mi.Color3f}[slot.bands]
+    return dr.select(has, kind(dr.switch(number, ways, si, has)), kind(0))
 
 
 def emitted_radiance(

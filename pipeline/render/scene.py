@@ -21,6 +21,7 @@ from pipeline.params import Variant
 from pipeline.render import raycast
 from pipeline.render.lights import Lights, collect_lights
 from pipeline.render.material_sets import MaterialSets
+from pipeline.render.materials import MaterialTable
 from pipeline.render.neutral import has_mask, passes_light, reflectance_twin
 from pipeline.render.scene_geometry import SceneGeometry
 from pipeline.render.scenegraph import Graph, create, parse, shapes_of
@@ -80,6 +81,7 @@ class RenderScene:
     lights: Lights
     bbox: Float64Array  # (2, 3) world metres
     materials: MaterialSets
+    table: MaterialTable
     albedo: float | None = None
 
     @property
@@ -122,7 +124,7 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
     root = graph.make(0)
     _check_geometry(scene, root)
     index_of = {shape: i for i, item in enumerate(scene.objects) for shape in item.shapes}
-    shapes, objects, clear, masked, twins = [], [], [], [], []
+    shapes, objects, clear, masked, twins, materials = [], [], [], [], [], []
     made: dict[int, Any] = {}
     for node in shapes_of(graph):
         if graph.plugin(node) == "shapegroup":
@@ -131,6 +133,7 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
         shapes.append(shape)
         objects.append(index_of.get(shape.id(), -1))
         bsdfs = _bsdfs_of(graph, node)
+        materials.append((shape.id(), bsdfs))
         clear.append(bool(bsdfs) and all(passes_light(graph, bsdf) for bsdf in bsdfs))
         masked.append(any(has_mask(graph, bsdf) for bsdf in bsdfs))
         own = graph.nested(node, "BSDF")
@@ -153,7 +156,13 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
     box = root.bbox()
     bbox = np.array([np.array(box.min).ravel(), np.array(box.max).ravel()], dtype=np.float64)
     return RenderScene(
-        scene, geometry, collect_lights(graph, geometry), bbox, MaterialSets(graph), neutral_albedo
+        scene,
+        geometry,
+        collect_lights(graph, geometry),
+        bbox,
+        MaterialSets(graph),
+        MaterialTable(graph, materials),
+        neutral_albedo,
     )
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from scenes.arrays import BoolArray, Float32Array, Int32Array
 
+Way = Literal["eval_1", "eval", "eval_3", "eval_1_grad"]  # of evaluating a texture
 MAX_LAYERS = 16  # clear surfaces that one ray may pass: a glass cabinet, a glass door and so on
 
 
@@ -24,6 +25,19 @@ class SceneGeometry:
     clear: BoolArray
     masked: BoolArray
     reflectances: tuple[Any, ...]  # reflectance twin of each shape's BSDF
+
+
+@dataclass(frozen=True)
+class TextureSlot:
+    """One texture of each shape's material, evaluated where rays hit.
+
+    `way` is the texture's method, `bands` the number of values that it returns, `textures[i]` the
+    texture of shape i or None.
+    """
+
+    way: Way
+    bands: int
+    textures: tuple[Any, ...]
 
 
 @dataclass(frozen=True)

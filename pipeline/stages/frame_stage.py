@@ -37,13 +37,14 @@ def run_frames(
     data = Path(data).resolve()
     with data_lock(data, stage):
         renderer = active_renderer(params)
-        plan = StagePlan(stage, "views" if len(kinds) == 1 else "frames", render_frames)
+        wanted = [kind for kind in kinds if kind in kinds_of(params)]
+        plan = StagePlan(stage, "views" if len(wanted) == 1 else "frames", render_frames)
         scenes = list_scenes(data, plan)
         digests = scene_digests(data, scenes)
         views = _views(data, params, scenes, digests, renderer, plan)
         expected: dict[Path, _ExpectedFrame] = {}
         for kind in kinds:
-            for view in views if kind in kinds_of(params) else ():
+            for view in views if kind in wanted else ():
                 digest = frame_fingerprint(kind, view, params, digests[view.scene_id], renderer)
                 expected[frame_path(data, kind, view)] = _ExpectedFrame(kind, view, digest)
             # An unreadable scene may be repaired: its frames are not orphans.

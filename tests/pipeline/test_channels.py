@@ -22,12 +22,12 @@ from scenes.arrays import AnyArray
 from tests.fixtures.dataset import box_frames, make_data, small_params, write_view
 from tests.fixtures.render import diffuse, make_view, quad, write_scene
 
-ROUGHNESS = Channel(
-    "roughness",
+GRAIN = Channel(
+    "grain",
     "inputs",
-    ("roughness",),
+    ("grain",),
     np.float16,
-    "Roughness of the surface, 0 to 1; 0: no surface.",
+    "Grain of the surface, 0 to 1; 0: no surface.",
     nonnegative=True,
 )
 
@@ -51,28 +51,28 @@ def test_every_input_channel_has_a_renderer() -> None:
     assert list(RENDERERS) == [channel.name for channel in channels_of("inputs")]
 
 
-def constant_roughness(surfaces: VisibleSurfaces) -> AnyArray:
+def constant_grain(surfaces: VisibleSurfaces) -> AnyArray:
     return np.where(surfaces.valid, 0.25, 0)
 
 
 @pytest.fixture
-def roughness(monkeypatch: pytest.MonkeyPatch) -> Channel:
+def grain(monkeypatch: pytest.MonkeyPatch) -> Channel:
     """One more channel and its renderer."""
-    monkeypatch.setattr(channels, "CHANNELS", (*CHANNELS, ROUGHNESS))
-    monkeypatch.setitem(inputs.RENDERERS, "roughness", constant_roughness)
-    return ROUGHNESS
+    monkeypatch.setattr(channels, "CHANNELS", (*CHANNELS, GRAIN))
+    monkeypatch.setitem(inputs.RENDERERS, "grain", constant_grain)
+    return GRAIN
 
 
-def test_a_new_channel_is_rendered_into_its_frame(roughness: Channel, tmp_path: Path) -> None:
+def test_a_new_channel_is_rendered_into_its_frame(grain: Channel, tmp_path: Path) -> None:
     set_variant()
     body = quad("p", (0, 2, 1.5), (0, -1, 0), (1, 1), diffuse())
     got = render_inputs(open_scene(write_scene(tmp_path / "s", body)), make_view())
-    assert got["roughness"].shape == (24, 32)
-    np.testing.assert_array_equal(got["roughness"], 0.25 * got["valid"])
+    assert got["grain"].shape == (24, 32)
+    np.testing.assert_array_equal(got["grain"], 0.25 * got["valid"])
 
 
 def test_a_new_channel_is_packed_checked_described_and_drawn(
-    roughness: Channel, tmp_path: Path
+    grain: Channel, tmp_path: Path
 ) -> None:
     params = small_params()
     data = make_data(tmp_path, params, scenes=3, views=1)
@@ -81,24 +81,24 @@ def test_a_new_channel_is_packed_checked_described_and_drawn(
     values = (np.float16(0.25), np.float16(0.5), np.float16(-0.5))  # the last is impossible
     for view, value in zip(views, values, strict=True):
         frame = box_frames(view, params)["inputs"]
-        planes = {**frame, "roughness": np.full(frame["Z"].shape, value)}
+        planes = {**frame, "grain": np.full(frame["Z"].shape, value)}
         write_view(data, "inputs", planes, view)
     summary = pack_dataset(data, params)
     assert summary.total == 2
     rejected = (data / "dataset" / "rejected.csv").read_text().splitlines()[1:]
-    assert rejected == ["home-0002,000,negative,roughness: down to -0.5"]
+    assert rejected == ["home-0002,000,negative,grain: down to -0.5"]
     tables = [pq.read_table(path) for path in sorted((data / "dataset").glob("*.parquet"))]
-    cells = [cell for table in tables for cell in table["roughness"].to_pylist()]
+    cells = [cell for table in tables for cell in table["grain"].to_pylist()]
     assert sorted({value for cell in cells for value in cell}) == [0.25, 0.5]
-    field = tables[0].schema.field("roughness")
+    field = tables[0].schema.field("grain")
     assert field.metadata[b"shape"] == b"[24, 32]"
     card = (data / "dataset" / "README.md").read_text()
     croissant = (data / "dataset" / "croissant.json").read_text()
     for text in (card, croissant):
-        assert "Roughness of the surface, 0 to 1; 0: no surface." in text
+        assert "Grain of the surface, 0 to 1; 0: no surface." in text
     path = frame_path(data, "inputs", views[0])
-    assert "roughness" in inspect_path(path).text
+    assert "grain" in inspect_path(path).text
     frame = read_frame(path)
-    others = {name: values for name, values in frame.channels.items() if name != "roughness"}
+    others = {name: values for name, values in frame.channels.items() if name != "grain"}
     without, drawn = (draw_frame(Frame(held, frame.meta)) for held in (others, frame.channels))
     assert not np.array_equal(without, drawn), "one more picture"

@@ -1,0 +1,252 @@
+"""Material images: analytic roughness, metalness, F0 and bumped normals of every BSDF type."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from PIL import Image
+
+from pipeline.channels import channels_of
+from pipeline.frames import Channels
+from pipeline.passes.inputs import render_inputs
+from pipeline.passes.materials import RENDERERS, render_materials
+from pipeline.render.drjit_arrays import vector
+from pipeline.render.materials import RULES
+from pipeline.render.scene import RenderScene, open_scene
+from pipeline.views import View
+from tests.fixtures.render import ball, glow, make_view, quad, write_scene
+
+pytestmark = pytest.mark.usefixtures("variant")
+
+GLASS = ((1.5 - 1) / (1.5 + 1)) ** 2  # F0 of an index of refraction of 1.5
+IOR = '<float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/>'
+METAL = '<rgb name="eta" value="0.2 0.9 1.1"/><rgb name="k" value="3.9 2.5 2.1"/>'
+METAL_F0 = [((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2)
+            for n, k in ((0.2, 3.9), (0.9, 2.5), (1.1, 2.1))]  # fmt: skip
+
+
+def bsdf(plugin: str, inside: str = "", name: str = "") -> str:
+    identity = f' id="{name}"' if name else ""
+    return f'<bsdf type="{plugin}"{identity}>{inside}</bsdf>'
+
+
+def number(name: str, value: float) -> str:
+    return f'<float name="{name}" value="{value}"/>'
+
+
+def rgb(name: str, value: str) -> str:
+    return f'<rgb name="{name}" value="{value}"/>'
+
+
+def scene_of(folder: Path, body: str, **files: bytes) -> RenderScene:
+    named = {f"textures/{name}.png": content for name, content in files.items()}
+    return open_scene(write_scene(folder / "scene", body, files=named))
+
+
+def materials(folder: Path, body: str, view: View | None = None, **files: bytes) -> Channels:
+    return render_materials(scene_of(folder, body, **files), view or make_view())[0]
+
+
+def wall(material: str, towards: tuple[float, float, float] = (0, -1, 0)) -> str:
+    """A wall that fills the view of `make_view()`."""
+    return quad("wall", (0, 2, 1.5), towards, (4, 4), material)
+
+
+def png(values: np.ndarray) -> bytes:
+    stream = io.BytesIO()
+    Image.fromarray(np.asarray(values, np.uint8)).save(stream, "PNG")
+    return stream.getvalue()
+
+
+def bitmap(name: str, file: str) -> str:
+    return (
+        f'<texture type="bitmap" name="{name}"><string name="filename" value="textures/{file}.png"'
+        '/><boolean name="raw" value="true"/><string name="filter_type" value="nearest"/></texture>'
+    )
+
+
+PLASTIC = bsdf("roughplastic", number("alpha", 0.09) + IOR)
+GOLD = bsdf("roughconductor", number("alpha", 0.16) + METAL + rgb("specular_reflectance", "0.5"))
+# material -> roughness, metalness, F0
+KNOWN: dict[str, tuple[str, float, float, object]] = {
+    "matt": (bsdf("diffuse"), 1, 0, 0),
+    "default": ("", 1, 0, 0),
+    "plastic": (bsdf("plastic", IOR + rgb("specular_reflectance", "0.5 1 0")), 0, 0,
+                [0.5 * GLASS, GLASS, 0]),
+    "rough plastic": (PLASTIC, 0.3, 0, GLASS),
+    "polarising": (bsdf("pplastic", number("alpha", 0.09) + IOR), 0.3, 0, GLASS),
+    "rough glass": (bsdf("roughdielectric", number("alpha", 0.25) + IOR), 0.5, 0, GLASS),
+    "mirror": (bsdf("conductor", '<string name="material" value="none"/>'
+                    + rgb("specular_reflectance", "0.9 0.8 0.7")), 0, 1, [0.9, 0.8, 0.7]),
+    "gold": (GOLD, 0.4, 1, np.multiply(METAL_F0, 0.5)),
+    "brushed": (bsdf("roughconductor", number("alpha_u", 0.16) + number("alpha_v", 0.01) + METAL),
+                0.2, 1, METAL_F0),
+    "principled": (bsdf("principled", number("roughness", 0.35)), 0.35, 0, 0.04),
+    "half metal": (bsdf("principled", rgb("base_color", "0.8 0.4 0.2") + number("roughness", 0.6)
+                        + number("metallic", 0.5) + number("eta", 1.5)),
+                   0.6, 0.5, [0.5 * (GLASS + c) for c in (0.8, 0.4, 0.2)]),
+    "tinted": (bsdf("principled", rgb("base_color", "0.5 0 0") + number("spec_tint", 1)
+                    + number("specular", 1)), 0.5, 0, [0.08 / 0.2126, 0, 0]),
+    "curtain": (bsdf("principledthin", number("roughness", 0.9)), 0.9, 0, 0),
+    "two-sided": (bsdf("twosided", PLASTIC), 0.3, 0, GLASS),
+    "masked": (bsdf("mask", number("opacity", 0.7) + PLASTIC), 0.3, 0, GLASS),
+    "blend": (bsdf("blendbsdf", number("weight", 0.25) + bsdf("diffuse") + GOLD),
+              0.85, 0.25, np.multiply(METAL_F0, 0.125)),
+    "half nothing": (bsdf("blendbsdf", number("weight", 0.25) + bsdf("null") + GOLD),
+                     0.4, 1, np.multiply(METAL_F0, 0.5)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_values_follow_from_the_properties(name: str, tmp_path: Path) -> None:
+    material, roughness, metalness, specular = KNOWN[name]
+    got = materials(tmp_path, wall(material))
+    assert (got["material_known"] == 1).all() and (got["material"] == 1).all()
+    np.testing.assert_allclose(got["roughness"], roughness, atol=1e-6)
+    np.testing.assert_allclose(got["metalness"], metalness, atol=1e-6)
+    for band, value in zip("RGB", np.broadcast_to(np.array(specular), 3), strict=True):
+        np.testing.assert_allclose(got[f"specular.{band}"], value, atol=2e-6)
+
+
+def test_every_type_of_the_table_has_a_case() -> None:
+    cases = " ".join(material for material, *_ in KNOWN.values())
+    cases += bsdf("dielectric") + bsdf("thindielectric")  # the rays of a view pass them
+    assert [plugin for plugin in RULES if f'type="{plugin}"' not in cases] == []
+
+
+def test_a_ball_of_known_roughness_and_nothing_around_it(tmp_path: Path) -> None:
+    got = materials(tmp_path, ball("b", (0, 2, 1.5), 0.5, PLASTIC))
+    seen = got["material"] > 0
+    assert 0.05 < seen.mean() < 0.5
+    np.testing.assert_allclose(got["roughness"], np.where(seen, 0.3, 0), atol=1e-6)
+    for channel in got.values():
+        assert (np.asarray(channel)[~seen] == 0).all()
+
+
+def test_textures_are_evaluated_where_the_ray_hits(tmp_path: Path) -> None:
+    halves = np.zeros((4, 4, 3))
+    halves[:, :2], halves[:, 2:] = 51, 204  # 0.2 and 0.8
+    body = wall(bsdf("principled", rgb("base_color", "0.5") + bitmap("roughness", "t")
+                     + bitmap("metallic", "t")))  # fmt: skip
+    got = materials(tmp_path, body, t=png(halves))
+    share = got["roughness"]
+    assert sorted(np.unique(share.round(6))) == [0.2, 0.8] and np.ptp(share[:, :16]) < 1e-6
+    np.testing.assert_allclose(got["metalness"], share, atol=1e-6)
+    np.testing.assert_allclose(got["specular.G"], 0.04 * (1 - share) + 0.5 * share, atol=1e-6)
+    assert share[0, 0] != share[0, -1]
+
+
+def test_a_blend_by_a_texture_mixes_by_it(tmp_path: Path) -> None:
+    mask = np.zeros((4, 4, 3))
+    mask[:2] = 255
+    body = wall(bsdf("blendbsdf", bitmap("weight", "t") + bsdf("diffuse") + GOLD))
+    got = materials(tmp_path, body, t=png(mask))
+    metal = got["metalness"]
+    assert set(np.unique(metal)) == {0, 1} and 0.4 < metal.mean() < 0.6
+    np.testing.assert_allclose(got["roughness"], np.where(metal == 1, 0.4, 1), atol=1e-6)
+
+
+def test_the_two_sides_of_a_material_differ(tmp_path: Path) -> None:
+    material = bsdf("twosided", PLASTIC + GOLD)
+    for towards, metalness in (((0.0, -1.0, 0.0), 0), ((0.0, 1.0, 0.0), 1)):
+        got = materials(tmp_path / str(metalness), wall(material, towards))
+        assert (got["metalness"] == metalness).all()
+
+
+def test_a_material_without_a_rule_is_unknown(tmp_path: Path) -> None:
+    hair = bsdf("hair", name="fur")
+    got = materials(tmp_path / "a", wall(hair))
+    for name in ("material_known", "roughness", "metalness", "specular.R"):
+        assert (got[name] == 0).all(), name
+    assert (got["material"] == 1).all()
+    blend = bsdf("blendbsdf", number("weight", 0.5) + bsdf("diffuse") + hair)
+    assert (materials(tmp_path / "b", wall(blend))["material_known"] == 0).all()
+
+
+def test_emission_is_marked_where_a_lamp_shines_and_not_behind_it(tmp_path: Path) -> None:
+    lamp = quad("lamp", (-0.5, 2, 1.5), (0, -1, 0), (0.3, 0.3), glow())
+    turned = quad("back", (0.5, 2, 1.5), (0, 1, 0), (0.3, 0.3), glow())
+    off = quad("off", (0, 2, 1.9), (0, -1, 0), (0.1, 0.1), glow(0))
+    scene = scene_of(tmp_path, lamp + turned + off)
+    got, facts = render_materials(scene, make_view())
+    names = np.array(["", *facts["material_names"]])[got["material"]]
+    for shape, shines in (("lamp", 1), ("back", 0), ("off", 0)):
+        pixels = got["emission"][names == f"{shape}: twosided"]
+        assert pixels.size and (pixels == shines).all(), shape
+
+
+def test_ids_are_in_the_order_of_the_file_and_names_are_distinct(tmp_path: Path) -> None:
+    shared = bsdf("diffuse", name="paint") + bsdf("plastic", name="unused")
+    body = (
+        shared
+        + quad("a", (-1, 2, 1.5), (0, -1, 0), (0.4, 0.4), bsdf("diffuse"))
+        + quad("b", (0, 2, 1.5), (0, -1, 0), (0.4, 0.4), '<ref id="paint"/>')
+        + quad("c", (1, 2, 1.5), (0, -1, 0), (0.4, 0.4), '<ref id="paint"/>')
+    )
+    got, facts = render_materials(scene_of(tmp_path, body), make_view())
+    assert facts["material_names"] == ["paint", "a: diffuse"]
+    middle = got["material"][12]
+    assert list(dict.fromkeys(middle[middle > 0])) == [2, 1]
+
+
+BUMPS = 60 + 40 * np.sin(np.arange(64) / 3)[:, None] + 30 * np.cos(np.arange(64) / 4)[None]
+
+
+@pytest.mark.parametrize("kind", ["bumpmap", "normalmap"])
+@pytest.mark.parametrize("outside", [True, False])
+@pytest.mark.usefixtures("wavefront")
+def test_bumped_normals_are_those_that_shade(kind: str, outside: bool, tmp_path: Path) -> None:
+    """The radiance of a matt wall under a distant light is the cosine of its shading normal."""
+    slopes = np.stack([BUMPS, BUMPS.T, np.full_like(BUMPS, 230)], axis=-1)
+    texture = (
+        f'<texture type="bitmap" name="{"normalmap" if kind == "normalmap" else "t"}">'
+        '<string name="filename" value="textures/t.png"/><boolean name="raw" value="true"/>'
+        "</texture>"
+    )
+    settings = '<boolean name="use_shadowing_function" value="false"/>'
+    inner = bsdf("diffuse", rgb("reflectance", "1"))
+    material = (
+        bsdf("twosided", bsdf(kind, texture + settings + inner))
+        if outside
+        else bsdf(kind, texture + settings + bsdf("twosided", inner))
+    )
+    bumps = png(slopes if kind == "normalmap" else BUMPS)
+    for name, towards in (("front", (0.2, -1.0, 0.1)), ("back", (-0.2, 1.0, -0.1))):
+        scene = scene_of(tmp_path / name, wall(material, towards), t=bumps)
+        view = make_view()
+        got = render_materials(scene, view)[0]
+        plain = render_inputs(scene, view)
+        normal = np.stack([got[f"bumped.{axis}"] for axis in "XYZ"], -1) @ view.pose[:3, :3].T
+        flat = np.stack([plain[f"N.{axis}"] for axis in "XYZ"], -1) @ view.pose[:3, :3].T
+        assert np.abs(normal - flat).max() > 0.1, "the map does something"
+        np.testing.assert_allclose(np.linalg.norm(normal, axis=-1), 1, atol=1e-5)
+        for light in ((0.1, -1.0, 0.2), (-0.5, -1.0, -0.3)):
+            towards_light = np.array(light) / np.linalg.norm(light)
+            shaded = shading_cosine(scene, view, towards_light)
+            lit = (normal @ towards_light > 0.05) & (shaded > 0.05)
+            assert lit.mean() > 0.5
+            np.testing.assert_allclose((normal @ towards_light)[lit], shaded[lit], atol=2e-4)
+
+
+def shading_cosine(scene: RenderScene, view: View, light: np.ndarray) -> np.ndarray:
+    """Cosine at which the visible surface's white matt BSDF takes light from a direction."""
+    rays = np.stack(np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5), -1)
+    local = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], -1)
+    local = local @ np.linalg.inv(view.intrinsics).T @ view.pose[:3, :3].T
+    local /= np.linalg.norm(local, axis=-1, keepdims=True)
+    flat = local.reshape(-1, 3)
+    ray = mi.Ray3f(
+        vector(mi.Point3f, np.broadcast_to(view.eye, flat.shape)), vector(mi.Vector3f, flat)
+    )
+    si = scene.mitsuba.ray_intersect(ray)
+    wo = si.to_local(vector(mi.Vector3f, np.broadcast_to(light, flat.shape)))
+    value = si.bsdf().eval(mi.BSDFContext(), si, wo)
+    return np.pi * np.array(value)[0].reshape(local.shape[:2])
+
+
+def test_every_channel_has_a_renderer() -> None:
+    assert list(RENDERERS) == [channel.name for channel in channels_of("materials")]
