@@ -39,6 +39,7 @@ REASONS = {
     "not_finite": "NaN or infinity in a channel, or in all samples of a pixel",
     "negative": "a negative radiance, depth or distance",
     "inconsistent": "depth or normal make no sense where a surface is seen",
+    "mislabelled": "materials do not agree with what is seen",
     "few_surfaces": "too few pixels see a surface",
     "black": "too many pixels without any light",
     "blown_out": "too many pixels at the limit of half floats",
