@@ -12,13 +12,16 @@ from typing import Literal, get_args
 
 import numpy as np
 
-Kind = Literal["inputs", "illumination", "visibility", "shading", "color", "noisy", "materials"]
+Kind = Literal[
+    "inputs", "illumination", "visibility", "shading", "color", "noisy", "materials", "labels"
+]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 ChannelSet = Literal["paper", "materials", "light", "labels", "video", "all"]
 # Kinds of frames of each set of the parameter `channels`; a set without an entry is not built yet.
 SETS: dict[ChannelSet, tuple[Kind, ...]] = {
     "paper": ("inputs", "illumination", "shading", "color"),
     "materials": ("materials",),
+    "labels": ("labels",),
 }
 
 RGB = ("R", "G", "B")
@@ -243,6 +246,29 @@ CHANNELS = (
         "material that cannot say them.",
         mask=True,
     ),
+    Channel(
+        "instance",
+        "labels",
+        ("instance",),
+        np.uint32,
+        "Object of scene.json, its index + 1, which instances describes; 0: none.",
+    ),
+    Channel(
+        "category",
+        "labels",
+        ("category",),
+        np.uint32,
+        "Category of the object, a number that the schema's table `category` names; 0: none.",
+    ),
+    Channel("nyu40", "labels", ("nyu40",), np.uint32, "NYU40 class of the category; 0: none."),
+    Channel("nyu13", "labels", ("nyu13",), np.uint32, "Class of NYU40's 13-class map; 0: none."),
+    Channel(
+        "material",
+        "labels",
+        ("material",),
+        np.uint32,
+        "Index + 1 into material_names; 0: none.",
+    ),
 )
 
 
@@ -252,8 +278,15 @@ def channels_of(*kinds: str) -> tuple[Channel, ...]:
 
 
 def dataset_channels(kinds: Sequence[str]) -> tuple[Channel, ...]:
-    """Return the channels of these kinds that are columns of the dataset."""
-    return tuple(channel for channel in channels_of(*kinds) if channel.in_dataset)
+    """Return the channels of these kinds that are columns of the dataset.
+
+    An image that two kinds of frames hold (`material`) is a column once, from the first.
+    """
+    columns: dict[str, Channel] = {}
+    for channel in channels_of(*kinds):
+        if channel.in_dataset:
+            columns.setdefault(channel.name, channel)
+    return tuple(columns.values())
 
 
 def kinds_of_sets(sets: Sequence[ChannelSet]) -> tuple[Kind, ...]:

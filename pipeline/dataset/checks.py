@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.channels import Kind, channels_of, layout
-from pipeline.dataset.label_checks import material_fault
+from pipeline.dataset.label_checks import label_fault, material_fault
 from pipeline.frames import HALF_MAX, Channels, Frame, frame_path, read_frame
 from pipeline.params import CheckParams
 from pipeline.views import View
@@ -39,7 +39,7 @@ REASONS = {
     "not_finite": "NaN or infinity in a channel, or in all samples of a pixel",
     "negative": "a negative radiance, depth or distance",
     "inconsistent": "depth or normal make no sense where a surface is seen",
-    "mislabelled": "materials do not agree with what is seen",
+    "mislabelled": "materials or labels do not agree with what is seen",
     "few_surfaces": "too few pixels see a surface",
     "black": "too many pixels without any light",
     "blown_out": "too many pixels at the limit of half floats",
@@ -131,7 +131,7 @@ def check_frames(
         or _not_finite(frames)
         or _negative(frames)
         or _inconsistent(inputs)
-        or _mislabelled(frames)
+        or _mislabelled(view, frames)
         or _few_surfaces(inputs, limits.min_valid)
         or _over("black", "pixels are black", renders, black_share, limits.max_black)
         or _over("blown_out", "pixels are at the limit", renders, blown_share, limits.max_blown)
@@ -244,10 +244,14 @@ def _inconsistent(inputs: Channels) -> Rejection | None:
     return None
 
 
-def _mislabelled(frames: Mapping[Kind, Frame]) -> Rejection | None:
+def _mislabelled(view: View, frames: Mapping[Kind, Frame]) -> Rejection | None:
     inputs = frames["inputs"].channels
-    fault = material_fault(frames["materials"], inputs) if "materials" in frames else None
-    return Rejection("mislabelled", f"materials: {fault}") if fault else None
+    materials, labels = frames.get("materials"), frames.get("labels")
+    if materials is not None and (fault := material_fault(materials, inputs)):
+        return Rejection("mislabelled", f"materials: {fault}")
+    if labels is not None and (fault := label_fault(labels, materials, inputs, view)):
+        return Rejection("mislabelled", f"labels: {fault}")
+    return None
 
 
 def _few_surfaces(inputs: Channels, least: float) -> Rejection | None:

@@ -16,6 +16,7 @@ from typing import Any
 import pyarrow as pa
 
 from pipeline.channels import SETS, ChannelSet, Kind, dataset_channels, kinds_of_sets
+from pipeline.dataset.label_tables import CLASSES, json_text
 
 
 @dataclass(frozen=True)
@@ -135,10 +136,34 @@ def _image_columns(
 
 def _table_columns(kinds: tuple[Kind, ...]) -> tuple[Column, ...]:
     """Return the columns that say what the numbers in images of these kinds mean."""
-    names = Column(
-        "material_names", NAMES, "Names of the scene's materials; material i is entry i - 1."
-    )
-    return (names,) if "materials" in kinds else ()
+    text, columns = pa.string(), []
+    if "materials" in kinds or "labels" in kinds:
+        meaning = "Names of the scene's materials; material i is entry i - 1."
+        columns.append(Column("material_names", NAMES, meaning))
+    if "labels" in kinds:
+        columns += [
+            Column(
+                "instances",
+                text,
+                "JSON: every instance that is seen, with its classes, visible fraction, occlusion, "
+                "truncation and oriented 3D box.",
+                "metre, pixel",
+            ),
+            Column(
+                "layout",
+                text,
+                "JSON: the rooms' floor polygons, floor and ceiling heights and openings.",
+                "metre",
+            ),
+            Column(
+                "light_sources",
+                text,
+                "JSON: the lights that are on, with place, radiant flux (unit of color times m^2 "
+                "sr) and lumens.",
+                "metre",
+            ),
+        ]
+    return tuple(columns)
 
 
 def _noisy_columns(size: tuple[int, int], panorama: tuple[int, int]) -> tuple[Column, ...]:
@@ -150,9 +175,10 @@ def arrow_schema(columns: tuple[Column, ...]) -> pa.Schema:
     """Return the Parquet schema, with the features that Hugging Face `datasets` reads."""
     features = {column.name: _feature(column) for column in columns}
     huggingface = json.dumps({"info": {"features": features}}, sort_keys=False)
-    return pa.schema(
-        [column.field for column in columns], metadata={"huggingface": huggingface, "pbrnet": "1"}
-    )
+    metadata = {"huggingface": huggingface, "pbrnet": "1"}
+    if "category" in features:
+        metadata["classes"] = json_text(CLASSES)
+    return pa.schema([column.field for column in columns], metadata=metadata)
 
 
 def _feature(column: Column) -> dict[str, Any]:

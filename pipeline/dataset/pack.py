@@ -30,6 +30,7 @@ from pipeline.dataset.card import (
 from pipeline.dataset.checks import Rejection, check_frames, load_frames, read_failures
 from pipeline.dataset.checksums import write_sums
 from pipeline.dataset.columns import Column, dataset_columns
+from pipeline.dataset.label_tables import CLASSES
 from pipeline.dataset.rows import make_row
 from pipeline.dataset.shards import ShardWriter
 from pipeline.dataset.splits import SPLITS, Source, read_sources, split_plans
@@ -39,7 +40,7 @@ from pipeline.progress import Progress
 from pipeline.records import data_lock
 from pipeline.views import View
 from scenes.errors import InputError
-from scenes.files import atomic_directory, remove_partials, write_text
+from scenes.files import atomic_directory, remove_partials, write_json, write_text
 
 A = TypeVar("A")
 B = TypeVar("B")
@@ -104,6 +105,8 @@ def _pack_dataset(data: Path, params: Params) -> DatasetSummary:
         scenes = [source.scene for source in kept]
         write_text(partial / "README.md", dataset_card(summary, columns, scenes, params))
         write_croissant(partial, columns, scenes)
+        if "labels" in kinds_of(params):
+            write_json(partial / "classes.json", CLASSES)
         write_sums(partial)
     return summary
 

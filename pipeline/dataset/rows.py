@@ -9,6 +9,7 @@ import numpy as np
 from pipeline.channels import Channel, dataset_channels
 from pipeline.dataset.card import attribution_of, licence_of
 from pipeline.dataset.checks import Frames, noise_of
+from pipeline.dataset.label_tables import json_text, room_layout
 from pipeline.frames import Frame
 from pipeline.images import fit, png_bytes, tone_picture
 from pipeline.params import ToneParams
@@ -51,16 +52,22 @@ def make_row(
         "source": str(scene.source.get("kind", "unknown")),
         "licence": licence_of(scene),
         "attribution": attribution_of(scene),
-        **_tables(frames),
+        **_tables(view, scene, frames),
         **({"noisy_spp": frames["noisy"].meta.get("spp")} if "noisy" in frames else {}),
     }
 
 
-def _tables(frames: Frames) -> dict[str, Any]:
-    """Return the names of what the images number."""
-    if "materials" not in frames:
-        return {}
-    return {"material_names": [str(name) for name in frames["materials"].meta["material_names"]]}
+def _tables(view: View, scene: Scene, frames: Frames) -> dict[str, Any]:
+    """Return the cells that explain the numbers in images of materials and labels."""
+    cells: dict[str, Any] = {}
+    for kind in ("materials", "labels"):
+        if kind in frames:
+            cells["material_names"] = [str(name) for name in frames[kind].meta["material_names"]]
+    if "labels" in frames:
+        facts = frames["labels"].meta
+        cells |= {name: json_text(facts[name]) for name in ("instances", "light_sources")}
+        cells["layout"] = json_text(room_layout(scene, view))
+    return cells
 
 
 def _image_cells(frames: Frames) -> dict[str, AnyArray]:

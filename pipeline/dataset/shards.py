@@ -24,6 +24,8 @@ REPEATED = (
     "licence",
     "attribution",
 )
+# Text columns that are long: JSON, and lists of names.
+TABLES = ("instances", "layout", "light_sources", "material_names")
 
 
 class ShardWriter:
@@ -94,14 +96,17 @@ class ShardWriter:
         # dictionary. `valid` is all runs of 0 and 1, which a dictionary packs to bits.
         floats = [column.name for column in self.columns if column.is_image and _is_float(column)]
         plain = [name for name in self.schema.names if name not in images]
+        counted = [column for column in self.columns if column.is_image and not _is_float(column)]
+        labels = [f"{column.name}.list.element" for column in counted if column.name != "valid"]
+        tables = [name for name in TABLES if name in plain]
         self._writer = pq.ParquetWriter(
             self._stream,
             self.schema,
             compression="zstd",
             compression_level=3,
-            use_dictionary=[*REPEATED, "valid.list.element"],
+            use_dictionary=[*REPEATED, *tables, "valid.list.element", *labels],
             use_byte_stream_split=[f"{name}.list.element" for name in floats],
-            write_statistics=[name for name in plain if name != "preview"],
+            write_statistics=[name for name in plain if name not in ("preview", *TABLES)],
         )
 
     def _finish(self) -> None:

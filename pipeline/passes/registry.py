@@ -14,11 +14,12 @@ from typing import Any
 from pipeline.channels import DENOISED, DENOISED_SHADING, NOISY_SHADING, RGB, Kind
 from pipeline.frames import Channels, fingerprint
 from pipeline.params import GroundTruthParams, Params
-from pipeline.passes import groundtruth, illumination, inputs, materials, visibility
+from pipeline.passes import groundtruth, illumination, inputs, labels, materials, visibility
 from pipeline.passes.denoise import denoise, denoiser_version, grey_guide, guides
 from pipeline.passes.groundtruth import render_both, render_truth
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
+from pipeline.passes.labels import render_labels
 from pipeline.passes.materials import render_materials
 from pipeline.passes.visibility import render_visibility
 from pipeline.pathtrace import integrator
@@ -54,6 +55,10 @@ def _inputs(scene: RenderScene, view: View, params: Params, seed: int) -> Result
 
 def _materials(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
     return render_materials(scene, view)
+
+
+def _labels(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
+    return render_labels(scene, view)
 
 
 def _illumination(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
@@ -210,6 +215,7 @@ PASSES: dict[Kind, Pass] = {
     "materials": Pass(
         materials.REVISION, lambda params: {"made_of": [inputs.REVISION]}, _materials
     ),
+    "labels": Pass(labels.REVISION, lambda params: {"made_of": [inputs.REVISION]}, _labels),
     "noisy": Pass(groundtruth.REVISION, _noisy_determined_by, render_noisy, seeded=True),
 }
 

@@ -76,6 +76,24 @@ def textures(
     return _in_chunks(partial(_backend().textures, geometry, slots), origins, directions)
 
 
+def objects_along(
+    geometry: SceneGeometry,
+    numbers: Int32Array,
+    origins: npt.ArrayLike,
+    directions: npt.ArrayLike,
+) -> BoolArray:
+    """Test which objects each ray meets on its whole way, as if each object were alone: (N, M).
+
+    `numbers[i]` is the object, 0 to M - 1, of shape i, or -1. Arguments as in `nearest`. A ray
+    goes on behind every surface, up to `MAX_SURFACES` of them; clear surfaces and what a mask
+    leaves out are not met.
+    """
+    count = int(numbers.max(initial=-1)) + 1
+    trace = partial(_backend().objects_along, geometry, numbers, count)
+    met: BoolArray = _in_chunks(trace, origins, directions)[0]
+    return met
+
+
 def unoccluded(
     geometry: SceneGeometry,
     origin: npt.ArrayLike,

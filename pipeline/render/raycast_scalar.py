@@ -10,7 +10,13 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from pipeline.render.scene_geometry import MAX_LAYERS, Hits, SceneGeometry, TextureSlot
+from pipeline.render.scene_geometry import (
+    MAX_LAYERS,
+    MAX_SURFACES,
+    Hits,
+    SceneGeometry,
+    TextureSlot,
+)
 from scenes.arrays import AnyArray
 
 
@@ -84,6 +90,29 @@ def textures(
     return (*single, *tangents)
 
 
+def objects_along(
+    geometry: SceneGeometry,
+    numbers: AnyArray,
+    count: int,
+    origins: AnyArray,
+    directions: AnyArray,
+) -> tuple[AnyArray, ...]:
+    """Return which of the objects each ray meets, (N, count)."""
+    met = np.zeros((len(directions), count), bool)
+    indices = _shape_numbers(geometry)
+    for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
+        ray = _ray(o, d)
+        for _ in range(MAX_SURFACES + 1):
+            hit = geometry.scene.ray_intersect_preliminary(ray)
+            if not hit.is_valid():
+                break
+            shape = indices[hit.shape.ptr]
+            if numbers[shape] >= 0 and not _passes(geometry, shape, hit, ray):
+                met[i, numbers[shape]] = True
+            ray = mi.Ray3f(ray(_past(hit, ray)), ray.d)
+    return (met,)
+
+
 def emitted_radiance(
     geometry: SceneGeometry, emitting: AnyArray, origins: AnyArray, directions: AnyArray
 ) -> tuple[AnyArray, ...]:
@@ -140,10 +169,15 @@ def _first_hit(geometry: SceneGeometry, ray: Any, through: bool) -> tuple[int, f
         shape = numbers[hit.shape.ptr]
         if not (through and _passes(geometry, shape, hit, ray)):
             return shape, travelled + hit.t, hit, ray
-        onward = hit.t + 1e-5 * (1 + max(abs(value) for value in ray(hit.t)))
+        onward = _past(hit, ray)
         travelled += onward
         ray = mi.Ray3f(ray(onward), ray.d)
     return -1, float("inf"), None, ray
+
+
+def _past(hit: Any, ray: Any) -> float:
+    """Return a distance a little past the surface: more than the hit point's rounding."""
+    return float(hit.t + 1e-5 * (1 + max(abs(value) for value in ray(hit.t))))
 
 
 def _passes(geometry: SceneGeometry, shape: int, hit: Any, ray: Any) -> bool:

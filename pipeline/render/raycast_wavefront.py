@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from pipeline.render.drjit_arrays import column, registry_id, registry_table, to_numpy, vector
-from pipeline.render.scene_geometry import MAX_LAYERS, SceneGeometry, TextureSlot
+from pipeline.render.scene_geometry import MAX_LAYERS, MAX_SURFACES, SceneGeometry, TextureSlot
 from scenes.arrays import AnyArray
 
 
@@ -78,6 +78,49 @@ def _evaluated(slot: TextureSlot, shape: Any, si: Any, valid: Any) -> Any:
     ways = [getattr(texture, slot.way) for texture in distinct.values()]
     kind = {1: mi.Float, 2: mi.Vector2f, 3: mi.Color3f}[slot.bands]
     return dr.select(has, kind(dr.switch(number, ways, si, has)), kind(0))
+
+
+def objects_along(
+    geometry: SceneGeometry,
+    numbers: AnyArray,
+    count: int,
+    origins: AnyArray,
+    directions: AnyArray,
+) -> tuple[AnyArray, ...]:
+    """Return which of the objects each ray meets, (N, count); a bit for each in `found`."""
+    tables = _tables(geometry)
+    any_mask = bool(geometry.masked.any())
+    ray = _ray(origins, directions)
+    words = -(-count // 32)
+    width = dr.opaque(mi.UInt32, words)
+    found = dr.zeros(mi.UInt32, len(directions) * words)
+    table = column(mi.UInt32, np.append(numbers, -1).astype(np.int64) & 0xFFFFFFFF)
+    pixel = dr.arange(mi.UInt32, len(directions))
+
+    def note(hit: Any, ray: Any, active: Any) -> None:
+        number = dr.reinterpret_array(mi.UInt32, hit.shape)
+        shape = dr.gather(mi.Int32, tables["shape"], number, active)
+        known = active & (shape >= 0)
+        thing = dr.gather(mi.UInt32, table, mi.UInt32(dr.maximum(shape, 0)), known)
+        met = known & (thing != 0xFFFFFFFF) & ~_passes(tables, hit, ray, any_mask)
+        bit = mi.UInt32(1) << (thing & 31)
+        dr.scatter_reduce(dr.ReduceOp.Or, found, bit, pixel * width + (thing >> 5), met)
+
+    def step(active: Any, hit: Any, ray: Any, layer: Any) -> tuple[Any, ...]:
+        note(hit, ray, active)
+        onward = _onward(ray, hit)
+        hit = geometry.scene.ray_intersect_preliminary(onward, coherent=True)
+        return active & hit.is_valid() & (layer < MAX_SURFACES), hit, onward, layer + 1
+
+    hit = geometry.scene.ray_intersect_preliminary(ray, coherent=True)
+    dr.while_loop(
+        state=(hit.is_valid(), hit, ray, mi.UInt32(0)),
+        cond=lambda active, hit, ray, layer: active,
+        body=step,
+        labels=("active", "hit", "ray", "layer"),
+    )
+    bits = found.numpy().reshape(len(directions), words, 1) >> np.arange(32, dtype=np.uint32)
+    return (((bits & 1) > 0).reshape(len(directions), -1)[:, :count],)
 
 
 def emitted_radiance(
@@ -174,12 +217,17 @@ def _first_hit(geometry: SceneGeometry, ray: Any, through: bool) -> tuple[Any, A
 def _step(
     geometry: SceneGeometry, tables: dict[str, Any], any_mask: bool, hit: Any, ray: Any, layer: Any
 ) -> tuple[Any, Any, Any, Any]:
-    # Past the surface by a little more than the rounding of the hit point.
-    onward = hit.t + 1e-5 * (1 + dr.max(dr.abs(ray(hit.t))))
-    ray = mi.Ray3f(ray)
-    ray.o = ray(onward)
+    ray = _onward(ray, hit)
     hit = geometry.scene.ray_intersect_preliminary(ray, coherent=True)
     return _passes(tables, hit, ray, any_mask), hit, ray, layer + 1
+
+
+def _onward(ray: Any, hit: Any) -> Any:
+    """Return the ray from a little past the surface: more than the hit point's rounding."""
+    past = hit.t + 1e-5 * (1 + dr.max(dr.abs(ray(hit.t))))
+    onward = mi.Ray3f(ray)
+    onward.o = ray(past)
+    return onward
 
 
 def _passes(tables: dict[str, Any], hit: Any, ray: Any, any_mask: bool) -> Any:

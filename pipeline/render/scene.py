@@ -19,6 +19,7 @@ import psutil
 
 from pipeline.params import Variant
 from pipeline.render import raycast
+from pipeline.render.boxes import ObjectBoxes
 from pipeline.render.lights import Lights, collect_lights
 from pipeline.render.material_sets import MaterialSets
 from pipeline.render.materials import MaterialTable
@@ -82,6 +83,7 @@ class RenderScene:
     bbox: Float64Array  # (2, 3) world metres
     materials: MaterialSets
     table: MaterialTable
+    boxes: ObjectBoxes
     albedo: float | None = None
 
     @property
@@ -162,6 +164,7 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
         bbox,
         MaterialSets(graph),
         MaterialTable(graph, materials),
+        ObjectBoxes(geometry),
         neutral_albedo,
     )
 

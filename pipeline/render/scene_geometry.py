@@ -10,6 +10,8 @@ from scenes.arrays import BoolArray, Float32Array, Int32Array
 Way = Literal["eval_1", "eval", "eval_3", "eval_1_grad"]  # of evaluating a texture
 MAX_LAYERS = 16  # clear surfaces that one ray may pass: a glass cabinet, a glass door and so on
 
+MAX_SURFACES = 512  # that one ray may meet where it goes on behind each
+
 
 @dataclass(frozen=True)
 class SceneGeometry:

@@ -12,8 +12,9 @@ from pipeline.stages.runner import Summary
 def run_inputs(data: Path, params: Params, scheduler: str | None = None) -> Summary:
     """Render `data/inputs`: depth, normal, reflectance, valid mask and object ids.
 
-    The set `materials` of `channels` adds `data/materials`.
+    The sets `materials` and `labels` of `channels` add `data/materials` and `data/labels`.
     """
     # DVC expects every output folder of a stage, also an empty one.
-    (Path(data) / "materials").mkdir(parents=True, exist_ok=True)
-    return run_frames("inputs", ("inputs", "materials"), data, params, scheduler)
+    for kind in ("materials", "labels"):
+        (Path(data) / kind).mkdir(parents=True, exist_ok=True)
+    return run_frames("inputs", ("inputs", "materials", "labels"), data, params, scheduler)

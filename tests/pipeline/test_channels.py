@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from pipeline import channels
-from pipeline.channels import CHANNELS, KINDS, RGB, Channel, channels_of, layout
+from pipeline.channels import CHANNELS, KINDS, RGB, Channel, channels_of, dataset_channels, layout
 from pipeline.dataset.pack import pack_dataset
 from pipeline.frames import Frame, frame_path, read_frame
 from pipeline.inspection.describe import inspect_path
@@ -37,8 +37,9 @@ def test_a_band_belongs_to_one_channel_of_its_frame() -> None:
         bands = [band for channel in channels_of(kind) for band in channel.bands]
         assert bands and len(set(bands)) == len(bands)
         assert list(layout(kind)) == bands
-    names = [channel.name for channel in CHANNELS]
-    assert len(set(names)) == len(names)
+    columns = [channel.name for channel in dataset_channels(KINDS)]
+    assert len(set(columns)) == len(columns)
+    assert {channel.name for channel in CHANNELS if channel.in_dataset} == set(columns)
 
 
 def test_frames_have_the_layouts_that_the_design_fixes() -> None:

@@ -19,7 +19,11 @@ ENTRIES: dict[str, tuple[str, ...]] = {
     "assets": ("pipeline/stages/assets.py",),
     "scenes": ("pipeline/stages/scene_jobs.py", "pipeline/stages/scene_work.py"),
     "cameras": ("pipeline/stages/view_sampling.py",),
-    "inputs": ("pipeline/passes/inputs.py", "pipeline/passes/materials.py"),
+    "inputs": (
+        "pipeline/passes/inputs.py",
+        "pipeline/passes/labels.py",
+        "pipeline/passes/materials.py",
+    ),
     "illumination": ("pipeline/passes/illumination.py", "pipeline/passes/visibility.py"),
     "groundtruth": ("pipeline/passes/groundtruth.py", "pipeline/passes/denoise.py"),
     "dataset": ("pipeline/dataset/pack.py",),
