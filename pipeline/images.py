@@ -17,7 +17,7 @@ from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
 from pipeline.tonemap import Exposure, to_bytes, tonemap
-from scenes.arrays import FloatingArray, UInt8Array
+from scenes.arrays import AnyArray, FloatingArray, UInt8Array
 from scenes.color import encode_srgb
 from scenes.image_files import open_image
 
@@ -94,6 +94,15 @@ def tint_picture(tint: FloatingArray) -> Picture:
 def share_picture(share: FloatingArray) -> Picture:
     """Draw shares (H, W) in [0, 1]: 0 is black, 1 is white."""
     return to_bytes(np.repeat(np.asarray(share, dtype=np.float32)[..., None], 3, axis=-1))
+
+
+def label_picture(labels: AnyArray) -> Picture:
+    """Draw numbers (H, W) of objects, materials or classes in different colours; 0 is grey."""
+    hashed = labels.astype(np.uint32) * np.uint32(2654435761)
+    shifts = [(hashed >> np.uint32(shift)).astype(np.uint8) for shift in (8, 16, 24)]
+    picture: Picture = (np.stack(shifts, axis=-1) // 2 + 96).astype(np.uint8)
+    picture[labels == 0] = 40
+    return picture
 
 
 def tone_picture(image: FloatingArray, exposure: Exposure) -> Picture:

@@ -17,6 +17,7 @@ from pipeline.images import (
     fit,
     intensity_picture,
     jpeg_bytes,
+    label_picture,
     normal_picture,
     png_bytes,
     read_picture,
@@ -44,7 +45,17 @@ MODALITIES = {
     "distance": ("Illumination: distance", "Distance of each light source: near is bright."),
     "tint": ("Illumination: colour", "Colour of each light source, without its brightness."),
     "visibility": ("Shadows", "Share of the sources' direct light that reaches each surface."),
+    "roughness": ("Roughness", "Perceptual roughness: polished is black, matt is white."),
+    "metalness": ("Metalness", "Share of the metallic lobe: metals are white."),
+    "specular_color": ("Specular colour", "Reflectance at normal incidence of the gloss."),
+    "normal_bump": ("Normal with bumps", "As the normal, with bump and normal maps."),
+    "emission": ("Emission", "White where the surface emits light to the camera."),
+    "material": ("Materials", "A colour for each material."),
+    "instance": ("Instances", "A colour for each object."),
+    "nyu40": ("NYU40 classes", "A colour for each class."),
 }
+_LABELS = ("material", "instance", "nyu40")
+_SHARES = ("visibility", "roughness", "metalness", "emission")
 
 
 def draw(name: str, row: Mapping[str, Any], shared: bool = False) -> Picture:
@@ -53,15 +64,17 @@ def draw(name: str, row: Mapping[str, Any], shared: bool = False) -> Picture:
     if name in ("color", "shading"):
         by = "shading" if shared else name
         return tone_picture(values, Exposure(row[f"exposure_{by}"], row[f"white_{by}"]))
-    if name == "normal":
+    if name in ("normal", "normal_bump"):
         return normal_picture(values, row["valid"])
+    if name in _LABELS:
+        return label_picture(values)
     if name == "depth":
         return depth_picture(values, row["valid"])
     if name == "intensity":
         return intensity_picture(values)
     if name == "tint":
         return tint_picture(values)
-    if name == "visibility":
+    if name in _SHARES:
         return share_picture(values)
     return distance_picture(values) if name == "distance" else reflectance_picture(values)
 

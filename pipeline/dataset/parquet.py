@@ -16,7 +16,8 @@ from scenes.files import parse_json, regular_file
 
 MAX_BYTES = 2**34  # of a file; row groups are read one at a time
 MAX_PIXELS = 2**28  # values of an image
-_TYPES = {one.name: one.type for one in dataset_columns((8, 8), (16, 8)) if not one.is_image}
+_COLUMNS = dataset_columns((8, 8), (16, 8), channels=("all",))
+_TYPES = {one.name: one.type for one in _COLUMNS if not one.is_image}
 _REMEDY = "pack it again with: pbrnet dataset"
 
 
@@ -90,6 +91,9 @@ def _alike(found: pa.DataType, wanted: pa.DataType) -> bool:
     if pa.types.is_fixed_size_list(wanted):
         fixed = pa.types.is_fixed_size_list(found) and found.list_size == wanted.list_size
         return fixed and _alike(found.value_type, wanted.value_type)
+    if pa.types.is_list(wanted):
+        listed = pa.types.is_list(found) or pa.types.is_large_list(found)
+        return listed and _alike(found.value_type, wanted.value_type)
     if pa.types.is_struct(wanted):
         names = [found.field(n).name for n in range(found.num_fields)]
         return (

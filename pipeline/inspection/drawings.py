@@ -26,6 +26,7 @@ from pipeline.images import (
     enlarge,
     fit,
     intensity_picture,
+    label_picture,
     normal_picture,
     read_picture,
     reflectance_picture,
@@ -156,7 +157,7 @@ def draw_frame(frame: Frame) -> Picture:
             (f"depth, {span}", depth_picture(depth, valid)),
             ("normal", normal_picture(frame.stack(*NORMAL), valid)),
             ("reflectance", reflectance_picture(frame.stack(*ALBEDO))),
-            (f"objects, {len(np.unique(channels['object']))}", _label_picture(channels["object"])),
+            (f"objects, {len(np.unique(channels['object']))}", label_picture(channels["object"])),
         ]
     if "intensity.Y" in names:
         intensity, distance = channels["intensity.Y"], channels["distance.Z"]
@@ -298,22 +299,15 @@ def _channel_picture(channel: Channel, frame: Frame) -> tuple[str, Picture]:
     if channel.bands == BUMPED:
         return channel.name, normal_picture(values)
     if np.issubdtype(channel.dtype, np.integer):
-        return channel.name, _label_picture(frame.channels[channel.bands[0]])
+        return channel.name, label_picture(frame.channels[channel.bands[0]])
     if len(channel.bands) == 3:
         if channel.unit == RADIANCE:
             return channel.name, tone_picture(values, exposure_of(values, ToneParams()))
         return channel.name, reflectance_picture(values)
     low, high = float(values.min()), float(values.max())
-    return f"{channel.name}, {low:.4g} to {high:.4g}", color_map(values[..., 0], low, high)
-
-
-def _label_picture(labels: np.ndarray[Any, Any]) -> Picture:
-    """Draw object indices in different colours; no object is grey."""
-    hashed = labels.astype(np.uint32) * np.uint32(2654435761)
-    shifts = [(hashed >> np.uint32(shift)).astype(np.uint8) for shift in (8, 16, 24)]
-    picture: Picture = (np.stack(shifts, axis=-1) // 2 + 96).astype(np.uint8)
-    picture[labels == 0] = 40
-    return picture
+    # From 0 to at least 1, so that equal shares and masks look alike in all frames.
+    label = f"{channel.name}, {low:.4g} to {high:.4g}"
+    return label, color_map(values[..., 0], min(low, 0), max(high, 1))
 
 
 def _extent(points: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

@@ -1,0 +1,80 @@
+"""Materials and labels as frames of the inputs stage: kept, resumed, sent, removed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pipeline.costs.ledger import read_ledger
+from pipeline.frames import frame_path
+from pipeline.params import CameraParams, FarmParams, ImageParams, Params
+from pipeline.passes.registry import frame_fingerprint
+from pipeline.stages.cameras import run_cameras
+from pipeline.stages.inputs import run_inputs
+from pipeline.views import load_cameras
+from scenes.params import SceneParams
+from tests.fixtures.stages import write_room
+
+pytestmark = pytest.mark.slow
+
+PAPER = Params(
+    image=ImageParams(48, 36),
+    farm=FarmParams(workers=2, batch=2),
+    scenes=SceneParams(homes=0, imports=("nothing",)),
+    cameras=CameraParams(views_per_room=2),
+)
+ALL = replace(PAPER, channels=("materials", "labels"))
+
+
+def files(data: Path) -> dict[str, bytes]:
+    kinds = ("inputs", "materials", "labels")
+    paths = [path for kind in kinds for path in sorted((data / kind).rglob("*.exr"))]
+    return {str(path.relative_to(data)): path.read_bytes() for path in paths}
+
+
+def test_sets_are_added_and_removed_and_change_no_other_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = tmp_path / "data"
+    write_room(data / "scenes" / "alpha")
+    run_cameras(data, PAPER)
+    assert run_inputs(data, PAPER).made == 2
+    paper = files(data)
+    assert len(paper) == 2 and (data / "labels").is_dir()
+    run = run_inputs(data, ALL)
+    assert (run.made, run.kept) == (4, 2)
+    both = files(data)
+    assert len(both) == 6 and both.items() >= paper.items()
+    stages = [row["stage"] for row in read_ledger(data).to_pylist()]
+    assert stages.count("materials") == stages.count("labels") == stages.count("inputs") == 2
+
+    # A damaged and a missing frame are rendered again, to the same bytes.
+    view = load_cameras(data / "cameras" / "alpha.json").views[0]
+    frame_path(data, "labels", view).unlink()
+    broken = frame_path(data, "materials", view)
+    broken.write_bytes(broken.read_bytes()[:-40])
+    run = run_inputs(data, ALL)
+    assert (run.made, run.kept) == (2, 4) and files(data) == both
+
+    # The same through dask, by workers that get scenes sent and send frames back.
+    far = tmp_path / "far"
+    far.mkdir()
+    for folder in ("scenes", "cameras"):
+        (data / folder).rename(far / folder)
+    monkeypatch.setenv("PBRNET_CACHE", str(tmp_path / "cache"))
+    run_inputs(far, replace(ALL, farm=FarmParams(workers=1, transfer="send")))
+    assert files(far) == both
+
+    run = run_inputs(far, PAPER)
+    assert (run.made, run.kept, run.removed) == (0, 2, 4) and files(far) == paper
+
+
+def test_fingerprints_of_the_paper_do_not_know_the_sets(tmp_path: Path) -> None:
+    write_room(tmp_path / "scenes" / "alpha")
+    run_cameras(tmp_path, PAPER)
+    view = load_cameras(tmp_path / "cameras" / "alpha.json").views[0]
+    for kind in ("inputs", "illumination", "visibility", "shading", "color", "materials", "labels"):
+        digests = {frame_fingerprint(kind, view, params, "scene", "r") for params in (PAPER, ALL)}  # type: ignore[arg-type]
+        assert len(digests) == 1, kind
