@@ -93,7 +93,12 @@ def render_inputs(render_scene: RenderScene, view: View) -> Channels:
 
     Where `valid` is 0 there is no surface, and all other channels are 0.
     """
-    surfaces = visible_surfaces(render_scene, view)
+    return inputs_of(visible_surfaces(render_scene, view))
+
+
+def inputs_of(surfaces: VisibleSurfaces) -> Channels:
+    """Return the channels of an `inputs` frame from surfaces that were traced with colours."""
+    view = surfaces.view
     shape = (view.height, view.width)
     bands: Channels = {}
     for channel in channels_of("inputs"):

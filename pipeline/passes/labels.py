@@ -66,15 +66,20 @@ def render_labels(render_scene: RenderScene, view: View) -> tuple[Channels, dict
     The tables are `instances`, `light_sources` and `material_names`; see `describe_instances` and
     `describe_lights`.
     """
-    surfaces = visible_surfaces(render_scene, view, colors=False)
+    return labels_of(visible_surfaces(render_scene, view, colors=False))
+
+
+def labels_of(surfaces: VisibleSurfaces) -> tuple[Channels, dict[str, Any]]:
+    """Return what `render_labels` does, from surfaces that are traced already."""
+    view = surfaces.view
     bands: Channels = {}
     for channel in channels_of("labels"):
         values = RENDERERS[channel.name](surfaces)
         bands[channel.bands[0]] = values.reshape(view.height, view.width)
     return bands, {
         "instances": describe_instances(surfaces),
-        "light_sources": describe_lights(render_scene),
-        "material_names": list(render_scene.table.names),
+        "light_sources": describe_lights(surfaces.scene),
+        "material_names": list(surfaces.scene.table.names),
     }
 
 

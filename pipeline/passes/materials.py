@@ -116,10 +116,15 @@ RENDERERS: dict[str, Callable[[VisibleMaterials], AnyArray]] = {
 
 def render_materials(render_scene: RenderScene, view: View) -> tuple[Channels, dict[str, Any]]:
     """Return the channels of a `materials` frame, each (H, W), and the names of the materials."""
-    materials = VisibleMaterials(visible_surfaces(render_scene, view, colors=False))
+    return materials_of(visible_surfaces(render_scene, view, colors=False))
+
+
+def materials_of(surfaces: VisibleSurfaces) -> tuple[Channels, dict[str, Any]]:
+    """Return what `render_materials` does, from surfaces that are traced already."""
+    materials, view = VisibleMaterials(surfaces), surfaces.view
     shape = (view.height, view.width)
     bands: Channels = {}
     for channel in channels_of("materials"):
         values = RENDERERS[channel.name](materials).reshape(*shape, len(channel.bands))
         bands |= {name: values[..., index] for index, name in enumerate(channel.bands)}
-    return bands, {"material_names": list(render_scene.table.names)}
+    return bands, {"material_names": list(surfaces.scene.table.names)}

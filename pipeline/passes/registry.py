@@ -18,9 +18,9 @@ from pipeline.passes import groundtruth, illumination, inputs, labels, materials
 from pipeline.passes.denoise import denoise, denoiser_version, grey_guide, guides
 from pipeline.passes.groundtruth import render_both, render_truth
 from pipeline.passes.illumination import render_illumination
-from pipeline.passes.inputs import render_inputs
-from pipeline.passes.labels import render_labels
-from pipeline.passes.materials import render_materials
+from pipeline.passes.inputs import inputs_of, render_inputs, visible_surfaces
+from pipeline.passes.labels import labels_of, render_labels
+from pipeline.passes.materials import materials_of, render_materials
 from pipeline.passes.visibility import render_visibility
 from pipeline.pathtrace import integrator
 from pipeline.render.scene import RenderScene
@@ -32,6 +32,7 @@ from scenes.seeds import derive
 Result = tuple[Channels, dict[str, Any]]  # channels, and further entries of the attribute
 Render = Callable[[RenderScene, View, Params, int], Result]
 TRUTHS: tuple[Kind, ...] = ("shading", "color")
+SURFACES: tuple[Kind, ...] = ("inputs", "materials", "labels")  # of one trace of pixel centres
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,17 @@ def render_truths(scene: RenderScene, view: View, params: Params, seed: int) -> 
     return {
         kind: postprocessed(kind, getattr(truths, kind), scene, view, params) for kind in TRUTHS
     }
+
+
+def render_surfaces(scene: RenderScene, view: View, kinds: Sequence[Kind]) -> dict[Kind, Result]:
+    """Render some of `SURFACES` from one trace; each is bit-identical to that of its own pass."""
+    surfaces = visible_surfaces(scene, view, colors="inputs" in kinds)
+    made: dict[Kind, Callable[[], Result]] = {
+        "inputs": lambda: (inputs_of(surfaces), {}),
+        "materials": lambda: materials_of(surfaces),
+        "labels": lambda: labels_of(surfaces),
+    }
+    return {kind: made[kind]() for kind in kinds}
 
 
 def render_noisy(scene: RenderScene, view: View, params: Params, seed: int) -> Result:

@@ -63,9 +63,8 @@ class ObjectBoxes:
 
 def box_around(points: Float64Array) -> Box:
     """Return the upright box around points (N, 3) in world metres."""
-    outline = shapely.get_coordinates(
-        shapely.convex_hull(shapely.MultiPoint(np.unique(points[:, :2], axis=0)))
-    )
+    path = np.concatenate([points, points[:1]])[:, :2]  # a line needs two points
+    outline = shapely.get_coordinates(shapely.convex_hull(shapely.linestrings(path)))
     edges = np.diff(np.concatenate([outline, outline[:1]]), axis=0)
     edges = edges[np.linalg.norm(edges, axis=1) > 0]
     angles = np.append(0.0, np.arctan2(edges[:, 1], edges[:, 0]) % (math.pi / 2))

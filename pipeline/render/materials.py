@@ -155,21 +155,28 @@ class MaterialTable:
         return SurfacePoints(lookup, towards_eye, geometric, local(du), local(dv)), axes
 
     @cached_property
+    def _probed(self) -> list[tuple[dict[Way, list[int]], MaterialValues]]:
+        """For each material, the texture nodes that its rules evaluate, by way of evaluation.
+
+        And its values in front and at the back where these textures are 0.
+        """
+        found = []
+        for node in self._nodes:
+            wanted: dict[Way, list[int]] = {}
+            found.append((wanted, _values(self._graph, node, _two_points(wanted))))
+        return found
+
+    @property
+    def _textures(self) -> list[dict[Way, list[int]]]:
+        return [wanted for wanted, _ in self._probed]
+
+    @cached_property
     def _constants(self) -> MaterialValues:
         """Values of every material's front and back in turn; meant for those without textures."""
-        each = [_values(self._graph, node, _two_points({})) for node in self._nodes]
+        each = [values for _, values in self._probed]
         return MaterialValues(
             *(np.concatenate([getattr(one, field.name) for one in each]) for field in _FIELDS)
         )
-
-    @cached_property
-    def _textures(self) -> list[dict[Way, list[int]]]:
-        """For each material, the texture nodes that its rules evaluate, by way of evaluation."""
-        found: list[dict[Way, list[int]]] = []
-        for node in self._nodes:
-            found.append({})
-            _values(self._graph, node, _two_points(found[-1]))
-        return found
 
     @cached_property
     def _bumps(self) -> list[bool]:
@@ -355,7 +362,9 @@ def _two_sided(graph: Graph, children: list[int], points: SurfacePoints) -> Mate
     back = points.towards_eye[:, 2] < 0
     mirror = np.where(back, -1.0, 1.0)[:, None] * [0, 0, 1] + [1, 1, 0]
     turned = replace(points, towards_eye=points.towards_eye * mirror)
-    sides = [_values(graph, child, turned) for child in (children[0], children[-1])]
+    sides = [_values(graph, child, turned) for child in children]
+    if len(sides) == 1:
+        return replace(sides[0], normal=sides[0].normal * mirror)
     chosen = MaterialValues(
         **{
             name: np.where(

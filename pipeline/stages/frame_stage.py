@@ -17,7 +17,7 @@ from typing import Any
 from pipeline.channels import Kind
 from pipeline.frames import frame_path, holds, kinds_of
 from pipeline.params import Params
-from pipeline.passes.registry import TRUTHS, frame_fingerprint, traced_together
+from pipeline.passes.registry import SURFACES, TRUTHS, frame_fingerprint, traced_together
 from pipeline.records import Failure, data_lock
 from pipeline.stages.cameras import camera_fingerprint
 from pipeline.stages.render_jobs import FrameJob, render_frames
@@ -81,15 +81,16 @@ class _ExpectedFrame:
 
 
 def _by_trace(frames: dict[Path, _ExpectedFrame], params: Params) -> list[list[Path]]:
-    """Group frames that one trace renders; sorted by scene, then kind.
+    """Group frames that one trace renders; sorted by scene, then trace.
 
     In this order a worker changes scenes and kernels as rarely as possible.
     """
-    together = traced_together(params)
+    truths = dict.fromkeys(TRUTHS, "truth") if traced_together(params) else {}
+    traces = truths | dict.fromkeys(SURFACES, "surfaces")
     groups: dict[tuple[str, str, str], list[Path]] = defaultdict(list)
     for path, frame in frames.items():
-        kind = "truth" if together and frame.kind in TRUTHS else frame.kind
-        groups[frame.view.scene_id, kind, frame.view.view_id].append(path)
+        trace = traces.get(frame.kind, frame.kind)
+        groups[frame.view.scene_id, trace, frame.view.view_id].append(path)
     return [groups[key] for key in sorted(groups)]
 
 

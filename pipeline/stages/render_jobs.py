@@ -28,7 +28,15 @@ from pipeline.farm.workspace import (
 )
 from pipeline.frames import Channels, frame_path, write_frame
 from pipeline.params import Params, Variant
-from pipeline.passes.registry import PASSES, Result, camera_of, pass_seed, render_truths
+from pipeline.passes.registry import (
+    PASSES,
+    SURFACES,
+    Result,
+    camera_of,
+    pass_seed,
+    render_surfaces,
+    render_truths,
+)
 from pipeline.render.scene import (
     RenderScene,
     free_memory,
@@ -62,7 +70,7 @@ class CameraJob:
 
 @dataclass(frozen=True)
 class FrameJob:
-    """Render one kind of frame of one view, or shading and colour together."""
+    """Render one kind of frame of one view, or those that one trace makes together."""
 
     data: Path
     view: View
@@ -135,8 +143,7 @@ def _rendered(opened: RenderScene, job: FrameJob) -> tuple[dict[Kind, Result], d
     """Return the job's frames by kind, and the error messages of those that failed."""
     if len(job.fingerprints) > 1:
         with contextlib.suppress(InputError):
-            both = render_truths(opened, job.view, job.params, _seed(job, "color"))
-            return {kind: both[kind] for kind in job.fingerprints}, {}
+            return _together(opened, job), {}
     rendered: dict[Kind, Result] = {}
     failed: dict[Kind, str] = {}
     for kind in job.fingerprints:
@@ -147,6 +154,14 @@ def _rendered(opened: RenderScene, job: FrameJob) -> tuple[dict[Kind, Result], d
                 raise
             failed[kind] = str(error)
     return rendered, failed
+
+
+def _together(opened: RenderScene, job: FrameJob) -> dict[Kind, Result]:
+    """Return the job's frames by kind, from one trace."""
+    if job.fingerprints.keys() <= set(SURFACES):
+        return render_surfaces(opened, job.view, tuple(job.fingerprints))
+    both = render_truths(opened, job.view, job.params, _seed(job, "color"))
+    return {kind: both[kind] for kind in job.fingerprints}
 
 
 def _seed(job: FrameJob, kind: Kind) -> int:
