@@ -60,6 +60,11 @@ def label_fault(labels: Frame, materials: Frame | None, inputs: Channels, view: 
         return "the NYU40 class is not that of the category"
     if (nyu13[channels["nyu40"]] != channels["nyu13"]).any():
         return "the class of 13 is not that of NYU40"
+    names = labels.meta.get("material_names")
+    if not isinstance(names, list) or channels["material"].max(initial=0) > len(names):
+        return "a material without a name"
+    if not isinstance(labels.meta.get("light_sources"), list):
+        return "no table of lights"
     try:
         described = {int(entry["instance"]): entry for entry in labels.meta["instances"]}
         if described.keys() != set(np.unique(image[image > 0]).tolist()):

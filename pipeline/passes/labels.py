@@ -105,7 +105,8 @@ def describe_instances(surfaces: VisibleSurfaces) -> list[dict[str, Any]]:
     for place, number in enumerate(seen):
         item, box = scene.scene.objects[number - 1], scene.boxes.of(int(number) - 1)
         here = image == number
-        pixels, pixels_alone = int(here.sum()), int((alone[:, place] | here).sum())
+        met = alone[:, place // 32] >> np.uint32(place % 32) & 1 > 0
+        pixels, pixels_alone = int(here.sum()), int((met | here).sum())
         fraction = pixels / pixels_alone
         label = category_number(item.category)
         entries.append(

@@ -81,17 +81,17 @@ def objects_along(
     numbers: Int32Array,
     origins: npt.ArrayLike,
     directions: npt.ArrayLike,
-) -> BoolArray:
-    """Test which objects each ray meets on its whole way, as if each object were alone: (N, M).
+) -> npt.NDArray[np.uint32]:
+    """Return which objects each ray meets on its whole way, as if each object were alone.
 
-    `numbers[i]` is the object, 0 to M - 1, of shape i, or -1. Arguments as in `nearest`. A ray
+    `numbers[i]` is the object, 0 to M - 1, of shape i, or -1; other arguments as in `nearest`. The
+    result is packed, uint32 (N, ceil(M / 32)): object m is bit m % 32 of column m // 32. A ray
     goes on behind every surface, up to `MAX_SURFACES` of them; clear surfaces and what a mask
     leaves out are not met.
     """
-    count = int(numbers.max(initial=-1)) + 1
-    trace = partial(_backend().objects_along, geometry, numbers, count)
-    met: BoolArray = _in_chunks(trace, origins, directions)[0]
-    return met
+    words = int(numbers.max(initial=-1)) // 32 + 1
+    trace = partial(_backend().objects_along, geometry, numbers, words)
+    return _in_chunks(trace, origins, directions)[0]
 
 
 def unoccluded(

@@ -93,12 +93,12 @@ def textures(
 def objects_along(
     geometry: SceneGeometry,
     numbers: AnyArray,
-    count: int,
+    words: int,
     origins: AnyArray,
     directions: AnyArray,
 ) -> tuple[AnyArray, ...]:
-    """Return which of the objects each ray meets, (N, count)."""
-    met = np.zeros((len(directions), count), bool)
+    """Return a bit for each object that a ray meets, (N, words)."""
+    met = np.zeros((len(directions), words), np.uint32)
     indices = _shape_numbers(geometry)
     for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
         ray = _ray(o, d)
@@ -108,7 +108,7 @@ def objects_along(
                 break
             shape = indices[hit.shape.ptr]
             if numbers[shape] >= 0 and not _passes(geometry, shape, hit, ray):
-                met[i, numbers[shape]] = True
+                met[i, numbers[shape] // 32] |= np.uint32(1 << int(numbers[shape] % 32))
             ray = mi.Ray3f(ray(_past(hit, ray)), ray.d)
     return (met,)
 

@@ -83,15 +83,14 @@ def _evaluated(slot: TextureSlot, shape: Any, si: Any, valid: Any) -> Any:
 def objects_along(
     geometry: SceneGeometry,
     numbers: AnyArray,
-    count: int,
+    words: int,
     origins: AnyArray,
     directions: AnyArray,
 ) -> tuple[AnyArray, ...]:
-    """Return which of the objects each ray meets, (N, count); a bit for each in `found`."""
+    """Return a bit for each object that a ray meets, (N, words)."""
     tables = _tables(geometry)
     any_mask = bool(geometry.masked.any())
     ray = _ray(origins, directions)
-    words = -(-count // 32)
     width = dr.opaque(mi.UInt32, words)
     found = dr.zeros(mi.UInt32, len(directions) * words)
     table = column(mi.UInt32, np.append(numbers, -1).astype(np.int64) & 0xFFFFFFFF)
@@ -119,8 +118,7 @@ def objects_along(
         body=step,
         labels=("active", "hit", "ray", "layer"),
     )
-    bits = found.numpy().reshape(len(directions), words, 1) >> np.arange(32, dtype=np.uint32)
-    return (((bits & 1) > 0).reshape(len(directions), -1)[:, :count],)
+    return (found.numpy().reshape(len(directions), words),)
 
 
 def emitted_radiance(

@@ -30,12 +30,15 @@ NAMES = ["plaster", "oak"]
 
 
 def write_labels(
-    data: Path, view: View, change: Callable[[Channels, dict[str, Any]], object] | None = None
+    data: Path,
+    view: View,
+    change: Callable[[Channels, dict[str, Any]], object] | None = None,
+    **more: object,
 ) -> None:
     channels, instances = box_labels(view)
     if change:
         change(channels, instances[0])
-    tables = {"instances": instances, "light_sources": [], "material_names": NAMES}
+    tables = {"instances": instances, "light_sources": [], "material_names": NAMES, **more}
     write_view(data, "labels", channels, view, **tables)
 
 
@@ -188,3 +191,11 @@ def test_views_whose_labels_are_wrong_are_rejected(
     assert pack_dataset(data, params).total == 2
     line = (data / "dataset" / "rejected.csv").read_text().splitlines()[1]
     assert line.startswith("home-0000,000,mislabelled,") and words in line
+
+
+@pytest.mark.parametrize("table", ["instances", "light_sources", "material_names"])
+def test_a_label_frame_without_a_table_is_rejected(table: str, tmp_path: Path) -> None:
+    data, params, views = labelled(tmp_path)
+    write_labels(data, views[0], **{table: None})
+    assert pack_dataset(data, params).total == 2
+    assert "mislabelled" in (data / "dataset" / "rejected.csv").read_text()
