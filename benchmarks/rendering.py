@@ -22,6 +22,7 @@ from pipeline.params import IlluminationParams
 from pipeline.passes.groundtruth import render_both
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
+from pipeline.passes.registry import SURFACES, render_surfaces
 from pipeline.pathtrace import integrator as joint
 from pipeline.render.scene import RenderScene
 from pipeline.stages import view_sampling
@@ -70,6 +71,7 @@ def render_rows(bench: Bench) -> Iterator[Row]:
         "joint": lambda spp: both(spp, 0),
         "panorama": lambda spp: render_illumination(scene, view, PANORAMA),
         "inputs": lambda spp: render_inputs(scene, view),
+        "labels": lambda spp: render_surfaces(scene, view, SURFACES),
         "cameras": lambda spp: _sampled(bench, scene),
     }
     for work in ways.values():
@@ -109,6 +111,17 @@ def _cheap_rows(spent: dict[str, list[Spent]], views: int) -> Iterator[Row]:
         "one view's depth, normal, reflectance, its panorama 360 pixels wide and its share of "
         f"sampling {views} views, against the joint trace above",
         ratio(cheap, spent["joint"], "cpu"),
+        clock="cpu",
+        goal=at_most(0.05),
+    )
+    more = [
+        Spent(max(three.cpu - one.cpu, 0), max(three.wall - one.wall, 0))
+        for three, one in zip(spent["labels"], spent["inputs"], strict=True)
+    ]
+    yield Row(
+        "materials and labels / ground truth",
+        "what they add to one view's inputs, from the same rays, against the joint trace above",
+        ratio(more, spent["joint"], "cpu"),
         clock="cpu",
         goal=at_most(0.05),
     )

@@ -18,6 +18,8 @@ from pipeline.render.drjit_arrays import vector
 from pipeline.render.materials import RULES
 from pipeline.render.scene import RenderScene, open_scene
 from pipeline.views import View
+from scenes.registry import import_scene
+from tests.fixtures.gltf import square
 from tests.fixtures.render import ball, glow, make_view, quad, write_scene
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -246,6 +248,34 @@ def shading_cosine(scene: RenderScene, view: View, light: np.ndarray) -> np.ndar
     wo = si.to_local(vector(mi.Vector3f, np.broadcast_to(light, flat.shape)))
     value = si.bsdf().eval(mi.BSDFContext(), si, wo)
     return np.pi * np.array(value)[0].reshape(local.shape[:2])
+
+
+def test_the_maps_of_a_gltf_file_arrive(tmp_path: Path) -> None:
+    """Green of the texture is roughness, blue is metalness; the normal leans towards +u, +X."""
+    made = square(
+        pbrMetallicRoughness={
+            "metallicRoughnessTexture": {"index": 0},
+            "roughnessFactor": 0.5,
+            "baseColorFactor": [0.8, 0.4, 0.2, 1],
+        },
+        normalTexture={"index": 1},
+    )
+    made.texture(np.full((2, 2, 3), (10, 200, 60), dtype=np.uint8))
+    made.texture(np.full((2, 2, 3), (204, 128, 230), dtype=np.uint8))
+    scene = import_scene(made.save(tmp_path / "in" / "model.glb"), tmp_path / "out")
+    view = make_view((4, -4, 1), (0, 0, -1), focal=200, up=(0, 1, 0))
+    got, facts = render_materials(open_scene(scene), view)
+    assert facts["material_names"][got["material"].min() - 1] == "material_paint"
+    metalness = 60 / 255
+    np.testing.assert_allclose(got["roughness"], 100 / 255, atol=1e-5)
+    np.testing.assert_allclose(got["metalness"], metalness, atol=1e-5)
+    for band, base in zip("RGB", (0.8, 0.4, 0.2), strict=True):
+        value = (1 - metalness) * 0.04 + metalness * base
+        np.testing.assert_allclose(got[f"specular.{band}"], value, atol=1e-4)
+    normal = np.stack([got[f"bumped.{axis}"] for axis in "XYZ"], -1) @ view.pose[:3, :3].T
+    leaning = np.array([204, 128, 230]) / 127.5 - 1
+    np.testing.assert_allclose(normal[..., 0], leaning[0] / np.linalg.norm(leaning), atol=1e-4)
+    assert (normal[..., 2] > 0.7).all()
 
 
 def test_every_channel_has_a_renderer() -> None:
