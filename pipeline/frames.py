@@ -11,6 +11,10 @@ Channels are linear and scene-referred; `pipeline.channels` lists them. The kind
 * `noisy`: colour and shading with few samples per pixel, independent of those of `color` and
   `shading`, as traced and denoised; only if `noisy.spp` is above 0
 
+* `materials`: roughness, metalness, specular colour, bumped normal, emission, material ids; only
+  if `channels` names that set
+* `labels`: ids of instances, classes and materials, and tables that describe them; likewise
+
 Attributes: `worldToCamera` (4x4, OpenCV axes) and `pbrnet`, a JSON object with the view, the seed,
 spp, noise, renderer, `fingerprint` of everything that determines the pixels, and `digest` of the
 pixels.

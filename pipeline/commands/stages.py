@@ -68,7 +68,10 @@ def cameras(params: Params, data: Path, scheduler: str | None) -> None:
 @farm_options
 @common_options
 def inputs(params: Params, data: Path, scheduler: str | None) -> None:
-    """Render depth, normals, reflectance, valid mask and object ids of every view."""
+    """Render depth, normals, reflectance, valid mask and object ids of every view.
+
+    With channels also renders materials (roughness, metalness and so on) and labels.
+    """
     _print_summary(run_inputs(data, params, scheduler))
 
 

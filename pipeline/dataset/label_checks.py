@@ -75,7 +75,7 @@ def label_fault(labels: Frame, materials: Frame | None, inputs: Channels, view: 
             fault = _instance_fault(entry, channels["category"][here], points[here], view)
             if fault:
                 return f"instance {number}: {fault}"
-    except (KeyError, TypeError, ValueError, AttributeError):
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError):
         return "its table of instances cannot be read"
     return None
 
