@@ -4,12 +4,34 @@ from __future__ import annotations
 
 from random import Random
 
-from tests.hostile.building_files import BUILDINGS
 from tests.hostile.family import Family
-from tests.hostile.project_files import PROJECT
-from tests.hostile.scene_files import SCENES
+from tests.hostile.project_files import (
+    catalogues,
+    command_lines,
+    dataset,
+    folders,
+    frames,
+    networks,
+    params,
+)
+from tests.hostile.scene_files import blender, buildings, homes, images, mitsuba, models, pbrt
 
-FAMILIES: tuple[Family, ...] = (*SCENES, *BUILDINGS, *PROJECT)
+FAMILIES: tuple[Family, ...] = (
+    *homes.FAMILIES,
+    *mitsuba.FAMILIES,
+    *models.FAMILIES,
+    *images.FAMILIES,
+    *buildings.FAMILIES,
+    *pbrt.FAMILIES,
+    *blender.FAMILIES,
+    *params.FAMILIES,
+    *frames.FAMILIES,
+    *dataset.FAMILIES,
+    *networks.FAMILIES,
+    *folders.FAMILIES,
+    *catalogues.FAMILIES,
+    *command_lines.FAMILIES,
+)
 _CHEAP = 0.5  # seconds of a core
 
 

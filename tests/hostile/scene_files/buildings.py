@@ -82,7 +82,7 @@ def _leads_out(folder: Path) -> Arguments:
     return USDZ.split()
 
 
-BUILDINGS = [
+_FAMILIES = [
     Family(
         "collada",
         60,
@@ -92,7 +92,7 @@ BUILDINGS = [
     ),
 ]
 if find_spec("pxr"):
-    BUILDINGS.append(
+    _FAMILIES.append(
         Family(
             "usd",
             60,
@@ -103,6 +103,7 @@ if find_spec("pxr"):
         )
     )
 if find_spec("ifcopenshell"):
-    BUILDINGS.append(
+    _FAMILIES.append(
         Family("ifc", 40, _house, (Victim("a.ifc", damaged_text, (IFC,)),), seconds=3.0)
     )
+FAMILIES = tuple(_FAMILIES)

@@ -1,0 +1,1 @@
+"""Families of hostile files of the project: parameters, frames, datasets, networks, folders."""
