@@ -151,7 +151,8 @@ def main(arguments: list[str] | None = None) -> Any:
         click.echo("Error: this takes more memory than there is", err=True)
         sys.exit(MachineError.exit_code)
     except OSError as error:
-        click.echo(f"Error: {error.filename or 'file'}: {os.strerror(error.errno or 0)}", err=True)
+        name = _shortened(str(error.filename or "file"))
+        click.echo(f"Error: {name}: {os.strerror(error.errno or 0)}", err=True)
         sys.exit(MachineError.exit_code)
     except Exception as error:
         if os.environ.get("PBRNET_DEBUG"):

@@ -90,9 +90,15 @@ def run_program(
 
 
 def _main(function: str, message: str, seconds: str, memory: str, *arguments: str) -> int:
-    resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 5))
-    resource.setrlimit(resource.RLIMIT_AS, (int(memory), int(memory)))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    for kind, soft, hard in (
+        (resource.RLIMIT_CPU, int(seconds), int(seconds) + 5),
+        (resource.RLIMIT_AS, int(memory), int(memory)),
+        (resource.RLIMIT_CORE, 0, 0),
+    ):
+        _, largest = resource.getrlimit(kind)  # of this process, which may be limited already
+        if largest != resource.RLIM_INFINITY:
+            soft, hard = min(soft, largest), min(hard, largest)
+        resource.setrlimit(kind, (soft, hard))
     try:
         load(function)(*arguments)
     except InputError as error:

@@ -25,6 +25,7 @@ from scenes.errors import InputError
 from scenes.files import atomic_directory, read_json, write_json
 
 SCHEMA = 1
+MAX_EXTENT = 1e6  # metres across, skies and grounds included
 Point2 = tuple[float, float]
 Point3 = tuple[float, float, float]
 
@@ -133,6 +134,9 @@ class Scene:
         for room in self.rooms:
             if len(room.floor) < 3 or room.ceiling_z <= room.floor_z:
                 raise ValueError(f"{prefix}: room {room.id!r} has no floor area or no height")
+            places = [*(value for point in room.floor for value in point), room.ceiling_z]
+            if not all(abs(value) <= MAX_EXTENT for value in places):
+                raise ValueError(f"{prefix}: room {room.id!r} lies more than {MAX_EXTENT:g} m away")
 
 
 @contextmanager

@@ -184,6 +184,7 @@ def import_command(
     def work() -> None:
         import_scene(path, out, name, **given)
 
+    sweep(out.parent, recursive=False)  # what a killed import left
     try:
         run_limited(work, Limits(max_seconds, max_memory), str(path))
     except (MachineError, KeyboardInterrupt):

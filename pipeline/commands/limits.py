@@ -41,7 +41,8 @@ def run_limited(work: Callable[[], None], limits: Limits, what: str) -> None:
     """Call `work` in a forked child within `limits`; its exceptions are raised here.
 
     Raises `MachineError`, which begins with `what`, if the child exceeds a limit or crashes.
-    Temporary files of the child are removed in any case. A process with threads of Python, or of
+    Temporary files of the child are removed in any case, also on SIGTERM, which ends both as Ctrl-C
+    does. A process with threads of Python, or of
     libraries of `_THREADED`, cannot be forked safely; it calls `work` itself, without limits.
     """
     if not _can_fork():
@@ -56,11 +57,13 @@ def run_limited(work: Callable[[], None], limits: Limits, what: str) -> None:
             os.close(reader)
             _run_child(work, writer, folder)
         os.close(writer)
+        before = signal.signal(signal.SIGTERM, _interrupt)
         try:
             said = _watched(child, reader, limits, what)
         finally:
             os.close(reader)
             _stop(child)
+            signal.signal(signal.SIGTERM, before)
     if not said:
         raise MachineError(
             f"{what}: the import ended without a word, as if it was killed or a library crashed; "
@@ -72,6 +75,10 @@ def run_limited(work: Callable[[], None], limits: Limits, what: str) -> None:
         error = kinds.get(outcome["kind"], RuntimeError)(outcome["text"])
         error.add_note(outcome["trace"])
         raise error
+
+
+def _interrupt(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
 
 
 def _can_fork() -> bool:

@@ -20,7 +20,7 @@ import numpy as np
 from shapely.geometry import box
 
 from scenes.arrays import Float64Array
-from scenes.contract import Credit, Light, Portal, Room, Scene, SceneObject, save_scene
+from scenes.contract import MAX_EXTENT, Credit, Light, Portal, Room, Scene, SceneObject, save_scene
 from scenes.errors import InputError
 from scenes.geometry.transforms import look_at
 from scenes.importing.changes import Changes
@@ -58,8 +58,6 @@ from scenes.reconstruction.orientation import (
 from scenes.reconstruction.raycast import RayCaster
 from scenes.reconstruction.rooms import FoundOpening, FoundRoom, find_openings
 from scenes.source_options import FreeAxesOptions
-
-_MAX_EXTENT = 1e6  # metres across, skies and grounds included
 
 
 @dataclass(frozen=True)
@@ -286,9 +284,9 @@ def find_rooms_and_openings(
     """
     everything = np.concatenate([shape.mesh.corners for shape in shapes])
     extent = float(np.ptp(everything.reshape(-1, 3), axis=0).max())
-    if extent > _MAX_EXTENT:
+    if extent > MAX_EXTENT:
         raise InputError(
-            f"the scene is {extent:.3g} m across; at most {_MAX_EXTENT:g} m are supported. Give "
+            f"the scene is {extent:.3g} m across; at most {MAX_EXTENT:g} m are supported. Give "
             "its unit with --scale, or repair the shape that lies so far out"
         )
     eye = cameras[0].to_world[:3, 3] if cameras else None

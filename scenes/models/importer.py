@@ -68,6 +68,8 @@ _MERGED_CATEGORIES = (
 _MAX_RELATIVE = 50.0  # a file whose brightest surface stays below this does so
 _RELATIVE_UNIT = 1000.0  # candela per square metre
 
+_FARTHEST = 1e30  # units; what lies farther out is no number of single precision
+
 
 class ModelReader(Protocol):
     """Reads a model file.
@@ -100,6 +102,11 @@ def import_model(
         model = reader(path, sandbox, textures, Path(unpacked), changes)
         if not model.shapes:
             raise InputError(f"{path}: the file has no surfaces")
+        for shape in model.shapes:
+            if np.abs(shape.mesh.vertices).max(initial=0.0) > _FARTHEST:
+                raise InputError(
+                    f"{path}: {shape.name!r:.80} lies too far out for any unit; repair it"
+                )
         area = _area_lights(model, textures, changes)
         draft = _draft(model, area, path, scene_id, options, opened, changes)
         for old, new in sandbox.relocated:

@@ -38,17 +38,26 @@ class ShapeReader:
     _names: Names = field(default_factory=Names)
     _files: dict[Path, Mesh] = field(default_factory=dict)
     _meshes: dict[int, Mesh | None] = field(default_factory=dict)  # by `id` of the shape's entity
-    _triangles: int = 0
 
     def read(self, placed: list[PlacedShape]) -> list[Shape]:
-        """Translate shapes in file order; what cannot be kept is noted."""
+        """Translate shapes in file order; what cannot be kept is noted.
+
+        All are counted first, as instances take no memory before they are placed.
+        """
+        triangles = 0
+        for one in placed:
+            mesh = self._shared(one.shape)
+            triangles += 0 if mesh is None else len(mesh.faces)
+            if triangles > MAX_SCENE_TRIANGLES:
+                raise InputError(
+                    f"{one.shape.place}: the scene has more than the limit of "
+                    f"{MAX_SCENE_TRIANGLES:,} triangles"
+                )
         return [shape for one in placed if (shape := self._shape(one)) is not None]
 
     def _shape(self, placed: PlacedShape) -> Shape | None:
         entity = placed.shape
-        if id(entity) not in self._meshes:
-            self._meshes[id(entity)] = self._local(entity)
-        local = self._meshes[id(entity)]
+        local = self._shared(entity)
         if local is None:
             return None
         label = self._label(placed)
@@ -56,12 +65,6 @@ class ShapeReader:
         if not len(mesh.faces):
             self.context.changes.note("a shape without area was left out: {}", label)
             return None
-        self._triangles += len(mesh.faces)
-        if self._triangles > MAX_SCENE_TRIANGLES:
-            raise InputError(
-                f"{entity.place}: the scene has more than the limit of {MAX_SCENE_TRIANGLES:,} "
-                "triangles"
-            )
         if placed.reversed:
             mesh = mesh.flipped()
         surface, area = self.materials.surface(placed.material, entity), placed.area
@@ -78,6 +81,12 @@ class ShapeReader:
                 inside_out=placed.reversed,
             )
         return shape
+
+    def _shared(self, entity: Entity) -> Mesh | None:
+        """The mesh of a shape in its own frame, read once for all its instances."""
+        if id(entity) not in self._meshes:
+            self._meshes[id(entity)] = self._local(entity)
+        return self._meshes[id(entity)]
 
     def _label(self, placed: PlacedShape) -> str:
         """Name of the mesh file, else of the material, else the type of shape."""

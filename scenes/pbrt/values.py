@@ -224,7 +224,7 @@ def clipped(color: Color, changes: Changes) -> Color:
 
 def _mean(texture: Entity, default: float) -> float:
     texture.context.changes.note("a texture of a number was replaced by its mean value")
-    if texture.type == "constant":
+    if texture.type == "constant" and not texture.is_texture("value"):
         return texture.number("value", 1.0)
     return default
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -147,14 +148,27 @@ def crosses_opening(
         )
         if not reached.any():
             continue
-        first = np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0])
-        first = first / np.linalg.norm(first)
-        axes = np.stack([first, np.cross(normal, first)], axis=1)
-        blocker = buffered(Polygon((corners - corners[0]) @ axes), _OVERLAP, join_style="mitre")
+        axes, blocker = _blocker(corners.tobytes(), normal.tobytes())
         points = origins[reached] + plane_distance[reached, None] * directions[reached]
         local = (points - corners[0]) @ axes
         crossed[reached] |= shapely.contains_xy(blocker, local[:, 0], local[:, 1])
     return crossed
+
+
+@lru_cache(maxsize=10_000)
+def _blocker(polygon: bytes, direction: bytes) -> tuple[Float64Array, Polygon]:
+    """Axes (3, 2) of an opening's plane, and the opening, a little wider, in them.
+
+    `polygon` (N, 3) and the unit normal `direction` (3,) are bytes of float64. Kept, since walks
+    ask for it again and again.
+    """
+    corners = np.frombuffer(polygon).reshape(-1, 3)
+    normal = np.frombuffer(direction)
+    first = np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0])
+    first = first / np.linalg.norm(first)
+    axes = np.stack([first, np.cross(normal, first)], axis=1)
+    blocker = buffered(Polygon((corners - corners[0]) @ axes), _OVERLAP, join_style="mitre")
+    return axes, blocker
 
 
 def sample_room_points(

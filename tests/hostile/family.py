@@ -9,6 +9,7 @@ from random import Random
 
 from tests.hostile.mutations import Damage, damage_file
 
+STAND_IN = "stand-in"  # program of a case that the importer may run
 Arguments = list[str]  # of pbrnet; paths are relative to the case's folder
 Base = Callable[[Path], object]  # writes sound files into a folder
 Made = Callable[[Path], Arguments]  # writes files made by hand and returns the command line

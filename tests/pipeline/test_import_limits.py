@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+import psutil
+import pytest
+
 from tests.fixtures.rooms import shell, write_obj
+
+IMPORT = (sys.executable, "-m", "pipeline.cli", "import")
 
 # Each case runs in a fresh process, as a process with threads is not forked. That of the command
 # has NumPy, whose OpenBLAS has threads where there are several processors.
@@ -66,7 +73,7 @@ def test_the_command_ends_at_its_limit_and_leaves_nothing(tmp_path: Path) -> Non
     room = write_obj(tmp_path / "in" / "room.obj", shell())
     out = tmp_path / "out" / "room"
     done = subprocess.run(
-        [sys.executable, "-m", "pipeline.cli", "import", str(room), "--out", str(out),
+        [*IMPORT, str(room), "--out", str(out),
          "--max-seconds", "0.3"],
         env=_environment(), capture_output=True, text=True, timeout=100, check=False,
     )  # fmt: skip
@@ -76,6 +83,49 @@ def test_the_command_ends_at_its_limit_and_leaves_nothing(tmp_path: Path) -> Non
     assert len(done.stderr.splitlines()) == 1
     assert not out.exists()
     assert not out.parent.exists() or list(out.parent.iterdir()) == []
+
+
+def test_the_command_ends_at_its_limit_of_memory(tmp_path: Path) -> None:
+    small = write_obj(tmp_path / "in" / "room.obj", shell())
+    large = tmp_path / "in" / "large.obj"
+    corners = "".join(f"v {n % 1000} {n // 1000} {n % 7}\n" for n in range(600_000))
+    faces = "".join(f"f {n} {n + 1} {n + 1000}\n" for n in range(1, 599_000))
+    large.write_text(corners + faces)
+    for path, code in ((small, 0), (large, 4)):
+        out = tmp_path / "out" / path.stem
+        done = subprocess.run(
+            [*IMPORT, str(path), "--out", str(out), "--scale", "1", "--max-memory", "0.5"],
+            env=_environment(), capture_output=True, text=True, timeout=100, check=False,
+        )  # fmt: skip
+        assert done.returncode == code, done.stderr
+    assert "needed more than 0.5 GiB of memory" in done.stderr and "--max-memory" in done.stderr
+    assert sorted(each.name for each in out.parent.iterdir()) == ["room"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_killed_import_leaves_nothing_or_the_next_one_sweeps(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    room = write_obj(tmp_path / "in" / "room.obj", shell())
+    out = tmp_path / "out" / "room"
+    command = [*IMPORT, str(room), "--out", str(out)]
+    with subprocess.Popen(
+        command, env=_environment(), stderr=subprocess.PIPE, start_new_session=True
+    ) as running:
+        while running.poll() is None and not list(out.parent.glob(".partial-*")):
+            time.sleep(0.005)
+        children = psutil.Process(running.pid).children(recursive=True)
+        for each in children if number == signal.SIGKILL else ():
+            each.kill()  # as when memory runs out, before it could remove anything
+        running.send_signal(number)
+        running.wait(60)
+    assert not out.exists()
+    assert not psutil.wait_procs(children, 30)[1]
+    if number == signal.SIGTERM:
+        assert running.returncode == 130
+        assert not list(out.parent.glob(".partial-*"))
+    subprocess.run(command, env=_environment(), check=True, timeout=100)
+    assert sorted(path.name for path in out.parent.iterdir()) == ["room"]
 
 
 def _environment() -> dict[str, str]:

@@ -43,9 +43,15 @@ class Notes:
 
 def main(source: str, root: str, out: str, seconds: str, memory: str) -> None:
     """Open `source`, prepare it and export it into the folder `out`."""
-    resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 5))
-    resource.setrlimit(resource.RLIMIT_AS, (int(memory), int(memory)))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    for kind, soft, hard in (
+        (resource.RLIMIT_CPU, int(seconds), int(seconds) + 5),
+        (resource.RLIMIT_AS, int(memory), int(memory)),
+        (resource.RLIMIT_CORE, 0, 0),
+    ):
+        _, largest = resource.getrlimit(kind)  # of this process, which may be limited already
+        if largest != resource.RLIM_INFINITY:
+            soft, hard = min(soft, largest), min(hard, largest)
+        resource.setrlimit(kind, (soft, hard))
     notes = Notes()
     _open(Path(source), notes)
     _check_images(Path(root), notes)

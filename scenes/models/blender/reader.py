@@ -7,7 +7,6 @@ in this Python (the extra pbrnet[blender]), `blender` on the PATH.
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import sys
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from scenes.child_process import run_program
 from scenes.errors import InputError, MachineError
+from scenes.files import read_json
 from scenes.importing.changes import Changes
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.textures import TextureStore
@@ -92,13 +92,17 @@ def _environment(home: Path) -> dict[str, str]:
 
 
 def _notes(path: Path, file: Path) -> dict[str, Any]:
+    """What `export.py` left beside the scene, checked: Blender is run on files of strangers."""
     try:
-        notes = json.loads(file.read_text("utf-8"))
+        notes = read_json(file)
         return {
-            "notes": dict(notes["notes"]),
+            "notes": {
+                str(sentence): [str(detail) for detail in details]
+                for sentence, details in dict(notes["notes"]).items()
+            },
             "files": [str(name) for name in notes["files"]],
             "unit": float(notes["unit"]),
             "outdoors": bool(notes["outdoors"]),
         }
-    except (OSError, ValueError, KeyError, TypeError):
+    except (InputError, OSError, ValueError, KeyError, TypeError, OverflowError):
         raise InputError(f"{path}: Blender did not finish; the file is damaged") from None

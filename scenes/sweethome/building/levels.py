@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TypeVar
 
 from scenes.errors import InputError
 from scenes.importing.changes import Changes
 from scenes.sweethome.home import Home, HomePiece, Level, RoomShape, Wall
+
+_Item = TypeVar("_Item", Wall, RoomShape, HomePiece)
 
 
 @dataclass(frozen=True)
@@ -41,13 +45,15 @@ def storeys(home: Home, wanted: tuple[str, ...], changes: Changes) -> list[Store
             raise InputError(f"this home has no levels; leave out {', '.join(map(repr, wanted))}")
         height = home.wall_height
         return [Storey(0, "", 0, 0, 0, height, True, True, None,
-                       home.walls, home.rooms, home.pieces)]  # fmt: skip
+                       _once(home.walls), _once(home.rooms), home.pieces)]  # fmt: skip
     levels = sorted(home.levels, key=lambda level: (level.elevation, level.index))
     names = [level.name for level in levels]
     unknown = [name for name in wanted if name not in names]
     if unknown:
         raise InputError(f"no level is called {unknown[0]!r}; there are {', '.join(names)}")
     lowest, highest = levels[0].elevation, levels[-1]
+    walls, rooms = _by_level(home.walls, levels), _by_level(home.rooms, levels)
+    pieces = _by_level(home.pieces, levels)
     made = []
     for number, level in enumerate(levels):
         if wanted and level.name not in wanted:
@@ -71,9 +77,9 @@ def storeys(home: Home, wanted: tuple[str, ...], changes: Changes) -> list[Store
                 is_lowest=level.elevation == lowest,
                 is_highest=level is highest,
                 above=min(above, default=None),
-                walls=tuple(wall for wall in home.walls if _level(wall, levels) is level),
-                rooms=tuple(room for room in home.rooms if _level(room, levels) is level),
-                pieces=tuple(piece for piece in home.pieces if _level(piece, levels) is level),
+                walls=_once(walls[number]),
+                rooms=_once(rooms[number]),
+                pieces=tuple(pieces[number]),
             )
         )
     if not made:
@@ -81,6 +87,17 @@ def storeys(home: Home, wanted: tuple[str, ...], changes: Changes) -> list[Store
     return made
 
 
-def _level(item: Wall | RoomShape | HomePiece, levels: list[Level]) -> Level:
-    """Return the level of an item; the lowest if it names none, or an unknown one."""
-    return next((level for level in levels if level.id == item.level), levels[0])
+def _by_level(items: Iterable[_Item], levels: list[Level]) -> list[list[_Item]]:
+    """Return the items of each level; those that name none, or an unknown one, at the lowest."""
+    numbers: dict[str | None, int] = {
+        level.id: number for number, level in reversed(list(enumerate(levels)))
+    }
+    made: list[list[_Item]] = [[] for _ in levels]
+    for item in items:
+        made[numbers.get(item.level, 0)].append(item)
+    return made
+
+
+def _once(items: Iterable[_Item]) -> tuple[_Item, ...]:
+    """Return the items without exact copies, which change nothing; of each, the last counts."""
+    return tuple(reversed(dict.fromkeys(reversed(list(items)))))

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from random import Random
 
-from tests.hostile.family import Arguments, Family, Made, Victim
+from tests.hostile.family import STAND_IN, Arguments, Family, Made, Victim
 from tests.hostile.made import with_file, with_link
 from tests.hostile.mutations import LONG, damaged_bytes, damaged_json, deep
 from tests.hostile.scene_files.models import write_gltf
@@ -24,7 +24,7 @@ _WRITES = "cp $case/a.glb $out/scene.glb\ncp $case/notes.json $out/notes.json"
 
 def _program(folder: Path, steps: str) -> None:
     """A shell script in Blender's place; `$out` is the folder of the results, `$case` the case."""
-    program = folder / "blender"
+    program = folder / STAND_IN
     program.write_text(
         f'#!/bin/sh\ncase={folder}\nwhile [ "$1" != -- ]; do shift; done\nout=$4\n{steps}\n'
     )
@@ -44,7 +44,7 @@ class Blender(Family):
 
     def write(self, folder: Path, rng: Random, number: int) -> Arguments:
         """Point the reader to the stand-in, then write the case."""
-        os.environ["PBRNET_BLENDER"] = str(folder / "blender")
+        os.environ["PBRNET_BLENDER"] = str(folder / STAND_IN)
         _program(folder, _WRITES)
         return super().write(folder, rng, number)
 

@@ -127,7 +127,8 @@ MESHES_MADE = (
     _ply_head(f"ply\nformat ascii 1.0\nelement vertex {LONG}\n{PLY_VERTICES}end_header\n"),
     _ply_head(f"ply\nformat ascii 1.0\nelement vertex 999999999999\n{PLY_VERTICES}end_header\n"),
     _ply_head(
-        f"ply\nformat binary_little_endian 1.0\nelement vertex 4294967295\n{PLY_VERTICES}end_header\n",
+        f"ply\nformat binary_little_endian 1.0\nelement vertex 4294967295\n{PLY_VERTICES}"
+        "end_header\n",
         b"\0" * 100,
     ),
     _ply_head(

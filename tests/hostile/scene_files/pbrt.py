@@ -59,8 +59,10 @@ AttributeBegin
 AttributeEnd
 {pbrt.room(without=("north",)).replace('"diffuse"', '"matte"').replace("reflectance", "Kd")}
 Texture "dots" "color" "checkerboard" "float uscale" 8 "rgb tex1" [ .1 .1 .1 ]
-Material "uber" "texture Kd" "dots" "rgb Ks" [ .1 .1 .1 ] "float roughness" 0.1 "rgb opacity" [1 1 1]
-Shape "loopsubdiv" "integer nlevels" 3 "point P" [ 1 .5 1  2 .5 1  1 .5 2 ] "integer indices" [0 1 2]
+Material "uber" "texture Kd" "dots" "rgb Ks" [ .1 .1 .1 ] "float roughness" 0.1
+  "rgb opacity" [1 1 1]
+Shape "loopsubdiv" "integer nlevels" 3 "point P" [ 1 .5 1  2 .5 1  1 .5 2 ]
+  "integer indices" [0 1 2]
 Material "glass" "float index" 1.4
 TransformBegin
   Translate 1 1 2

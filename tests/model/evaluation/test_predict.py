@@ -9,20 +9,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenEXR
 import pytest
 import torch
 from click.testing import CliRunner, Result
+from safetensors import SafetensorError
+from safetensors.torch import load_file
 
 from model.evaluation import predict as prediction
 from model.evaluation.inference import Prediction, load_networks
 from model.evaluation.predict import from_frames
 from model.release import pretrained
+from model.training import weights as weights_module
+from model.training.weights import write_weights
 from pipeline.cli import cli
-from pipeline.frames import Channels, read_frame
+from pipeline.frames import Channels, pixels_digest, read_frame, read_meta
 from pipeline.images import png_facts, read_picture
 from pipeline.passes.visibility import render_visibility
 from pipeline.tonemap import Exposure, tonemap
-from scenes.errors import InputError
+from scenes.errors import InputError, MachineError
+from scenes.files import digest_file
 from tests.fixtures.predict import box_camera, box_frames, box_room
 from tests.fixtures.predictor import untrained_models
 
@@ -124,6 +130,46 @@ def test_all_views_of_a_scene_and_a_camera_of_ones_own(room: Path) -> None:
 def test_what_does_not_fit_together_is_said(room: Path, words: tuple[str, ...], said: str) -> None:
     done = predict(room, *words)
     assert done.exit_code == 2 and said in done.output
+
+
+def test_weights_and_frames_of_nan_end_a_prediction(project: Path) -> None:
+    pixels = dict(read_frame(Path(FRAMES[1])).channels)
+    pixels["Z"][0, 0] = np.nan
+    meta = json.dumps({**read_meta(Path(FRAMES[1])), "digest": pixels_digest(pixels)})
+    with OpenEXR.File({"pbrnet": meta}, pixels) as file:
+        file.write("nan.exr")
+    done = predict("--inputs", "nan.exr", *FRAMES[2:])
+    assert isinstance(done.exception, InputError) and "NaN" in str(done.exception)
+    weights = Path("models/unet.safetensors")
+    write_weights(weights, {name: value * np.nan for name, value in load_file(weights).items()})
+    card = weights.with_suffix(".json")
+    content = json.loads(card.read_text())
+    card.write_text(json.dumps({**content, "sha256": digest_file(weights)}))
+    done = predict(*FRAMES, "--method", "unet")
+    assert isinstance(done.exception, InputError)
+    assert "NaN or infinity" in str(done.exception)
+
+
+@pytest.mark.parametrize("value", [0, 10**9, 64, "8"])
+def test_an_absurd_card_is_refused_before_memory_is_taken(project: Path, value: object) -> None:
+    card = Path("models/unet.json")
+    content = json.loads(card.read_text())
+    content["architecture"]["width"] = value
+    card.write_text(json.dumps(content))
+    done = predict(*FRAMES, "--method", "unet")
+    assert isinstance(done.exception, InputError) and "unet" in str(done.exception)
+
+
+def test_a_full_disk_ends_the_writing_of_weights(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(state: object, path: Path) -> None:
+        raise SafetensorError("I/O error: No space left on device (os error 28)")
+
+    monkeypatch.setattr(weights_module, "save_file", full)
+    with pytest.raises(MachineError, match="disk is full"):
+        write_weights(tmp_path / "a.safetensors", {})
+    assert not list(tmp_path.glob("*a.safetensors"))
 
 
 def test_a_camera_that_looks_straight_down_is_refused(room: Path) -> None:

@@ -138,6 +138,10 @@ def test_what_blender_exports_is_imported(tmp_path: Path, monkeypatch: pytest.Mo
         ((), "did not finish"),
         (("sleep 60",), "more than"),
         (("echo '{' > $out/notes.json",), "did not finish"),
+        (("echo '[[[' > $out/notes.json",), "did not finish"),
+        (('echo \'{"notes": {"a": 3}}\' > $out/notes.json',), "did not finish"),
+        (("mkfifo $out/notes.json",), "did not finish"),
+        (("ln -s /dev/zero $out/notes.json",), "did not finish"),
     ],
 )
 def test_a_blender_that_fails_ends_in_one_line(

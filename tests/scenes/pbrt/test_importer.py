@@ -21,7 +21,7 @@ from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import Shape
 from scenes.importing.textures import TextureStore, UnreadableImage, read_radiance
 from scenes.opened_files import OpenedFiles
-from scenes.pbrt import parser, reader
+from scenes.pbrt import parser, reader, shapes
 from scenes.pbrt.importer import cameras_of
 from scenes.pbrt.lights import Lights, from_octahedral
 from scenes.pbrt.materials import Materials
@@ -536,3 +536,21 @@ def test_comments_of_many_signs_take_linear_time(tmp_path: Path) -> None:
 def test_a_scene_without_light_asks_for_sky(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--sky"):
         imported(tmp_path, room())
+
+
+def test_a_texture_that_is_its_own_value_ends(tmp_path: Path) -> None:
+    body = (
+        'Texture "t" "float" "constant" "texture value" "t"\n'
+        f'Material "conductor" "texture roughness" "t"\n{TRIANGLE}'
+    )
+    assert Read(tmp_path, body).said("a texture of a number was replaced by its mean value")
+
+
+def test_instances_are_counted_before_they_take_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shapes, "MAX_SCENE_TRIANGLES", 9)
+    monkeypatch.setattr(Mesh, "transformed", lambda *_: pytest.fail("a mesh was placed"))
+    body = f'ObjectBegin "o"\n{TRIANGLE}\nObjectEnd\n' + 'ObjectInstance "o"\n' * 10
+    with pytest.raises(InputError, match="limit of 9 triangles"):
+        Read(tmp_path, body)
