@@ -13,7 +13,7 @@ from tests.fixtures.paths import ROOT
 from tests.hostile.families import FAMILIES
 from tests.hostile.runner import Outcome
 
-CASES = 2000
+CASES = 3500
 
 
 def outcomes(folder: Path, *arguments: str) -> list[Outcome]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import struct
+import subprocess
+import sys
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 
 from scenes.checked import build, shown
+from scenes.contract import Credit, Room, Scene
 from scenes.errors import InputError, ParameterError
 from scenes.files import parse_json, regular_file, resolved
 from scenes.formats.archive import HomeArchive
@@ -21,7 +24,8 @@ from scenes.geometry.mesh import Mesh, creased
 from scenes.importing.sandbox import Sandbox
 from scenes.opened_files import OpenedFiles
 from scenes.registry import import_scene
-from tests.fixtures.gltf import square
+from tests.fixtures.gltf import Builder, square
+from tests.fixtures.paths import ROOT
 
 
 @pytest.mark.parametrize("kind", ["missing", "folder", "pipe", "device", "loop", "large"])
@@ -157,3 +161,32 @@ def test_lists_where_gltf_has_text_or_numbers(
     made.json[item][0][key] = value
     with pytest.raises(InputError, match=f"'{key}' must be"):
         import_scene(made.save(tmp_path / "a.gltf"), tmp_path / "out")
+
+
+@pytest.mark.parametrize("far", [1e31, 1e300])
+def test_a_shape_beyond_single_precision_is_named(tmp_path: Path, far: float) -> None:
+    made = Builder()
+    made.node(mesh=made.mesh(), name="chair", translation=[far, 0, 0])
+    made.save(tmp_path / "a.glb")
+    with pytest.raises(InputError, match=r"chair.* lies too far out"):
+        import_scene(tmp_path / "a.glb", tmp_path / "out", scale=1.0)
+
+
+def test_a_room_of_a_scene_folder_lies_within_the_limit() -> None:
+    room = Room("r", "r", "other", ((0, 0), (2, -(2.0**63)), (2, 2)), 0, 3, True)
+    credit = Credit("everything", "t", "a", "CC0-1.0")
+    with pytest.raises(ValueError, match="'r' lies more than 1e\\+06 m away"):
+        Scene(
+            scene_id="a", lighting="unknown", rooms=(room,), objects=(), lights=(), portals=(),
+            credits=(credit,), source={},
+        ).verify("")  # fmt: skip
+
+
+def test_a_child_of_a_limited_process_starts(tmp_path: Path) -> None:
+    """Its own limits may be larger than those it inherits, which it cannot raise."""
+    code = (
+        "import resource, pathlib; from scenes.child_process import run_child\n"
+        "resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))\n"
+        "run_child('builtins:print', (), pathlib.Path('a.x'), 10, 8 << 30)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, timeout=60)

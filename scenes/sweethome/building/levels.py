@@ -45,7 +45,7 @@ def storeys(home: Home, wanted: tuple[str, ...], changes: Changes) -> list[Store
             raise InputError(f"this home has no levels; leave out {', '.join(map(repr, wanted))}")
         height = home.wall_height
         return [Storey(0, "", 0, 0, 0, height, True, True, None,
-                       _once(home.walls), _once(home.rooms), home.pieces)]  # fmt: skip
+                       _once(home.walls), home.rooms, home.pieces)]  # fmt: skip
     levels = sorted(home.levels, key=lambda level: (level.elevation, level.index))
     names = [level.name for level in levels]
     unknown = [name for name in wanted if name not in names]
@@ -78,7 +78,7 @@ def storeys(home: Home, wanted: tuple[str, ...], changes: Changes) -> list[Store
                 is_highest=level is highest,
                 above=min(above, default=None),
                 walls=_once(walls[number]),
-                rooms=_once(rooms[number]),
+                rooms=tuple(rooms[number]),
                 pieces=tuple(pieces[number]),
             )
         )
@@ -98,6 +98,6 @@ def _by_level(items: Iterable[_Item], levels: list[Level]) -> list[list[_Item]]:
     return made
 
 
-def _once(items: Iterable[_Item]) -> tuple[_Item, ...]:
-    """Return the items without exact copies, which change nothing; of each, the last counts."""
-    return tuple(reversed(dict.fromkeys(reversed(list(items)))))
+def _once(walls: Iterable[Wall]) -> tuple[Wall, ...]:
+    """Return the walls without exact copies, which change nothing but take time."""
+    return tuple(dict.fromkeys(walls))

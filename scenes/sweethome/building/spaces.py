@@ -186,9 +186,11 @@ def _enclosed_region(solid: BaseGeometry) -> BaseGeometry:
 def _later_wins(regions: list[BaseGeometry]) -> list[BaseGeometry]:
     """Return each region without those after it."""
     tree = STRtree(regions)
+    shapes = [region.wkb for region in regions]
     made: list[BaseGeometry] = []
     for number, region in enumerate(regions):
-        over = union([regions[other] for other in _near(tree, region) if other > number])
+        later = {shapes[other]: regions[other] for other in _near(tree, region) if other > number}
+        over = union(list(later.values()))  # copies once: a union of thousands takes long
         made.append(polygonal(difference(region, over)) if not region.is_empty else region)
     return made
 

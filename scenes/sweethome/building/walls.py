@@ -83,6 +83,8 @@ def build_walls(
     storey: Storey, planned: list[PlannedWall], openings: list[Opening]
 ) -> list[PlacedItem]:
     """Return one item for each wall and one for each skirting, openings cut out."""
+    if not planned:
+        return []
     boards = {
         planned_wall.wall.id: tuple(
             board.thickness if board is not None else 0.0

@@ -8,7 +8,7 @@ import pytest
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from scenes.geometry.regions import difference
+from scenes.geometry.regions import difference, union
 from scenes.importing.changes import Changes
 from scenes.sweethome.building import spaces
 from scenes.sweethome.building.levels import storeys
@@ -62,3 +62,25 @@ def test_corners_cut_to_find_rooms_grow_with_the_rooms(monkeypatch: pytest.Monke
         return sum(cut)
 
     assert total(12) < 4.5 * total(3)
+
+
+def test_copies_of_levels_walls_and_rooms_take_no_unions(monkeypatch: pytest.MonkeyPatch) -> None:
+    united: list[int] = []
+
+    def counted(regions: list[BaseGeometry]) -> BaseGeometry:
+        united.append(len(regions))
+        return union(regions)
+
+    monkeypatch.setattr(spaces, "union", counted)
+    level = (
+        "<level id='l' name='n' elevation='0' height='250' floorThickness='12' elevationIndex='0'/>"
+    )
+    body = draw.box_walls(0, 0, 420, 320, "a") + draw.room(10, 10, 400, 300) + level
+    changes = Changes()
+    home = read_home(Path("copies.sh3d"), draw.home(body * 100).encode(), changes)
+    found = storeys(home, (), changes)
+    assert [len(storey.walls) for storey in found] == [4] + 99 * [0]
+    assert len(found[0].rooms) == 100
+    spaces.find_spaces(found[0], plan_walls(found[0], 250.0, changes), [], changes)
+    assert sum(united) < 1000
+    assert build_walls(found[1], [], []) == []
