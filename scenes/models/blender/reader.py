@@ -92,7 +92,7 @@ def _environment(home: Path) -> dict[str, str]:
 
 
 def _notes(path: Path, file: Path) -> dict[str, Any]:
-    """What `export.py` left beside the scene, checked: Blender is run on files of strangers."""
+    """Notes that `export.py` left beside the scene, checked: the file may be a stranger's."""
     try:
         notes = read_json(file)
         return {

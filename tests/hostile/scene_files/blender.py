@@ -32,7 +32,7 @@ def _program(folder: Path, steps: str) -> None:
 
 
 def _blender(folder: Path) -> None:
-    """What a Blender would export, and files whose content it would not get to see."""
+    """An export as Blender would make it, and files whose content nothing gets to see."""
     write_gltf(folder)
     (folder / "notes.json").write_text(json.dumps(NOTES))
     (folder / "a.blend").write_bytes(b"BLENDER-v405" + bytes(200))
