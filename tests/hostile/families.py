@@ -14,7 +14,16 @@ from tests.hostile.project_files import (
     networks,
     params,
 )
-from tests.hostile.scene_files import blender, buildings, homes, images, mitsuba, models, pbrt
+from tests.hostile.scene_files import (
+    blender,
+    buildings,
+    compressed,
+    homes,
+    images,
+    mitsuba,
+    models,
+    pbrt,
+)
 
 FAMILIES: tuple[Family, ...] = (
     *homes.FAMILIES,
@@ -22,6 +31,7 @@ FAMILIES: tuple[Family, ...] = (
     *models.FAMILIES,
     *images.FAMILIES,
     *buildings.FAMILIES,
+    *compressed.FAMILIES,
     *pbrt.FAMILIES,
     *blender.FAMILIES,
     *params.FAMILIES,
