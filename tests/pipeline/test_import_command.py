@@ -11,6 +11,7 @@ from click.testing import CliRunner, Result
 
 from pipeline.cli import cli
 from pipeline.commands import import_scene
+from scenes.errors import ParameterError
 from scenes.registry import SOURCES
 
 
@@ -62,3 +63,13 @@ def test_numbers_among_the_options_of_a_source_are_read_as_numbers(
     hint: Any, kind: click.ParamType
 ) -> None:
     assert import_scene._click_type(hint, None)["type"] is kind
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "0", "-1"])
+@pytest.mark.parametrize("name", ["a.obj", "a.xml", "a.pbrt"])
+def test_a_scale_is_a_positive_number(tmp_path: Path, name: str, value: str) -> None:
+    (tmp_path / name).write_text("v 0 0 0\n")
+    done = run(tmp_path / name, "--out", tmp_path / "out", "--scale", value)
+    assert "scale" in f"{done.output}{done.exception}"
+    assert done.exit_code and not (tmp_path / "out").exists()
+    assert isinstance(done.exception, SystemExit | ParameterError | click.ClickException)

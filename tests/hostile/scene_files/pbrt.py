@@ -310,5 +310,6 @@ FAMILIES = (
             Victim("t.png", damaged_bytes, (PBRT,)),
         ),
         MADE,
+        costly=frozenset((65, 117, 164, 183, 237, 245, 263)),
     ),
 )

@@ -37,7 +37,7 @@ from pipeline.stages.runner import StageError
 from pipeline.stages.scenes import run_scenes
 from pipeline.views import View, load_cameras, save_cameras
 from scenes.contract import load_scene
-from scenes.errors import InputError, MachineError, PbrnetError
+from scenes.errors import InputError, MachineError, ParameterError, PbrnetError
 from scenes.params import SceneParams
 from tests.fixtures.stages import write_room
 
@@ -478,3 +478,11 @@ def test_variants_of_a_home_stand_beside_it_and_share_its_plan(tmp_path: Path) -
     assert (data / "scenes" / "home-0000" / "scene.json").stat().st_mtime_ns == home
     made(variants=2, vary=("light",))
     assert load_scene(data / "scenes" / "home-0000-v1").source["varied"] == ["light"]
+
+
+def test_no_homes_are_fine_where_there_are_scenes(tmp_path: Path) -> None:
+    none = replace(PARAMS, scenes=SceneParams(homes=0))
+    with pytest.raises(ParameterError, match="homes: 0 homes, no imports, and no scene"):
+        run_scenes(tmp_path, none)
+    write_room(tmp_path / "scenes" / "room")
+    assert run_scenes(tmp_path, none).made == 0
