@@ -45,7 +45,7 @@ def storeys(home: Home, wanted: tuple[str, ...], changes: Changes) -> list[Store
             raise InputError(f"this home has no levels; leave out {', '.join(map(repr, wanted))}")
         height = home.wall_height
         return [Storey(0, "", 0, 0, 0, height, True, True, None,
-                       _once(home.walls), home.rooms, home.pieces)]  # fmt: skip
+                       _without_copies(home.walls, changes), home.rooms, home.pieces)]  # fmt: skip
     levels = sorted(home.levels, key=lambda level: (level.elevation, level.index))
     names = [level.name for level in levels]
     unknown = [name for name in wanted if name not in names]
@@ -77,7 +77,7 @@ def storeys(home: Home, wanted: tuple[str, ...], changes: Changes) -> list[Store
                 is_lowest=level.elevation == lowest,
                 is_highest=level is highest,
                 above=min(above, default=None),
-                walls=_once(walls[number]),
+                walls=_without_copies(walls[number], changes),
                 rooms=tuple(rooms[number]),
                 pieces=tuple(pieces[number]),
             )
@@ -98,6 +98,11 @@ def _by_level(items: Iterable[_Item], levels: list[Level]) -> list[list[_Item]]:
     return made
 
 
-def _once(walls: Iterable[Wall]) -> tuple[Wall, ...]:
+def _without_copies(walls: Iterable[Wall], changes: Changes) -> tuple[Wall, ...]:
     """Return the walls without exact copies, which change nothing but take time."""
-    return tuple(dict.fromkeys(walls))
+    made: dict[Wall, None] = {}
+    for wall in walls:
+        if wall in made:
+            changes.note("exact copies of walls were left out: {}", wall.id)
+        made[wall] = None
+    return tuple(made)
