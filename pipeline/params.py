@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -68,8 +69,13 @@ class CameraParams:
     views_per_scene: int = field(default=8, metadata=within(1, 1024))
     grid: float = field(default=0.25, metadata=within(0.05, 5))  # metres, jittered in the cell
     eye_height: float = field(default=1.55, metadata=within(0.2, 3))  # metres above the floor
-    eye_jitter: float = field(default=0.05, metadata=within(0, 0.5))  # metres
+    eye_jitter: float = field(default=0.05, metadata=within(0, 1.5))  # metres up and down
     tilt: float = field(default=-0.2, metadata=within(-2, 2))  # towards.z before normalising
+    # ranges in radians, drawn evenly: [least, most]; empty: image.half_fov_x, the pitch that
+    # `tilt` gives, and no roll
+    half_fov_x: tuple[float, ...] = field(default=(), metadata=within(0.05, 1.4))
+    pitch: tuple[float, ...] = field(default=(), metadata=within(-1.4, 1.4))  # above the horizon
+    roll: tuple[float, ...] = field(default=(), metadata=within(-math.pi, math.pi))  # clockwise
     sectors: int = field(default=6, metadata=within(1, 36))
     min_objects: int = field(default=3, metadata=within(0, 100))
     min_coverage: float = field(default=0.01, metadata=within(0, 1))  # of the pixels, per object
@@ -87,6 +93,13 @@ class CameraParams:
     # id render: width of the candidate images in pixels, and candidates per room and sector
     id_width: int = field(default=80, metadata=within(16, 640))
     candidates: int = field(default=12, metadata=within(1, 4096))
+
+    def verify(self, where: str) -> None:
+        """Raise ValueError unless each range is empty or two ascending numbers."""
+        for name in ("half_fov_x", "pitch", "roll"):
+            bounds = getattr(self, name)
+            if bounds and (len(bounds) != 2 or bounds[0] > bounds[1]):
+                raise ValueError(f"{where}.{name}: {list(bounds)}; a range is [least, most], or []")
 
 
 @dataclass(frozen=True)

@@ -102,6 +102,20 @@ def look(eye: Any, towards: Any, up: Any = (0.0, 0.0, 1.0)) -> Float64Array:
     return pose
 
 
+def rolled(pose: Float64Array, angle: float) -> Float64Array:
+    """Return `camera_to_world` turned clockwise about its own axis by `angle`, radians.
+
+    Clockwise as seen from behind the camera: the picture turns the other way.
+    """
+    if not angle:
+        return pose
+    turned = pose.copy()
+    right, down = pose[:3, 0], pose[:3, 1]
+    turned[:3, 0] = math.cos(angle) * right + math.sin(angle) * down
+    turned[:3, 1] = math.cos(angle) * down - math.sin(angle) * right
+    return turned
+
+
 def intrinsics_of(image: ImageParams) -> Float64Array:
     """Return `K` (3, 3) for square pixels; the half-angle in x gives the focal length."""
     focal = 0.5 * image.width / math.tan(image.half_fov_x)

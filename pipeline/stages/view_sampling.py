@@ -1,10 +1,11 @@
 """Sampling of views that see much furniture, after PBRS (Zhang et al. 2017, section 3.2).
 
 In each room, eyes lie on a jittered grid inside the floor polygon at a person's height and look
-slightly down, once into every direction sector. A candidate's score is the sum, over the objects
-that cover more than `min_coverage` of its pixels, of log(pixels / minimum pixels); structure
-(walls, floors, ceilings) never counts. The best candidate of each (room, sector) is kept, then
-the best `views_per_room` of each room, then at most `views_per_scene`, the best of every room
+slightly down, once into every direction sector. Pitch and roll of each candidate, and the field of
+view of each sector, may be drawn from ranges instead. A candidate's score is the sum, over the
+objects that cover more than `min_coverage` of its pixels, of log(pixels / minimum pixels);
+structure (walls, floors, ceilings) never counts. The best candidate of each (room, sector) is kept,
+then the best `views_per_room` of each room, then at most `views_per_scene`, the best of every room
 before the second best of any.
 
 Additions to PBRS: nothing may lie within `clearance` of the eye in any direction, and the eye must
@@ -15,10 +16,11 @@ counted by its reason.
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,7 +31,7 @@ from shapely.geometry import Polygon
 
 from pipeline.params import CameraParams, ImageParams, Params
 from pipeline.render.scene import RenderScene, cast, render_ids
-from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look
+from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, rolled
 from scenes.arrays import BoolArray, Float64Array
 from scenes.contract import Room, Scene
 from scenes.errors import InputError
@@ -65,6 +67,7 @@ class Candidate:
     room: Room
     sector: int
     pose: Float64Array  # camera_to_world (4, 4)
+    half_fov_x: float  # radians
 
 
 @dataclass(frozen=True)
@@ -93,11 +96,13 @@ def sample_cameras(
     total = 0
     for room in sorted(scene.rooms, key=lambda room: room.id):
         rng = generator(seed, "cameras", scene.scene_id, room.id)
-        found, excluded = _room_candidates(render_scene, room, options, rng)
+        lens = generator(seed, "cameras", scene.scene_id, room.id, "lens")
+        found, excluded = _room_candidates(render_scene, room, params, rng, lens)
         candidates += found
         rejected += excluded
         total += len(found) + sum(excluded.values())
-    sights = _sights(render_scene, scene, [c.pose for c in candidates], params)
+    cameras = [(c.pose, c.half_fov_x) for c in candidates]
+    sights = _sights(render_scene, scene, cameras, params)
     rooms = {item.id: item.room for item in scene.objects if not item.is_structure}
     passed = []
     for candidate, sight in zip(candidates, sights, strict=True):
@@ -108,11 +113,11 @@ def sample_cameras(
             passed.append((candidate, sight))
     chosen = _choose(passed, set(rooms), options, rejected)
     names = _room_names(scene)
-    views = [
-        _view(scene, params.image, f"{names[c.room.id]}-s{c.sector}", c.pose, sight, c.room)
-        for c, sight in chosen
-    ]
-    views = [replace(view, sector=c.sector) for view, (c, _) in zip(views, chosen, strict=True)]
+    views = []
+    for c, sight in chosen:
+        image = replace(params.image, half_fov_x=c.half_fov_x)
+        view = _view(scene, image, f"{names[c.room.id]}-s{c.sector}", c.pose, sight, c.room)
+        views.append(replace(view, sector=c.sector))
     if options.stored_views:
         views += _stored_views(render_scene, scene, params, {view.view_id for view in views})
     return CameraFile(
@@ -147,9 +152,18 @@ def score_ids(
 
 
 def _room_candidates(
-    render_scene: RenderScene, room: Room, options: CameraParams, rng: np.random.Generator
+    render_scene: RenderScene,
+    room: Room,
+    params: Params,
+    rng: np.random.Generator,
+    lens: np.random.Generator,
 ) -> tuple[list[Candidate], Counter[str]]:
-    """Return the candidates of a room to be scored, and the numbers of the others by reason."""
+    """Return the candidates of a room to be scored, and the numbers of the others by reason.
+
+    `lens` draws what has a range (field of view, pitch, roll), so that `rng` draws the same
+    places and azimuths with ranges and without.
+    """
+    options = params.cameras
     rejected: Counter[str] = Counter()
     polygon = shapely.make_valid(Polygon(room.floor))
     eyes = _grid(polygon.bounds, options, rng)
@@ -169,10 +183,13 @@ def _room_candidates(
     left = left[~close & ~enclosed]
     candidates = []
     for sector in range(options.sectors):
+        half_fov_x = _drawn(options.half_fov_x, lens, params.image.half_fov_x)
         for index in rng.permutation(left)[: options.candidates]:
             azimuth = azimuths[index, sector]
-            towards = (math.cos(azimuth), math.sin(azimuth), options.tilt)
-            candidates.append(Candidate(room, sector, look(eyes[index], towards)))
+            slope = math.tan(_drawn(options.pitch, lens, 0.0)) if options.pitch else options.tilt
+            pose = look(eyes[index], (math.cos(azimuth), math.sin(azimuth), slope))
+            pose = rolled(pose, _drawn(options.roll, lens, 0.0))
+            candidates.append(Candidate(room, sector, pose, half_fov_x))
     rejected[NOT_TRIED] += len(left) * options.sectors - len(candidates)
     return candidates, +rejected
 
@@ -188,6 +205,11 @@ def _grid(
     cells = np.stack([x.ravel(), y.ravel()], axis=1) + rng.random((across * along, 2))
     heights = options.eye_height + options.eye_jitter * rng.uniform(-1, 1, across * along)
     return np.column_stack([cells * options.grid + (low_x, low_y), heights])
+
+
+def _drawn(bounds: tuple[float, ...], rng: np.random.Generator, otherwise: float) -> float:
+    """Return a number drawn evenly from [least, most], or `otherwise` if `bounds` is empty."""
+    return float(rng.uniform(bounds[0], bounds[1])) if bounds else otherwise
 
 
 def _azimuths(count: int, sectors: int, rng: np.random.Generator) -> Float64Array:
@@ -220,28 +242,29 @@ def _surroundings(
 def _sights(
     render_scene: RenderScene,
     scene: Scene,
-    poses: list[Float64Array],
+    cameras: Sequence[tuple[Float64Array, float]],
     params: Params,
-    half_fov_x: float | None = None,
 ) -> Iterator[Sight]:
-    """Yield the sight of each camera from a small id image; a chunk of cameras per trace."""
+    """Yield the sight of each camera from a small id image; a chunk of cameras per trace.
+
+    A camera is its `camera_to_world` (4, 4) and half of its field of view in x, radians; cameras
+    that follow each other with the same field of view share a trace.
+    """
     options = params.cameras
     height = max(1, round(options.id_width * params.image.height / params.image.width))
-    small = replace(
-        params.image,
-        width=options.id_width,
-        height=height,
-        half_fov_x=half_fov_x or params.image.half_fov_x,
-    )
+    small = replace(params.image, width=options.id_width, height=height)
     chunk = max(1, _PIXELS // (small.width * small.height))
-    for start in range(0, len(poses), chunk):
-        group = np.array(poses[start : start + chunk])
-        ids = render_ids(render_scene, group, intrinsics_of(small), small.width, small.height)
-        near = _nearness(render_scene, group, small, options.near)
-        for (score, objects, seen), share in zip(
-            score_ids(ids, scene, options.min_coverage), near, strict=True
-        ):
-            yield Sight(score, objects, seen, float(share))
+    for half_fov_x, group in itertools.groupby(cameras, key=lambda camera: camera[1]):
+        image = replace(small, half_fov_x=half_fov_x)
+        poses = [pose for pose, _ in group]
+        for start in range(0, len(poses), chunk):
+            some = np.array(poses[start : start + chunk])
+            ids = render_ids(render_scene, some, intrinsics_of(image), image.width, image.height)
+            near = _nearness(render_scene, some, image, options.near)
+            for (score, objects, seen), share in zip(
+                score_ids(ids, scene, options.min_coverage), near, strict=True
+            ):
+                yield Sight(score, objects, seen, float(share))
 
 
 def _nearness(
@@ -345,7 +368,7 @@ def _stored_views(
         while name in taken:
             name += "-again"
         taken.add(name)
-        (sight,) = _sights(render_scene, scene, [pose], params, half_fov_x)
+        (sight,) = _sights(render_scene, scene, [(pose, half_fov_x)], params)
         image = replace(params.image, half_fov_x=half_fov_x)
         view = _view(scene, image, name, pose, sight, room)
         views.append(replace(view, sector=int(stored.get("sector", view.sector))))

@@ -82,6 +82,41 @@ def test_views_obey_the_rules_of_pbrs(living: RenderScene) -> None:
         assert view.room == "living" and view.room_type == "living"
 
 
+def test_ranges_are_kept_and_filled(living: RenderScene) -> None:
+    ranges = {"half_fov_x": (0.4, 0.7), "pitch": (-0.5, 0.1), "roll": (-0.2, 0.05)}
+    every = CameraParams(views_per_room=36, views_per_scene=36, sectors=36, max_alike=1.0)
+    views = _sample(living, Params(cameras=replace(every, min_objects=0, **ranges))).views
+    assert len(views) > 20
+    drawn = {
+        "half_fov_x": [math.atan(0.5 * view.width / view.intrinsics[0, 0]) for view in views],
+        "pitch": [math.asin(view.pose[2, 2]) for view in views],
+        # the camera's right axis sinks when it rolls clockwise
+        "roll": [math.atan2(-view.pose[2, 0], -view.pose[2, 1]) for view in views],
+    }
+    for name, values in drawn.items():
+        low, high = ranges[name]
+        assert low - 1e-9 <= min(values) < low + 0.3 * (high - low), name
+        assert high - 0.3 * (high - low) < max(values) <= high + 1e-9, name
+
+
+def test_a_range_of_one_value_is_that_value(living: RenderScene) -> None:
+    """Places and azimuths stay as without ranges; a range of the usual values changes nothing."""
+    usual = _sample(living)
+    pitch = math.atan(PARAMS.cameras.tilt)
+    fov = PARAMS.image.half_fov_x
+    options = replace(PARAMS.cameras, half_fov_x=(fov, fov), pitch=(pitch, pitch), roll=(0.0, 0.0))
+    same = _sample(living, Params(cameras=options))
+    assert [view.view_id for view in same.views] == [view.view_id for view in usual.views]
+    for one, other in zip(same.views, usual.views, strict=True):
+        assert np.allclose(one.pose, other.pose, atol=1e-12) and one.K == other.K
+
+
+@pytest.mark.parametrize("bounds", [(0.3,), (0.5, 0.4), (0.1, 0.2, 0.3)])
+def test_a_range_is_two_ascending_numbers(bounds: tuple[float, ...]) -> None:
+    with pytest.raises(ValueError, match="a range is"):
+        CameraParams(roll=bounds).verify("cameras")
+
+
 def test_score_follows_from_the_objects_seen(living: RenderScene) -> None:
     furniture = {thing.id for thing in living.scene.objects if not thing.is_structure}
     for view in _sample(living).views:
