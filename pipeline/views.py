@@ -87,6 +87,7 @@ class CameraFile:
     views: tuple[View, ...]
     candidates: int = 0
     rejected: dict[str, int] = field(default_factory=dict)  # reason -> candidates
+    unfurnished: bool = False  # parts of the building counted, since no view saw enough furniture
     fingerprint: str = ""
 
 

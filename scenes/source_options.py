@@ -36,18 +36,27 @@ class SourceOptions:
     suffixes: ClassVar[tuple[str, ...]]  # of its files, lower case
     importer: ClassVar[str]  # "module:function", see `registry.Importer`
     can_switch_lamps: ClassVar[bool] = False  # whether lamps can be all on or all off
+    # "unlit" for files whose units of light are arbitrary: a lamp beside theirs may be far too
+    # bright or faint
+    auto_lamps: ClassVar[Literal["auto", "unlit"]] = "auto"
 
     licence: str = field(
         default="", metadata=described("Terms of use, e.g. CC-BY-4.0, if no file says so.")
     )
     author: str = field(default="", metadata=described("Whose work it is, if no file says so."))
-    lamps: Literal["home", "on", "off", "fill"] = field(
-        default="home",
+    lamps: Literal["auto", "home", "on", "off", "fill"] = field(
+        default="auto",
         metadata=described(
             "home: lamps as the file has them; fill: also a plain ceiling lamp in every room "
-            "without light. Sweet Home 3D: also all on, or all off."
+            "without light; auto: in closed ones, of Mitsuba and PBRT only if no room has light. "
+            "Sweet Home 3D: also all on, or all off."
         ),
     )
+
+    @property
+    def lamp_rule(self) -> Literal["auto", "home", "on", "off", "fill", "unlit"]:
+        """`lamps`, where "auto" is "unlit" if lamps are added only where no room has light."""
+        return self.auto_lamps if self.lamps == "auto" else self.lamps
 
     @classmethod
     def code(cls) -> tuple[str, ...]:
@@ -58,7 +67,7 @@ class SourceOptions:
         """Check values beyond their types; raises ValueError that begins with `where`."""
         if self.lamps in ("on", "off") and not self.can_switch_lamps:
             raise ValueError(
-                f"{where}.lamps: {self.lamps!r} is for {_SWITCHED}; others take 'home' or 'fill'"
+                f"{where}.lamps: {self.lamps!r} is for {_SWITCHED}; others take 'auto', 'home' or 'fill'"
             )
 
 

@@ -82,6 +82,11 @@ def _notes(root: Path, scenes: Iterable[str]) -> list[str]:
     total = sum(len(file.views) for file in files)
     lines = [f"{total} views of {sum(file.candidates for file in files)} candidates; rejected:"]
     lines += [f"  {count:>8}  {reason}" for reason, count in rejected.most_common()]
+    lines += [
+        f"little furniture in {file.scene_id}: parts of the building counted as objects"
+        for file in files
+        if file.unfurnished
+    ]
     lines += [f"no view in {file.scene_id}: {_reasons(file)}" for file in files if not file.views]
     return lines
 

@@ -11,7 +11,8 @@ before the second best of any.
 Additions to PBRS: nothing may lie within `clearance` of the eye in any direction, and the eye must
 not be inside furniture; views are rejected that a near object blocks, that look mostly into another
 room, or that show nearly the same as a better view of their room; and every rejected candidate is
-counted by its reason.
+counted by its reason. Where no candidate of a scene sees three pieces of furniture, as in an
+empty flat, parts of the building count as objects, and one is enough.
 """
 
 from __future__ import annotations
@@ -38,9 +39,10 @@ from scenes.errors import InputError
 from scenes.geometry.directions import fibonacci_sphere
 from scenes.seeds import generator
 
-REVISION = 2
+REVISION = 3
 _DOORWAY = 0.3  # metres outside a room that count as in it: under doors, sloping ceilings
 _ENCLOSED = 0.75  # share of directions that hit one object if the eye is inside it
+_FURNISHED = 3  # objects that some candidate of a furnished scene sees
 _RAYS = 192  # directions of the clearance test: 2.6 cm apart at 10 cm
 _PIXELS = 1 << 21  # per trace
 
@@ -102,16 +104,16 @@ def sample_cameras(
         rejected += excluded
         total += len(found) + sum(excluded.values())
     cameras = [(c.pose, c.half_fov_x) for c in candidates]
-    sights = _sights(render_scene, scene, cameras, params)
+    scored = list(zip(candidates, _sights(render_scene, scene, cameras, params), strict=True))
     rooms = {item.id: item.room for item in scene.objects if not item.is_structure}
-    passed = []
-    for candidate, sight in zip(candidates, sights, strict=True):
-        reason = _rejection(candidate.room, sight, rooms, options)
-        if reason:
-            rejected[reason] += 1
-        else:
-            passed.append((candidate, sight))
-    chosen = _choose(passed, set(rooms), options, rejected)
+    chosen, by_reason = _choose(scored, rooms, options)
+    most = max((len(sight.objects) for _, sight in scored), default=0)
+    unfurnished = not chosen and 0 < by_reason[FEW_OBJECTS] and most < _FURNISHED
+    if unfurnished:
+        rooms = {item.id: item.room for item in scene.objects}
+        counted = [(c, _with_structure(sight, params)) for c, sight in scored]
+        chosen, by_reason = _choose(counted, rooms, replace(options, min_objects=1))
+    rejected += by_reason
     names = _room_names(scene)
     views = []
     for c, sight in chosen:
@@ -125,6 +127,7 @@ def sample_cameras(
         views=tuple(sorted(views, key=lambda view: view.view_id)),
         candidates=total,
         rejected={reason: rejected[reason] for reason in sorted(rejected)},
+        unfurnished=unfurnished,
     )
 
 
@@ -251,8 +254,7 @@ def _sights(
     that follow each other with the same field of view share a trace.
     """
     options = params.cameras
-    height = max(1, round(options.id_width * params.image.height / params.image.width))
-    small = replace(params.image, width=options.id_width, height=height)
+    small = replace(params.image, width=options.id_width, height=_id_height(params))
     chunk = max(1, _PIXELS // (small.width * small.height))
     for half_fov_x, group in itertools.groupby(cameras, key=lambda camera: camera[1]):
         image = replace(small, half_fov_x=half_fov_x)
@@ -265,6 +267,11 @@ def _sights(
                 score_ids(ids, scene, options.min_coverage), near, strict=True
             ):
                 yield Sight(score, objects, seen, float(share))
+
+
+def _id_height(params: Params) -> int:
+    """Return the height of the id images, pixels."""
+    return max(1, round(params.cameras.id_width * params.image.height / params.image.width))
 
 
 def _nearness(
@@ -304,13 +311,32 @@ def _rejection(
     return ""
 
 
+def _with_structure(sight: Sight, params: Params) -> Sight:
+    """Return the sight with everything counted that covers enough pixels, structure too."""
+    size = params.cameras.id_width * _id_height(params)
+    minimum = max(1.0, params.cameras.min_coverage * size)
+    pixels = {name: count for name, count in sight.seen.items() if count > minimum}
+    score = math.fsum(math.log(count / minimum) for count in pixels.values())
+    return replace(sight, score=score, objects=tuple(pixels))
+
+
 def _choose(
-    passed: list[tuple[Candidate, Sight]],
-    furniture: set[str],
+    scored: list[tuple[Candidate, Sight]],
+    furniture: dict[str, str | None],
     options: CameraParams,
-    rejected: Counter[str],
-) -> list[tuple[Candidate, Sight]]:
-    """Return the best of each sector, then room, then scene; count the others in `rejected`."""
+) -> tuple[list[tuple[Candidate, Sight]], Counter[str]]:
+    """Return the best of each sector, then room, then scene, and the numbers of the others.
+
+    `furniture` maps the ids of the objects that may count to rooms.
+    """
+    rejected: Counter[str] = Counter()
+    passed = []
+    for candidate, sight in scored:
+        reason = _rejection(candidate.room, sight, furniture, options)
+        if reason:
+            rejected[reason] += 1
+        else:
+            passed.append((candidate, sight))
     sectors: dict[tuple[str, int], tuple[Candidate, Sight]] = {}
     for candidate, sight in passed:
         key = (candidate.room.id, candidate.sector)
@@ -333,14 +359,12 @@ def _choose(
     ]
     ranked.sort(key=lambda entry: entry[:3])
     rejected[BEYOND_SCENE] += len(ranked[options.views_per_scene :])
-    for reason in [reason for reason, count in rejected.items() if not count]:
-        del rejected[reason]
-    return [view for _, _, _, view in ranked[: options.views_per_scene]]
+    return [view for _, _, _, view in ranked[: options.views_per_scene]], +rejected
 
 
-def _overlap(one: Sight, other: Sight, furniture: set[str]) -> float:
+def _overlap(one: Sight, other: Sight, furniture: dict[str, str | None]) -> float:
     """Return the share of furniture pixels that two views have in common, in [0, 1]."""
-    names = (one.seen.keys() | other.seen.keys()) & furniture
+    names = (one.seen.keys() | other.seen.keys()) & furniture.keys()
     common = sum(min(one.seen.get(name, 0), other.seen.get(name, 0)) for name in names)
     together = sum(max(one.seen.get(name, 0), other.seen.get(name, 0)) for name in names)
     return common / together if together else 1.0

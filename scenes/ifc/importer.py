@@ -84,7 +84,7 @@ def import_ifc(
             hint=path.stem,
             grouping=partial(_objects, building.elements),
             ground=True,
-            lamps_if_dark=options.lamps == "fill",
+            lamps=options.lamp_rule,
             stated_rooms=tuple(building.rooms),
         )
         assemble(folder, draft, changes)

@@ -102,7 +102,9 @@ class Draft:
     stated_rooms: tuple[tuple[str, FoundRoom], ...] = ()
     photometric: bool = False  # the power of its lamps is known, so that too weak ones do not count
     sky_if_dark: bool = False  # add sun, sky and ground if no room is lit; needs `photometric`
-    lamps_if_dark: bool = False  # hang a plain ceiling lamp in each room without light
+    # Plain ceiling lamps in rooms without light: in all of them ("fill"), in closed ones ("auto"),
+    # in closed ones if no room has light ("unlit"), or in none ("home").
+    lamps: str = "auto"
 
 
 def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
@@ -156,15 +158,20 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
             "no closed room was found; the space around the camera, or around the middle of the "
             "scene, is used as a room"
         )
+    is_closed = [not room.guessed for room in rooms]
     if not rooms:
-        rooms, room_ids = [bounding_room], ["room_0"]
+        rooms, room_ids, is_closed = [bounding_room], ["room_0"], [False]
         changes.note("NO ROOM WAS FOUND: the bounding box of the scene is used as a room")
     camera = cameras[0] if cameras else _default_camera(rooms[0])
     positions = [each.position for each in emitters if each.position is not None]
     lighting = RoomLighting(shapes, rooms, room_ids, lights, portals, positions, dim)
     described = _described_rooms(draft, objects, rooms, room_ids, lighting.lit)
-    if draft.lamps_if_dark:
-        dark = lighting.dark
+    dark = lighting.dark if draft.lamps in ("auto", "fill", "unlit") else []
+    if draft.lamps == "auto":
+        dark = [number for number in dark if is_closed[number]]
+    elif draft.lamps == "unlit" and not (all(is_closed) and len(dark) == len(rooms)):
+        dark = []
+    if dark:
         for number in dark:
             name = _unused_id(f"ceiling_lamp_{number}", used_ids)
             globe = free_ceiling_lamp(rooms[number], lighting.rays)

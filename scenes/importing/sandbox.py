@@ -6,6 +6,7 @@ written.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from scenes.errors import InputError
@@ -24,6 +25,19 @@ def model_root(opened: OpenedFiles) -> Path | None:
     parent = opened.folder.parent
     is_package = opened.folder.name == "meshes" and opened.is_file(parent / "model.config")
     return parent if is_package else None
+
+
+def missing_meshes(names: Sequence[str]) -> str:
+    """The error for mesh files, by name, that a scene needs and that are not there."""
+    if len(names) == 1:
+        return (
+            f"the mesh {names[0]!r:.200} is missing; add the file, or leave the shape out with "
+            "--skip-missing"
+        )
+    return (
+        f"{len(names):,} meshes are missing, {names[0]!r:.200} first; add the files, or leave the "
+        "shapes out with --skip-missing"
+    )
 
 
 class Sandbox:

@@ -119,7 +119,7 @@ def import_mitsuba(
             (_credit(path, scene_id, options, release is not None, opened, changes),),
             hint=path.parent.name,
             max_depth=_max_depth(root, scope),
-            lamps_if_dark=options.lamps == "fill",
+            lamps=options.lamp_rule,
             grouping=partial(objects_of_nodes, nodes, release) if release else group_objects,
             room_names=partial(match_rooms, nodes) if release else None,
             ground=release is not None and any("sun" in made.kinds for made in others),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from scenes.source_options import FreeAxesOptions, described
 
@@ -15,6 +15,7 @@ class MitsubaOptions(FreeAxesOptions):
     title: ClassVar[str] = "Mitsuba"
     suffixes: ClassVar[tuple[str, ...]] = (".xml",)
     importer: ClassVar[str] = "scenes.mitsuba.importer:import_mitsuba"
+    auto_lamps: ClassVar[Literal["auto", "unlit"]] = "unlit"
 
     parameter: dict[str, str] = field(
         default_factory=dict,

@@ -19,6 +19,7 @@ from scenes.geometry import primitives
 from scenes.geometry.mesh import Mesh, cleaned, creased, smooth_normals
 from scenes.importing.mtl_materials import MtlLibrary
 from scenes.importing.names import Names
+from scenes.importing.sandbox import missing_meshes
 from scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape, Surface
 from scenes.mitsuba.materials import Materials
 from scenes.mitsuba.reader import Node
@@ -40,6 +41,7 @@ class ShapeReader:
     shapes: list[Shape] = field(default_factory=list)
     _names: Names = field(default_factory=Names)
     _cache: dict[tuple, Mesh] = field(default_factory=dict)
+    _missing: dict[str, Node] = field(default_factory=dict)  # name of a mesh -> its first shape
     _triangles: int = 0
 
     def read(self, nodes: list[Node]) -> list[Shape]:
@@ -53,6 +55,9 @@ class ShapeReader:
             )
         for node in shown:
             self._add(node, np.eye(4), 0, None)
+        if self._missing and not self.skip_missing:
+            first = next(iter(self._missing.values()))
+            raise first.error(missing_meshes(list(self._missing)))
         return self.shapes
 
     def _expanded_count(self, node: Node, depth: int, sizes: dict[int, int]) -> int:
@@ -251,11 +256,7 @@ class ShapeReader:
         index = properties.whole("shape_index", 0)
         path = self.scope.sandbox.find(name, node.place)
         if path is None:
-            if not self.skip_missing:
-                raise node.error(
-                    f"the mesh {name!r} is missing; add the file, or leave the shape out with "
-                    "--skip-missing"
-                )
+            self._missing.setdefault(name, node)
             self.scope.changes.note("missing mesh, its shape was left out: {}", repr(name))
             return None
         properties.ignore("collapse", "srgb")

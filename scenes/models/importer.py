@@ -193,7 +193,7 @@ def _draft(
         ground=outdoors,
         photometric=True,
         sky_if_dark=not outdoors,
-        lamps_if_dark=options.lamps == "fill",
+        lamps=options.lamp_rule,
     )
 
 

@@ -77,7 +77,7 @@ def import_pbrt(
             (find_credit(opened, scene_id, options.licence, options.author, changes),),
             hint=path.parent.name,
             max_depth=_max_depth(scene),
-            lamps_if_dark=options.lamps == "fill",
+            lamps=options.lamp_rule,
         )
         assemble(folder, draft, changes)
     return load_scene(out)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from scenes.source_options import FreeAxesOptions, described
 
@@ -15,6 +15,7 @@ class PbrtOptions(FreeAxesOptions):
     title: ClassVar[str] = "PBRT"
     suffixes: ClassVar[tuple[str, ...]] = (".pbrt",)
     importer: ClassVar[str] = "scenes.pbrt.importer:import_pbrt"
+    auto_lamps: ClassVar[Literal["auto", "unlit"]] = "unlit"
 
     skip_missing: bool = field(
         default=False, metadata=described("Leave out shapes whose mesh file is missing.")

@@ -16,6 +16,7 @@ from scenes.formats.ply import read_ply
 from scenes.geometry import primitives
 from scenes.geometry.mesh import Mesh, cleaned, face_areas, smooth_normals
 from scenes.importing.names import Names
+from scenes.importing.sandbox import missing_meshes
 from scenes.importing.shape import MAX_SCENE_TRIANGLES, Shape, Surface
 from scenes.importing.xml_elements import plugin
 from scenes.pbrt.materials import Materials
@@ -36,6 +37,7 @@ class ShapeReader:
     materials: Materials
     skip_missing: bool = False
     _names: Names = field(default_factory=Names)
+    _missing: dict[str, Entity] = field(default_factory=dict)  # name of a mesh -> first shape
     _files: dict[Path, Mesh] = field(default_factory=dict)
     _meshes: dict[int, Mesh | None] = field(default_factory=dict)  # by `id` of the shape's entity
 
@@ -53,6 +55,9 @@ class ShapeReader:
                     f"{one.shape.place}: the scene has more than the limit of "
                     f"{MAX_SCENE_TRIANGLES:,} triangles"
                 )
+        if self._missing and not self.skip_missing:
+            first = next(iter(self._missing.values()))
+            raise first.error(missing_meshes(list(self._missing)))
         return [shape for one in placed if (shape := self._shape(one)) is not None]
 
     def _shape(self, placed: PlacedShape) -> Shape | None:
@@ -158,11 +163,7 @@ class ShapeReader:
         name = entity.text("filename")
         path = self.context.sandbox.find(name, entity.place) if name else None
         if path is None:
-            if not self.skip_missing:
-                raise entity.error(
-                    f"the mesh {name!r:.200} is missing; add the file, or leave the shape out with "
-                    "--skip-missing"
-                )
+            self._missing.setdefault(name, entity)
             self.context.changes.note("missing mesh, its shape was left out: {}", repr(name)[:200])
             return None
         if path not in self._files:

@@ -125,10 +125,12 @@ def import_sweethome(
             raise InputError(f"{path}: more than {MAX_TRIANGLES:,} triangles in all")
         items = [_with_room(item, rooms, inside) for item in items]
         items = [replace(item, parts=tuple(merge_parts(item.parts))) for item in items]
-        portals, lit_by_opening = _portals(levels, rooms, inside, pieces)
+        portals, joined = _portals(levels, rooms, inside, pieces)
         lost = [(one, _room_at(one.centre, rooms, inside, 0.25)) for one in missing]
-        rooms = _described_rooms(rooms, items, lost, lit_by_opening)
-        if options.lamps == "fill":
+        sky = make_sky(home, options.time, changes)
+        lit = _lit_rooms(items, [] if sky.is_night else portals, joined)
+        rooms = _described_rooms(rooms, items, lost, lit)
+        if options.lamps in ("auto", "fill"):
             lamps_added, rooms = _filled_with_light(rooms, changes)
             items += lamps_added
         note_without_light([room for room in rooms if not room.has_light], changes)
@@ -136,7 +138,7 @@ def import_sweethome(
         lamps = [item for item in items if item.lumens > 0]
         for texture in _textures(home):
             credits.texture(texture)
-        sky = make_sky(home, options.time, sum(_weight(item) for item in lamps), changes)
+        sky = sky.beside(sum(_weight(item) for item in lamps))
         if not rooms:
             changes.note("NO ROOM WAS FOUND: draw rooms, or close the walls, to get views")
         cameras = _indoor_first(stored_cameras(home, changes), rooms, inside, changes)
@@ -363,10 +365,10 @@ def _with_room(item: PlacedItem, rooms: list[Room], inside: list[tuple[Any, int]
 
 def _portals(
     levels: list[_Level], rooms: list[Room], inside: list[tuple[Any, int]], pieces: list[PlacedItem]
-) -> tuple[list[Portal], set[str]]:
-    """Return the portals to the outside, and the rooms that light enters through an opening."""
+) -> tuple[list[Portal], set[tuple[str, str]]]:
+    """Return the portals to the outside, and the pairs of rooms with a clear opening between."""
     portals: list[Portal] = []
-    lit: set[str] = set()
+    joined: set[tuple[str, str]] = set()
     regions = {
         level.storey.number: [(one.outline.region, is_round(one.wall)) for one in level.walls]
         for level in levels
@@ -391,8 +393,8 @@ def _portals(
         for doorway, kind in (*doorways, *((gap, "opening") for gap in gaps)):
             sides = [_room_at(point, rooms, inside, 0.0) for point in (doorway.front, doorway.back)]
             is_clear = doorway.is_clear(pieces)
-            if is_clear:
-                lit |= {side for side in sides if side is not None}
+            if is_clear and sides[0] is not None and sides[1] is not None:
+                joined |= {(sides[0], sides[1]), (sides[1], sides[0])}
             if (sides[0] is None) == (sides[1] is None):
                 continue
             room = sides[0] or sides[1]
@@ -408,7 +410,7 @@ def _portals(
                     room=room,
                 )
             )
-    return portals, lit
+    return portals, joined
 
 
 def _is_door(opening: Opening) -> bool:
@@ -441,12 +443,11 @@ def _described_rooms(
     rooms: list[Room],
     items: list[PlacedItem],
     lost: list[tuple[MissingPiece, str | None]],
-    lit: set[str],
+    lit: set[str | None],
 ) -> list[Room]:
     """Add names, types and `has_light` to the rooms; missing pieces also indicate the type."""
     names: dict[str, int] = {}
     made = []
-    lamps = {item.room for item in items if item.category == "lamp"}
     for room in rooms:
         kind = room_type(
             room.name,
@@ -457,9 +458,20 @@ def _described_rooms(
         names[name] = names.get(name, 0) + 1
         if names[name] > 1:
             name = f"{name} {names[name]}"
-        has_light = room.id in lit or room.id in lamps
-        made.append(replace(room, name=name, type=kind, has_light=has_light))
+        made.append(replace(room, name=name, type=kind, has_light=room.id in lit))
     return made
+
+
+def _lit_rooms(
+    items: list[PlacedItem], portals: list[Portal], joined: set[tuple[str, str]]
+) -> set[str | None]:
+    """Return the rooms with a lamp that is on or a clear portal, and those joined with one.
+
+    At night, `portals` are none: a window gives no light then.
+    """
+    lit = {item.room for item in items if item.lumens > 0}
+    lit |= {portal.room for portal in portals if portal.clear}
+    return lit | {there for here, there in joined if here in lit}
 
 
 def _filled_with_light(rooms: list[Room], changes: Changes) -> tuple[list[PlacedItem], list[Room]]:
@@ -495,7 +507,7 @@ def _light_record(sky: Sky) -> dict[str, Any]:
 def _lighting(sky: Sky, has_lamps: bool) -> str:
     if sky.is_day:
         return "mixed" if has_lamps else "day"
-    return "evening" if sky.lights[0].kind == "sky" else "night"
+    return "night" if sky.is_night else "evening"
 
 
 def _unique(name: str, taken: set[str]) -> str:

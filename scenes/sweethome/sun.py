@@ -7,7 +7,7 @@ about 0.01 degrees between 1950 and 2050.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from xml.etree.ElementTree import Element
 from zoneinfo import ZoneInfo
@@ -43,6 +43,16 @@ class Sky:
         """True if the sun is above the horizon."""
         return any(light.kind == "sun" for light in self.lights)
 
+    @property
+    def is_night(self) -> bool:
+        """True if windows give no light to see by."""
+        return self.elevation < _NIGHT
+
+    def beside(self, lamp_weight: float) -> Sky:
+        """The sky whose emitter is sampled as often as lamps of this sum of sampling weights."""
+        emitter, _ = _emitter(self.elevation, self.direction, max(1.0, lamp_weight))
+        return replace(self, emitter=emitter)
+
 
 def sun_position(when: datetime, latitude: float, longitude: float) -> tuple[float, float]:
     """Return elevation and azimuth (clockwise from north) of the sun, radians; no refraction.
@@ -75,11 +85,10 @@ def local_time(milliseconds: int, zone: tzinfo) -> datetime:
     return reading.replace(tzinfo=zone)
 
 
-def make_sky(home: Home, time: str | None, lamp_weight: float, changes: Changes) -> Sky:
+def make_sky(home: Home, time: str | None, changes: Changes) -> Sky:
     """Return the sky at the time of the home, or at local `time` ("HH:MM") on its day.
 
-    `lamp_weight` is the sum of the sampling weights of the lamps. Raises `ParameterError` for an
-    invalid time.
+    Raises `ParameterError` for an invalid time.
     """
     latitude, longitude = home.compass.latitude, home.compass.longitude
     if latitude is None or longitude is None:
@@ -91,7 +100,7 @@ def make_sky(home: Home, time: str | None, lamp_weight: float, changes: Changes)
     angle = azimuth + home.compass.north - math.pi / 2
     flat = math.cos(height)
     direction = (flat * math.cos(angle), -flat * math.sin(angle), math.sin(height))
-    emitter, kinds = _emitter(math.degrees(height), direction, max(1.0, lamp_weight))
+    emitter, kinds = _emitter(math.degrees(height), direction, 1.0)
     if home.environment.sky_texture is not None:
         changes.note("the picture of a sky gave way to a physical sky")
     return Sky(

@@ -95,7 +95,7 @@ def test_one_file_needs_two_names_to_come_in_twice(tmp_path: Path, house: str) -
         ({"file": "a.sh3d", "level": "Above"}, r"level: expected a list"),
         ({"file": "a.sh3d", "time": 1245}, r"time: expected .*in quotes, such as '19:30'"),
         ({"file": "a.sh3d", "time": "25:00"}, "not a time of day"),
-        ({"file": "a.sh3d", "lamps": True}, r"lamps: True is not one of 'home', 'on', 'off'"),
+        ({"file": "a.sh3d", "lamps": True}, r"lamps: True is not one of 'auto', 'home', 'on'"),
         ({"file": "a.xml", "parameter": ["x=y"]}, r"parameter: expected a mapping"),
         ({"file": "a.xml", "scale": 0}, r"scale: 0\.0 is not allowed"),
         ({"file": "a.xml", "up": "w"}, r"up: 'w' is not one of"),

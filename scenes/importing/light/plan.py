@@ -127,13 +127,14 @@ def sky_for(
     options: FreeAxesOptions,
     changes: Changes,
 ) -> list[Emitter]:
-    """Sun and sky for the scene at `path` if `--sky` asks for it and nothing shines outdoors.
+    """Sun and sky for the scene at `path` if it has no light or `--sky` asks for them.
 
-    For scenes whose units of light are arbitrary, so that the power of lamps says nothing. Raises
-    `InputError` for a scene without any light if the options add none.
+    For scenes whose units of light are arbitrary, so that the power of lamps says nothing. Nothing
+    is added if something shines outdoors. Raises `InputError` for a scene without any light if
+    the options, `--lamps home`, leave it dark.
     """
     if not (has_area_lights or emitters):
-        if options.sky:
+        if options.sky or options.lamps == "auto":
             changes.note("the scene has no light; sun and sky were added")
             return [daylight()]
         if options.lamps == "fill":

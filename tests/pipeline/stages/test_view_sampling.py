@@ -63,7 +63,21 @@ def test_structure_never_counts(living: RenderScene) -> None:
     assert score_ids(ids, living.scene, 0.01)[0][1] == ()  # the first object is the floor
     blocks = replace(living.scene, objects=living.scene.objects[6:])
     assert score_ids(ids, blocks, 0.01)[0][1] == ("sofa",)
-    assert sample_cameras(living, walls, PARAMS, 0).views == ()
+
+
+def test_an_empty_room_is_seen_by_its_building(living: RenderScene, tmp_path: Path) -> None:
+    """Structure counts only where no candidate sees three pieces of furniture."""
+    bare = replace(living.scene, objects=living.scene.objects[:6])
+    assert all(part.is_structure for part in bare.objects)
+    empty = sample_cameras(_opened(tmp_path / "bare", blocks=[]), bare, PARAMS, 0)
+    assert empty.unfurnished and len(empty.views) >= 3
+    assert len(empty.views) + sum(empty.rejected.values()) == empty.candidates
+    for view in empty.views:
+        counted = [count for count in view.seen.values() if count > 48]
+        assert view.score == pytest.approx(sum(math.log(n / 48) for n in counted), abs=1e-9)
+    furnished = _sample(living)
+    assert furnished.views and not furnished.unfurnished
+    assert not _sample(living, Params(cameras=CameraParams(min_objects=50))).unfurnished
 
 
 def test_views_obey_the_rules_of_pbrs(living: RenderScene) -> None:

@@ -128,7 +128,9 @@ def test_a_mitsuba_scene_gets_a_sky_beside_its_lamps_if_asked_to(tmp_path: Path)
     path.write_text(MITSUBA.replace('<emitter type="area">', "").replace("</emitter>", "").replace(
         '<rgb name="radiance" value="1"/>', ""))  # fmt: skip
     with pytest.raises(InputError, match="--sky"):
-        import_scene(path, tmp_path / "none", **options)
+        import_scene(path, tmp_path / "none", lamps="home", **options)
+    lit = import_scene(path, tmp_path / "lit", **options)
+    assert {light.kind for light in lit.lights} == {"sun", "sky", "area"}
 
 
 @pytest.mark.slow
@@ -155,10 +157,10 @@ def test_a_dark_room_of_any_source_gets_a_lamp_if_asked_to(tmp_path: Path) -> No
 
 def test_lamps_that_are_too_weak_leave_a_closed_room_without_light(tmp_path: Path) -> None:
     path = write_obj(tmp_path / "in" / "room.obj", [*shell(has_window=False), SOFA, STRIP])
-    dark = import_scene(path, tmp_path / "dark", up="z")
+    dark = import_scene(path, tmp_path / "dark", up="z", lamps="home")
     assert not dark.rooms[0].has_light
     assert any("--lamps fill hangs lamps there: room_0" in change for change in dark.changes)
-    assert import_scene(path, tmp_path / "lit", up="z", lamps="fill").rooms[0].has_light
+    assert import_scene(path, tmp_path / "lit", up="z").rooms[0].has_light
 
 
 def test_a_lamp_in_no_room_lights_the_rooms_that_its_rays_enter() -> None:

@@ -828,8 +828,6 @@ def bad(folder: Path, name: str) -> Path:
             body = "<float/>" * 300_001
         case "empty scene":
             body = ""
-        case "no light":
-            body = SENSOR_0_6 + room()
         case "missing mesh":
             body += shape.format("obj", "gone.obj")
         case "mesh climbs out":
@@ -937,7 +935,6 @@ BAD = {
     "too deep": "nested more than",
     "too many elements": "limit of 300,000 elements",
     "empty scene": "no shapes",
-    "no light": "--sky",
     "missing mesh": "'gone.obj' is missing",
     "mesh climbs out": "outside the scene's folder",
     "texture climbs out": "outside the scene's folder",
@@ -966,6 +963,15 @@ BAD = {
     "negative colour": "cannot be negative",
     "half a vector": "1 or 3 values",
 }
+
+
+def test_missing_meshes_are_counted(tmp_path: Path) -> None:
+    shapes = "".join(
+        f'<shape type="obj"><string name="filename" value="{name}.obj"/></shape>' for name in "abca"
+    )
+    path = write(tmp_path / "in", SENSOR_0_6 + room() + shapes)
+    with pytest.raises(InputError, match=r"3 meshes are missing, 'a\.obj' first"):
+        import_scene(path, tmp_path / "out")
 
 
 @pytest.mark.slow

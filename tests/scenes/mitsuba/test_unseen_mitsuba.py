@@ -104,7 +104,7 @@ def import_room(folder: Path, body: str, version: str, name: str) -> Scene:
     text = inside if version.startswith("0") else modern(inside)
     path = folder / f"{name}.xml"
     path.write_text(f'<scene version="{version}">{text}</scene>')
-    return import_scene(path, folder / name)
+    return import_scene(path, folder / name, lamps="home")
 
 
 @pytest.mark.slow

@@ -533,9 +533,10 @@ def test_comments_of_many_signs_take_linear_time(tmp_path: Path) -> None:
     assert len(read.shapes) == 1
 
 
-def test_a_scene_without_light_asks_for_sky(tmp_path: Path) -> None:
+def test_a_scene_without_light_gets_one_or_asks_for_sky(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--sky"):
-        imported(tmp_path, room())
+        imported(tmp_path, room(), lamps="home")
+    assert all(room.has_light for room in imported(tmp_path / "lit", room()).rooms)
 
 
 def test_a_texture_that_is_its_own_value_ends(tmp_path: Path) -> None:

@@ -35,7 +35,8 @@ def quick() -> Iterator[None]:
 
 def bring(folder: Path, xml: str | bytes, members: dict[str, str | bytes] | None = None) -> Scene:
     folder.mkdir(exist_ok=True)
-    return import_scene(draw.pack(folder / "test.sh3d", xml, members), folder / "out")
+    path = draw.pack(folder / "test.sh3d", xml, members)
+    return import_scene(path, folder / "out", lamps="home")
 
 
 def refused(folder: Path, path: Path, words: str) -> None:

@@ -140,7 +140,7 @@ def test_an_old_home_comes_in_as_a_room(tmp_path: Path) -> None:
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("Home", serialised(a_home()))
         archive.writestr("1/box.obj", draw.BOX)
-    scene = import_scene(path, tmp_path / "scene")
+    scene = import_scene(path, tmp_path / "scene", lamps="home")
     assert len(scene.rooms) == 1 and len(scene.portals) == 1
     assert [one.name for one in scene.objects if not one.is_structure] == ["Caisse"]
     assert any("before 5.3" in change for change in scene.changes)

@@ -25,6 +25,7 @@ SIDE = 24  # pixels
 
 def bring(folder: Path, xml: str, members: dict[str, str | bytes] | None = None,
           **options: object) -> Scene:  # fmt: skip
+    folder.mkdir(exist_ok=True)
     return import_scene(draw.pack(folder / "test.sh3d", xml, members), folder / "out", **options)
 
 
@@ -117,9 +118,9 @@ def test_two_storeys_without_light_are_black(tmp_path: Path) -> None:
     for number in range(2):
         assert looks(loaded(dark), middle_of(dark, number), spp=128).max() == 0
     # A lamp below shines up the stairwell, and only there.
-    lit = bring(tmp_path, draw.home(body + stairs + lamp), time="0:00")
+    lit = bring(tmp_path, draw.home(body + stairs + lamp), time="0:00", lamps="home")
     assert looks(loaded(lit), middle_of(lit, 1)).mean() > 0
-    closed = bring(tmp_path, draw.home(body + lamp), time="0:00")
+    closed = bring(tmp_path, draw.home(body + lamp), time="0:00", lamps="home")
     assert looks(loaded(closed), middle_of(closed, 0)).mean() > 0
     assert looks(loaded(closed), middle_of(closed, 1), spp=128).max() == 0
 
@@ -127,7 +128,8 @@ def test_two_storeys_without_light_are_black(tmp_path: Path) -> None:
 def test_a_lamp_lights_its_closed_room_alone(tmp_path: Path) -> None:
     walls = draw.box_walls(0, 0, 420, 320) + draw.wall("between", (210, 0), (210, 320))
     rooms = draw.room(10, 10, 190, 300) + draw.room(220, 10, 190, 300)
-    scene = bring(tmp_path, draw.home(walls + rooms + draw.lamp(x=100, y=160, elevation=150)))
+    lamp = draw.lamp(x=100, y=160, elevation=150)
+    scene = bring(tmp_path, draw.home(walls + rooms + lamp), lamps="home")
     made = loaded(scene)
     assert looks(made, (0.5, -2.5, 1.2)).mean() > 1e-4
     assert looks(made, middle_of(scene, 1), spp=128).max() == 0
@@ -239,14 +241,29 @@ def test_a_sloping_ceiling_leaves_no_gap(tmp_path: Path) -> None:
         assert looks(closed, eye, spp=128).max() == 0
 
 
+def test_an_open_door_between_two_dark_rooms_lights_neither(tmp_path: Path) -> None:
+    walls = draw.box_walls(0, 0, 420, 320) + draw.wall("between", (210, 0), (210, 320))
+    rooms = draw.room(10, 10, 190, 300) + draw.room(220, 10, 190, 300)
+    door = draw.piece("doorOrWindow", name="door", x=210, y=160, angle=math.pi / 2, width=90,
+                      depth=20, height=205)  # fmt: skip
+    body = walls + rooms + door
+    dark = bring(tmp_path / "dark", draw.home(body), lamps="home")
+    assert [room.has_light for room in dark.rooms] == [False, False]
+    window = draw.window(x=100, y=0)
+    day = bring(tmp_path / "day", draw.home(body + window), time="12:00", lamps="home")
+    assert [room.has_light for room in day.rooms] == [True, True]
+    night = bring(tmp_path / "night", draw.home(body + window), time="0:00", lamps="home")
+    assert [room.has_light for room in night.rooms] == [False, False]
+
+
 def test_rooms_without_light_are_named_and_filled(tmp_path: Path) -> None:
     body = draw.box_walls(-10, -10, 520, 420) + draw.room(0, 0, 500, 400, name="Cellar")
-    dark = bring(tmp_path, draw.home(body))
+    dark = bring(tmp_path, draw.home(body), lamps="home")
     assert not dark.rooms[0].has_light and not any(light.kind == "area" for light in dark.lights)
     assert any("--lamps fill" in note and "Cellar" in note for note in dark.changes)
     # A closed white box: the walls see the lamp's light, and nothing else.
     assert looks(loaded(dark), (2.5, -2.0, 1.5), spp=8).mean() == 0
-    lit = bring(tmp_path, draw.home(body), lamps="fill")
+    lit = bring(tmp_path, draw.home(body))
     (lamp,) = [light for light in lit.lights if light.kind == "area"]
     assert lit.rooms[0].has_light and lamp.room == lit.rooms[0].id
     assert lamp.lumens == pytest.approx(150 * 5 * 4)

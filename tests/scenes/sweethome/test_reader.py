@@ -287,7 +287,7 @@ def test_levels_are_chosen_and_heights_follow() -> None:
 
 def test_pieces_share_no_face_with_floors_or_each_other(tmp_path: Path) -> None:
     boxes = draw.piece(model="box", x=200, y=150) + draw.piece(model="box", x=230, y=150)
-    scene = bring(tmp_path, draw.usual(boxes), {"box": draw.BOX})
+    scene = bring(tmp_path, draw.usual(boxes), {"box": draw.BOX}, lamps="home")
     lows = [item.bbox_min[2] for item in scene.objects if not item.is_structure]
     assert len(lows) == 2 and all(1e-4 < low < HAIR for low in lows)
     assert abs(lows[0] - lows[1]) > 1e-4
@@ -329,7 +329,7 @@ class TestSun:
         compass = (f"<compass x='0' y='0' diameter='1' northDirection='{north}' longitude='0' "
                    f"latitude='{math.radians(51.48)}' timeZone='UTC'/>")  # fmt: skip
         drawing, changes = read(draw.home(compass + camera))
-        sky = make_sky(drawing, None, 0.0, changes)
+        sky = make_sky(drawing, None, changes)
         assert sky.elevation == pytest.approx(90 - 51.48 + 23.43, abs=0.02)
         flat = np.array(sky.direction[:2]) / np.hypot(*sky.direction[:2])
         assert flat.tolist() == pytest.approx(expected, abs=0.01)
@@ -339,7 +339,7 @@ class TestSun:
         drawing, changes = read(draw.home("<compass x='0' y='0' diameter='1' longitude='0' "
                                           "latitude='0.8' timeZone='UTC'/>"))  # fmt: skip
         kinds = {
-            time: [light.kind for light in make_sky(drawing, time, 0.0, changes).lights]
+            time: [light.kind for light in make_sky(drawing, time, changes).lights]
             for time in ("12:00", "20:30", "0:30")
         }
         assert kinds == {"12:00": ["sky", "sun"], "20:30": ["sky"], "0:30": ["environment"]}

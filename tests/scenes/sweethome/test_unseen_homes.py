@@ -36,7 +36,8 @@ def storey(level: str, x: float = 0.0) -> str:
 
 
 def bring(folder: Path, xml: str | bytes) -> Scene:
-    return import_scene(draw.pack(folder / "test.sh3d", xml, MEMBERS), folder / "out")
+    path = draw.pack(folder / "test.sh3d", xml, MEMBERS)
+    return import_scene(path, folder / "out", lamps="home")
 
 
 def items(scene: Scene) -> int:
