@@ -67,7 +67,8 @@ class SourceOptions:
         """Check values beyond their types; raises ValueError that begins with `where`."""
         if self.lamps in ("on", "off") and not self.can_switch_lamps:
             raise ValueError(
-                f"{where}.lamps: {self.lamps!r} is for {_SWITCHED}; others take 'auto', 'home' or 'fill'"
+                f"{where}.lamps: {self.lamps!r} is for {_SWITCHED}; others take 'auto', 'home' or "
+                "'fill'"
             )
 
 

@@ -108,7 +108,7 @@ def sample_cameras(
     rooms = {item.id: item.room for item in scene.objects if not item.is_structure}
     chosen, by_reason = _choose(scored, rooms, options)
     most = max((len(sight.objects) for _, sight in scored), default=0)
-    unfurnished = not chosen and 0 < by_reason[FEW_OBJECTS] and most < _FURNISHED
+    unfurnished = not chosen and by_reason[FEW_OBJECTS] > 0 and most < _FURNISHED
     if unfurnished:
         rooms = {item.id: item.room for item in scene.objects}
         counted = [(c, _with_structure(sight, params)) for c, sight in scored]

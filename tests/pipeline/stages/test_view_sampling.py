@@ -56,9 +56,6 @@ def test_score_by_hand(living: RenderScene) -> None:
 
 
 def test_structure_never_counts(living: RenderScene) -> None:
-    walls = replace(
-        living.scene, objects=tuple(replace(o, is_structure=True) for o in living.scene.objects)
-    )
     ids = np.ones((1, 8, 8), dtype=np.uint32)
     assert score_ids(ids, living.scene, 0.01)[0][1] == ()  # the first object is the floor
     blocks = replace(living.scene, objects=living.scene.objects[6:])
