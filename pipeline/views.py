@@ -88,6 +88,7 @@ class CameraFile:
     candidates: int = 0
     rejected: dict[str, int] = field(default_factory=dict)  # reason -> candidates
     unfurnished: bool = False  # parts of the building counted, since no view saw enough furniture
+    stored_left_out: dict[str, str] = field(default_factory=dict)  # view id -> reason
     fingerprint: str = ""
 
 

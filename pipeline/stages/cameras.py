@@ -87,6 +87,11 @@ def _notes(root: Path, scenes: Iterable[str]) -> list[str]:
         for file in files
         if file.unfurnished
     ]
+    lines += [
+        f"stored camera left out: {name} of {file.scene_id} ({reason})"
+        for file in files
+        for name, reason in file.stored_left_out.items()
+    ]
     lines += [f"no view in {file.scene_id}: {_reasons(file)}" for file in files if not file.views]
     return lines
 

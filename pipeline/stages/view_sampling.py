@@ -12,7 +12,8 @@ Additions to PBRS: nothing may lie within `clearance` of the eye in any directio
 not be inside furniture; views are rejected that a near object blocks, that look mostly into another
 room, or that show nearly the same as a better view of their room; and every rejected candidate is
 counted by its reason. Where no candidate of a scene sees three pieces of furniture, as in an
-empty flat, parts of the building count as objects, and one is enough.
+empty flat, parts of the building count as objects, one is enough, and views that reach far indoors
+score more. Views that show mostly outdoors, or one bare surface, are views of no room.
 """
 
 from __future__ import annotations
@@ -39,10 +40,15 @@ from scenes.errors import InputError
 from scenes.geometry.directions import fibonacci_sphere
 from scenes.seeds import generator
 
-REVISION = 3
+REVISION = 4
 _DOORWAY = 0.3  # metres outside a room that count as in it: under doors, sloping ceilings
 _ENCLOSED = 0.75  # share of directions that hit one object if the eye is inside it
 _FURNISHED = 3  # objects that some candidate of a furnished scene sees
+_NEARLY_ALL = 0.95  # share of a view
+_FLAT = 0.05  # metres off a plane up to which a surface is flat
+_MOST_OUTDOORS = 0.6  # share of a view
+_FARTHEST = 8.0  # metres; a view that reaches farther shows no more of a room
+_REACH_WEIGHT = 3.0  # of the logarithm of the reach of a view without furniture
 _RAYS = 192  # directions of the clearance test: 2.6 cm apart at 10 cm
 _PIXELS = 1 << 21  # per trace
 
@@ -54,6 +60,8 @@ INSIDE = "inside an object"
 NOT_TRIED = "not tried: beyond cameras.candidates"
 BLOCKED = "blocked: too much of the view is too near"
 FEW_OBJECTS = "too few objects"
+BLANK = "shows one bare surface"
+OUTDOORS = "shows mostly outdoors"
 ELSEWHERE = "looks mostly into another room"
 LOW_SCORE = "score below cameras.min_score"
 NOT_BEST = "not the best of its sector"
@@ -73,13 +81,24 @@ class Candidate:
 
 
 @dataclass(frozen=True)
+class CoarseLook:
+    """Measures of a view, from a coarse raster of rays."""
+
+    nearness: float  # share of the rays that end nearer than `near`
+    outdoors: float  # share of the rays that meet nothing, or the ground outdoors
+    reach: float  # geometric mean of the rays' lengths, metres; those that end outdoors are short
+    is_flat: bool  # one plane fills the view
+
+
+@dataclass(frozen=True)
 class Sight:
     """Score of a camera and the pixels of every object that it sees."""
 
     score: float
     objects: tuple[str, ...]  # ids of the objects that count
     seen: dict[str, int]  # object id -> pixels
-    nearness: float  # share of the pixels nearer than `near`
+    coarse: CoarseLook
+    is_bare: bool  # no more than one bare surface
 
 
 def sample_cameras(
@@ -90,7 +109,8 @@ def sample_cameras(
     Deterministic in the scene, `params.cameras`, `params.image` and `seed`. A scene may have no
     view. With `params.cameras.stored_views`, views of an imported scene
     (`scene.source["views"]`) are added, whatever their score; those outside every room only with
-    `outside_views`. They are not candidates: candidates = sampled views + sum of `rejected`.
+    `outside_views`, those that show nothing never. They are not candidates: candidates = sampled
+    views + sum of `rejected`.
     """
     options = params.cameras
     rejected: Counter[str] = Counter()
@@ -120,14 +140,18 @@ def sample_cameras(
         image = replace(params.image, half_fov_x=c.half_fov_x)
         view = _view(scene, image, f"{names[c.room.id]}-s{c.sector}", c.pose, sight, c.room)
         views.append(replace(view, sector=c.sector))
+    left_out: dict[str, str] = {}
     if options.stored_views:
-        views += _stored_views(render_scene, scene, params, {view.view_id for view in views})
+        taken = {view.view_id for view in views}
+        stored, left_out = _stored_views(render_scene, scene, params, taken)
+        views += stored
     return CameraFile(
         scene_id=scene.scene_id,
         views=tuple(sorted(views, key=lambda view: view.view_id)),
         candidates=total,
         rejected={reason: rejected[reason] for reason in sorted(rejected)},
         unfurnished=unfurnished,
+        stored_left_out=left_out,
     )
 
 
@@ -262,11 +286,11 @@ def _sights(
         for start in range(0, len(poses), chunk):
             some = np.array(poses[start : start + chunk])
             ids = render_ids(render_scene, some, intrinsics_of(image), image.width, image.height)
-            near = _nearness(render_scene, some, image, options.near)
-            for (score, objects, seen), share in zip(
-                score_ids(ids, scene, options.min_coverage), near, strict=True
+            looks = _coarse_looks(render_scene, some, image, options.near)
+            for (score, objects, seen), coarse in zip(
+                score_ids(ids, scene, options.min_coverage), looks, strict=True
             ):
-                yield Sight(score, objects, seen, float(share))
+                yield Sight(score, objects, seen, coarse, coarse.is_flat and not objects)
 
 
 def _id_height(params: Params) -> int:
@@ -274,13 +298,13 @@ def _id_height(params: Params) -> int:
     return max(1, round(params.cameras.id_width * params.image.height / params.image.width))
 
 
-def _nearness(
+def _coarse_looks(
     render_scene: RenderScene,
     poses: Float64Array,
     image: ImageParams,
     near: float,
-) -> Float64Array:
-    """Return the share of each view that is nearer than `near`, on a coarse raster, (N,)."""
+) -> list[CoarseLook]:
+    """Return the measures of each view by 12 by 9 rays; `poses` is (N, 4, 4)."""
     across, down = 12, 9
     slope = math.tan(image.half_fov_x)
     x, y = np.meshgrid(
@@ -290,9 +314,30 @@ def _nearness(
     local = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=1)
     directions = np.einsum("nij,pj->npi", poses[:, :3, :3], local).reshape(-1, 3)
     origins = np.repeat(poses[:, :3, 3], len(local), axis=0)
-    distance, _ = cast(render_scene, origins, directions, through_glass=True)
-    share: Float64Array = (distance.reshape(len(poses), -1) < near).mean(axis=1)
-    return share
+    distance, hit = cast(render_scene, origins, directions, through_glass=True)
+    is_ground = [item.category == "ground" for item in render_scene.scene.objects]
+    outdoors = np.isinf(distance) | np.array([*is_ground, False])[hit]
+    length = np.where(outdoors, near, np.clip(distance, near, _FARTHEST))
+    lengths = np.sqrt((directions**2).sum(axis=1))
+    points = origins + (np.where(np.isinf(distance), 0.0, distance) / lengths)[:, None] * directions
+    return [
+        CoarseLook(
+            float((distance[part] < near).mean()),
+            float(outdoors[part].mean()),
+            math.exp(math.fsum(np.log(length[part]).tolist()) / len(local)),
+            not outdoors[part].any() and _is_flat(points[part].reshape(down, across, 3)),
+        )
+        for part in (slice(k, k + len(local)) for k in range(0, len(distance), len(local)))
+    ]
+
+
+def _is_flat(points: Float64Array) -> bool:
+    """Return whether points (rows, columns, 3) that fill a view lie in one plane, nearly all."""
+    origin = points[0, 0]
+    normal = np.cross(points[0, -1] - origin, points[-1, points.shape[1] // 2] - origin)
+    length = math.sqrt(float((normal**2).sum()))
+    away = np.abs(((points - origin) * normal).sum(axis=2))
+    return bool((away <= _FLAT * length).mean() >= _NEARLY_ALL)
 
 
 def _rejection(
@@ -300,10 +345,14 @@ def _rejection(
 ) -> str:
     """Return why a candidate is rejected, or ""; `rooms` maps object ids to room ids."""
     known = [rooms[name] for name in sight.objects if rooms[name] is not None]
-    if sight.nearness > options.max_near:
+    if sight.coarse.nearness > options.max_near:
         return BLOCKED
     if len(sight.objects) < options.min_objects:
         return FEW_OBJECTS
+    if sight.is_bare:
+        return BLANK
+    if sight.coarse.outdoors > _MOST_OUTDOORS:
+        return OUTDOORS
     if known and known.count(room.id) < options.min_own * len(known):
         return ELSEWHERE
     if sight.score < options.min_score:
@@ -312,11 +361,15 @@ def _rejection(
 
 
 def _with_structure(sight: Sight, params: Params) -> Sight:
-    """Return the sight with everything counted that covers enough pixels, structure too."""
+    """Return the sight with everything counted that covers enough pixels, structure too.
+
+    To the score it adds how far the view reaches indoors, in logarithms of `near`.
+    """
     size = params.cameras.id_width * _id_height(params)
     minimum = max(1.0, params.cameras.min_coverage * size)
     pixels = {name: count for name, count in sight.seen.items() if count > minimum}
     score = math.fsum(math.log(count / minimum) for count in pixels.values())
+    score += _REACH_WEIGHT * math.log(sight.coarse.reach / params.cameras.near)
     return replace(sight, score=score, objects=tuple(pixels))
 
 
@@ -372,9 +425,12 @@ def _overlap(one: Sight, other: Sight, furniture: dict[str, str | None]) -> floa
 
 def _stored_views(
     render_scene: RenderScene, scene: Scene, params: Params, taken: set[str]
-) -> list[View]:
-    """Return the cameras stored in an imported scene, with the image size of the parameters."""
-    views = []
+) -> tuple[list[View], dict[str, str]]:
+    """Return the cameras stored in an imported scene, with the image size of the parameters.
+
+    Also the names of those that show nothing of a room, with the reasons.
+    """
+    views, left_out = [], {}
     for number, stored in enumerate(scene.source.get("views", [])):
         try:
             pose = np.array(stored["camera_to_world"], dtype=np.float64).reshape(4, 4)
@@ -393,10 +449,24 @@ def _stored_views(
             name += "-again"
         taken.add(name)
         (sight,) = _sights(render_scene, scene, [(pose, half_fov_x)], params)
+        reason = _shows_nothing(render_scene, pose, sight)
+        if reason:
+            left_out[name] = reason
+            continue
         image = replace(params.image, half_fov_x=half_fov_x)
         view = _view(scene, image, name, pose, sight, room)
         views.append(replace(view, sector=int(stored.get("sector", view.sector))))
-    return views
+    return views, left_out
+
+
+def _shows_nothing(render_scene: RenderScene, pose: Float64Array, sight: Sight) -> str:
+    """Return why a stored camera, which may stand anywhere, is no view; "" if it is one."""
+    _, enclosed = _surroundings(render_scene, pose[None, :3, 3], 0.0)
+    if enclosed[0]:
+        return INSIDE
+    if sight.coarse.nearness > _NEARLY_ALL:
+        return BLOCKED
+    return BLANK if sight.is_bare else ""
 
 
 def _view(

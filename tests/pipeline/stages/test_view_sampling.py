@@ -71,10 +71,26 @@ def test_an_empty_room_is_seen_by_its_building(living: RenderScene, tmp_path: Pa
     assert len(empty.views) + sum(empty.rejected.values()) == empty.candidates
     for view in empty.views:
         counted = [count for count in view.seen.values() if count > 48]
-        assert view.score == pytest.approx(sum(math.log(n / 48) for n in counted), abs=1e-9)
+        assert view.score > sum(math.log(n / 48) for n in counted)  # and how far the view reaches
     furnished = _sample(living)
     assert furnished.views and not furnished.unfurnished
     assert not _sample(living, Params(cameras=CameraParams(min_objects=50))).unfurnished
+
+
+def test_an_empty_corridor_is_seen_along_its_length(tmp_path: Path) -> None:
+    rs = _opened(tmp_path / "corridor", blocks=[], size=(8.0, 1.6, 2.6))
+    views = sorted(_sample(rs).views, key=lambda view: -view.score)
+    assert len(views) >= 2
+    for view in views[:2]:
+        forward = view.pose[:3, 2]
+        assert abs(forward[0]) > 4 * abs(forward[1])
+
+
+def test_a_candidate_outdoors_is_no_view(living: RenderScene) -> None:
+    (room,) = living.scene.rooms
+    garden = replace(room, floor=((10, 0), (14, 0), (14, 3), (10, 3)))
+    file = _sample(_with_rooms(living, garden), Params(cameras=CameraParams(min_objects=0)))
+    assert file.views == () and file.rejected[view_sampling.OUTDOORS] > 0
 
 
 def test_views_obey_the_rules_of_pbrs(living: RenderScene) -> None:
@@ -286,6 +302,31 @@ def test_stored_views_are_kept_beside_the_sampled_ones(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("eye", "towards", "reason"),
+    [
+        ((2.0, 1.5, 1.5), (0.0, 1.0, 0.0), view_sampling.BLANK),
+        ((3.0, 2.4, 1.5), (0.0, 1.0, -0.2), view_sampling.BLOCKED),
+        ((1.0, 1.0, 1.5), (1.0, 0.0, 0.0), view_sampling.INSIDE),
+    ],
+    ids=["at a wall", "at a wall near by", "in a closet"],
+)
+def test_a_stored_camera_that_shows_nothing_is_left_out_and_named(
+    tmp_path: Path,
+    eye: tuple[float, float, float],
+    towards: tuple[float, float, float],
+    reason: str,
+) -> None:
+    blocks = (
+        [] if reason == view_sampling.BLANK else [Block("closet", (0.2, 0.2, 0.0), (1.8, 2.8, 2.5))]
+    )
+    pose = look(eye, towards)
+    stored = {"name": "visitor", "camera_to_world": pose.tolist(), "half_fov_x": 0.4}
+    file = _sample(_opened(tmp_path / "stored", blocks=blocks, source={"views": [stored]}))
+    assert file.stored_left_out == {"stored-visitor": reason}
+    assert not [view for view in file.views if view.view_id == "stored-visitor"]
+
+
+@pytest.mark.parametrize(
     ("eye", "is_inside"),
     [((2.0, 1.5, 1.5), True), ((-0.1, 1.5, 1.5), True), ((2.0, 1.5, 9.0), False),
      ((-5.0, 1.5, 1.5), False)],
@@ -294,7 +335,8 @@ def test_stored_views_are_kept_beside_the_sampled_ones(tmp_path: Path) -> None:
 def test_stored_views_outside_every_room_are_views_only_where_asked_for(
     tmp_path: Path, eye: tuple[float, float, float], is_inside: bool
 ) -> None:
-    stored = {"name": "own", "camera_to_world": look(eye, (1.0, 0.2, -0.3)).tolist()}
+    towards = (-1.0 if eye[0] == -0.1 else 1.0, 0.2, -0.3)  # away from the wall beside the eye
+    stored = {"name": "own", "camera_to_world": look(eye, towards).tolist()}
     rs = _opened(tmp_path / "stored", source={"views": [stored]})
 
     def rooms(options: CameraParams) -> list[str | None]:
