@@ -87,9 +87,9 @@ class CameraFile:
     views: tuple[View, ...]
     candidates: int = 0
     rejected: dict[str, int] = field(default_factory=dict)  # reason -> candidates
+    fingerprint: str = ""
     unfurnished: bool = False  # parts of the building counted, since no view saw enough furniture
     stored_left_out: dict[str, str] = field(default_factory=dict)  # view id -> reason
-    fingerprint: str = ""
 
 
 def look(eye: Any, towards: Any, up: Any = (0.0, 0.0, 1.0)) -> Float64Array:
