@@ -14,6 +14,7 @@ from scenes.arrays import Float64Array
 from scenes.checked import build, check_name, plain
 from scenes.errors import InputError
 from scenes.files import read_json, write_json
+from scenes.geometry.directions import turned, unit
 
 MAX_SIDE = 16_384  # pixels
 MAX_NUMBER = 1e7  # metres in a pose, pixels in K
@@ -57,7 +58,7 @@ class View:
         if np.abs(pose).max() > MAX_NUMBER or np.abs(intrinsics).max() > MAX_NUMBER:
             raise ValueError(f"{where}: camera_to_world or K hold numbers beyond {MAX_NUMBER:g}")
         rotation = pose[:3, :3]
-        orthonormal = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4)
+        orthonormal = np.allclose(turned(rotation, rotation).T, np.eye(3), atol=1e-4)
         if not orthonormal or np.linalg.det(rotation) < 0:
             raise ValueError(f"{where}.camera_to_world: not a rotation and a translation")
         if intrinsics[0, 0] <= 0 or intrinsics[1, 1] <= 0:
@@ -94,10 +95,8 @@ class CameraFile:
 
 def look(eye: Any, towards: Any, up: Any = (0.0, 0.0, 1.0)) -> Float64Array:
     """Return `camera_to_world` (4, 4) of a camera at `eye` that looks along `towards`."""
-    forward = np.asarray(towards, dtype=np.float64)
-    forward = forward / np.linalg.norm(forward)
-    right = np.cross(forward, np.asarray(up, dtype=np.float64))
-    right /= np.linalg.norm(right)
+    forward = unit(np.asarray(towards, dtype=np.float64))
+    right = unit(np.cross(forward, np.asarray(up, dtype=np.float64)))
     pose = np.eye(4)
     pose[:3, 0], pose[:3, 1], pose[:3, 2] = right, np.cross(forward, right), forward
     pose[:3, 3] = eye

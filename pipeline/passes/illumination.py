@@ -32,7 +32,7 @@ from pipeline.views import View
 from scenes.arrays import BoolArray, Float64Array, Int64Array
 from scenes.color import luminance
 from scenes.contract import Portal
-from scenes.geometry.directions import unit
+from scenes.geometry.directions import turned, unit
 
 REVISION = 2
 _NARROW = 1.5  # pixels: sources of less mean width are narrow
@@ -156,11 +156,11 @@ class Panorama:
         local[..., 0] = flat * np.sin(azimuth)[:, None, :]
         local[..., 1] = -sine[:, :, None]
         local[..., 2] = flat * np.cos(azimuth)[:, None, :]
-        return local.reshape(len(pixels), -1, 3) @ self.rotation.T
+        return turned(local.reshape(len(pixels), -1, 3), self.rotation)
 
     def pixels(self, directions: Float64Array) -> Int64Array:
         """Return the pixel of each world direction (N, 3), of length 1."""
-        x, y, z = (directions @ self.rotation).T
+        x, y, z = turned(directions, self.rotation.T).T
         column = np.floor((np.arctan2(x, z) / (2 * math.pi) + 0.5) * self.width).astype(np.int64)
         row = np.floor((0.5 + np.arcsin(np.clip(y, -1, 1)) / math.pi) * self.height)
         row = np.clip(row, 0, self.height - 1).astype(np.int64)

@@ -19,7 +19,7 @@ from pipeline.render.scene import RenderScene
 from pipeline.render.scene_geometry import Hits
 from pipeline.views import View
 from scenes.arrays import AnyArray, BoolArray, Float64Array
-from scenes.geometry.directions import pixel_directions, unit
+from scenes.geometry.directions import pixel_directions, turned, unit
 
 REVISION = 1  # raise it when a channel is added, or a change of code changes pixels
 _MIN_DEPTH = 1e-5  # metres
@@ -51,14 +51,14 @@ def depth(surfaces: VisibleSurfaces) -> AnyArray:
     It is at least `_MIN_DEPTH`: a surface that touches the eye would round to one behind it.
     """
     offset = surfaces.hits.position.astype(np.float64) - surfaces.view.eye
-    along = np.maximum(offset @ surfaces.rotation[:, 2], _MIN_DEPTH)
+    along = np.maximum(_dots(offset, surfaces.rotation[:, 2])[:, 0], _MIN_DEPTH)
     return np.where(surfaces.valid, along, 0).astype(np.float32)
 
 
 def normal(surfaces: VisibleSurfaces) -> AnyArray:
     """Return unit normals (P, 3) that face the camera, in the camera's OpenCV axes."""
     normals = facing_normals(surfaces.hits, surfaces.directions)
-    normals = np.where(surfaces.valid[:, None], normals, 0) @ surfaces.rotation
+    normals = turned(np.where(surfaces.valid[:, None], normals, 0), surfaces.rotation.T)
     return normals.astype(np.float32)
 
 
@@ -110,7 +110,7 @@ def inputs_of(surfaces: VisibleSurfaces) -> Channels:
 def visible_surfaces(render_scene: RenderScene, view: View, colors: bool = True) -> VisibleSurfaces:
     """Trace a ray through each pixel centre of a view; without `colors` reflectance is 0."""
     local = pixel_directions(view.intrinsics, view.width, view.height)
-    directions = unit(local.reshape(-1, 3)) @ view.pose[:3, :3].T
+    directions = turned(unit(local.reshape(-1, 3)), view.pose[:3, :3])
     hits = raycast.surfaces(render_scene.geometry, view.eye, directions, colors)
     return VisibleSurfaces(render_scene, view, directions, hits, hits.shape >= 0)
 

@@ -22,6 +22,7 @@ from pipeline.render.scene import RenderScene
 from pipeline.views import View
 from scenes.arrays import AnyArray, BoolArray, Float64Array
 from scenes.contract import Light
+from scenes.geometry.directions import turned
 from scenes.importing.semantics import NYU13_OF_NYU40, NYU40_OF_CATEGORY, category_number
 
 REVISION = 1  # raise it when a channel is added, or a change of code changes pixels
@@ -133,8 +134,8 @@ def describe_instances(surfaces: VisibleSurfaces) -> list[dict[str, Any]]:
                 "centre": _plain(box.centre),
                 "axes": _plain(box.axes),
                 "half_sizes": _plain(box.half_sizes),
-                "centre_camera": _plain((box.centre - view.eye) @ surfaces.rotation),
-                "axes_camera": _plain(box.axes @ surfaces.rotation),
+                "centre_camera": _plain(turned(box.centre - view.eye, surfaces.rotation.T)),
+                "axes_camera": _plain(turned(box.axes, surfaces.rotation.T)),
             }
         )
     return entries
@@ -206,9 +207,9 @@ def _constant(emitter: Any, name: str) -> Float64Array | None:
 
 def _inside(points: Float64Array, view: View) -> BoolArray:
     """Test which world points (N, 3) lie before the camera and within the image."""
-    local = (points - view.eye) @ view.pose[:3, :3]
+    local = turned(points - view.eye, view.pose[:3, :3].T)
     before = local[:, 2] > 0
-    pixels = local @ view.intrinsics.T
+    pixels = turned(local, view.intrinsics)
     depth = np.where(before, pixels[:, 2], 1)
     x, y = pixels[:, 0] / depth, pixels[:, 1] / depth
     inside: BoolArray = before & (x >= 0) & (x <= view.width) & (y >= 0) & (y <= view.height)

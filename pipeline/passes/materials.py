@@ -21,6 +21,7 @@ from pipeline.render.materials import MaterialValues
 from pipeline.render.scene import RenderScene
 from pipeline.views import View
 from scenes.arrays import AnyArray, BoolArray
+from scenes.geometry.directions import turned
 
 REVISION = 1  # raise it when a channel is added, or a change of code changes pixels
 
@@ -74,7 +75,7 @@ def normal_bump(materials: VisibleMaterials) -> AnyArray:
     surfaces, hits = materials.surfaces, materials.surfaces.hits
     shading = np.where(materials.bumped[:, None], materials.values.normal, hits.shading_normal)
     normals = facing_normals(replace(hits, shading_normal=shading), surfaces.directions)
-    normals = np.where(surfaces.valid[:, None], normals, 0) @ surfaces.rotation
+    normals = turned(np.where(surfaces.valid[:, None], normals, 0), surfaces.rotation.T)
     return normals.astype(np.float32)
 
 

@@ -17,6 +17,7 @@ import shapely
 
 from pipeline.render.scene_geometry import SceneGeometry
 from scenes.arrays import Float64Array
+from scenes.geometry.directions import turned
 
 _HARDLY = 1.01  # ratio of areas below which the world's axes are preferred
 _GRID = 1e-6  # metres, and of cosines: what is decided and stored is rounded to it
@@ -42,7 +43,7 @@ class Box:
         """Return a regular grid of points over the box, borders included, (count^3, 3)."""
         steps = np.linspace(-1, 1, count)
         places = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
-        return self.centre + places * self.half_sizes @ self.axes
+        return self.centre + turned(places * self.half_sizes, self.axes.T)
 
 
 class ObjectBoxes:
@@ -75,11 +76,11 @@ def box_around(points: Float64Array) -> Box:
     angle = 0.0 if areas[0] <= _HARDLY * areas[best] else angles[best]
     x = _rounded(np.array([math.cos(angle), math.sin(angle), 0]))
     axes = np.stack([x, [-x[1], x[0], 0], [0, 0, 1]])
-    local = points @ axes.T
+    local = turned(points, axes)
     low, high = local.min(axis=0), local.max(axis=0)
     # Rounded outwards, so that the stored box holds every point.
     half = np.ceil((high - low) / 2 / _GRID + 1) * _GRID
-    return Box(_rounded((low + high) / 2 @ axes), axes, half)
+    return Box(_rounded(turned((low + high) / 2, axes.T)), axes, half)
 
 
 def shape_points(shape: Any) -> Float64Array:

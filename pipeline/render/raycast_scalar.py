@@ -18,6 +18,7 @@ from pipeline.render.scene_geometry import (
     TextureSlot,
 )
 from scenes.arrays import AnyArray
+from scenes.geometry.directions import turned
 
 
 def nearest(
@@ -35,7 +36,7 @@ def nearest_from_cameras(geometry: SceneGeometry, poses: AnyArray, local: AnyArr
     """Return shape indices (N * P,) for cameras (N, 4, 4) and camera-frame directions (P, 3)."""
     found = []
     for pose in poses:
-        directions = local @ pose[:3, :3].T
+        directions = turned(local, pose[:3, :3])
         origins = np.broadcast_to(pose[:3, 3], directions.shape)
         found.append(nearest(geometry, True, origins, directions)[0])
     return np.concatenate(found)

@@ -37,7 +37,7 @@ from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, rol
 from scenes.arrays import BoolArray, Float64Array
 from scenes.contract import Room, Scene
 from scenes.errors import InputError
-from scenes.geometry.directions import fibonacci_sphere
+from scenes.geometry.directions import fibonacci_sphere, turned
 from scenes.seeds import generator
 
 REVISION = 4
@@ -312,7 +312,7 @@ def _coarse_looks(
         slope * image.height / image.width * (2 * (np.arange(down) + 0.5) / down - 1),
     )
     local = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=1)
-    directions = np.einsum("nij,pj->npi", poses[:, :3, :3], local).reshape(-1, 3)
+    directions = np.concatenate([turned(local, pose[:3, :3]) for pose in poses])
     origins = np.repeat(poses[:, :3, 3], len(local), axis=0)
     distance, hit = cast(render_scene, origins, directions, through_glass=True)
     is_ground = [item.category == "ground" for item in render_scene.scene.objects]

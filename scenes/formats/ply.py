@@ -12,6 +12,7 @@ from scenes.errors import InputError
 from scenes.geometry.mesh import MAX_TRIANGLES, Mesh
 
 MAX_BYTES = 512 * 2**20
+_PER_UNIT = 2.0**20  # steps that numbers are rounded to when they are written
 
 _PLY_TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1",
@@ -65,13 +66,18 @@ def read_ply(path: Path) -> Mesh:
 
 
 def write_ply(path: Path, mesh: Mesh) -> None:
-    """Write a mesh as little-endian binary PLY, float32, with normals and uv where it has them."""
+    """Write a mesh as little-endian binary PLY, float32, with normals and uv where it has them.
+
+    Numbers are rounded to multiples of 2**-20, a micrometre: the last bit of a sine or a matrix
+    product depends on the processor, and would be kept where a number is nearly zero.
+    """
     columns = [("x", mesh.vertices[:, 0]), ("y", mesh.vertices[:, 1]), ("z", mesh.vertices[:, 2])]
     if mesh.normals is not None:
         columns += [(f"n{axis}", mesh.normals[:, i]) for i, axis in enumerate("xyz")]
     if mesh.uvs is not None:
         columns += [("u", mesh.uvs[:, 0]), ("v", mesh.uvs[:, 1])]
-    rows = np.stack([values for _, values in columns], axis=1).astype("<f4")
+    values = np.stack([values for _, values in columns], axis=1).astype(np.float64)
+    rows = (np.rint(values * _PER_UNIT) / _PER_UNIT + 0.0).astype("<f4")  # + 0.0: no -0.0
     faces = np.empty(len(mesh.faces), dtype=[("count", "u1"), ("corners", "<i4", (3,))])
     faces["count"] = 3
     faces["corners"] = mesh.faces

@@ -13,8 +13,20 @@ from scenes.arrays import Float64Array
 def unit(vectors: npt.ArrayLike) -> Float64Array:
     """Normalise vectors (..., 3) to float64 unit vectors; zero vectors stay zero."""
     vectors = np.asarray(vectors, dtype=np.float64)
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    # Written out: the order in which a library's norm adds depends on the processor.
+    x, y, z = vectors[..., :1], vectors[..., 1:2], vectors[..., 2:]
+    length = np.sqrt(x * x + y * y + z * z)
     return vectors / np.where(length > 0, length, 1)
+
+
+def turned(vectors: npt.ArrayLike, matrix: npt.ArrayLike) -> Float64Array:
+    """Multiply vectors (..., 3) by a matrix (3, 3) from the left, with the same bits everywhere.
+
+    Matrix products of NumPy leave the order of additions to a library that chooses by processor.
+    """
+    vectors, matrix = np.asarray(vectors, dtype=np.float64), np.asarray(matrix, dtype=np.float64)
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    return np.stack([row[0] * x + row[1] * y + row[2] * z for row in matrix], axis=-1)
 
 
 def fibonacci_sphere(count: int) -> Float64Array:
@@ -37,6 +49,7 @@ def pixel_directions(intrinsics: npt.ArrayLike, width: int, height: int) -> Floa
 
     `intrinsics` is K, (3, 3), in pixels.
     """
-    inverse = np.linalg.inv(np.asarray(intrinsics, dtype=np.float64))
+    (focal_x, skew, centre_x), (_, focal_y, centre_y), _ = np.asarray(intrinsics, dtype=np.float64)
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    return np.stack([x, y, np.ones_like(x)], axis=-1) @ inverse.T
+    y = (y - centre_y) / focal_y  # in closed form: a library's inverse differs by processor
+    return np.stack([(x - centre_x - skew * y) / focal_x, y, np.ones_like(x)], axis=-1)

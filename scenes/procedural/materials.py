@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from scenes.arrays import Float32Array, UInt8Array
+from scenes.arrays import Float64Array, UInt8Array
 from scenes.color import Color, encode_srgb
 from scenes.procedural.patterns import SEEDS, has_pattern, pattern, picture
 from scenes.procedural.piece import CatalogueMaterial, Material
@@ -166,9 +166,9 @@ def texture_image(material: Material, size: int) -> UInt8Array:
     Its linear mean is the material's colour; for tiles and bricks this excludes the joints.
     """
     drawn = pattern(material.kind, material.variant % SEEDS, size)
-    base = np.array(_clamped(material.color, MAX_REFLECTANCE), dtype=np.float32)[:, None, None]
+    base = np.array(_clamped(material.color, MAX_REFLECTANCE), dtype=np.float64)[:, None, None]
     accent = (
-        np.array(_clamped(material.accent, MAX_REFLECTANCE), dtype=np.float32)[:, None, None]
+        np.array(_clamped(material.accent, MAX_REFLECTANCE), dtype=np.float64)[:, None, None]
         if material.accent
         else base * _DEFAULT_ACCENT
     )
@@ -187,7 +187,7 @@ def _picture_image(material: Material, size: int) -> UInt8Array:
     return _encode(picture(generator(material.variant, "picture"), size))
 
 
-def _encode(linear: Float32Array) -> UInt8Array:
+def _encode(linear: Float64Array) -> UInt8Array:
     """Encode planes of linear RGB (3, size, size) as an sRGB image, uint8 (size, size, 3)."""
     steps = np.clip(linear * 4095 + 0.5, 0, 4095).astype(np.uint16)
     return np.ascontiguousarray(_SRGB[steps].transpose(1, 2, 0))

@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from scenes.arrays import Float32Array
+from scenes.arrays import Float64Array
 from scenes.seeds import generator
 
 SEEDS = 12  # different draws of each pattern
@@ -22,12 +22,12 @@ SEEDS = 12  # different draws of each pattern
 class Pattern:
     """Mixing weights and shading of a texture.
 
-    `mix`: float32 (size, size) in [0, 1], 0 for the base colour and 1 for the accent; `shade`:
-    float32 (size, size), a factor on the reflectance around 1; `metres`: period in u and v.
+    `mix`: float64 (size, size) in [0, 1], 0 for the base colour and 1 for the accent; `shade`:
+    float64 (size, size), a factor on the reflectance around 1; `metres`: period in u and v.
     """
 
-    mix: Float32Array
-    shade: Float32Array
+    mix: Float64Array
+    shade: Float64Array
     metres: float
 
 
@@ -49,8 +49,8 @@ def noise(
     falloff: float,
     stretch: tuple[float, float] = (1.0, 1.0),
     low: float = 1.0,
-) -> Float32Array:
-    """Return tileable noise, float32 (size, size), mean 0, standard deviation 1.
+) -> Float64Array:
+    """Return tileable noise, float64 (size, size), mean 0, standard deviation 1.
 
     Its amplitude spectrum is frequency ** -falloff, without frequencies below `low` periods per
     tile; `stretch` lengthens the features along (u, v). Frequencies above 256 are 0: from 512
@@ -58,47 +58,47 @@ def noise(
     """
     cutoff = min(size // 2, 256)
     amplitude = _amplitude(cutoff, falloff, stretch, low)
-    phase = rng.standard_normal((2, *amplitude.shape)).astype(np.float32)
+    phase = rng.standard_normal((2, *amplitude.shape)).astype(np.float64)
     spectrum = amplitude * (phase[0] + 1j * phase[1])
     if size > 2 * cutoff:
-        full = np.zeros((size, size // 2 + 1), dtype=np.complex64)
+        full = np.zeros((size, size // 2 + 1), dtype=np.complex128)
         full[:cutoff, : cutoff + 1] = spectrum[:cutoff]
         full[-cutoff:, : cutoff + 1] = spectrum[cutoff:]
         spectrum = full
     field = np.fft.irfft2(spectrum, s=(size, size))
-    return (field / max(float(field.std()), 1e-12)).astype(np.float32)
+    return (field / max(float(field.std()), 1e-12)).astype(np.float64)
 
 
 @lru_cache(maxsize=48)
 def _amplitude(
     cutoff: int, falloff: float, stretch: tuple[float, float], low: float
-) -> Float32Array:
+) -> Float64Array:
     """Amplitudes of the frequencies along v (2 * cutoff rows, in FFT order) and u (cutoff + 1)."""
-    frequency_v = np.fft.fftfreq(2 * cutoff, 1 / (2 * cutoff)).astype(np.float32)[:, None]
-    frequency_u = np.arange(cutoff + 1, dtype=np.float32)[None, :]
+    frequency_v = np.fft.fftfreq(2 * cutoff, 1 / (2 * cutoff)).astype(np.float64)[:, None]
+    frequency_u = np.arange(cutoff + 1, dtype=np.float64)[None, :]
     radius = np.hypot(frequency_u * stretch[0], frequency_v * stretch[1])
     return np.where(radius >= low, 1 / np.maximum(radius, 1e-6) ** falloff, 0)
 
 
-def _axes(size: int) -> tuple[Float32Array, Float32Array]:
+def _axes(size: int) -> tuple[Float64Array, Float64Array]:
     """u and v of the pixel centres in [0, 1), each (size, size)."""
-    ramp = (np.arange(size, dtype=np.float32) + 0.5) / size
+    ramp = (np.arange(size, dtype=np.float64) + 0.5) / size
     u, v = np.meshgrid(ramp, ramp)
-    return u.astype(np.float32), v.astype(np.float32)
+    return u.astype(np.float64), v.astype(np.float64)
 
 
-def _smoothstep(low: float, high: float, x: Float32Array) -> Float32Array:
+def _smoothstep(low: float, high: float, x: Float64Array) -> Float64Array:
     t = np.clip((x - low) / (high - low), 0, 1)
-    return (t * t * (3 - 2 * t)).astype(np.float32)
+    return (t * t * (3 - 2 * t)).astype(np.float64)
 
 
-def _grain(rng: np.random.Generator, size: int) -> tuple[Float32Array, Float32Array]:
+def _grain(rng: np.random.Generator, size: int) -> tuple[Float64Array, Float64Array]:
     """Wood grain along u: growth rings in [0, 1] and fine pores around 0."""
     _, v = _axes(size)
     bend = noise(rng, size, 2.2, (5.0, 1.0))
     rings = 0.5 + 0.5 * np.sin(2 * np.pi * (9 * v + 0.9 * bend))
     pores = noise(rng, size, 0.35, (24.0, 1.0), low=20)
-    return rings.astype(np.float32), pores
+    return rings.astype(np.float64), pores
 
 
 def _wood(rng: np.random.Generator, size: int) -> Pattern:
@@ -122,17 +122,17 @@ def _planks(rng: np.random.Generator, size: int) -> Pattern:
     shift_v = rng.integers(0, size, (rows, 2))
     columns = (np.arange(size)[None, :] + shift_u[row, board]) % size
     lines = (np.arange(size)[:, None] + shift_v[row, board]) % size
-    variation = rng.normal(0, 1, (rows, 2)).astype(np.float32)[row, board]
+    variation = rng.normal(0, 1, (rows, 2)).astype(np.float64)[row, board]
     mix = 0.18 + 0.28 * rings[lines, columns] ** 2 + 0.1 * broad[lines, columns]
     mix += 0.07 * pores[lines, columns] + 0.09 * variation
     across = np.minimum(v * rows % 1, 1 - v * rows % 1) * metres / rows
     ends = np.minimum(length % 1, 1 - length % 1) * metres / 2
     pixel = metres / size
     joint = 1 - _smoothstep(
-        0.0006, 0.0006 + max(0.0016, 0.8 * pixel), np.minimum(across, ends).astype(np.float32)
+        0.0006, 0.0006 + max(0.0016, 0.8 * pixel), np.minimum(across, ends).astype(np.float64)
     )
     shade = (1 + 0.05 * variation) * (1 - 0.5 * joint * min(1.0, 0.003 / pixel))
-    return Pattern(np.clip(mix, 0, 1).astype(np.float32), shade.astype(np.float32), metres)
+    return Pattern(np.clip(mix, 0, 1).astype(np.float64), shade.astype(np.float64), metres)
 
 
 def _tiles(rng: np.random.Generator, size: int) -> Pattern:
@@ -142,15 +142,15 @@ def _tiles(rng: np.random.Generator, size: int) -> Pattern:
     column, row = (u * count).astype(int), (v * count).astype(int)
     edge = np.minimum(
         np.minimum(u * count % 1, 1 - u * count % 1), np.minimum(v * count % 1, 1 - v * count % 1)
-    ) * np.float32(metres / count)
+    ) * np.float64(metres / count)
     pixel = metres / size
     grout = 1 - _smoothstep(0.002 - 0.5 * pixel, 0.002 + 0.5 * pixel, edge)
-    variation = rng.normal(0, 1, (count, count)).astype(np.float32)[row, column]
+    variation = rng.normal(0, 1, (count, count)).astype(np.float64)[row, column]
     cloud = noise(rng, size, 1.4)
     shade = (1 + 0.025 * variation + 0.02 * cloud) * (1 - grout) + grout * (
         1 + 0.04 * noise(rng, size, 0.5)
     )
-    return Pattern(grout, shade.astype(np.float32), metres)
+    return Pattern(grout, shade.astype(np.float64), metres)
 
 
 def _brick(rng: np.random.Generator, size: int) -> Pattern:
@@ -165,29 +165,29 @@ def _brick(rng: np.random.Generator, size: int) -> Pattern:
         np.minimum(v * rows % 1, 1 - v * rows % 1) * metres / rows,
     )
     mortar = 1 - _smoothstep(0.004, 0.007, edge + 0.001 * noise(rng, size, 0.8))
-    variation = rng.normal(0, 1, (rows, columns)).astype(np.float32)[row, column]
+    variation = rng.normal(0, 1, (rows, columns)).astype(np.float64)[row, column]
     shade = 1 + 0.13 * variation + 0.06 * noise(rng, size, 0.9)
-    return Pattern(mortar, np.clip(shade, 0.4, 1.6).astype(np.float32), metres)
+    return Pattern(mortar, np.clip(shade, 0.4, 1.6).astype(np.float64), metres)
 
 
 def _fabric(rng: np.random.Generator, size: int) -> Pattern:
     """Plain weave; the second yarn has the accent colour."""
     metres, threads = 0.4, 64
     u, v = _axes(size)
-    warp, weft = (np.abs(np.sin(np.pi * threads * axis)).astype(np.float32) for axis in (u, v))
+    warp, weft = (np.abs(np.sin(np.pi * threads * axis)).astype(np.float64) for axis in (u, v))
     over = ((u * threads).astype(int) + (v * threads).astype(int)) % 2
     yarn = np.where(over == 1, warp, weft)
     slub = noise(rng, size, 0.7, (12.0, 1.0)) + noise(rng, size, 0.7, (1.0, 12.0))
     mix = np.clip(0.35 * over + 0.12 * slub, 0, 1)
     shade = 0.88 + 0.16 * yarn + 0.035 * slub + 0.03 * noise(rng, size, 1.5)
-    return Pattern(mix.astype(np.float32), shade.astype(np.float32), metres)
+    return Pattern(mix.astype(np.float64), shade.astype(np.float64), metres)
 
 
 def _carpet(rng: np.random.Generator, size: int) -> Pattern:
     tufts = noise(rng, size, 0.25, low=24)
     worn = noise(rng, size, 1.7)
     mix = np.clip(0.25 + 0.14 * tufts + 0.1 * worn, 0, 1)
-    return Pattern(mix.astype(np.float32), (1 + 0.08 * tufts + 0.03 * worn).astype(np.float32), 1.0)
+    return Pattern(mix.astype(np.float64), (1 + 0.08 * tufts + 0.03 * worn).astype(np.float64), 1.0)
 
 
 def _leather(rng: np.random.Generator, size: int) -> Pattern:
@@ -195,14 +195,14 @@ def _leather(rng: np.random.Generator, size: int) -> Pattern:
     folds = noise(rng, size, 1.8)
     mix = np.clip(0.35 - 0.25 * cells, 0, 1)
     return Pattern(
-        mix.astype(np.float32), (1 + 0.05 * cells + 0.04 * folds).astype(np.float32), 0.4
+        mix.astype(np.float64), (1 + 0.05 * cells + 0.04 * folds).astype(np.float64), 0.4
     )
 
 
 def _plaster(rng: np.random.Generator, size: int) -> Pattern:
     """Rolled paint: faint low-frequency and fine high-frequency noise."""
     shade = 1 + 0.012 * noise(rng, size, 1.6) + 0.008 * noise(rng, size, 0.3, low=30)
-    return Pattern(np.zeros((size, size), np.float32), shade.astype(np.float32), 1.6)
+    return Pattern(np.zeros((size, size), np.float64), shade.astype(np.float64), 1.6)
 
 
 def _wallpaper(rng: np.random.Generator, size: int) -> Pattern:
@@ -221,7 +221,7 @@ def _wallpaper(rng: np.random.Generator, size: int) -> Pattern:
         line = np.minimum(np.minimum(a, 1 - a), np.minimum(b, 1 - b))
         mix = 0.8 * (1 - _smoothstep(0.03, 0.03 + 2 * count * soft, line))
     elif kind == 2:  # sprigs of five leaves in a half drop
-        mix = np.zeros((size, size), np.float32)
+        mix = np.zeros((size, size), np.float64)
         count = int(rng.choice([5, 7]))
         shift = 0.5 * (np.floor(u * count) % 2) if count % 2 == 0 else 0.0
         x, y = (u * count) % 1 - 0.5, (v * count + shift) % 1 - 0.5
@@ -231,7 +231,7 @@ def _wallpaper(rng: np.random.Generator, size: int) -> Pattern:
     else:  # grasscloth
         mix = np.clip(0.4 + 0.18 * noise(rng, size, 0.3, (30.0, 1.0), low=8), 0, 1)
     shade = 1 + 0.01 * noise(rng, size, 0.4, low=20)
-    return Pattern(mix.astype(np.float32), shade.astype(np.float32), metres)
+    return Pattern(mix.astype(np.float64), shade.astype(np.float64), metres)
 
 
 def _stone(rng: np.random.Generator, size: int) -> Pattern:
@@ -240,19 +240,19 @@ def _stone(rng: np.random.Generator, size: int) -> Pattern:
         specks = noise(rng, size, 0.4, low=20)
         large = noise(rng, size, 0.7, low=12)
         mix = 0.45 * _smoothstep(0.6, 1.5, specks) + 0.35 * _smoothstep(0.8, 1.6, large)
-        return Pattern(mix.astype(np.float32), (1 + 0.05 * specks).astype(np.float32), 0.8)
+        return Pattern(mix.astype(np.float64), (1 + 0.05 * specks).astype(np.float64), 0.8)
     bend = noise(rng, size, 1.9)
     veins = np.exp(-(((noise(rng, size, 1.7) + 0.4 * bend) / 0.07) ** 2))
     cloud = _smoothstep(-1.5, 2.5, noise(rng, size, 1.6))
     mix = np.clip(0.55 * veins + 0.25 * cloud, 0, 1)
-    return Pattern(mix.astype(np.float32), (1 + 0.02 * bend).astype(np.float32), 1.4)
+    return Pattern(mix.astype(np.float64), (1 + 0.02 * bend).astype(np.float64), 1.4)
 
 
 def _leaf(rng: np.random.Generator, size: int) -> Pattern:
     mottle = noise(rng, size, 1.0)
     return Pattern(
-        np.clip(0.3 + 0.25 * mottle, 0, 1).astype(np.float32),
-        np.clip(1 + 0.12 * noise(rng, size, 0.7), 0.5, 1.5).astype(np.float32),
+        np.clip(0.3 + 0.25 * mottle, 0, 1).astype(np.float64),
+        np.clip(1 + 0.12 * noise(rng, size, 0.7), 0.5, 1.5).astype(np.float64),
         0.3,
     )
 
@@ -260,8 +260,8 @@ def _leaf(rng: np.random.Generator, size: int) -> Pattern:
 def _soil(rng: np.random.Generator, size: int) -> Pattern:
     crumbs = noise(rng, size, 0.6, low=6)
     return Pattern(
-        np.clip(0.3 + 0.3 * crumbs, 0, 1).astype(np.float32),
-        np.clip(1 + 0.25 * crumbs, 0.3, 1.8).astype(np.float32),
+        np.clip(0.3 + 0.3 * crumbs, 0, 1).astype(np.float64),
+        np.clip(1 + 0.25 * crumbs, 0.3, 1.8).astype(np.float64),
         0.3,
     )
 
@@ -270,8 +270,8 @@ def _grass(rng: np.random.Generator, size: int) -> Pattern:
     blades = noise(rng, size, 0.3, low=20)
     patches = noise(rng, size, 1.5)
     return Pattern(
-        np.clip(0.35 + 0.2 * patches + 0.15 * blades, 0, 1).astype(np.float32),
-        np.clip(1 + 0.2 * blades + 0.1 * patches, 0.3, 1.8).astype(np.float32),
+        np.clip(0.35 + 0.2 * patches + 0.15 * blades, 0, 1).astype(np.float64),
+        np.clip(1 + 0.2 * blades + 0.1 * patches, 0.3, 1.8).astype(np.float64),
         4.0,
     )
 
@@ -293,17 +293,17 @@ _MAKERS: dict[str, Callable[[np.random.Generator, int], Pattern]] = {
 }
 
 
-def picture(rng: np.random.Generator, size: int) -> Float32Array:
-    """Return an abstract painting, linear RGB float32 (3, size, size); row 0 is its bottom."""
+def picture(rng: np.random.Generator, size: int) -> Float64Array:
+    """Return an abstract painting, linear RGB float64 (3, size, size); row 0 is its bottom."""
     u, v = _axes(size)
-    palette = rng.uniform(0.02, 0.75, (6, 3)).astype(np.float32)
+    palette = rng.uniform(0.02, 0.75, (6, 3)).astype(np.float64)
     palette[0] = rng.uniform(0.45, 0.78)  # ground
     palette[1] *= 0.3
-    image = np.empty((3, size, size), np.float32)
+    image = np.empty((3, size, size), np.float64)
     image[:] = palette[0][:, None, None]
     kind = int(rng.integers(4))
 
-    def lay(mask: Float32Array, color: Float32Array) -> None:
+    def lay(mask: Float64Array, color: Float64Array) -> None:
         low, high = np.flatnonzero(mask.any(axis=1))[[0, -1]] if mask.any() else (0, -1)
         rows = slice(low, high + 1)  # most shapes cover few rows
         image[:, rows] *= 1 - mask[rows]
@@ -343,4 +343,4 @@ def picture(rng: np.random.Generator, size: int) -> Float32Array:
             stroke *= _smoothstep(-soft, 0.02, rng.uniform(0.1, 0.4) - np.abs(along) + ragged)
             lay(stroke, palette[int(rng.integers(1, 6))])
     canvas = 1 + 0.03 * noise(rng, size, 0.4, low=size // 8)
-    return np.clip(image * canvas, 0.005, 0.85).astype(np.float32)
+    return np.clip(image * canvas, 0.005, 0.85).astype(np.float64)

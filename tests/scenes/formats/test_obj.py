@@ -158,8 +158,8 @@ def test_names_are_utf_8_or_latin_1() -> None:
 
 def test_a_mesh_survives_a_ply(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
-    vertices = rng.normal(size=(20, 3)).astype(np.float32).astype(float)
-    uvs = rng.uniform(size=(20, 2)).astype(np.float32).astype(float)
+    vertices = np.rint(rng.normal(size=(20, 3)) * 2**20) / 2**20  # what a file can hold
+    uvs = np.rint(rng.uniform(size=(20, 2)) * 2**20) / 2**20
     faces = rng.integers(0, 20, (30, 3))
     for mesh in (Mesh(vertices, faces), Mesh(vertices, faces, vertices, uvs)):
         write_ply(tmp_path / "a.ply", mesh)
@@ -170,3 +170,14 @@ def test_a_mesh_survives_a_ply(tmp_path: Path) -> None:
         if mesh.uvs is not None and mesh.normals is not None:
             np.testing.assert_array_equal(read.uvs, uvs)
             np.testing.assert_array_equal(read.normals, vertices)
+
+
+def test_the_last_bit_of_a_sine_leaves_no_trace_in_a_ply(tmp_path: Path) -> None:
+    """Numbers that differ by a rounding error are written as the same bytes."""
+    angle = np.linspace(0, 2 * np.pi, 97)
+    ring = np.stack([np.cos(angle), np.sin(angle), 0.3 * np.sin(2 * angle)], axis=1)
+    faces = np.arange(96).reshape(-1, 3)
+    write_ply(tmp_path / "a.ply", Mesh(ring, faces))
+    for sign in (-1, 1):
+        write_ply(tmp_path / "b.ply", Mesh(ring + sign * 2.0**-52, faces))
+        assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
