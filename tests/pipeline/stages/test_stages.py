@@ -334,12 +334,12 @@ def test_order_of_the_commands_is_explained(tmp_path: Path) -> None:
 
 
 def test_a_scene_without_views_is_an_outcome(tmp_path: Path) -> None:
-    write_room(tmp_path / "scenes" / "empty", blocks=[])
-    write_room(tmp_path / "scenes" / "full")
+    write_room(tmp_path / "scenes" / "dark", has_light=False)
+    write_room(tmp_path / "scenes" / "lit")
     summary = run_cameras(tmp_path, PARAMS)
     assert summary.made == 2
-    (why,) = [note for note in summary.notes if note.startswith("no view in empty: ")]
-    assert "too few objects" in why
+    (why,) = [note for note in summary.notes if note.startswith("no view in dark: ")]
+    assert "no lamp, window or door" in why
     assert run_inputs(tmp_path, PARAMS).made == 2
 
 
