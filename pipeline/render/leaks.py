@@ -19,7 +19,7 @@ from pipeline.render.scene import RenderScene
 from scenes.arrays import BoolArray, Float64Array
 from scenes.contract import Room
 from scenes.geometry.directions import unit
-from scenes.reconstruction.light_walks import crosses_opening, diffuse_bounce, sample_room_points
+from scenes.reconstruction.light_walks import OpeningIndex, diffuse_bounce, sample_room_points
 from scenes.seeds import generator
 
 WALKS = 4096  # a room
@@ -57,6 +57,7 @@ def find_leaks(
     meant to be open (a terrace without a ceiling) appears as a leak with a large share.
     """
     found = []
+    portals = OpeningIndex(scene.scene.portals)
     for room in scene.scene.rooms:
         rng = generator(seed, "leaks", room.id)
         origins = sample_room_points(Polygon(room.floor), room.floor_z, room.ceiling_z, walks, rng)
@@ -67,9 +68,7 @@ def find_leaks(
         for _ in range(bounces):
             hits = raycast.surfaces(scene.geometry, origins[alive], directions[alive], colors=False)
             distance = np.where(hits.shape >= 0, hits.distance, np.inf).astype(np.float64)
-            stopped = crosses_opening(
-                scene.scene.portals, origins[alive], directions[alive], distance
-            )
+            stopped = portals.crossed(origins[alive], directions[alive], distance)
             escaped += alive[~stopped & np.isinf(distance)].tolist()
             going = ~stopped & np.isfinite(distance)
             normals, alive = unit(hits.geometric_normal[going]), alive[going]

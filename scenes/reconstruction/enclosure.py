@@ -35,7 +35,7 @@ from scenes.geometry.regions import (
     union,
 )
 from scenes.reconstruction.aperture_sections import PlaneFrame
-from scenes.reconstruction.light_walks import LightWalker, crosses_opening, sample_room_points
+from scenes.reconstruction.light_walks import LightWalker, OpeningIndex, sample_room_points
 from scenes.reconstruction.raycast import RayCaster
 from scenes.reconstruction.rooms import FoundOpening, FoundRoom
 from scenes.seeds import generator
@@ -385,7 +385,7 @@ def _hides_surfaces(
     hidden = (
         (to_enclosure < to_surface)
         & np.isfinite(to_surface)
-        & ~crosses_opening(openings, eyes, directions, to_enclosure)
+        & ~OpeningIndex(openings).crossed(eyes, directions, to_enclosure)
     )
     just_behind = hidden & (to_surface < to_enclosure + _MAX_DEPTH)
     return bool(just_behind.mean() > _MAX_HIDDEN or hidden.mean() > _MAX_HIDDEN_FAR)

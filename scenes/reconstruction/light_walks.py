@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -32,6 +32,7 @@ _ESCAPE_LENGTH = 3.0  # metres of an escaped walk's last segment that are kept
 _MAX_DRAWS = 50  # of points in a room's bounding rectangle
 _OFFSET = 1e-4  # metres above a surface at which the next segment starts
 _MIN_COSINE = 0.01  # below it, the next segment starts closer to the surface
+_LEAST_LEVEL = 1e-6  # of a direction's length; steeper segments end on the plan where they start
 _OVERLAP = 2e-3  # metres by which the blocker of a portal overlaps the portal's frame
 
 
@@ -63,6 +64,10 @@ class LightWalker:
     rays: RayCaster
     normals: Float64Array
     openings: list[FoundOpening]
+
+    @cached_property
+    def _index(self) -> OpeningIndex:
+        return OpeningIndex(self.openings)
 
     def escaped_walks(self, rooms: list[FoundRoom], count: int, seed: int) -> list[EscapedWalk]:
         """Trace `count` walks in each room and return those that escape."""
@@ -102,7 +107,7 @@ class LightWalker:
         history = np.arange(len(origins))[:, None]
         for _ in range(MAX_BOUNCES):
             distance, triangle = self.rays.cast(origins, directions)
-            absorbed = crosses_opening(self.openings, origins, directions, distance)
+            absorbed = self._index.crossed(origins, directions, distance)
             for row in np.nonzero(~absorbed & np.isinf(distance))[0].tolist():
                 past = [points[index] for points, index in zip(vertices, history[row], strict=True)]
                 end = origins[row] + _ESCAPE_LENGTH * directions[row]
@@ -122,53 +127,81 @@ class LightWalker:
         return escaped, vertices[1:]
 
 
-def crosses_opening(
-    openings: Sequence[PlanarOpening],
-    origins: Float64Array,
-    directions: Float64Array,
-    distances: Float64Array,
-) -> BoolArray:
-    """Return which segments (N,) cross one of `openings`.
+class OpeningIndex:
+    """Planar openings, indexed by their place on the plan, for segments that may cross them."""
 
-    Segments start at `origins` (N, 3), run along unit `directions` (N, 3) and end after
-    `distances` (N,), which are infinite where nothing is hit.
-    """
-    crossed = np.zeros(len(origins), dtype=bool)
-    for opening in openings:
-        corners = np.asarray(opening.polygon, dtype=np.float64)
-        normal = np.asarray(opening.normal, dtype=np.float64)
-        normal = normal / np.linalg.norm(normal)
-        cosine = directions @ normal
-        with np.errstate(divide="ignore", invalid="ignore"):
-            plane_distance = ((corners[0] - origins) @ normal) / cosine
-        reached = (
-            np.isfinite(plane_distance)
-            & (plane_distance > 0)
-            & (plane_distance < distances + _OFFSET)
+    def __init__(self, openings: Sequence[PlanarOpening]) -> None:
+        found = [_blocker(opening) for opening in openings]
+        self._corner = np.array([corner for corner, *_ in found]).reshape(-1, 3)
+        self._normal = np.array([normal for _, normal, *_ in found]).reshape(-1, 3)
+        self._axes = np.array([axes for *_, axes, _ in found]).reshape(-1, 3, 2)
+        self._blockers = np.array([blocker for *_, blocker in found], dtype=object)
+        shapely.prepare(self._blockers)
+        bounds = np.array([_plan_bounds(*one) for one in found]).reshape(-1, 4)
+        self._tree = shapely.STRtree(shapely.box(*bounds.T))
+        self._low, self._high = (
+            bounds[:, :2].min(axis=0, initial=np.inf),
+            bounds[:, 2:].max(axis=0, initial=-np.inf),
         )
-        if not reached.any():
-            continue
-        axes, blocker = _blocker(corners.tobytes(), normal.tobytes())
-        points = origins[reached] + plane_distance[reached, None] * directions[reached]
-        local = (points - corners[0]) @ axes
-        crossed[reached] |= shapely.contains_xy(blocker, local[:, 0], local[:, 1])
-    return crossed
+
+    def crossed(
+        self, origins: Float64Array, directions: Float64Array, distances: Float64Array
+    ) -> BoolArray:
+        """Return which segments (N,) cross an opening.
+
+        Segments start at `origins` (N, 3), run along unit `directions` (N, 3) and end after
+        `distances` (N,), which are infinite where nothing is hit.
+        """
+        crossed = np.zeros(len(origins), dtype=bool)
+        if not len(self._blockers) or not len(origins):
+            return crossed
+        starts = origins[:, :2]
+        # Where every opening has been passed.
+        past = np.linalg.norm(np.maximum(self._high - starts, starts - self._low), axis=1) + 1.0
+        level = np.maximum(np.linalg.norm(directions[:, :2], axis=1), _LEAST_LEVEL)
+        lengths = np.minimum(distances + _OFFSET, past / level)
+        ends = starts + lengths[:, None] * directions[:, :2]
+        lines = shapely.linestrings(np.stack([starts, ends], axis=1))
+        rows, near = self._tree.query(lines, predicate="intersects")
+        offset, way = self._corner[near] - origins[rows], directions[rows]
+        normal = self._normal[near]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            reach = (offset * normal).sum(axis=1) / (way * normal).sum(axis=1)
+        reached = np.isfinite(reach) & (reach > 0) & (reach < distances[rows] + _OFFSET)
+        rows, near = rows[reached], near[reached]
+        local = np.einsum(
+            "ni,nij->nj", reach[reached, None] * way[reached] - offset[reached], self._axes[near]
+        )
+        inside = shapely.contains_xy(self._blockers[near], local[:, 0], local[:, 1])
+        crossed[rows[inside]] = True
+        return crossed
 
 
-@lru_cache(maxsize=10_000)
-def _blocker(polygon: bytes, direction: bytes) -> tuple[Float64Array, Polygon]:
-    """Axes (3, 2) of an opening's plane, and the opening, a little wider, in them.
+_Blocker = tuple[Float64Array, Float64Array, Float64Array, Polygon]
 
-    `polygon` (N, 3) and the unit normal `direction` (3,) are bytes of float64. Kept, since walks
-    ask for it again and again.
+
+def _blocker(opening: PlanarOpening) -> _Blocker:
+    """First corner (3,), unit normal (3,) and axes (3, 2) of an opening's plane, and its outline.
+
+    The outline is a little wider than the opening, in the axes, from the corner.
     """
-    corners = np.frombuffer(polygon).reshape(-1, 3)
-    normal = np.frombuffer(direction)
+    corners = np.asarray(opening.polygon, dtype=np.float64)
+    normal = np.asarray(opening.normal, dtype=np.float64)
+    normal = normal / np.linalg.norm(normal)
     first = np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0])
     first = first / np.linalg.norm(first)
     axes = np.stack([first, np.cross(normal, first)], axis=1)
     blocker = buffered(Polygon((corners - corners[0]) @ axes), _OVERLAP, join_style="mitre")
-    return axes, blocker
+    return corners[0], normal, axes, blocker
+
+
+def _plan_bounds(
+    corner: Float64Array, normal: Float64Array, axes: Float64Array, blocker: Polygon
+) -> Float64Array:
+    """Lowest and highest x and y (4,) of an opening's outline in the world."""
+    plan = corner[:2] + shapely.get_coordinates(blocker) @ axes[:2].T
+    low, high = plan.min(axis=0), plan.max(axis=0)
+    return np.concatenate([low - _OFFSET, high + _OFFSET])
 
 
 def sample_room_points(

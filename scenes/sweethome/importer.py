@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 import shapely
 from shapely.geometry import Point
+from shapely.geometry.base import BaseGeometry
 
 from scenes.arrays import Float64Array
 from scenes.contract import Light, Portal, Room, Scene, load_scene, save_scene, writing_scene
@@ -31,7 +32,7 @@ from scenes.sweethome.building.gaps import find_gaps
 from scenes.sweethome.building.levels import Storey, storeys
 from scenes.sweethome.building.openings import Opening, opening_of
 from scenes.sweethome.building.outlines import is_round
-from scenes.sweethome.building.portals import Doorway, find_doorways
+from scenes.sweethome.building.portals import Doorway, Leaves, find_doorways
 from scenes.sweethome.building.slabs import (
     CeilingHeights,
     build_ground,
@@ -104,7 +105,8 @@ def import_sweethome(
         if not any(level.walls or level.storey.pieces for level in levels):
             raise InputError(f"{path}: the home is empty: no walls and no furniture")
         building = _building_items(levels, changes)
-        rooms, inside = _rooms(levels)
+        rooms, regions = _rooms(levels)
+        indoors = _Indoors(rooms, regions)
         models = Models(archive, changes)
         credits = Credits(home, archive, path.stem, options.licence, options.author)
         cutting_pieces = _cutting_pieces(levels)
@@ -123,10 +125,10 @@ def import_sweethome(
         items.append(build_ground(home.environment, below, middle[:2]))
         if sum(len(part.mesh.faces) for item in items for part in item.parts) > MAX_TRIANGLES:
             raise InputError(f"{path}: more than {MAX_TRIANGLES:,} triangles in all")
-        items = [_with_room(item, rooms, inside) for item in items]
+        items = [_with_room(item, indoors) for item in items]
         items = [replace(item, parts=tuple(merge_parts(item.parts))) for item in items]
-        portals, joined = _portals(levels, rooms, inside, pieces)
-        lost = [(one, _room_at(one.centre, rooms, inside, 0.25)) for one in missing]
+        portals, joined = _portals(levels, indoors, pieces)
+        lost = [(one, indoors.room_at(one.centre, 0.25)) for one in missing]
         sky = make_sky(home, options.time, changes)
         lit = _lit_rooms(items, [] if sky.is_night else portals, joined)
         rooms = _described_rooms(rooms, items, lost, lit)
@@ -141,7 +143,7 @@ def import_sweethome(
         sky = sky.beside(sum(_weight(item) for item in lamps))
         if not rooms:
             changes.note("NO ROOM WAS FOUND: draw rooms, or close the walls, to get views")
-        cameras = _indoor_first(stored_cameras(home, changes), rooms, inside, changes)
+        cameras = _indoor_first(stored_cameras(home, changes), indoors, changes)
         finishes = BsdfWriter(
             archive, TextureStore(folder / "textures", changes), Path(unpacked), changes
         )
@@ -305,10 +307,10 @@ def _placed_model(
     return placed
 
 
-def _rooms(levels: list[_Level]) -> tuple[list[Room], list[tuple[Any, int]]]:
-    """Return the indoor rooms, and for each its region and the number of its storey."""
+def _rooms(levels: list[_Level]) -> tuple[list[Room], list[BaseGeometry]]:
+    """Return the indoor rooms and their regions on the plan."""
     rooms: list[Room] = []
-    inside: list[tuple[Any, int]] = []
+    regions: list[BaseGeometry] = []
     for level in levels:
         solid = union([world_region(one.outline.region) for one in level.walls])
         for space in level.spaces:
@@ -332,43 +334,50 @@ def _rooms(levels: list[_Level]) -> tuple[list[Room], list[tuple[Any, int]]]:
                     has_light=False,
                 )
             )
-            inside.append((union([space.floor, space.ceiling]), level.storey.number))
-    return rooms, inside
+            regions.append(union([space.floor, space.ceiling]))
+    return rooms, regions
 
 
-def _room_at(
-    point: Sequence[float] | Float64Array,
-    rooms: list[Room],
-    inside: list[tuple[Any, int]],
-    margin: float,
-) -> str | None:
-    """Return the room that contains a point (3,), the last of overlapping ones; or None."""
-    for room, (region, _) in zip(reversed(rooms), reversed(inside), strict=True):
-        if (
-            room.floor_z - 0.3 <= point[2] <= room.ceiling_z + 0.3
-            and region.distance(Point(float(point[0]), float(point[1]))) <= margin
-        ):
-            return room.id
-    return None
+class _Indoors:
+    """Rooms with their regions on the plan, indexed by place."""
+
+    def __init__(self, rooms: list[Room], regions: list[BaseGeometry]) -> None:
+        self._rooms = rooms
+        self._regions = regions
+        self._tree = shapely.STRtree(regions)
+
+    def room_at(self, point: Sequence[float] | Float64Array, margin: float) -> str | None:
+        """Return the room that contains a point (3,), the last of overlapping ones; or None."""
+        x, y, z = (float(value) for value in point)
+        around = shapely.box(x - margin, y - margin, x + margin, y + margin)
+        for number in sorted(self._tree.query(around).tolist(), reverse=True):
+            room = self._rooms[number]
+            if (
+                room.floor_z - 0.3 <= z <= room.ceiling_z + 0.3
+                and self._regions[number].distance(Point(x, y)) <= margin
+            ):
+                return room.id
+        return None
 
 
-def _with_room(item: PlacedItem, rooms: list[Room], inside: list[tuple[Any, int]]) -> PlacedItem:
+def _with_room(item: PlacedItem, indoors: _Indoors) -> PlacedItem:
     if item.category in ("wall", "ground", "structure", "skirting"):
         return item
     centre = item.centre
     for margin in (0.0, 0.25):
-        room = _room_at(centre, rooms, inside, margin)
+        room = indoors.room_at(centre, margin)
         if room is not None:
             return replace(item, room=room)
     return item
 
 
 def _portals(
-    levels: list[_Level], rooms: list[Room], inside: list[tuple[Any, int]], pieces: list[PlacedItem]
+    levels: list[_Level], indoors: _Indoors, pieces: list[PlacedItem]
 ) -> tuple[list[Portal], set[tuple[str, str]]]:
     """Return the portals to the outside, and the pairs of rooms with a clear opening between."""
     portals: list[Portal] = []
     joined: set[tuple[str, str]] = set()
+    leaves = Leaves(pieces)
     regions = {
         level.storey.number: [(one.outline.region, is_round(one.wall)) for one in level.walls]
         for level in levels
@@ -391,8 +400,8 @@ def _portals(
         ]
         gaps = find_gaps(level.storey, level.spaces, level.walls, level.heights)
         for doorway, kind in (*doorways, *((gap, "opening") for gap in gaps)):
-            sides = [_room_at(point, rooms, inside, 0.0) for point in (doorway.front, doorway.back)]
-            is_clear = doorway.is_clear(pieces)
+            sides = [indoors.room_at(point, 0.0) for point in (doorway.front, doorway.back)]
+            is_clear = doorway.is_clear(leaves)
             if is_clear and sides[0] is not None and sides[1] is not None:
                 joined |= {(sides[0], sides[1]), (sides[1], sides[0])}
             if (sides[0] is None) == (sides[1] is None):
@@ -420,12 +429,11 @@ def _is_door(opening: Opening) -> bool:
 
 def _indoor_first(
     cameras: list[Camera],
-    rooms: list[Room],
-    inside: list[tuple[Any, int]],
+    rooms: _Indoors,
     changes: Changes,
 ) -> list[Camera]:
     """Return the cameras in a room, then the stored ones outside; the visitor's only in a room."""
-    indoors = [_room_at(camera.eye, rooms, inside, 0.0) is not None for camera in cameras]
+    indoors = [rooms.room_at(camera.eye, 0.0) is not None for camera in cameras]
     outdoors = [
         camera
         for camera, is_in in zip(cameras, indoors, strict=True)
@@ -448,12 +456,14 @@ def _described_rooms(
     """Add names, types and `has_light` to the rooms; missing pieces also indicate the type."""
     names: dict[str, int] = {}
     made = []
+    contents: dict[str | None, list[str]] = {}
+    for item in items:
+        if not item.is_structure:
+            contents.setdefault(item.room, []).append(item.category)
+    for one, place in lost:
+        contents.setdefault(place, []).append(one.category)
     for room in rooms:
-        kind = room_type(
-            room.name,
-            [item.category for item in items if item.room == room.id and not item.is_structure]
-            + [one.category for one, place in lost if place == room.id],
-        )
+        kind = room_type(room.name, contents.get(room.id, []))
         name = room.name or kind
         names[name] = names.get(name, 0) + 1
         if names[name] > 1:

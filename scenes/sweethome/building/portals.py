@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
@@ -18,6 +19,25 @@ _BEYOND = 25.0  # cm in front of and behind a wall: points that tell the rooms o
 _MAX_CORNERS = 48
 _COVER = 0.75  # share of an opening that a closed door or a blind hides; frames hide up to 0.6
 _GRID = 16  # points of an opening in each direction that are tested
+
+
+class Leaves:
+    """The doors and windows among items, indexed by their place on the plan."""
+
+    def __init__(self, items: list[PlacedItem]) -> None:
+        self._items = [item for item in items if item.category in ("door", "window")]
+        self._bounds = np.array([item.bounds for item in self._items]).reshape(-1, 2, 3)
+        low, high = self._bounds[:, 0], self._bounds[:, 1]
+        self._tree = shapely.STRtree(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
+
+    def near(self, low: Float64Array, high: Float64Array) -> list[PlacedItem]:
+        """Return those whose bounds meet the box from `low` to `high` (3,)."""
+        found = sorted(self._tree.query(shapely.box(*low[:2], *high[:2])).tolist())
+        return [
+            self._items[number]
+            for number in found
+            if self._bounds[number, 0, 2] <= high[2] and self._bounds[number, 1, 2] >= low[2]
+        ]
 
 
 @dataclass(frozen=True)
@@ -34,7 +54,7 @@ class Doorway:
     back: Float64Array
     depth: float  # metres between the outermost wall faces
 
-    def is_clear(self, items: list[PlacedItem]) -> bool:
+    def is_clear(self, leaves: Leaves) -> bool:
         """Return whether light passes through: no opaque part fills the hole, frames aside.
 
         A grid of points is tested against the triangles of doors and windows.
@@ -53,12 +73,7 @@ class Doorway:
             axis=-1,
         ).reshape(-1, 2)
         hidden = np.zeros(len(grid), dtype=bool)
-        for item in items:
-            if item.category not in ("door", "window"):
-                continue
-            bounds = item.bounds
-            if (bounds[1] < middle - reach).any() or (bounds[0] > middle + reach).any():
-                continue
+        for item in leaves.near(middle - reach, middle + reach):
             for part in item.parts:
                 if part.finish.kind in ("glass", "sheer"):
                     continue

@@ -8,10 +8,11 @@ from dataclasses import replace
 import mapbox_earcut
 import numpy as np
 import shapely
-from shapely.geometry import Point, Polygon, box
+from scipy.spatial import cKDTree
+from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from scenes.arrays import Float64Array
+from scenes.arrays import BoolArray, Float64Array
 from scenes.geometry.mesh import Mesh
 from scenes.geometry.regions import buffered, difference, intersection, union
 from scenes.importing.changes import Changes
@@ -41,6 +42,7 @@ _FLOOR = 0.12  # metres: thickness of a floor on the ground
 _CEILING = 0.12  # metres: of a ceiling with nothing above
 _BACKING_HEIGHT = 0.02  # metres between a ceiling and the slab above all ceilings
 _SAME_CORNER = 0.1  # cm between corners of walls that count as one
+_SAME_PLACE = 1e-6  # metres between distances to edges that may be equal
 _STEP = 20.0  # cm: larger differences of wall heights at a corner are intended
 _PARAPET = 130.0  # cm above the floor: a wall between rooms that ends below may carry no ceiling
 _JOINT = 30.0  # cm between the ends of walls that meet
@@ -103,19 +105,24 @@ class CeilingHeights:
             self._tops = np.concatenate(
                 [one.top(np.concatenate([one.outline.left, one.outline.right])) for one in walls]
             )
+        self._corners = cKDTree(self._points)
 
     def at(self, points: Float64Array) -> Float64Array:
         """Return heights (N,) in metres at world points (N, 2)."""
         if not len(self._tops):
             return np.full(len(points), self._level)
         plan = points * [100, -100]
+        nearest, _ = self._corners.query(plan)
+        around = self._corners.query_ball_point(plan, nearest + 2 * _SAME_CORNER)
         made = np.empty(len(plan))
-        for number, point in enumerate(plan):
-            away = np.linalg.norm(self._points - point, axis=1)
-            top = self._tops[int(np.argmin(away))]
+        for number, (point, close) in enumerate(zip(plan, around, strict=True)):
+            close = sorted(close)
+            away = np.linalg.norm(self._points[close] - point, axis=1)
+            tops = self._tops[close]
+            top = tops[int(np.argmin(away))]
             # If a wall at this corner slopes, heights differ slightly: take the lowest, so that
             # there is no gap above it.
-            meeting = self._tops[away < away.min() + _SAME_CORNER]
+            meeting = tops[away < away.min() + _SAME_CORNER]
             made[number] = meeting[np.abs(meeting - top) < _STEP].min()
         return 0.01 * made
 
@@ -136,12 +143,21 @@ class CeilingHeights:
             return np.full(len(points), float(np.median(low)))
         along = ends - starts
         length = np.maximum((along**2).sum(axis=1), 1e-18)
+        edges = shapely.STRtree(shapely.linestrings(np.stack([starts, ends], axis=1)))
+        places = shapely.points(points)
+        _, nearest = edges.query_nearest(places, return_distance=True, all_matches=False)
+        rows, near = edges.query(places, predicate="dwithin", distance=nearest + _SAME_PLACE)
+        order = np.lexsort((near, rows))
+        firsts = np.searchsorted(rows[order], np.arange(len(points) + 1))
         made = np.empty(len(points))
         for number, point in enumerate(points):
-            share = np.clip(((point - starts) * along).sum(axis=1) / length, 0.0, 1.0)
-            away = ((starts + share[:, None] * along - point) ** 2).sum(axis=1)
-            edge = int(np.argmin(away))
-            made[number] = low[edge] + share[edge] * (high[edge] - low[edge])
+            close = near[order[firsts[number] : firsts[number + 1]]]
+            start, way = starts[close], along[close]
+            share = np.clip(((point - start) * way).sum(axis=1) / length[close], 0.0, 1.0)
+            away = ((start + share[:, None] * way - point) ** 2).sum(axis=1)
+            best = int(np.argmin(away))
+            edge = close[best]
+            made[number] = low[edge] + share[best] * (high[edge] - low[edge])
         return made
 
 
@@ -160,26 +176,40 @@ def _walls_under_ceilings(
         line, tops = one.outline.middle, (one.top_at_start, one.top_at_end)
         return [line[end] for end, top in zip((0, -1), tops, strict=True) if top <= lowest]
 
-    doubtful = [one for one in walls if low_ends(one) and _is_between_rooms(one, spaces)]
-    certain = [one for one in walls if not any(one is other for other in doubtful)]
-    eaves = union([one.outline.region for one in certain if low_ends(one)])
-    roofed = [
+    ends = [low_ends(one) for one in walls]
+    doubtful = np.array([bool(tips) for tips in ends])
+    doubtful[doubtful] = _between_rooms(
+        [one for one, is_low in zip(walls, doubtful, strict=True) if is_low], spaces
+    )
+    eaves = union(
+        [one.outline.region for one, tips, other in zip(walls, ends, doubtful, strict=True)
+         if tips and not other]
+    )  # fmt: skip
+    shapely.prepare(eaves)
+    kept = [
         one
-        for one in doubtful
-        if all(eaves.distance(Point(end)) <= _JOINT for end in low_ends(one))
+        for one, tips, is_doubtful in zip(walls, ends, doubtful, strict=True)
+        if not is_doubtful or shapely.dwithin(eaves, shapely.points(tips), _JOINT).all()
     ]
-    return [one for one in walls if any(one is kept for kept in (*certain, *roofed))] or walls
+    return kept or walls
 
 
-def _is_between_rooms(wall: PlannedWall, spaces: list[Space]) -> bool:
-    sides = []
-    middle = 0.5 * (wall.outline.middle[0] + wall.outline.middle[-1])
-    for line in (wall.outline.left, wall.outline.right):
-        face = 0.5 * (line[0] + line[-1])
-        away = face - middle
-        point = face + _BESIDE * away / max(float(np.linalg.norm(away)), 1e-9)
-        sides.append(Point(to_world(point[None])[0]))
-    return all(any(space.floor.covers(side) for space in spaces) for side in sides)
+def _between_rooms(walls: list[PlannedWall], spaces: list[Space]) -> BoolArray:
+    """Return which walls (N,) have a room on both sides."""
+    points = []
+    for wall in walls:
+        middle = 0.5 * (wall.outline.middle[0] + wall.outline.middle[-1])
+        for line in (wall.outline.left, wall.outline.right):
+            face = 0.5 * (line[0] + line[-1])
+            away = face - middle
+            points.append(face + _BESIDE * away / max(float(np.linalg.norm(away)), 1e-9))
+    if not points:
+        return np.zeros(0, dtype=bool)
+    floors = shapely.STRtree([space.floor for space in spaces])
+    in_room = np.zeros(len(points), dtype=bool)
+    in_room[floors.query(shapely.points(to_world(points)), predicate="covered_by")[0]] = True
+    sides = in_room.reshape(-1, 2)
+    return sides[:, 0] & sides[:, 1]
 
 
 def build_slabs(

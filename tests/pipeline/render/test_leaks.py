@@ -16,7 +16,7 @@ from pipeline.render.scene import open_scene
 from scenes.contract import Portal, Scene, load_scene, save_scene
 from scenes.params import SceneParams
 from scenes.procedural.home import make_home
-from scenes.reconstruction.light_walks import crosses_opening, diffuse_bounce
+from scenes.reconstruction.light_walks import OpeningIndex, diffuse_bounce
 from scenes.registry import import_scene
 from tests.fixtures.gltf import Builder
 from tests.fixtures.leak import ROOM, box_quads, built, west
@@ -69,8 +69,9 @@ def test_portals_block_what_crosses_them_and_nothing_else() -> None:
     origins = np.array([[2.0, 1.5, 1.0]] * 4)
     ways = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [1 / np.sqrt(2), 0, 1 / np.sqrt(2)]])
     far, near = np.full(4, np.inf), np.full(4, 1.0)
-    assert crosses_opening((portal,), origins, ways, far).tolist() == [True, False, False, False]
-    assert not crosses_opening((portal,), origins, ways, near).any(), "something stands before it"
+    index = OpeningIndex((portal,))
+    assert index.crossed(origins, ways, far).tolist() == [True, False, False, False]
+    assert not index.crossed(origins, ways, near).any(), "something stands before it"
 
 
 def test_inspect_says_where_light_leaks(tmp_path: Path) -> None:
