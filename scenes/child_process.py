@@ -19,6 +19,7 @@ from scenes.errors import InputError, MachineError
 from scenes.source_options import load
 
 _PACKAGES = Path(__file__).resolve().parents[1]  # the folder that holds `scenes`
+_MOST_SAID = 300  # characters of a message of the library
 _REFUSED, _FAILED = 3, 4  # exit status of a child that leaves a message
 
 
@@ -82,6 +83,8 @@ def run_program(
         raise InputError(said)
     if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
         raise InputError(f"{path}: reading took more than {seconds} s of a processor")
+    # An error of a library may quote a traceback, whose last line is the error itself.
+    said = said.strip().rpartition("\n")[2].strip()[:_MOST_SAID]
     raise InputError(
         f"{path}: the library that reads {path.suffix.lower()} files failed on it "
         f"({said or f'status {done.returncode}'}); it is damaged, or needs more than "

@@ -2,13 +2,14 @@
 
 IfcOpenShell reads the file in a child process (`export.py`). Windows without transparent parts
 lose what fills their frames, or altogether if nothing in them is a pane, so that openings stay.
+A building without spaces and ceilings gets ceilings.
 """
 
 from __future__ import annotations
 
 import json
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,9 +34,11 @@ from scenes.importing.light.daylight import daylight
 from scenes.importing.names import Names
 from scenes.importing.objects import room_of, structure_category
 from scenes.importing.panes import pieces_of_mesh
+from scenes.importing.sealing_shapes import completing_shapes
 from scenes.importing.shape import Shape, Surface, bounds_of, make_object
 from scenes.importing.xml_elements import plugin
 from scenes.opened_files import OpenedFiles
+from scenes.reconstruction.interior import find_interior
 from scenes.reconstruction.rooms import MIN_AREA, FoundRoom
 
 if TYPE_CHECKING:  # the child's code: what an import gives depends on it, but it is loaded there
@@ -127,6 +130,7 @@ class _Building:
             raise InputError(f"{self.path}: the file has no elements with surfaces")
         if not self.rooms:
             self.changes.note("the file has no spaces: rooms were derived from its surfaces")
+            self._close()
         for name in self.storeys if self.rooms else ():
             if name not in self._with_rooms:
                 self.changes.note("storeys without a space have no rooms: {}", name)
@@ -137,6 +141,17 @@ class _Building:
             self.changes.note(f"the building was moved by ({moved}) m, near the origin")
         if any(each["class"] == "IfcLightFixture" for each in elements):
             self.changes.note("light fixtures are off: IFC does not state their light here")
+
+    def _close(self) -> None:
+        """Add ceilings and walls to spaces that are open above, if there is no closed room."""
+        corners = np.concatenate([shape.mesh.corners for shape in self.shapes])
+        for shape in completing_shapes(find_interior(corners).completion, self.changes):
+            added = replace(shape, id=self._names.unique(shape.id))
+            self.shapes.append(added)
+            self.elements[added.id] = {
+                "class": "IfcBuildingElementPart", "name": shape.name, "guid": added.id,
+                "part_of": "", "predefined": "",
+            }  # fmt: skip
 
     def _space(self, element: dict[str, Any]) -> None:
         if element["predefined"] in ("EXTERNAL", "GFA") or element["class"] != "IfcSpace":

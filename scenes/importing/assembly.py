@@ -24,7 +24,7 @@ from scenes.contract import MAX_EXTENT, Credit, Light, Portal, Room, Scene, Scen
 from scenes.errors import InputError
 from scenes.geometry.transforms import look_at
 from scenes.importing.changes import Changes
-from scenes.importing.light.ceiling_lamps import free_ceiling_lamp, hung_lamp
+from scenes.importing.light.ceiling_lamps import free_ceiling_lamps, hung_lamp
 from scenes.importing.light.daylight import daylight, ground
 from scenes.importing.light.in_rooms import (
     RoomLighting,
@@ -173,13 +173,14 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
         dark = []
     if dark:
         for number in dark:
-            name = _unused_id(f"ceiling_lamp_{number}", used_ids)
-            globe = free_ceiling_lamp(rooms[number], lighting.rays)
-            lamp = hung_lamp(globe, name, room_ids[number])
-            shapes, objects = [*shapes, lamp.shape], (*objects, lamp.object)
-            area[name] = lamp.emitter
-            light_id = f"light_{len(lights)}"
-            lights = (*lights, Light(light_id, "area", (name,), room_ids[number], lamp.lumens))
+            for globe in free_ceiling_lamps(rooms[number], lighting.rays):
+                name = _unused_id(f"ceiling_lamp_{number}", used_ids)
+                used_ids.add(name)
+                lamp = hung_lamp(globe, name, room_ids[number])
+                shapes, objects = [*shapes, lamp.shape], (*objects, lamp.object)
+                area[name] = lamp.emitter
+                light_id = f"light_{len(lights)}"
+                lights = (*lights, Light(light_id, "area", (name,), room_ids[number], lamp.lumens))
             described[number] = replace(described[number], has_light=True)
         note_filled([described[number] for number in dark], changes)
     write_scene_xml(folder, shapes, area, emitters, _sensor(camera), draft.max_depth)

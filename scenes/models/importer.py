@@ -39,7 +39,7 @@ from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin
 from scenes.models.model import Emission, Model, PunctualLight
 from scenes.models.options import READERS, ModelOptions
-from scenes.models.pieces import UNKNOWN, Pieces, split_unnamed
+from scenes.models.pieces import UNKNOWN, Pieces, split_unnamed, without_misleading_names
 from scenes.models.placement import place_model
 from scenes.models.showroom import showroom
 from scenes.opened_files import OpenedFiles
@@ -156,6 +156,9 @@ def _draft(
     shapes = with_named_glass([shape.transformed(frame) for shape in model.shapes], changes)
     node_paths, unknown = model.node_paths, frozenset[str]()
     if not is_single:
+        if placement.interior is not None:
+            floors = placement.interior.floors
+            shapes, node_paths = without_misleading_names(shapes, node_paths, floors)
         pieces = split_unnamed(shapes, node_paths)
         shapes, unknown = pieces.shapes, frozenset(pieces.piece)
         node_paths = {**node_paths, **{id_: (f":{name}",) for id_, name in pieces.piece.items()}}

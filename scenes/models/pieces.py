@@ -1,5 +1,7 @@
 """Things in meshes without a telling name: connected parts, told apart by size and place.
 
+A name of furniture that is given to a whole room tells nothing.
+
 Input: the shapes of a building in metres, Z up. Large meshes whose names tell nothing, as scans and
 merged exports have them, are split by connected parts. Parts that stand on or in each other, such
 as a table's legs and top, stay together as one piece; what is too large for furniture, flat like
@@ -8,19 +10,22 @@ the face of a wall, or tiny stays in the mesh. Pieces have no known category.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from shapely.geometry import Polygon
 
 from scenes.arrays import BoolArray, Float64Array, Int64Array
+from scenes.geometry.regions import intersection
 from scenes.importing.categories import category_of
 from scenes.importing.objects import has_structural_name
 from scenes.importing.panes import pieces_of_mesh
-from scenes.importing.shape import Shape
+from scenes.importing.shape import Shape, bounds_of
+from scenes.reconstruction.scale_clues import usual_size
 
 UNKNOWN = "unknown"  # category of a piece
 _MERGED_EXTENT = 3.0  # metres; a smaller mesh is one thing
@@ -29,9 +34,43 @@ _MIN_SIZE = 0.05  # metres, longest side of a piece
 _FLAT, _FLAT_AREA = 0.005, 0.3  # metres, square metres: a thin sheet so large is a wall's face
 _TOUCH = 0.01  # metres
 _WITHIN = 0.8  # share of a part's plan over another's from which both are one piece
+_TOO_LARGE = 2.5  # times the usual size of what a name says
+_ROOM_HEIGHT = 1.5  # metres
+_HELD = 0.8  # share of a room's floor
 _DECIMALS = 4  # of metres, to which vertices are welded
 _MAX_PARTS = 50_000  # of a scene; more come from scans in fragments or from vegetation
 _MAX_FACES = 3_000_000  # of a mesh
+
+
+def without_misleading_names(
+    shapes: list[Shape], labels: Mapping[str, tuple[str, ...]], floors: Sequence[Polygon]
+) -> tuple[list[Shape], dict[str, tuple[str, ...]]]:
+    """The shapes and their labels (as in `split_unnamed`) without names of things like "chair".
+
+    Only where what has such a name is much larger and holds a whole room, whose `floors` are
+    given.
+    """
+    members: dict[str, list[Shape]] = {}
+    for shape in shapes:
+        for label in {*labels.get(shape.id, ()), f"shape:{shape.name}"}:
+            members.setdefault(label, []).append(shape)
+    wrong = {label for label, found in members.items() if _is_misnamed(label, found, floors)}
+    if not wrong:
+        return shapes, dict(labels)
+    spoken = {label.partition(":")[2] for label in wrong}
+    return (
+        [replace(each, name="part") if each.name in spoken else each for each in shapes],
+        {id_: tuple(label for label in path if label not in wrong) for id_, path in labels.items()},
+    )
+
+
+def _is_misnamed(label: str, shapes: list[Shape], floors: Sequence[Polygon]) -> bool:
+    usual = usual_size(category_of(label.partition(":")[2]))
+    low, high = bounds_of(shapes)
+    if usual is None or (high - low).max() <= _TOO_LARGE * usual or high[2] - low[2] < _ROOM_HEIGHT:
+        return False
+    plan = shapely.box(*low[:2], *high[:2])
+    return any(intersection(plan, floor).area >= _HELD * floor.area for floor in floors)
 
 
 @dataclass(frozen=True)

@@ -176,11 +176,15 @@ def _storey(corners: Float64Array) -> _Storey | None:
 
 
 def _standing_height(column: Float64Array) -> float | None:
-    """The lowest surface of a column with free height for a person above it, or the sky."""
+    """The lowest surface of a column with the height of a room above it, or the sky.
+
+    What is higher than a room is the inside of a block, such as the earth below a house.
+    """
     if not len(column):
         return None
-    gaps = np.append(np.diff(column), np.inf)
-    return float(column[int(np.argmax(gaps >= MIN_HEIGHT))])
+    gaps = np.diff(column)
+    stands = np.append((gaps >= MIN_HEIGHT) & (gaps <= MAX_HEIGHT), True)
+    return float(column[int(np.argmax(stands))])
 
 
 def _commonest(values: Float64Array, weights: Float64Array) -> float:

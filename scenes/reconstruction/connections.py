@@ -19,12 +19,18 @@ from scenes.reconstruction.rooms import FoundRoom
 from scenes.seeds import generator
 
 _RAYS = 4096  # from each room
-_LEAST = 4  # of them that must end in the other room, so that a crack is no way
+DOOR = 10  # of them that end in the other room through a door that stands open by half a metre
+ARCHWAY = 100  # the same through a passage of two metres
 _INSIDE = 0.05  # metres inside a room where a ray must have ended or passed
 
 
-def connected_rooms(rays: RayCaster, rooms: list[FoundRoom]) -> list[tuple[int, int]]:
-    """Return the pairs (i, j), i < j, of rooms with an opening between them."""
+def connected_rooms(
+    rays: RayCaster, rooms: list[FoundRoom], least: int = DOOR
+) -> list[tuple[int, int]]:
+    """Return the pairs (i, j), i < j, of rooms with an opening between them.
+
+    `least` is its size: `DOOR` or `ARCHWAY`.
+    """
     pairs = set()
     for number, room in enumerate(rooms):
         near = [k for k, other in enumerate(rooms) if k != number and _are_near(room, other)]
@@ -36,7 +42,7 @@ def connected_rooms(rays: RayCaster, rooms: list[FoundRoom]) -> list[tuple[int, 
         distances, _ = rays.cast(origins, directions)
         ends = origins + np.where(np.isfinite(distances), distances, 0.0)[:, None] * directions
         for other in near:
-            if int(_are_inside(rooms[other], ends).sum()) >= _LEAST:
+            if int(_are_inside(rooms[other], ends).sum()) >= least:
                 pairs.add((min(number, other), max(number, other)))
     return sorted(pairs)
 

@@ -86,13 +86,12 @@ def habitable(
     ]
 
 
-def is_void(space: FoundRoom, rays: RayCaster, corners: Float64Array) -> bool:
-    """Return whether a space is empty and hardly open, as the inside of a pillar or a shaft.
+def is_shut_in(space: FoundRoom, rays: RayCaster, corners: Float64Array) -> bool:
+    """Return whether a space is hardly open, as the inside of a pillar or a cupboard.
 
     `corners` (F, 3, 3) are the triangles that `rays` holds.
     """
-    look = _look(space, rays, face_areas(corners)[1])
-    return look.contents < _LEAST_CONTENTS and look.beyond < _LEAST_WAY_OUT
+    return _look(space, rays, face_areas(corners)[1]).beyond < _LEAST_WAY_OUT
 
 
 def _lies_in(space: FoundRoom, bounds: Bounds) -> bool:

@@ -8,9 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from shapely.geometry import Polygon
+
 from scenes.arrays import Float64Array
 from scenes.reconstruction.completion import NOTHING, Completion, complete
-from scenes.reconstruction.habitable import Bounds, habitable, is_void
+from scenes.reconstruction.habitable import Bounds, habitable, is_shut_in
 from scenes.reconstruction.raycast import RayCaster
 from scenes.reconstruction.rooms import (
     FoundRoom,
@@ -29,17 +31,22 @@ class Interior:
     completion: Completion
     has_ground: bool
 
+    @property
+    def floors(self) -> list[Polygon]:
+        """The floors of closed rooms and of open spaces that become rooms."""
+        return [*(room.floor for room in self.rooms), *self.completion.spaces]
+
 
 def find_interior(corners: Float64Array, furniture: Sequence[Bounds] = ()) -> Interior:
     """Find closed rooms; if there is none, how open spaces can become rooms.
 
-    Closed spaces that are empty, hardly open and small beside the open ones, such as
-    pillars and shafts, do not count as rooms.
+    Closed spaces that are hardly open and small beside the open ones, such as pillars, shafts
+    and built-in cupboards, do not count as rooms.
     """
     building, is_ground = without_ground(corners)
     rays = RayCaster(building)
     rooms = _closed(rays, building, furniture)
-    if all(is_void(room, rays, building) for room in rooms):
+    if all(is_shut_in(room, rays, building) for room in rooms):
         completion = complete(building, is_ground, rooms)
         if completion.spaces:
             rooms = []

@@ -54,7 +54,8 @@ def test_a_house_with_spaces(tmp_path: Path) -> None:
                for each in values(scene, "diffuse", "reflectance"))  # fmt: skip
     assert scene.source["storeys"] == ["Ground floor"] and scene.source["version"] == "IFC4"
     assert scene.credits[0].author == "A. Maker"
-    assert {each.kind for each in scene.lights} == {"sun", "sky"}
+    kinds = {each.kind: each.room for each in scene.lights}
+    assert kinds == {"sun": None, "sky": None, "area": bath.id}  # which has a door alone
 
 
 @INSTALLED

@@ -1,7 +1,8 @@
 """Plain ceiling lamps for rooms without light, the same for every source.
 
 A lamp is a globe of `LUMENS_PER_AREA` for each square metre of its room's floor, below the
-ceiling, over the point that is farthest from the walls or near it.
+ceiling, over the point that is farthest from the walls or near it. A room of which that lamp
+would light a part only, such as a hall or a winding corridor, has several.
 """
 
 from __future__ import annotations
@@ -11,14 +12,15 @@ from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
 import numpy as np
+import shapely
 from shapely.geometry import Point, Polygon
 
-from scenes.arrays import Float64Array
+from scenes.arrays import BoolArray, Float64Array
 from scenes.color import REC709, Color, decode_srgb_value
 from scenes.contract import SceneObject
 from scenes.geometry.directions import fibonacci_sphere
 from scenes.geometry.mesh import Mesh
-from scenes.geometry.regions import deepest_point
+from scenes.geometry.regions import buffered, deepest_point
 from scenes.importing.shape import Shape, Surface, as_triple, make_object
 from scenes.importing.xml_elements import plugin
 from scenes.photometry import LUMEN
@@ -31,6 +33,10 @@ _LAMP_COLOR = 0xAA9770  # sRGB; of the lamps in the catalogue of Sweet Home 3D
 _GLOBE, _DROP = 0.12, 0.3  # metres: radius, and from the ceiling to the centre
 _CLEARANCE = 0.25  # metres from the centre of a lamp to the nearest surface
 _GRID = 7  # places tried each way, if the middle of the room is not free
+_FAR = 6.0  # metres, in plan, up to which a lamp lights a floor
+_LIT = 0.8  # share of the floor that lamps light
+_MOST_LAMPS = 16  # of a room
+_PLACES = 200  # of a floor, that are lit or may have a lamp
 _FROM = 0.6  # of a room's height, from which the ceiling is looked for
 _DIRECTIONS = 64
 
@@ -63,24 +69,66 @@ class CeilingLamp:
 def ceiling_lamp(floor: Polygon, ceiling_z: float) -> CeilingLamp:
     """The lamp of a room whose middle is free below the ceiling."""
     x, y = deepest_point(floor)
-    return _lamp(floor, np.array([x, y, ceiling_z - _DROP]))
+    return _lamp(floor.area, np.array([x, y, ceiling_z - _DROP]))
 
 
-def free_ceiling_lamp(room: FoundRoom, rays: RayCaster) -> CeilingLamp:
-    """The lamp of a room among the triangles of `rays`: below the surface above it, in free air.
+def free_ceiling_lamps(room: FoundRoom, rays: RayCaster) -> list[CeilingLamp]:
+    """The lamps of a room among the triangles of `rays`: below the surface above, in free air."""
+    places = _lamp_places(room.floor)
+    area = room.floor.area / len(places)
+    return [_lamp(area, _free_centre(room, place, rays)) for place in places]
 
-    The place nearest to the middle of the room that has `_CLEARANCE` around it, else the place
-    with the most.
+
+def _lamp_places(floor: Polygon) -> list[Float64Array]:
+    """Places (2,) in plan of lamps that together light most of a floor; the first is its middle.
+
+    A lamp lights what is in line of sight, at most `_FAR` away.
+    """
+    middle, points = deepest_point(floor), _floor_points(floor)
+    places, lit = [middle], _sees(floor, middle, points)
+    if lit.mean() >= _LIT:
+        return places
+    shapely.prepare(floor)
+    views = np.array([_sees(floor, point, points) for point in points])
+    while lit.mean() < _LIT and len(places) < _MOST_LAMPS:
+        best = int(np.argmax((views & ~lit).sum(axis=1)))
+        places.append(points[best])
+        lit |= views[best]
+    return places
+
+
+def _floor_points(floor: Polygon) -> Float64Array:
+    """About `_PLACES` points (N, 2) of a grid on a floor, where a lamp has air around it."""
+    inner = buffered(floor, -_CLEARANCE)
+    inner = floor if inner.is_empty else inner
+    west, south, east, north = inner.bounds
+    step = math.sqrt(inner.area / _PLACES)
+    xs, ys = (np.arange(low + step / 2, high, step) for low, high in ((west, east), (south, north)))
+    grid = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
+    return grid[shapely.contains_xy(inner, grid[:, 0], grid[:, 1])]
+
+
+def _sees(floor: Polygon, place: Float64Array, points: Float64Array) -> BoolArray:
+    """Return which of `points` (N, 2) are near `place` (2,) and in line of sight on a floor."""
+    near: BoolArray = ((points - place) ** 2).sum(axis=1) <= _FAR**2
+    ends = np.stack([np.broadcast_to(place, points.shape), points], axis=1)
+    near[near] = shapely.covers(floor, shapely.linestrings(ends[near]))
+    return near
+
+
+def _free_centre(room: FoundRoom, place: Float64Array, rays: RayCaster) -> Float64Array:
+    """The centre (3,) of a lamp as near to `place` (2,) in plan as there is `_CLEARANCE` around it.
+
+    Without such a place, the one with the most free air.
     """
     floor, ceiling_z = room.floor, room.ceiling_z
     below = room.floor_z + _FROM * (ceiling_z - room.floor_z)
-    middle = deepest_point(floor)
     low, high = np.array(floor.bounds[:2]), np.array(floor.bounds[2:])
     steps = (np.arange(_GRID) + 0.5) / _GRID
     grid = np.stack(np.meshgrid(*(low + (high - low) * steps[:, None]).T), axis=-1).reshape(-1, 2)
-    grid = grid[np.argsort(np.linalg.norm(grid - middle, axis=1), kind="stable")]
-    best, most = np.array([*middle, ceiling_z - _DROP]), -1.0
-    for x, y in np.vstack([middle[None], grid]):
+    grid = grid[np.argsort(np.linalg.norm(grid - place, axis=1), kind="stable")]
+    best, most = np.array([*place, ceiling_z - _DROP]), -1.0
+    for x, y in np.vstack([place[None], grid]):
         if not floor.contains(Point(x, y)):
             continue
         above = float(rays.cast(np.array([x, y, below]), np.array([[0.0, 0, 1]]))[0][0])
@@ -90,7 +138,7 @@ def free_ceiling_lamp(room: FoundRoom, rays: RayCaster) -> CeilingLamp:
             best, most = centre, free
         if free >= _CLEARANCE:
             break
-    return _lamp(floor, best)
+    return best
 
 
 def hung_lamp(lamp: CeilingLamp, id: str, room: str) -> HungLamp:
@@ -115,8 +163,9 @@ def octahedron(centre: Float64Array, radius: float) -> Mesh:
     return Mesh(centre + radius * tips, faces)
 
 
-def _lamp(floor: Polygon, centre: Float64Array) -> CeilingLamp:
-    lumens = float(np.clip(LUMENS_PER_AREA * floor.area, _LEAST_LUMENS, _MOST_LUMENS))
+def _lamp(area: float, centre: Float64Array) -> CeilingLamp:
+    """The lamp at `centre` (3,) for a floor of `area` square metres."""
+    lumens = float(np.clip(LUMENS_PER_AREA * area, _LEAST_LUMENS, _MOST_LUMENS))
     bands = [decode_srgb_value(((_LAMP_COLOR >> shift) & 255) / 255) for shift in (16, 8, 0)]
     white = float(np.array(bands) @ REC709)
     luminance = lumens * LUMEN / (math.pi * (4 * math.pi * _GLOBE**2))

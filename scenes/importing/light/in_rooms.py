@@ -1,6 +1,7 @@
 """Lights of `scene.json` by room, and the rooms that light reaches.
 
-A room has light if it has a lamp, a portal, or an opening to a room that has one.
+A room has light if it has a lamp, a portal, or an opening to a room that has one. Only a wide
+opening lets in enough that it needs no lamp.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from scenes.geometry.mesh import face_areas
 from scenes.importing.light.plan import OUTDOORS
 from scenes.importing.panes import solid_corners
 from scenes.importing.shape import Emitter, Shape
-from scenes.reconstruction.connections import connected_rooms
+from scenes.reconstruction.connections import ARCHWAY, DOOR, connected_rooms
 from scenes.reconstruction.raycast import RayCaster
 from scenes.reconstruction.rooms import FoundRoom, has_view_outside
 
@@ -80,16 +81,19 @@ class RoomLighting:
         A guessed room has light, too, if a ray leaves the building from it, and any room that a
         ray enters from a lamp in no room, such as one in a recess.
         """
-        return self._lit(has_outdoors=True)
+        return self._lit(has_outdoors=True, way=DOOR)
 
     @property
     def dark(self) -> list[int]:
-        """Numbers of the rooms without light; portals count only if something shines outdoors."""
+        """Numbers of the rooms that need a lamp: without light, or with that of a door alone.
+
+        Portals count only if something shines outdoors.
+        """
         has_outdoors = any(light.kind in OUTDOORS for light in self.lights)
-        lit = self.lit if has_outdoors else self._lit(has_outdoors=False)
+        lit = self._lit(has_outdoors, way=ARCHWAY)
         return [number for number, name in enumerate(self.room_ids) if name not in lit]
 
-    def _lit(self, has_outdoors: bool) -> set[str | None]:
+    def _lit(self, has_outdoors: bool, way: int) -> set[str | None]:
         lit = {light.room for light in self.lights} - self.dim
         if has_outdoors:
             lit |= {portal.room for portal in self.portals}
@@ -109,7 +113,7 @@ class RoomLighting:
         }
         neighbours = [
             (self.room_ids[a], self.room_ids[b])
-            for i, j in connected_rooms(self.rays, self.rooms)
+            for i, j in connected_rooms(self.rays, self.rooms, way)
             for a, b in ((i, j), (j, i))
         ]
         return lit | {there for here, there in neighbours if here in lit}

@@ -169,9 +169,9 @@ def note_sky(plan: LightPlan, changes: Changes) -> None:
 
 
 def note_filled(rooms: Iterable[Room], changes: Changes) -> None:
-    """Record the rooms that got a ceiling lamp."""
+    """Record the rooms that got ceiling lamps."""
     for room in rooms:
-        changes.note("rooms without light got a plain ceiling lamp: {}", f"{room.id} ({room.name})")
+        changes.note("rooms without light got plain ceiling lamps: {}", f"{room.id} ({room.name})")
 
 
 def note_without_light(rooms: Iterable[Room], changes: Changes) -> None:

@@ -149,7 +149,7 @@ def test_a_dark_room_of_any_source_gets_a_lamp_if_asked_to(tmp_path: Path) -> No
         (globe,) = [each for each in scene.objects if each.category == "lamp"]
         assert globe.shapes == lamp.shapes and globe.room == room.id
         assert 0.1 < room.ceiling_z - globe.bbox_max[2] < 0.7
-        assert any("got a plain ceiling lamp: room_0" in change for change in scene.changes)
+        assert any("got plain ceiling lamps: room_0" in change for change in scene.changes)
         if path is model:
             outside = np.greater(globe.bbox_min, beam.high) | np.less(globe.bbox_max, beam.low)
             assert outside.any()

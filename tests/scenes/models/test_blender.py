@@ -134,6 +134,10 @@ def test_what_blender_exports_is_imported(tmp_path: Path, monkeypatch: pytest.Mo
     ("steps", "message"),
     [
         (("echo 'no DNA block' > $out/message", "exit 4"), "no DNA block"),
+        (
+            ("printf 'Traceback:\\n  File x\\nKeyError: 3\\n' > $out/message", "exit 4"),
+            r"\(KeyError: 3\)",
+        ),
         (("kill -SEGV $$",), "damaged"),
         ((), "did not finish"),
         (("sleep 60",), "more than"),
@@ -151,7 +155,7 @@ def test_a_blender_that_fails_ends_in_one_line(
     stub(tmp_path, *steps)
     with pytest.raises(InputError, match=message) as caught:
         imported(tmp_path)
-    assert "chair.blend" in str(caught.value)
+    assert "chair.blend" in str(caught.value) and "Traceback" not in str(caught.value)
     assert not (tmp_path / "out").exists()
 
 
@@ -186,6 +190,8 @@ def test_a_real_blender_exports_without_running_scripts(tmp_path: Path) -> None:
         assert (
             len(scene.source["views"]) == (1 if name == "room.blend" else 0) or name[-3:] == "fbx"
         )
+        left_out = "a panoramic camera was left out: panorama" in scene.changes
+        assert left_out == (name == "room.blend")
     assert sorted(path.name for path in folder.iterdir()) == ["room.blend", "room.fbx"]
     (folder / "cut.blend").write_bytes((folder / "room.blend").read_bytes()[:50_000])
     with pytest.raises(InputError, match=r"cut\.blend"):

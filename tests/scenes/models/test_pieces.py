@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from scenes.contract import Scene
 from scenes.geometry.mesh import Mesh
@@ -47,10 +46,16 @@ def test_a_room_in_one_mesh_has_its_things_as_objects(tmp_path: Path) -> None:
     assert [light.kind for light in scene.lights] == ["area"]
 
 
-@pytest.mark.parametrize("name", ["Walls", "Sofa"])
-def test_a_mesh_with_a_telling_name_stays_whole(name: str, tmp_path: Path) -> None:
-    scene = imported(tmp_path, name, SOFA, *TABLE)
+def test_a_mesh_with_a_telling_name_stays_whole(tmp_path: Path) -> None:
+    scene = imported(tmp_path, "Walls", SOFA, *TABLE)
     assert not any("connected parts" in change for change in scene.changes)
+
+
+def test_a_room_that_is_named_as_furniture_has_its_things_as_objects(tmp_path: Path) -> None:
+    """As after joining all meshes of a room to its last chair."""
+    scene = imported(tmp_path, "Chair_003", SOFA, *TABLE)
+    assert sum(each.category == UNKNOWN for each in scene.objects) == 2
+    assert not any(each.category == "chair" for each in scene.objects)
 
 
 def box_shape(name: str, *blocks: Block) -> Shape:

@@ -19,7 +19,8 @@ AREA_TOLERANCE = 0.03  # share of a room's area
 # Others differ from these in one thing alone, and are imported by `make check`.
 SAMPLE = ("door ajar", "walls cut low", "hollow furniture", "open top on a ground plane",
          "centimetres in a glTF file", "millimetres, Z up", "open top in one mesh",
-         "diorama, inches", "twice as large", "hall with a pillar", "couch", "cup")  # fmt: skip
+         "diorama, inches", "twice as large", "hall with a pillar", "block of earth",
+         "tall cupboards", "couch", "cup")  # fmt: skip
 QUICK = ("door ajar", "hall with a pillar", "couch")  # of them, for `make quick`
 
 
@@ -31,7 +32,7 @@ def marked(name: str) -> Any:
 
 
 def imported(building: Building, folder: Path) -> Scene:
-    return import_scene(building.save(folder / "in"), folder / "out")
+    return import_scene(building.save(folder / "in"), folder / "out", lamps="home")
 
 
 @pytest.mark.parametrize("name", [marked(name) for name in BUILDINGS])
