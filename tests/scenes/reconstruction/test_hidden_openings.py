@@ -1,4 +1,4 @@
-"""The search for hidden openings: what it finds, and that it ends where there is nothing to find."""
+"""The search for hidden openings: what it finds, and how it ends where there is none."""
 
 from __future__ import annotations
 
