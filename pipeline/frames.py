@@ -79,7 +79,7 @@ def kinds_of(params: Params) -> tuple[Kind, ...]:
 
 def fingerprint(**determined_by: Any) -> str:
     """Return a digest of everything that determines a frame's pixels."""
-    text = json.dumps(plain(determined_by), sort_keys=True, allow_nan=False)
+    text = json.dumps(plain(determined_by, brief=True), sort_keys=True, allow_nan=False)
     return digest_bytes(text.encode())
 
 
@@ -116,12 +116,12 @@ def write_pixels(path: Path, pixels: Channels, view: View, meta: dict[str, Any])
 
     The view and a digest of the pixels are added to `meta`. Raises `MachineError` for a full disk.
     """
-    meta = {"view": plain(view), **meta, "digest": pixels_digest(pixels)}
+    meta = {"view": plain(view, brief=True), **meta, "digest": pixels_digest(pixels)}
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
         "worldToCamera": np.linalg.inv(view.pose).astype(np.float32),
-        "pbrnet": json.dumps(plain(meta), sort_keys=True, allow_nan=False),
+        "pbrnet": json.dumps(plain(meta, brief=True), sort_keys=True, allow_nan=False),
     }
     with atomic_file(path) as partial:
         try:

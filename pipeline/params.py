@@ -10,7 +10,7 @@ from typing import Literal
 import yaml
 
 from pipeline.channels import SETS, ChannelSet
-from scenes.checked import build, shown, within
+from scenes.checked import OPTIONAL, build, shown, within
 from scenes.errors import InputError, ParameterError
 from scenes.files import exists, regular_file
 from scenes.params import AssetParams, SceneParams
@@ -62,6 +62,14 @@ class FarmParams:
 
 
 @dataclass(frozen=True)
+class TrajectoryFile:
+    """A file of camera poses, see `pipeline.cameras.trajectory_files`, and the scene's id."""
+
+    scene: str
+    file: str
+
+
+@dataclass(frozen=True)
 class CameraParams:
     """View sampling after PBRS (Zhang et al. 2017), with a clearance test."""
 
@@ -93,6 +101,13 @@ class CameraParams:
     # id render: width of the candidate images in pixels, and candidates per room and sector
     id_width: int = field(default=80, metadata=within(16, 640))
     candidates: int = field(default=12, metadata=within(1, 4096))
+    # walks per scene, frames of each, and the most metres and radians from frame to frame
+    walks: int = field(default=0, metadata=within(0, 64) | OPTIONAL)
+    walk_frames: int = field(default=24, metadata=within(24, 240) | OPTIONAL)
+    walk_step: float = field(default=0.06, metadata=within(0.005, 0.5) | OPTIONAL)
+    walk_turn: float = field(default=0.05, metadata=within(0.005, 0.5) | OPTIONAL)
+    # trajectories from files, in the world of the scene that each names
+    trajectories: tuple[TrajectoryFile, ...] = field(default=(), metadata=OPTIONAL)
 
     def verify(self, where: str) -> None:
         """Raise ValueError unless each range is empty or two ascending numbers."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.params import ImageParams
 from scenes.arrays import Float64Array
-from scenes.checked import build, check_name, plain
+from scenes.checked import OPTIONAL, build, check_name, plain
 from scenes.errors import InputError
 from scenes.files import read_json, write_json
 from scenes.geometry.directions import turned, unit
@@ -41,6 +41,12 @@ class View:
     sector: int = -1
     score: float = 0.0
     seen: dict[str, int] = field(default_factory=dict)  # object id -> pixels in the id render
+    # Of a frame of a trajectory: its name, the frame's number from 0, and `camera_to_world` of the
+    # frames before and after it, empty for the first and the last.
+    trajectory: str = field(default="", metadata=OPTIONAL)
+    frame: int = field(default=-1, metadata=OPTIONAL)
+    pose_before: Matrix = field(default=(), metadata=OPTIONAL)
+    pose_after: Matrix = field(default=(), metadata=OPTIONAL)
 
     def verify(self, where: str) -> None:
         """Raise ValueError for wrong names, shapes, poses or focal lengths."""
@@ -50,17 +56,15 @@ class View:
             raise ValueError(
                 f"{where}: {self.width:,} x {self.height:,} pixels; from 1 to {MAX_SIDE:,} a side"
             )
-        if [len(row) for row in self.camera_to_world] != [4] * 4 or [
-            len(row) for row in self.K
-        ] != [3] * 3:
-            raise ValueError(f"{where}: camera_to_world must be 4x4 and K 3x3")
-        pose, intrinsics = np.array(self.camera_to_world), np.array(self.K)
-        if np.abs(pose).max() > MAX_NUMBER or np.abs(intrinsics).max() > MAX_NUMBER:
-            raise ValueError(f"{where}: camera_to_world or K hold numbers beyond {MAX_NUMBER:g}")
-        rotation = pose[:3, :3]
-        orthonormal = np.allclose(turned(rotation, rotation).T, np.eye(3), atol=1e-4)
-        if not orthonormal or np.linalg.det(rotation) < 0:
-            raise ValueError(f"{where}.camera_to_world: not a rotation and a translation")
+        if [len(row) for row in self.K] != [3] * 3:
+            raise ValueError(f"{where}: K must be 3x3")
+        intrinsics = np.array(self.K)
+        if np.abs(intrinsics).max() > MAX_NUMBER:
+            raise ValueError(f"{where}: K holds numbers beyond {MAX_NUMBER:g}")
+        check_pose(self.camera_to_world, f"{where}.camera_to_world")
+        for name in ("pose_before", "pose_after"):
+            if getattr(self, name):
+                check_pose(getattr(self, name), f"{where}.{name}")
         if intrinsics[0, 0] <= 0 or intrinsics[1, 1] <= 0:
             raise ValueError(f"{where}.K: focal lengths must be positive")
 
@@ -91,6 +95,19 @@ class CameraFile:
     fingerprint: str = ""
     unfurnished: bool = False  # parts of the building counted, since no view saw enough furniture
     stored_left_out: dict[str, str] = field(default_factory=dict)  # view id -> reason
+
+
+def check_pose(pose: Matrix, where: str) -> None:
+    """Raise ValueError unless `pose` is 4x4, a rotation and a translation within bounds."""
+    if [len(row) for row in pose] != [4] * 4:
+        raise ValueError(f"{where}: must be 4x4")
+    values = np.array(pose)
+    if np.abs(values).max() > MAX_NUMBER:
+        raise ValueError(f"{where}: holds numbers beyond {MAX_NUMBER:g}")
+    rotation = values[:3, :3]
+    orthonormal = np.allclose(turned(rotation, rotation).T, np.eye(3), atol=1e-4)
+    if not orthonormal or np.linalg.det(rotation) < 0:
+        raise ValueError(f"{where}: not a rotation and a translation")
 
 
 def look(eye: Any, towards: Any, up: Any = (0.0, 0.0, 1.0)) -> Float64Array:
@@ -132,7 +149,7 @@ def as_matrix(array: Float64Array) -> Matrix:
 
 def save_cameras(path: Path, cameras: CameraFile) -> None:
     """Write a camera file by rename."""
-    write_json(path, plain(cameras))
+    write_json(path, plain(cameras, brief=True))
 
 
 def load_cameras(path: Path) -> CameraFile:

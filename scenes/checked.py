@@ -42,6 +42,11 @@ def within(
     }
 
 
+# Field metadata: `plain(..., brief=True)` leaves the field out while it has its default value, so
+# that files and fingerprints of before the field existed stay as they are.
+OPTIONAL = {"optional": True}
+
+
 def shown(value: object) -> str:
     """Return a value from outside for a message: its `repr`, shortened if it is long or deep."""
     if isinstance(value, int) and value.bit_length() > 4096:
@@ -107,18 +112,24 @@ def build(cls: type[T], data: Any, where: str = "", error: type[PbrnetError] = P
     return built
 
 
-def plain(value: Any) -> Any:
-    """Convert dataclasses, tuples and paths to mappings, lists and text for JSON."""
+def plain(value: Any, brief: bool = False) -> Any:
+    """Convert dataclasses, tuples and paths to mappings, lists and text for JSON.
+
+    With `brief`, `OPTIONAL` fields that have their default value are left out.
+    """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {
-            field.name: plain(getattr(value, field.name))
+            field.name: plain(getattr(value, field.name), brief)
             for field in dataclasses.fields(value)
             if field.init
+            and not (
+                brief and "optional" in field.metadata and getattr(value, field.name) == field.default
+            )
         }
     if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): plain(item, brief) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
+        return [plain(item, brief) for item in value]
     return str(value) if isinstance(value, Path) else value
 
 

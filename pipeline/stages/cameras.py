@@ -5,8 +5,15 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
+from pipeline.cameras.trajectory_files import (
+    Trajectory,
+    read_trajectory,
+    trajectories_of,
+    trajectory_digests,
+)
 from pipeline.frames import fingerprint
 from pipeline.params import Params
 from pipeline.records import data_lock
@@ -15,7 +22,6 @@ from pipeline.stages.render_jobs import CameraJob, sample_scene
 from pipeline.stages.runner import StagePlan, Summary, Target, execute, finish
 from pipeline.stages.scene_listing import active_renderer, list_scenes, scene_digests
 from pipeline.views import CameraFile, load_cameras
-from scenes.checked import plain
 from scenes.errors import InputError
 from scenes.files import remove_partials
 
@@ -30,6 +36,11 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
         renderer = active_renderer(params)
         plan = StagePlan("cameras", "scenes", sample_scene)
         scenes = list_scenes(data, plan)
+        for given in params.cameras.trajectories:
+            if not (data / "scenes" / given.scene).is_dir():
+                raise InputError(
+                    f"cameras.trajectories: there is no scene {given.scene!r} in {data / 'scenes'}"
+                )
         digests = scene_digests(data, scenes)
         unreadable = {failure.scene_id for failure in plan.failures}
         plan.removed = _remove_old_cameras(root, {*scenes, *unreadable})
@@ -46,6 +57,7 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
                     params,
                     params.seed,
                     expected,
+                    _trajectories(scene_id, params),
                 )
                 plan.add(job, Target(path, "cameras", scene_id))
         made = execute(data, params, scheduler, plan, renderer)
@@ -54,15 +66,25 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
 
 def camera_fingerprint(scene_id: str, params: Params, digest: str, renderer: str) -> str:
     """Return the fingerprint of a scene's camera file; `digest` is that of the scene."""
+    given = trajectory_digests(scene_id, params.cameras)
     return fingerprint(
         kind="cameras",
         revision=view_sampling.REVISION,
         scene_id=scene_id,
-        cameras=plain(params.cameras),
-        image=plain(params.image),
+        cameras=replace(params.cameras, trajectories=()),
+        image=params.image,
         scene=digest,
         renderer=renderer,
         seed=params.seed,
+        **({"trajectories": given} if given else {}),
+    )
+
+
+def _trajectories(scene_id: str, params: Params) -> tuple[Trajectory, ...]:
+    """Return the trajectories that the parameters name for a scene, with names of their own."""
+    files = trajectories_of(scene_id, params.cameras)
+    return tuple(
+        read_trajectory(path, f"path-{number:02d}") for number, path in enumerate(files)
     )
 
 
@@ -88,7 +110,7 @@ def _notes(root: Path, scenes: Iterable[str]) -> list[str]:
         if file.unfurnished
     ]
     lines += [
-        f"stored camera left out: {name} of {file.scene_id} ({reason})"
+        f"left out: {name} of {file.scene_id} ({reason})"
         for file in files
         for name, reason in file.stored_left_out.items()
     ]

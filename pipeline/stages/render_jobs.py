@@ -17,6 +17,7 @@ from typing import Any, cast
 import drjit as dr
 import psutil
 
+from pipeline.cameras.trajectory_files import Trajectory
 from pipeline.channels import Kind
 from pipeline.farm.workspace import (
     SentFile,
@@ -44,7 +45,7 @@ from pipeline.render.scene import (
     renderer_version,
     set_variant,
 )
-from pipeline.stages.view_sampling import sample_cameras
+from pipeline.stages.camera_files import make_cameras
 from pipeline.versions import require_code
 from pipeline.views import View, save_cameras
 from scenes.contract import load_scene
@@ -66,6 +67,7 @@ class CameraJob:
     params: Params
     seed: int
     fingerprint: str
+    trajectories: tuple[Trajectory, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,7 @@ def use_renderer(
 def sample_scene(job: CameraJob) -> dict[str, Any]:
     """Sample one scene's cameras and write its camera file."""
     opened, opening = _opened(job.scene_folder, job.scene_digest)
-    cameras = sample_cameras(opened, opened.scene, job.params, job.seed)
+    cameras = make_cameras(opened, opened.scene, job.params, job.seed, job.trajectories)
     sent: dict[str, SentFile] = {}
     with writing(job.path, sent, "cameras") as path:
         save_cameras(path, replace(cameras, fingerprint=job.fingerprint))

@@ -124,7 +124,7 @@ def sample_cameras(
         rejected += excluded
         total += len(found) + sum(excluded.values())
     cameras = [(c.pose, c.half_fov_x) for c in candidates]
-    scored = list(zip(candidates, _sights(render_scene, scene, cameras, params), strict=True))
+    scored = list(zip(candidates, sights(render_scene, scene, cameras, params), strict=True))
     rooms = {item.id: item.room for item in scene.objects if not item.is_structure}
     chosen, by_reason = _choose(scored, rooms, options)
     most = max((len(sight.objects) for _, sight in scored), default=0)
@@ -138,7 +138,7 @@ def sample_cameras(
     views = []
     for c, sight in chosen:
         image = replace(params.image, half_fov_x=c.half_fov_x)
-        view = _view(scene, image, f"{names[c.room.id]}-s{c.sector}", c.pose, sight, c.room)
+        view = make_view(scene, image, f"{names[c.room.id]}-s{c.sector}", c.pose, sight, c.room)
         views.append(replace(view, sector=c.sector))
     left_out: dict[str, str] = {}
     if options.stored_views:
@@ -204,18 +204,18 @@ def _room_candidates(
     low = eyes[:, 2] < room.ceiling_z - options.clearance
     rejected[ABOVE] += int((free & ~low).sum()) * options.sectors
     left = np.flatnonzero(free & low)
-    close, enclosed = _surroundings(render_scene, eyes[left], options.clearance)
+    close, enclosed = surroundings(render_scene, eyes[left], options.clearance)
     rejected[TOO_CLOSE] += int(close.sum()) * options.sectors
     rejected[INSIDE] += int((enclosed & ~close).sum()) * options.sectors
     left = left[~close & ~enclosed]
     candidates = []
     for sector in range(options.sectors):
-        half_fov_x = _drawn(options.half_fov_x, lens, params.image.half_fov_x)
+        half_fov_x = drawn(options.half_fov_x, lens, params.image.half_fov_x)
         for index in rng.permutation(left)[: options.candidates]:
             azimuth = azimuths[index, sector]
-            slope = math.tan(_drawn(options.pitch, lens, 0.0)) if options.pitch else options.tilt
+            slope = math.tan(drawn(options.pitch, lens, 0.0)) if options.pitch else options.tilt
             pose = look(eyes[index], (math.cos(azimuth), math.sin(azimuth), slope))
-            pose = rolled(pose, _drawn(options.roll, lens, 0.0))
+            pose = rolled(pose, drawn(options.roll, lens, 0.0))
             candidates.append(Candidate(room, sector, pose, half_fov_x))
     rejected[NOT_TRIED] += len(left) * options.sectors - len(candidates)
     return candidates, +rejected
@@ -234,7 +234,7 @@ def _grid(
     return np.column_stack([cells * options.grid + (low_x, low_y), heights])
 
 
-def _drawn(bounds: tuple[float, ...], rng: np.random.Generator, otherwise: float) -> float:
+def drawn(bounds: tuple[float, ...], rng: np.random.Generator, otherwise: float) -> float:
     """Return a number drawn evenly from [least, most], or `otherwise` if `bounds` is empty."""
     return float(rng.uniform(bounds[0], bounds[1])) if bounds else otherwise
 
@@ -246,7 +246,7 @@ def _azimuths(count: int, sectors: int, rng: np.random.Generator) -> Float64Arra
     return azimuths
 
 
-def _surroundings(
+def surroundings(
     render_scene: RenderScene, eyes: Float64Array, clearance: float
 ) -> tuple[BoolArray, BoolArray]:
     """Return for each eye (N, 3) whether a surface is within `clearance` and whether it is inside
@@ -266,7 +266,7 @@ def _surroundings(
     return distance.min(axis=1) < clearance, enclosed
 
 
-def _sights(
+def sights(
     render_scene: RenderScene,
     scene: Scene,
     cameras: Sequence[tuple[Float64Array, float]],
@@ -441,27 +441,27 @@ def _stored_views(
                 "(4x4) and half_fov_x (radians)"
             ) from None
         named = next((room for room in scene.rooms if room.id == stored.get("room")), None)
-        room = named or _room_at(scene, pose[:3, 3])
+        room = named or room_at(scene, pose[:3, 3])
         if room is None and not params.cameras.outside_views:
             continue
-        name = f"stored-{_slug(str(stored.get('name', number)))}"
+        name = f"stored-{slug(str(stored.get('name', number)))}"
         while name in taken:
             name += "-again"
         taken.add(name)
-        (sight,) = _sights(render_scene, scene, [(pose, half_fov_x)], params)
+        (sight,) = sights(render_scene, scene, [(pose, half_fov_x)], params)
         reason = _shows_nothing(render_scene, pose, sight)
         if reason:
             left_out[name] = reason
             continue
         image = replace(params.image, half_fov_x=half_fov_x)
-        view = _view(scene, image, name, pose, sight, room)
+        view = make_view(scene, image, name, pose, sight, room)
         views.append(replace(view, sector=int(stored.get("sector", view.sector))))
     return views, left_out
 
 
 def _shows_nothing(render_scene: RenderScene, pose: Float64Array, sight: Sight) -> str:
     """Return why a stored camera, which may stand anywhere, is no view; "" if it is one."""
-    _, enclosed = _surroundings(render_scene, pose[None, :3, 3], 0.0)
+    _, enclosed = surroundings(render_scene, pose[None, :3, 3], 0.0)
     if enclosed[0]:
         return INSIDE
     if sight.coarse.nearness > _NEARLY_ALL:
@@ -469,7 +469,7 @@ def _shows_nothing(render_scene: RenderScene, pose: Float64Array, sight: Sight) 
     return BLANK if sight.is_bare else ""
 
 
-def _view(
+def make_view(
     scene: Scene,
     image: ImageParams,
     view_id: str,
@@ -477,6 +477,7 @@ def _view(
     sight: Sight,
     room: Room | None,
 ) -> View:
+    """Return the view of a camera with its room, its score and what it sees."""
     return View(
         scene_id=scene.scene_id,
         view_id=view_id,
@@ -491,7 +492,7 @@ def _view(
     )
 
 
-def _room_at(scene: Scene, eye: Any) -> Room | None:
+def room_at(scene: Scene, eye: Any) -> Room | None:
     """Return the room that contains a point (3,), or the nearest within `_DOORWAY`; or None."""
     point = shapely.Point(eye[0], eye[1])
     away = {
@@ -507,12 +508,12 @@ def _room_names(scene: Scene) -> dict[str, str]:
     """Return a name per room id that is safe in file names and unique in the scene."""
     names: dict[str, str] = {}
     for room in sorted(scene.rooms, key=lambda room: room.id):
-        name = _slug(room.id)
+        name = slug(room.id)
         while name in names.values() or name == "stored":
             name += "_"
         names[room.id] = name
     return names
 
 
-def _slug(text: str) -> str:
+def slug(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9]+", "-", text).strip("-")[:60] or "room"

@@ -1,0 +1,1 @@
+"""Cameras beyond single views: walks, trajectories from files, stereo partners, overlapping sets."""

@@ -1,0 +1,145 @@
+"""Camera file of a scene: sampled views, then walks and trajectories from files.
+
+Each part has random generators of its own, so that no part changes the views of another.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from pipeline.cameras.free_floor import FreeFloor, free_floors
+from pipeline.cameras.trajectory_files import Trajectory
+from pipeline.cameras.walks import find_walk
+from pipeline.params import Params
+from pipeline.render.scene import RenderScene
+from pipeline.stages.view_sampling import (
+    drawn,
+    make_view,
+    room_at,
+    sample_cameras,
+    sights,
+    surroundings,
+)
+from pipeline.views import CameraFile, View, as_matrix, look, rolled
+from scenes.arrays import Float64Array
+from scenes.contract import Scene
+from scenes.seeds import generator
+
+_TRIES = 6  # walks of which the one that sees most is taken
+_EVERY = 6  # frames between those that tell how much a walk sees
+
+NO_WALK = "no free floor for so long a walk"
+
+
+def make_cameras(
+    render_scene: RenderScene,
+    scene: Scene,
+    params: Params,
+    seed: int,
+    trajectories: Sequence[Trajectory] = (),
+) -> CameraFile:
+    """Return all views of a scene; deterministic in the arguments.
+
+    Walks for which the free floor is too small are in `stored_left_out`.
+    """
+    file = sample_cameras(render_scene, scene, params, seed)
+    views, left_out = list(file.views), dict(file.stored_left_out)
+    floors = _floors(render_scene, scene, params) if params.cameras.walks else []
+    for number in range(params.cameras.walks):
+        name = f"walk-{number:02d}"
+        rng = generator(seed, "cameras", scene.scene_id, name)
+        found = _walk(render_scene, scene, params, floors, rng)
+        if found is None:
+            left_out[name] = NO_WALK
+        else:
+            views += _frames(render_scene, scene, params, name, *found)
+    for given in trajectories:
+        poses = np.array(given.camera_to_world, dtype=np.float64)
+        half_fov_x = given.half_fov_x or params.image.half_fov_x
+        views += _frames(render_scene, scene, params, given.name, poses, half_fov_x)
+    views.sort(key=lambda view: view.view_id)
+    return replace(file, views=tuple(views), stored_left_out=left_out)
+
+
+def _floors(
+    render_scene: RenderScene, scene: Scene, params: Params
+) -> list[tuple[FreeFloor, csr_array]]:
+    """Return the storeys with light that have free floor, and their steps."""
+    lit = [room for room in scene.rooms if room.has_light]
+    floors = free_floors(render_scene, lit, params.cameras.eye_height)
+    return [(floor, floor.steps()) for floor in floors if floor.walkable.any()]
+
+
+def _walk(
+    render_scene: RenderScene,
+    scene: Scene,
+    params: Params,
+    floors: list[tuple[FreeFloor, csr_array]],
+    rng: np.random.Generator,
+) -> tuple[Float64Array, float] | None:
+    """Return poses (F, 4, 4) and half field of view of the walk that sees most of `_TRIES`."""
+    options = params.cameras
+    best: tuple[float, Float64Array] | None = None
+    half_fov_x = drawn(options.half_fov_x, rng, params.image.half_fov_x)
+    roll = drawn(options.roll, rng, 0.0)
+    slope = math.tan(drawn(options.pitch, rng, 0.0)) if options.pitch else options.tilt
+    height = options.eye_height + options.eye_jitter * float(rng.uniform(-1, 1))
+    areas = np.array([float(floor.walkable.sum()) for floor, _ in floors])
+    for _ in range(_TRIES if floors else 0):
+        floor, steps = floors[int(rng.choice(len(floors), p=areas / areas.sum()))]
+        walk = find_walk(
+            floor, steps, options.walk_frames, options.walk_step, options.walk_turn, rng
+        )
+        if walk is None:
+            continue
+        eyes = np.column_stack([walk.places, np.full(len(walk.places), floor.floor_z + height)])
+        close, enclosed = surroundings(render_scene, eyes, options.clearance)
+        if close.any() or enclosed.any():
+            continue
+        poses = np.array(
+            [
+                rolled(look(eye, (math.cos(angle), math.sin(angle), slope)), roll)
+                for eye, angle in zip(eyes, walk.headings.tolist(), strict=True)
+            ]
+        )
+        some = [(pose, half_fov_x) for pose in poses[::_EVERY]]
+        seen = list(sights(render_scene, scene, some, params))
+        blocked = sum(sight.coarse.nearness > options.max_near for sight in seen) / len(seen)
+        score = (1 - blocked) * math.fsum(sight.score for sight in seen) / len(seen)
+        if best is None or score > best[0]:
+            best = (score, poses)
+    return None if best is None else (best[1], half_fov_x)
+
+
+def _frames(
+    render_scene: RenderScene,
+    scene: Scene,
+    params: Params,
+    name: str,
+    poses: Float64Array,
+    half_fov_x: float,
+) -> list[View]:
+    """Return the views of a trajectory, poses (F, 4, 4), linked with their neighbours."""
+    image = replace(params.image, half_fov_x=half_fov_x)
+    cameras = [(pose, half_fov_x) for pose in poses]
+    matrices = [as_matrix(pose) for pose in poses]
+    views = []
+    for number, sight in enumerate(sights(render_scene, scene, cameras, params)):
+        pose = poses[number]
+        room = room_at(scene, pose[:3, 3])
+        view = make_view(scene, image, f"{name}-{number:04d}", pose, sight, room)
+        views.append(
+            replace(
+                view,
+                trajectory=name,
+                frame=number,
+                pose_before=matrices[number - 1] if number else (),
+                pose_after=matrices[number + 1] if number + 1 < len(poses) else (),
+            )
+        )
+    return views
