@@ -13,7 +13,15 @@ from typing import Literal, get_args
 import numpy as np
 
 Kind = Literal[
-    "inputs", "illumination", "visibility", "shading", "color", "noisy", "materials", "labels"
+    "inputs",
+    "illumination",
+    "visibility",
+    "shading",
+    "color",
+    "noisy",
+    "materials",
+    "labels",
+    "video",
 ]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 ChannelSet = Literal["paper", "materials", "light", "labels", "video", "all"]
@@ -22,6 +30,7 @@ SETS: dict[ChannelSet, tuple[Kind, ...]] = {
     "paper": ("inputs", "illumination", "shading", "color"),
     "materials": ("materials",),
     "labels": ("labels",),
+    "video": ("video",),
 }
 
 RGB = ("R", "G", "B")
@@ -33,10 +42,16 @@ SPECULAR = ("specular.R", "specular.G", "specular.B")
 BUMPED = ("bumped.X", "bumped.Y", "bumped.Z")
 DENOISED = ("denoised.R", "denoised.G", "denoised.B")
 DENOISED_SHADING = ("denoised.shading.R", "denoised.shading.G", "denoised.shading.B")
+# Of each direction in time: flow along columns and rows, occlusion, and outside of the image.
+VIDEO_BANDS = {
+    way: (f"{way}.X", f"{way}.Y", f"{way}.occluded", f"{way}.outside")
+    for way in ("forward", "backward")
+}
 
 RADIANCE = "W/(m^2 sr), relative"
 _FEW = "path traced with few samples, independent of"
 _SPHERE = "The same panorama:"
+_NEXT, _LAST = "next frame of the trajectory", "previous frame of the trajectory"
 
 
 @dataclass(frozen=True)
@@ -268,6 +283,56 @@ CHANNELS = (
         ("material",),
         np.uint32,
         "Index + 1 into material_names; 0: none.",
+    ),
+    Channel(
+        "flow_forward",
+        "video",
+        VIDEO_BANDS["forward"][:2],
+        np.float32,
+        f"Optical flow to the {_NEXT}: where the surface point moves, columns right, rows "
+        "down; 0: no such frame, or behind its camera.",
+        "pixel",
+    ),
+    Channel(
+        "occluded_forward",
+        "video",
+        VIDEO_BANDS["forward"][2:3],
+        np.float16,
+        f"1 where the surface point lies in the image of the {_NEXT} but is hidden there.",
+        mask=True,
+    ),
+    Channel(
+        "outside_forward",
+        "video",
+        VIDEO_BANDS["forward"][3:],
+        np.float16,
+        f"1 where the surface point lies outside the image of the {_NEXT}, or there is none.",
+        mask=True,
+    ),
+    Channel(
+        "flow_backward",
+        "video",
+        VIDEO_BANDS["backward"][:2],
+        np.float32,
+        f"Optical flow to the {_LAST}: where the surface point moves, columns right, rows "
+        "down; 0: no such frame, or behind its camera.",
+        "pixel",
+    ),
+    Channel(
+        "occluded_backward",
+        "video",
+        VIDEO_BANDS["backward"][2:3],
+        np.float16,
+        f"1 where the surface point lies in the image of the {_LAST} but is hidden there.",
+        mask=True,
+    ),
+    Channel(
+        "outside_backward",
+        "video",
+        VIDEO_BANDS["backward"][3:],
+        np.float16,
+        f"1 where the surface point lies outside the image of the {_LAST}, or there is none.",
+        mask=True,
     ),
 )
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib
+import matplotlib.colors
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
@@ -94,6 +95,20 @@ def tint_picture(tint: FloatingArray) -> Picture:
 def share_picture(share: FloatingArray) -> Picture:
     """Draw shares (H, W) in [0, 1]: 0 is black, 1 is white."""
     return to_bytes(np.repeat(np.asarray(share, dtype=np.float32)[..., None], 3, axis=-1))
+
+
+def flow_picture(flow: FloatingArray, longest: float | None = None) -> Picture:
+    """Draw flow (H, W, 2), pixels, as a colour wheel: hue is direction, paler is shorter.
+
+    Red moves right, green-yellow down. Flow of `longest` pixels has full colour; if that is not
+    given, the longest but one in a hundred.
+    """
+    flow = np.asarray(flow, dtype=np.float64)
+    length = np.sqrt((flow**2).sum(axis=-1))
+    full = max(longest or float(np.quantile(length, 0.99)), 1e-9)
+    hue = np.arctan2(flow[..., 1], flow[..., 0]) / (2 * np.pi) % 1
+    wheel = np.stack([hue, np.clip(length / full, 0, 1), np.ones_like(hue)], axis=-1)
+    return to_bytes(matplotlib.colors.hsv_to_rgb(wheel))
 
 
 def label_picture(labels: AnyArray) -> Picture:

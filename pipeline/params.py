@@ -109,6 +109,11 @@ class CameraParams:
     # trajectories from files, in the world of the scene that each names
     trajectories: tuple[TrajectoryFile, ...] = field(default=(), metadata=OPTIONAL)
 
+    @property
+    def has_links(self) -> bool:
+        """True if some views belong together: frames of trajectories."""
+        return bool(self.walks or self.trajectories)
+
     def verify(self, where: str) -> None:
         """Raise ValueError unless each range is empty or two ascending numbers."""
         for name in ("half_fov_x", "pitch", "roll"):

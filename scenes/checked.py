@@ -123,7 +123,9 @@ def plain(value: Any, brief: bool = False) -> Any:
             for field in dataclasses.fields(value)
             if field.init
             and not (
-                brief and "optional" in field.metadata and getattr(value, field.name) == field.default
+                brief
+                and "optional" in field.metadata
+                and getattr(value, field.name) == field.default
             )
         }
     if isinstance(value, dict):

@@ -15,6 +15,7 @@ from pipeline.images import (
     distance_picture,
     enlarge,
     fit,
+    flow_picture,
     intensity_picture,
     jpeg_bytes,
     label_picture,
@@ -53,9 +54,11 @@ MODALITIES = {
     "material": ("Materials", "A colour for each material."),
     "instance": ("Instances", "A colour for each object."),
     "nyu40": ("NYU40 classes", "A colour for each class."),
+    "flow_forward": ("Flow", "Motion to the next frame: hue is direction, paler is shorter."),
+    "occluded_forward": ("Occlusion", "White where the next frame does not see the surface."),
 }
 _LABELS = ("material", "instance", "nyu40")
-_SHARES = ("visibility", "roughness", "metalness", "emission")
+_SHARES = ("visibility", "roughness", "metalness", "emission", "occluded_forward")
 
 
 def draw(name: str, row: Mapping[str, Any], shared: bool = False) -> Picture:
@@ -68,6 +71,8 @@ def draw(name: str, row: Mapping[str, Any], shared: bool = False) -> Picture:
         return normal_picture(values, row["valid"])
     if name in _LABELS:
         return label_picture(values)
+    if name == "flow_forward":
+        return flow_picture(values)
     if name == "depth":
         return depth_picture(values, row["valid"])
     if name == "intensity":

@@ -54,7 +54,7 @@ class FrameStore:
             frame_path(self.root, kind, view),
             kind,
             channels,
-            camera_of(view),
+            camera_of(view, kind),
             **stats,
             seed=pass_seed(kind, view, self.params.seed),
             renderer=renderer_version(),

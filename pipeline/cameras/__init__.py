@@ -1,1 +1,1 @@
-"""Cameras beyond single views: walks, trajectories from files, stereo partners, overlapping sets."""
+"""Cameras beyond sampled views: walks, trajectories from files, reprojection."""

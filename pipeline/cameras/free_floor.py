@@ -99,9 +99,7 @@ def free_floors(
     return [_free_floor(render_scene, tuple(storey), eye_height) for storey in storeys]
 
 
-def _free_floor(
-    render_scene: RenderScene, rooms: tuple[Room, ...], eye_height: float
-) -> FreeFloor:
+def _free_floor(render_scene: RenderScene, rooms: tuple[Room, ...], eye_height: float) -> FreeFloor:
     polygons = [shapely.make_valid(Polygon(room.floor)) for room in rooms]
     low_x, low_y, high_x, high_y = shapely.union_all([p.envelope for p in polygons]).bounds
     area = (high_x - low_x) * (high_y - low_y)

@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import dijkstra
 from pipeline.cameras.free_floor import BODY, FreeFloor
 from scenes.arrays import Float64Array
 
+REVISION = 1  # raise it when a change of code changes walks
 _SAMPLE = 0.02  # metres between points of a way
 _SMOOTHING = (0.3, 0.15, 0.08, 0.0)  # metres, standard deviation; the first that stays clear
 _MARGIN = 0.05  # metres that smoothing may come nearer to obstacles than a person's half width

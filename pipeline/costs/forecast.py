@@ -24,7 +24,10 @@ from scenes.seeds import generator
 
 SCENE_STAGES = ("scenes", "cameras")
 # "truth" is shading and colour of a view together
-VIEW_STAGES = ("inputs", "materials", "labels", "illumination", "visibility", "truth", "noisy")
+VIEW_STAGES = (
+    *("inputs", "materials", "labels", "video"),
+    *("illumination", "visibility", "truth", "noisy"),
+)
 TOGETHER = "together"
 _TRUTHS = ("shading", "color")
 _SAME = 1.5  # ratio of sizes below which the cost per sample cannot be separated

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.channels import Kind, channels_of, layout
+from pipeline.dataset.flow_checks import flow_fault
 from pipeline.dataset.label_checks import label_fault, material_fault
 from pipeline.frames import HALF_MAX, Channels, Frame, frame_path, read_frame
 from pipeline.params import CheckParams
@@ -40,6 +41,7 @@ REASONS = {
     "negative": "a negative radiance, depth or distance",
     "inconsistent": "depth or normal make no sense where a surface is seen",
     "mislabelled": "materials or labels do not agree with what is seen",
+    "misaligned": "flow or occlusion do not agree with depth and cameras",
     "few_surfaces": "too few pixels see a surface",
     "black": "too many pixels without any light",
     "blown_out": "too many pixels at the limit of half floats",
@@ -116,12 +118,18 @@ def load_frames(
 
 
 def check_frames(
-    view: View, frames: Mapping[Kind, Frame], size: Size, panorama: Size, limits: CheckParams
+    view: View,
+    frames: Mapping[Kind, Frame],
+    size: Size,
+    panorama: Size,
+    limits: CheckParams,
+    neighbours: dict[str, Channels] | None = None,
 ) -> Rejection | None:
     """Return the first reason to reject these frames, or None.
 
     `size` and `panorama` are (width, height) of the dataset's images and panoramas. Noisy frames
-    are not rejected for their noise.
+    are not rejected for their noise. `neighbours` holds the inputs of the next (`forward`) and the
+    previous frame of a trajectory, where they are known.
     """
     inputs = frames["inputs"].channels
     renders = {kind: frames[kind].rgb for kind in ("shading", "color")}
@@ -132,6 +140,7 @@ def check_frames(
         or _negative(frames)
         or _inconsistent(inputs)
         or _mislabelled(view, frames)
+        or _misaligned(view, frames, neighbours or {})
         or _few_surfaces(inputs, limits.min_valid)
         or _over("black", "pixels are black", renders, black_share, limits.max_black)
         or _over("blown_out", "pixels are at the limit", renders, blown_share, limits.max_blown)
@@ -191,8 +200,9 @@ def _stale(view: View, frames: Mapping[Kind, Frame]) -> Rejection | None:
         for key in ("scene_id", "view_id"):
             if made_for.get(key) != getattr(view, key):
                 return Rejection("stale", f"{kind}: its {key} is {shown(made_for.get(key))}")
-        for key in ("camera_to_world", "K"):
-            rendered_with = made_for.get(key)
+        neighbours = ("pose_before", "pose_after") if kind == "video" else ()
+        for key in ("camera_to_world", "K", *neighbours):
+            rendered_with = made_for.get(key, ())
             if plain(rendered_with) != plain(getattr(view, key)):
                 return Rejection("stale", f"{kind}: rendered with another {key}; render it again")
     return None
@@ -252,6 +262,16 @@ def _mislabelled(view: View, frames: Mapping[Kind, Frame]) -> Rejection | None:
     if labels is not None and (fault := label_fault(labels, materials, inputs, view)):
         return Rejection("mislabelled", f"labels: {fault}")
     return None
+
+
+def _misaligned(
+    view: View, frames: Mapping[Kind, Frame], neighbours: dict[str, Channels]
+) -> Rejection | None:
+    if "video" not in frames:
+        return None
+    video, inputs = frames["video"].channels, frames["inputs"].channels
+    fault = flow_fault(video, inputs, view, neighbours)
+    return Rejection("misaligned", f"video: {fault}") if fault else None
 
 
 def _few_surfaces(inputs: Channels, least: float) -> Rejection | None:

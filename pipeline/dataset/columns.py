@@ -69,11 +69,12 @@ def dataset_columns(
     shadows: bool = False,
     noisy: bool = False,
     channels: Sequence[ChannelSet] = ("paper",),
+    links: bool = False,
 ) -> tuple[Column, ...]:
     """Return all columns, in order, for images and panoramas of these (width, height).
 
-    `shadows` adds the column of visibility frames, `noisy` those of noisy frames, and `channels`
-    those of further sets, at the end.
+    `shadows` adds the column of visibility frames, `noisy` those of noisy frames, `channels` those
+    of further sets, and `links` those that say which rows belong together, at the end.
     """
     paper = SETS["paper"]
     further = tuple(kind for kind in kinds_of_sets(channels) if kind not in paper)
@@ -116,6 +117,7 @@ def dataset_columns(
         *(_noisy_columns(size, panorama) if noisy else ()),
         *_image_columns(further, size, panorama),
         *(_table_columns(further)),
+        *(_link_columns() if links else ()),
     )
 
 
@@ -164,6 +166,15 @@ def _table_columns(kinds: tuple[Kind, ...]) -> tuple[Column, ...]:
             ),
         ]
     return tuple(columns)
+
+
+def _link_columns() -> tuple[Column, ...]:
+    """Return the columns that link rows with each other."""
+    return (
+        Column("plan", pa.string(), "Floor plan; scenes of one plan differ in furniture or light."),
+        Column("trajectory", pa.string(), "Trajectory within the scene; null: a single view."),
+        Column("frame", pa.int32(), "Number of the frame in its trajectory, from 0."),
+    )
 
 
 def _noisy_columns(size: tuple[int, int], panorama: tuple[int, int]) -> tuple[Column, ...]:

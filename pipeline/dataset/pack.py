@@ -15,11 +15,12 @@ import os
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from pipeline.channels import layout
 from pipeline.dataset.card import (
     DatasetSummary,
     attribution_of,
@@ -34,7 +35,7 @@ from pipeline.dataset.label_tables import CLASSES
 from pipeline.dataset.rows import make_row
 from pipeline.dataset.shards import ShardWriter
 from pipeline.dataset.splits import SPLITS, Source, read_sources, split_plans
-from pipeline.frames import kinds_of
+from pipeline.frames import Channels, frame_path, kinds_of, read_frame
 from pipeline.params import Params
 from pipeline.progress import Progress
 from pipeline.records import data_lock
@@ -165,10 +166,30 @@ def _prepare(
     if isinstance(frames, Rejection):
         return frames
     size, panorama = _sizes(params)
-    why = check_frames(view, frames, size, panorama, params.dataset.checks)
+    neighbours = _neighbours(data, source, view) if "video" in frames else {}
+    why = check_frames(view, frames, size, panorama, params.dataset.checks, neighbours)
     if why is not None:
         return why
     return make_row(source.scene, view, split, frames, params.tone, params.dataset.preview_width)
+
+
+def _neighbours(data: Path, source: Source, view: View) -> dict[str, Channels]:
+    """Return the inputs of the next (`forward`) and the previous frame that can be read.
+
+    A frame that cannot be read is its own view's fault.
+    """
+    found = {}
+    for other in source.views if view.trajectory else ():
+        way = {1: "forward", -1: "backward"}.get(other.frame - view.frame)
+        if other.trajectory == view.trajectory and way:
+            with suppress(InputError):
+                frame = read_frame(frame_path(data, "inputs", other))
+                shapes = {values.shape for values in frame.channels.values()}
+                if shapes == {(view.height, view.width)} and layout("inputs").keys() <= set(
+                    frame.channels
+                ):
+                    found[way] = frame.channels
+    return found
 
 
 def _in_order(
@@ -209,6 +230,7 @@ def _columns(params: Params) -> tuple[Column, ...]:
         shadows=params.illumination.shadow_rays > 0,
         noisy=params.noisy.spp > 0,
         channels=params.channels,
+        links="video" in kinds_of(params) or params.cameras.has_links,
     )
 
 

@@ -16,7 +16,7 @@ from scenes.files import parse_json, regular_file
 
 MAX_BYTES = 2**34  # of a file; row groups are read one at a time
 MAX_PIXELS = 2**28  # values of an image
-_COLUMNS = dataset_columns((8, 8), (16, 8), channels=("all",))
+_COLUMNS = dataset_columns((8, 8), (16, 8), channels=("all",), links=True)
 _TYPES = {one.name: one.type for one in _COLUMNS if not one.is_image}
 _REMEDY = "pack it again with: pbrnet dataset"
 

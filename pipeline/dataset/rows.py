@@ -52,6 +52,9 @@ def make_row(
         "source": str(scene.source.get("kind", "unknown")),
         "licence": licence_of(scene),
         "attribution": attribution_of(scene),
+        "plan": scene.plan or scene.scene_id,
+        "trajectory": view.trajectory or None,
+        "frame": view.frame if view.trajectory else None,
         **_tables(view, scene, frames),
         **({"noisy_spp": frames["noisy"].meta.get("spp")} if "noisy" in frames else {}),
     }

@@ -25,6 +25,7 @@ from pipeline.images import (
     distance_picture,
     enlarge,
     fit,
+    flow_picture,
     intensity_picture,
     label_picture,
     normal_picture,
@@ -277,10 +278,13 @@ def _draw_camera(axes: Axes, view: View) -> None:
     half = math.degrees(math.atan(0.5 * view.width / view.intrinsics[0, 0]))
     heading = math.degrees(math.atan2(forward[1], forward[0]))
     x, y = view.eye[:2]
+    alpha = 0.02 if view.frame > 0 else 0.25  # the frames of a trajectory lie over each other
     axes.add_patch(
-        Wedge((x, y), 0.9, heading - half, heading + half, color="#d62728", alpha=0.25, zorder=4)
+        Wedge((x, y), 0.9, heading - half, heading + half, color="#d62728", alpha=alpha, zorder=4)
     )
     axes.plot([x], [y], "o", color="#d62728", markersize=4, zorder=5)
+    if view.frame > 0:
+        return
     axes.text(
         x + 0.95 * math.cos(math.radians(heading)),
         y + 0.95 * math.sin(math.radians(heading)),
@@ -298,6 +302,9 @@ def _channel_picture(channel: Channel, frame: Frame) -> tuple[str, Picture]:
     values = frame.stack(*channel.bands)
     if channel.bands == BUMPED:
         return channel.name, normal_picture(values)
+    if len(channel.bands) == 2:
+        longest = float(np.sqrt((values**2).sum(axis=-1)).max())
+        return f"{channel.name}, up to {longest:.4g} pixels", flow_picture(values)
     if np.issubdtype(channel.dtype, np.integer):
         return channel.name, label_picture(frame.channels[channel.bands[0]])
     if len(channel.bands) == 3:

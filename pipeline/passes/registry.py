@@ -14,13 +14,22 @@ from typing import Any
 from pipeline.channels import DENOISED, DENOISED_SHADING, NOISY_SHADING, RGB, Kind
 from pipeline.frames import Channels, fingerprint
 from pipeline.params import GroundTruthParams, Params
-from pipeline.passes import groundtruth, illumination, inputs, labels, materials, visibility
+from pipeline.passes import (
+    groundtruth,
+    illumination,
+    inputs,
+    labels,
+    materials,
+    video,
+    visibility,
+)
 from pipeline.passes.denoise import denoise, denoiser_version, grey_guide, guides
 from pipeline.passes.groundtruth import render_both, render_truth
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import inputs_of, render_inputs, visible_surfaces
 from pipeline.passes.labels import labels_of, render_labels
 from pipeline.passes.materials import materials_of, render_materials
+from pipeline.passes.video import render_video, video_of
 from pipeline.passes.visibility import render_visibility
 from pipeline.pathtrace import integrator
 from pipeline.render.scene import RenderScene
@@ -32,7 +41,8 @@ from scenes.seeds import derive
 Result = tuple[Channels, dict[str, Any]]  # channels, and further entries of the attribute
 Render = Callable[[RenderScene, View, Params, int], Result]
 TRUTHS: tuple[Kind, ...] = ("shading", "color")
-SURFACES: tuple[Kind, ...] = ("inputs", "materials", "labels")  # of one trace of pixel centres
+# Of one trace of pixel centres.
+SURFACES: tuple[Kind, ...] = ("inputs", "materials", "labels", "video")
 
 
 @dataclass(frozen=True)
@@ -60,6 +70,10 @@ def _materials(scene: RenderScene, view: View, params: Params, seed: int) -> Res
 
 def _labels(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
     return render_labels(scene, view)
+
+
+def _video(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
+    return render_video(scene, view), {}
 
 
 def _illumination(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
@@ -106,6 +120,7 @@ def render_surfaces(scene: RenderScene, view: View, kinds: Sequence[Kind]) -> di
         "inputs": lambda: (inputs_of(surfaces), {}),
         "materials": lambda: materials_of(surfaces),
         "labels": lambda: labels_of(surfaces),
+        "video": lambda: (video_of(surfaces), {}),
     }
     return {kind: made[kind]() for kind in kinds}
 
@@ -228,6 +243,7 @@ PASSES: dict[Kind, Pass] = {
         materials.REVISION, lambda params: {"made_of": [inputs.REVISION]}, _materials
     ),
     "labels": Pass(labels.REVISION, lambda params: {"made_of": [inputs.REVISION]}, _labels),
+    "video": Pass(video.REVISION, lambda params: {"made_of": [inputs.REVISION]}, _video),
     "noisy": Pass(groundtruth.REVISION, _noisy_determined_by, render_noisy, seeded=True),
 }
 
@@ -242,9 +258,15 @@ def pass_seed(kind: Kind, view: View, root: int) -> int:
     return derive(root, "scene", view.scene_id, "view", view.view_id, name)
 
 
-def camera_of(view: View) -> View:
-    """Return the part of a view that determines pixels: without its score and object counts."""
-    return replace(view, score=0.0, seen={})
+def camera_of(view: View, kind: Kind) -> View:
+    """Return the part of a view that determines pixels: without its score and object counts.
+
+    The neighbours in a trajectory determine frames of `video` alone.
+    """
+    camera = replace(view, score=0.0, seen={})
+    if kind == "video":
+        return camera
+    return replace(camera, trajectory="", frame=-1, pose_before=(), pose_after=())
 
 
 def frame_fingerprint(
@@ -256,7 +278,7 @@ def frame_fingerprint(
         kind=kind,
         revision=render_pass.revision,
         params=render_pass.determined_by(params),
-        view=camera_of(view),
+        view=camera_of(view, kind),
         scene=scene_digest,
         renderer=renderer,
         seed=pass_seed(kind, view, params.seed) if render_pass.seeded else None,

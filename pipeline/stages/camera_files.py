@@ -32,6 +32,7 @@ from scenes.seeds import generator
 
 _TRIES = 6  # walks of which the one that sees most is taken
 _EVERY = 6  # frames between those that tell how much a walk sees
+_STANDING = 0.25  # worth of a walk that turns on the spot, relative to one that leads on
 
 NO_WALK = "no free floor for so long a walk"
 
@@ -111,6 +112,8 @@ def _walk(
         seen = list(sights(render_scene, scene, some, params))
         blocked = sum(sight.coarse.nearness > options.max_near for sight in seen) / len(seen)
         score = (1 - blocked) * math.fsum(sight.score for sight in seen) / len(seen)
+        metres = math.fsum(np.sqrt((np.diff(eyes, axis=0) ** 2).sum(axis=1)).tolist())
+        score *= _STANDING + (1 - _STANDING) * metres / (options.walk_step * len(eyes))
         if best is None or score > best[0]:
             best = (score, poses)
     return None if best is None else (best[1], half_fov_x)

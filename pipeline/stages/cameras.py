@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+from pipeline.cameras import walks
 from pipeline.cameras.trajectory_files import (
     Trajectory,
     read_trajectory,
@@ -77,15 +78,14 @@ def camera_fingerprint(scene_id: str, params: Params, digest: str, renderer: str
         renderer=renderer,
         seed=params.seed,
         **({"trajectories": given} if given else {}),
+        **({"walks": walks.REVISION} if params.cameras.walks else {}),
     )
 
 
 def _trajectories(scene_id: str, params: Params) -> tuple[Trajectory, ...]:
     """Return the trajectories that the parameters name for a scene, with names of their own."""
     files = trajectories_of(scene_id, params.cameras)
-    return tuple(
-        read_trajectory(path, f"path-{number:02d}") for number, path in enumerate(files)
-    )
+    return tuple(read_trajectory(path, f"path-{number:02d}") for number, path in enumerate(files))
 
 
 def _is_current(path: Path, expected: str) -> bool:

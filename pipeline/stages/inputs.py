@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pipeline.channels import Kind
 from pipeline.params import Params
 from pipeline.stages.frame_stage import run_frames
 from pipeline.stages.runner import Summary
@@ -12,9 +13,10 @@ from pipeline.stages.runner import Summary
 def run_inputs(data: Path, params: Params, scheduler: str | None = None) -> Summary:
     """Render `data/inputs`: depth, normal, reflectance, valid mask and object ids.
 
-    The sets `materials` and `labels` of `channels` add `data/materials` and `data/labels`.
+    The sets `materials`, `labels` and `video` of `channels` add frames in folders of these names.
     """
     # DVC expects every output folder of a stage, also an empty one.
-    for kind in ("materials", "labels"):
+    for kind in ("materials", "labels", "video"):
         (Path(data) / kind).mkdir(parents=True, exist_ok=True)
-    return run_frames("inputs", ("inputs", "materials", "labels"), data, params, scheduler)
+    kinds: tuple[Kind, ...] = ("inputs", "materials", "labels", "video")
+    return run_frames("inputs", kinds, data, params, scheduler)

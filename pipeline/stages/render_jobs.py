@@ -183,7 +183,7 @@ def _write(
             path,
             kind,
             channels,
-            camera_of(job.view),
+            camera_of(job.view, kind),
             **stats,
             **({"seed": _seed(job, kind)} if PASSES[kind].seeded else {}),
             renderer=renderer_version(),

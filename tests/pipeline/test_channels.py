@@ -45,7 +45,10 @@ def test_a_band_belongs_to_one_channel_of_its_frame() -> None:
 def test_frames_have_the_layouts_that_the_design_fixes() -> None:
     assert layout("shading") == layout("color") == dict.fromkeys(RGB, np.float16)
     single = {band for kind in KINDS for band, dtype in layout(kind).items() if dtype is np.float32}
-    assert single == {"Z", "intensity.Y", "distance.Z"}, "a sun or a bare bulb overflows half"
+    flow = {f"{way}.{axis}" for way in ("forward", "backward") for axis in "XY"}
+    assert single == {"Z", "intensity.Y", "distance.Z"} | flow, (
+        "a sun or a bare bulb overflows half"
+    )
 
 
 def test_every_input_channel_has_a_renderer() -> None:

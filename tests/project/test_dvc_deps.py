@@ -18,11 +18,12 @@ REPORT_SECTIONS = tuple(f"model/studies/{name}/results.py" for name in STUDIES)
 ENTRIES: dict[str, tuple[str, ...]] = {
     "assets": ("pipeline/stages/assets.py",),
     "scenes": ("pipeline/stages/scene_jobs.py", "pipeline/stages/scene_work.py"),
-    "cameras": ("pipeline/stages/view_sampling.py",),
+    "cameras": ("pipeline/stages/camera_files.py",),
     "inputs": (
         "pipeline/passes/inputs.py",
         "pipeline/passes/labels.py",
         "pipeline/passes/materials.py",
+        "pipeline/passes/video.py",
     ),
     "illumination": ("pipeline/passes/illumination.py", "pipeline/passes/visibility.py"),
     "groundtruth": ("pipeline/passes/groundtruth.py", "pipeline/passes/denoise.py"),

@@ -9,11 +9,12 @@ import pytest
 
 from pipeline.costs.ledger import read_ledger
 from pipeline.frames import frame_path
-from pipeline.params import CameraParams, FarmParams, ImageParams, Params
+from pipeline.params import CameraParams, FarmParams, ImageParams, Params, TrajectoryFile
 from pipeline.passes.registry import frame_fingerprint
 from pipeline.stages.cameras import run_cameras
 from pipeline.stages.inputs import run_inputs
 from pipeline.views import load_cameras
+from scenes.errors import InputError
 from scenes.params import SceneParams
 from tests.fixtures.stages import write_room
 
@@ -29,7 +30,7 @@ ALL = replace(PAPER, channels=("materials", "labels"))
 
 
 def files(data: Path) -> dict[str, bytes]:
-    kinds = ("inputs", "materials", "labels")
+    kinds = ("inputs", "materials", "labels", "video")
     paths = [path for kind in kinds for path in sorted((data / kind).rglob("*.exr"))]
     return {str(path.relative_to(data)): path.read_bytes() for path in paths}
 
@@ -71,10 +72,52 @@ def test_sets_are_added_and_removed_and_change_no_other_frame(
     assert (run.made, run.kept, run.removed) == (0, 2, 4) and files(far) == paper
 
 
+def test_trajectories_are_frames_like_others(tmp_path: Path) -> None:
+    """They change no frame of the paper, resume, and follow their neighbours' cameras."""
+    data = tmp_path / "data"
+    write_room(data / "scenes" / "alpha")
+    run_cameras(data, PAPER)
+    run_inputs(data, PAPER)
+    paper = files(data)
+    path = tmp_path / "given.txt"
+    path.write_text("".join(f"{n} {1 + 0.05 * n} 1.2 1.5 -0.5 0.5 -0.5 0.5\n" for n in range(4)))
+    given = (TrajectoryFile("alpha", str(path)),)
+    film = replace(PAPER, channels=("video",), cameras=replace(PAPER.cameras, trajectories=given))
+    run_cameras(data, film)
+    cameras = data / "cameras" / "alpha.json"
+    file = load_cameras(cameras)
+    frames = [view for view in file.views if view.trajectory]
+    assert [view.view_id for view in frames] == [f"path-00-{n:04d}" for n in range(4)]
+    assert frames[2].eye.tolist() == [1.1, 1.2, 1.5] and frames[0].room == "living"
+    run = run_inputs(data, film)
+    assert (run.made, run.kept) == (4 + 6, 2) and files(data).items() >= paper.items()
+    whole = files(data)
+    frame_path(data, "video", frames[1]).unlink()
+    run = run_inputs(data, film)
+    assert (run.made, run.kept) == (1, 11) and files(data) == whole
+    path.write_text(path.read_text().replace("3 1.15", "3 1.14"))
+    assert run_cameras(data, film).made == 1
+    run = run_inputs(data, film)
+    assert (run.made, run.kept) == (3, 9), "the last frame, and the flow of the one before it"
+    assert run_cameras(data, film).kept == 1
+    unknown = replace(PAPER.cameras, trajectories=(TrajectoryFile("beta", str(path)),))
+    with pytest.raises(InputError, match="no scene 'beta'"):
+        run_cameras(data, replace(PAPER, cameras=unknown))
+
+
 def test_fingerprints_of_the_paper_do_not_know_the_sets(tmp_path: Path) -> None:
     write_room(tmp_path / "scenes" / "alpha")
     run_cameras(tmp_path, PAPER)
     view = load_cameras(tmp_path / "cameras" / "alpha.json").views[0]
-    for kind in ("inputs", "illumination", "visibility", "shading", "color", "materials", "labels"):
+    for kind in (
+        "inputs",
+        "illumination",
+        "visibility",
+        "shading",
+        "color",
+        "materials",
+        "labels",
+        "video",
+    ):
         digests = {frame_fingerprint(kind, view, params, "scene", "r") for params in (PAPER, ALL)}  # type: ignore[arg-type]
         assert len(digests) == 1, kind
