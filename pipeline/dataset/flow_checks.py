@@ -31,7 +31,7 @@ _MOST_VISIBLE = 0.2  # share of the points behind a surface that may be called v
 
 @dataclass(frozen=True)
 class Agreement:
-    """Pixels beyond doubt: on the neighbour's surface, and behind it; and those called otherwise."""
+    """Numbers of pixels on the neighbour's surface and behind it, and of those called otherwise."""
 
     visible: int
     called_hidden: int
