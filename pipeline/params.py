@@ -106,13 +106,15 @@ class CameraParams:
     walk_frames: int = field(default=24, metadata=within(24, 240) | OPTIONAL)
     walk_step: float = field(default=0.06, metadata=within(0.005, 0.5) | OPTIONAL)
     walk_turn: float = field(default=0.05, metadata=within(0.005, 0.5) | OPTIONAL)
+    # metres from each view to a partner on its right; 0: none
+    stereo_baseline: float = field(default=0.0, metadata=within(0, 2) | OPTIONAL)
     # trajectories from files, in the world of the scene that each names
     trajectories: tuple[TrajectoryFile, ...] = field(default=(), metadata=OPTIONAL)
 
     @property
     def has_links(self) -> bool:
-        """True if some views belong together: frames of trajectories."""
-        return bool(self.walks or self.trajectories)
+        """True if some views belong together: frames of trajectories, stereo pairs."""
+        return bool(self.walks or self.trajectories or self.stereo_baseline)
 
     def verify(self, where: str) -> None:
         """Raise ValueError unless each range is empty or two ascending numbers."""

@@ -47,6 +47,9 @@ class View:
     frame: int = field(default=-1, metadata=OPTIONAL)
     pose_before: Matrix = field(default=(), metadata=OPTIONAL)
     pose_after: Matrix = field(default=(), metadata=OPTIONAL)
+    # Of a view of a stereo pair: the other view's id, and how far that lies to the right, metres.
+    stereo_partner: str = field(default="", metadata=OPTIONAL)
+    stereo_offset: float = field(default=0.0, metadata=OPTIONAL)
 
     def verify(self, where: str) -> None:
         """Raise ValueError for wrong names, shapes, poses or focal lengths."""

@@ -174,6 +174,15 @@ def _link_columns() -> tuple[Column, ...]:
         Column("plan", pa.string(), "Floor plan; scenes of one plan differ in furniture or light."),
         Column("trajectory", pa.string(), "Trajectory within the scene; null: a single view."),
         Column("frame", pa.int32(), "Number of the frame in its trajectory, from 0."),
+        Column(
+            "stereo_partner", pa.string(), "View id of the other view of a stereo pair, or null."
+        ),
+        Column(
+            "stereo_offset",
+            pa.float64(),
+            "Distance from this camera to its partner, along this camera's x axis.",
+            "metre",
+        ),
     )
 
 

@@ -55,6 +55,8 @@ def make_row(
         "plan": scene.plan or scene.scene_id,
         "trajectory": view.trajectory or None,
         "frame": view.frame if view.trajectory else None,
+        "stereo_partner": view.stereo_partner or None,
+        "stereo_offset": view.stereo_offset if view.stereo_partner else None,
         **_tables(view, scene, frames),
         **({"noisy_spp": frames["noisy"].meta.get("spp")} if "noisy" in frames else {}),
     }

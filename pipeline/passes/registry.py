@@ -263,7 +263,7 @@ def camera_of(view: View, kind: Kind) -> View:
 
     The neighbours in a trajectory determine frames of `video` alone.
     """
-    camera = replace(view, score=0.0, seen={})
+    camera = replace(view, score=0.0, seen={}, stereo_partner="", stereo_offset=0.0)
     if kind == "video":
         return camera
     return replace(camera, trajectory="", frame=-1, pose_before=(), pose_after=())

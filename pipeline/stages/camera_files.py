@@ -1,4 +1,4 @@
-"""Camera file of a scene: sampled views, then walks and trajectories from files.
+"""Camera file of a scene: sampled views, walks, trajectories from files, stereo partners.
 
 Each part has random generators of its own, so that no part changes the views of another.
 """
@@ -16,8 +16,9 @@ from pipeline.cameras.free_floor import FreeFloor, free_floors
 from pipeline.cameras.trajectory_files import Trajectory
 from pipeline.cameras.walks import find_walk
 from pipeline.params import Params
-from pipeline.render.scene import RenderScene
+from pipeline.render.scene import RenderScene, cast
 from pipeline.stages.view_sampling import (
+    TOO_CLOSE,
     drawn,
     make_view,
     room_at,
@@ -34,6 +35,8 @@ _TRIES = 6  # walks of which the one that sees most is taken
 _EVERY = 6  # frames between those that tell how much a walk sees
 _STANDING = 0.25  # worth of a walk that turns on the spot, relative to one that leads on
 
+_RIGHT = "right"  # what a stereo partner's name has in addition
+
 NO_WALK = "no free floor for so long a walk"
 
 
@@ -46,7 +49,8 @@ def make_cameras(
 ) -> CameraFile:
     """Return all views of a scene; deterministic in the arguments.
 
-    Walks for which the free floor is too small are in `stored_left_out`.
+    Walks for which the free floor is too small, and partners of stereo pairs that have no room, are
+    in `stored_left_out`.
     """
     file = sample_cameras(render_scene, scene, params, seed)
     views, left_out = list(file.views), dict(file.stored_left_out)
@@ -63,6 +67,9 @@ def make_cameras(
         poses = np.array(given.camera_to_world, dtype=np.float64)
         half_fov_x = given.half_fov_x or params.image.half_fov_x
         views += _frames(render_scene, scene, params, given.name, poses, half_fov_x)
+    if params.cameras.stereo_baseline:
+        views, without = _stereo_pairs(render_scene, scene, params, views)
+        left_out |= without
     views.sort(key=lambda view: view.view_id)
     return replace(file, views=tuple(views), stored_left_out=left_out)
 
@@ -146,3 +153,42 @@ def _frames(
             )
         )
     return views
+
+
+def _stereo_pairs(
+    render_scene: RenderScene, scene: Scene, params: Params, views: list[View]
+) -> tuple[list[View], dict[str, str]]:
+    """Return the views with their partners on the right, and the partners that have no room.
+
+    A partner keeps `clearance`, and nothing lies between the two eyes. The partners of the frames
+    of a trajectory are one, too, if all of them have room.
+    """
+    baseline = params.cameras.stereo_baseline
+    poses = np.array([view.pose for view in views]).reshape(-1, 4, 4)
+    right = poses.copy()
+    right[:, :3, 3] += baseline * poses[:, :3, 0]
+    close, enclosed = surroundings(render_scene, right[:, :3, 3], params.cameras.clearance)
+    free = np.ones(len(views), dtype=bool)
+    if len(views):
+        free = cast(render_scene, poses[:, :3, 3], poses[:, :3, 0])[0] > baseline
+    fits = free & ~close & ~enclosed
+    groups: dict[str, list[int]] = {}
+    for index, view in enumerate(views):
+        groups.setdefault(view.trajectory or f"/{view.view_id}", []).append(index)
+    paired, without = [], {}
+    for members in groups.values():
+        lefts = [views[index] for index in members]
+        name = f"{lefts[0].trajectory or lefts[0].view_id}-{_RIGHT}"
+        if not fits[members].all():
+            without[name] = TOO_CLOSE
+            paired += lefts
+            continue
+        half_fov_x = math.atan(0.5 * lefts[0].width / lefts[0].K[0][0])
+        partners = _frames(render_scene, scene, params, name, right[members], half_fov_x)
+        for left, partner in zip(lefts, partners, strict=True):
+            if not left.trajectory:
+                partner = replace(partner, view_id=name, trajectory="", frame=-1)
+            paired.append(replace(left, stereo_partner=partner.view_id, stereo_offset=baseline))
+            partner = replace(partner, K=left.K, sector=left.sector)
+            paired.append(replace(partner, stereo_partner=left.view_id, stereo_offset=-baseline))
+    return paired, without
