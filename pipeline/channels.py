@@ -22,15 +22,17 @@ Kind = Literal[
     "materials",
     "labels",
     "video",
+    "environment",
 ]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-ChannelSet = Literal["paper", "materials", "light", "labels", "video", "all"]
+ChannelSet = Literal["paper", "materials", "light", "labels", "environment", "video", "all"]
 # Kinds of frames of each set of the parameter `channels`; a set without an entry is not built yet.
 SETS: dict[ChannelSet, tuple[Kind, ...]] = {
     "paper": ("inputs", "illumination", "shading", "color"),
     "materials": ("materials",),
     "labels": ("labels",),
     "video": ("video",),
+    "environment": ("environment",),
 }
 
 RGB = ("R", "G", "B")
@@ -83,7 +85,7 @@ class Channel:
     @property
     def is_panorama(self) -> bool:
         """True for images over the sphere, False for those in the camera's image plane."""
-        return self.kind == "illumination"
+        return self.kind in ("illumination", "environment")
 
 
 CHANNELS = (
@@ -333,6 +335,34 @@ CHANNELS = (
         np.float16,
         f"1 where the surface point lies outside the image of the {_LAST}, or there is none.",
         mask=True,
+    ),
+    Channel(
+        "environment",
+        "environment",
+        RGB,
+        np.float32,
+        "Equirectangular panorama in the camera's frame, centre column straight ahead, top row up: "
+        "linear HDR RGB of all that the camera position sees, path traced; rounded to the "
+        "precision of half floats.",
+        RADIANCE,
+        nonnegative=True,
+    ),
+    Channel(
+        "environment_depth",
+        "environment",
+        ("distance.Z",),
+        np.float32,
+        f"{_SPHERE} distance along the ray through the pixel's centre, not z-depth; 0: no surface.",
+        "metre",
+        nonnegative=True,
+    ),
+    Channel(
+        "environment_normal",
+        "environment",
+        NORMAL,
+        np.float16,
+        f"{_SPHERE} unit surface normal facing the camera, in camera axes: x right, y down, z "
+        "forward; 0: no surface.",
     ),
 )
 

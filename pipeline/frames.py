@@ -15,6 +15,7 @@ Channels are linear and scene-referred; `pipeline.channels` lists them. The kind
   if `channels` names that set
 * `labels`: ids of instances, classes and materials, and tables that describe them; likewise
 * `video`: optical flow to the neighbours in a trajectory, and what they do not see; likewise
+* `environment`: panorama of all that the camera position sees: radiance, distance, normal; likewise
 
 Attributes: `worldToCamera` (4x4, OpenCV axes) and `pbrnet`, a JSON object with the view, the seed,
 spp, noise, renderer, `fingerprint` of everything that determines the pixels, and `digest` of the

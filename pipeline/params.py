@@ -171,6 +171,19 @@ class NoisyParams:
 
 
 @dataclass(frozen=True)
+class EnvironmentParams:
+    """Panorama of all that a camera position sees; its height is half its width."""
+
+    width: int = field(default=256, metadata=within(16, 4096))
+    spp: int = field(default=64, metadata=within(1, 1 << 20))
+
+    def verify(self, where: str) -> None:
+        """Raise ValueError unless the height is a whole number."""
+        if self.width % 2:
+            raise ValueError(f"{where}.width: {self.width} is odd; the height is half of it")
+
+
+@dataclass(frozen=True)
 class ShadingParams:
     """Neutral reflectance of the textureless shading."""
 
@@ -321,6 +334,7 @@ class Params:
     illumination: IlluminationParams = IlluminationParams()
     groundtruth: GroundTruthParams = GroundTruthParams()
     noisy: NoisyParams = NoisyParams()
+    environment: EnvironmentParams = EnvironmentParams()
     shading: ShadingParams = ShadingParams()
     tone: ToneParams = ToneParams()
     dataset: DatasetParams = DatasetParams()

@@ -103,8 +103,9 @@ def cost(
         click.echo(
             f"{cost.stage:14}{spent / 3600:>12,.2f}{spent / views:>12.3f}   {cost.measured}{note}"
         )
-    if params.noisy.spp and all(cost.stage != "noisy" for cost in costs):
-        click.echo("noisy: not in the sum, because the ledger has no such frames yet")
+    for kind in ("noisy", "environment"):
+        if kind in kinds_of(params) and all(cost.stage != kind for cost in costs):
+            click.echo(f"{kind}: not in the sum, because the ledger has no such frames yet")
     note = "error unknown: too few scenes" if math.isnan(error) else f"error within {error:.0%}"
     click.echo(f"{'together':14}{hours:>12,.2f}{hours * 3600 / views:>12.3f}   {note}")
     if cores:

@@ -26,7 +26,7 @@ SCENE_STAGES = ("scenes", "cameras")
 # "truth" is shading and colour of a view together
 VIEW_STAGES = (
     *("inputs", "materials", "labels", "video"),
-    *("illumination", "visibility", "truth", "noisy"),
+    *("illumination", "visibility", "truth", "noisy", "environment"),
 )
 TOGETHER = "together"
 _TRUTHS = ("shading", "color")
@@ -96,6 +96,8 @@ def samples_of(stage: str, params: Params) -> float:
     image, panorama = params.image, params.illumination
     if stage == "illumination":
         return panorama.width**2 / 2
+    if stage == "environment":
+        return params.environment.width**2 / 2 * params.environment.spp
     spp = {"truth": params.groundtruth.spp, "noisy": params.noisy.spp}.get(stage, 1)
     return image.width * image.height * spp
 

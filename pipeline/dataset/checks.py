@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.channels import Kind, channels_of, layout
+from pipeline.dataset.environment_checks import environment_fault
 from pipeline.dataset.flow_checks import flow_fault
 from pipeline.dataset.label_checks import label_fault, material_fault
 from pipeline.frames import HALF_MAX, Channels, Frame, frame_path, read_frame
@@ -39,7 +40,8 @@ REASONS = {
     "size": "the frames do not have the size that this dataset has",
     "not_finite": "NaN or infinity in a channel, or in all samples of a pixel",
     "negative": "a negative radiance, depth or distance",
-    "inconsistent": "depth or normal make no sense where a surface is seen",
+    "inconsistent": "depth or normal make no sense where a surface is seen, or differ between the "
+    "view and its panorama",
     "mislabelled": "materials or labels do not agree with what is seen",
     "misaligned": "flow or occlusion do not agree with depth and cameras",
     "few_surfaces": "too few pixels see a surface",
@@ -124,21 +126,24 @@ def check_frames(
     panorama: Size,
     limits: CheckParams,
     neighbours: dict[str, Channels] | None = None,
+    environment: Size = (256, 128),
 ) -> Rejection | None:
     """Return the first reason to reject these frames, or None.
 
-    `size` and `panorama` are (width, height) of the dataset's images and panoramas. Noisy frames
-    are not rejected for their noise. `neighbours` holds the inputs of the next (`forward`) and the
-    previous frame of a trajectory, where they are known.
+    `size`, `panorama` and `environment` are (width, height) of the dataset's images, panoramas of
+    lights and panoramas of the environment. Noisy frames and panoramas are not rejected for their
+    noise. `neighbours` holds the inputs of the next (`forward`) and the previous frame of a
+    trajectory, where they are known.
     """
     inputs = frames["inputs"].channels
     renders = {kind: frames[kind].rgb for kind in ("shading", "color")}
     return (
         _stale(view, frames)
-        or _wrong_size(frames, size, panorama)
+        or _wrong_size(frames, {"illumination": panorama, "environment": environment}, size)
         or _not_finite(frames)
         or _negative(frames)
         or _inconsistent(inputs)
+        or _elsewhere(view, frames)
         or _mislabelled(view, frames)
         or _misaligned(view, frames, neighbours or {})
         or _few_surfaces(inputs, limits.min_valid)
@@ -208,9 +213,11 @@ def _stale(view: View, frames: Mapping[Kind, Frame]) -> Rejection | None:
     return None
 
 
-def _wrong_size(frames: Mapping[Kind, Frame], size: Size, panorama: Size) -> Rejection | None:
+def _wrong_size(
+    frames: Mapping[Kind, Frame], panoramas: Mapping[Kind, Size], size: Size
+) -> Rejection | None:
     for kind, frame in frames.items():
-        expected = panorama if kind == "illumination" else size
+        expected = panoramas.get(kind, size)
         for name, values in frame.channels.items():
             if values.shape != expected[::-1]:
                 found = "x".join(map(str, values.shape[::-1]))
@@ -252,6 +259,13 @@ def _inconsistent(inputs: Channels) -> Rejection | None:
     if crooked > 0:
         return Rejection("inconsistent", f"{crooked:.1%} of the normals are not of unit length")
     return None
+
+
+def _elsewhere(view: View, frames: Mapping[Kind, Frame]) -> Rejection | None:
+    if "environment" not in frames:
+        return None
+    fault = environment_fault(frames["environment"].channels, frames["inputs"].channels, view)
+    return Rejection("inconsistent", f"environment: {fault}") if fault else None
 
 
 def _mislabelled(view: View, frames: Mapping[Kind, Frame]) -> Rejection | None:

@@ -70,11 +70,13 @@ def dataset_columns(
     noisy: bool = False,
     channels: Sequence[ChannelSet] = ("paper",),
     links: bool = False,
+    environment: tuple[int, int] = (256, 128),
 ) -> tuple[Column, ...]:
     """Return all columns, in order, for images and panoramas of these (width, height).
 
     `shadows` adds the column of visibility frames, `noisy` those of noisy frames, `channels` those
     of further sets, and `links` those that say which rows belong together, at the end.
+    `environment` is the size of that set's panoramas.
     """
     paper = SETS["paper"]
     further = tuple(kind for kind in kinds_of_sets(channels) if kind not in paper)
@@ -115,7 +117,7 @@ def dataset_columns(
         Column("attribution", text, "Title, author and licence of every part of the scene."),
         *(_image_columns(("visibility",), size, panorama) if shadows else ()),
         *(_noisy_columns(size, panorama) if noisy else ()),
-        *_image_columns(further, size, panorama),
+        *_image_columns(further, size, environment),
         *(_table_columns(further)),
         *(_link_columns() if links else ()),
     )
@@ -137,11 +139,16 @@ def _image_columns(
 
 
 def _table_columns(kinds: tuple[Kind, ...]) -> tuple[Column, ...]:
-    """Return the columns that say what the numbers in images of these kinds mean."""
+    """Return the columns that say what images of these kinds mean, and how they were made."""
     text, columns = pa.string(), []
     if "materials" in kinds or "labels" in kinds:
         meaning = "Names of the scene's materials; material i is entry i - 1."
         columns.append(Column("material_names", NAMES, meaning))
+    if "environment" in kinds:
+        columns += [
+            Column("environment_spp", pa.int32(), "Samples per pixel of environment."),
+            Column("noise_environment", pa.float32(), "Relative noise estimate of environment."),
+        ]
     if "labels" in kinds:
         columns += [
             Column(

@@ -28,7 +28,7 @@ from pipeline.dataset.card import (
     licence_of,
     write_croissant,
 )
-from pipeline.dataset.checks import Rejection, check_frames, load_frames, read_failures
+from pipeline.dataset.checks import Rejection, Size, check_frames, load_frames, read_failures
 from pipeline.dataset.checksums import write_sums
 from pipeline.dataset.columns import Column, dataset_columns
 from pipeline.dataset.label_tables import CLASSES
@@ -165,9 +165,10 @@ def _prepare(
     frames = load_frames(data, view, failures, kinds_of(params))
     if isinstance(frames, Rejection):
         return frames
-    size, panorama = _sizes(params)
+    size, panorama, environment = _sizes(params)
     neighbours = _neighbours(data, source, view) if "video" in frames else {}
-    why = check_frames(view, frames, size, panorama, params.dataset.checks, neighbours)
+    limits = params.dataset.checks
+    why = check_frames(view, frames, size, panorama, limits, neighbours, environment)
     if why is not None:
         return why
     return make_row(source.scene, view, split, frames, params.tone, params.dataset.preview_width)
@@ -219,18 +220,22 @@ def _emptied(
     return filled != wanted
 
 
-def _sizes(params: Params) -> tuple[tuple[int, int], tuple[int, int]]:
-    image, panorama = params.image, params.illumination
-    return (image.width, image.height), (panorama.width, panorama.width // 2)
+def _sizes(params: Params) -> tuple[Size, Size, Size]:
+    """Return (width, height) of images, panoramas of lights and panoramas of the environment."""
+    wide = params.illumination.width, params.environment.width
+    return ((params.image.width, params.image.height), *((w, w // 2) for w in wide))
 
 
 def _columns(params: Params) -> tuple[Column, ...]:
+    size, panorama, environment = _sizes(params)
     return dataset_columns(
-        *_sizes(params),
+        size,
+        panorama,
         shadows=params.illumination.shadow_rays > 0,
         noisy=params.noisy.spp > 0,
         channels=params.channels,
         links="video" in kinds_of(params) or params.cameras.has_links,
+        environment=environment,
     )
 
 

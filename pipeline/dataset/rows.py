@@ -59,7 +59,16 @@ def make_row(
         "stereo_offset": view.stereo_offset if view.stereo_partner else None,
         **_tables(view, scene, frames),
         **({"noisy_spp": frames["noisy"].meta.get("spp")} if "noisy" in frames else {}),
+        **_environment_cells(frames),
     }
+
+
+def _environment_cells(frames: Frames) -> dict[str, Any]:
+    """Return the cells that say how the panorama of the environment was made."""
+    if "environment" not in frames:
+        return {}
+    frame = frames["environment"]
+    return {"environment_spp": frame.meta.get("spp"), "noise_environment": noise_of(frame)}
 
 
 def _tables(view: View, scene: Scene, frames: Frames) -> dict[str, Any]:

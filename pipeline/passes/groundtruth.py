@@ -102,7 +102,7 @@ def render_both(
     lights: UniformLights | PlannedLights = UniformLights()
     if params.lights == "planned" and scene.emitters():
         home = render_scene.scene
-        plan = plan_lights(scene, view, home.portals, seed, _rooms_box(home.rooms))
+        plan = plan_lights(scene, view, home.portals, seed, rooms_box(home.rooms))
         lights = PlannedLights(scene, plan, plan_guiding(scene, plan, seed))
     path = JointPath(table, params.max_depth, params.rr_depth, lights)
     version = render_scene.materials.neutral_version
@@ -120,7 +120,7 @@ def tracer_of(render_scene: RenderScene) -> FrozenTracer:
     return _TRACERS.setdefault(render_scene.materials, FrozenTracer())
 
 
-def _rooms_box(rooms: tuple[Room, ...]) -> Float64Array:
+def rooms_box(rooms: tuple[Room, ...]) -> Float64Array:
     """Return the bounding box of all rooms, (2, 3), world metres; infinite if there are none."""
     if not rooms:
         return EVERYWHERE

@@ -15,6 +15,7 @@ from pipeline.channels import DENOISED, DENOISED_SHADING, NOISY_SHADING, RGB, Ki
 from pipeline.frames import Channels, fingerprint
 from pipeline.params import GroundTruthParams, Params
 from pipeline.passes import (
+    environment,
     groundtruth,
     illumination,
     inputs,
@@ -24,6 +25,7 @@ from pipeline.passes import (
     visibility,
 )
 from pipeline.passes.denoise import denoise, denoiser_version, grey_guide, guides
+from pipeline.passes.environment import render_environment
 from pipeline.passes.groundtruth import render_both, render_truth
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import inputs_of, render_inputs, visible_surfaces
@@ -82,6 +84,10 @@ def _illumination(scene: RenderScene, view: View, params: Params, seed: int) -> 
 
 def _visibility(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
     return render_visibility(scene, view, params.illumination), {}
+
+
+def _environment(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
+    return render_environment(scene, view, params.environment, params.groundtruth, seed)
 
 
 def _truth(kind: Kind) -> Render:
@@ -216,6 +222,17 @@ def _noisy_determined_by(params: Params) -> dict[str, Any]:
     }
 
 
+def _environment_determined_by(params: Params) -> dict[str, Any]:
+    truth = params.groundtruth
+    used = ("block_spp", "max_depth", "rr_depth", "lights", "denoise")
+    return {
+        **plain(params.environment),
+        "trace": {name: getattr(truth, name) for name in used},
+        "made_of": [groundtruth.REVISION, inputs.REVISION],
+        "denoiser": denoiser_version() if truth.denoise != "none" else None,
+    }
+
+
 PASSES: dict[Kind, Pass] = {
     "inputs": Pass(inputs.REVISION, lambda params: {}, _inputs),
     "illumination": Pass(illumination.REVISION, _panorama_determined_by, _illumination),
@@ -244,6 +261,9 @@ PASSES: dict[Kind, Pass] = {
     ),
     "labels": Pass(labels.REVISION, lambda params: {"made_of": [inputs.REVISION]}, _labels),
     "video": Pass(video.REVISION, lambda params: {"made_of": [inputs.REVISION]}, _video),
+    "environment": Pass(
+        environment.REVISION, _environment_determined_by, _environment, seeded=True
+    ),
     "noisy": Pass(groundtruth.REVISION, _noisy_determined_by, render_noisy, seeded=True),
 }
 

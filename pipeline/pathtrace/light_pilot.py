@@ -19,6 +19,7 @@ depend on no colour.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -45,6 +46,7 @@ from pipeline.pathtrace.portals import (
 from pipeline.views import View
 from scenes.arrays import BoolArray, Float64Array, Int64Array
 from scenes.contract import Portal
+from scenes.geometry.directions import fibonacci_sphere
 from scenes.seeds import generator
 
 ASSUMED_ALBEDO = 0.5  # of all surfaces, for light that bounces once
@@ -53,7 +55,7 @@ OUTDOOR_MARGIN = 0.05  # metres beyond the box around the rooms
 EVERYWHERE: Float64Array = np.array([[-np.inf] * 3, [np.inf] * 3])  # an unbounded box
 
 _MAX_PORTALS = 12  # portals sampled in one view: the brightest
-_GRID = (24, 18)  # camera rays of the pilot
+_GRID = (24, 18)  # camera rays of the pilot; as many for a panorama
 _SAMPLES = 4  # of each light at each point
 _UNIFORM = 0.05  # share of the probability that is distributed uniformly
 _NEGLIGIBLE = 0.02  # share of all light below which the environment's own sampling is left out
@@ -116,13 +118,18 @@ def plan_lights(
     portals: tuple[Portal, ...],
     seed: int,
     indoors: npt.ArrayLike = EVERYWHERE,
+    panoramic: bool = False,
 ) -> LightPlan:
     """Return the light plan of a view; `scene` is the Mitsuba scene.
 
     `indoors` (2, 3) is the box around the rooms: inside it, the sun is hardly sampled where its
-    rays do not pass a portal.
+    rays do not pass a portal. If `panoramic`, the plan is for all directions from the camera
+    position instead of those in the image.
     """
-    pilot = _trace_pilot(scene, view, seed)
+    count = math.prod(_GRID)
+    pilot = _trace_pilot(
+        scene, view, fibonacci_sphere(count) if panoramic else _grid_directions(view), seed
+    )
     hit, seen = pilot.hit, len(pilot.hit) // 2
     environment = environment_of(scene)
     rectangles = portal_rectangles(portals if environment is not None else ())
@@ -153,15 +160,19 @@ def _uniform_plan(count: int, rectangles: Rectangles) -> LightPlan:
     return LightPlan(np.full(count, 1 / count), np.zeros(0), rectangles.take(np.arange(0)))
 
 
-def _trace_pilot(scene: Any, view: View, seed: int) -> PilotPoints:
-    """Trace a grid of camera rays and one cosine-distributed bounce from each hit."""
-    random = generator(seed, "pilot")
+def _grid_directions(view: View) -> Float64Array:
+    """Return world directions (P, 3) of a grid of camera rays."""
     width, height = _GRID
     columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     pixels = np.stack([columns * view.width / width, rows * view.height / height], axis=-1)
     local = np.concatenate([pixels.reshape(-1, 2), np.ones((width * height, 1))], axis=1)
     directions = local @ np.linalg.inv(view.intrinsics).T @ view.pose[:3, :3].T
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
+
+
+def _trace_pilot(scene: Any, view: View, directions: Float64Array, seed: int) -> PilotPoints:
+    """Trace camera rays (P, 3) and one cosine-distributed bounce from each hit."""
+    random = generator(seed, "pilot")
     origins = np.tile(view.eye, (len(directions), 1))
     points, normals, hit = first_hits(scene, origins, directions)
     # A point of the unit sphere on top of the normal: cosine-distributed.

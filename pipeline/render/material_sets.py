@@ -37,6 +37,11 @@ class MaterialSets:
         with suppress(InputError):  # raised again when the neutral set is needed
             self._make_neutral(_INITIAL_ALBEDO)
 
+    @property
+    def own(self) -> list[Any]:
+        """Every shape's own BSDF."""
+        return [bsdf for _, bsdf in self._own]
+
     def apply(self, albedo: float | None) -> None:
         """Give all shapes neutral materials of this albedo, or their own (None).
 

@@ -1,0 +1,130 @@
+"""Path tracing of equirectangular panoramas: launches of paths that start at one point.
+
+Mitsuba has no equirectangular sensor, so the rays are made here and given to the joint path tracer,
+or in scalar variants to Mitsuba's `path`. A pixel is the mean radiance over its solid angle:
+directions are stratified (multi-jittered) and uniform over it. As in `launches`, the first launch
+is recorded by `dr.freeze` and replayed with new inputs.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from pipeline.pathtrace.integrator import JointPath
+from pipeline.render.drjit_arrays import column
+from pipeline.views import View
+from scenes.arrays import Float64Array
+
+_MAX_RECORDINGS = 32  # per panorama size: sample counts and kinds of light plans
+_FAR = 1e5  # metres
+
+
+class SphereTracer:
+    """Sampler and recorded launches of one open scene, kept between its views."""
+
+    def __init__(self) -> None:
+        self._neutral_version: int | None = None
+        self._sampler: Any = mi.load_dict({"type": "multijitter"})
+        self._launches: dict[tuple[int, int, int], Any] = {}
+
+    def launch(
+        self,
+        scene: Any,
+        neutral_version: int,
+        view: View,
+        width: int,
+        copies: int,
+        path: JointPath,
+        spp: int,
+        seed: int,
+    ) -> Float64Array:
+        """Return radiance, linear RGB (width / 2, copies, width, 3), of independent panoramas.
+
+        They are in the axes of `view`'s camera: the centre column is straight ahead, right of it is
+        the camera's right, the top row is its up. `spp` is a power of two. `neutral_version` is
+        that of the scene's `MaterialSets`: when it changes, recordings are discarded.
+        """
+        if neutral_version != self._neutral_version:
+            self._neutral_version = neutral_version
+            self._launches.clear()
+        key = (width, copies, spp)
+        if key not in self._launches and scene.emitters():
+            self._launches[key] = dr.freeze(
+                _launch, limit=_MAX_RECORDINGS, warn_after=_MAX_RECORDINGS
+            )
+        # Without emitters of its own, calls to those of other open scenes could not be recorded.
+        trace = self._launches.get(key, _launch)
+        eye, axes = (column(mi.Float, part.ravel()) for part in (view.eye, view.pose[:3, :3]))
+        found = trace(scene, self._sampler, path, eye, axes, *key, dr.opaque(mi.UInt32, seed))
+        samples = np.array(found, dtype=np.float64)
+        pixels = samples.reshape(3, copies, width // 2, width, spp).mean(axis=-1)
+        return np.ascontiguousarray(pixels.transpose(2, 1, 3, 0))
+
+
+def trace_scalar(
+    scene: Any, integrator: Any, view: View, width: int, copies: int, spp: int, seed: int
+) -> Float64Array:
+    """Return what `SphereTracer.launch` does, in a scalar variant and by Mitsuba's `path`."""
+    sampler = mi.load_dict({"type": "multijitter", "sample_count": spp})
+    height, pitch = width // 2, 2 * math.pi / width
+    rotation, eye = view.pose[:3, :3], mi.ScalarPoint3f(view.eye.tolist())
+    pixels = np.zeros((height, copies, width, 3))
+    for number, (row, copy, across) in enumerate(np.ndindex(height, copies, width)):
+        sampler.seed((seed + number) % 2**32, 1)
+        top, bottom = math.cos(row * pitch), math.cos((row + 1) * pitch)
+        for _ in range(spp):
+            x, y = sampler.next_2d()
+            sine, azimuth = top + (bottom - top) * y, (across + x) * pitch - math.pi
+            flat = math.sqrt(max(1 - sine * sine, 0))
+            local = [flat * math.sin(azimuth), -sine, flat * math.cos(azimuth)]
+            direction = mi.ScalarVector3f((rotation @ local).tolist())
+            ray = mi.RayDifferential3f(mi.Ray3f(eye, direction))
+            pixels[row, copy, across] += integrator.sample(scene, sampler, ray)[0]
+            sampler.advance()
+    return pixels / spp
+
+
+def _launch(
+    scene: Any,
+    sampler: Any,
+    path: JointPath,
+    eye: Any,
+    axes: Any,
+    width: int,
+    copies: int,
+    spp: int,
+    seed: Any,
+) -> Any:
+    """Return the radiance of each sample, `mi.Color3f`, in the order copy, row, column, sample."""
+    height, pitch = width // 2, 2 * math.pi / width
+    count = copies * height * width * spp
+    sampler = sampler.clone()
+    sampler.set_sample_count(spp)
+    sampler.set_samples_per_wavefront(spp)
+    sampler.seed(seed, count)
+    pixel = dr.arange(mi.UInt32, count) >> (spp.bit_length() - 1)
+    across = mi.Float(pixel % width)
+    row = mi.Float((pixel // width) % height)
+    offset = sampler.next_2d()
+    top, bottom = dr.cos(row * pitch), dr.cos((row + 1) * pitch)
+    sine = dr.lerp(top, bottom, offset.y)
+    azimuth = (across + offset.x) * pitch - math.pi
+    flat = dr.safe_sqrt(1 - dr.square(sine))
+    local = mi.Vector3f(flat * dr.sin(azimuth), -sine, flat * dr.cos(azimuth))
+    x, y, z = (
+        sum((_entry(axes, 3 * line + i) * local[i] for i in range(3)), mi.Float(0))
+        for line in range(3)
+    )
+    direction = dr.normalize(mi.Vector3f(x, y, z))
+    origin = mi.Point3f(*(_entry(eye, i) for i in range(3)))
+    ray = mi.Ray3f(origin, direction, _FAR, 0.0, mi.Color0f())
+    return path.trace(scene, sampler, ray, mi.Bool(True))[0]
+
+
+def _entry(values: Any, index: int) -> Any:
+    return dr.gather(mi.Float, values, mi.UInt32(index))
