@@ -222,8 +222,12 @@ def _emptied(
 
 def _sizes(params: Params) -> tuple[Size, Size, Size]:
     """Return (width, height) of images, panoramas of lights and panoramas of the environment."""
-    wide = params.illumination.width, params.environment.width
-    return ((params.image.width, params.image.height), *((w, w // 2) for w in wide))
+    lights, around = params.illumination.width, params.environment.width
+    return (
+        (params.image.width, params.image.height),
+        (lights, lights // 2),
+        (around, around // 2),
+    )
 
 
 def _columns(params: Params) -> tuple[Column, ...]:

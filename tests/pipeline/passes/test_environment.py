@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from pipeline.channels import RGB, SETS
-from pipeline.dataset.environment_checks import distance_disagreement
+from pipeline.dataset.environment_checks import disagreement
 from pipeline.frames import Channels
 from pipeline.params import EnvironmentParams, GroundTruthParams, Params
 from pipeline.passes import environment
@@ -185,8 +185,8 @@ def test_the_check_finds_panoramas_of_another_direction(
     home: RenderScene, name: str, mutant: Callable[[np.ndarray], np.ndarray]
 ) -> None:
     view = make_view((-1.4, -0.5, 1.5), (0.4, 1, -0.4), (48, 40), up=(0.2, 0, 1))
-    distance = mutant(panorama(home, view, spp=1)["distance.Z"]).astype(np.float64)
-    share = distance_disagreement(distance, render_inputs(home, view), view)
+    wrong = {band: mutant(values) for band, values in panorama(home, view, spp=1).items()}
+    share = disagreement(wrong, render_inputs(home, view), view)
     assert share < 0.05 if name == "right" else share > 0.3
 
 

@@ -1,0 +1,78 @@
+"""Panoramas of the environment as frames of their stage: kept, resumed, sent, removed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pipeline.costs.ledger import read_ledger
+from pipeline.frames import frame_path, read_meta
+from pipeline.params import (
+    CameraParams,
+    EnvironmentParams,
+    FarmParams,
+    GroundTruthParams,
+    ImageParams,
+    Params,
+)
+from pipeline.stages.cameras import run_cameras
+from pipeline.stages.groundtruth import run_groundtruth
+from pipeline.views import load_cameras
+from scenes.params import SceneParams
+from tests.fixtures.stages import write_room
+
+PAPER = Params(
+    image=ImageParams(32, 24),
+    farm=FarmParams(workers=2, batch=1),
+    scenes=SceneParams(homes=0, imports=("nothing",)),
+    cameras=CameraParams(views_per_room=2),
+    groundtruth=GroundTruthParams(spp=4, block_spp=2, max_depth=3, denoise="oidn"),
+)
+MORE = replace(PAPER, channels=("environment",), environment=EnvironmentParams(32, 4))
+
+
+def files(data: Path) -> dict[str, bytes]:
+    kinds = ("shading", "color", "environment")
+    paths = [path for kind in kinds for path in sorted((data / kind).rglob("*.exr"))]
+    return {str(path.relative_to(data)): path.read_bytes() for path in paths}
+
+
+@pytest.mark.check
+def test_the_set_is_added_and_removed_and_changes_no_other_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = tmp_path / "data"
+    write_room(data / "scenes" / "alpha")
+    run_cameras(data, PAPER)
+    assert run_groundtruth(data, PAPER).made == 4
+    paper = files(data)
+    assert len(paper) == 4 and (data / "environment").is_dir()
+    run = run_groundtruth(data, MORE)
+    assert (run.made, run.kept) == (2, 4)
+    both = files(data)
+    assert len(both) == 6 and both.items() >= paper.items()
+    rows = [row for row in read_ledger(data).to_pylist() if row["stage"] == "environment"]
+    assert [(row["width"], row["height"], row["spp"]) for row in rows] == [(32, 16, 4)] * 2
+    view = load_cameras(data / "cameras" / "alpha.json").views[0]
+    path = frame_path(data, "environment", view)
+    meta = read_meta(path)
+    assert meta["denoiser"].startswith("oidn") and meta["noise"] > 0
+
+    # A damaged frame is rendered again, to the same bytes.
+    path.write_bytes(path.read_bytes()[:-40])
+    run = run_groundtruth(data, MORE)
+    assert (run.made, run.kept) == (1, 5) and files(data) == both
+
+    # The same through dask, by one worker that gets scenes sent and sends frames back.
+    far = tmp_path / "far"
+    far.mkdir()
+    for folder in ("scenes", "cameras"):
+        (data / folder).rename(far / folder)
+    monkeypatch.setenv("PBRNET_CACHE", str(tmp_path / "cache"))
+    run_groundtruth(far, replace(MORE, farm=FarmParams(workers=1, transfer="send")))
+    assert files(far) == both
+
+    run = run_groundtruth(far, PAPER)
+    assert (run.made, run.kept, run.removed) == (0, 4, 2) and files(far) == paper
