@@ -108,16 +108,21 @@ class CameraParams:
     walk_turn: float = field(default=0.05, metadata=within(0.005, 0.5) | OPTIONAL)
     # metres from each view to a partner on its right; 0: none
     stereo_baseline: float = field(default=0.0, metadata=within(0, 2) | OPTIONAL)
+    # views of the overlapping set of each room, 0: none, and least median overlap of their pairs
+    overlap_views: int = field(default=0, metadata=within(0, 16) | OPTIONAL)
+    overlap: float = field(default=0.5, metadata=within(0.05, 0.95) | OPTIONAL)
     # trajectories from files, in the world of the scene that each names
     trajectories: tuple[TrajectoryFile, ...] = field(default=(), metadata=OPTIONAL)
 
     @property
     def has_links(self) -> bool:
-        """True if some views belong together: frames of trajectories, stereo pairs."""
-        return bool(self.walks or self.trajectories or self.stereo_baseline)
+        """True if some views belong together: trajectories, stereo pairs, overlapping sets."""
+        return bool(self.walks or self.trajectories or self.stereo_baseline or self.overlap_views)
 
     def verify(self, where: str) -> None:
-        """Raise ValueError unless each range is empty or two ascending numbers."""
+        """Raise ValueError for a set of one view, or a range that is not two ascending numbers."""
+        if self.overlap_views == 1:
+            raise ValueError(f"{where}.overlap_views: 1; a set has at least 2 views, or 0: none")
         for name in ("half_fov_x", "pitch", "roll"):
             bounds = getattr(self, name)
             if bounds and (len(bounds) != 2 or bounds[0] > bounds[1]):

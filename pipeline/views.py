@@ -50,6 +50,9 @@ class View:
     # Of a view of a stereo pair: the other view's id, and how far that lies to the right, metres.
     stereo_partner: str = field(default="", metadata=OPTIONAL)
     stereo_offset: float = field(default=0.0, metadata=OPTIONAL)
+    # Of a view of an overlapping set: its name, and the median overlap of its pairs, in [0, 1].
+    view_set: str = field(default="", metadata=OPTIONAL)
+    set_overlap: float = field(default=0.0, metadata=OPTIONAL)
 
     def verify(self, where: str) -> None:
         """Raise ValueError for wrong names, shapes, poses or focal lengths."""

@@ -1,1 +1,1 @@
-"""Cameras beyond sampled views: walks, trajectories from files, reprojection."""
+"""Cameras beyond sampled views: walks, trajectories from files, overlap, reprojection."""

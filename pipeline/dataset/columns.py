@@ -190,6 +190,8 @@ def _link_columns() -> tuple[Column, ...]:
             "Distance from this camera to its partner, along this camera's x axis.",
             "metre",
         ),
+        Column("view_set", pa.string(), "Overlapping set of views within the scene, or null."),
+        Column("set_overlap", pa.float64(), "Median overlap of the set's pairs of views, 0 to 1."),
     )
 
 

@@ -57,6 +57,8 @@ def make_row(
         "frame": view.frame if view.trajectory else None,
         "stereo_partner": view.stereo_partner or None,
         "stereo_offset": view.stereo_offset if view.stereo_partner else None,
+        "view_set": view.view_set or None,
+        "set_overlap": view.set_overlap if view.view_set else None,
         **_tables(view, scene, frames),
         **({"noisy_spp": frames["noisy"].meta.get("spp")} if "noisy" in frames else {}),
         **_environment_cells(frames),

@@ -1,4 +1,4 @@
-"""Camera file of a scene: sampled views, walks, trajectories from files, stereo partners.
+"""Camera file of a scene: sampled views, walks, trajectories, overlapping sets, stereo partners.
 
 Each part has random generators of its own, so that no part changes the views of another.
 """
@@ -10,16 +10,21 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import shapely
 from scipy.sparse import csr_array
+from shapely.geometry import Polygon
 
 from pipeline.cameras.free_floor import FreeFloor, free_floors
+from pipeline.cameras.overlap import choose_overlapping, outlook
 from pipeline.cameras.trajectory_files import Trajectory
 from pipeline.cameras.walks import find_walk
 from pipeline.params import Params
 from pipeline.render.scene import RenderScene, cast
 from pipeline.stages.view_sampling import (
+    MOST_OUTDOORS,
     TOO_CLOSE,
     drawn,
+    grid_eyes,
     make_view,
     room_at,
     sample_cameras,
@@ -28,16 +33,20 @@ from pipeline.stages.view_sampling import (
 )
 from pipeline.views import CameraFile, View, as_matrix, look, rolled
 from scenes.arrays import Float64Array
-from scenes.contract import Scene
+from scenes.contract import Room, Scene
+from scenes.geometry.directions import turned
 from scenes.seeds import generator
 
 _TRIES = 6  # walks of which the one that sees most is taken
 _EVERY = 6  # frames between those that tell how much a walk sees
 _STANDING = 0.25  # worth of a walk that turns on the spot, relative to one that leads on
 
+_CANDIDATES = 32  # places in a room for the views of an overlapping set
+_NEAR_TARGET = 0.8  # metres that such a view keeps from what all of them look at
 _RIGHT = "right"  # what a stereo partner's name has in addition
 
 NO_WALK = "no free floor for so long a walk"
+NO_SET = "too few views of the room overlap so much"
 
 
 def make_cameras(
@@ -49,8 +58,8 @@ def make_cameras(
 ) -> CameraFile:
     """Return all views of a scene; deterministic in the arguments.
 
-    Walks for which the free floor is too small, and partners of stereo pairs that have no room, are
-    in `stored_left_out`.
+    In `stored_left_out` are walks for which the free floor is too small, sets that overlap too
+    little, and partners of stereo pairs that have no room.
     """
     file = sample_cameras(render_scene, scene, params, seed)
     views, left_out = list(file.views), dict(file.stored_left_out)
@@ -67,6 +76,9 @@ def make_cameras(
         poses = np.array(given.camera_to_world, dtype=np.float64)
         half_fov_x = given.half_fov_x or params.image.half_fov_x
         views += _frames(render_scene, scene, params, given.name, poses, half_fov_x)
+    if params.cameras.overlap_views:
+        views, without = _overlapping_sets(render_scene, scene, params, seed, views)
+        left_out |= without
     if params.cameras.stereo_baseline:
         views, without = _stereo_pairs(render_scene, scene, params, views)
         left_out |= without
@@ -153,6 +165,86 @@ def _frames(
             )
         )
     return views
+
+
+def _overlapping_sets(
+    render_scene: RenderScene, scene: Scene, params: Params, seed: int, views: list[View]
+) -> tuple[list[View], dict[str, str]]:
+    """Return the views with the overlapping set of each room, and the sets that overlap too little.
+
+    The best sampled view of a room is the first of its set. The others look from other places of
+    the room at the same point as that one, which lies in the middle of its image.
+    """
+    best: dict[str, View] = {}
+    for view in views:
+        room, sampled = view.room, view.sector >= 0 and not view.trajectory
+        if room and sampled and (room not in best or view.score > best[room].score):
+            best[room] = view
+    rooms = {room.id: room for room in scene.rooms}
+    result, without = list(views), {}
+    for room_id, anchor in sorted(best.items()):
+        name = f"set-{anchor.view_id.rpartition('-s')[0]}"
+        rng = generator(seed, "cameras", scene.scene_id, room_id, "overlap")
+        found = _overlapping(render_scene, scene, params, rooms[room_id], anchor, rng)
+        if found is None:
+            without[name] = NO_SET
+            continue
+        members, median = found
+        linked = {"view_set": name, "set_overlap": round(median, 6)}
+        result[result.index(anchor)] = replace(anchor, **linked)  # type: ignore[arg-type]
+        result += [
+            replace(view, view_id=f"{name}-{number:02d}", **linked)  # type: ignore[arg-type]
+            for number, view in enumerate(members, 1)
+        ]
+    return result, without
+
+
+def _overlapping(
+    render_scene: RenderScene,
+    scene: Scene,
+    params: Params,
+    room: Room,
+    anchor: View,
+    rng: np.random.Generator,
+) -> tuple[list[View], float] | None:
+    """Return the further views of a set, and the median overlap; None if that is too small."""
+    options = params.cameras
+    half_fov_x = math.atan(0.5 * anchor.width / anchor.K[0][0])
+    first = outlook(render_scene, anchor.pose, anchor.intrinsics)
+    if not len(first.points):
+        return None
+    axis, eye = anchor.pose[:3, 2], anchor.eye
+    along = np.median(turned(first.points - eye, anchor.pose[:3, :3].T)[:, 2])
+    target = eye + float(along) * axis
+    polygon = shapely.make_valid(Polygon(room.floor))
+    eyes = grid_eyes(polygon.bounds, options, rng)
+    eyes[:, 2] += room.floor_z
+    eyes = eyes[shapely.contains_xy(polygon, eyes[:, 0], eyes[:, 1])]
+    eyes = eyes[((eyes[:, :2] - target[:2]) ** 2).sum(axis=1) >= _NEAR_TARGET**2]
+    eyes = eyes[eyes[:, 2] < room.ceiling_z - options.clearance]
+    close, enclosed = surroundings(render_scene, eyes, options.clearance)
+    eyes = rng.permutation(eyes[~close & ~enclosed])[:_CANDIDATES]
+    slope = float(axis[2]) / math.hypot(axis[0], axis[1])
+    cameras = []
+    for place in eyes:
+        x, y = (target - place)[:2].tolist()
+        length = math.hypot(x, y)
+        cameras.append((look(place, (x / length, y / length, slope)), half_fov_x))
+    clear = [
+        (pose, sight)
+        for (pose, _), sight in zip(
+            cameras, sights(render_scene, scene, cameras, params), strict=True
+        )
+        if sight.coarse.nearness <= options.max_near and sight.coarse.outdoors <= MOST_OUTDOORS
+    ]
+    seen = [outlook(render_scene, pose, anchor.intrinsics) for pose, _ in clear]
+    wanted = options.overlap_views - 1
+    chosen, median = choose_overlapping(render_scene, first, seen, wanted, options.overlap)
+    if len(chosen) < wanted or median < options.overlap:
+        return None
+    image = replace(params.image, half_fov_x=half_fov_x)
+    views = [make_view(scene, image, "", *clear[index], room) for index in chosen]
+    return [replace(view, K=anchor.K) for view in views], median
 
 
 def _stereo_pairs(

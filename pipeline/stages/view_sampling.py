@@ -46,7 +46,7 @@ _ENCLOSED = 0.75  # share of directions that hit one object if the eye is inside
 _FURNISHED = 3  # objects that some candidate of a furnished scene sees
 _NEARLY_ALL = 0.95  # share of a view
 _FLAT = 0.05  # metres off a plane up to which a surface is flat
-_MOST_OUTDOORS = 0.6  # share of a view
+MOST_OUTDOORS = 0.6  # share of a view
 _FARTHEST = 8.0  # metres; a view that reaches farther shows no more of a room
 _REACH_WEIGHT = 3.0  # of the logarithm of the reach of a view without furniture
 _RAYS = 192  # directions of the clearance test: 2.6 cm apart at 10 cm
@@ -193,7 +193,7 @@ def _room_candidates(
     options = params.cameras
     rejected: Counter[str] = Counter()
     polygon = shapely.make_valid(Polygon(room.floor))
-    eyes = _grid(polygon.bounds, options, rng)
+    eyes = grid_eyes(polygon.bounds, options, rng)
     eyes[:, 2] += room.floor_z
     azimuths = _azimuths(len(eyes), options.sectors, rng)
     if not room.has_light:
@@ -221,7 +221,7 @@ def _room_candidates(
     return candidates, +rejected
 
 
-def _grid(
+def grid_eyes(
     bounds: tuple[float, float, float, float], options: CameraParams, rng: np.random.Generator
 ) -> Float64Array:
     """Return eyes (N, 3), one jittered per cell over `bounds`; z is the height above the floor."""
@@ -351,7 +351,7 @@ def _rejection(
         return FEW_OBJECTS
     if sight.is_bare:
         return BLANK
-    if sight.coarse.outdoors > _MOST_OUTDOORS:
+    if sight.coarse.outdoors > MOST_OUTDOORS:
         return OUTDOORS
     if known and known.count(room.id) < options.min_own * len(known):
         return ELSEWHERE
