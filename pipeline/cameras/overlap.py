@@ -21,7 +21,7 @@ _TOLERANCE = 2e-4  # of the distance
 
 @dataclass(frozen=True)
 class Outlook:
-    """What a camera sees: `pose` (4, 4), K of a small image, surface points (P, 3) in metres."""
+    """Surfaces that a camera sees: `pose` (4, 4), K of a small image, surface points (P, 3) in metres."""
 
     pose: Float64Array
     intrinsics: Float64Array
@@ -29,7 +29,7 @@ class Outlook:
 
 
 def outlook(render_scene: RenderScene, pose: Float64Array, intrinsics: Float64Array) -> Outlook:
-    """Trace what a camera sees; `intrinsics` (3, 3) is K of any size of image."""
+    """Trace the surfaces that a camera sees; `intrinsics` (3, 3) is K of any size of image."""
     scale = _WIDTH / (2 * intrinsics[0, 2])
     small = np.array(
         [
