@@ -21,7 +21,7 @@ _TOLERANCE = 2e-4  # of the distance
 
 @dataclass(frozen=True)
 class Outlook:
-    """Surfaces that a camera sees: `pose` (4, 4), K of a small image, surface points (P, 3) in metres."""
+    """Surface points (P, 3) that a camera sees, metres; its pose (4, 4) and K of a small image."""
 
     pose: Float64Array
     intrinsics: Float64Array
