@@ -58,6 +58,9 @@ class SceneParams:
     catalogue_triangles: int = field(default=30_000, metadata=within(100, 2_000_000))
     # Scenes of one's own: files that `pbrnet import` reads, brought in by the same stage.
     imports: tuple[str | ImportEntry, ...] = ()
+    # An import that takes longer, or more memory, is stopped and reported as failed.
+    import_seconds: float = field(default=900.0, metadata=within(0.1, 1e6))
+    import_memory: float = field(default=16.0, metadata=within(0.25, 1e5))  # GiB
 
     def verify(self, where: str) -> None:
         """Checks across fields; raises ValueError."""

@@ -12,8 +12,8 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import click
 
-from pipeline.commands.limits import Limits, run_limited
 from pipeline.inspection.sizes import triangles_of
+from pipeline.limits import Limits, run_limited
 from scenes.checked import check_name
 from scenes.contract import Scene, load_scene
 from scenes.errors import InputError, MachineError, ParameterError
@@ -149,14 +149,14 @@ Kinds of files, options and limits: docs/scenes.md.""",
 @click.option(
     "--max-seconds",
     type=click.FloatRange(0.1),
-    default=900.0,
+    default=SceneParams.import_seconds,
     show_default=True,
     help="Time after which the import is stopped, seconds.",
 )
 @click.option(
     "--max-memory",
     type=click.FloatRange(0.25),
-    default=16.0,
+    default=SceneParams.import_memory,
     show_default=True,
     help="Memory above which the import is stopped, GiB.",
 )

@@ -7,7 +7,6 @@ worker writes pixels to the data folder or, if it does not see that, returns the
 from __future__ import annotations
 
 import contextlib
-import resource
 import time
 from collections import OrderedDict
 from dataclasses import dataclass, replace
@@ -15,10 +14,10 @@ from pathlib import Path
 from typing import Any, cast
 
 import drjit as dr
-import psutil
 
 from pipeline.cameras.trajectory_files import Trajectory
 from pipeline.channels import Kind
+from pipeline.costs.memory import memory_columns
 from pipeline.farm.workspace import (
     SentFile,
     Workspace,
@@ -197,13 +196,6 @@ def _write(
         "noise": stats.get("noise"),
         "bytes": size,
     }
-
-
-def memory_columns() -> dict[str, float]:
-    """Return this process's ledger columns: its memory now and its peak so far, in MB."""
-    now = psutil.Process().memory_info().rss / (1 << 20)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    return {"memory_mb": now, "peak_mb": max(now, peak)}
 
 
 def _opened(folder: Path, digest: str) -> tuple[RenderScene, dict[str, Any]]:

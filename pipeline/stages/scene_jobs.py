@@ -12,6 +12,7 @@ from typing import Any
 
 from pipeline.farm.scene_digest import STAGE_FILES_KEY, STAGE_KEY
 from pipeline.frames import fingerprint
+from pipeline.limits import Limits
 from pipeline.params import Params
 from pipeline.records import Failure
 from pipeline.stages.scene_work import HomeJob, ImportJob, ImportVariant
@@ -86,6 +87,11 @@ def _homes(root: Path, params: Params, name: str, count: int, share: float) -> I
 def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable[ImportJob]:
     """Yield a job for each import and variant; a missing file is added to `failures`."""
     wanted = params.scenes
+    limits = Limits(
+        wanted.import_seconds,
+        wanted.import_memory,
+        options=("scenes.import_seconds", "scenes.import_memory"),
+    )
     revision = source_revision(*_IMPORT_CODE)
     for named in wanted.imports:
         entry = ImportEntry(file=named) if isinstance(named, str) else named
@@ -105,7 +111,7 @@ def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable
         if options:
             content["options"] = entry.given()
         expected = fingerprint(kind="import", scene_id=scene_id, **content)
-        yield ImportJob(root / scene_id, scene_id, path, expected, options)
+        yield ImportJob(root / scene_id, scene_id, path, expected, limits, options)
         seed = derive(params.seed, "import", scene_id)
         for variant in range(1, wanted.variants):
             own_id = f"{scene_id}-v{variant}"
@@ -119,7 +125,7 @@ def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable
                 **content,
             )
             made = ImportVariant(scene_id, variant, wanted, seed)
-            yield ImportJob(root / own_id, own_id, path, expected, options, made)
+            yield ImportJob(root / own_id, own_id, path, expected, limits, options, made)
 
 
 def scene_name(path: Path) -> str:

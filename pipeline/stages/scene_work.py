@@ -1,18 +1,20 @@
 """Work function of the `scenes` stage: a home from a seed, an import, or a variant of an import.
 
 Separate from `pipeline.stages.render_jobs`, so that workers that render do not load generators
-and importers.
+and importers. Imports run in child processes within limits.
 """
 
 from __future__ import annotations
 
 import tempfile
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from pipeline.costs.memory import memory_columns
 from pipeline.farm.scene_digest import STAGE_FILES_KEY, STAGE_KEY
-from pipeline.stages.render_jobs import memory_columns
+from pipeline.limits import Limits, StoppedError, run_limited
 from scenes.contract import Scene, save_scene
 from scenes.opened_files import OpenedFiles
 from scenes.params import SceneParams
@@ -53,6 +55,7 @@ class ImportJob:
     scene_id: str
     path: Path
     fingerprint: str
+    limits: Limits
     options: dict[str, Any] = field(default_factory=dict)  # of `import_scene`
     variant: ImportVariant | None = None
 
@@ -63,8 +66,10 @@ class ImportJob:
 
 
 def make_scene(job: HomeJob | ImportJob) -> dict[str, Any]:
-    """Write one scene folder, with the job's fingerprint in its `scene.json`."""
-    keys: dict[str, Any] = {STAGE_KEY: job.fingerprint}
+    """Write one scene folder, with the job's fingerprint in its `scene.json`.
+
+    Returns its costs, or why an import was stopped, which another attempt would not change.
+    """
     if isinstance(job, HomeJob):
         scene = make_home(
             job.folder,
@@ -75,17 +80,32 @@ def make_scene(job: HomeJob | ImportJob) -> dict[str, Any]:
             job.variant,
             job.assets,
         )
+        _stamp(job, scene)
+        return {"costs": memory_columns()}
+    try:
+        peak = run_limited(partial(_import, job), job.limits, str(job.path)) / (1 << 20)
+    except StoppedError as error:
+        return {"failed": {"scenes": str(error)}}
+    return {"costs": {"memory_mb": peak, "peak_mb": peak}}
+
+
+def _import(job: ImportJob) -> None:
+    opened = OpenedFiles(job.source_folder)
+    if job.variant is None:
+        scene = import_scene(job.path, job.folder, job.scene_id, opened, **job.options)
     else:
-        opened = OpenedFiles(job.source_folder)
-        if job.variant is None:
-            scene = import_scene(job.path, job.folder, job.scene_id, opened, **job.options)
-        else:
-            scene = _make_variant(job, job.variant, opened)
-        keys[STAGE_FILES_KEY] = opened.record()
-    # Until the fingerprint is written the folder is out of date: a kill in between costs a repeat.
-    stamped = replace(scene, source={**scene.source, **keys})
-    save_scene(job.folder, stamped)
-    return {"costs": memory_columns()}
+        scene = _make_variant(job, job.variant, opened)
+    _stamp(job, scene, **{STAGE_FILES_KEY: opened.record()})
+
+
+def _stamp(job: HomeJob | ImportJob, scene: Scene, **keys: Any) -> None:
+    """Write the fingerprint and further keys to a scene's source.
+
+    Until then the folder is out of date: a kill in between costs a repeat.
+    """
+    save_scene(
+        job.folder, replace(scene, source={**scene.source, STAGE_KEY: job.fingerprint, **keys})
+    )
 
 
 def _make_variant(job: ImportJob, variant: ImportVariant, opened: OpenedFiles) -> Scene:
