@@ -10,6 +10,7 @@ import reprlib
 import types
 import typing
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -88,8 +89,7 @@ def build(cls: type[T], data: Any, where: str = "", error: type[PbrnetError] = P
     """
     if not isinstance(data, dict):
         raise error(f"{where or cls.__name__}: expected a mapping of keys, got {shown(data)}")
-    hints = get_type_hints(cls)
-    fields = {field.name: field for field in dataclasses.fields(cls) if field.init}  # type: ignore[arg-type]
+    hints, fields = _types(cls), _fields(cls)
     for key in data:
         if key not in fields:
             close = difflib.get_close_matches(str(key)[:100], fields, n=1)
@@ -112,6 +112,16 @@ def build(cls: type[T], data: Any, where: str = "", error: type[PbrnetError] = P
     return built
 
 
+@cache
+def _types(cls: type) -> dict[str, Any]:
+    return get_type_hints(cls)
+
+
+@cache
+def _fields(cls: type) -> dict[str, dataclasses.Field[Any]]:
+    return {field.name: field for field in dataclasses.fields(cls) if field.init}
+
+
 def plain(value: Any, brief: bool = False) -> Any:
     """Convert dataclasses, tuples and paths to mappings, lists and text for JSON.
 
@@ -119,13 +129,10 @@ def plain(value: Any, brief: bool = False) -> Any:
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {
-            field.name: plain(getattr(value, field.name), brief)
-            for field in dataclasses.fields(value)
-            if field.init
-            and not (
-                brief
-                and "optional" in field.metadata
-                and getattr(value, field.name) == field.default
+            name: plain(getattr(value, name), brief)
+            for name, field in _fields(type(value)).items()
+            if not (
+                brief and "optional" in field.metadata and getattr(value, name) == field.default
             )
         }
     if isinstance(value, dict):
@@ -198,9 +205,18 @@ def _convert_tuple(
     if len(item_hints) != len(value):
         raise error(f"{key}: expected {len(item_hints)} values, got {shown(value)}")
     return tuple(
-        _convert(item_hint, item, f"{key}[{index}]", metadata, error)
+        item
+        if _needs_no_check(item_hint, item, metadata)
+        else _convert(item_hint, item, f"{key}[{index}]", metadata, error)
         for index, (item_hint, item) in enumerate(zip(item_hints, value, strict=True))
     )
+
+
+def _needs_no_check(hint: Any, value: Any, metadata: Any) -> bool:
+    """Return whether a value clearly is of a plain type: most of a long list are."""
+    if type(value) is not hint or metadata:
+        return False
+    return hint is str or (hint is float and math.isfinite(value))
 
 
 def _describe(hint: Any, metadata: Any = types.MappingProxyType({})) -> str:

@@ -7,6 +7,7 @@ of an image, so the v of OBJ files is flipped.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -37,7 +38,7 @@ class Mesh:
         """Corner positions of the triangles, (F, 3, 3)."""
         return self.vertices[self.faces]
 
-    @property
+    @cached_property
     def bounds(self) -> Float64Array:
         """Axis-aligned bounds, (2, 3)."""
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])

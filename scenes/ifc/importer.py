@@ -39,6 +39,7 @@ from scenes.importing.shape import Shape, Surface, bounds_of, make_object
 from scenes.importing.xml_elements import plugin
 from scenes.opened_files import OpenedFiles
 from scenes.reconstruction.interior import find_interior
+from scenes.reconstruction.room_index import RoomIndex
 from scenes.reconstruction.rooms import MIN_AREA, FoundRoom
 
 if TYPE_CHECKING:  # the child's code: what an import gives depends on it, but it is loaded there
@@ -260,12 +261,13 @@ def _objects(
     for shape in shapes:
         element = elements[shape.id]
         groups.setdefault(element["part_of"] or element["guid"], []).append(shape)
+    index = RoomIndex(rooms)
     objects = []
     for members in groups.values():
         element = elements[members[0].id]
         category, is_structure = category_of_element(element)
         if category in ("slab", ""):
-            category = structure_category(members[0], rooms) or "structure"
+            category = structure_category(members[0], index) or "structure"
         low, high = bounds_of(members)
         objects.append(
             make_object(
@@ -274,7 +276,7 @@ def _objects(
                 category,
                 members,
                 is_structure,
-                room_of(0.5 * (low + high), low, rooms, room_ids),
+                room_of(0.5 * (low + high), low, index, room_ids),
             )
         )
     return tuple(objects)

@@ -15,7 +15,10 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Iterable
+from functools import lru_cache
 from itertools import pairwise
+
+_REMEMBERED = 1 << 16  # labels whose category is remembered
 
 # (category, words) by precedence.
 _CATEGORIES: tuple[tuple[str, tuple[str, ...]], ...] = (
@@ -137,11 +140,14 @@ _ROOM_FURNITURE = (
 
 def category_of(*labels: str) -> str:
     """Return the category of the first of `labels` that tells one, else "other"."""
-    for label in labels:
-        ranked = [_CATEGORY_OF_WORD[word] for word in words_of(label) if word in _CATEGORY_OF_WORD]
-        if ranked:
-            return min(ranked)[1]
-    return "other"
+    return next((found for found in map(_category, labels) if found), "other")
+
+
+@lru_cache(_REMEMBERED)
+def _category(label: str) -> str:
+    """The category that one label tells, or ""."""
+    ranked = [_CATEGORY_OF_WORD[word] for word in words_of(label) if word in _CATEGORY_OF_WORD]
+    return min(ranked)[1] if ranked else ""
 
 
 def category_of_piece(kind: str, name: str, catalog_id: str, model: str = "") -> tuple[str, bool]:
@@ -203,5 +209,7 @@ def _singulars(word: str) -> tuple[str, ...]:
 
 
 def _plain(text: str) -> str:
+    if text.isascii():
+        return text.casefold()
     decomposed = unicodedata.normalize("NFKD", text.casefold())
     return "".join(char for char in decomposed if not unicodedata.combining(char))

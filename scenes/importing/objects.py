@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import shapely
@@ -18,13 +19,15 @@ from shapely.geometry import Polygon
 from scenes.arrays import BoolArray, Float64Array
 from scenes.contract import SceneObject
 from scenes.geometry.mesh import face_areas
-from scenes.geometry.regions import buffered, intersection
+from scenes.geometry.regions import intersection
 from scenes.importing.categories import category_of, room_type
 from scenes.importing.shape import Shape, bounds_of, make_object
+from scenes.reconstruction.room_index import RoomIndex
 from scenes.reconstruction.rooms import FoundRoom
 
 _SAMPLES = 400  # points on a shape's surface
 _ON_WALL, _ON_LEVEL = 0.12, 0.06  # metres from a room's hull at which a surface counts as on it
+_NEAR = 0.3  # metres around a room in which a surface may belong to its hull
 _TOUCH_DISTANCE = 0.02  # metres
 _NICHE_DEPTH = 0.8  # metres behind the outline of a room, as in a window bay, that belong to it
 # Categories that stand on the floor; elsewhere, a name that says so is ignored.
@@ -76,7 +79,8 @@ def group_objects(
     shapes: list[Shape], rooms: list[FoundRoom], room_ids: list[str]
 ) -> tuple[SceneObject, ...]:
     """Group shapes into objects: structure by position, everything else by name and contact."""
-    structure = {shape.id: structure_category(shape, rooms) for shape in shapes}
+    index = RoomIndex(rooms)
+    structure = {shape.id: structure_category(shape, index) for shape in shapes}
     categories = {
         shape.id: structure[shape.id]
         or ("lamp" if shape.emitter is not None else "")
@@ -98,7 +102,7 @@ def group_objects(
                 category,
                 members,
                 is_structure=structure[first.id] != "",
-                room=room_of(0.5 * (low + high), low, rooms, room_ids),
+                room=room_of(0.5 * (low + high), low, index, room_ids),
             )
         )
     return tuple(objects)
@@ -114,42 +118,40 @@ def type_of_room(objects: tuple[SceneObject, ...], room: str, hint: str) -> str:
     return room_type(hint, inside)
 
 
-def structure_category(shape: Shape, rooms: list[FoundRoom]) -> str:
+def structure_category(shape: Shape, index: RoomIndex) -> str:
     """The structural category of a shape: floor, ceiling, wall or structure; "" for furniture.
 
     A shape is structure if most of its surface lies on a room's hull (floor, walls, ceiling) and
     it spans much of the room, or if it lies outside all rooms.
     """
-    sample = _sample(shape)
     low, high = shape.mesh.bounds
-    if shape_category(shape) not in ("other", "window", "door") and any(
-        room.contains(0.5 * (low + high), _NICHE_DEPTH) for room in rooms
+    if (
+        shape_category(shape) not in ("other", "window", "door")
+        and index.containing(0.5 * (low + high), _NICHE_DEPTH) is not None
     ):
         return ""
+    sample = _sample(shape)
     inside_any = False
-    for room in rooms:
-        grown = buffered(room.floor, 0.3)
-        near = shapely.contains_xy(grown, sample.points[:, 0], sample.points[:, 1])
-        near &= (sample.points[:, 2] > room.floor_z - 0.3) & (
-            sample.points[:, 2] < room.ceiling_z + 0.3
-        )
+    for number in index.near(low, high, _NEAR):
+        room = index.rooms[number]
+        x, y, z = sample.points.T
+        near = shapely.contains_xy(index.grown(number, _NEAR), x, y)
+        near &= (z > room.floor_z - _NEAR) & (z < room.ceiling_z + _NEAR)
         deep = (
-            shapely.contains_xy(
-                buffered(room.floor, -0.05), sample.points[:, 0], sample.points[:, 1]
-            )
-            & (sample.points[:, 2] > room.floor_z + 0.05)
-            & (sample.points[:, 2] < room.ceiling_z - 0.05)
+            shapely.contains_xy(index.grown(number, -0.05), x, y)
+            & (z > room.floor_z + 0.05)
+            & (z < room.ceiling_z - 0.05)
         )
         if deep.mean() > 0.05:
             inside_any = True
-        tight = shapely.contains_xy(buffered(room.floor, 0.05), *sample.points[:, :2].T)
+        tight = shapely.contains_xy(index.grown(number, 0.05), x, y)
         inside_any = inside_any or (near & tight).mean() > 0.6
         if near.mean() < 0.3:
             continue
         kind = _hull_category(sample, near, room, low, high)
         if kind:
             return kind
-    if rooms and not inside_any:
+    if index.rooms and not inside_any:
         return "structure"
     words = _words(shape.name)
     hints = words & set(_WALL_WORDS)
@@ -233,8 +235,7 @@ def _groups(
     groups: dict[int, list[Shape]] = {}
     for index, shape in enumerate(shapes):
         groups.setdefault(root(index), []).append(shape)
-    # The first member names the group, so the file's order is kept.
-    return sorted(groups.values(), key=lambda group: shapes.index(group[0]))
+    return list(groups.values())  # in the file's order of their first members
 
 
 def _sample(shape: Shape) -> _SurfaceSample:
@@ -244,11 +245,7 @@ def _sample(shape: Shape) -> _SurfaceSample:
     total = float(areas.sum())
     picks = np.searchsorted(np.cumsum(areas), (np.arange(_SAMPLES) + 0.5) * total / _SAMPLES)
     picks = np.minimum(picks, len(areas) - 1)
-    # Points of the unit square, folded into the triangle.
-    a = _halton(2)
-    b = _halton(3)
-    fold = a + b > 1
-    a, b = np.where(fold, 1 - a, a), np.where(fold, 1 - b, b)
+    a, b = _places_in_triangle()
     chosen = corners[picks]
     points = (
         chosen[:, 0]
@@ -256,6 +253,14 @@ def _sample(shape: Shape) -> _SurfaceSample:
         + b[:, None] * (chosen[:, 2] - chosen[:, 0])
     )
     return _SurfaceSample(points, normals[picks], total)
+
+
+@cache
+def _places_in_triangle() -> tuple[Float64Array, Float64Array]:
+    """Halton points of the unit square, folded into a triangle, in its two coordinates."""
+    a, b = _halton(2), _halton(3)
+    fold = a + b > 1
+    return np.where(fold, 1 - a, a), np.where(fold, 1 - b, b)
 
 
 def _halton(base: int) -> Float64Array:
@@ -270,7 +275,7 @@ def _halton(base: int) -> Float64Array:
 
 
 def room_of(
-    centre: Float64Array, low: Float64Array, rooms: list[FoundRoom], ids: list[str]
+    centre: Float64Array, low: Float64Array, index: RoomIndex, ids: list[str]
 ) -> str | None:
     """The id of the room that contains an object, or None.
 
@@ -279,9 +284,9 @@ def room_of(
     """
     foot = np.array([centre[0], centre[1], low[2]])
     for place, margin in ((centre, 0.1), (foot, 0.1), (centre, _NICHE_DEPTH)):
-        for room, name in zip(rooms, ids, strict=True):
-            if room.contains(place, margin):
-                return name
+        number = index.containing(place, margin)
+        if number is not None:
+            return ids[number]
     return None
 
 

@@ -28,6 +28,7 @@ from scenes.importing.objects import room_of
 from scenes.importing.shape import Shape, bounds_of, make_object
 from scenes.mitsuba.reader import Node
 from scenes.opened_files import OpenedFiles
+from scenes.reconstruction.room_index import RoomIndex
 from scenes.reconstruction.rooms import FoundRoom
 
 EMITTER_SCALE = "75"  # of the environment map, in the release's render script
@@ -258,12 +259,13 @@ def objects_of_nodes(
 ) -> tuple[SceneObject, ...]:
     """Objects of `scene.json` from nodes, with the categories of the release's table."""
     by_id = {shape.id: shape for shape in shapes}
+    index = RoomIndex(rooms)
     objects = []
     for release_node in nodes:
         members = [by_id[name] for name in release_node.shapes if name in by_id]
         for name, category, structure, part in _parts(release_node, members, release):
             low, high = bounds_of(part)
-            room = room_of(0.5 * (low + high), low, rooms, room_ids)
+            room = room_of(0.5 * (low + high), low, index, room_ids)
             object_id = part[0].id.removesuffix("_mesh")
             objects.append(make_object(object_id, name, category, part, structure, room))
     return tuple(objects)

@@ -45,6 +45,7 @@ from scenes.models.showroom import showroom
 from scenes.opened_files import OpenedFiles
 from scenes.photometry import LUMEN
 from scenes.reconstruction.orientation import upright
+from scenes.reconstruction.room_index import RoomIndex
 from scenes.reconstruction.rooms import FoundRoom
 from scenes.reconstruction.scale_clues import unit_name
 from scenes.source_options import load
@@ -318,10 +319,11 @@ def _objects(
     kinds: dict[str, tuple[str, str, bool]] = {}  # category, name, is structure
     shape_counts = _shape_counts(node_paths)
     whole = category_of(single_name)
+    index = RoomIndex(rooms)
     for shape in shapes:
         names = node_paths.get(shape.id, ())
         part = bool(single_name) and shape.id in own_ids
-        structure = "" if part else structure_category(shape, rooms)
+        structure = "" if part else structure_category(shape, index)
         if structure:
             key, kind = shape.id, (structure, shape.name, True)
         else:
@@ -341,7 +343,7 @@ def _objects(
     for key, members in groups.items():
         category, name, structure_flag = kinds[key]
         low, high = bounds_of(members)
-        room = room_of(0.5 * (low + high), low, rooms, room_ids)
+        room = room_of(0.5 * (low + high), low, index, room_ids)
         objects.append(make_object(members[0].id, name, category, members, structure_flag, room))
     return tuple(objects)
 

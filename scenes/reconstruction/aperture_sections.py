@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -54,14 +55,19 @@ class PlaneFrame:
     u: Float64Array
     v: Float64Array
 
-    @property
+    @cached_property
     def normal(self) -> Float64Array:
         """Unit normal (3,), in the direction of growing depth."""
         return np.cross(self.u, self.v)
 
+    @cached_property
+    def _axes(self) -> Float64Array:
+        return np.stack([self.u, self.v, self.normal], axis=1)
+
     def to_local(self, points: Float64Array) -> Float64Array:
         """World points (..., 3) as u, v and depth."""
-        return (points - self.origin) @ np.stack([self.u, self.v, self.normal], axis=1)
+        local: Float64Array = (points - self.origin) @ self._axes
+        return local
 
     def to_world(self, plane: Float64Array, depth: float) -> Float64Array:
         """Points (N, 2) of the section at `depth` as world points (N, 3)."""

@@ -21,6 +21,7 @@ from scenes.seeds import generator
 _RAYS = 4096  # from each room
 DOOR = 10  # of them that end in the other room through a door that stands open by half a metre
 ARCHWAY = 100  # the same through a passage of two metres
+_MOST_WALL = 1.0  # metres between two rooms
 _INSIDE = 0.05  # metres inside a room where a ray must have ended or passed
 
 
@@ -50,7 +51,11 @@ def connected_rooms(
 def _are_near(first: FoundRoom, second: FoundRoom) -> bool:
     """Return whether a wall at most may lie between two rooms."""
     height = min(first.ceiling_z, second.ceiling_z) - max(first.floor_z, second.floor_z)
-    return bool(height > 0 and first.floor.distance(second.floor) < 1.0)
+    return bool(
+        height > 0
+        and first.is_near(second, _MOST_WALL)
+        and first.floor.distance(second.floor) < _MOST_WALL
+    )
 
 
 def _are_inside(room: FoundRoom, points: Float64Array) -> BoolArray:

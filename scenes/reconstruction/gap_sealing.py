@@ -53,6 +53,7 @@ _CLEARANCE = 2e-5  # metres between a slab and what bounds it: without it, the s
 _EXTENTS = (0.4, 0.1, 0.03)  # metres to each side of an escaping segment, tried in this order
 _ANGLES = (0.001, 0.002, 0.004, 0.008, 0.016, 0.03, 0.06, 0.12)  # radians around a segment
 _RAYS_PER_ANGLE = 12
+_CLOSE = 0.3  # metres from a slab's plane to the openings that must stay clear of it
 _MAX_PLANES = 6  # beside a segment that are tried
 _SLAB_SAMPLES = 48  # points of a slab whose visibility is tested
 _VIEWPOINTS = 24  # in each room
@@ -215,8 +216,8 @@ def _slab_outline(
     if len(lines):
         walls = thickened(shapely.linestrings(lines), _HALF_SLIT, quad_segs=2)
         free = difference(free, walls)
-    for opening in openings:
-        free = difference(free, _projected(opening, frame))
+    for outline in _projected(openings, frame):
+        free = difference(free, outline)
     parts = [
         part for part in polygon_parts(free) if part.distance(shapely.Point(point)) <= _HALF_SLIT
     ]
@@ -236,12 +237,19 @@ def _crossing_point(segment: Float64Array, frame: PlaneFrame) -> Float64Array | 
     return point
 
 
-def _projected(opening: FoundOpening, frame: PlaneFrame) -> Polygon:
-    """The outline of an opening in a plane close to it; empty for distant openings."""
-    local = frame.to_local(opening.polygon)
-    if np.abs(local[:, 2]).min() > 0.3:
-        return Polygon()
-    return shapely.convex_hull(shapely.multipoints(local[:, :2]))
+def _projected(openings: list[FoundOpening], frame: PlaneFrame) -> list[Polygon]:
+    """The outlines, in a plane, of the openings close to it."""
+    if not openings:
+        return []
+    counts = [len(opening.polygon) for opening in openings]
+    local = frame.to_local(np.concatenate([opening.polygon for opening in openings]))
+    first = np.cumsum(counts) - counts
+    close = np.minimum.reduceat(np.abs(local[:, 2]), first) <= _CLOSE
+    return [
+        shapely.convex_hull(shapely.multipoints(local[start : start + count, :2]))
+        for start, count, is_close in zip(first.tolist(), counts, close.tolist(), strict=True)
+        if is_close
+    ]
 
 
 def _sample_viewpoints(rooms: list[FoundRoom]) -> Float64Array:

@@ -36,6 +36,7 @@ from scenes.reconstruction.aperture_sections import (
 )
 from scenes.reconstruction.light_walks import MAX_BOUNCES, EscapedWalk, LightWalker
 from scenes.reconstruction.raycast import RayCaster
+from scenes.reconstruction.room_index import RoomIndex
 from scenes.reconstruction.rooms import MIN_OPENING, FoundOpening, FoundRoom
 
 _WALKS_PER_ROOM = 4096
@@ -80,17 +81,16 @@ class _Search:
     Sections are known by the axes of the frame, depth, and the points where walks cross them.
     """
 
+    index: RoomIndex
     fruitless_left: int
     known: dict[tuple[bytes, float, bytes], list[Polygon]] = field(default_factory=dict)
 
-    def wants(
-        self, regions: list[Float64Array], frame: PlaneFrame, depth: float, rooms: list[FoundRoom]
-    ) -> bool:
+    def wants(self, regions: list[Float64Array], frame: PlaneFrame, depth: float) -> bool:
         """Return whether to compute a section exactly, and count it as fruitless if so.
 
         `regions` are those of `_may_lead_out`.
         """
-        leads_out = _may_lead_out(regions, frame, depth, rooms)
+        leads_out = _may_lead_out(regions, frame, depth, self.index)
         self.fruitless_left -= leads_out
         return leads_out
 
@@ -107,7 +107,7 @@ def hidden_openings(
     """
     normals = face_areas(sections.corners)[1]
     hidden: list[FoundOpening] = []
-    search = _Search(max(_MOST_FRUITLESS, _LEAST_FRUITLESS * len(rooms)))
+    search = _Search(RoomIndex(rooms), max(_MOST_FRUITLESS, _LEAST_FRUITLESS * len(rooms)))
     count = max(1, min(_WALKS_PER_ROOM, _WALKS_PER_SCENE // max(1, len(rooms))))
     for round_ in range(_ROUNDS):
         walker = LightWalker(rays, normals, openings + hidden)
@@ -184,7 +184,7 @@ def _busiest_aperture(
         if is_new:
             low, high = np.append(points.min(axis=0) - 1.0, depth), points.max(axis=0) + 1.0
             nearby = sections.near(frame, low, np.append(high, depth))
-            wanted = partial(search.wants, frame=frame, depth=depth, rooms=rooms)
+            wanted = partial(search.wants, frame=frame, depth=depth)
             known[key] = enclosed_air(nearby, depth, points, wanted)
         for part in known[key]:
             inside = set(indices[shapely.contains_xy(part, points[:, 0], points[:, 1])].tolist())
@@ -192,7 +192,7 @@ def _busiest_aperture(
                 continue
             room = rooms[escaped[min(inside)].room]
             if len(inside) >= _min_walks(part.area, walks, room) and not _is_indoors(
-                part, frame, depth, rooms
+                part, frame, depth, search.index
             ):
                 found.append(_Aperture(frame, depth, part, frozenset(inside)))
                 most = max(most, len(inside))
@@ -265,7 +265,7 @@ def _crossings(
 
 
 def _may_lead_out(
-    regions: list[Float64Array], frame: PlaneFrame, depth: float, rooms: list[FoundRoom]
+    regions: list[Float64Array], frame: PlaneFrame, depth: float, index: RoomIndex
 ) -> bool:
     """Return whether any of `regions`, points (M, 2) in a section, is not clearly in a room."""
     is_level = abs(frame.normal[2]) > 0.9
@@ -273,8 +273,9 @@ def _may_lead_out(
     low, high = (0.05, 0.02) if is_level else (-0.1, 0.1)
     for points in regions:
         world = frame.to_world(points, depth)
-        for room in rooms:
-            inner = room.floor if is_level else buffered(room.floor, -0.1)
+        for number in index.near(world.min(axis=0), world.max(axis=0), 0.0):
+            room = index.rooms[number]
+            inner = room.floor if is_level else index.grown(number, -0.1)
             inside = shapely.contains_xy(inner, world[:, 0], world[:, 1])
             inside &= (world[:, 2] > room.floor_z - low) & (world[:, 2] < room.ceiling_z - high)
             if inside.mean() > share:
@@ -284,14 +285,16 @@ def _may_lead_out(
     return False
 
 
-def _is_indoors(part: Polygon, frame: PlaneFrame, depth: float, rooms: list[FoundRoom]) -> bool:
+def _is_indoors(part: Polygon, frame: PlaneFrame, depth: float, index: RoomIndex) -> bool:
     """Return whether the air of a section is inside a room, not in a hole of its enclosure."""
     middle = frame.to_world(np.array([part.representative_point().coords[0]]), depth)[0]
     if abs(frame.normal[2]) < 0.9:
-        return any(room.contains(middle, -0.1) for room in rooms)
+        return index.containing(middle, -0.1) is not None
     plan = shapely.transform(part, lambda flat: frame.to_world(flat, depth)[:, :2])
+    west, south, east, north = plan.bounds
+    near = index.near(np.array([west, south]), np.array([east, north]), 0.0)
     return any(
         room.floor_z - 0.05 < middle[2] < room.ceiling_z - 0.02
         and intersection(plan, room.floor).area > 0.25 * plan.area
-        for room in rooms
+        for room in (index.rooms[number] for number in near)
     )

@@ -16,7 +16,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from scenes.arrays import Float64Array, Int64Array
+from scenes.arrays import BoolArray, Float64Array, Int64Array
 from scenes.formats.ply import write_ply
 from scenes.geometry.mesh import Mesh
 
@@ -69,6 +69,29 @@ class RayCaster:
             np.where(nearer, distances, base_distances),
             np.where(nearer, self._base.count + triangles, base_triangles),
         )
+
+    def escapes(self, origins: Float64Array, directions: Float64Array) -> BoolArray:
+        """Return which rays (N,) hit nothing; faster than to look for the closest hits.
+
+        `origins` and `directions` broadcast to (N, 3); directions are unit vectors.
+        """
+        origins, directions = np.broadcast_arrays(
+            np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
+        )
+        is_hit, ray = self._scene.ray_test, self._ray
+        point, vector = mi.scalar_rgb.Point3f, mi.scalar_rgb.Vector3f
+        free: BoolArray = ~np.array(
+            [
+                is_hit(ray(point(x, y, z), vector(u, v, w)), True)
+                for x, y, z, u, v, w in zip(
+                    *origins.T.tolist(), *directions.T.tolist(), strict=True
+                )
+            ],
+            dtype=bool,
+        )
+        if self._base is not None:
+            free[free] = self._base.escapes(origins[free], directions[free])
+        return free
 
     def _cast_own(
         self, origins: Float64Array, directions: Float64Array

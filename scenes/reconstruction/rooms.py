@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -49,6 +50,9 @@ _REVEAL = 0.65  # greatest thickness of a wall around an opening, metres
 MIN_OPENING = 0.08  # square metres
 _RECESS = 0.02  # metres behind the wall's face from which a surface stands in a hole of the wall
 _OPEN_SHARE = 0.2  # least share of free cells in an opening; the rest is frame and bars
+_ROUNDING = 1e-6  # metres, by which comparisons of bounds are wider
+_PARTS = 8  # of the directions of a view
+_FAN_SAMPLE = 64  # open cells that show which directions lead outdoors most often
 _FRAME_CELLS = 4  # greatest width of a window's frame, in cells
 
 
@@ -61,6 +65,12 @@ class FoundRoom:
     ceiling_z: float
     guessed: bool = False
 
+    @cached_property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Least x and y, greatest x and y of the floor."""
+        west, south, east, north = self.floor.bounds
+        return float(west), float(south), float(east), float(north)
+
     @property
     def centre(self) -> Float64Array:
         """A point (3,) well inside, at eye height."""
@@ -71,10 +81,25 @@ class FoundRoom:
         """Return whether a point (3,) lies inside or at most `margin` metres outside."""
         if not self.floor_z - margin <= point[2] <= self.ceiling_z + margin:
             return False
-        place = Point(point[0], point[1])
+        west, south, east, north = self.bounds
+        x, y, reach = float(point[0]), float(point[1]), max(margin, 0.0) + _ROUNDING
+        if not (west - reach <= x <= east + reach and south - reach <= y <= north + reach):
+            return False
+        place = Point(x, y)
         if margin > 0:
             return bool(self.floor.distance(place) < margin)
         return bool(self.floor.contains(place) and self.floor.boundary.distance(place) > -margin)
+
+    def is_near(self, other: FoundRoom, reach: float) -> bool:
+        """Return whether the bounds of two floors come within `reach` metres of each other."""
+        west, south, east, north = self.bounds
+        reach += _ROUNDING
+        return (
+            west - reach <= other.bounds[2]
+            and south - reach <= other.bounds[3]
+            and east + reach >= other.bounds[0]
+            and north + reach >= other.bounds[1]
+        )
 
 
 @dataclass
@@ -197,11 +222,12 @@ def has_view_outside(rays: RayCaster, room: FoundRoom) -> bool:
                     z = room.floor_z + share * (room.ceiling_z - room.floor_z)
                     places.append(np.array([point.x, point.y, z]))
     directions = fibonacci_sphere(2048)
-    for place in places:
-        distance, _ = rays.cast(place, directions)
-        if np.isinf(distance).any():
-            return True
-    return False
+    # By interleaved parts, since one ray is enough.
+    return any(
+        rays.escapes(place, directions[part::_PARTS]).any()
+        for place in places
+        for part in range(_PARTS)
+    )
 
 
 def _open_areas(
@@ -266,12 +292,13 @@ def _reaches_sky(
     """Return the open cells from which any of 24 directions outwards hits nothing."""
     fan = fibonacci_sphere(48)
     fan = fan[fan @ outward > 0.05]
-    fan = fan[np.argsort(-(fan @ outward), kind="stable")]
     points = grid[cells] + 0.02 * outward
+    # The directions that are free most often come first, as further ones are for the rest only.
+    some = points[:: 1 + len(points) // _FAN_SAMPLE]
+    counts = [int(rays.escapes(some, direction).sum()) for direction in fan]
     left = np.arange(len(points))
-    for direction in fan:  # straight out first: most open cells are free there
-        distance, _ = rays.cast(points[left], direction)
-        left = left[np.isfinite(distance)]
+    for number in np.argsort(-np.array(counts), kind="stable").tolist():
+        left = left[~rays.escapes(points[left], fan[number])]
         if not len(left):
             break
     free = np.ones(len(points), dtype=bool)
@@ -472,7 +499,7 @@ def _visible_space(
 def _overlap(first: FoundRoom, second: FoundRoom) -> bool:
     """Return whether two rooms share more than 0.4 of the smaller area, at the same heights."""
     height = min(first.ceiling_z, second.ceiling_z) - max(first.floor_z, second.floor_z)
-    if height <= 0.5:
+    if height <= 0.5 or not first.is_near(second, 0.0):
         return False
     shared = intersection(first.floor, second.floor).area
     return shared > 0.4 * min(first.floor.area, second.floor.area)
