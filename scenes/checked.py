@@ -89,7 +89,7 @@ def build(cls: type[T], data: Any, where: str = "", error: type[PbrnetError] = P
     """
     if not isinstance(data, dict):
         raise error(f"{where or cls.__name__}: expected a mapping of keys, got {shown(data)}")
-    hints, fields = _types(cls), _fields(cls)
+    hints, fields = _types(cls), _fields(cls)  # type: ignore[arg-type]
     for key in data:
         if key not in fields:
             close = difflib.get_close_matches(str(key)[:100], fields, n=1)

@@ -22,7 +22,7 @@ import shapely
 import trimesh
 from shapely.geometry import Polygon, box
 
-from scenes.arrays import Float64Array
+from scenes.arrays import Float64Array, Int64Array
 from scenes.geometry.mesh import face_areas
 from scenes.geometry.regions import (
     buffered,
@@ -241,13 +241,15 @@ def _projected(openings: list[FoundOpening], frame: PlaneFrame) -> list[Polygon]
     """The outlines, in a plane, of the openings close to it."""
     if not openings:
         return []
-    counts = [len(opening.polygon) for opening in openings]
+    counts = np.array([len(opening.polygon) for opening in openings], dtype=np.int64)
     local = frame.to_local(np.concatenate([opening.polygon for opening in openings]))
-    first = np.cumsum(counts) - counts
+    first: Int64Array = np.cumsum(counts) - counts
     close = np.minimum.reduceat(np.abs(local[:, 2]), first) <= _CLOSE
     return [
         shapely.convex_hull(shapely.multipoints(local[start : start + count, :2]))
-        for start, count, is_close in zip(first.tolist(), counts, close.tolist(), strict=True)
+        for start, count, is_close in zip(
+            first.tolist(), counts.tolist(), close.tolist(), strict=True
+        )
         if is_close
     ]
 
