@@ -50,9 +50,11 @@ DISPATCHERS: dict[str, tuple[str, ...]] = {
 }
 # Code that decides no byte of a stage's output, or only through parameters that the stage names
 # (presets name every parameter, so that defaults decide nothing): parameters and their checks,
-# errors, progress, the farm.
+# errors, progress, the farm, limits of time and memory.
 PLUMBING = (
+    "pipeline/costs/memory.py",
     "pipeline/farm",
+    "pipeline/limits.py",
     "pipeline/params.py",
     "pipeline/progress.py",
     "pipeline/records.py",
