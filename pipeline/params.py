@@ -111,13 +111,21 @@ class CameraParams:
     # views of the overlapping set of each room, 0: none, and least median overlap of their pairs
     overlap_views: int = field(default=0, metadata=within(0, 16) | OPTIONAL)
     overlap: float = field(default=0.5, metadata=within(0.05, 0.95) | OPTIONAL)
+    # the same cameras in all scenes of a plan, where they have room
+    share_cameras: bool = field(default=False, metadata=OPTIONAL)
     # trajectories from files, in the world of the scene that each names
     trajectories: tuple[TrajectoryFile, ...] = field(default=(), metadata=OPTIONAL)
 
     @property
     def has_links(self) -> bool:
-        """True if some views belong together: trajectories, stereo pairs, overlapping sets."""
-        return bool(self.walks or self.trajectories or self.stereo_baseline or self.overlap_views)
+        """True if some views belong together: in trajectories, pairs, sets, or across a plan."""
+        return bool(
+            self.walks
+            or self.trajectories
+            or self.stereo_baseline
+            or self.overlap_views
+            or self.share_cameras
+        )
 
     def verify(self, where: str) -> None:
         """Raise ValueError for a set of one view, or a range that is not two ascending numbers."""

@@ -71,16 +71,16 @@ def make_cameras(
         if found is None:
             left_out[name] = NO_WALK
         else:
-            views += _frames(render_scene, scene, params, name, *found)
+            views += frames_of(render_scene, scene, params, name, *found)
     for given in trajectories:
         poses = np.array(given.camera_to_world, dtype=np.float64)
         half_fov_x = given.half_fov_x or params.image.half_fov_x
-        views += _frames(render_scene, scene, params, given.name, poses, half_fov_x)
+        views += frames_of(render_scene, scene, params, given.name, poses, half_fov_x)
     if params.cameras.overlap_views:
         views, without = _overlapping_sets(render_scene, scene, params, seed, views)
         left_out |= without
     if params.cameras.stereo_baseline:
-        views, without = _stereo_pairs(render_scene, scene, params, views)
+        views, without = stereo_pairs(render_scene, scene, params, views)
         left_out |= without
     views.sort(key=lambda view: view.view_id)
     return replace(file, views=tuple(views), stored_left_out=left_out)
@@ -138,7 +138,7 @@ def _walk(
     return None if best is None else (best[1], half_fov_x)
 
 
-def _frames(
+def frames_of(
     render_scene: RenderScene,
     scene: Scene,
     params: Params,
@@ -247,7 +247,7 @@ def _overlapping(
     return [replace(view, K=anchor.K) for view in views], median
 
 
-def _stereo_pairs(
+def stereo_pairs(
     render_scene: RenderScene, scene: Scene, params: Params, views: list[View]
 ) -> tuple[list[View], dict[str, str]]:
     """Return the views with their partners on the right, and the partners that have no room.
@@ -276,7 +276,7 @@ def _stereo_pairs(
             paired += lefts
             continue
         half_fov_x = math.atan(0.5 * lefts[0].width / lefts[0].K[0][0])
-        partners = _frames(render_scene, scene, params, name, right[members], half_fov_x)
+        partners = frames_of(render_scene, scene, params, name, right[members], half_fov_x)
         for left, partner in zip(lefts, partners, strict=True):
             if not left.trajectory:
                 partner = replace(partner, view_id=name, trajectory="", frame=-1)

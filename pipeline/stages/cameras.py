@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,12 +17,13 @@ from pipeline.cameras.trajectory_files import (
 )
 from pipeline.frames import fingerprint
 from pipeline.params import Params
-from pipeline.records import data_lock
+from pipeline.records import Failure, data_lock
 from pipeline.stages import view_sampling
 from pipeline.stages.render_jobs import CameraJob, sample_scene
 from pipeline.stages.runner import StagePlan, Summary, Target, execute, finish
 from pipeline.stages.scene_listing import active_renderer, list_scenes, scene_digests
 from pipeline.views import CameraFile, load_cameras
+from scenes.contract import Scene
 from scenes.errors import InputError
 from scenes.files import remove_partials
 
@@ -42,31 +43,74 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
                 raise InputError(
                     f"cameras.trajectories: there is no scene {given.scene!r} in {data / 'scenes'}"
                 )
+            source = first_scenes(scenes, params).get(given.scene, given.scene)
+            if source != given.scene:
+                raise InputError(
+                    f"cameras.trajectories: {given.scene} shares the cameras of {source}; name that"
+                )
         digests = scene_digests(data, scenes)
         unreadable = {failure.scene_id for failure in plan.failures}
         plan.removed = _remove_old_cameras(root, {*scenes, *unreadable})
-        for scene_id in scenes:
-            path = root / f"{scene_id}.json"
-            expected = camera_fingerprint(scene_id, params, digests[scene_id], renderer)
-            if _is_current(path, expected):
-                plan.kept += 1
-            else:
-                job = CameraJob(
-                    path,
-                    data / "scenes" / scene_id,
-                    digests[scene_id],
-                    params,
-                    params.seed,
-                    expected,
-                    _trajectories(scene_id, params),
-                )
-                plan.add(job, Target(path, "cameras", scene_id))
-        made = execute(data, params, scheduler, plan, renderer)
+        expected = camera_fingerprints(scenes, params, digests, renderer)
+        first = first_scenes(scenes, params)
+        made: dict[Path, bool] = {}
+        # Scenes that take the cameras of another scene come after those.
+        for taking in (False, True):
+            part = StagePlan("cameras", "scenes", sample_scene)
+            for scene_id in scenes:
+                if (first[scene_id] != scene_id) == taking:
+                    path = root / f"{scene_id}.json"
+                    if _is_current(path, expected[scene_id]):
+                        part.kept += 1
+                        continue
+                    job = CameraJob(
+                        path,
+                        data / "scenes" / scene_id,
+                        digests[scene_id],
+                        params,
+                        params.seed,
+                        expected[scene_id],
+                    )
+                    if taking:
+                        source = root / f"{first[scene_id]}.json"
+                        if not _is_current(source, expected[first[scene_id]]):
+                            error = f"there are no cameras of {first[scene_id]} to share"
+                            part.failures.append(Failure("cameras", scene_id, "", error))
+                            continue
+                        job = replace(job, shared=load_cameras(source).views)
+                    else:
+                        job = replace(job, trajectories=_trajectories(scene_id, params))
+                    part.add(job, Target(path, "cameras", scene_id))
+            made |= execute(data, params, scheduler, part, renderer)
+            plan.kept += part.kept
+            plan.failures += part.failures
         return finish(data, plan, made, started, lambda: _notes(root, scenes))
 
 
+def first_scenes(scenes: Mapping[str, Scene], params: Params) -> dict[str, str]:
+    """Return for each scene the one whose cameras it has: itself, or the first of its plan."""
+    first: dict[str, str] = {}
+    plans: dict[str, str] = {}
+    for scene_id in sorted(scenes):
+        plan = scenes[scene_id].plan if params.cameras.share_cameras else ""
+        first[scene_id] = plans.setdefault(plan, scene_id) if plan else scene_id
+    return first
+
+
+def camera_fingerprints(
+    scenes: Mapping[str, Scene], params: Params, digests: Mapping[str, str], renderer: str
+) -> dict[str, str]:
+    """Return the fingerprint of each scene's camera file; `digests` are those of the scenes."""
+    first = first_scenes(scenes, params)
+    own = {name: camera_fingerprint(name, params, digests[name], renderer) for name in scenes}
+    return {
+        name: own[name] if source == name else fingerprint(own=own[name], shared=own[source])
+        for name, source in first.items()
+    }
+
+
 def camera_fingerprint(scene_id: str, params: Params, digest: str, renderer: str) -> str:
-    """Return the fingerprint of a scene's camera file; `digest` is that of the scene."""
+    """Return the fingerprint of cameras of a scene's own; `digest` is that of the scene."""
     given = trajectory_digests(scene_id, params.cameras)
     return fingerprint(
         kind="cameras",

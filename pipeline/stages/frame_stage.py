@@ -19,7 +19,7 @@ from pipeline.frames import frame_path, holds, kinds_of
 from pipeline.params import Params
 from pipeline.passes.registry import SURFACES, TRUTHS, frame_fingerprint, traced_together
 from pipeline.records import Failure, data_lock
-from pipeline.stages.cameras import camera_fingerprint
+from pipeline.stages.cameras import camera_fingerprints
 from pipeline.stages.render_jobs import FrameJob, render_frames
 from pipeline.stages.runner import StagePlan, Summary, Target, execute, finish, threaded
 from pipeline.stages.scene_listing import SAFE_NAME, active_renderer, list_scenes, scene_digests
@@ -105,6 +105,7 @@ def _views(
     """Return the views of all scenes, sorted; add broken camera files to the plan's failures."""
     views: list[View] = []
     stale = []
+    expected = camera_fingerprints(scenes, params, digests, renderer)
     for scene_id in scenes:
         path = data / "cameras" / f"{scene_id}.json"
         try:
@@ -120,7 +121,7 @@ def _views(
         except InputError as error:
             plan.failures.append(Failure(plan.stage, scene_id, "", str(error)))
             continue
-        if file.fingerprint != camera_fingerprint(scene_id, params, digests[scene_id], renderer):
+        if file.fingerprint != expected[scene_id]:
             stale.append(scene_id)
         views += file.views
     if stale:

@@ -45,6 +45,7 @@ from pipeline.render.scene import (
     set_variant,
 )
 from pipeline.stages.camera_files import make_cameras
+from pipeline.stages.shared_cameras import take_cameras
 from pipeline.versions import require_code
 from pipeline.views import View, save_cameras
 from scenes.contract import load_scene
@@ -67,6 +68,7 @@ class CameraJob:
     seed: int
     fingerprint: str
     trajectories: tuple[Trajectory, ...] = ()
+    shared: tuple[View, ...] | None = None  # the cameras of another scene of the plan
 
 
 @dataclass(frozen=True)
@@ -116,9 +118,12 @@ def use_renderer(
 
 
 def sample_scene(job: CameraJob) -> dict[str, Any]:
-    """Sample one scene's cameras and write its camera file."""
+    """Sample one scene's cameras, or take those of another scene, and write its camera file."""
     opened, opening = _opened(job.scene_folder, job.scene_digest)
-    cameras = make_cameras(opened, opened.scene, job.params, job.seed, job.trajectories)
+    if job.shared is None:
+        cameras = make_cameras(opened, opened.scene, job.params, job.seed, job.trajectories)
+    else:
+        cameras = take_cameras(opened, opened.scene, job.params, job.shared)
     sent: dict[str, SentFile] = {}
     with writing(job.path, sent, "cameras") as path:
         save_cameras(path, replace(cameras, fingerprint=job.fingerprint))

@@ -18,7 +18,7 @@ REPORT_SECTIONS = tuple(f"model/studies/{name}/results.py" for name in STUDIES)
 ENTRIES: dict[str, tuple[str, ...]] = {
     "assets": ("pipeline/stages/assets.py",),
     "scenes": ("pipeline/stages/scene_jobs.py", "pipeline/stages/scene_work.py"),
-    "cameras": ("pipeline/stages/camera_files.py",),
+    "cameras": ("pipeline/stages/camera_files.py", "pipeline/stages/shared_cameras.py"),
     "inputs": (
         "pipeline/passes/inputs.py",
         "pipeline/passes/labels.py",

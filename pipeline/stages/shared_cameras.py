@@ -1,0 +1,106 @@
+"""Cameras that a scene takes from another scene of its plan, where they have room.
+
+Scenes of a plan differ in finishes, light, or furniture. A camera stays where it is, so that rows
+of one plan and view id show the same place; it is left out if something is in its way here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from pipeline.cameras.overlap import outlook, overlap
+from pipeline.params import Params
+from pipeline.render.scene import RenderScene
+from pipeline.stages.camera_files import frames_of, stereo_pairs
+from pipeline.stages.view_sampling import (
+    BLOCKED,
+    INSIDE,
+    TOO_CLOSE,
+    make_view,
+    room_at,
+    sights,
+    surroundings,
+)
+from pipeline.views import CameraFile, View
+from scenes.contract import Scene
+
+
+def take_cameras(
+    render_scene: RenderScene, scene: Scene, params: Params, views: Sequence[View]
+) -> CameraFile:
+    """Return the camera file of a scene with the cameras of another one, `views`.
+
+    Single views are its candidates. A trajectory stays whole or is left out; those from files are
+    taken as they are. Overlap and stereo partners follow from this scene.
+    """
+    options = params.cameras
+    lefts = [view for view in views if view.stereo_offset >= 0]
+    eyes = np.array([view.eye for view in lefts]).reshape(-1, 3)
+    close, enclosed = surroundings(render_scene, eyes, options.clearance)
+    kept: list[View] = []
+    rejected: Counter[str] = Counter()
+    left_out: dict[str, str] = {}
+    trajectories: dict[str, list[int]] = {}
+    for index, view in enumerate(lefts):
+        if view.trajectory:
+            trajectories.setdefault(view.trajectory, []).append(index)
+            continue
+        half_fov_x = _half_fov_x(view)
+        (sight,) = sights(render_scene, scene, [(view.pose, half_fov_x)], params)
+        own = next((room for room in scene.rooms if room.id == view.room), None)
+        room = own or room_at(scene, view.eye)
+        reason = INSIDE if enclosed[index] else TOO_CLOSE if close[index] else ""
+        if not reason and sight.coarse.nearness > options.max_near:
+            reason = BLOCKED
+        if reason:
+            rejected[reason] += 1
+            continue
+        image = replace(params.image, half_fov_x=half_fov_x)
+        taken = make_view(scene, image, view.view_id, view.pose, sight, room)
+        kept.append(replace(taken, K=view.K, sector=view.sector, view_set=view.view_set))
+    singles = len(kept)
+    for name, members in trajectories.items():
+        if name.startswith("walk-") and (close | enclosed)[members].any():
+            left_out[name] = TOO_CLOSE
+            continue
+        poses = np.array([lefts[index].pose for index in members])
+        frames = frames_of(render_scene, scene, params, name, poses, _half_fov_x(lefts[members[0]]))
+        kept += [replace(frame, K=lefts[members[0]].K) for frame in frames]
+    kept = _with_overlap(render_scene, kept)
+    if options.stereo_baseline:
+        kept, without = stereo_pairs(render_scene, scene, params, kept)
+        left_out |= without
+    return CameraFile(
+        scene_id=scene.scene_id,
+        views=tuple(sorted(kept, key=lambda view: view.view_id)),
+        candidates=singles + sum(rejected.values()),
+        rejected={reason: rejected[reason] for reason in sorted(rejected)},
+        stored_left_out=left_out,
+    )
+
+
+def _half_fov_x(view: View) -> float:
+    return math.atan(0.5 * view.width / view.K[0][0])
+
+
+def _with_overlap(render_scene: RenderScene, views: list[View]) -> list[View]:
+    """Return the views with the overlap of their sets here; a set of one view is none."""
+    sets: dict[str, list[int]] = {}
+    for index, view in enumerate(views):
+        if view.view_set:
+            sets.setdefault(view.view_set, []).append(index)
+    result = list(views)
+    for name, members in sets.items():
+        seen = [outlook(render_scene, views[i].pose, views[i].intrinsics) for i in members]
+        pairs = [overlap(render_scene, one, other) for one, other in combinations(seen, 2)]
+        for index in members:
+            median = round(float(np.median(pairs)), 6) if pairs else 0.0
+            linked = {"view_set": name if pairs else "", "set_overlap": median}
+            result[index] = replace(views[index], **linked)  # type: ignore[arg-type]
+    return result
