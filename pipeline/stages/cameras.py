@@ -72,12 +72,12 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
                         expected[scene_id],
                     )
                     if taking:
-                        source = root / f"{first[scene_id]}.json"
-                        if not _is_current(source, expected[first[scene_id]]):
+                        lender = root / f"{first[scene_id]}.json"
+                        if not _is_current(lender, expected[first[scene_id]]):
                             error = f"there are no cameras of {first[scene_id]} to share"
                             part.failures.append(Failure("cameras", scene_id, "", error))
                             continue
-                        job = replace(job, shared=load_cameras(source).views)
+                        job = replace(job, shared=load_cameras(lender).views)
                     else:
                         job = replace(job, trajectories=_trajectories(scene_id, params))
                     part.add(job, Target(path, "cameras", scene_id))
