@@ -23,6 +23,7 @@ Kind = Literal[
     "labels",
     "video",
     "environment",
+    "light",
 ]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 ChannelSet = Literal["paper", "materials", "light", "labels", "environment", "video", "all"]
@@ -33,6 +34,7 @@ SETS: dict[ChannelSet, tuple[Kind, ...]] = {
     "labels": ("labels",),
     "video": ("video",),
     "environment": ("environment",),
+    "light": ("light",),
 }
 
 RGB = ("R", "G", "B")
@@ -49,6 +51,9 @@ VIDEO_BANDS = {
     way: (f"{way}.X", f"{way}.Y", f"{way}.occluded", f"{way}.outside")
     for way in ("forward", "backward")
 }
+DIRECT = ("direct.R", "direct.G", "direct.B")
+DIFFUSE = ("diffuse.R", "diffuse.G", "diffuse.B")
+IRRADIANCE = ("irradiance.R", "irradiance.G", "irradiance.B")
 
 RADIANCE = "W/(m^2 sr), relative"
 _FEW = "path traced with few samples, independent of"
@@ -74,6 +79,7 @@ class Channel:
     nonnegative: bool = False
     mask: bool = False  # 0 or 1, in the dataset a uint8
     in_dataset: bool = True  # False: in the frame only
+    derived: bool = False  # in the dataset only: computed from other channels when it is packed
 
     @property
     def dataset_dtype(self) -> type:
@@ -86,6 +92,12 @@ class Channel:
     def is_panorama(self) -> bool:
         """True for images over the sphere, False for those in the camera's image plane."""
         return self.kind in ("illumination", "environment")
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of a pixel's value: () or (bands,); derived channels are RGB."""
+        count = 3 if self.derived else len(self.bands)
+        return (count,) if count > 1 else ()
 
 
 CHANNELS = (
@@ -364,12 +376,70 @@ CHANNELS = (
         f"{_SPHERE} unit surface normal facing the camera, in camera axes: x right, y down, z "
         "forward; 0: no surface.",
     ),
+    Channel(
+        "direct",
+        "light",
+        DIRECT,
+        np.float16,
+        "Part of color: light scattered at most once, lamps that are seen included. Mirrors and "
+        "clear glass show direct light, too.",
+        RADIANCE,
+        nonnegative=True,
+    ),
+    Channel(
+        "indirect",
+        "light",
+        (),
+        np.float16,
+        "Part of color: light scattered more often. direct + indirect = color.",
+        RADIANCE,
+        derived=True,
+    ),
+    Channel(
+        "diffuse",
+        "light",
+        DIFFUSE,
+        np.float16,
+        "Part of color: light that the surface seen reflects by its diffuse lobes.",
+        RADIANCE,
+        nonnegative=True,
+    ),
+    Channel(
+        "specular",
+        "light",
+        (),
+        np.float16,
+        "Part of color: all other light, on lamps and in the sky their own. diffuse + specular = "
+        "color.",
+        RADIANCE,
+        derived=True,
+    ),
+    Channel(
+        "irradiance",
+        "light",
+        IRRADIANCE,
+        np.float32,
+        "Diffuse light over the reflectance: irradiance / pi, as the diffuse lobes see it; 0 "
+        "where they reflect nothing.",
+        RADIANCE,
+        nonnegative=True,
+    ),
+    Channel(
+        "residual",
+        "light",
+        (),
+        np.float32,
+        "What is left of color; negative where a pixel's centre is brighter than the pixel. "
+        "reflectance x irradiance + residual = color.",
+        RADIANCE,
+        derived=True,
+    ),
 )
 
 
 def channels_of(*kinds: str) -> tuple[Channel, ...]:
     """Return the channels of these kinds of frames, in the order of the table."""
-    return tuple(channel for channel in CHANNELS if channel.kind in kinds)
+    return tuple(c for c in CHANNELS if c.kind in kinds and not c.derived)
 
 
 def dataset_channels(kinds: Sequence[str]) -> tuple[Channel, ...]:
@@ -378,8 +448,8 @@ def dataset_channels(kinds: Sequence[str]) -> tuple[Channel, ...]:
     An image that two kinds of frames hold (`material`) is a column once, from the first.
     """
     columns: dict[str, Channel] = {}
-    for channel in channels_of(*kinds):
-        if channel.in_dataset:
+    for channel in CHANNELS:
+        if channel.kind in kinds and channel.in_dataset:
             columns.setdefault(channel.name, channel)
     return tuple(columns.values())
 

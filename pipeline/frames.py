@@ -16,6 +16,7 @@ Channels are linear and scene-referred; `pipeline.channels` lists them. The kind
 * `labels`: ids of instances, classes and materials, and tables that describe them; likewise
 * `video`: optical flow to the neighbours in a trajectory, and what they do not see; likewise
 * `environment`: panorama of all that the camera position sees: radiance, distance, normal; likewise
+* `light`: direct light, diffusely reflected light and irradiance in `color`; likewise
 
 Attributes: `worldToCamera` (4x4, OpenCV axes) and `pbrnet`, a JSON object with the view, the seed,
 spp, noise, renderer, `fingerprint` of everything that determines the pixels, and `digest` of the
@@ -100,7 +101,6 @@ def write_frame(path: Path, kind: Kind, channels: Channels, view: View, **meta: 
     dtypes = layout(kind)
     if set(channels) != set(dtypes):
         raise ValueError(f"{path}: channels {sorted(channels)}, expected {sorted(dtypes)}")
-    pixels: Channels = {}
     clamped = 0
     for name, dtype in dtypes.items():
         values = np.asarray(channels[name])
@@ -108,9 +108,19 @@ def write_frame(path: Path, kind: Kind, channels: Channels, view: View, **meta: 
             raise ValueError(f"{path}: channel {name} holds NaN or infinity")
         if dtype is np.float16:
             clamped += int((np.abs(values) > HALF_MAX).sum())
+    pixels = as_stored(kind, channels)
+    write_pixels(path, pixels, view, {"kind": kind, "clamped": clamped, **meta})
+
+
+def as_stored(kind: Kind, channels: Channels) -> Channels:
+    """Return channels in the types of the frame; half floats are clamped to their range."""
+    pixels: Channels = {}
+    for name, dtype in layout(kind).items():
+        values = np.asarray(channels[name])
+        if dtype is np.float16:
             values = np.clip(values, -HALF_MAX, HALF_MAX)
         pixels[name] = np.ascontiguousarray(values, dtype=dtype)
-    write_pixels(path, pixels, view, {"kind": kind, "clamped": clamped, **meta})
+    return pixels
 
 
 def write_pixels(path: Path, pixels: Channels, view: View, meta: dict[str, Any]) -> None:

@@ -364,6 +364,8 @@ class Params:
         if not self.channels or len(set(self.channels)) < len(self.channels):
             names = list(self.channels)
             raise ValueError(f"channels: {names}; one or more sets are needed, each once")
+        if {"light", "all"} & set(self.channels) and not self.groundtruth.joint:
+            raise ValueError("channels: light needs groundtruth.joint: true")
 
 
 def load_params(path: Path, seed: int | None = None) -> Params:

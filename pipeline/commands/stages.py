@@ -97,7 +97,7 @@ Examples:
 def groundtruth(params: Params, data: Path, scheduler: str | None) -> None:
     """Path-trace textureless shading and full colour of every view, both from one trace.
 
-    With channels also path-traces a panorama of all that the camera position sees.
+    With channels also the parts of the light, and a panorama of all that the camera position sees.
     Frames that are up to date are kept, so an interrupted run resumes where it stopped.
     """
     _print_summary(run_groundtruth(data, params, scheduler))

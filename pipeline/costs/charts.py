@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from pipeline.plotting import SERIES, add_legend, style_axes
 
 STAGES = ("scenes", "cameras", "inputs", "illumination", "visibility", "shading", "color")
-_TRUTHS = ("shading", "color")
+_TRUTHS = ("shading", "color", "light")
 _TIMELINE = ("scenes", "cameras", "inputs", "illumination", "shading and color")
 _ROWS = 16  # of the timeline
 _BARS = 1500  # of the timeline; more would be thinner than a line
@@ -211,9 +211,10 @@ def _samples_chart(rows: Sequence[Row]) -> LedgerChart | None:
         if row["stage"] in _TRUTHS and not row.get("first"):  # without opening and compiling
             key = (row["scene_id"], row["view_id"])
             spent[key] += row["seconds"]
-            facts[key] = row
+            if row["stage"] != "light":
+                facts[key] = row
     for column, name in (("spp", "samples per pixel"), ("noise", "relative noise")):
-        points = [(facts[key][column], spent[key]) for key in spent if facts[key].get(column)]
+        points = [(facts[key][column], spent[key]) for key in facts if facts[key].get(column)]
         if len({x for x, _ in points}) > 1:
             return LedgerChart(
                 f"Cost by {name}",

@@ -23,13 +23,13 @@ from scenes.errors import InputError
 from scenes.seeds import generator
 
 SCENE_STAGES = ("scenes", "cameras")
-# "truth" is shading and colour of a view together
+# "truth" is all that one trace of paths makes of a view: shading, colour, light
 VIEW_STAGES = (
     *("inputs", "materials", "labels", "video"),
     *("illumination", "visibility", "truth", "noisy", "environment"),
 )
 TOGETHER = "together"
-_TRUTHS = ("shading", "color")
+_TRUTHS = ("shading", "color", "light")
 _SAME = 1.5  # ratio of sizes below which the cost per sample cannot be separated
 _HALVES = 100  # draws of half of the scenes
 _MIN_SCENES = 4  # for a cross-validation
@@ -129,9 +129,9 @@ def _measured(ledger: pa.Table) -> tuple[dict[str, Measured], int]:
 
 
 def _truths(by_stage: Mapping[str, Rows]) -> Rows:
-    """Merge the rows of shading and colour of each view.
+    """Merge the rows of shading, colour and light of each view.
 
-    Views with only one of them are left out as unfinished, unless all views are like that.
+    Views with fewer of them than others are left out as unfinished.
     """
     both: dict[tuple[str, str], Rows] = {}
     for row in (row for stage in _TRUTHS for row in by_stage.get(stage, [])):

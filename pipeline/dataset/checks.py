@@ -20,6 +20,7 @@ from pipeline.channels import Kind, channels_of, layout
 from pipeline.dataset.environment_checks import environment_fault
 from pipeline.dataset.flow_checks import flow_fault
 from pipeline.dataset.label_checks import label_fault, material_fault
+from pipeline.dataset.light import light_fault
 from pipeline.frames import HALF_MAX, Channels, Frame, frame_path, read_frame
 from pipeline.params import CheckParams
 from pipeline.views import View
@@ -44,6 +45,7 @@ REASONS = {
     "view and its panorama",
     "mislabelled": "materials or labels do not agree with what is seen",
     "misaligned": "flow or occlusion do not agree with depth and cameras",
+    "light": "the parts of the light do not add up to color",
     "few_surfaces": "too few pixels see a surface",
     "black": "too many pixels without any light",
     "blown_out": "too many pixels at the limit of half floats",
@@ -146,6 +148,7 @@ def check_frames(
         or _elsewhere(view, frames)
         or _mislabelled(view, frames)
         or _misaligned(view, frames, neighbours or {})
+        or _unbalanced(frames)
         or _few_surfaces(inputs, limits.min_valid)
         or _over("black", "pixels are black", renders, black_share, limits.max_black)
         or _over("blown_out", "pixels are at the limit", renders, blown_share, limits.max_blown)
@@ -286,6 +289,11 @@ def _misaligned(
     video, inputs = frames["video"].channels, frames["inputs"].channels
     fault = flow_fault(video, inputs, view, neighbours)
     return Rejection("misaligned", f"video: {fault}") if fault else None
+
+
+def _unbalanced(frames: Mapping[Kind, Frame]) -> Rejection | None:
+    fault = light_fault(frames) if "light" in frames else None
+    return Rejection("light", fault) if fault else None
 
 
 def _few_surfaces(inputs: Channels, least: float) -> Rejection | None:

@@ -60,6 +60,7 @@ class Column:
 
 
 NAMES = pa.list_(pa.string())  # a list of any length
+NOISE_OF_PARTS = ("direct", "indirect", "diffuse", "specular", "irradiance")
 PREVIEW = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 
 
@@ -130,10 +131,15 @@ def _image_columns(
     columns = []
     for channel in dataset_channels(kinds):
         width, height = panorama if channel.is_panorama else size
-        bands = (len(channel.bands),) if len(channel.bands) > 1 else ()
         dtype = pa.from_numpy_dtype(channel.dataset_dtype)
         columns.append(
-            Column(channel.name, dtype, channel.description, channel.unit, (height, width, *bands))
+            Column(
+                channel.name,
+                dtype,
+                channel.description,
+                channel.unit,
+                (height, width, *channel.shape),
+            )
         )
     return tuple(columns)
 
@@ -141,6 +147,11 @@ def _image_columns(
 def _table_columns(kinds: tuple[Kind, ...]) -> tuple[Column, ...]:
     """Return the columns that say what images of these kinds mean, and how they were made."""
     text, columns = pa.string(), []
+    if "light" in kinds:
+        columns += [
+            Column(f"noise_{part}", pa.float32(), f"Relative noise estimate of {part}.")
+            for part in NOISE_OF_PARTS
+        ]
     if "materials" in kinds or "labels" in kinds:
         meaning = "Names of the scene's materials; material i is entry i - 1."
         columns.append(Column("material_names", NAMES, meaning))

@@ -9,7 +9,9 @@ import numpy as np
 from pipeline.channels import Channel, dataset_channels
 from pipeline.dataset.card import attribution_of, licence_of
 from pipeline.dataset.checks import Frames, noise_of
+from pipeline.dataset.columns import NOISE_OF_PARTS
 from pipeline.dataset.label_tables import json_text, room_layout
+from pipeline.dataset.light import remainders
 from pipeline.frames import Frame
 from pipeline.images import fit, png_bytes, tone_picture
 from pipeline.params import ToneParams
@@ -60,6 +62,7 @@ def make_row(
         "view_set": view.view_set or None,
         "set_overlap": view.set_overlap if view.view_set else None,
         **_tables(view, scene, frames),
+        **_light_noise(frames),
         **({"noisy_spp": frames["noisy"].meta.get("spp")} if "noisy" in frames else {}),
         **_environment_cells(frames),
     }
@@ -86,10 +89,21 @@ def _tables(view: View, scene: Scene, frames: Frames) -> dict[str, Any]:
     return cells
 
 
+def _light_noise(frames: Frames) -> dict[str, Any]:
+    """Return the noise estimates of the light's parts."""
+    if "light" not in frames:
+        return {}
+    facts = frames["light"].meta
+    return {f"noise_{part}": facts.get(f"noise_{part}") for part in NOISE_OF_PARTS}
+
+
 def _image_cells(frames: Frames) -> dict[str, AnyArray]:
-    """Return the images of all channels that the frames hold, by column name."""
+    """Return the images of all channels that the frames hold or derive, by column name."""
+    derived = remainders(frames) if "light" in frames else {}
     return {
-        channel.name: _image(frames[channel.kind], channel)
+        channel.name: derived[channel.name]
+        if channel.derived
+        else _image(frames[channel.kind], channel)
         for channel in dataset_channels(tuple(frames))
     }
 

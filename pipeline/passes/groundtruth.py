@@ -10,7 +10,7 @@ spectral rendering, and pixels that are not square.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -21,16 +21,18 @@ import numpy as np
 from pipeline.frames import Channels
 from pipeline.params import GroundTruthParams
 from pipeline.pathtrace.guiding import plan_guiding
-from pipeline.pathtrace.integrator import JointPath, twin_table
+from pipeline.pathtrace.integrator import JointPath
 from pipeline.pathtrace.launches import FrozenTracer
+from pipeline.pathtrace.light_parts import LightParts, NoParts
 from pipeline.pathtrace.light_pilot import EVERYWHERE, plan_lights
 from pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
 from pipeline.pathtrace.noise import BlockStatistics
+from pipeline.render.bsdf_tables import partner_table
 from pipeline.render.material_sets import MaterialSets
 from pipeline.render.scene import RenderScene
 from pipeline.render.sensors import make_sensor
 from pipeline.views import View
-from scenes.arrays import Float64Array
+from scenes.arrays import Float32Array, Float64Array
 from scenes.contract import Room
 from scenes.seeds import derive32
 
@@ -40,6 +42,8 @@ _BLOCK_SIZES = (1, 2, 4, 8, 16, 64, 256, 1024, 4096)
 _LAUNCH_SAMPLES = 1 << 21  # most samples of one launch; changing it changes pixels
 _TRACERS: WeakKeyDictionary[MaterialSets, FrozenTracer] = WeakKeyDictionary()
 
+PARTS = ("direct", "diffuse", "irradiance", "indirect", "specular")
+
 Launch = Callable[[int, int, int], Any]  # (copies side by side, spp, seed) -> mi.TensorXf
 Truth = tuple[Channels, dict[str, Any]]  # an image and its statistics
 
@@ -48,11 +52,13 @@ Truth = tuple[Channels, dict[str, Any]]  # an image and its statistics
 class Truths:
     """Images of a view in the scene's own colours and in its neutral twin.
 
-    Each is a pair of channels and statistics, as `render_truth` returns it.
+    Each is a pair of channels and statistics, as `render_truth` returns it. `parts` holds parts of
+    colour by name: those of `LightParts` and what they leave of colour, if they were asked for.
     """
 
     color: Truth
     shading: Truth
+    parts: dict[str, Truth] = field(default_factory=dict)
 
 
 def render_truth(
@@ -89,30 +95,56 @@ def render_truth(
 
 
 def render_both(
-    render_scene: RenderScene, view: View, params: GroundTruthParams, albedo: float, seed: int
+    render_scene: RenderScene,
+    view: View,
+    params: GroundTruthParams,
+    albedo: float,
+    seed: int,
+    light: bool = False,
 ) -> Truths:
     """Path-trace colour and the shading of the grey `albedo` in one trace.
 
     Each image has the same expectation as that of `render_truth`; see
-    `pipeline.pathtrace.integrator`. Requires `integrator.available()`. Raises `InputError` as
-    `render_truth` does, and for a material that has no neutral twin.
+    `pipeline.pathtrace.integrator`. With `light` also the parts of colour, see
+    `pipeline.pathtrace.light_parts`; colour and shading keep their bits. Requires
+    `integrator.available()`. Raises `InputError` as `render_truth` does, and for a material that
+    has no neutral twin.
     """
-    table = twin_table(render_scene.twins(albedo))
+    table = partner_table(render_scene.twins(albedo))
+    parts = LightParts(render_scene.lobes()) if light else NoParts()
     scene = render_scene.neutral(None).mitsuba
     lights: UniformLights | PlannedLights = UniformLights()
     if params.lights == "planned" and scene.emitters():
         home = render_scene.scene
         plan = plan_lights(scene, view, home.portals, seed, rooms_box(home.rooms))
         lights = PlannedLights(scene, plan, plan_guiding(scene, plan, seed))
-    path = JointPath(table, params.max_depth, params.rr_depth, lights)
-    version = render_scene.materials.neutral_version
+    path = JointPath(table, params.max_depth, params.rr_depth, lights, parts)
+    version = render_scene.materials.version
     tracer = tracer_of(render_scene)
 
     def launch(copies: int, spp: int, seed: int) -> Any:
         return tracer.launch(scene, version, view, copies, path, spp, seed)
 
-    color, shading = render_blocks(launch, view, params, seed, 2)
-    return Truths(color, shading)
+    if not light:
+        color, shading = render_blocks(launch, view, params, seed, 2)
+        return Truths(color, shading)
+
+    def launch_all(copies: int, spp: int, seed: int) -> Any:
+        images = np.asarray(launch(copies, spp, seed))
+        return with_remainders(images[..., : 6 + 3 * len(parts.names)])
+
+    color, shading, *images = render_blocks(launch_all, view, params, seed, 2 + len(PARTS))
+    return Truths(color, shading, dict(zip(PARTS, images, strict=True)))
+
+
+def with_remainders(images: Float32Array) -> Float32Array:
+    """Return images of a joint trace with its parts, and what two of them leave of colour.
+
+    `images` (H, W, 15) are colour, shading, direct, diffuse and irradiance; indirect and specular
+    follow.
+    """
+    color, direct, diffuse = images[..., :3], images[..., 6:9], images[..., 9:12]
+    return np.concatenate([images, color - direct, color - diffuse], axis=-1)
 
 
 def tracer_of(render_scene: RenderScene) -> FrozenTracer:
@@ -135,7 +167,7 @@ def render_blocks(
     """Render blocks until the noise target or `spp` is reached; return the images' means.
 
     `launch(copies, spp, seed)` returns that many blocks side by side, each of `images` images of
-    three bands.
+    three bands. The target is that of the first two: parts of colour do not change the samples.
     """
     spp, blocks = block_sizes(params)
     min_blocks = blocks
@@ -144,7 +176,7 @@ def render_blocks(
     per_launch = blocks_per_launch(min_blocks, spp * view.width * view.height)
     statistics = [BlockStatistics(view.height, view.width) for _ in range(images)]
     for first in range(0, blocks, per_launch):
-        if first >= min_blocks and all(each.noise() <= params.noise for each in statistics):
+        if first >= min_blocks and all(each.noise() <= params.noise for each in statistics[:2]):
             break
         copies = min(per_launch, blocks - first)  # the last launch may be smaller
         pixels = launch(copies, spp, derive32(seed, "block", first))

@@ -20,16 +20,18 @@ from pipeline.passes import (
     illumination,
     inputs,
     labels,
+    light,
     materials,
     video,
     visibility,
 )
-from pipeline.passes.denoise import denoise, denoiser_version, grey_guide, guides
+from pipeline.passes.denoise import Image, denoise, denoiser_version, grey_guide, guides
 from pipeline.passes.environment import render_environment
 from pipeline.passes.groundtruth import render_both, render_truth
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import inputs_of, render_inputs, visible_surfaces
 from pipeline.passes.labels import labels_of, render_labels
+from pipeline.passes.light import light_of
 from pipeline.passes.materials import materials_of, render_materials
 from pipeline.passes.video import render_video, video_of
 from pipeline.passes.visibility import render_visibility
@@ -43,6 +45,7 @@ from scenes.seeds import derive
 Result = tuple[Channels, dict[str, Any]]  # channels, and further entries of the attribute
 Render = Callable[[RenderScene, View, Params, int], Result]
 TRUTHS: tuple[Kind, ...] = ("shading", "color")
+TRACED: tuple[Kind, ...] = (*TRUTHS, "light")  # of one trace of paths
 # Of one trace of pixel centres.
 SURFACES: tuple[Kind, ...] = ("inputs", "materials", "labels", "video")
 
@@ -105,18 +108,32 @@ def _truth(kind: Kind) -> Render:
     return render
 
 
-def render_truths(scene: RenderScene, view: View, params: Params, seed: int) -> dict[Kind, Result]:
-    """Render shading and colour of a view; each is bit-identical to that of its own pass.
+def _light(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
+    return render_truths(scene, view, params, seed, light=True)["light"]
 
-    Raises `InputError` for a material without neutral twin, even though colour alone could be
-    rendered.
+
+def render_truths(
+    scene: RenderScene, view: View, params: Params, seed: int, light: bool = False
+) -> dict[Kind, Result]:
+    """Render shading and colour of a view, with `light` also the parts of its light.
+
+    Each is bit-identical to that of its own pass. Raises `InputError` for a material without
+    neutral twin, even though colour alone could be rendered; and with `light` where colour and
+    shading are not traced together.
     """
     if not traced_together(params):
+        if light:
+            raise InputError(
+                "channels: light needs colour and shading in one trace, groundtruth.joint: true "
+                "and a variant other than scalar_rgb"
+            )
         return {kind: PASSES[kind].render(scene, view, params, seed) for kind in TRUTHS}
-    truths = render_both(scene, view, params.groundtruth, params.shading.albedo, seed)
-    return {
-        kind: postprocessed(kind, getattr(truths, kind), scene, view, params) for kind in TRUTHS
-    }
+    truths = render_both(scene, view, params.groundtruth, params.shading.albedo, seed, light)
+    guided = None if params.groundtruth.denoise == "none" else guides(scene, view)
+    made = {kind: _denoised(kind, getattr(truths, kind), guided, params) for kind in TRUTHS}
+    if light:
+        made["light"] = light_of(truths, made["color"][0], guided)
+    return made
 
 
 def render_surfaces(scene: RenderScene, view: View, kinds: Sequence[Kind]) -> dict[Kind, Result]:
@@ -185,10 +202,19 @@ def postprocessed(
     kind: Kind, truth: Result, scene: RenderScene, view: View, params: Params
 ) -> Result:
     """Return a traced image as its pass stores it: denoised, if the parameters say so."""
-    channels, stats = truth
     if params.groundtruth.denoise == "none":
         return truth
-    albedo, normal = guides(scene, view)
+    return _denoised(kind, truth, guides(scene, view), params)
+
+
+def _denoised(
+    kind: Kind, truth: Result, guided: tuple[Image, Image] | None, params: Params
+) -> Result:
+    """Return a traced image after the denoiser, given its guides; as it is without them."""
+    if guided is None:
+        return truth
+    channels, stats = truth
+    albedo, normal = guided
     if kind == "shading":
         albedo = grey_guide(normal, params.shading.albedo)
     return denoise(channels, albedo, normal), {**stats, "denoiser": denoiser_version()}
@@ -210,6 +236,10 @@ def _color_determined_by(params: Params) -> dict[str, Any]:
     # In a joint trace, Russian roulette depends on the neutral twin.
     twin = {"shading": plain(params.shading)} if params.groundtruth.joint else {}
     return {**_truth_determined_by(params), **twin}
+
+
+def _light_determined_by(params: Params) -> dict[str, Any]:
+    return {**_color_determined_by(params), "made_of": [groundtruth.REVISION, inputs.REVISION]}
 
 
 def _noisy_determined_by(params: Params) -> dict[str, Any]:
@@ -264,6 +294,7 @@ PASSES: dict[Kind, Pass] = {
     "environment": Pass(
         environment.REVISION, _environment_determined_by, _environment, seeded=True
     ),
+    "light": Pass(light.REVISION, _light_determined_by, _light, seeded=True),
     "noisy": Pass(groundtruth.REVISION, _noisy_determined_by, render_noisy, seeded=True),
 }
 
@@ -271,10 +302,10 @@ PASSES: dict[Kind, Pass] = {
 def pass_seed(kind: Kind, view: View, root: int) -> int:
     """Return the seed of one pass over one view, derived from the root seed.
 
-    Shading and colour share a seed, because they may come from one trace. Noisy frames have their
-    own: a network that sees the ground truth's own samples would learn the ground truth's noise.
+    Shading, colour and light share a seed, because they come from one trace. Noisy frames have
+    their own: a network that sees the ground truth's own samples would learn its noise.
     """
-    name = "truth" if kind in TRUTHS else kind
+    name = "truth" if kind in TRACED else kind
     return derive(root, "scene", view.scene_id, "view", view.view_id, name)
 
 

@@ -30,10 +30,10 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
+from pipeline.pathtrace.light_parts import LightParts, NoParts
 from pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
-from pipeline.render.drjit_arrays import column
+from pipeline.render.bsdf_tables import partner
 
 # Squared distance up to which two unit directions are the same one, computed twice.
 _SAME_DIRECTION = 1e-7
@@ -64,22 +64,6 @@ def available() -> bool:
     return bool(dr.is_jit_v(mi.Float))
 
 
-def twin_table(pairs: list[tuple[Any, Any]]) -> Any:
-    """Return a `mi.BSDFPtr` array with each BSDF's twin at its registry id.
-
-    `pairs` are (own BSDF, twin).
-    """
-    own, twins = (_indices([pair[which] for pair in pairs]) for which in (0, 1))
-    table = np.zeros(own.max() + 1, dtype=np.uint32)
-    table[own] = twins
-    return dr.reinterpret_array(mi.BSDFPtr, column(mi.UInt32, table))
-
-
-def _indices(bsdfs: list[Any]) -> Any:
-    """Return the registry ids of BSDFs, (N,)."""
-    return np.array(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdfs)))
-
-
 @dataclass(eq=False)
 class JointPath:
     """Joint path tracer; `max_depth` and `rr_depth` are those of Mitsuba's `path`.
@@ -87,18 +71,25 @@ class JointPath:
     `lights` samples the emitters; see `pipeline.pathtrace.light_sampling`.
     """
 
-    twins: Any  # see `twin_table`
+    twins: Any  # table of each BSDF's neutral twin, see `pipeline.render.bsdf_tables`
     max_depth: int
     rr_depth: int
     lights: UniformLights | PlannedLights = field(default_factory=UniformLights)
+    parts: LightParts | NoParts = field(default_factory=NoParts)
 
     def integrator(self) -> Any:
-        """Return a Mitsuba integrator: colour in `R`, `G`, `B`, the neutral image in three AOVs."""
+        """Return a Mitsuba integrator: colour in `R`, `G`, `B`, the others in three AOVs each.
+
+        They are the neutral image and those of `parts`. A band of zeros may follow.
+        """
         return _integrator_class()(self)
 
     @dr.syntax
-    def trace(self, scene: Any, sampler: Any, ray: Any, active: Any) -> tuple[Any, Any]:
-        """Return the radiance along `ray` in colour and in the neutral twin, `mi.Color3f` each."""
+    def trace(self, scene: Any, sampler: Any, ray: Any, active: Any) -> list[Any]:
+        """Return the radiance along `ray` in each image, `mi.Color3f`.
+
+        The images are colour, the neutral twin, and those of `parts`.
+        """
         # Loop state
         ray = mi.Ray3f(ray)  # current segment of the path
         depth = mi.UInt32(0)  # number of vertices passed
@@ -106,6 +97,7 @@ class JointPath:
         previous = dr.zeros(mi.Interaction3f)  # previous vertex, for densities of emitter sampling
         colour = _camera_state()  # radiance, throughput, density in the scene's own colours
         neutral = _camera_state()  # the same in the neutral twin
+        parts = self.parts.start()  # of the light in colour
         active = mi.Bool(active)  # paths that are still traced
 
         while dr.hint(active, exclude=[self]):  # the arrays of `self` do not change
@@ -117,9 +109,9 @@ class JointPath:
             ds = mi.DirectionSample3f(scene, si=si, ref=previous)
             density = self.lights.density(scene, previous, ds, ~(colour.delta & neutral.delta))
             emitted = ds.emitter.eval(si, active)
-            colour.radiance += (
-                colour.throughput * emitted * self.bsdf_sampling_weight(colour, density)
-            )
+            weight = self.bsdf_sampling_weight(colour, density)
+            colour.radiance += colour.throughput * emitted * weight
+            parts.add_emission(colour.throughput, emitted * weight)
             neutral.radiance += (
                 neutral.throughput * emitted * self.bsdf_sampling_weight(neutral, density)
             )
@@ -127,9 +119,7 @@ class JointPath:
             # Next-event estimation: one emitter sample and one shadow ray for both materials
             active_next = active & si.is_valid() & (depth + 1 < self.max_depth)
             own = si.bsdf(ray)
-            twin = dr.gather(
-                mi.BSDFPtr, self.twins, dr.reinterpret_array(mi.UInt32, own), active_next
-            )
+            twin = partner(self.twins, own, active_next)
             smooth = active_next & mi.has_flag(own.flags() | twin.flags(), mi.BSDFFlags.Smooth)
             ds, light = self.lights.sample(scene, si, sampler.next_2d(), smooth)
             lit = smooth & (ds.pdf != 0)
@@ -137,8 +127,11 @@ class JointPath:
             of_colour, of_neutral = self.scatter_both(
                 (own, twin), si, ds.d, first, second, active_next, smooth
             )
-            colour.radiance[lit] += (
-                colour.throughput * light * self.emitter_sampling_value(of_colour, ds)
+            value = self.emitter_sampling_value(of_colour, ds)
+            colour.radiance[lit] += colour.throughput * light * value
+            arriving = dr.select(lit, light * value, 0)
+            parts.add_emitter_sample(
+                self.parts, own, si, ds.d, of_colour, colour.throughput, arriving, active_next
             )
             neutral.radiance[lit] += (
                 neutral.throughput * light * self.emitter_sampling_value(of_neutral, ds)
@@ -158,7 +151,7 @@ class JointPath:
             colour.throughput *= factor
             neutral.throughput *= factor
             active = active_next & (random < survival)
-        return colour.radiance, neutral.radiance
+        return [colour.radiance, neutral.radiance, *parts.images()]
 
     def scatter_both(
         self,
@@ -288,10 +281,16 @@ def _integrator_class() -> Any:
         def sample(
             self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True
         ) -> tuple[Any, Any, list[Any]]:
-            colour, neutral = self.path.trace(scene, sampler, ray, active)
-            return colour, mi.Bool(active), list(neutral)
+            colour, *others = self.path.trace(scene, sampler, ray, active)
+            bands = [band for image in others for band in image]
+            padding = len(self.aov_names()) - len(bands)
+            return colour, mi.Bool(active), bands + [mi.Float(0)] * padding
 
         def aov_names(self) -> list[str]:
-            return [f"neutral.{band}" for band in "RGB"]
+            images = ("neutral", *self.path.parts.names)
+            names = [f"{image}.{band}" for image in images for band in "RGB"]
+            # With a power of two of channels, a film adds samples up in another order, and colour
+            # would differ in its last bit. Its other four channels are colour and weight.
+            return names if (len(names) + 4).bit_count() > 1 else [*names, "padding"]
 
     return JointIntegrator

@@ -29,7 +29,7 @@ class FrozenTracer:
     """
 
     def __init__(self) -> None:
-        self._neutral_version: int | None = None
+        self._version: int | None = None
         self._sensors: dict[Any, Any] = {}
         self._launches: dict[Any, Any] = {}
 
@@ -41,7 +41,7 @@ class FrozenTracer:
     def launch(
         self,
         scene: Any,
-        neutral_version: int,
+        version: int,
         view: View,
         copies: int,
         path: JointPath,
@@ -50,17 +50,18 @@ class FrozenTracer:
     ) -> Any:
         """Render `copies` independent images of a view, side by side, by `path.integrator()`.
 
-        `neutral_version` is that of the scene's `MaterialSets`: when it changes, the neutral
-        materials are other instances, and recordings are discarded.
+        `version` is that of the scene's `MaterialSets`: when it changes, some materials are other
+        instances, and recordings are discarded.
         """
-        if neutral_version != self._neutral_version:
-            self._neutral_version = neutral_version
+        if version != self._version:
+            self._version = version
             self._launches.clear()
-        key = (view.width, view.height, copies, view.intrinsics.tobytes())
+        names = path.integrator().aov_names()
+        key = (view.width, view.height, copies, view.intrinsics.tobytes(), *names)
         if key not in self._sensors:
             sensor = make_sensor(view, copies)
             # In the state after a launch: otherwise the second launch would be recorded again.
-            sensor.film().prepare(path.integrator().aov_names())
+            sensor.film().prepare(names)
             dr.eval(sensor.film().develop())
             self._sensors[key] = sensor
             if len(self._sensors) > _MAX_RECORDINGS:

@@ -5,18 +5,20 @@ The two sets share the shapes' geometry and textures; one of them is applied at 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any
 
 import mitsuba as mi
 
-from pipeline.render.neutral import neutral_twin
+from pipeline.render.neutral import diffuse_lobe, neutral_twin, reflectance_twin
 from pipeline.render.scenegraph import Graph, create, shapes_of
 from scenes.errors import InputError
 
 _INITIAL_ALBEDO = 0.5
 
 MaterialSet = list[tuple[Any, Any]]  # shape and BSDF
+Lobes = list[tuple[Any, Any, Any]]  # own BSDF, its diffuse lobe, its reflectance twin
 
 
 class MaterialSets:
@@ -33,7 +35,8 @@ class MaterialSets:
         self._neutral: MaterialSet = []
         self._neutral_albedo: float | None = None
         self._applied: float | None = None  # the albedo of the applied set; None: own materials
-        self.neutral_version = 0  # counts the neutral sets made; each replaces the one before
+        self._lobes: Lobes | None = None
+        self.version = 0  # counts the sets of BSDFs made; launches recorded before are void
         with suppress(InputError):  # raised again when the neutral set is needed
             self._make_neutral(_INITIAL_ALBEDO)
 
@@ -69,10 +72,32 @@ class MaterialSets:
         pairs = zip(self._own, self._neutral, strict=True)
         return [(own, neutral) for (_, own), (_, neutral) in pairs]
 
+    def lobes(self) -> Lobes:
+        """Return every shape's own BSDF with its diffuse lobe and its reflectance twin.
+
+        They are made on first use, because every BSDF that exists is compiled.
+        """
+        if self._lobes is None:
+            self._lobes = self._make_lobes()
+            self.version += 1
+        return self._lobes
+
+    def _make_lobes(self) -> Lobes:
+        made: dict[int, tuple[Any, Any]] = {}
+        found = []
+        for (_, material), (_, own) in zip(_shapes(self._graph), self._own, strict=True):
+            if material not in made:
+                made[material] = (own, own)  # Mitsuba's default material is diffuse
+                if material >= 0:
+                    lobe = diffuse_lobe(self._graph, material)
+                    made[material] = lobe, reflectance_twin(self._graph, material)
+            found.append((own, *made[material]))
+        return found
+
     def _make_neutral(self, albedo: float) -> None:
         self._neutral_albedo = None
         self._neutral = _material_set(self._graph, albedo)
-        self.neutral_version += 1
+        self.version += 1
         self._neutral_albedo = albedo
 
 
@@ -80,20 +105,24 @@ def _material_set(graph: Graph, albedo: float | None) -> MaterialSet:
     """Return every shape with its own BSDF (`albedo` None) or its neutral twin."""
     twins: dict[int, Any] = {}
     pairs = []
-    for node in shapes_of(graph):
-        if graph.plugin(node) in ("shapegroup", "instance"):
-            continue
+    for node, material in _shapes(graph):
         shape = graph.make(node)
         if albedo is None:
             pairs.append((shape, shape.bsdf()))
             continue
-        material = next(iter(graph.nested(node, "BSDF")), -1)
         if material not in twins:
             twins[material] = (
                 neutral_twin(graph, material, albedo) if material >= 0 else _diffuse(albedo)
             )
         pairs.append((shape, twins[material]))
     return pairs
+
+
+def _shapes(graph: Graph) -> Iterator[tuple[int, int]]:
+    """Yield the nodes of every shape with a BSDF and of that BSDF, -1 for the default."""
+    for node in shapes_of(graph):
+        if graph.plugin(node) not in ("shapegroup", "instance"):
+            yield node, next(iter(graph.nested(node, "BSDF")), -1)
 
 
 def _diffuse(albedo: float) -> Any:

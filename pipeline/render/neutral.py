@@ -1,6 +1,6 @@
-"""Twins of a BSDF: neutral (every colour replaced by one grey) and reflectance (colour only).
+"""Twins of a BSDF: neutral (every colour one grey), reflectance (colour only), diffuse lobe.
 
-Both are made from the scene file's nodes and share textures with the original. A table here names
+All are made from the scene file's nodes and share textures with the original. A table here names
 the properties that hold colour. Everything else (roughness, metalness, index of refraction, glass,
 alpha masks, bump and normal maps, blend weights) stays unchanged in the neutral twin.
 """
@@ -27,6 +27,7 @@ _BASE = {
     "principled": "base_color",
     "principledthin": "base_color",
 }
+_PRINCIPLED = ("principled", "principledthin")
 # Tints that are removed: their defaults are colourless.
 _TINTS = ("specular_transmittance", "spec_tint", "sheen_tint")
 _DEFAULT_BASE = 0.5
@@ -65,6 +66,37 @@ def neutral_twin(graph: Graph, index: int, albedo: float) -> Any:
     if gloss in props and not _colourless(props[gloss]):
         del props[gloss]
     return graph.make_from(index, props)
+
+
+def diffuse_lobe(graph: Graph, index: int) -> Any:
+    """Return a BSDF whose diffuse lobes are those of node `index`, for evaluation only.
+
+    To be evaluated in a `mi.BSDFContext` of diffuse lobes. Most materials obey that context and
+    are returned themselves. The principled ones evaluate all their lobes in any context, so here
+    they have only diffuse ones, sheen included: with a relative index of refraction of 1 nothing is
+    reflected specularly, and transmission is replaced by a blend with black. Where a material has
+    transmission, its sheen is scaled with the other diffuse lobes.
+    """
+    plugin, props = graph.plugin(index), graph.props(index)
+    if plugin in _WRAPPERS:
+        for name, child in graph.references(index).items():
+            if graph.kind(child) == "BSDF":
+                props[name] = diffuse_lobe(graph, child)
+        return graph.make_from(index, props)
+    if plugin not in _PRINCIPLED:
+        return graph.make(index)
+    transmission = _value(graph, index, "spec_trans", 0.0)
+    _drop(props, "spec_trans", "clearcoat", "clearcoat_gloss", "spec_tint", "specular", "eta")
+    if plugin == "principled":
+        props["eta"] = 1.0
+    opaque = graph.make_from(index, props)
+    if isinstance(transmission, float | int) and transmission == 0:
+        return opaque
+    black = mi.Properties("diffuse")
+    black["reflectance"] = 0.0
+    blend = mi.Properties("blendbsdf")
+    blend["weight"], blend["bsdf_0"], blend["bsdf_1"] = transmission, opaque, create(black)
+    return create(blend)
 
 
 def reflectance_twin(graph: Graph, index: int) -> Any:

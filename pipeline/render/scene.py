@@ -106,6 +106,10 @@ class RenderScene:
         """
         return self.materials.twins(albedo)
 
+    def lobes(self) -> list[tuple[Any, Any, Any]]:
+        """Return every shape's BSDF with its diffuse lobe and its reflectance twin."""
+        return self.materials.lobes()
+
     def apply_materials(self) -> None:
         """Give the shared shapes this form's materials, unless they have them already.
 

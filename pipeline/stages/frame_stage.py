@@ -17,7 +17,7 @@ from typing import Any
 from pipeline.channels import Kind
 from pipeline.frames import frame_path, holds, kinds_of
 from pipeline.params import Params
-from pipeline.passes.registry import SURFACES, TRUTHS, frame_fingerprint, traced_together
+from pipeline.passes.registry import SURFACES, TRACED, frame_fingerprint, traced_together
 from pipeline.records import Failure, data_lock
 from pipeline.stages.cameras import camera_fingerprints
 from pipeline.stages.render_jobs import FrameJob, render_frames
@@ -85,7 +85,7 @@ def _by_trace(frames: dict[Path, _ExpectedFrame], params: Params) -> list[list[P
 
     In this order a worker changes scenes and kernels as rarely as possible.
     """
-    truths = dict.fromkeys(TRUTHS, "truth") if traced_together(params) else {}
+    truths = dict.fromkeys(TRACED, "truth") if traced_together(params) else {}
     traces = truths | dict.fromkeys(SURFACES, "surfaces")
     groups: dict[tuple[str, str, str], list[Path]] = defaultdict(list)
     for path, frame in frames.items():

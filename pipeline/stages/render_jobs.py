@@ -166,8 +166,9 @@ def _together(opened: RenderScene, job: FrameJob) -> dict[Kind, Result]:
     """Return the job's frames by kind, from one trace."""
     if job.fingerprints.keys() <= set(SURFACES):
         return render_surfaces(opened, job.view, tuple(job.fingerprints))
-    both = render_truths(opened, job.view, job.params, _seed(job, "color"))
-    return {kind: both[kind] for kind in job.fingerprints}
+    light = "light" in job.fingerprints
+    traced = render_truths(opened, job.view, job.params, _seed(job, "color"), light)
+    return {kind: traced[kind] for kind in job.fingerprints}
 
 
 def _seed(job: FrameJob, kind: Kind) -> int:

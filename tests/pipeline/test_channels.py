@@ -9,7 +9,16 @@ import pyarrow.parquet as pq
 import pytest
 
 from pipeline import channels
-from pipeline.channels import CHANNELS, KINDS, RGB, Channel, channels_of, dataset_channels, layout
+from pipeline.channels import (
+    CHANNELS,
+    IRRADIANCE,
+    KINDS,
+    RGB,
+    Channel,
+    channels_of,
+    dataset_channels,
+    layout,
+)
 from pipeline.dataset.pack import pack_dataset
 from pipeline.frames import Frame, frame_path, read_frame
 from pipeline.inspection.describe import inspect_path
@@ -46,7 +55,8 @@ def test_frames_have_the_layouts_that_the_design_fixes() -> None:
     assert layout("shading") == layout("color") == dict.fromkeys(RGB, np.float16)
     single = {band for kind in KINDS for band, dtype in layout(kind).items() if dtype is np.float32}
     flow = {f"{way}.{axis}" for way in ("forward", "backward") for axis in "XY"}
-    assert single == {"Z", "intensity.Y", "distance.Z"} | flow | set(RGB), (
+    light = set(IRRADIANCE)  # whose product with reflectance takes part in an identity
+    assert single == {"Z", "intensity.Y", "distance.Z"} | flow | light | set(RGB), (
         "a sun or a bare bulb overflows half"
     )
 

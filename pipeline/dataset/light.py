@@ -1,0 +1,67 @@
+"""Parts of the light in the dataset: those that follow from stored ones, and their check.
+
+A `light` frame stores direct and diffuse light and irradiance. The others are what these leave of
+colour, computed from the values as they are stored: half floats for parts of colour, whose
+difference a half float holds to 0.05 %, and floats for irradiance and residual, whose product and
+sum have no such bound.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pipeline.channels import ALBEDO, DIFFUSE, DIRECT, IRRADIANCE, Kind, dataset_channels
+from pipeline.frames import Frame
+from scenes.arrays import AnyArray, Float32Array
+
+_TOLERANCE = 1e-3  # of colour
+_DARK = 0.01  # of colour's mean: a darker pixel is compared with that
+
+
+def remainders(frames: Mapping[Kind, Frame]) -> dict[str, AnyArray]:
+    """Return the derived images of a view with a `light` frame, (H, W, 3), by column.
+
+    They have the types of their columns.
+    """
+    light, color = frames["light"], frames["color"].rgb
+    found = {
+        "indirect": color - light.stack(*DIRECT),
+        "specular": color - light.stack(*DIFFUSE),
+        "residual": color - _product(frames),
+    }
+    types = {channel.name: channel.dtype for channel in dataset_channels(("light",))}
+    return {name: image.astype(types[name]) for name, image in found.items()}
+
+
+def light_fault(frames: Mapping[Kind, Frame]) -> str | None:
+    """Say what is wrong with a `light` frame, or return None.
+
+    It is of the trace that made the colour frame, direct and diffuse light are at most colour, and
+    with the remainders they add up to it within 0.1 %, as reflectance x irradiance + residual do.
+    In pixels darker than 1 % of the mean, within 0.1 % of that.
+    """
+    light, frame = frames["light"], frames["color"]
+    if light.meta.get("color_digest") != frame.meta.get("digest"):
+        return "it belongs to another image of color"
+    color, rest = frame.rgb, remainders(frames)
+    tolerance = _TOLERANCE * np.maximum(color, _DARK * color.mean())
+    sums = {
+        "direct + indirect": (light.stack(*DIRECT), rest["indirect"]),
+        "diffuse + specular": (light.stack(*DIFFUSE), rest["specular"]),
+        "reflectance x irradiance + residual": (_product(frames), rest["residual"]),
+    }
+    for name, (part, other) in sums.items():
+        if name != "reflectance x irradiance + residual" and (part > color).any():
+            brighter = int((part > color).any(axis=-1).sum())
+            return f"{name.split()[0]}: {brighter} pixels brighter than color"
+        gap = np.abs(part + other.astype(np.float32) - color)
+        wrong = int((~(gap <= tolerance)).any(axis=-1).sum())
+        if wrong:
+            return f"{name}: {wrong} pixels differ from color by more than {_TOLERANCE:.1%}"
+    return None
+
+
+def _product(frames: Mapping[Kind, Frame]) -> Float32Array:
+    return frames["inputs"].stack(*ALBEDO) * frames["light"].stack(*IRRADIANCE)

@@ -1,0 +1,172 @@
+"""Parts of the light in a joint trace's colour: direct light, and what is reflected diffusely.
+
+Each is a sum over some of the contributions that make colour, times a share in [0, 1], so it has
+the same samples, roulette and emitter sampling, and is unbiased as colour is:
+
+* direct: light that was scattered at most once between emitter and camera. Mirror images and what
+  clear glass lets through count as what they show; light that a mirror throws onto a surface is
+  indirect.
+* diffuse: light that the first visible surface reflected by a diffuse lobe. That surface is the one
+  of the inputs: behind clear glass, but not in a mirror. Each contribution counts with the share
+  of the diffuse lobes in the BSDF's value.
+* irradiance: the same light over the reflectance of that surface, band by band: the radiance that
+  a white diffuse surface would have there. 0 where the reflectance is 0.
+
+The rest of colour (indirect, specular, residual) is what these leave.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from pipeline.render.bsdf_tables import partner, partner_table
+
+_BLACK = 1e-4  # reflectance below which irradiance is not determined
+
+
+@dataclass
+class NoParts:
+    """Nothing beside colour: costs nothing. Both the choice of parts and the state of a path."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the images."""
+        return ()
+
+    def start(self) -> NoParts:
+        """Return the state of a path at the camera."""
+        return self
+
+    def add_emission(self, throughput: Any, arriving: Any) -> None:
+        """Add emission that BSDF sampling found."""
+
+    def add_emitter_sample(self, *vertex: Any) -> None:
+        """Add an emitter sample, and go on to the next vertex."""
+
+    def images(self) -> tuple[Any, ...]:
+        """Return the images, `mi.Color3f` each."""
+        return ()
+
+
+@dataclass(init=False, eq=False)
+class LightParts:
+    """Direct, diffuse and irradiance of a scene with these `RenderScene.lobes`."""
+
+    lobes: Any  # table of each BSDF's diffuse lobe
+    reflectances: Any  # table of each BSDF's reflectance twin
+
+    def __init__(self, lobes: list[tuple[Any, Any, Any]]) -> None:
+        self.lobes = partner_table([(own, lobe) for own, lobe, _ in lobes])
+        self.reflectances = partner_table([(own, reflectance) for own, _, reflectance in lobes])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the images."""
+        return ("direct", "diffuse", "irradiance")
+
+    def start(self) -> PathParts:
+        """Return the state of a path at the camera."""
+        return PathParts(
+            direct=mi.Color3f(0),
+            diffuse=mi.Color3f(0),
+            irradiance=mi.Color3f(0),
+            share=mi.Color3f(0),
+            white=mi.Color3f(0),
+            before=mi.Bool(True),
+            scattered=mi.UInt32(0),
+        )
+
+    def shares(
+        self, own: Any, si: Any, light: Any, of_colour: Any, active: Any
+    ) -> tuple[Any, Any, Any]:
+        """Return shares of the diffuse lobes in the BSDF, `mi.Color3f` each, and the reflectance.
+
+        First towards the emitter sample in world direction `light`, then along the sampled
+        direction.
+        """
+        context, diffuse = mi.BSDFContext(), mi.BSDFContext()
+        diffuse.type_mask = mi.BSDFFlags.Diffuse
+        lobe = partner(self.lobes, own, active)
+        towards = lobe.eval(diffuse, si, si.to_local(light), active)
+        along = lobe.eval(diffuse, si, of_colour.sample.wo, active)
+        whole = own.eval(context, si, of_colour.sample.wo, active)
+        delta = mi.has_flag(of_colour.sample.sampled_type, mi.BSDFFlags.Delta)
+        twin = partner(self.reflectances, own, active)
+        reflectance = dr.clip(twin.eval_diffuse_reflectance(si, active), 0, 1)
+        return (
+            _share(towards, of_colour.value),
+            dr.select(delta, 0, _share(along, whole)),
+            reflectance,
+        )
+
+
+@dataclass
+class PathParts:
+    """State of a path: the parts so far, and how its further contributions count."""
+
+    direct: Any  # mi.Color3f
+    diffuse: Any  # mi.Color3f
+    irradiance: Any  # mi.Color3f
+    share: Any  # mi.Color3f, of contributions to colour in `diffuse`; 0 before the first surface
+    white: Any  # mi.Color3f, of contributions to colour in `irradiance`
+    before: Any  # mi.Bool, True up to the first visible surface
+    scattered: Any  # mi.UInt32, how often the path was scattered, for `direct`
+
+    def add_emission(self, throughput: Any, arriving: Any) -> None:
+        """Add emission that BSDF sampling found: `arriving` is radiance times MIS weight.
+
+        Products are formed anew, not shared with those of colour, so that its rounding stays.
+        """
+        self.direct += dr.select(self.scattered <= 1, throughput, 0) * arriving
+        self.diffuse += self.share * throughput * arriving
+        self.irradiance += self.white * throughput * arriving
+
+    def add_emitter_sample(
+        self,
+        parts: Any,  # the path tracer's `LightParts`
+        own: Any,
+        si: Any,
+        light: Any,
+        of_colour: Any,
+        throughput: Any,
+        arriving: Any,
+        active: Any,
+    ) -> None:
+        """Add an emitter sample, and go on to the next vertex.
+
+        `light` is the sample's direction, `of_colour` the scattering by the BSDF `own`, `arriving`
+        the sample's radiance over density, times BSDF, cosine and MIS weight.
+        """
+        kind = of_colour.sample.sampled_type
+        through = mi.has_flag(kind, mi.BSDFFlags.DeltaTransmission)
+        through |= mi.has_flag(kind, mi.BSDFFlags.Null)
+        mirrored = mi.has_flag(kind, mi.BSDFFlags.DeltaReflection)
+
+        first = active & self.before
+        towards, along, reflectance = parts.shares(own, si, light, of_colour, first)
+        bright = reflectance > _BLACK
+        white = dr.select(bright, dr.rcp(reflectance), 0)
+        self.direct += dr.select(self.scattered == 0, throughput, 0) * arriving
+        self.diffuse += dr.select(first, towards, self.share) * throughput * arriving
+        self.irradiance += dr.select(first, towards * white, self.white) * throughput * arriving
+
+        surface = first & ~through
+        self.share = dr.select(surface, along, self.share)
+        self.white = dr.select(surface, along * white, self.white)
+        self.before &= through
+        same = through | (mirrored & (self.scattered == 0))
+        self.scattered += dr.select(same, mi.UInt32(0), mi.UInt32(1))
+
+    def images(self) -> tuple[Any, ...]:
+        """Return the images, `mi.Color3f` each."""
+        return self.direct, self.diffuse, self.irradiance
+
+
+def _share(part: Any, whole: Any) -> Any:
+    """Return part / whole, at most 1; 0 where either is 0."""
+    valid = (part > 0) & (whole > 0)
+    return dr.select(valid, dr.minimum(part / whole, 1), 0)

@@ -1,0 +1,82 @@
+"""Light frames of the groundtruth stage: added, resumed and removed beside shading and colour."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pipeline.channels import DIFFUSE, DIRECT
+from pipeline.frames import frame_path, read_frame
+from pipeline.params import CameraParams, FarmParams, GroundTruthParams, ImageParams, Params
+from pipeline.passes import registry
+from pipeline.passes.registry import frame_fingerprint, render_truths
+from pipeline.stages.cameras import run_cameras
+from pipeline.stages.groundtruth import run_groundtruth
+from pipeline.views import load_cameras
+from scenes.checked import build
+from scenes.errors import InputError, ParameterError
+from scenes.params import SceneParams
+from tests.fixtures.render import make_view
+from tests.fixtures.stages import write_room
+
+PAPER = Params(
+    image=ImageParams(32, 24),
+    farm=FarmParams(workers=1),
+    scenes=SceneParams(homes=0, imports=("nothing",)),
+    cameras=CameraParams(views_per_room=1),
+    groundtruth=GroundTruthParams(spp=4, block_spp=2, max_depth=4, denoise="oidn"),
+)
+LIGHT = replace(PAPER, channels=("light",))
+
+
+def files(data: Path) -> dict[str, bytes]:
+    paths = [p for kind in ("shading", "color", "light") for p in (data / kind).rglob("*.exr")]
+    return {str(path.relative_to(data)): path.read_bytes() for path in sorted(paths)}
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("wavefront")
+def test_light_frames_are_added_and_removed_and_change_no_other_frame(tmp_path: Path) -> None:
+    data, other = tmp_path / "data", tmp_path / "other"
+    write_room(data / "scenes" / "alpha")
+    run_cameras(data, PAPER)
+    shutil.copytree(data, other)
+    assert run_groundtruth(data, PAPER).made == 2
+    paper = files(data)
+    run = run_groundtruth(data, LIGHT)  # the light frame alone
+    assert (run.made, run.kept) == (1, 2)
+    all_frames = files(data)
+    assert len(all_frames) == 3 and all_frames.items() > paper.items()
+    assert run_groundtruth(other, LIGHT).made == 3  # all of one trace
+    assert files(other) == all_frames
+
+    (view,) = load_cameras(data / "cameras" / "alpha.json").views
+    color, light = (read_frame(frame_path(data, kind, view)) for kind in ("color", "light"))  # type: ignore[arg-type]
+    assert light.meta["color_digest"] == color.meta["digest"]
+    for bands in (DIRECT, DIFFUSE):
+        part = light.stack(*bands)
+        assert 0.2 * color.rgb.mean() < part.mean() and (part <= color.rgb).all()
+    assert 0 < light.meta["noise_indirect"] < 1
+
+    run = run_groundtruth(data, PAPER)
+    assert (run.kept, run.removed) == (2, 1) and files(data) == paper
+
+
+def test_fingerprints_of_colour_do_not_know_of_light() -> None:
+    view = make_view()
+    for kind in ("shading", "color", "light"):
+        digests = {frame_fingerprint(kind, view, p, "s", "r") for p in (PAPER, LIGHT)}  # type: ignore[arg-type]
+        assert len(digests) == 1, kind
+
+
+def test_light_needs_a_joint_trace(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ParameterError, match="joint"):
+        build(Params, {"channels": ["light"], "groundtruth": {"joint": False}})
+    monkeypatch.setattr(registry, "traced_together", lambda params: False)
+    nothing: Any = None
+    with pytest.raises(InputError, match="scalar_rgb"):
+        render_truths(nothing, nothing, LIGHT, 0, light=True)
