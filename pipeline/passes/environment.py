@@ -26,11 +26,12 @@ from pipeline.passes.illumination import Panorama
 from pipeline.passes.inputs import VisibleSurfaces, normal, reflectance
 from pipeline.pathtrace import integrator
 from pipeline.pathtrace.guiding import plan_guiding
-from pipeline.pathtrace.integrator import JointPath, twin_table
+from pipeline.pathtrace.integrator import JointPath
 from pipeline.pathtrace.light_pilot import plan_lights
 from pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
 from pipeline.pathtrace.sphere import SphereTracer, trace_scalar
 from pipeline.render import raycast
+from pipeline.render.bsdf_tables import partner_table
 from pipeline.render.material_sets import MaterialSets
 from pipeline.render.scene import RenderScene
 from pipeline.views import View
@@ -114,10 +115,10 @@ def _launcher(
         lights = PlannedLights(scene, plan, plan_guiding(scene, plan, seed))
     materials = render_scene.materials
     # Every material is its own twin: only colour is needed.
-    table = twin_table([(bsdf, bsdf) for bsdf in materials.own])
+    table = partner_table([(bsdf, bsdf) for bsdf in materials.own])
     joint = JointPath(table, settings.max_depth, settings.rr_depth, lights)
     tracer = _TRACERS.setdefault(materials, SphereTracer())
-    version = materials.neutral_version
+    version = materials.version
     return lambda copies, spp, seed: tracer.launch(
         scene, version, view, width, copies, joint, spp, seed
     )

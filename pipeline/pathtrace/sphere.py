@@ -28,14 +28,14 @@ class SphereTracer:
     """Sampler and recorded launches of one open scene, kept between its views."""
 
     def __init__(self) -> None:
-        self._neutral_version: int | None = None
+        self._version: int | None = None
         self._sampler: Any = mi.load_dict({"type": "multijitter"})
         self._launches: dict[tuple[int, int, int], Any] = {}
 
     def launch(
         self,
         scene: Any,
-        neutral_version: int,
+        version: int,
         view: View,
         width: int,
         copies: int,
@@ -46,11 +46,11 @@ class SphereTracer:
         """Return radiance, linear RGB (width / 2, copies, width, 3), of independent panoramas.
 
         They are in the axes of `view`'s camera: the centre column is straight ahead, right of it is
-        the camera's right, the top row is its up. `spp` is a power of two. `neutral_version` is
+        the camera's right, the top row is its up. `spp` is a power of two. `version` is
         that of the scene's `MaterialSets`: when it changes, recordings are discarded.
         """
-        if neutral_version != self._neutral_version:
-            self._neutral_version = neutral_version
+        if version != self._version:
+            self._version = version
             self._launches.clear()
         key = (width, copies, spp)
         if key not in self._launches and scene.emitters():
