@@ -1,9 +1,10 @@
 """Walks: smooth camera trajectories over the free floor, from one room to the next.
 
 A walk leads from a random place to further random places, in rooms not yet visited first, by
-shortest ways that keep off obstacles. The way is smoothed, and the camera looks along it, a little
-ahead. It is walked as fast as the bounds of step and turn allow, then place and heading are
-smoothed over time, which keeps the bounds: the mean of steps is no longer than the longest.
+shortest ways that keep off obstacles, and rather onward than back. The way is smoothed, and the
+camera looks along it, a little ahead. It is walked as fast as the bounds of step and turn allow,
+then place and heading are smoothed over time, which keeps the bounds: the mean of steps is no
+longer than the longest.
 """
 
 from __future__ import annotations
@@ -17,17 +18,18 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from pipeline.cameras.free_floor import BODY, FreeFloor
-from scenes.arrays import Float64Array
+from scenes.arrays import Float64Array, Int32Array
 
-REVISION = 1  # raise it when a change of code changes walks
+REVISION = 2  # raise it when a change of code changes walks
 _SAMPLE = 0.02  # metres between points of a way
 _SMOOTHING = (0.3, 0.15, 0.08, 0.0)  # metres, standard deviation; the first that stays clear
 _MARGIN = 0.05  # metres that smoothing may come nearer to obstacles than a person's half width
 _AHEAD = 0.8  # metres along the way to the place that the camera looks at
 _CALM = 4.0  # frames, standard deviation of the smoothing over time
-_ROOMY = 0.45  # metres of clearance of the places that a walk leads to, where there is as much
+_ROOMY = 0.6  # metres of clearance of the places that a walk leads to, where there is as much
 _FAR = 1.5  # metres, least distance of the next place, where there is one
 _LEGS = 60
+_GOALS = 6  # next places of which the one that needs the least turn is taken
 _GRID = 6  # decimals of metres and radians: the same bits on every processor
 
 
@@ -88,18 +90,34 @@ def _way(
         fresh = sorted(set(rooms[far].tolist()) - visited)
         if fresh:
             far = far[rooms[far] == fresh[int(rng.integers(len(fresh)))]]
-        goal = int(_roomy(far, clearance, rng))
+        legs = [_leg(before, here, int(_roomy(far, clearance, rng))) for _ in range(_GOALS)]
+        leg = max(legs, key=lambda leg: _straightness(floor, way, leg))
+        goal = leg[-1]
         visited = visited | {int(rooms[goal])} if fresh else {int(rooms[goal])}
-        leg = [goal]
-        while leg[-1] != here:
-            leg.append(int(before[leg[-1]]))
-        way += leg[-2::-1]
+        way += leg
         here = goal
         points = floor.places(np.array(way))
         travelled = float(np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1)).sum())
         if travelled >= length:
             return points
     return None
+
+
+def _leg(before: Int32Array, here: int, goal: int) -> list[int]:
+    """Return the cells of the shortest way from `here`, without that one, to `goal`."""
+    leg = [goal]
+    while leg[-1] != here:
+        leg.append(int(before[leg[-1]]))
+    return leg[-2::-1]
+
+
+def _straightness(floor: FreeFloor, way: list[int], leg: list[int]) -> float:
+    """Return the cosine of the turn from a way into its next leg; 1 for the first leg."""
+    reach = round(_AHEAD / floor.cell)
+    cells = [way[max(0, len(way) - 1 - reach)], way[-1], leg[min(reach, len(leg)) - 1]]
+    one, other = np.diff(floor.places(np.array(cells)), axis=0)
+    lengths = np.sqrt((one**2).sum() * (other**2).sum())
+    return float((one * other).sum() / lengths) if lengths else 1.0
 
 
 def _roomy(cells: np.ndarray, clearance: Float64Array, rng: np.random.Generator) -> int:

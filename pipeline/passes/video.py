@@ -21,9 +21,10 @@ from pipeline.views import Matrix, View
 from scenes.arrays import BoolArray, Float64Array
 from scenes.geometry.directions import unit
 
-REVISION = 1  # raise it when a channel is added, or a change of code changes pixels
+REVISION = 2  # raise it when a channel is added, or a change of code changes pixels
 # Of the distance: above the rounding of float32 hit points, below the thickness of any board.
 _TOLERANCE = 2e-4
+_GRID = 1024  # parts of a pixel to which flow is rounded, so that it compresses
 
 
 def render_video(render_scene: RenderScene, view: View) -> Channels:
@@ -57,6 +58,7 @@ def _motion(surfaces: VisibleSurfaces, pose: Matrix) -> tuple[Float64Array, Bool
     rows, columns = np.divmod(np.arange(count), view.width)
     here = np.stack([columns, rows], axis=1) + 0.5
     flow = np.where(found.before[:, None], found.places - here, 0)
+    flow = np.round(flow * _GRID) / _GRID
     occluded = np.zeros(count, dtype=bool)
     some = found.inside
     occluded[some] = ~_visible(surfaces, found.offsets, there[:3, 3], some)

@@ -21,6 +21,7 @@ from tests.fixtures.render import diffuse, make_view, quad, room_walls, write_sc
 
 pytestmark = pytest.mark.usefixtures("variant")
 FOCAL = 32 * 0.8
+ROUNDED = 0.5 / 1024 + 1e-6  # pixels
 X, Y, HIDDEN, OUTSIDE = VIDEO_BANDS["forward"]
 
 
@@ -44,8 +45,8 @@ def test_flow_of_a_wall_beside_a_moving_camera(tmp_path: Path) -> None:
     scene = opened(tmp_path, {"wall": board("wall", (0, 4, 1.5), (9, 9))})
     frame = render_video(scene, moved(make_view(), (0.3, 0, 1.4)))
     # The camera goes right and down: what it sees goes left and up, by focal length / depth.
-    np.testing.assert_allclose(frame[X], -FOCAL * 0.3 / 4, atol=1e-4)
-    np.testing.assert_allclose(frame[Y], -FOCAL * 0.1 / 4, atol=1e-4)
+    np.testing.assert_allclose(frame[X], -FOCAL * 0.3 / 4, atol=ROUNDED)
+    np.testing.assert_allclose(frame[Y], -FOCAL * 0.1 / 4, atol=ROUNDED)
     columns = np.arange(32) + 0.5 - FOCAL * 0.3 / 4
     np.testing.assert_array_equal(frame[OUTSIDE][5] > 0, columns < 0)
     assert not frame[HIDDEN].any()
@@ -55,7 +56,7 @@ def test_flow_towards_a_wall_spreads_from_the_middle(tmp_path: Path) -> None:
     scene = opened(tmp_path, {"wall": board("wall", (0, 4, 1.5), (9, 9))})
     frame = render_video(scene, moved(make_view(), (0, 1, 1.5)))
     x = np.arange(32) + 0.5 - 16
-    np.testing.assert_allclose(frame[X], np.tile(x * (4 / 3 - 1), (24, 1)), atol=1e-4)
+    np.testing.assert_allclose(frame[X], np.tile(x * (4 / 3 - 1), (24, 1)), atol=ROUNDED)
 
 
 def test_a_board_hides_what_is_behind_it(tmp_path: Path) -> None:
@@ -73,7 +74,7 @@ def test_a_board_hides_what_is_behind_it(tmp_path: Path) -> None:
     outside = np.where(on_board, x - FOCAL * 0.4 / 2, then) < -16
     np.testing.assert_array_equal(frame[HIDDEN][9] > 0, behind & ~outside)
     assert behind.sum() == 2 or behind.sum() == 3
-    np.testing.assert_allclose(frame[X][9][on_board], -FOCAL * 0.4 / 2, atol=1e-4)
+    np.testing.assert_allclose(frame[X][9][on_board], -FOCAL * 0.4 / 2, atol=ROUNDED)
 
 
 def test_the_back_of_a_thin_sheet_hides_its_front(tmp_path: Path) -> None:
@@ -90,7 +91,7 @@ def test_the_sky_moves_as_the_camera_turns(tmp_path: Path) -> None:
     x = (np.arange(32) + 0.5 - 16) / FOCAL
     expected = FOCAL * np.tan(np.arctan(x) - turn) - FOCAL * x
     sky = render_inputs(scene, view)["valid"][12] == 0
-    np.testing.assert_allclose(frame[X][12][sky], expected[sky], atol=1e-4)
+    np.testing.assert_allclose(frame[X][12][sky], expected[sky], atol=ROUNDED)
     assert frame[HIDDEN][12][sky].any(), "the post covers other sky then"
 
 
@@ -191,13 +192,13 @@ def with_band(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable
         (with_band(HIDDEN, lambda band: np.roll(band, 6, axis=1)), "called|outside"),
         (with_band(OUTSIDE, np.zeros_like), "outside the image"),
         (with_band(X, lambda band: -band), "flow is wrong"),
-        (with_band(X, lambda band: band + np.float32(0.011)), "by up to 0.011"),
+        (with_band(X, lambda band: band + np.float32(0.02)), "by up to 0.02|by up to 0.0199"),
         (with_band(Y, lambda band: band.astype(np.float16) * np.float16(1.01)), "flow is wrong"),
     ],
     ids=[
         *("the frame before", "the frame after", "transposed pose", "time reversed"),
         *("occlusion inverted", "no occlusion", "occlusion shifted", "no outside"),
-        *("x mirrored", "0.011 pixels off", "one per cent too long"),
+        *("x mirrored", "0.02 pixels off", "one per cent too long"),
     ],
 )
 def test_mutants_are_found(mutant: Callable[[Film], Channels], words: str, film: Film) -> None:
