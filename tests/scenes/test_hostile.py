@@ -225,7 +225,7 @@ def test_flipped_bytes(tmp_path: Path, kind: str) -> None:
     rng = np.random.default_rng(7)
     refused = 0
     # An import that succeeds takes much longer than one that is refused at once.
-    for _ in range(5 if kind in ("png", "mtl") else 12):
+    for _ in range(4 if kind in ("png", "mtl", "obj") else 12):
         hurt = data.copy()
         places = rng.integers(0, len(hurt), 1 + len(hurt) // 2000)
         hurt[places] = rng.integers(0, 256, len(places))
@@ -240,7 +240,7 @@ def test_flipped_bytes(tmp_path: Path, kind: str) -> None:
         else:
             assert_whole_or_noted(tried, whole)
     # A damaged image costs only itself; every other kind holds bytes that nothing can do without.
-    assert refused == 0 if kind == "png" else refused >= (1 if kind == "mtl" else 3)
+    assert refused == 0 if kind == "png" else refused >= (1 if kind in ("mtl", "obj") else 3)
 
 
 @pytest.mark.parametrize("kind", ["Home.xml", "gltf", "obj", "mtl", "xml", "scene.json"])
@@ -249,7 +249,7 @@ def test_absurd_numbers(tmp_path: Path, kind: str) -> None:
     text = damaged.read_text()
     rng = np.random.default_rng(11)
     places = [at for at, sign in enumerate(text) if sign.isdigit()]
-    for number, wild in enumerate(("nan", "inf", "-1", "1e308", "99999999999", "1e-300") * 2):
+    for number, wild in enumerate(("nan", "inf", "-1", "1e308", "99999999999", "1e-300")):
         at = places[int(rng.integers(len(places)))]
         damaged.write_text(text[:at] + wild + text[at + 1 :])
         tried = Import(path, tmp_path / f"out{number}")
