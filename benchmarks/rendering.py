@@ -18,7 +18,8 @@ from benchmarks.bench import ROOT, Bench, resized
 from benchmarks.plain_loop import plain_sensor
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import Spent, by_turns, ratio, spread
-from pipeline.params import IlluminationParams
+from pipeline.params import EnvironmentParams, IlluminationParams
+from pipeline.passes.environment import render_environment
 from pipeline.passes.groundtruth import render_both
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
@@ -29,6 +30,7 @@ from pipeline.stages import view_sampling
 from pipeline.views import CameraFile, View, as_matrix
 
 PANORAMA = IlluminationParams(width=360)
+ENVIRONMENT = EnvironmentParams(width=256)
 # Candidates that were refused before anything was looked at.
 _UNSEEN = (
     view_sampling.NO_LIGHT,
@@ -73,6 +75,9 @@ def render_rows(bench: Bench) -> Iterator[Row]:
         "shading": lambda spp: plain_render(grey, view, spp, 0, depth),
         "joint": lambda spp: both(spp, 0),
         "panorama": lambda spp: render_illumination(scene, view, PANORAMA),
+        "environment": lambda spp: render_environment(
+            scene, view, replace(ENVIRONMENT, spp=spp), replace(truth, denoise="none"), 0
+        ),
         "inputs": lambda spp: render_inputs(scene, view),
         "labels": lambda spp: render_surfaces(scene, view, ("inputs", "materials", "labels")),
         "video": lambda spp: render_surfaces(scene, moved, ("inputs", "video")),
@@ -130,6 +135,14 @@ def _cheap_rows(spent: dict[str, list[Spent]], views: int) -> Iterator[Row]:
             clock="cpu",
             goal=at_most(0.05),
         )
+    around = ENVIRONMENT.width
+    yield Row(
+        "environment / ground truth",
+        f"a path-traced panorama {around} x {around // 2} with distance and normal, of as many "
+        "samples a pixel, against the joint trace above",
+        ratio(spent["environment"], spent["joint"], "cpu"),
+        clock="cpu",
+    )
     for name in ("inputs", "panorama"):
         meaning = f"the part of it that is the {name}"
         share = ratio(spent[name], spent["joint"], "cpu")
