@@ -54,6 +54,7 @@ _SHEET_PICTURES = 24
 _DRAWN = (
     *("depth", "normal", "reflectance", "valid", "object"),
     *("intensity", "distance", "tint", "visibility", "shading", "color", "noisy_color"),
+    "environment",
 )
 
 
@@ -300,7 +301,7 @@ def _draw_camera(axes: Axes, view: View) -> None:
 def _channel_picture(channel: Channel, frame: Frame) -> tuple[str, Picture]:
     """Return a label and a picture of any channel: labels, HDR colour, colour or a scalar."""
     values = frame.stack(*channel.bands)
-    if channel.bands == BUMPED:
+    if channel.bands in (BUMPED, NORMAL):
         return channel.name, normal_picture(values)
     if len(channel.bands) == 2:
         longest = float(np.sqrt((values**2).sum(axis=-1)).max())
@@ -312,6 +313,8 @@ def _channel_picture(channel: Channel, frame: Frame) -> tuple[str, Picture]:
             return channel.name, tone_picture(values, exposure_of(values, ToneParams()))
         return channel.name, reflectance_picture(values)
     low, high = float(values.min()), float(values.max())
+    if channel.unit == "metre":
+        return f"{channel.name}, up to {high:.2f} m", distance_picture(values[..., 0])
     # From 0 to at least 1, so that equal shares and masks look alike in all frames.
     label = f"{channel.name}, {low:.4g} to {high:.4g}"
     return label, color_map(values[..., 0], min(low, 0), max(high, 1))

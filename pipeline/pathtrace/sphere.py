@@ -61,8 +61,8 @@ class SphereTracer:
         trace = self._launches.get(key, _launch)
         eye, axes = (column(mi.Float, part.ravel()) for part in (view.eye, view.pose[:3, :3]))
         found = trace(scene, self._sampler, path, eye, axes, *key, dr.opaque(mi.UInt32, seed))
-        samples = np.array(found, dtype=np.float64)
-        pixels = samples.reshape(3, copies, width // 2, width, spp).mean(axis=-1)
+        samples = np.array(found).reshape(3, copies, width // 2, width, spp)
+        pixels = samples.mean(axis=-1, dtype=np.float64)
         return np.ascontiguousarray(pixels.transpose(2, 1, 3, 0))
 
 
