@@ -1,4 +1,4 @@
-"""Versions of the code: of the whole package, and of the modules that determine an output.
+"""Versions of the code, whole or of the modules that determine an output, and of the processor.
 
 Workers that run other code than the command must not do its work. Outputs whose fingerprint
 contains a `source_revision` are made again when a module that they depend on changes.
@@ -6,8 +6,11 @@ contains a `source_revision` are made again when a module that they depend on ch
 
 from __future__ import annotations
 
+import platform
 from functools import lru_cache
 from pathlib import Path
+
+import numpy as np
 
 from pipeline.imports import ROOT, import_closure
 from scenes.errors import MachineError
@@ -42,6 +45,18 @@ def source_revision(*modules: str, root: Path = ROOT) -> str:
     """
     paths = [root / Path(*module.split(".")).with_suffix(".py") for module in modules]
     return _digest(root, import_closure(paths, root))
+
+
+@lru_cache(maxsize=1)
+def instruction_set() -> str:
+    """Return the widest vector instructions of this processor: "AVX-512", "AVX2", or its name.
+
+    Light frames depend on it in their last bits.
+    """
+    found = set(np.show_config(mode="dicts")["SIMD Extensions"]["found"])
+    if found & {"X86_V4", "AVX512_SKX"}:
+        return "AVX-512"
+    return "AVX2" if found & {"X86_V3", "AVX2"} else platform.machine()
 
 
 def _digest(root: Path, sources: list[Path]) -> str:

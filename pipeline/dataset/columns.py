@@ -112,7 +112,9 @@ def dataset_columns(
         Column("score", single, "Camera score: how much furniture the view shows."),
         Column("objects", pa.int32(), "Pieces of furniture that cover over 1 % of the view each."),
         Column("seed", pa.int64(), "Seed of the path tracer; 64 bits in two's complement."),
-        Column("renderer", text, "Renderer, its version and variant."),
+        Column(
+            "renderer", text, "Renderer, version, variant, and the processor's instruction set."
+        ),
         Column("source", text, "Where the scene came from."),
         Column("licence", text, "Licence of the scene's parts, SPDX expression."),
         Column("attribution", text, "Title, author and licence of every part of the scene."),

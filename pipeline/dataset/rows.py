@@ -50,7 +50,7 @@ def make_row(
         "score": view.score,
         "objects": _objects_in(view, scene),
         "seed": _signed(color.meta.get("seed")),
-        "renderer": str(color.meta.get("renderer", "unknown")),
+        "renderer": _renderer(color),
         "source": str(scene.source.get("kind", "unknown")),
         "licence": licence_of(scene),
         "attribution": attribution_of(scene),
@@ -74,6 +74,12 @@ def _environment_cells(frames: Frames) -> dict[str, Any]:
         return {}
     frame = frames["environment"]
     return {"environment_spp": frame.meta.get("spp"), "noise_environment": noise_of(frame)}
+
+
+def _renderer(color: Frame) -> str:
+    """Return renderer and instruction set: light frames depend on both."""
+    about = (color.meta.get(name) for name in ("renderer", "instruction_set"))
+    return ", ".join(str(text) for text in about if text) or "unknown"
 
 
 def _tables(view: View, scene: Scene, frames: Frames) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from pipeline.render.scene_geometry import (
     SceneGeometry,
     TextureSlot,
 )
+from pipeline.render.triangles import Triangles, meet, triangles_of
 from scenes.arrays import AnyArray
 from scenes.geometry.directions import turned
 
@@ -104,7 +105,7 @@ def objects_along(
     for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
         ray = _ray(o, d)
         for _ in range(MAX_SURFACES + 1):
-            hit = geometry.scene.ray_intersect_preliminary(ray)
+            hit = _intersect(geometry, ray)
             if not hit.is_valid():
                 break
             shape = indices[hit.shape.ptr]
@@ -164,7 +165,7 @@ def _first_hit(geometry: SceneGeometry, ray: Any, through: bool) -> tuple[int, f
     numbers = _shape_numbers(geometry)
     travelled = 0.0
     for _ in range(MAX_LAYERS + 1):
-        hit = geometry.scene.ray_intersect_preliminary(ray)
+        hit = _intersect(geometry, ray)
         if not hit.is_valid():
             break
         shape = numbers[hit.shape.ptr]
@@ -174,6 +175,23 @@ def _first_hit(geometry: SceneGeometry, ray: Any, through: bool) -> tuple[int, f
         travelled += onward
         ray = mi.Ray3f(ray(onward), ray.d)
     return -1, float("inf"), None, ray
+
+
+def _intersect(geometry: SceneGeometry, ray: Any) -> Any:
+    """Return the first hit of a ray; distance and coordinates on a mesh as `triangles` says."""
+    hit = geometry.scene.ray_intersect_preliminary(ray)
+    if not hit.is_valid() or hit.shape is None:
+        return hit
+    triangles = _triangles(geometry)
+    first = triangles.first[_shape_numbers(geometry)[hit.shape.ptr]]
+    if first:
+        corners = triangles.vertices[triangles.faces[first + hit.prim_index]]
+        origin, direction = ([float(value) for value in vector] for vector in (ray.o, ray.d))
+        t, u, v, determinant = meet(origin, direction, *corners.astype(np.float64).tolist())
+        if determinant:
+            hit.t = t / determinant
+            hit.prim_uv = mi.ScalarPoint2f(u / determinant, v / determinant)
+    return hit
 
 
 def _past(hit: Any, ray: Any) -> float:
@@ -186,6 +204,15 @@ def _passes(geometry: SceneGeometry, shape: int, hit: Any, ray: Any) -> bool:
         return bool(geometry.clear[shape])
     si = hit.compute_surface_interaction(ray)
     return float(np.mean(si.bsdf().eval_null_transmission(si))) > 0.5
+
+
+def _triangles(geometry: SceneGeometry) -> Triangles:
+    """Return the triangles of all shapes; cached on the geometry."""
+    triangles: Triangles | None = geometry.__dict__.get("triangles")
+    if triangles is None:
+        triangles = triangles_of(geometry.shapes)
+        object.__setattr__(geometry, "triangles", triangles)
+    return triangles
 
 
 def _shape_numbers(geometry: SceneGeometry) -> dict[int, int]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from pipeline.render.drjit_arrays import column, registry_id, registry_table, to_numpy, vector
 from pipeline.render.scene_geometry import MAX_LAYERS, MAX_SURFACES, SceneGeometry, TextureSlot
+from pipeline.render.triangles import meet, triangles_of
 from scenes.arrays import AnyArray
 
 
@@ -108,10 +109,10 @@ def objects_along(
     def step(active: Any, hit: Any, ray: Any, layer: Any) -> tuple[Any, ...]:
         note(hit, ray, active)
         onward = _onward(ray, hit)
-        hit = geometry.scene.ray_intersect_preliminary(onward, coherent=True)
+        hit = _intersect(geometry, tables, onward)
         return active & hit.is_valid() & (layer < MAX_SURFACES), hit, onward, layer + 1
 
-    hit = geometry.scene.ray_intersect_preliminary(ray, coherent=True)
+    hit = _intersect(geometry, tables, ray)
     dr.while_loop(
         state=(hit.is_valid(), hit, ray, mi.UInt32(0)),
         cond=lambda active, hit, ray, layer: active,
@@ -191,7 +192,7 @@ def _first_hit(geometry: SceneGeometry, ray: Any, through: bool) -> tuple[Any, A
     """
     tables = _tables(geometry)
     any_mask, any_clear = bool(geometry.masked.any()), bool(geometry.clear.any())
-    hit = geometry.scene.ray_intersect_preliminary(ray, coherent=True)
+    hit = _intersect(geometry, tables, ray)
     start = mi.Point3f(ray.o)
     if through and (any_mask or any_clear):
         passing = _passes(tables, hit, ray, any_mask)
@@ -204,7 +205,7 @@ def _first_hit(geometry: SceneGeometry, ray: Any, through: bool) -> tuple[Any, A
             ),
             labels=("passing", "hit", "ray", "layer"),
         )
-        hit.t = dr.select(passing, dr.inf, hit.t)
+        hit.valid &= ~passing
     valid = hit.is_valid()
     number = dr.reinterpret_array(mi.UInt32, hit.shape)
     shape = dr.select(valid, dr.gather(mi.Int32, tables["shape"], number, valid), -1)
@@ -216,8 +217,29 @@ def _step(
     geometry: SceneGeometry, tables: dict[str, Any], any_mask: bool, hit: Any, ray: Any, layer: Any
 ) -> tuple[Any, Any, Any, Any]:
     ray = _onward(ray, hit)
-    hit = geometry.scene.ray_intersect_preliminary(ray, coherent=True)
+    hit = _intersect(geometry, tables, ray)
     return _passes(tables, hit, ray, any_mask), hit, ray, layer + 1
+
+
+def _intersect(geometry: SceneGeometry, tables: dict[str, Any], ray: Any) -> Any:
+    """Return the first hit of each ray; distance and coordinates on a mesh as `triangles` says."""
+    hit = geometry.scene.ray_intersect_preliminary(ray, coherent=True)
+    valid = hit.is_valid()
+    first = dr.gather(mi.UInt32, tables["first"], dr.reinterpret_array(mi.UInt32, hit.shape), valid)
+    on_mesh = valid & (first > 0)
+    face = dr.gather(mi.Vector3u, tables["faces"], first + hit.prim_index, on_mesh)
+    double = dr.float64_array_t(mi.Float)
+    corners = (dr.gather(mi.Point3f, tables["vertices"], corner, on_mesh) for corner in face)
+    a, b, c = ([double(value) for value in corner] for corner in corners)
+    t, u, v, determinant = meet(
+        [double(value) for value in ray.o], [double(value) for value in ray.d], a, b, c
+    )
+    exact = on_mesh & (determinant != 0)
+    hit.t = dr.select(exact, mi.Float(t / determinant), hit.t)
+    hit.prim_uv = dr.select(
+        exact, mi.Point2f(mi.Float(u / determinant), mi.Float(v / determinant)), hit.prim_uv
+    )
+    return hit
 
 
 def _onward(ray: Any, hit: Any) -> Any:
@@ -252,7 +274,13 @@ def _tables(geometry: SceneGeometry) -> dict[str, Any]:
     tables = geometry.__dict__.get("tables")
     if tables is None:
         numbers = list(enumerate(geometry.shapes))
+        triangles = triangles_of(geometry.shapes)
         tables = {
+            "vertices": mi.Float(triangles.vertices.ravel()),
+            "faces": mi.UInt32(triangles.faces.ravel()),
+            "first": registry_table(
+                [(s, int(triangles.first[i])) for i, s in numbers], mi.ShapePtr, 0, mi.UInt32
+            ),
             "shape": registry_table([(s, i) for i, s in numbers], mi.ShapePtr, -1, mi.Int32),
             "clear": registry_table(
                 [(s, int(geometry.clear[i])) for i, s in numbers], mi.ShapePtr, 0, mi.UInt32

@@ -1,6 +1,6 @@
 """Entry to the renderer: Mitsuba variant, scenes opened for rendering, object id images, rays.
 
-Call `set_variant` once per process, before anything else here.
+Call `set_variant` in each thread that renders, before anything else here.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from scenes.contract import Scene
 from scenes.errors import InputError, MachineError
 from scenes.geometry.directions import unit
 
-REVISION = 1
+REVISION = 2
 _SCALAR_WARNING = (
     "pbrnet: no usable libLLVM was found, so everything is rendered by the scalar_rgb variant: "
     "the same images, several times slower. To get it: apt-get install libllvm15, or set "
@@ -46,7 +46,12 @@ def set_variant(requested: Variant = "auto") -> str:
     else `scalar_rgb` with a line on standard error. Further calls cost nothing; "auto" keeps the
     variant that is set. Raises `MachineError` if the requested variant cannot run here, or if the
     process already uses another one.
+
+    Switches Dr.Jit's approximate functions off in the calling thread: reciprocal square roots
+    would differ by the processor's instruction set and vendor. So every thread that renders calls
+    this first.
     """
+    dr.set_flag(dr.JitFlag.FastMath, False)
     current = mi.variant()
     if current is not None and requested in ("auto", current):
         return str(current)

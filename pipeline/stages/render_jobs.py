@@ -46,7 +46,7 @@ from pipeline.render.scene import (
 )
 from pipeline.stages.camera_files import make_cameras
 from pipeline.stages.shared_cameras import take_cameras
-from pipeline.versions import require_code
+from pipeline.versions import instruction_set, require_code
 from pipeline.views import View, save_cameras
 from scenes.contract import load_scene
 from scenes.errors import InputError, MachineError
@@ -192,6 +192,7 @@ def _write(
             **stats,
             **({"seed": _seed(job, kind)} if PASSES[kind].seeded else {}),
             renderer=renderer_version(),
+            **({} if kind in SURFACES else {"instruction_set": instruction_set()}),
             fingerprint=job.fingerprints[kind],
         )
         size = path.stat().st_size

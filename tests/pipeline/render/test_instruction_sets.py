@@ -1,0 +1,60 @@
+"""Cameras, inputs, materials and labels have the same bits under another instruction set."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from pipeline.render import raycast, triangles
+from pipeline.render.scene import open_scene
+from tests.fixtures.instruction_sets import NARROW, digests_under, embree_shim, has_avx512
+from tests.fixtures.render import diffuse, quad, write_scene
+
+WIDE = pytest.mark.skipif(not has_avx512(), reason="this processor has no wider instructions")
+
+
+@WIDE
+@pytest.mark.usefixtures("wavefront")
+def test_numpy_blas_and_dr_jit_give_the_same_bits_with_avx2(tmp_path: Path) -> None:
+    home = tmp_path / "home"
+    assert digests_under(home, {}) == digests_under(home, NARROW)
+
+
+@WIDE
+@pytest.mark.check
+@pytest.mark.usefixtures("wavefront")
+def test_embree_gives_the_same_bits_with_avx2(tmp_path: Path) -> None:
+    """Of 100,000 pixels, at most one lies so near an edge that Embree finds another triangle."""
+    shim = embree_shim(tmp_path)
+    if shim is None:
+        pytest.skip("needs a C compiler")
+    home = tmp_path / "home"
+    assert digests_under(home, {}) == digests_under(home, {**NARROW, **shim})
+
+
+@pytest.mark.usefixtures("wavefront")
+def test_reciprocal_square_roots_are_ieee() -> None:
+    values = np.random.default_rng(0).uniform(1e-3, 1e3, 4096).astype(np.float32)
+    np.testing.assert_array_equal(dr.rsqrt(mi.Float(values)).numpy(), np.sqrt(1 / values))
+
+
+@pytest.mark.usefixtures("variant")
+def test_distances_are_those_of_exact_arithmetic_rounded_once(tmp_path: Path) -> None:
+    plane = quad("p", (0.1, 3.3, 1.7), (0.3, -1, 0.2), (5, 5), diffuse())
+    geometry = open_scene(write_scene(tmp_path / "scene", plane)).geometry
+    generator = np.random.default_rng(1)
+    directions = generator.uniform((-0.4, 0.8, -0.4), (0.4, 1.2, 0.4), (500, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    directions = directions.astype(np.float32).astype(np.float64)
+    eye = np.array([0.5, -0.25, 1.5])
+    _, distance = raycast.nearest(geometry, eye, directions)
+    found = triangles.triangles_of(geometry.shapes)
+    corners = found.vertices[found.faces[found.first[0]]].astype(np.float64)
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    expected = (corners[0] - eye) @ normal / (directions @ normal)
+    assert np.isfinite(distance).all()
+    np.testing.assert_allclose(distance, expected, rtol=2**-23, atol=0)
