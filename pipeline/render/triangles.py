@@ -1,4 +1,4 @@
-"""Where a ray meets a triangle, in IEEE double precision: the same bits on every processor.
+"""Intersection of a ray with a triangle in double precision: the same bits on every processor.
 
 Embree finds the triangle. The distance and the barycentric coordinates that it returns are made of
 approximate reciprocals, which differ by instruction set and vendor; here they are computed again.
