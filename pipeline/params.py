@@ -117,6 +117,12 @@ class CameraParams:
     trajectories: tuple[TrajectoryFile, ...] = field(default=(), metadata=OPTIONAL)
 
     @property
+    def most_views(self) -> int:
+        """Most views of a scene, without overlapping sets, trajectories and stored cameras."""
+        views = self.views_per_scene + self.walks * self.walk_frames
+        return 2 * views if self.stereo_baseline else views
+
+    @property
     def has_links(self) -> bool:
         """True if some views belong together: in trajectories, pairs, sets, or across a plan."""
         return bool(

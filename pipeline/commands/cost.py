@@ -63,7 +63,7 @@ def cost(
     The forecast is fitted to the cost of earlier views in DATA/ledger.parquet: render a few first,
     on the same kind of machines. Its error is measured by cross-validation between halves of those
     scenes; --check prints these errors only. Without --views, every scene counts with
-    cameras.views_per_scene views.
+    cameras.views_per_scene views, and the frames of its walks.
     """
     costs, errors = fit_costs(read_ledger(data))
     if check:
@@ -71,7 +71,7 @@ def cost(
         return
     left_out = set(KINDS) - set(kinds_of(params))
     costs = [cost for cost in costs if cost.stage not in left_out]
-    each = params.cameras.views_per_scene
+    each = params.cameras.most_views
     if scenes is None:
         wanted = params.scenes
         made = (wanted.homes + wanted.furnished_homes) * wanted.variants + len(wanted.imports)

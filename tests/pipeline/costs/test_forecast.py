@@ -116,6 +116,10 @@ def test_the_command_says_core_hours(tmp_path: Path) -> None:
     run = CliRunner().invoke(cli, [*words, "--views", "500000", "--cores", "1000"])
     assert "500,000 views of 100,000 scenes, 160x120" in run.output
     assert "on 1,000 cores: " in run.output
+    walks = "scenes: {homes: 10}\ncameras: {walks: 2, walk_frames: 30, stereo_baseline: 0.1}\n"
+    (tmp_path / "params.yaml").write_text(walks)
+    run = CliRunner().invoke(cli, [*words, "--json"])
+    assert json.loads(run.output)["views"] == 10 * 2 * (8 + 2 * 30)
 
 
 def test_without_measured_views_there_is_no_estimate(tmp_path: Path) -> None:
