@@ -460,6 +460,15 @@ def kinds_of_sets(sets: Sequence[ChannelSet]) -> tuple[Kind, ...]:
     return tuple(dict.fromkeys(kind for name in chosen for kind in SETS[name]))
 
 
-def layout(kind: Kind) -> dict[str, type]:
-    """Return the NumPy type of each EXR channel of a kind of frame."""
-    return {band: channel.dtype for channel in channels_of(kind) for band in channel.bands}
+def layout(kind: Kind, lights: int = 0) -> dict[str, type]:
+    """Return the NumPy type of each EXR channel of a kind of frame.
+
+    `lights` is the number of light groups that a `light` frame holds.
+    """
+    bands = {band: channel.dtype for channel in channels_of(kind) for band in channel.bands}
+    return bands | {band: np.float16 for number in range(lights) for band in light_bands(number)}
+
+
+def light_bands(number: int) -> tuple[str, ...]:
+    """Return the EXR channels of a light group."""
+    return tuple(f"light{number:02d}.{band}" for band in RGB)

@@ -16,7 +16,8 @@ Channels are linear and scene-referred; `pipeline.channels` lists them. The kind
 * `labels`: ids of instances, classes and materials, and tables that describe them; likewise
 * `video`: optical flow to the neighbours in a trajectory, and what they do not see; likewise
 * `environment`: panorama of all that the camera position sees: radiance, distance, normal; likewise
-* `light`: direct light, diffusely reflected light and irradiance in `color`; likewise
+* `light`: direct light, diffusely reflected light and irradiance in `color`; likewise; light groups
+  if `light.groups` is above 0
 
 Attributes: `worldToCamera` (4x4, OpenCV axes) and `pbrnet`, a JSON object with the view, the seed,
 spp, noise, renderer, `fingerprint` of everything that determines the pixels, and `digest` of the
@@ -94,11 +95,13 @@ def frame_path(data: Path, kind: Kind, view: View) -> Path:
 def write_frame(path: Path, kind: Kind, channels: Channels, view: View, **meta: Any) -> None:
     """Write a frame by rename; `meta` must hold `fingerprint`.
 
-    `channels` holds exactly the names of `layout(kind)`, each (H, W). Values beyond the range
+    `channels` holds exactly the names of `layout(kind)`, each (H, W); a `light` frame also those of
+    the groups in `light_names`. Values beyond the range
     of half floats are clamped; the attribute `clamped` is their number. Raises ValueError for
     wrong channels, NaN or infinity, and `MachineError` for a full disk.
     """
-    dtypes = layout(kind)
+    lights = len(meta.get("light_names", ()))
+    dtypes = layout(kind, lights)
     if set(channels) != set(dtypes):
         raise ValueError(f"{path}: channels {sorted(channels)}, expected {sorted(dtypes)}")
     clamped = 0
@@ -108,14 +111,14 @@ def write_frame(path: Path, kind: Kind, channels: Channels, view: View, **meta: 
             raise ValueError(f"{path}: channel {name} holds NaN or infinity")
         if dtype is np.float16:
             clamped += int((np.abs(values) > HALF_MAX).sum())
-    pixels = as_stored(kind, channels)
+    pixels = as_stored(kind, channels, lights)
     write_pixels(path, pixels, view, {"kind": kind, "clamped": clamped, **meta})
 
 
-def as_stored(kind: Kind, channels: Channels) -> Channels:
+def as_stored(kind: Kind, channels: Channels, lights: int = 0) -> Channels:
     """Return channels in the types of the frame; half floats are clamped to their range."""
     pixels: Channels = {}
-    for name, dtype in layout(kind).items():
+    for name, dtype in layout(kind, lights).items():
         values = np.asarray(channels[name])
         if dtype is np.float16:
             values = np.clip(values, -HALF_MAX, HALF_MAX)

@@ -203,6 +203,18 @@ class EnvironmentParams:
 
 
 @dataclass(frozen=True)
+class LightParams:
+    """Light groups, if `channels` names `light`."""
+
+    groups: int = field(default=0, metadata=within(0, 32))  # lamps with an image each; 0: none
+
+    @property
+    def images(self) -> int:
+        """Number of light groups: lamps, sky, sun and the rest; 0 without groups."""
+        return self.groups + 3 if self.groups else 0
+
+
+@dataclass(frozen=True)
 class ShadingParams:
     """Neutral reflectance of the textureless shading."""
 
@@ -352,6 +364,7 @@ class Params:
     cameras: CameraParams = CameraParams()
     illumination: IlluminationParams = IlluminationParams()
     groundtruth: GroundTruthParams = GroundTruthParams()
+    light: LightParams = LightParams()
     noisy: NoisyParams = NoisyParams()
     environment: EnvironmentParams = EnvironmentParams()
     shading: ShadingParams = ShadingParams()

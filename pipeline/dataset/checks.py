@@ -114,7 +114,9 @@ def load_frames(
             return Rejection(
                 "damaged", f"{kind}: holds a frame of kind {shown(frame.meta.get('kind'))}"
             )
-        missing = [name for name in layout(kind) if name not in frame.channels]
+        names = frame.meta.get("light_names")
+        expected = layout(kind, len(names) if isinstance(names, list) else 0)
+        missing = [name for name in expected if name not in frame.channels]
         if missing:
             return Rejection("damaged", f"{kind}: the channel {missing[0]!r} is missing")
         frames[kind] = frame
@@ -129,13 +131,14 @@ def check_frames(
     limits: CheckParams,
     neighbours: dict[str, Channels] | None = None,
     environment: Size = (256, 128),
+    lights: int = 0,
 ) -> Rejection | None:
     """Return the first reason to reject these frames, or None.
 
     `size`, `panorama` and `environment` are (width, height) of the dataset's images, panoramas of
     lights and panoramas of the environment. Noisy frames and panoramas are not rejected for their
     noise. `neighbours` holds the inputs of the next (`forward`) and the previous frame of a
-    trajectory, where they are known.
+    trajectory, where they are known. `lights` is the dataset's number of light groups.
     """
     inputs = frames["inputs"].channels
     renders = {kind: frames[kind].rgb for kind in ("shading", "color")}
@@ -148,7 +151,7 @@ def check_frames(
         or _elsewhere(view, frames)
         or _mislabelled(view, frames)
         or _misaligned(view, frames, neighbours or {})
-        or _unbalanced(frames)
+        or _unbalanced(frames, lights)
         or _few_surfaces(inputs, limits.min_valid)
         or _over("black", "pixels are black", renders, black_share, limits.max_black)
         or _over("blown_out", "pixels are at the limit", renders, blown_share, limits.max_blown)
@@ -291,8 +294,8 @@ def _misaligned(
     return Rejection("misaligned", f"video: {fault}") if fault else None
 
 
-def _unbalanced(frames: Mapping[Kind, Frame]) -> Rejection | None:
-    fault = light_fault(frames) if "light" in frames else None
+def _unbalanced(frames: Mapping[Kind, Frame], lights: int) -> Rejection | None:
+    fault = light_fault(frames, lights) if "light" in frames else None
     return Rejection("light", fault) if fault else None
 
 

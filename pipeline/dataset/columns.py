@@ -15,7 +15,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from pipeline.channels import SETS, ChannelSet, Kind, dataset_channels, kinds_of_sets
+from pipeline.channels import RADIANCE, SETS, ChannelSet, Kind, dataset_channels, kinds_of_sets
 from pipeline.dataset.label_tables import CLASSES, json_text
 
 
@@ -72,12 +72,13 @@ def dataset_columns(
     channels: Sequence[ChannelSet] = ("paper",),
     links: bool = False,
     environment: tuple[int, int] = (256, 128),
+    lights: int = 0,
 ) -> tuple[Column, ...]:
     """Return all columns, in order, for images and panoramas of these (width, height).
 
     `shadows` adds the column of visibility frames, `noisy` those of noisy frames, `channels` those
     of further sets, and `links` those that say which rows belong together, at the end.
-    `environment` is the size of that set's panoramas.
+    `environment` is the size of that set's panoramas, `lights` the number of light groups.
     """
     paper = SETS["paper"]
     further = tuple(kind for kind in kinds_of_sets(channels) if kind not in paper)
@@ -122,6 +123,7 @@ def dataset_columns(
         *(_noisy_columns(size, panorama) if noisy else ()),
         *_image_columns(further, size, environment),
         *(_table_columns(further)),
+        *(_light_columns(size, lights) if lights else ()),
         *(_link_columns() if links else ()),
     )
 
@@ -205,6 +207,23 @@ def _link_columns() -> tuple[Column, ...]:
         ),
         Column("view_set", pa.string(), "Overlapping set of views within the scene, or null."),
         Column("set_overlap", pa.float64(), "Median overlap of the set's pairs of views, 0 to 1."),
+    )
+
+
+def _light_columns(size: tuple[int, int], count: int) -> tuple[Column, ...]:
+    """Return the columns of `count` light groups."""
+    width, height = size
+    return (
+        Column(
+            "lights",
+            pa.float16(),
+            "Parts of color: light from the sky, from the sun, from single lamps, from all others. "
+            "Their sum is color.",
+            RADIANCE,
+            (count, height, width, 3),
+        ),
+        Column("light_names", NAMES, "Name of each image in lights; empty: no such light."),
+        Column("noise_lights", pa.float32(), "Relative noise estimates of lights.", "", (count,)),
     )
 
 

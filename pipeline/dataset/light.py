@@ -12,7 +12,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pipeline.channels import ALBEDO, DIFFUSE, DIRECT, IRRADIANCE, Kind, dataset_channels
+from pipeline.channels import (
+    ALBEDO,
+    DIFFUSE,
+    DIRECT,
+    IRRADIANCE,
+    Kind,
+    dataset_channels,
+    light_bands,
+)
 from pipeline.frames import Frame
 from scenes.arrays import AnyArray, Float32Array
 
@@ -35,12 +43,19 @@ def remainders(frames: Mapping[Kind, Frame]) -> dict[str, AnyArray]:
     return {name: image.astype(types[name]) for name, image in found.items()}
 
 
-def light_fault(frames: Mapping[Kind, Frame]) -> str | None:
+def light_groups(light: Frame, count: int) -> AnyArray:
+    """Return the images of `count` light groups of a `light` frame, float16 (count, H, W, 3)."""
+    bands = [[light.channels[band] for band in light_bands(number)] for number in range(count)]
+    return np.moveaxis(np.array(bands, dtype=np.float16), 1, -1)
+
+
+def light_fault(frames: Mapping[Kind, Frame], lights: int) -> str | None:
     """Say what is wrong with a `light` frame, or return None.
 
     It is of the trace that made the colour frame, direct and diffuse light are at most colour, and
     with the remainders they add up to it within 0.1 %, as reflectance x irradiance + residual do.
-    In pixels darker than 1 % of the mean, within 0.1 % of that.
+    In pixels darker than 1 % of the mean, within 0.1 % of that. It has `lights` light groups, which
+    are not negative and add up to colour within 0.1 %, too.
     """
     light, frame = frames["light"], frames["color"]
     if light.meta.get("color_digest") != frame.meta.get("digest"):
@@ -60,6 +75,14 @@ def light_fault(frames: Mapping[Kind, Frame]) -> str | None:
         wrong = int((~(gap <= tolerance)).any(axis=-1).sum())
         if wrong:
             return f"{name}: {wrong} pixels differ from color by more than {_TOLERANCE:.1%}"
+    names = light.meta.get("light_names", [])
+    if not isinstance(names, list) or len(names) != lights:
+        return "another number of light groups than light.groups says"
+    if lights:
+        groups = light_groups(light, lights).astype(np.float32)
+        wrong = int((~(np.abs(groups.sum(axis=0) - color) <= tolerance)).any(axis=-1).sum())
+        if wrong or groups.min() < 0:
+            return f"light groups: {wrong} pixels differ from color by more than {_TOLERANCE:.1%}"
     return None
 
 

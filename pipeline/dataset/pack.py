@@ -168,7 +168,8 @@ def _prepare(
     size, panorama, environment = _sizes(params)
     neighbours = _neighbours(data, source, view) if "video" in frames else {}
     limits = params.dataset.checks
-    why = check_frames(view, frames, size, panorama, limits, neighbours, environment)
+    lights = params.light.images
+    why = check_frames(view, frames, size, panorama, limits, neighbours, environment, lights)
     if why is not None:
         return why
     return make_row(source.scene, view, split, frames, params.tone, params.dataset.preview_width)
@@ -240,6 +241,7 @@ def _columns(params: Params) -> tuple[Column, ...]:
         channels=params.channels,
         links="video" in kinds_of(params) or params.cameras.has_links,
         environment=environment,
+        lights=params.light.images if "light" in kinds_of(params) else 0,
     )
 
 

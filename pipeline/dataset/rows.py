@@ -11,7 +11,7 @@ from pipeline.dataset.card import attribution_of, licence_of
 from pipeline.dataset.checks import Frames, noise_of
 from pipeline.dataset.columns import NOISE_OF_PARTS
 from pipeline.dataset.label_tables import json_text, room_layout
-from pipeline.dataset.light import remainders
+from pipeline.dataset.light import light_groups, remainders
 from pipeline.frames import Frame
 from pipeline.images import fit, png_bytes, tone_picture
 from pipeline.params import ToneParams
@@ -62,7 +62,7 @@ def make_row(
         "view_set": view.view_set or None,
         "set_overlap": view.set_overlap if view.view_set else None,
         **_tables(view, scene, frames),
-        **_light_noise(frames),
+        **_light_cells(frames),
         **({"noisy_spp": frames["noisy"].meta.get("spp")} if "noisy" in frames else {}),
         **_environment_cells(frames),
     }
@@ -95,12 +95,18 @@ def _tables(view: View, scene: Scene, frames: Frames) -> dict[str, Any]:
     return cells
 
 
-def _light_noise(frames: Frames) -> dict[str, Any]:
-    """Return the noise estimates of the light's parts."""
+def _light_cells(frames: Frames) -> dict[str, Any]:
+    """Return the noise estimates of the light's parts, and its groups."""
     if "light" not in frames:
         return {}
     facts = frames["light"].meta
-    return {f"noise_{part}": facts.get(f"noise_{part}") for part in NOISE_OF_PARTS}
+    cells = {f"noise_{part}": facts.get(f"noise_{part}") for part in NOISE_OF_PARTS}
+    names = facts.get("light_names")
+    if names:
+        cells["lights"] = light_groups(frames["light"], len(names))
+        cells["light_names"] = [str(name) for name in names]
+        cells["noise_lights"] = np.array(facts["noise_lights"], dtype=np.float32)
+    return cells
 
 
 def _image_cells(frames: Frames) -> dict[str, AnyArray]:

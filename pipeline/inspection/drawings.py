@@ -15,7 +15,17 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle, Wedge
 
-from pipeline.channels import ALBEDO, BUMPED, NORMAL, RADIANCE, RGB, TINT, Channel, channels_of
+from pipeline.channels import (
+    ALBEDO,
+    BUMPED,
+    NORMAL,
+    RADIANCE,
+    RGB,
+    TINT,
+    Channel,
+    channels_of,
+    light_bands,
+)
 from pipeline.frames import Frame
 from pipeline.images import (
     Picture,
@@ -177,6 +187,10 @@ def draw_frame(frame: Frame) -> Picture:
     for channel in channels_of(frame.meta.get("kind", "")):
         if channel.name not in _DRAWN and names.issuperset(channel.bands):
             pictures.append(_channel_picture(channel, frame))
+    for number, name in enumerate(frame.meta.get("light_names", ())):
+        if name:
+            image = frame.stack(*light_bands(number))
+            pictures.append((f"light: {name}", tone_picture(image, exposure_of(image, tone))))
     return contact_sheet(
         [enlarge(fit(picture, 640), 480) for _, picture in pictures],
         2 if len(pictures) > 1 else 1,

@@ -23,6 +23,7 @@ from pipeline.params import GroundTruthParams
 from pipeline.pathtrace.guiding import plan_guiding
 from pipeline.pathtrace.integrator import JointPath
 from pipeline.pathtrace.launches import FrozenTracer
+from pipeline.pathtrace.light_groups import LightGroups
 from pipeline.pathtrace.light_parts import LightParts, NoParts
 from pipeline.pathtrace.light_pilot import EVERYWHERE, plan_lights
 from pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
@@ -42,7 +43,7 @@ _BLOCK_SIZES = (1, 2, 4, 8, 16, 64, 256, 1024, 4096)
 _LAUNCH_SAMPLES = 1 << 21  # most samples of one launch; changing it changes pixels
 _TRACERS: WeakKeyDictionary[MaterialSets, FrozenTracer] = WeakKeyDictionary()
 
-PARTS = ("direct", "diffuse", "irradiance", "indirect", "specular")
+REMAINDERS = ("indirect", "specular")  # of colour without direct and diffuse light
 
 Launch = Callable[[int, int, int], Any]  # (copies side by side, spp, seed) -> mi.TensorXf
 Truth = tuple[Channels, dict[str, Any]]  # an image and its statistics
@@ -101,17 +102,19 @@ def render_both(
     albedo: float,
     seed: int,
     light: bool = False,
+    groups: LightGroups | None = None,
 ) -> Truths:
     """Path-trace colour and the shading of the grey `albedo` in one trace.
 
     Each image has the same expectation as that of `render_truth`; see
     `pipeline.pathtrace.integrator`. With `light` also the parts of colour, see
-    `pipeline.pathtrace.light_parts`; colour and shading keep their bits. Requires
+    `pipeline.pathtrace.light_parts`; colour and shading keep their bits; with `groups`
+    also an image of each. Requires
     `integrator.available()`. Raises `InputError` as `render_truth` does, and for a material that
     has no neutral twin.
     """
     table = partner_table(render_scene.twins(albedo))
-    parts = LightParts(render_scene.lobes()) if light else NoParts()
+    parts = LightParts(render_scene.lobes(), groups) if light else NoParts()
     scene = render_scene.neutral(None).mitsuba
     lights: UniformLights | PlannedLights = UniformLights()
     if params.lights == "planned" and scene.emitters():
@@ -133,15 +136,16 @@ def render_both(
         images = np.asarray(launch(copies, spp, seed))
         return with_remainders(images[..., : 6 + 3 * len(parts.names)])
 
-    color, shading, *images = render_blocks(launch_all, view, params, seed, 2 + len(PARTS))
-    return Truths(color, shading, dict(zip(PARTS, images, strict=True)))
+    names = (*parts.names, *REMAINDERS)
+    color, shading, *images = render_blocks(launch_all, view, params, seed, 2 + len(names))
+    return Truths(color, shading, dict(zip(names, images, strict=True)))
 
 
 def with_remainders(images: Float32Array) -> Float32Array:
     """Return images of a joint trace with its parts, and what two of them leave of colour.
 
-    `images` (H, W, 15) are colour, shading, direct, diffuse and irradiance; indirect and specular
-    follow.
+    `images` (H, W, 15 or more) are colour, shading, direct, diffuse, irradiance and light groups;
+    `REMAINDERS` follow.
     """
     color, direct, diffuse = images[..., :3], images[..., 6:9], images[..., 9:12]
     return np.concatenate([images, color - direct, color - diffuse], axis=-1)

@@ -36,6 +36,7 @@ from pipeline.passes.materials import materials_of, render_materials
 from pipeline.passes.video import render_video, video_of
 from pipeline.passes.visibility import render_visibility
 from pipeline.pathtrace import integrator
+from pipeline.pathtrace.light_groups import group_lights
 from pipeline.render.scene import RenderScene
 from pipeline.views import View
 from scenes.checked import plain
@@ -128,11 +129,17 @@ def render_truths(
                 "and a variant other than scalar_rgb"
             )
         return {kind: PASSES[kind].render(scene, view, params, seed) for kind in TRUTHS}
-    truths = render_both(scene, view, params.groundtruth, params.shading.albedo, seed, light)
+    groups = None
+    if light and params.light.groups:
+        home, shapes = scene.scene, scene.geometry.shapes
+        most = params.light.groups
+        groups = group_lights(scene.neutral(None).mitsuba, shapes, home.lights, view.room, most)
+    settings, albedo = params.groundtruth, params.shading.albedo
+    truths = render_both(scene, view, settings, albedo, seed, light, groups)
     guided = None if params.groundtruth.denoise == "none" else guides(scene, view)
     made = {kind: _denoised(kind, getattr(truths, kind), guided, params) for kind in TRUTHS}
     if light:
-        made["light"] = light_of(truths, made["color"][0], guided)
+        made["light"] = light_of(truths, made["color"][0], guided, groups)
     return made
 
 
@@ -239,7 +246,11 @@ def _color_determined_by(params: Params) -> dict[str, Any]:
 
 
 def _light_determined_by(params: Params) -> dict[str, Any]:
-    return {**_color_determined_by(params), "made_of": [groundtruth.REVISION, inputs.REVISION]}
+    return {
+        **_color_determined_by(params),
+        "light": plain(params.light),
+        "made_of": [groundtruth.REVISION, inputs.REVISION],
+    }
 
 
 def _noisy_determined_by(params: Params) -> dict[str, Any]:

@@ -111,7 +111,7 @@ class JointPath:
             emitted = ds.emitter.eval(si, active)
             weight = self.bsdf_sampling_weight(colour, density)
             colour.radiance += colour.throughput * emitted * weight
-            parts.add_emission(colour.throughput, emitted * weight)
+            parts.add_emission(self.parts, ds, colour.throughput, emitted * weight)
             neutral.radiance += (
                 neutral.throughput * emitted * self.bsdf_sampling_weight(neutral, density)
             )
@@ -131,7 +131,7 @@ class JointPath:
             colour.radiance[lit] += colour.throughput * light * value
             arriving = dr.select(lit, light * value, 0)
             parts.add_emitter_sample(
-                self.parts, own, si, ds.d, of_colour, colour.throughput, arriving, active_next
+                self.parts, own, si, ds, of_colour, colour.throughput, arriving, active_next
             )
             neutral.radiance[lit] += (
                 neutral.throughput * light * self.emitter_sampling_value(of_neutral, ds)

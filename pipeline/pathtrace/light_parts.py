@@ -12,6 +12,9 @@ the same samples, roulette and emitter sampling, and is unbiased as colour is:
 * irradiance: the same light over the reflectance of that surface, band by band: the radiance that
   a white diffuse surface would have there. 0 where the reflectance is 0.
 
+* light groups: light from each of the emitters' groups (`pipeline.pathtrace.light_groups`), if they
+  are asked for. They add up to colour.
+
 The rest of colour (indirect, specular, residual) is what these leave.
 """
 
@@ -23,6 +26,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from pipeline.pathtrace.light_groups import GroupTable, LightGroups
 from pipeline.render.bsdf_tables import partner, partner_table
 
 _BLACK = 1e-4  # reflectance below which irradiance is not determined
@@ -41,7 +45,7 @@ class NoParts:
         """Return the state of a path at the camera."""
         return self
 
-    def add_emission(self, throughput: Any, arriving: Any) -> None:
+    def add_emission(self, *contribution: Any) -> None:
         """Add emission that BSDF sampling found."""
 
     def add_emitter_sample(self, *vertex: Any) -> None:
@@ -54,19 +58,27 @@ class NoParts:
 
 @dataclass(init=False, eq=False)
 class LightParts:
-    """Direct, diffuse and irradiance of a scene with these `RenderScene.lobes`."""
+    """Direct, diffuse and irradiance of a scene with these `RenderScene.lobes`, light groups."""
 
     lobes: Any  # table of each BSDF's diffuse lobe
     reflectances: Any  # table of each BSDF's reflectance twin
+    groups: GroupTable | None
 
-    def __init__(self, lobes: list[tuple[Any, Any, Any]]) -> None:
+    def __init__(
+        self, lobes: list[tuple[Any, Any, Any]], groups: LightGroups | None = None
+    ) -> None:
+        self.groups = None if groups is None else GroupTable(groups)
         self.lobes = partner_table([(own, lobe) for own, lobe, _ in lobes])
         self.reflectances = partner_table([(own, reflectance) for own, _, reflectance in lobes])
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the images."""
-        return ("direct", "diffuse", "irradiance")
+        return ("direct", "diffuse", "irradiance", *group_names(self._count))
+
+    @property
+    def _count(self) -> int:
+        return 0 if self.groups is None else self.groups.count
 
     def start(self) -> PathParts:
         """Return the state of a path at the camera."""
@@ -78,6 +90,7 @@ class LightParts:
             white=mi.Color3f(0),
             before=mi.Bool(True),
             scattered=mi.UInt32(0),
+            lights=[mi.Color3f(0) for _ in range(self._count)],
         )
 
     def shares(
@@ -115,22 +128,25 @@ class PathParts:
     white: Any  # mi.Color3f, of contributions to colour in `irradiance`
     before: Any  # mi.Bool, True up to the first visible surface
     scattered: Any  # mi.UInt32, how often the path was scattered, for `direct`
+    lights: list[Any]  # mi.Color3f, of each light group
 
-    def add_emission(self, throughput: Any, arriving: Any) -> None:
+    def add_emission(self, parts: Any, ds: Any, throughput: Any, arriving: Any) -> None:
         """Add emission that BSDF sampling found: `arriving` is radiance times MIS weight.
 
+        `parts` are the path tracer's `LightParts`, `ds` is the `mi.DirectionSample3f`.
         Products are formed anew, not shared with those of colour, so that its rounding stays.
         """
         self.direct += dr.select(self.scattered <= 1, throughput, 0) * arriving
         self.diffuse += self.share * throughput * arriving
         self.irradiance += self.white * throughput * arriving
+        self.add_to_group(parts, ds, throughput, arriving)
 
     def add_emitter_sample(
         self,
-        parts: Any,  # the path tracer's `LightParts`
+        parts: Any,
         own: Any,
         si: Any,
-        light: Any,
+        ds: Any,
         of_colour: Any,
         throughput: Any,
         arriving: Any,
@@ -138,8 +154,8 @@ class PathParts:
     ) -> None:
         """Add an emitter sample, and go on to the next vertex.
 
-        `light` is the sample's direction, `of_colour` the scattering by the BSDF `own`, `arriving`
-        the sample's radiance over density, times BSDF, cosine and MIS weight.
+        `of_colour` is the scattering by the BSDF `own`, `arriving` the sample's radiance over
+        density, times BSDF, cosine and MIS weight.
         """
         kind = of_colour.sample.sampled_type
         through = mi.has_flag(kind, mi.BSDFFlags.DeltaTransmission)
@@ -147,12 +163,13 @@ class PathParts:
         mirrored = mi.has_flag(kind, mi.BSDFFlags.DeltaReflection)
 
         first = active & self.before
-        towards, along, reflectance = parts.shares(own, si, light, of_colour, first)
+        towards, along, reflectance = parts.shares(own, si, ds.d, of_colour, first)
         bright = reflectance > _BLACK
         white = dr.select(bright, dr.rcp(reflectance), 0)
         self.direct += dr.select(self.scattered == 0, throughput, 0) * arriving
         self.diffuse += dr.select(first, towards, self.share) * throughput * arriving
         self.irradiance += dr.select(first, towards * white, self.white) * throughput * arriving
+        self.add_to_group(parts, ds, throughput, arriving)
 
         surface = first & ~through
         self.share = dr.select(surface, along, self.share)
@@ -161,9 +178,23 @@ class PathParts:
         same = through | (mirrored & (self.scattered == 0))
         self.scattered += dr.select(same, mi.UInt32(0), mi.UInt32(1))
 
+    def add_to_group(self, parts: Any, ds: Any, throughput: Any, arriving: Any) -> None:
+        """Add a contribution to the group of its light."""
+        if parts.groups is not None:
+            group = parts.groups.group(ds)
+            self.lights = [
+                light + dr.select(group == number, throughput, 0) * arriving
+                for number, light in enumerate(self.lights)
+            ]
+
     def images(self) -> tuple[Any, ...]:
         """Return the images, `mi.Color3f` each."""
-        return self.direct, self.diffuse, self.irradiance
+        return self.direct, self.diffuse, self.irradiance, *self.lights
+
+
+def group_names(count: int) -> tuple[str, ...]:
+    """Return the names of the images of this number of light groups."""
+    return tuple(f"light{number:02d}" for number in range(count))
 
 
 def _share(part: Any, whole: Any) -> Any:

@@ -12,25 +12,33 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pipeline.channels import ALBEDO, RGB
+from pipeline.channels import ALBEDO, RGB, light_bands
 from pipeline.dataset.pack import pack_dataset
 from pipeline.frames import Channels, frame_path, read_frame
 from pipeline.inspection.describe import inspect_path
-from pipeline.params import Params
+from pipeline.params import LightParams, Params
+from pipeline.passes.light import adding_up
 from pipeline.views import View, load_cameras
+from scenes.errors import InputError
 from tests.fixtures.dataset import make_data, small_params, write_view
 
 PARTS = ("direct", "indirect", "diffuse", "specular", "irradiance", "residual")
 
 
+NAMES = ["sky", "", "lamp", ""]
+
+
 def lit(
-    folder: Path, scale: float = 1.0, change: Callable[[Channels, dict[str, Any]], object] = id
+    folder: Path,
+    scale: float = 1.0,
+    change: Callable[[Channels, dict[str, Any]], object] = id,
+    groups: int = 0,
 ) -> tuple[Path, Params, list[View]]:
     """A data folder of three scenes with a view each; `change` is applied to the first light frame.
 
-    Radiance is multiplied by `scale`.
+    Radiance is multiplied by `scale`. With `groups` the frames have light groups.
     """
-    params = replace(small_params(), channels=("light",))
+    params = replace(small_params(), channels=("light",), light=LightParams(groups))
     data = make_data(folder, params, scenes=3, views=1)
     cameras = [load_cameras(path) for path in sorted((data / "cameras").iterdir())]
     views = [view for file in cameras for view in file.views]
@@ -52,6 +60,13 @@ def lit(
             channels[f"irradiance.{band}"] = 0.9 * light / reflectance * random.uniform(0, 9, shape)
         noise = {f"noise_{part}": 0.25 for part in PARTS[:-1]}
         meta: dict[str, Any] = {"color_digest": frame.meta["digest"], "noise": None, **noise}
+        if groups:
+            images = np.zeros((len(NAMES), *shape, 3), dtype=np.float32)
+            images[0], images[2] = (random.random((*shape, 3)) for _ in range(2))
+            for number, image in enumerate(adding_up(images, frame.rgb)):
+                named = zip(light_bands(number), np.moveaxis(image, -1, 0), strict=True)
+                channels |= dict(named)
+            meta |= {"light_names": NAMES, "noise_lights": [0.5] * len(NAMES)}
         if view is views[0] and change is not id:
             change(channels, meta)
         write_view(data, "light", channels, view, **meta)
@@ -86,6 +101,38 @@ def test_the_parts_add_up_to_colour_in_the_dataset(scale: float, tmp_path: Path)
     drawn = inspect_path(frame_path(data, "light", views[0]))
     assert "irradiance.R" in drawn.text and drawn.draw().size
     assert "| `residual` | float32 | 24 x 32 x 3 |" in (data / "dataset" / "README.md").read_text()
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-6], ids=["day", "cellar"])
+def test_light_groups_add_up_to_colour_in_the_dataset(scale: float, tmp_path: Path) -> None:
+    data, params, views = lit(tmp_path, scale, groups=1)
+    assert pack_dataset(data, params).total == 3
+    table = table_of(data)
+    assert table["light_names"].to_pylist()[0] == NAMES
+    assert table["noise_lights"].to_pylist()[0] == [0.5] * 4
+    images = {}
+    for name in ("lights", "color"):
+        shape = json.loads(table.schema.field(name).metadata[b"shape"])
+        values = table[name].combine_chunks().flatten().to_numpy()
+        images[name] = values.reshape(-1, *shape).astype(np.float64)
+    assert images["lights"].shape[1:] == (4, 24, 32, 3) and images["lights"].min() >= 0
+    gap = abs(images["lights"].sum(axis=1) - images["color"])
+    assert (gap <= 1e-3 * images["color"]).all()
+    assert images["lights"][:, 0].mean() > 0 == images["lights"][:, 1].max()
+    drawn = inspect_path(frame_path(data, "light", views[0]))
+    assert "light02.R" in drawn.text and drawn.draw().size
+
+
+def test_views_with_other_light_groups_are_rejected(tmp_path: Path) -> None:
+    def darker(channels: Channels, meta: dict[str, Any]) -> None:
+        channels["light00.R"] = 0.9 * channels["light00.R"]
+
+    data, params, _ = lit(tmp_path, change=darker, groups=1)
+    assert pack_dataset(data, params).total == 2
+    line = (data / "dataset" / "rejected.csv").read_text().splitlines()[1]
+    assert line.startswith("home-0000,000,light,") and "light groups: 7" in line
+    with pytest.raises(InputError, match="another number of light groups"):
+        pack_dataset(data, replace(params, light=LightParams(2)))
 
 
 def test_paper_has_none_of_the_columns(tmp_path: Path) -> None:

@@ -205,7 +205,7 @@ class AllIsDiffuse(LightParts):
 
 
 class _NoEmission(PathParts):
-    def add_emission(self, throughput: Any, arriving: Any) -> None:
+    def add_emission(self, *contribution: Any) -> None:
         pass
 
 
@@ -217,10 +217,10 @@ class LostEmission(LightParts):
 
 
 class _Late(PathParts):
-    def add_emission(self, throughput: Any, arriving: Any) -> None:
+    def add_emission(self, parts: Any, ds: Any, throughput: Any, arriving: Any) -> None:
         late = dr.select(self.scattered == 2, throughput, 0)
         self.direct += late * arriving
-        super().add_emission(throughput, arriving)
+        super().add_emission(parts, ds, throughput, arriving)
 
 
 class OneBounceMore(LightParts):

@@ -7,11 +7,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from pipeline.channels import DIFFUSE, DIRECT
+from pipeline.channels import DIFFUSE, DIRECT, light_bands
 from pipeline.frames import frame_path, read_frame
-from pipeline.params import CameraParams, FarmParams, GroundTruthParams, ImageParams, Params
+from pipeline.params import (
+    CameraParams,
+    FarmParams,
+    GroundTruthParams,
+    ImageParams,
+    LightParams,
+    Params,
+)
 from pipeline.passes import registry
 from pipeline.passes.registry import frame_fingerprint, render_truths
 from pipeline.stages.cameras import run_cameras
@@ -61,6 +69,13 @@ def test_light_frames_are_added_and_removed_and_change_no_other_frame(tmp_path: 
         part = light.stack(*bands)
         assert 0.2 * color.rgb.mean() < part.mean() and (part <= color.rgb).all()
     assert 0 < light.meta["noise_indirect"] < 1
+
+    grouped = replace(LIGHT, light=LightParams(groups=1))
+    run = run_groundtruth(data, grouped)
+    assert (run.made, run.kept) == (1, 2)
+    light = read_frame(frame_path(data, "light", view))
+    assert light.meta["light_names"] == ["", "", "lamp", ""]
+    np.testing.assert_array_equal(light.stack(*light_bands(2)), color.rgb)
 
     run = run_groundtruth(data, PAPER)
     assert (run.kept, run.removed) == (2, 1) and files(data) == paper
