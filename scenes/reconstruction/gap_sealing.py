@@ -242,14 +242,12 @@ def _projected(openings: list[FoundOpening], frame: PlaneFrame) -> list[Polygon]
     if not openings:
         return []
     counts = np.array([len(opening.polygon) for opening in openings], dtype=np.int64)
-    local = frame.to_local(np.concatenate([opening.polygon for opening in openings]))
+    depths = frame.to_local(np.concatenate([opening.polygon for opening in openings]))[:, 2]
     first: Int64Array = np.cumsum(counts) - counts
-    close = np.minimum.reduceat(np.abs(local[:, 2]), first) <= _CLOSE
+    close = np.minimum.reduceat(np.abs(depths), first) <= _CLOSE
     return [
-        shapely.convex_hull(shapely.multipoints(local[start : start + count, :2]))
-        for start, count, is_close in zip(
-            first.tolist(), counts.tolist(), close.tolist(), strict=True
-        )
+        shapely.convex_hull(shapely.multipoints(frame.to_local(opening.polygon)[:, :2]))
+        for opening, is_close in zip(openings, close.tolist(), strict=True)
         if is_close
     ]
 
