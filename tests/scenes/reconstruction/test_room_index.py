@@ -39,7 +39,7 @@ def test_the_first_room_that_contains_a_point(margin: float) -> None:
 
 
 def contains(room: FoundRoom, point: np.ndarray, margin: float) -> bool:
-    """Whether a room contains a point, by the distance to its floor alone."""
+    """Return whether a room contains a point, by the distance to its floor alone."""
     place = shapely.Point(point[:2])
     high_enough = room.floor_z - margin <= point[2] <= room.ceiling_z + margin
     if margin > 0:
