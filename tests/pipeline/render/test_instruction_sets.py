@@ -1,4 +1,4 @@
-"""Cameras, inputs, materials and labels have the same bits under another instruction set."""
+"""Cameras, inputs, materials, labels and flow have the same bits under another instruction set."""
 
 from __future__ import annotations
 
