@@ -19,7 +19,7 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon, box
 
-from scenes.arrays import BoolArray, Float64Array
+from scenes.arrays import BoolArray, Float64Array, Int64Array
 from scenes.geometry.mesh import face_areas
 from scenes.geometry.regions import (
     buffered,
@@ -41,10 +41,13 @@ _MARGIN = 1.0  # metres around the seed points that a hole may reach
 _NEARLY_LEAST = 1.1  # times the least area: sections up to this count as equally good
 _MIN_FILL = 0.8  # share of its bounding rectangle from which that rectangle is the outline
 _GRID = 0.01  # metres to which the ends of a section's segments are rounded
+_BLOCK = 128  # triangles with a common box
+_MOST_KEYS = 2.0**62
+_ROUNDING = 1e-6  # metres
 _FLAT = 2e-3  # metres; a triangle within this depth range is parallel to the section
 _MIN_SHEET = 0.05  # square metres of parallel triangles at one depth
 _MAX_SHEETS = 6
-_MANY = 40  # segments of a section from which a quick test is worth its time
+_MANY = 500  # segments of a section from which a quick test is worth its time
 _MAX_SEGMENTS = 200_000  # of a section; more come from vegetation, not from a wall
 
 
@@ -77,14 +80,22 @@ class PlaneFrame:
 
 @dataclass
 class CrossSections:
-    """Triangles `corners` (F, 3, 3) with their bounding boxes, to take sections from."""
+    """Triangles `corners` (F, 3, 3) with their bounding boxes, to take sections from.
+
+    Neighbours in a file mostly lie close together, so blocks of them have boxes, too.
+    """
 
     corners: Float64Array
     _low: Float64Array = field(init=False)
     _high: Float64Array = field(init=False)
+    _block_low: Float64Array = field(init=False)
+    _block_high: Float64Array = field(init=False)
 
     def __post_init__(self) -> None:
         self._low, self._high = _bounds(self.corners)
+        starts = np.arange(0, len(self.corners), _BLOCK)
+        self._block_low = np.minimum.reduceat(self._low, starts, axis=0)
+        self._block_high = np.maximum.reduceat(self._high, starts, axis=0)
 
     def near(self, frame: PlaneFrame, low: Float64Array, high: Float64Array) -> Float64Array:
         """Triangles that meet the box from `low` to `high` (3,) of a frame, in its axes."""
@@ -92,8 +103,12 @@ class CrossSections:
         points = np.array([[edges[i, 0], edges[j, 1], edges[k, 2]]
                            for i in (0, 1) for j in (0, 1) for k in (0, 1)])  # fmt: skip
         world = frame.to_world(points[:, :2], 0.0) + points[:, 2:] * frame.normal
-        nearby = _boxes_meet(self._low, self._high, world.min(axis=0), world.max(axis=0))
-        local = frame.to_local(self.corners[nearby])
+        lowest, highest = world.min(axis=0), world.max(axis=0)
+        blocks = np.nonzero(_boxes_meet(self._block_low, self._block_high, lowest, highest))[0]
+        rows = (_BLOCK * blocks[:, None] + np.arange(_BLOCK)).reshape(-1)
+        rows = rows[rows < len(self.corners)]
+        rows = rows[_boxes_meet(self._low[rows], self._high[rows], lowest, highest)]
+        local = frame.to_local(self.corners[rows])
         return local[_boxes_meet(*_bounds(local), low, high)]
 
 
@@ -147,12 +162,26 @@ def enclosed_air(
     window = box(*low, *high)
     solid = [*shapely.linestrings(lines), *shapely.polygons(sheet)]
     walls = thickened(solid, _HALF_GAP, cap_style="square")
-    border = window.exterior
-    return [
-        part
-        for part in polygon_parts(difference(window, walls))
-        if not meets(part, border) and shapely.contains_xy(part, seeds[:, 0], seeds[:, 1]).any()
-    ]
+    return _holding_seeds(polygon_parts(difference(window, walls)), seeds, window)
+
+
+def _holding_seeds(parts: list[Polygon], seeds: Float64Array, window: Polygon) -> list[Polygon]:
+    """Those of `parts` that hold any of `seeds` (K, 2) and do not meet the border of a window."""
+    west, south, east, north = window.bounds
+    kept = []
+    for part, bounds in zip(parts, shapely.bounds(parts).tolist(), strict=True):
+        inside = ((seeds >= bounds[:2]) & (seeds <= bounds[2:])).all(axis=1)
+        if not inside.any():
+            continue
+        is_clear = (
+            bounds[0] > west + _ROUNDING and bounds[1] > south + _ROUNDING
+            and bounds[2] < east - _ROUNDING and bounds[3] < north - _ROUNDING
+        )  # fmt: skip
+        if not is_clear and meets(part, window.exterior):
+            continue
+        if shapely.contains_xy(part, seeds[inside, 0], seeds[inside, 1]).any():
+            kept.append(part)
+    return kept
 
 
 def _estimated_air(
@@ -227,8 +256,20 @@ def _merged_segments(lines: Float64Array) -> Float64Array:
         (ends[:, 0, 0] == ends[:, 1, 0]) & (ends[:, 0, 1] > ends[:, 1, 1])
     )
     ends[swap] = ends[swap][:, ::-1]
-    kept: Float64Array = np.unique(ends.reshape(-1, 4), axis=0).reshape(-1, 2, 2) * _GRID
-    return kept
+    return _unique_rows(ends.reshape(-1, 4)).reshape(-1, 2, 2) * _GRID
+
+
+def _unique_rows(rows: Int64Array) -> Int64Array:
+    """Rows (N, 4) in order and without duplicates: as one number each, if they are small enough."""
+    if not len(rows):
+        return rows
+    low = rows.min(axis=0)
+    sizes = rows.max(axis=0) - low + 1
+    if sizes.astype(np.float64).prod() >= _MOST_KEYS:
+        return np.unique(rows, axis=0)
+    keys = np.unique(np.ravel_multi_index(tuple((rows - low).T), tuple(sizes.tolist())))
+    made: Int64Array = np.column_stack(np.unravel_index(keys, tuple(sizes.tolist()))) + low
+    return made
 
 
 def _sheet_depths(local: Float64Array) -> list[float]:
