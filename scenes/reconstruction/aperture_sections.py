@@ -256,8 +256,7 @@ def _merged_segments(lines: Float64Array) -> Float64Array:
         (ends[:, 0, 0] == ends[:, 1, 0]) & (ends[:, 0, 1] > ends[:, 1, 1])
     )
     ends[swap] = ends[swap][:, ::-1]
-    kept: Float64Array = _unique_rows(ends.reshape(-1, 4)).reshape(-1, 2, 2) * _GRID
-    return kept
+    return _unique_rows(ends.reshape(-1, 4)).reshape(-1, 2, 2).astype(np.float64) * _GRID
 
 
 def _unique_rows(rows: Int64Array) -> Int64Array:
