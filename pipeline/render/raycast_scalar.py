@@ -17,7 +17,7 @@ from pipeline.render.scene_geometry import (
     SceneGeometry,
     TextureSlot,
 )
-from pipeline.render.triangles import Triangles, meet, triangles_of
+from pipeline.render.triangles import Triangles, meet, owners_of, partners_of, triangles_of
 from scenes.arrays import AnyArray
 from scenes.geometry.directions import turned
 
@@ -102,6 +102,7 @@ def objects_along(
     """Return a bit for each object that a ray meets, (N, words)."""
     met = np.zeros((len(directions), words), np.uint32)
     indices = _shape_numbers(geometry)
+    owners = owners_of(_triangles(geometry))
     for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
         ray = _ray(o, d)
         for _ in range(MAX_SURFACES + 1):
@@ -109,8 +110,11 @@ def objects_along(
             if not hit.is_valid():
                 break
             shape = indices[hit.shape.ptr]
-            if numbers[shape] >= 0 and not _passes(geometry, shape, hit, ray):
-                met[i, numbers[shape] // 32] |= np.uint32(1 << int(numbers[shape] % 32))
+            if not _passes(geometry, shape, hit, ray):
+                partners = _partners_met(geometry, ray, _face(geometry, hit), same_side=False)
+                for number in numbers[[shape, *owners[partners]]]:
+                    if number >= 0:
+                        met[i, number // 32] |= np.uint32(1 << int(number % 32))
             ray = mi.Ray3f(ray(_past(hit, ray)), ray.d)
     return (met,)
 
@@ -178,20 +182,52 @@ def _first_hit(geometry: SceneGeometry, ray: Any, through: bool) -> tuple[int, f
 
 
 def _intersect(geometry: SceneGeometry, ray: Any) -> Any:
-    """Return the first hit of a ray; distance and coordinates on a mesh as `triangles` says."""
+    """Return the first hit of a ray; on a mesh, face and place follow `triangles`.
+
+    Where faces of several shapes lie in one plane, the last of them is hit.
+    """
     hit = geometry.scene.ray_intersect_preliminary(ray)
-    if not hit.is_valid() or hit.shape is None:
+    face = _face(geometry, hit)
+    if not face:
         return hit
-    triangles = _triangles(geometry)
-    first = triangles.first[_shape_numbers(geometry)[hit.shape.ptr]]
-    if first:
-        corners = triangles.vertices[triangles.faces[first + hit.prim_index]]
-        origin, direction = ([float(value) for value in vector] for vector in (ray.o, ray.d))
-        t, u, v, determinant = meet(origin, direction, *corners.astype(np.float64).tolist())
-        if determinant:
-            hit.t = t / determinant
-            hit.prim_uv = mi.ScalarPoint2f(u / determinant, v / determinant)
+    last = max([face, *_partners_met(geometry, ray, face, same_side=True)])
+    if last != face:
+        triangles = _triangles(geometry)
+        owner = int(owners_of(triangles)[last])
+        hit.shape, hit.prim_index = geometry.shapes[owner], last - int(triangles.first[owner])
+    t, u, v, determinant = _meet(geometry, ray, last)
+    if determinant:
+        hit.t = t / determinant
+        hit.prim_uv = mi.ScalarPoint2f(u / determinant, v / determinant)
     return hit
+
+
+def _face(geometry: SceneGeometry, hit: Any) -> int:
+    """Return the number of the face that is hit; 0 for nothing, and for what is no mesh."""
+    if not hit.is_valid() or hit.shape is None:
+        return 0
+    first = int(_triangles(geometry).first[_shape_numbers(geometry)[hit.shape.ptr]])
+    return first and first + int(hit.prim_index)
+
+
+def _partners_met(geometry: SceneGeometry, ray: Any, face: int, same_side: bool) -> list[int]:
+    """Return the partners of a face that a ray meets."""
+    starts, partners = _partners(geometry, same_side)
+    met = []
+    for other in partners[starts[face] : starts[face + 1]].tolist():
+        t, u, v, determinant = _meet(geometry, ray, other)
+        if determinant:
+            t, u, v = t / determinant, u / determinant, v / determinant
+            if t > 0 and u >= 0 and v >= 0 and u + v <= 1:
+                met.append(other)
+    return met
+
+
+def _meet(geometry: SceneGeometry, ray: Any, face: int) -> tuple[Any, ...]:
+    triangles = _triangles(geometry)
+    corners = triangles.vertices[triangles.faces[face]].astype(np.float64).tolist()
+    origin, direction = ([float(value) for value in vector] for vector in (ray.o, ray.d))
+    return meet(origin, direction, *corners)
 
 
 def _past(hit: Any, ray: Any) -> float:
@@ -213,6 +249,17 @@ def _triangles(geometry: SceneGeometry) -> Triangles:
         triangles = triangles_of(geometry.shapes)
         object.__setattr__(geometry, "triangles", triangles)
     return triangles
+
+
+def _partners(geometry: SceneGeometry, same_side: bool) -> tuple[AnyArray, AnyArray]:
+    """Return `partners_of` all faces; cached on the geometry."""
+    key = f"partners_{same_side}"
+    if key not in geometry.__dict__:
+        opaque = ~(geometry.clear | geometry.masked)
+        found = partners_of(_triangles(geometry), opaque, same_side)
+        object.__setattr__(geometry, key, found)
+    partners: tuple[AnyArray, AnyArray] = geometry.__dict__[key]
+    return partners
 
 
 def _shape_numbers(geometry: SceneGeometry) -> dict[int, int]:

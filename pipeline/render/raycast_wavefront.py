@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.render.drjit_arrays import column, registry_id, registry_table, to_numpy, vector
 from pipeline.render.scene_geometry import MAX_LAYERS, MAX_SURFACES, SceneGeometry, TextureSlot
-from pipeline.render.triangles import meet, triangles_of
+from pipeline.render.triangles import Triangles, meet, owners_of, partners_of, triangles_of
 from scenes.arrays import AnyArray
 
 
@@ -97,14 +97,32 @@ def objects_along(
     table = column(mi.UInt32, np.append(numbers, -1).astype(np.int64) & 0xFFFFFFFF)
     pixel = dr.arange(mi.UInt32, len(directions))
 
-    def note(hit: Any, ray: Any, active: Any) -> None:
-        number = dr.reinterpret_array(mi.UInt32, hit.shape)
+    def note_shape(number: Any, active: Any) -> None:
         shape = dr.gather(mi.Int32, tables["shape"], number, active)
         known = active & (shape >= 0)
         thing = dr.gather(mi.UInt32, table, mi.UInt32(dr.maximum(shape, 0)), known)
-        met = known & (thing != 0xFFFFFFFF) & ~_passes(tables, hit, ray, any_mask)
+        known &= thing != 0xFFFFFFFF
         bit = mi.UInt32(1) << (thing & 31)
-        dr.scatter_reduce(dr.ReduceOp.Or, found, bit, pixel * width + (thing >> 5), met)
+        dr.scatter_reduce(dr.ReduceOp.Or, found, bit, pixel * width + (thing >> 5), known)
+
+    touching: Any = _touching(geometry)
+
+    def note_partner(place: Any, end: Any, ray: Any) -> tuple[Any, ...]:
+        other, met = _meets_partner(tables, touching, ray, place)
+        note_shape(dr.gather(mi.UInt32, tables["owner"], other), met)
+        return place + 1, end, ray
+
+    def note(hit: Any, ray: Any, active: Any) -> None:
+        met = active & ~_passes(tables, hit, ray, any_mask)
+        note_shape(dr.reinterpret_array(mi.UInt32, hit.shape), met)
+        if touching is not None:
+            face, on_mesh = _face(tables, hit)
+            dr.while_loop(
+                state=(*_places(touching, face, met & on_mesh), ray),
+                cond=lambda place, end, ray: place < end,
+                body=note_partner,
+                labels=("place", "end", "ray"),
+            )
 
     def step(active: Any, hit: Any, ray: Any, layer: Any) -> tuple[Any, ...]:
         note(hit, ray, active)
@@ -222,24 +240,67 @@ def _step(
 
 
 def _intersect(geometry: SceneGeometry, tables: dict[str, Any], ray: Any) -> Any:
-    """Return the first hit of each ray; distance and coordinates on a mesh as `triangles` says."""
+    """Return the first hit of each ray; on a mesh, face and place follow `triangles`.
+
+    Where faces of several shapes lie in one plane, the last of them is hit.
+    """
     hit = geometry.scene.ray_intersect_preliminary(ray, coherent=True)
-    valid = hit.is_valid()
-    first = dr.gather(mi.UInt32, tables["first"], dr.reinterpret_array(mi.UInt32, hit.shape), valid)
-    on_mesh = valid & (first > 0)
-    face = dr.gather(mi.Vector3u, tables["faces"], first + hit.prim_index, on_mesh)
-    double = dr.float64_array_t(mi.Float)
-    corners = (dr.gather(mi.Point3f, tables["vertices"], corner, on_mesh) for corner in face)
-    a, b, c = ([double(value) for value in corner] for corner in corners)
-    t, u, v, determinant = meet(
-        [double(value) for value in ray.o], [double(value) for value in ray.d], a, b, c
-    )
-    exact = on_mesh & (determinant != 0)
-    hit.t = dr.select(exact, mi.Float(t / determinant), hit.t)
-    hit.prim_uv = dr.select(
-        exact, mi.Point2f(mi.Float(u / determinant), mi.Float(v / determinant)), hit.prim_uv
-    )
+    face, on_mesh = _face(tables, hit)
+    ties = tables["ties"]
+    if ties is not None:
+        _, _, face = dr.while_loop(
+            state=(*_places(ties, face, on_mesh), face),
+            cond=lambda place, end, face: place < end,
+            body=lambda place, end, face: (place + 1, end, _last(tables, ray, place, face)),
+            labels=("place", "end", "face"),
+        )
+        owner = dr.gather(mi.UInt32, tables["owner"], face, on_mesh)
+        hit.shape = dr.select(on_mesh, dr.reinterpret_array(mi.ShapePtr, owner), hit.shape)
+        first = dr.gather(mi.UInt32, tables["first"], owner, on_mesh)
+        hit.prim_index = dr.select(on_mesh, face - first, hit.prim_index)
+    exact, t, u, v = _meet(tables, ray, face, on_mesh)
+    hit.t = dr.select(exact, mi.Float(t), hit.t)
+    hit.prim_uv = dr.select(exact, mi.Point2f(mi.Float(u), mi.Float(v)), hit.prim_uv)
     return hit
+
+
+def _face(tables: dict[str, Any], hit: Any) -> tuple[Any, Any]:
+    """Return the number of the face that is hit, and whether it is one of a mesh."""
+    valid = hit.is_valid()
+    number = dr.reinterpret_array(mi.UInt32, hit.shape)
+    first = dr.gather(mi.UInt32, tables["first"], number, valid)
+    return first + hit.prim_index, valid & (first > 0)
+
+
+def _places(partners: tuple[Any, Any], face: Any, active: Any) -> tuple[Any, Any]:
+    """Return the first place of a face's partners, and the one behind the last."""
+    starts = (dr.gather(mi.UInt32, partners[0], face + step, active) for step in (0, 1))
+    return tuple(starts)  # type: ignore[return-value]
+
+
+def _last(tables: dict[str, Any], ray: Any, place: Any, face: Any) -> Any:
+    """Return the later one of a face and the partner at `place`, if the ray meets that."""
+    other, met = _meets_partner(tables, tables["ties"], ray, place)
+    return dr.select(met, dr.maximum(face, other), face)
+
+
+def _meets_partner(
+    tables: dict[str, Any], partners: tuple[Any, Any], ray: Any, place: Any
+) -> tuple[Any, Any]:
+    """Return the partner at `place`, and whether the ray meets it."""
+    other = dr.gather(mi.UInt32, partners[1], place)
+    exact, t, u, v = _meet(tables, ray, other, dr.full(mi.Bool, True))
+    return other, exact & (t > 0) & (u >= 0) & (v >= 0) & (u + v <= 1)
+
+
+def _meet(tables: dict[str, Any], ray: Any, face: Any, active: Any) -> tuple[Any, ...]:
+    """Return whether a ray crosses a face's plane, and t, u and v there in double precision."""
+    corner = dr.gather(mi.Vector3u, tables["faces"], face, active)
+    points = [dr.gather(mi.Point3f, tables["vertices"], number, active) for number in corner]
+    double = dr.float64_array_t(mi.Float)
+    rows = ([double(value) for value in vector] for vector in (ray.o, ray.d, *points))
+    t, u, v, determinant = meet(*rows)
+    return active & (determinant != 0), t / determinant, u / determinant, v / determinant
 
 
 def _onward(ray: Any, hit: Any) -> Any:
@@ -275,9 +336,12 @@ def _tables(geometry: SceneGeometry) -> dict[str, Any]:
     if tables is None:
         numbers = list(enumerate(geometry.shapes))
         triangles = triangles_of(geometry.shapes)
+        ids = np.array([registry_id(s, mi.ShapePtr) for _, s in numbers], dtype=np.int64)
         tables = {
             "vertices": mi.Float(triangles.vertices.ravel()),
             "faces": mi.UInt32(triangles.faces.ravel()),
+            "owner": mi.UInt32(ids[owners_of(triangles)]),
+            "ties": _partners(geometry, triangles, same_side=True),
             "first": registry_table(
                 [(s, int(triangles.first[i])) for i, s in numbers], mi.ShapePtr, 0, mi.UInt32
             ),
@@ -302,6 +366,24 @@ def _tables(geometry: SceneGeometry) -> dict[str, Any]:
         }
         object.__setattr__(geometry, "tables", tables)
     return tables
+
+
+def _touching(geometry: SceneGeometry) -> tuple[Any, Any] | None:
+    """Return the partners of all faces, on either side; cached on the geometry."""
+    if "touching" not in geometry.__dict__:
+        partners = _partners(geometry, triangles_of(geometry.shapes), same_side=False)
+        object.__setattr__(geometry, "touching", partners)
+    touching: tuple[Any, Any] | None = geometry.__dict__["touching"]
+    return touching
+
+
+def _partners(
+    geometry: SceneGeometry, triangles: Triangles, same_side: bool
+) -> tuple[Any, Any] | None:
+    """Return `starts` and `partners` of `partners_of`, or None if no face has any."""
+    opaque = ~(geometry.clear | geometry.masked)
+    starts, partners = partners_of(triangles, opaque, same_side)
+    return (mi.UInt32(starts), mi.UInt32(partners)) if len(partners) else None
 
 
 def _mask_tables(geometry: SceneGeometry) -> dict[str, Any]:

@@ -12,10 +12,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import shapely
 
-from scenes.arrays import Float32Array, Int64Array
+from scenes.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 
-Vector = Sequence[Any]  # x, y, z: numbers, or arrays of them
+Vector = Any  # x, y, z: a sequence of numbers, or of arrays
+_COPLANAR = 1e-5  # metres between two faces that are in one plane
+_GRID = 1e-3  # of normals and of distances to the origin (metres): first guess of equal planes
+_SMALL = 1e-4  # square metres: smaller faces are seen by hardly a pixel
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,95 @@ def triangles_of(shapes: Sequence[Any]) -> Triangles:
         vertex_count += len(vertices[-1])
         face_count += len(faces[-1])
     return Triangles(np.concatenate(vertices), np.concatenate(faces), first)
+
+
+def owners_of(triangles: Triangles) -> Int64Array:
+    """Return the shape of each face, (F,); face 0, which belongs to none, gets the first."""
+    meshes = np.flatnonzero(triangles.first)
+    place = np.searchsorted(triangles.first[meshes], np.arange(len(triangles.faces)), "right") - 1
+    return np.append(meshes, 0)[np.maximum(place, 0)]
+
+
+def partners_of(
+    triangles: Triangles, opaque: BoolArray, same_side: bool
+) -> tuple[Int64Array, Int64Array]:
+    """Return which faces of other shapes each face overlaps in a common plane.
+
+    Which of them a ray meets first is a matter of rounding. `opaque[i]` says whether shape i takes
+    part; faces below `_SMALL` do not. With `same_side`, partners have the same front: others are
+    things that touch, such as a cupboard and its wall, and seldom seen. The partners of face f are
+    `partners[starts[f] : starts[f + 1]]`.
+    """
+    faces = triangles.faces
+    owner = owners_of(triangles)
+    corners = triangles.vertices[faces].astype(np.float64)
+    normal = _cross_rows(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    doubled = np.sqrt(_dot(normal.T, normal.T))
+    chosen = np.flatnonzero((doubled > 2 * _SMALL) & opaque[owner])
+    normal = normal[chosen] / doubled[chosen, None]
+    axis = np.abs(normal).argmax(axis=1)
+    if not same_side:
+        normal *= np.sign(normal[np.arange(len(chosen)), axis])[:, None]
+    height = _dot(normal.T, corners[chosen, 0].T)
+    plane = _numbered(np.rint(np.column_stack([normal, height]) / _GRID).astype(np.int64))
+    some = np.zeros(len(chosen), dtype=np.int64)  # by plane: one of its shapes
+    some[plane] = owner[chosen]
+    mixed = np.zeros(len(chosen), dtype=bool)  # by plane: whether it has several shapes
+    mixed[plane[owner[chosen] != some[plane]]] = True
+    shared = mixed[plane]
+    chosen, normal, height = chosen[shared], normal[shared], height[shared]
+    corners, owner = corners[chosen], owner[chosen]
+    first, second = _overlapping(corners, axis[shared], plane[shared], owner)
+    near = np.ones(len(first), dtype=bool)
+    for k in range(3):
+        distance = _dot(normal[first].T, corners[second, k].T) - height[first]
+        near &= np.abs(distance) < _COPLANAR
+    first, second = first[near], second[near]
+    pairs = np.unique(np.concatenate([first * len(chosen) + second, second * len(chosen) + first]))
+    first, second = np.divmod(pairs, max(len(chosen), 1))
+    starts = np.searchsorted(chosen[first], np.arange(len(faces) + 1))
+    return starts.astype(np.int64), chosen[second]
+
+
+def _overlapping(
+    corners: Float64Array, axis: Int64Array, plane: Int64Array, owner: Int64Array
+) -> tuple[Int64Array, Int64Array]:
+    """Return the pairs of triangles (N, 3, 3) in one plane that overlap, seen along `axis` (N,).
+
+    Only pairs of two owners.
+    """
+    kept = np.array([[1, 2], [0, 2], [0, 1]])[axis]
+    flat = np.take_along_axis(corners, kept[:, None, :].repeat(3, axis=1), axis=2)
+    low, high = flat.min(axis=1) + _COPLANAR, flat.max(axis=1) - _COPLANAR
+    # Planes lie side by side, so that one search serves all.
+    offset = plane * 4 * (1 + np.abs(flat).max(initial=0))
+    boxes = shapely.box(low[:, 0] + offset, low[:, 1], high[:, 0] + offset, high[:, 1])
+    first, second = shapely.STRtree(boxes).query(boxes, predicate="intersects")
+    upper = (first < second) & (owner[first] != owner[second])
+    first, second = first[upper], second[upper]
+    apart = np.zeros(len(first), dtype=bool)
+    for one, other in ((first, second), (second, first)):
+        for k in range(3):
+            edge = flat[one, (k + 1) % 3] - flat[one, k]
+            edge /= np.maximum(np.sqrt(edge[:, 0] ** 2 + edge[:, 1] ** 2), 1e-12)[:, None]
+            x, y = -edge[:, 1:], edge[:, :1]
+            mine = flat[one, :, 0] * x + flat[one, :, 1] * y
+            theirs = flat[other, :, 0] * x + flat[other, :, 1] * y
+            apart |= mine.max(axis=1) - _COPLANAR < theirs.min(axis=1)
+            apart |= theirs.max(axis=1) - _COPLANAR < mine.min(axis=1)
+    return first[~apart], second[~apart]
+
+
+def _numbered(rows: Int64Array) -> Int64Array:
+    """Return a number for each row (N, 4): equal ones for equal rows."""
+    code = rows[:, 0]
+    for column in rows.T[1:]:
+        code = code * 1_000_003 + column  # wraps around; rows that collide are told apart later
+    return np.unique(code, return_inverse=True)[1].astype(np.int64)
+
+
+def _cross_rows(a: Float64Array, b: Float64Array) -> Float64Array:
+    return np.stack(_cross(a.T, b.T), axis=1)
 
 
 def meet(origin: Vector, direction: Vector, a: Vector, b: Vector, c: Vector) -> tuple[Any, ...]:

@@ -11,6 +11,7 @@ import pytest
 
 from pipeline.render import raycast, triangles
 from pipeline.render.scene import open_scene
+from scenes.geometry.directions import unit
 from tests.fixtures.instruction_sets import NARROW, digests_under, embree_shim, has_avx512
 from tests.fixtures.render import diffuse, quad, write_scene
 
@@ -58,3 +59,28 @@ def test_distances_are_those_of_exact_arithmetic_rounded_once(tmp_path: Path) ->
     expected = (corners[0] - eye) @ normal / (directions @ normal)
     assert np.isfinite(distance).all()
     np.testing.assert_allclose(distance, expected, rtol=2**-23, atol=0)
+
+
+@pytest.mark.usefixtures("variant")
+def test_of_faces_in_one_plane_the_last_is_seen_and_all_are_met(tmp_path: Path) -> None:
+    """A wall, a sheet on it with the same front, and a box's back that touches it."""
+    wall = quad("wall", (0, 2, 1.5), (0, -1, 0), (2, 1.5), diffuse())
+    sheet = quad("sheet", (0.1, 2, 1.5), (0, -1, 0), (0.7, 0.4), diffuse())
+    back = quad("back", (-0.3, 2, 1.6), (0, 1, 0), (0.5, 0.6), diffuse())
+    geometry = open_scene(write_scene(tmp_path / "scene", sheet + wall + back)).geometry
+    names = [shape.id() for shape in geometry.shapes]
+    x, z = (a.ravel() for a in np.meshgrid(np.linspace(-1, 1, 41), np.linspace(0.7, 2.3, 33)))
+    rays = unit(np.stack([x - 0.013, np.full_like(x, 2.0), z - 1.487], axis=1))
+    places = np.array([0, 0, 1.5]) + rays * (2 / rays[:, 1:2])
+    on = {
+        "wall": np.ones(len(rays), dtype=bool),
+        "sheet": (np.abs(places[:, [0, 2]] - [0.1, 1.5]) < [0.7, 0.4]).all(axis=1),
+        "back": (np.abs(places[:, [0, 2]] - [-0.3, 1.6]) < [0.5, 0.6]).all(axis=1),
+    }
+    eye = (0.0, 0.0, 1.5)
+    seen, _ = raycast.nearest(geometry, eye, rays)
+    front = ~on["back"]  # which of two opposite faces is seen is open
+    assert (seen[front] == names.index("wall")).all()
+    met = raycast.objects_along(geometry, np.arange(3, dtype=np.int32), eye, rays)[:, 0]
+    for number, name in enumerate(names):
+        np.testing.assert_array_equal(met >> number & 1 > 0, on[name], err_msg=name)
