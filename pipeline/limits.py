@@ -22,6 +22,7 @@ from typing import BinaryIO
 import psutil
 
 from scenes.errors import InputError, MachineError, ParameterError, PbrnetError
+from scenes.files import temporary_folder
 
 _ERRORS: tuple[type[PbrnetError], ...] = (
     ParameterError,
@@ -57,7 +58,7 @@ def run_limited(work: Callable[[], None], limits: Limits, what: str) -> int:
     The child is forked where that is safe; a process with threads starts a fresh interpreter
     instead, for which `work` must be picklable.
     """
-    with tempfile.TemporaryDirectory(prefix="pbrnet-import-") as folder:
+    with temporary_folder() as folder:
         reader, writer = os.pipe()
         try:
             start = _forked if _can_fork() else _started
@@ -92,7 +93,7 @@ def _can_fork() -> bool:
 
 
 @contextmanager
-def _forked(work: Callable[[], None], reader: int, writer: int, folder: str) -> Iterator[int]:
+def _forked(work: Callable[[], None], reader: int, writer: int, folder: Path) -> Iterator[int]:
     """A forked child that calls `work`; yields its number."""
     watched, held = os.pipe()
     sys.stdout.flush()
@@ -102,7 +103,7 @@ def _forked(work: Callable[[], None], reader: int, writer: int, folder: str) -> 
         os.close(held)
         os.close(reader)
         os.setpgid(0, 0)
-        tempfile.tempdir = folder
+        tempfile.tempdir = str(folder)
         _work_while(os.fdopen(watched, "rb"), work, writer)
     os.close(watched)
     try:
@@ -115,7 +116,7 @@ def _forked(work: Callable[[], None], reader: int, writer: int, folder: str) -> 
 
 
 @contextmanager
-def _started(work: Callable[[], None], reader: int, writer: int, folder: str) -> Iterator[int]:
+def _started(work: Callable[[], None], reader: int, writer: int, folder: Path) -> Iterator[int]:
     """A fresh interpreter that calls `work`; yields the number of its process."""
     known = os.environ.get("PYTHONPATH", "")
     path = os.pathsep.join(filter(None, (str(_PACKAGES), known)))
@@ -124,7 +125,7 @@ def _started(work: Callable[[], None], reader: int, writer: int, folder: str) ->
         stdin=subprocess.PIPE,
         pass_fds=(writer,),
         process_group=0,
-        env={**os.environ, "PYTHONPATH": path, "TMPDIR": folder},
+        env={**os.environ, "PYTHONPATH": path, "TMPDIR": str(folder)},
     ) as child:
         assert child.stdin is not None
         try:

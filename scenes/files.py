@@ -69,6 +69,19 @@ def atomic_directory(path: Path) -> Iterator[Path]:
         os.close(lock)
 
 
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """Yield a temporary folder, which is removed in the end; those of killed processes are, too."""
+    place = Path(tempfile.gettempdir())
+    sweep(place, recursive=False)
+    folder, lock = _new_partial(place / "temporary", folder=True)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        os.close(lock)
+
+
 def _new_partial(path: Path, folder: bool) -> tuple[Path, int]:
     """A new file or folder beside `path`, and a handle that holds its lock until it is closed.
 

@@ -137,10 +137,12 @@ def test_a_killed_import_leaves_nothing_or_the_next_one_sweeps(
     tmp_path: Path, number: signal.Signals
 ) -> None:
     room = write_obj(tmp_path / "in" / "room.obj", shell())
-    out = tmp_path / "out" / "room"
+    out, temporary = tmp_path / "out" / "room", tmp_path / "temporary"
+    temporary.mkdir()
+    environment = {**_environment(), "TMPDIR": str(temporary)}
     command = [*IMPORT, str(room), "--out", str(out)]
     with subprocess.Popen(
-        command, env=_environment(), stderr=subprocess.PIPE, start_new_session=True
+        command, env=environment, stderr=subprocess.PIPE, start_new_session=True
     ) as running:
         while running.poll() is None and not list(out.parent.glob(".partial-*")):
             time.sleep(0.005)
@@ -152,8 +154,9 @@ def test_a_killed_import_leaves_nothing_or_the_next_one_sweeps(
     if number == signal.SIGTERM:
         assert running.returncode == 130
         assert not list(out.parent.glob(".partial-*"))
-    subprocess.run(command, env=_environment(), check=True, timeout=100)
+    subprocess.run(command, env=environment, check=True, timeout=100)
     assert sorted(path.name for path in out.parent.iterdir()) == ["room"]
+    assert list(temporary.iterdir()) == []
 
 
 def _small_and_large(folder: Path) -> tuple[Path, Path]:
