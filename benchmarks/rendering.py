@@ -18,17 +18,18 @@ from benchmarks.bench import ROOT, Bench, resized
 from benchmarks.plain_loop import plain_sensor
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import Spent, by_turns, ratio, spread
-from pipeline.params import EnvironmentParams, IlluminationParams
+from pipeline.params import EnvironmentParams, IlluminationParams, LightParams
 from pipeline.passes.environment import render_environment
 from pipeline.passes.groundtruth import render_both
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
-from pipeline.passes.registry import render_surfaces
+from pipeline.passes.registry import render_surfaces, render_truths
 from pipeline.pathtrace import integrator as joint
 from pipeline.render.scene import RenderScene
 from pipeline.stages import view_sampling
 from pipeline.views import CameraFile, View, as_matrix
 
+_LAMPS = 8  # with a light group of their own
 PANORAMA = IlluminationParams(width=360)
 ENVIRONMENT = EnvironmentParams(width=256)
 # Candidates that were refused before anything was looked at.
@@ -92,6 +93,7 @@ def render_rows(bench: Bench) -> Iterator[Row]:
     )
     yield from _joint_rows(spent, f"{view.width}x{view.height}, {truth.spp} spp")
     yield from _cheap_rows(spent, len(bench.views[bench.home]))
+    yield from _light_rows(bench, scene, view)
     yield _panorama_row(bench, scene)
     yield _camera_row(bench, scene)
 
@@ -147,6 +149,33 @@ def _cheap_rows(spent: dict[str, list[Spent]], views: int) -> Iterator[Row]:
         meaning = f"the part of it that is the {name}"
         share = ratio(spent[name], spent["joint"], "cpu")
         yield Row(f"{name} / ground truth", meaning, share, clock="cpu")
+
+
+def _light_rows(bench: Bench, scene: RenderScene, view: View) -> Iterator[Row]:
+    truth = replace(bench.params.groundtruth, denoise="oidn")
+    params = replace(bench.params, groundtruth=truth)
+    grouped = replace(params, light=LightParams(_LAMPS))
+    # Light first: it makes materials, after which launches are compiled anew.
+    ways: dict[str, Callable[[], object]] = {
+        "groups": lambda: render_truths(scene, view, grouped, 0, light=True),
+        "light": lambda: render_truths(scene, view, params, 0, light=True),
+        "truth": lambda: render_truths(scene, view, params, 0),
+    }
+    spent = by_turns(ways, bench.sizes.repeats)
+    size = f"{view.width}x{view.height}, {truth.spp} spp, the denoiser included"
+    yield Row(
+        "ground truth with the parts of the light / ground truth",
+        f"shading, colour, direct and diffuse light and irradiance against the first two, {size}",
+        ratio(spent["light"], spent["truth"], "cpu"),
+        clock="cpu",
+        goal=at_most(1.15),
+    )
+    yield Row(
+        "the same with light groups / ground truth",
+        f"an image of each of {_LAMPS} lamps, sky, sun and the rest as well",
+        ratio(spent["groups"], spent["truth"], "cpu"),
+        clock="cpu",
+    )
 
 
 def _panorama_row(bench: Bench, scene: RenderScene) -> Row:
