@@ -1,11 +1,10 @@
 """Light of a view taken apart: the channels of a `light` frame, from the trace that makes colour.
 
-Stored are direct light, diffuse light and irradiance; each is denoised by itself if colour is, and
-direct and diffuse light are at most colour as its frame stores it. The rest (indirect, specular,
-residual) is what these leave of it, so that the parts add up to the colour that is stored.
-
-Light groups are denoised likewise, scaled to add up to colour, and rounded to half floats. What
-rounding leaves of colour is added to the brightest group of each pixel.
+If colour is denoised, so is each part by itself, in the denoiser's fast mode. Direct and indirect
+light are then scaled, pixel by pixel, to add up to colour as its frame stores it; so are diffuse
+and specular light, and the light groups. As remainders of denoised images, indirect and specular
+light would hold the errors of both. Stored are direct and diffuse light and irradiance; the rest
+(indirect, specular, residual) is what these leave of colour.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from pipeline.pathtrace.light_groups import LightGroups
 from pipeline.pathtrace.light_parts import group_names
 from scenes.arrays import Float32Array
 
-REVISION = 1  # raise it when a channel is added, or a change of code changes pixels
+REVISION = 2  # raise it when a channel is added, or a change of code changes pixels
 _GREY = 0.5  # albedo guide of irradiance, which no texture marks
 _STORED = {"direct": DIRECT, "diffuse": DIFFUSE, "irradiance": IRRADIANCE}
 
@@ -41,19 +40,17 @@ def light_of(
     `groups` also `light_names` and `noise_lights` of each.
     """
     stored = as_stored("color", color)
+    limit = np.stack([stored[band] for band in RGB], axis=-1).astype(np.float32)
+
+    def cleaned(name: str) -> Float32Array:
+        return _denoised(truths.parts[name][0], guides)
+
     channels: Channels = {}
-    for name, bands in _STORED.items():
-        part = truths.parts[name][0]
-        if guides is not None:
-            albedo, normal = guides
-            if name == "irradiance":
-                albedo = grey_guide(normal, _GREY)
-            part = denoise(part, albedo, normal)
-        for band, own in zip(RGB, bands, strict=True):
-            values = part[band]
-            if name != "irradiance":
-                values = np.minimum(values, stored[band].astype(np.float32))
-            channels[own] = values
+    for name, rest in zip(("direct", "diffuse"), REMAINDERS, strict=True):
+        part, _ = adding_up(np.stack([cleaned(name), cleaned(rest)]), limit)
+        channels |= _named(_STORED[name], part)
+    grey = None if guides is None else (grey_guide(guides[1], _GREY), guides[1])
+    channels |= _named(IRRADIANCE, _denoised(truths.parts["irradiance"][0], grey))
     statistics = truths.color[1]
     facts: dict[str, Any] = {name: statistics[name] for name in ("spp", "blocks")}
     facts |= {f"noise_{name}": truths.parts[name][1]["noise"] for name in (*_STORED, *REMAINDERS)}
@@ -63,10 +60,9 @@ def light_of(
         facts["denoiser"] = denoiser_version()
     if groups is not None:
         names = group_names(len(groups.names))
-        images = [_group(truths.parts[name][0], guides) for name in names]
-        limit = np.stack([stored[band] for band in RGB], axis=-1).astype(np.float32)
-        for name, image in zip(names, adding_up(np.stack(images), limit), strict=True):
-            channels |= {f"{name}.{band}": image[..., i] for i, band in enumerate(RGB)}
+        images = adding_up(np.stack([cleaned(name) for name in names]), limit)
+        for name, image in zip(names, images, strict=True):
+            channels |= _named(tuple(f"{name}.{band}" for band in RGB), image)
         facts["light_names"] = list(groups.names)
         facts["noise_lights"] = [truths.parts[name][1]["noise"] for name in names]
     return channels, facts
@@ -90,8 +86,12 @@ def adding_up(images: Float32Array, color: Float32Array) -> Float32Array:
     return halves
 
 
-def _group(channels: Channels, guides: tuple[Image, Image] | None) -> Float32Array:
-    """Return a light group as (H, W, 3), denoised if there is any light in it."""
+def _denoised(channels: Channels, guides: tuple[Image, Image] | None) -> Float32Array:
+    """Return an image as (H, W, 3), denoised if there are guides, and any light in it."""
     if guides is not None and any(channels[band].any() for band in RGB):
-        channels = denoise(channels, *guides)
+        channels = denoise(channels, *guides, "fast")
     return np.stack([channels[band] for band in RGB], axis=-1)
+
+
+def _named(bands: tuple[str, ...], image: Float32Array) -> Channels:
+    return {band: image[..., index] for index, band in enumerate(bands)}
