@@ -57,6 +57,7 @@ _CLOSE = 0.3  # metres from a slab's plane to the openings that must stay clear 
 _MAX_PLANES = 6  # beside a segment that are tried
 _SLAB_SAMPLES = 48  # points of a slab whose visibility is tested
 _VIEWPOINTS = 24  # in each room
+_EYES = (2, 8)  # of the viewpoints, after which to see whether too much is visible already
 _MAX_VISIBLE = 0.2  # share of a slab that may be seen from indoors, through the gap itself
 
 
@@ -159,7 +160,7 @@ def _slab_across(
             if outline is None:
                 break
             slab = _Slab(frame, outline)
-            if slab.blocks(segment) and _visible_share(slab, rays, viewpoints) <= max_visible:
+            if slab.blocks(segment) and _is_hidden(slab, rays, viewpoints, max_visible):
                 return slab
     return None
 
@@ -263,19 +264,24 @@ def _sample_viewpoints(rooms: list[FoundRoom]) -> Float64Array:
     return np.concatenate(sampled)
 
 
-def _visible_share(slab: _Slab, rays: RayCaster, viewpoints: Float64Array) -> float:
-    """Return the share of a slab that is visible from indoors."""
+def _is_hidden(slab: _Slab, rays: RayCaster, viewpoints: Float64Array, max_visible: float) -> bool:
+    """Return whether at most `max_visible` of a slab is visible from indoors."""
     rng = generator(0, "slab")
     low, high = np.array(slab.outline.bounds).reshape(2, 2)
     flat = rng.uniform(low, high, (8 * _SLAB_SAMPLES, 2))
     flat = flat[shapely.contains_xy(slab.outline, flat[:, 0], flat[:, 1])][:_SLAB_SAMPLES]
     if not len(flat):
-        return 0.0
+        return True
     points = slab.frame.to_world(flat, 0.5 * _BEHIND)
     nearest = viewpoints[np.argsort(np.linalg.norm(viewpoints - points[0], axis=1))[:_VIEWPOINTS]]
-    offsets = nearest[None] - points[:, None]
-    lengths = np.linalg.norm(offsets, axis=2)
-    directions = (offsets / lengths[..., None]).reshape(-1, 3)
-    distance, _ = rays.cast(np.repeat(points, len(nearest), axis=0), directions)
-    visible = (distance >= lengths.reshape(-1)).reshape(len(points), len(nearest))
-    return float(visible.any(axis=1).mean())
+    is_visible = np.zeros(len(points), dtype=bool)
+    # From the nearest viewpoints first, since a slab that shows mostly does so from there.
+    for eyes in np.split(nearest, _EYES):
+        offsets = eyes[None] - points[~is_visible, None]
+        lengths = np.linalg.norm(offsets, axis=2)
+        directions = (offsets / lengths[..., None]).reshape(-1, 3)
+        distance, _ = rays.cast(np.repeat(points[~is_visible], len(eyes), axis=0), directions)
+        is_visible[~is_visible] = (distance.reshape(lengths.shape) >= lengths).any(axis=1)
+        if is_visible.mean() > max_visible:
+            return False
+    return True
