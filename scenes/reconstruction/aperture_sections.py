@@ -31,7 +31,7 @@ from scenes.geometry.regions import (
     union,
 )
 from scenes.reconstruction.rooms import FoundOpening, slice_segments
-from scenes.reconstruction.section_raster import cut_off_regions, is_open
+from scenes.reconstruction.section_raster import cut_off_regions
 
 DEPTHS = np.arange(-0.03, 0.95, 0.04)  # of the sections, metres outwards from a wall's face
 LEAST_SEEDS = 3  # that a region holds to be estimated
@@ -47,7 +47,6 @@ _ROUNDING = 1e-6  # metres
 _FLAT = 2e-3  # metres; a triangle within this depth range is parallel to the section
 _MIN_SHEET = 0.05  # square metres of parallel triangles at one depth
 _MAX_SHEETS = 6
-_MANY = 500  # segments of a section from which a quick test is worth its time
 _MAX_SEGMENTS = 200_000  # of a section; more come from vegetation, not from a wall
 
 
@@ -146,18 +145,14 @@ def enclosed_air(
         return []
     low, high = seeds.min(axis=0) - _MARGIN, seeds.max(axis=0) + _MARGIN
     lines = slice_segments(local, depth)
-    inside = (lines.min(axis=1) <= high) & (lines.max(axis=1) >= low)
-    lines = _merged_segments(lines[inside.all(axis=1)])
+    start, end = lines[:, 0], lines[:, 1]
+    inside = (np.minimum(start, end) <= high) & (np.maximum(start, end) >= low)
+    lines = _merged_segments(lines[inside[:, 0] & inside[:, 1]])
     lowest, highest = _bounds(local)
     sheet = local[(lowest[:, 2] > depth - _FLAT) & (highest[:, 2] < depth + _FLAT)][..., :2]
     if not len(lines) + len(sheet) or len(lines) + len(sheet) > _MAX_SEGMENTS:
         return []
-    if wanted is not None:
-        if not wanted(_estimated_air(lines, sheet, seeds)):
-            return []
-    elif len(lines) + len(sheet) >= _MANY and is_open(
-        _walls(lines, sheet), seeds, _HALF_GAP, _MARGIN
-    ):
+    if wanted is not None and not wanted(_estimated_air(lines, sheet, seeds)):
         return []
     window = box(*low, *high)
     solid = [*shapely.linestrings(lines), *shapely.polygons(sheet)]
@@ -191,13 +186,9 @@ def _estimated_air(
 
     One seed of `LEAST_SEEDS` may lie in a tail too narrow for the estimate.
     """
-    return cut_off_regions(_walls(lines, sheet), seeds, _HALF_GAP, _MARGIN, LEAST_SEEDS - 1)
-
-
-def _walls(lines: Float64Array, sheet: Float64Array) -> Float64Array:
-    """Segments (N, 2, 2) and the edges of triangles (F, 3, 2)."""
     edges = np.stack([sheet, np.roll(sheet, -1, axis=1)], axis=2).reshape(-1, 2, 2)
-    return np.concatenate([lines, edges])
+    walls = np.concatenate([lines, edges])
+    return cut_off_regions(walls, seeds, _HALF_GAP, _MARGIN, LEAST_SEEDS - 1)
 
 
 def portal_outline(parts: list[Polygon]) -> Float64Array:

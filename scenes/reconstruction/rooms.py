@@ -379,7 +379,8 @@ def slice_segments(corners: Float64Array, height: float) -> Float64Array:
     cut = corners[(lowest <= height) & (highest >= height)]
     z = cut[:, :, 2] - height
     z = np.where(z == 0, 1e-9, z)
-    mixed = (z.min(axis=1) < 0) & (z.max(axis=1) > 0)
+    below = z < 0
+    mixed = (below[:, 0] != below[:, 1]) | (below[:, 1] != below[:, 2])
     cut, z = cut[mixed], z[mixed]
     ends = np.zeros((len(cut), 2, 2))
     filled = np.zeros(len(cut), dtype=int)

@@ -58,36 +58,6 @@ def cut_off_regions(
     return found
 
 
-def is_open(lines: Float64Array, seeds: Float64Array, half_gap: float, margin: float) -> bool:
-    """Return whether walls surely enclose none of `seeds` (K, 2).
-
-    True if each seed is connected with the border, `margin` metres past all seeds, by cells that
-    no wall can touch: centre lines `lines` (N, 2, 2), `half_gap` metres thick to each side, with
-    square ends. False if that is not certain.
-    """
-    low, high = seeds.min(axis=0) - margin, seeds.max(axis=0) + margin
-    cell = max(_CELL, float((high - low).max()) / _MOST_CELLS)
-    # From the centre of a free cell to that of a drawn one: half the cell's diagonal, the wall's
-    # corner, and the distances from the line to its next drawn point and to that cell's centre.
-    reach = np.sqrt(2) * (half_gap / cell + 1.5)
-    around = int(np.ceil(reach)) + 1  # cells beyond the border, where walls may reach in
-    shape = np.ceil((high - low) / cell).astype(int)
-    wall = np.zeros(shape + 2 * around, dtype=bool)
-    drawn = _drawn_cells((lines - low) / cell) + around
-    inside = ((drawn >= 0) & (drawn < wall.shape)).all(axis=1)
-    wall[tuple(drawn[inside].T)] = True
-    if not wall.any():
-        return True
-    free = ndimage.distance_transform_edt(~wall) > reach
-    labels, count = ndimage.label(free[around:-around, around:-around])
-    is_outer = np.zeros(count + 1, dtype=bool)
-    for side in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
-        is_outer[side] = True
-    is_outer[0] = False
-    places = np.minimum(((seeds - low) / cell).astype(int), shape - 1)
-    return bool(is_outer[labels[tuple(places.T)]].all())
-
-
 def _drawn_cells(lines: Float64Array) -> Int64Array:
     """Cells (M, 2) that segments (N, 2, 2), in cells, pass; a step is at most one cell."""
     span = np.abs(lines[:, 1] - lines[:, 0]).max(axis=1)
