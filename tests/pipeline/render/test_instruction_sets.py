@@ -29,7 +29,7 @@ def test_numpy_blas_and_dr_jit_give_the_same_bits_with_avx2(tmp_path: Path) -> N
 @pytest.mark.check
 @pytest.mark.usefixtures("wavefront")
 def test_embree_gives_the_same_bits_with_avx2(tmp_path: Path) -> None:
-    """Of 100,000 pixels, at most one lies so near an edge that Embree finds another triangle."""
+    """In so few pixels, Embree misses no face; in millions it does (docs/rendering.md)."""
     shim = embree_shim(tmp_path)
     if shim is None:
         pytest.skip("needs a C compiler")
