@@ -38,7 +38,7 @@ from pipeline.views import View
 from scenes.arrays import AnyArray, Float32Array, Float64Array
 from scenes.geometry.directions import turned
 
-REVISION = 1
+REVISION = 2
 _WRAP = 64  # columns of the other edge that the denoiser sees beyond each edge
 _MANTISSA = 10  # bits of a stored radiance, as in half floats; the exponent is that of float32
 _TRACERS: WeakKeyDictionary[MaterialSets, SphereTracer] = WeakKeyDictionary()

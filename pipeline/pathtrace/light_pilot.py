@@ -19,7 +19,6 @@ depend on no colour.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -55,7 +54,8 @@ OUTDOOR_MARGIN = 0.05  # metres beyond the box around the rooms
 EVERYWHERE: Float64Array = np.array([[-np.inf] * 3, [np.inf] * 3])  # an unbounded box
 
 _MAX_PORTALS = 12  # portals sampled in one view: the brightest
-_GRID = (24, 18)  # camera rays of the pilot; as many for a panorama
+_GRID = (24, 18)  # camera rays of the pilot
+_SPHERE = 3456  # for a panorama, where sunlit ground outdoors is a small part of what is seen
 _SAMPLES = 4  # of each light at each point
 _UNIFORM = 0.05  # share of the probability that is distributed uniformly
 _NEGLIGIBLE = 0.02  # share of all light below which the environment's own sampling is left out
@@ -126,10 +126,8 @@ def plan_lights(
     rays do not pass a portal. If `panoramic`, the plan is for all directions from the camera
     position instead of those in the image.
     """
-    count = math.prod(_GRID)
-    pilot = _trace_pilot(
-        scene, view, fibonacci_sphere(count) if panoramic else _grid_directions(view), seed
-    )
+    directions = fibonacci_sphere(_SPHERE) if panoramic else _grid_directions(view)
+    pilot = _trace_pilot(scene, view, directions, seed)
     hit, seen = pilot.hit, len(pilot.hit) // 2
     environment = environment_of(scene)
     rectangles = portal_rectangles(portals if environment is not None else ())

@@ -492,3 +492,15 @@ def test_shading_depends_on_no_colour_when_paths_are_guided(tmp_path: Path) -> N
         truths = render_both(scene, VIEW, GroundTruthParams(spp=8, block_spp=4), 0.5, 1)
         images.append(np.stack([truths.shading[0][band] for band in "RGB"]))
     np.testing.assert_array_equal(images[0], images[1])
+
+
+def test_the_plan_of_a_panorama_hardly_depends_on_chance(tmp_path: Path) -> None:
+    """Its pilot meets the sunlit ground outside often enough to know how much light it gives."""
+    scene = room(tmp_path, SKY, GROUND)
+    view = make_view((-1, -1, 1.5), (-1, -1, -0.1), size=(24, 18))
+    box = ((-2, -2, 0), (2, 2, 3))
+    suns = [
+        plan_lights(scene.mitsuba, view, (WINDOW,), seed, box, panoramic=True).sun
+        for seed in range(6)
+    ]
+    assert min(suns) > 0.02 and max(suns) < 1.5 * min(suns)
