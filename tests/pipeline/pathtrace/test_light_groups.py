@@ -133,7 +133,7 @@ def test_each_group_is_a_render_in_which_only_it_shines(room: RenderScene, tmp_p
             assert off.max() > 6
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_groups_change_no_bit_of_colour(room: RenderScene) -> None:
     """With planned lights, and as many channels as need padding."""
     params = GroundTruthParams(spp=8, block_spp=4, max_depth=4)
