@@ -460,7 +460,7 @@ def kinds_of_sets(sets: Sequence[ChannelSet]) -> tuple[Kind, ...]:
     return tuple(dict.fromkeys(kind for name in chosen for kind in SETS[name]))
 
 
-def layout(kind: Kind, lights: int = 0) -> dict[str, type]:
+def layout(kind: str, lights: int = 0) -> dict[str, type]:
     """Return the NumPy type of each EXR channel of a kind of frame.
 
     `lights` is the number of light groups that a `light` frame holds.

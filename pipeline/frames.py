@@ -21,7 +21,8 @@ Channels are linear and scene-referred; `pipeline.channels` lists them. The kind
 
 Attributes: `worldToCamera` (4x4, OpenCV axes) and `pbrnet`, a JSON object with the view, the seed,
 spp, noise, renderer, `fingerprint` of everything that determines the pixels, and `digest` of the
-pixels.
+pixels. Frames of radiance in half floats store it in a unit of their own, `radiance_scale`, also an
+attribute of the file, `radianceScale`; reading multiplies by it (`pipeline.radiance`).
 
 Files are read and written with the package OpenEXR, because Mitsuba's bitmap code hangs if its
 thread pool has one thread.
@@ -42,6 +43,7 @@ import OpenEXR
 
 from pipeline.channels import RGB, Kind, kinds_of_sets, layout
 from pipeline.params import Params
+from pipeline.radiance import HALF_MAX, is_scale, radiance_halves, scale_for
 from pipeline.views import View
 from scenes.arrays import AnyArray, Float32Array
 from scenes.checked import build, plain, shown
@@ -51,12 +53,14 @@ from scenes.files import atomic_file, digest_bytes, parse_json, regular_file
 Channels = dict[str, AnyArray]
 
 MAX_BYTES = 2**32  # of a frame file
-HALF_MAX = float(np.finfo(np.float16).max)
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Pixels by channel name, each (H, W), and the `pbrnet` attribute."""
+    """Pixels by channel name, each (H, W), and the `pbrnet` attribute.
+
+    Radiance that is stored as half floats is float32 here, in the renderer's unit.
+    """
 
     channels: Channels
     meta: dict[str, Any]
@@ -64,6 +68,11 @@ class Frame:
     def stack(self, *names: str) -> Float32Array:
         """Return several channels as float32 (H, W, len(names))."""
         return np.stack([self.channels[name].astype(np.float32) for name in names], axis=-1)
+
+    @property
+    def radiance_scale(self) -> float:
+        """Unit in which the file stores radiance as half floats; 1 in older frames."""
+        return float(self.meta.get("radiance_scale", 1.0))
 
     @property
     def rgb(self) -> Float32Array:
@@ -96,30 +105,48 @@ def write_frame(path: Path, kind: Kind, channels: Channels, view: View, **meta: 
     """Write a frame by rename; `meta` must hold `fingerprint`.
 
     `channels` holds exactly the names of `layout(kind)`, each (H, W); a `light` frame also those of
-    the groups in `light_names`. Values beyond the range
-    of half floats are clamped; the attribute `clamped` is their number. Raises ValueError for
-    wrong channels, NaN or infinity, and `MachineError` for a full disk.
+    the groups in `light_names`. Half floats of radiance are stored in the unit `radiance_scale`,
+    if `meta` does not hold it in that of `frame_scale`. Values beyond the range of half floats are
+    clamped; the attribute `clamped` is their number. Raises ValueError for wrong channels, NaN or
+    infinity, and `MachineError` for a full disk.
     """
     lights = len(meta.get("light_names", ()))
     dtypes = layout(kind, lights)
     if set(channels) != set(dtypes):
         raise ValueError(f"{path}: channels {sorted(channels)}, expected {sorted(dtypes)}")
+    halves = radiance_halves(kind, lights)
+    if halves:
+        meta.setdefault("radiance_scale", frame_scale(kind, channels, lights))
+    scale = meta.get("radiance_scale", 1.0)
     clamped = 0
     for name, dtype in dtypes.items():
         values = np.asarray(channels[name])
         if np.issubdtype(values.dtype, np.floating) and not np.isfinite(values).all():
             raise ValueError(f"{path}: channel {name} holds NaN or infinity")
         if dtype is np.float16:
-            clamped += int((np.abs(values) > HALF_MAX).sum())
-    pixels = as_stored(kind, channels, lights)
+            limit = HALF_MAX * (scale if name in halves else 1)
+            clamped += int((np.abs(values) > limit).sum())
+    pixels = as_stored(kind, channels, scale, lights)
     write_pixels(path, pixels, view, {"kind": kind, "clamped": clamped, **meta})
 
 
-def as_stored(kind: Kind, channels: Channels, lights: int = 0) -> Channels:
-    """Return channels in the types of the frame; half floats are clamped to their range."""
+def frame_scale(kind: Kind, channels: Channels, lights: int = 0) -> float:
+    """Return the unit in which a frame stores radiance as half floats, by its main image."""
+    halves = radiance_halves(kind, lights)
+    return scale_for(channels[band] for band in (RGB if set(RGB) <= set(halves) else halves))
+
+
+def as_stored(kind: Kind, channels: Channels, scale: float, lights: int = 0) -> Channels:
+    """Return channels in the types of the frame; half floats are clamped to their range.
+
+    Half floats of radiance are divided by `scale`.
+    """
     pixels: Channels = {}
+    halves = radiance_halves(kind, lights)
     for name, dtype in layout(kind, lights).items():
         values = np.asarray(channels[name])
+        if name in halves:
+            values = values / scale
         if dtype is np.float16:
             values = np.clip(values, -HALF_MAX, HALF_MAX)
         pixels[name] = np.ascontiguousarray(values, dtype=dtype)
@@ -138,6 +165,8 @@ def write_pixels(path: Path, pixels: Channels, view: View, meta: dict[str, Any])
         "worldToCamera": np.linalg.inv(view.pose).astype(np.float32),
         "pbrnet": json.dumps(plain(meta, brief=True), sort_keys=True, allow_nan=False),
     }
+    if "radiance_scale" in meta:
+        header["radianceScale"] = float(meta["radiance_scale"])
     with atomic_file(path) as partial:
         try:
             with OpenEXR.File(header, pixels) as file:
@@ -147,7 +176,7 @@ def write_pixels(path: Path, pixels: Channels, view: View, meta: dict[str, Any])
 
 
 def read_frame(path: Path, verify: bool = True) -> Frame:
-    """Read a frame.
+    """Read a frame, radiance in the renderer's unit.
 
     Raises `InputError` if it is missing, truncated, no pbrnet frame, or, with `verify`, damaged.
     """
@@ -159,7 +188,23 @@ def read_frame(path: Path, verify: bool = True) -> Frame:
         raise InputError(f"{path}: damaged or truncated EXR ({error})") from None
     if verify and pixels_digest(channels) != meta.get("digest"):
         raise InputError(f"{path}: the pixels do not match their checksum; the file is damaged")
-    return Frame(channels, meta)
+    return Frame(_multiplied(channels, meta, path), meta)
+
+
+def _multiplied(channels: Channels, meta: dict[str, Any], path: Path) -> Channels:
+    """Return channels as read, with half floats of radiance as float32 in the renderer's unit."""
+    if "radiance_scale" not in meta:
+        return channels
+    scale, names = meta["radiance_scale"], meta.get("light_names")
+    if not is_scale(scale):
+        raise InputError(f"{path}: radiance_scale: {shown(scale)}, expected a power of two")
+    halves = radiance_halves(str(meta.get("kind")), len(names) if isinstance(names, list) else 0)
+    scaled = {
+        name: channels[name].astype(np.float32) * np.float32(scale)
+        for name in halves
+        if name in channels
+    }
+    return channels | scaled
 
 
 def read_meta(path: Path) -> dict[str, Any]:

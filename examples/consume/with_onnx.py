@@ -11,13 +11,15 @@ from PIL import Image
 
 session = onnxruntime.InferenceSession(sys.argv[1], providers=["CPUExecutionProvider"])
 names = [each.name for each in session.get_inputs()]
+columns = ["scene_id", "view_id", "radiance_scale", *names]
 shard = min(Path(sys.argv[2]).glob("test-*.parquet"))
-view = pq.ParquetFile(shard).read_row_group(0, columns=["scene_id", "view_id", *names]).slice(0, 1)
+view = pq.ParquetFile(shard).read_row_group(0, columns=columns).slice(0, 1)
 inputs = {}
 for name in names:
     shape = [side for side in json.loads(view.field(name).metadata[b"shape"]) if side != 1]
     values = view.column(name)[0].values.to_numpy(zero_copy_only=False)
     inputs[name] = values.astype(np.float32).reshape(shape)
+inputs["intensity"] *= view["radiance_scale"][0].as_py()
 shading, color = session.run(["shading", "color"], inputs)
 Image.fromarray((np.hstack([shading, color]) * 255).round().astype(np.uint8)).save("picture.png")
 print(f"picture.png: {view['scene_id'][0]}/{view['view_id'][0]}, {color.shape[1]}x{color.shape[0]}")

@@ -11,10 +11,15 @@ import torch
 class Views(torch.utils.data.IterableDataset):
     def __iter__(self):
         for shard in sorted(Path(sys.argv[1]).glob("train-*.parquet")):
-            for batch in pq.ParquetFile(shard).iter_batches(4, columns=["shading", "color"]):
+            columns = ["shading", "color", "radiance_scale"]
+            for batch in pq.ParquetFile(shard).iter_batches(4, columns=columns):
                 shape = json.loads(batch.schema.field("color").metadata[b"shape"])
-                arrays = [column.flatten().to_numpy().copy() for column in batch.columns]
-                images = [torch.from_numpy(array).reshape(-1, *shape) for array in arrays]
+                scale = batch["radiance_scale"].to_numpy().reshape(-1, 1, 1, 1)
+                arrays = [batch[name].flatten().to_numpy() for name in columns[:2]]
+                images = [
+                    torch.from_numpy(array.reshape(-1, *shape).astype("float32") * scale)
+                    for array in arrays
+                ]
                 yield from zip(*images, strict=True)
 
 

@@ -15,7 +15,9 @@ from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 
+from pipeline.channels import KINDS, RADIANCE, dataset_channels
 from pipeline.dataset.parquet import (
     check_filled,
     check_types,
@@ -23,6 +25,7 @@ from pipeline.dataset.parquet import (
     open_parquet,
     reading,
 )
+from pipeline.radiance import is_scale
 from pipeline.tonemap import Exposure
 from scenes.arrays import AnyArray, ArrayOrTensor
 from scenes.checked import check_name
@@ -62,6 +65,9 @@ SCALARS = (
     "white_color",
     "K",
 )
+# Unit of a row's images of radiance, a scalar; absent from older datasets, where it is 1.
+RADIANCE_SCALE = "radiance_scale"
+RADIANCES = frozenset(c.name for c in dataset_channels(KINDS) if c.unit == RADIANCE)
 _SHARD = re.compile(r"(train|validation|test)-(\d{5})-of-(\d{5})\.parquet")
 
 
@@ -87,7 +93,10 @@ class ViewInputs:
 
 @dataclass(frozen=True, kw_only=True)
 class Example(ViewInputs):
-    """One view of the dataset: the networks' inputs and the truth."""
+    """One view of the dataset: the networks' inputs and the truth.
+
+    Radiance is in the renderer's unit.
+    """
 
     scene_id: str
     view_id: str
@@ -255,14 +264,20 @@ class Dataset:
     def _load(self, shard: int, group: int, wanted: set[int]) -> dict[int, dict[str, Any]]:
         path = self.shards[shard]
         with reading(path), open_parquet(path) as file:
-            table = file.read_row_group(group, columns=[*SCALARS, *self.images])
-            check_filled(path, table, SCALARS)
+            scalar_names = [*SCALARS, *_scale_columns(file)]
+            table = file.read_row_group(group, columns=[*scalar_names, *self.images])
+            check_filled(path, table, scalar_names)
             shapes = {
                 name: _shape(path, table.schema.field(name), channels)
                 for name, channels in self.images.items()
             }
         images = {name: _pixels(path, table.column(name), shapes[name]) for name in self.images}
-        scalars = {name: table.column(name).to_pylist() for name in SCALARS}
+        scalars = {name: table.column(name).to_pylist() for name in scalar_names}
+        if not all(map(is_scale, scalars.get(RADIANCE_SCALE, ()))):
+            raise InputError(
+                f"{path}: a {RADIANCE_SCALE} that is no power of two; pack it again with: "
+                "pbrnet dataset"
+            )
         foreign = sorted(set(scalars["split"]) - {self.split})
         if foreign:
             raise InputError(f"{path}: contains rows of the split {foreign[0]!r}; pack it again")
@@ -337,6 +352,11 @@ def _optional(shards: Sequence[Path]) -> dict[str, int | None]:
     return kept
 
 
+def _scale_columns(file: pq.ParquetFile) -> tuple[str, ...]:
+    """`RADIANCE_SCALE`, if the shard has that column."""
+    return (RADIANCE_SCALE,) if RADIANCE_SCALE in file.schema_arrow.names else ()
+
+
 def _group_sizes(path: Path, images: Iterable[str]) -> list[int]:
     with reading(path), open_parquet(path) as file:
         names = file.schema_arrow.names
@@ -350,7 +370,7 @@ def _group_sizes(path: Path, images: Iterable[str]) -> list[int]:
             raise InputError(
                 f"{path}: not a dataset of this project: the column {missing[0]!r} is missing"
             )
-        check_types(path, file.schema_arrow, SCALARS)
+        check_types(path, file.schema_arrow, (*SCALARS, *_scale_columns(file)))
         return [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
 
 
@@ -375,6 +395,8 @@ def _pixels(path: Path, column: pa.ChunkedArray, shape: tuple[int, ...]) -> AnyA
 
 def _example(record: dict[str, Any], names: Iterable[str]) -> Example:
     images = {name: record[name].astype(np.float32) for name in names if name != "valid"}
+    for name in RADIANCES & images.keys():
+        images[name] *= np.float32(record.get(RADIANCE_SCALE, 1))
     return Example(
         scene_id=check_name(record["scene_id"] or "", "a scene's id", "dataset", InputError),
         view_id=check_name(record["view_id"] or "", "a view's id", "dataset", InputError),

@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from model.data.reader import RADIANCE_SCALE, RADIANCES
 from model.figures.row_pictures import uri
 from pipeline.images import Picture, fit, read_picture
 from pipeline.views import load_cameras
@@ -232,7 +233,10 @@ def _read_csv(path: Path, numbers: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def _unpack(table: pa.Table, index: int) -> dict[str, Any]:
-    """Return row `index`, image columns as arrays of their shape."""
+    """Return row `index`, image columns as arrays of their shape.
+
+    Radiance is in the renderer's unit.
+    """
     row = {}
     for field in table.schema:
         cell = table[field.name][index]
@@ -242,4 +246,6 @@ def _unpack(table: pa.Table, index: int) -> dict[str, Any]:
             if shape
             else cell.as_py()
         )
+    for name in RADIANCES & row.keys():
+        row[name] = row[name].astype(np.float32) * np.float32(row.get(RADIANCE_SCALE, 1))
     return row

@@ -21,8 +21,9 @@ from pipeline.dataset.environment_checks import environment_fault
 from pipeline.dataset.flow_checks import flow_fault
 from pipeline.dataset.label_checks import label_fault, material_fault
 from pipeline.dataset.light import light_fault
-from pipeline.frames import HALF_MAX, Channels, Frame, frame_path, read_frame
+from pipeline.frames import Channels, Frame, frame_path, read_frame
 from pipeline.params import CheckParams
+from pipeline.radiance import HALF_MAX
 from pipeline.views import View
 from scenes.arrays import Float32Array
 from scenes.checked import plain, shown
@@ -141,7 +142,9 @@ def check_frames(
     trajectory, where they are known. `lights` is the dataset's number of light groups.
     """
     inputs = frames["inputs"].channels
-    renders = {kind: frames[kind].rgb for kind in ("shading", "color")}
+    truths: tuple[Kind, ...] = ("shading", "color")
+    renders = {kind: frames[kind].rgb for kind in truths}
+    stored = {kind: frames[kind].rgb / frames[kind].radiance_scale for kind in truths}
     return (
         _stale(view, frames)
         or _wrong_size(frames, {"illumination": panorama, "environment": environment}, size)
@@ -154,7 +157,7 @@ def check_frames(
         or _unbalanced(frames, lights)
         or _few_surfaces(inputs, limits.min_valid)
         or _over("black", "pixels are black", renders, black_share, limits.max_black)
-        or _over("blown_out", "pixels are at the limit", renders, blown_share, limits.max_blown)
+        or _over("blown_out", "pixels are at the limit", stored, blown_share, limits.max_blown)
         or _noisy(frames, limits.max_noise)
         or _over("fireflies", "pixels are fireflies", renders, firefly_share, limits.max_fireflies)
         or _chance_light(frames, limits.max_firefly_light)
@@ -309,7 +312,7 @@ def _few_surfaces(inputs: Channels, least: float) -> Rejection | None:
 def _over(
     reason: str,
     what: str,
-    renders: Mapping[str, Float32Array],
+    renders: Mapping[Kind, Float32Array],
     measure: Any,
     limit: float,
 ) -> Rejection | None:

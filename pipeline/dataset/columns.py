@@ -61,6 +61,8 @@ class Column:
 
 NAMES = pa.list_(pa.string())  # a list of any length
 NOISE_OF_PARTS = ("direct", "indirect", "diffuse", "specular", "irradiance")
+# Of all images of radiance in a row.
+_RADIANCE = f"radiance_scale {RADIANCE}"
 PREVIEW = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 
 
@@ -103,10 +105,25 @@ def dataset_columns(
             "metre",
             (4, 4),
         ),
-        Column("exposure_shading", double, "Scale before tone mapping, by shading's log average."),
-        Column("white_shading", double, "Scaled luminance of shading that maps to white."),
-        Column("exposure_color", double, "Scale before tone mapping, by color's log average."),
-        Column("white_color", double, "Scaled luminance of color that maps to white."),
+        Column(
+            "radiance_scale",
+            single,
+            "Unit of the row's radiance, a power of two: radiance in the renderer's unit is "
+            f"radiance_scale times the image, for every image with the unit {_RADIANCE}.",
+            RADIANCE,
+        ),
+        Column(
+            "exposure_shading",
+            double,
+            "Scale before tone mapping of radiance_scale x shading, by its log average.",
+        ),
+        Column("white_shading", double, "Luminance of shading, so scaled, that maps to white."),
+        Column(
+            "exposure_color",
+            double,
+            "Scale before tone mapping of radiance_scale x color, by its log average.",
+        ),
+        Column("white_color", double, "Luminance of color, so scaled, that maps to white."),
         Column("spp", pa.int32(), "Samples per pixel of shading and color."),
         Column("noise_shading", single, "Relative noise estimate of shading."),
         Column("noise_color", single, "Relative noise estimate of color."),
@@ -141,7 +158,7 @@ def _image_columns(
                 channel.name,
                 dtype,
                 channel.description,
-                channel.unit,
+                _RADIANCE if channel.unit == RADIANCE else channel.unit,
                 (height, width, *channel.shape),
             )
         )
@@ -182,8 +199,8 @@ def _table_columns(kinds: tuple[Kind, ...]) -> tuple[Column, ...]:
             Column(
                 "light_sources",
                 text,
-                "JSON: the lights that are on, with place, radiant flux (unit of color times m^2 "
-                "sr) and lumens.",
+                "JSON: the lights that are on, with place, radiant flux (unit of radiance_scale "
+                "times m^2 sr) and lumens.",
                 "metre",
             ),
         ]
@@ -219,7 +236,7 @@ def _light_columns(size: tuple[int, int], count: int) -> tuple[Column, ...]:
             pa.float16(),
             "Parts of color: light from the sky, from the sun, from single lamps, from all others. "
             "Their sum is color.",
-            RADIANCE,
+            _RADIANCE,
             (count, height, width, 3),
         ),
         Column("light_names", NAMES, "Name of each image in lights; empty: no such light."),

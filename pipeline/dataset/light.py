@@ -1,4 +1,4 @@
-"""Parts of the light in the dataset: those that follow from stored ones, and their check.
+"""Light in the dataset: a row's unit of radiance, parts that follow from stored ones, their check.
 
 A `light` frame stores direct and diffuse light and irradiance. The others are what these leave of
 colour, computed from the values as they are stored: half floats for parts of colour, whose
@@ -9,6 +9,7 @@ sum have no such bound.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,21 +18,49 @@ from pipeline.channels import (
     DIFFUSE,
     DIRECT,
     IRRADIANCE,
+    RADIANCE,
     Kind,
+    channels_of,
     dataset_channels,
     light_bands,
 )
 from pipeline.frames import Frame
+from pipeline.radiance import fitting_scale, radiance_halves
 from scenes.arrays import AnyArray, Float32Array
 
 _TOLERANCE = 1e-3  # of colour
 _DARK = 0.01  # of colour's mean: a darker pixel is compared with that
 
 
+def in_row_unit(frames: Mapping[Kind, Frame]) -> tuple[dict[Kind, Frame], float]:
+    """Return a view's frames with all radiance divided by the row's unit, and that unit.
+
+    It is that of the colour frame; larger, if half floats of other frames would overflow.
+    """
+    scale = frames["color"].radiance_scale
+    for kind, frame in frames.items():
+        for band in radiance_halves(kind, _groups(frame)):
+            scale = fitting_scale(scale, float(frame.channels[band].max()))
+    divided = {}
+    for kind, frame in frames.items():
+        bands = {
+            band
+            for channel in channels_of(kind)
+            if channel.unit == RADIANCE
+            for band in channel.bands
+        } | set(radiance_halves(kind, _groups(frame)))
+        channels = {
+            name: values.astype(np.float32) / np.float32(scale) if name in bands else values
+            for name, values in frame.channels.items()
+        }
+        divided[kind] = replace(frame, channels=channels)
+    return divided, scale
+
+
 def remainders(frames: Mapping[Kind, Frame]) -> dict[str, AnyArray]:
     """Return the derived images of a view with a `light` frame, (H, W, 3), by column.
 
-    They have the types of their columns.
+    `frames` are in the row's unit. The images have the types of their columns.
     """
     light, color = frames["light"], frames["color"].rgb
     found = {
@@ -54,13 +83,15 @@ def light_fault(frames: Mapping[Kind, Frame], lights: int) -> str | None:
 
     It is of the trace that made the colour frame, direct and diffuse light are at most colour, and
     with the remainders they add up to it within 0.1 %, as reflectance x irradiance + residual do.
-    In pixels darker than 1 % of the mean, within 0.1 % of that. It has `lights` light groups, which
-    are not negative and add up to colour within 0.1 %, too.
+    In pixels darker than 1 % of the mean, within 0.1 % of that; all as a row stores them. It has
+    `lights` light groups, which are not negative and add up to colour within 0.1 %, too.
     """
     light, frame = frames["light"], frames["color"]
     if light.meta.get("color_digest") != frame.meta.get("digest"):
         return "it belongs to another image of color"
-    color, rest = frame.rgb, remainders(frames)
+    frames, _ = in_row_unit(frames)
+    light = frames["light"]
+    color, rest = frames["color"].rgb, remainders(frames)
     tolerance = _TOLERANCE * np.maximum(color, _DARK * color.mean())
     sums = {
         "direct + indirect": (light.stack(*DIRECT), rest["indirect"]),
@@ -84,6 +115,11 @@ def light_fault(frames: Mapping[Kind, Frame], lights: int) -> str | None:
         if wrong or groups.min() < 0:
             return f"light groups: {wrong} pixels differ from color by more than {_TOLERANCE:.1%}"
     return None
+
+
+def _groups(frame: Frame) -> int:
+    names = frame.meta.get("light_names")
+    return len(names) if isinstance(names, list) else 0
 
 
 def _product(frames: Mapping[Kind, Frame]) -> Float32Array:

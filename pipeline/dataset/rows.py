@@ -11,7 +11,7 @@ from pipeline.dataset.card import attribution_of, licence_of
 from pipeline.dataset.checks import Frames, noise_of
 from pipeline.dataset.columns import NOISE_OF_PARTS
 from pipeline.dataset.label_tables import json_text, room_layout
-from pipeline.dataset.light import light_groups, remainders
+from pipeline.dataset.light import in_row_unit, light_groups, remainders
 from pipeline.frames import Frame
 from pipeline.images import fit, png_bytes, tone_picture
 from pipeline.params import ToneParams
@@ -24,8 +24,12 @@ from scenes.contract import Scene
 def make_row(
     scene: Scene, view: View, split: str, frames: Frames, tone: ToneParams, preview_width: int
 ) -> dict[str, Any]:
-    """Return one row by column name; images are arrays in the precision of the frames."""
+    """Return one row by column name; images are arrays in the precision of the frames.
+
+    Radiance is divided by `radiance_scale`; exposures are of radiance in the renderer's unit.
+    """
     shading, color = frames["shading"], frames["color"]
+    frames, radiance_scale = in_row_unit(frames)
     own_shading, own_color = exposure_of(shading.rgb, tone), exposure_of(color.rgb, tone)
     preview = fit(tone_picture(color.rgb, own_color), preview_width)
     return {
@@ -40,6 +44,7 @@ def make_row(
         **_image_cells(frames),
         "K": view.intrinsics,
         "camera_to_world": view.pose,
+        "radiance_scale": radiance_scale,
         "exposure_shading": own_shading.scale,
         "white_shading": own_shading.white,
         "exposure_color": own_color.scale,

@@ -37,7 +37,7 @@ from scenes.arrays import Float32Array, Float64Array
 from scenes.contract import Room
 from scenes.seeds import derive32
 
-REVISION = 10
+REVISION = 11
 # Powers of two that are a grid of nearly equal sides, as the `multijitter` sampler needs it.
 _BLOCK_SIZES = (1, 2, 4, 8, 16, 64, 256, 1024, 4096)
 _LAUNCH_SAMPLES = 1 << 21  # most samples of one launch; changing it changes pixels

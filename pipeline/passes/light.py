@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from pipeline.channels import DIFFUSE, DIRECT, IRRADIANCE, RGB
-from pipeline.frames import Channels, as_stored, pixels_digest
+from pipeline.frames import Channels, as_stored, frame_scale, pixels_digest
 from pipeline.passes.denoise import Image, denoise, denoiser_version, grey_guide
 from pipeline.passes.groundtruth import REMAINDERS, Truths
 from pipeline.pathtrace.light_groups import LightGroups
 from pipeline.pathtrace.light_parts import group_names
 from scenes.arrays import Float32Array
 
-REVISION = 2  # raise it when a channel is added, or a change of code changes pixels
+REVISION = 3  # raise it when a channel is added, or a change of code changes pixels
 _GREY = 0.5  # albedo guide of irradiance, which no texture marks
 _STORED = {"direct": DIRECT, "diffuse": DIFFUSE, "irradiance": IRRADIANCE}
 
@@ -36,18 +36,19 @@ def light_of(
 
     `truths` holds parts; `color` is colour as its pass returns it; `guides` are the denoiser's,
     None if colour was not denoised. The entries: `noise_PART`, the noise estimate of every part
-    before denoising; `color_digest`, the digest of the colour frame that the parts belong to; with
-    `groups` also `light_names` and `noise_lights` of each.
+    before denoising; `color_digest`, the digest of the colour frame that the parts belong to, and
+    its `radiance_scale`; with `groups` also `light_names` and `noise_lights` of each.
     """
-    stored = as_stored("color", color)
-    limit = np.stack([stored[band] for band in RGB], axis=-1).astype(np.float32)
+    scale = frame_scale("color", color)
+    stored = as_stored("color", color, scale)
+    limit = np.stack([stored[band] for band in RGB], axis=-1).astype(np.float32) * np.float32(scale)
 
     def cleaned(name: str) -> Float32Array:
         return _denoised(truths.parts[name][0], guides)
 
     channels: Channels = {}
     for name, rest in zip(("direct", "diffuse"), REMAINDERS, strict=True):
-        part, _ = adding_up(np.stack([cleaned(name), cleaned(rest)]), limit)
+        part, _ = adding_up(np.stack([cleaned(name), cleaned(rest)]), limit, scale)
         channels |= _named(_STORED[name], part)
     grey = None if guides is None else (grey_guide(guides[1], _GREY), guides[1])
     channels |= _named(IRRADIANCE, _denoised(truths.parts["irradiance"][0], grey))
@@ -55,12 +56,12 @@ def light_of(
     facts: dict[str, Any] = {name: statistics[name] for name in ("spp", "blocks")}
     facts |= {f"noise_{name}": truths.parts[name][1]["noise"] for name in (*_STORED, *REMAINDERS)}
     facts["lost_pixels"] = max(truths.parts[name][1]["lost_pixels"] for name in _STORED)
-    facts["color_digest"] = pixels_digest(stored)
+    facts |= {"color_digest": pixels_digest(stored), "radiance_scale": scale}
     if guides is not None:
         facts["denoiser"] = denoiser_version()
     if groups is not None:
         names = group_names(len(groups.names))
-        images = adding_up(np.stack([cleaned(name) for name in names]), limit)
+        images = adding_up(np.stack([cleaned(name) for name in names]), limit, scale)
         for name, image in zip(names, images, strict=True):
             channels |= _named(tuple(f"{name}.{band}" for band in RGB), image)
         facts["light_names"] = list(groups.names)
@@ -68,14 +69,16 @@ def light_of(
     return channels, facts
 
 
-def adding_up(images: Float32Array, color: Float32Array) -> Float32Array:
+def adding_up(images: Float32Array, color: Float32Array, unit: float) -> Float32Array:
     """Scale images (N, H, W, 3) so that they add up to colour (H, W, 3) in half floats.
 
-    The sum differs from colour by at most the rounding of the brightest of them.
+    They are stored in `unit`, a power of two. The sum differs from colour by at most the rounding
+    of the brightest of them.
     """
     total = images.sum(axis=0)
     dark = total <= 0
     brightest = int(images.mean(axis=(1, 2, 3)).argmax())
+    images, color, total = images / unit, color / unit, total / unit
     images = images * np.divide(color, total, out=np.zeros_like(total), where=~dark)
     images[brightest] = np.where(dark, color, images[brightest])
     halves: Float32Array = images.astype(np.float16).astype(np.float32)
@@ -83,7 +86,7 @@ def adding_up(images: Float32Array, color: Float32Array) -> Float32Array:
     rest = color - halves.sum(axis=0)
     filled = np.maximum(np.take_along_axis(halves, largest, axis=0) + rest, 0)
     np.put_along_axis(halves, largest, filled, axis=0)
-    return halves
+    return halves * np.float32(unit)
 
 
 def _denoised(channels: Channels, guides: tuple[Image, Image] | None) -> Float32Array:

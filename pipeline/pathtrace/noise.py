@@ -12,7 +12,8 @@ import numpy as np
 from scipy.ndimage import maximum_filter, median_filter
 
 from pipeline.channels import RGB
-from pipeline.frames import HALF_MAX, Channels
+from pipeline.frames import Channels
+from pipeline.radiance import HALF_MAX
 from scenes.arrays import BoolArray, Float64Array
 from scenes.color import luminance
 

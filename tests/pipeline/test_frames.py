@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 
 from pipeline import frames
 from pipeline.params import ImageParams
+from pipeline.radiance import HALF_MAX, radiance_halves, scale_for
 from pipeline.views import (
     CameraFile,
     View,
@@ -44,7 +46,10 @@ def test_a_frame_comes_back_as_it_was_written(tmp_path: Path, view: View) -> Non
     frames.write_frame(path, "color", channels, view, fingerprint="f", spp=4)
     frame = frames.read_frame(path)
     for band in frames.RGB:
-        np.testing.assert_array_equal(frame.channels[band], channels[band].astype(np.float16))
+        stored = (channels[band] / frame.radiance_scale).astype(np.float16)
+        np.testing.assert_array_equal(
+            frame.channels[band], stored * np.float32(frame.radiance_scale)
+        )
     assert frame.meta["spp"] == 4
     assert frame.meta["view"]["view_id"] == "v0"
     assert frames.holds(path, "f")
@@ -67,11 +72,79 @@ def test_equal_pixels_give_equal_bytes(tmp_path: Path, view: View) -> None:
 
 def test_values_beyond_half_are_clamped_and_counted(tmp_path: Path, view: View) -> None:
     channels = some_color()
-    channels["R"][0, :3] = 1e6
+    channels["R"][0, :3] = 1e9
     frames.write_frame(tmp_path / "a.exr", "color", channels, view, fingerprint="f")
     frame = frames.read_frame(tmp_path / "a.exr")
     assert frame.meta["clamped"] == 3
-    assert frame.channels["R"][0, 0] == frames.HALF_MAX
+    assert frame.channels["R"][0, 0] == HALF_MAX * frame.radiance_scale
+
+
+def subnormal(values: frames.Channels) -> float:
+    """Share of half floats below the normal ones, of those that are not 0."""
+    halves = np.stack([abs(values[band].astype(np.float16)) for band in frames.RGB])
+    return float((halves[halves > 0] < 2.0**-14).mean())
+
+
+def test_a_room_at_night_keeps_its_precision(tmp_path: Path, view: View) -> None:
+    """Radiance from 1e-6 to 1e-2: most would be subnormal; one multiplication restores all."""
+    rng = np.random.default_rng(0)
+    night = {band: (10.0 ** rng.uniform(-6, -2, (24, 32))) for band in frames.RGB}
+    night["R"][0, 0] = 0
+    path = tmp_path / "a.exr"
+    frames.write_frame(path, "color", night, view, fingerprint="f")
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        stored = {name: channel.pixels for name, channel in file.channels().items()}
+        scale = file.header()["radianceScale"]
+    frame = frames.read_frame(path)
+    assert scale == frame.meta["radiance_scale"] and np.log2(scale) % 1 == 0
+    assert subnormal(night) > 0.4 and subnormal(stored) == 0
+    for band in frames.RGB:
+        assert stored[band].dtype == np.float16
+        np.testing.assert_array_equal(frame.channels[band], stored[band] * np.float32(scale))
+        assert (abs(frame.channels[band] - night[band]) <= night[band] * 2.0**-11).all()
+    assert frame.channels["R"][0, 0] == 0
+
+
+def test_highlights_fit_and_leave_precision_to_the_rest() -> None:
+    dim = np.full((8, 8), 3e-5)
+    assert 0.1 < (dim / scale_for([dim])).mean() < 0.4
+    dim[0, 0] = 100.0  # a bare bulb, all in all 2^28 above what half floats still resolve
+    scale = scale_for([dim])
+    assert 2.0**14 <= 100 / scale <= 2.0**15
+    for value in (100.0, 100.0 * 2.0**-28):
+        assert abs(float(np.float16(value / scale)) * scale - value) <= value * 2.0**-11
+    day = np.full((8, 8), 0.2)
+    day[0, 0] = 1e9  # the sun is clamped rather than all else lost
+    assert 0.2 / scale_for([day]) >= 2.0**-9 and scale_for([np.zeros((8, 8))]) == 1
+    assert scale_for([day[1:]]) == scale_for([day[1:].astype(np.float16)]) == 1
+
+
+def test_only_radiance_has_a_unit(tmp_path: Path, view: View) -> None:
+    assert radiance_halves("color") == frames.RGB
+    assert len(radiance_halves("light", 2)) == 12 and not radiance_halves("environment")
+    assert not radiance_halves("inputs") and not radiance_halves("illumination")
+
+
+def test_frames_without_a_unit_are_in_the_renderers(tmp_path: Path, view: View) -> None:
+    path = tmp_path / "a.exr"
+    old = {band: values.astype(np.float16) for band, values in some_color().items()}
+    frames.write_pixels(path, dict(old), view, {"kind": "color", "fingerprint": "f"})
+    frame = frames.read_frame(path)
+    assert frame.radiance_scale == 1
+    for band in frames.RGB:
+        np.testing.assert_array_equal(frame.channels[band], old[band])
+
+
+@pytest.mark.parametrize("scale", [0.0, -1.0, 0.3, True, "1", None, 2.0**200])
+def test_impossible_units_are_refused(tmp_path: Path, view: View, scale: object) -> None:
+    path = tmp_path / "a.exr"
+    old = {band: values.astype(np.float16) for band, values in some_color().items()}
+    frames.write_pixels(path, dict(old), view, {"kind": "color"})
+    meta = frames.read_meta(path) | {"radiance_scale": scale}
+    with OpenEXR.File({"pbrnet": json.dumps(meta)}, old) as file:
+        file.write(str(path))
+    with pytest.raises(InputError, match="radiance_scale"):
+        frames.read_frame(path)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

@@ -64,7 +64,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("scenes/home-0000/scene.json", "scene", ["2 rooms"]),
         ("scenes/home-0000/scene.xml", "scene", ["2 rooms"]),
         ("cameras/home-0000.json", "cameras", ["3 views", "too few objects  20", "sofa, lamp"]),
-        ("color/home-0000/000.exr", "frame", ["kind color", "noise", "0.125", "float16", "63.4"]),
+        ("color/home-0000/000.exr", "frame", ["kind color", "noise", "0.125", "float32", "63.4"]),
         ("inputs/home-0000/000.exr", "frame", ["albedo.G", "float32", "valid"]),
         ("illumination/home-0000/000.exr", "frame", ["1.2e+05", "2.25", "tint.R"]),
         ("visibility/home-0000/000.exr", "frame", ["visibility.Y", "0.125"]),

@@ -28,9 +28,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("script", "expected"),
     [
-        ("with_pyarrow.py", "color (4, 24, 32, 3) float16"),
+        ("with_pyarrow.py", "color (4, 24, 32, 3) float32"),
         ("with_datasets.py", "home-0000 000 (24, 32, 3) depth (24, 32)"),
-        ("with_torch.py", "shading (2, 24, 32, 3) color (2, 24, 32, 3) torch.float16"),
+        ("with_torch.py", "shading (2, 24, 32, 3) color (2, 24, 32, 3) torch.float32"),
     ],
 )
 def test_the_script_reads_the_dataset(

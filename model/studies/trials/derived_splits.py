@@ -15,9 +15,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from model.data.reader import IMAGES, SCALARS, Dataset, Split
+from model.data.reader import IMAGES, RADIANCE_SCALE, SCALARS, Dataset, Split
 from pipeline.channels import Kind
 from pipeline.params import ToneParams
+from pipeline.radiance import HALF_MAX
 from pipeline.tonemap import exposure_of
 from scenes.arrays import AnyArray
 from scenes.files import atomic_directory, sweep, write_text
@@ -79,23 +80,37 @@ def _tables(part: Dataset) -> Iterator[pa.Table]:
         with pq.ParquetFile(path) as file:
             for group, rows in enumerate(groups):
                 if rows:
-                    table = file.read_row_group(group, columns=list(_KEPT))
+                    names = [*_KEPT, RADIANCE_SCALE]
+                    table = file.read_row_group(group, columns=names)
                     yield table.take(pa.array(rows, pa.int64()))
 
 
 def _with_truth(table: pa.Table, tone: ToneParams, lookup: TruthLookup) -> pa.Table:
-    """Replace shading and colour and compute their exposures as the dataset stage does."""
+    """Replace shading and colour, in each row's unit, and compute their exposures.
+
+    As the dataset stage does, but for values beyond half floats in that unit, which are clamped.
+    """
     keys = zip(*(table.column(name).to_pylist() for name in ("scene_id", "view_id")), strict=True)
     truths = [lookup(scene, view) for scene, view in keys]
+    if RADIANCE_SCALE in table.column_names:
+        units = np.array(table.column(RADIANCE_SCALE), dtype=np.float32)
+    else:
+        units = np.ones(len(table), np.float32)
     for name in TRUTHS:
-        images = [truth[name].astype(np.float16) for truth in truths]
+        images = [
+            np.clip(truth[name] / unit, -HALF_MAX, HALF_MAX).astype(np.float16)
+            for truth, unit in zip(truths, units, strict=True)
+        ]
         kind = table.schema.field(name).type
         for image in images:
             if image.size != kind.list_size:
                 raise ValueError(f"{name}: {image.shape}, expected {kind.list_size} values")
         flat = pa.array(np.concatenate([image.ravel() for image in images]), kind.value_type)
         table = _put(table, name, pa.FixedSizeListArray.from_arrays(flat, type=kind))
-        exposures = [exposure_of(image.astype(np.float32), tone) for image in images]
+        exposures = [
+            exposure_of(image.astype(np.float32) * unit, tone)
+            for image, unit in zip(images, units, strict=True)
+        ]
         scales, whites = ([getattr(e, part) for e in exposures] for part in ("scale", "white"))
         table = _put(table, f"exposure_{name}", pa.array(scales, pa.float64()))
         table = _put(table, f"white_{name}", pa.array(whites, pa.float64()))

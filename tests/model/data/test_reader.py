@@ -16,7 +16,7 @@ from model.data.encoding import encode
 from model.data.reader import Dataset, coin_flips, mirrored
 from scenes.color import encode_srgb
 from scenes.errors import InputError
-from tests.fixtures.model import box_dataset, box_rows, box_view, write_shard
+from tests.fixtures.model import UNIT, box_dataset, box_rows, box_view, write_shard
 
 SIZE = {"width": 8, "height": 6, "panorama": 8}
 
@@ -208,6 +208,24 @@ def test_a_dataset_from_before_lights_had_colours_is_read_as_white(tmp_path: Pat
     assert before.tint is None and now.tint is not None
     assert np.array_equal(panorama_radiance(before), panorama_radiance(now))  # its lamp is white
     assert mirrored(before).tint is None
+
+
+def test_the_unit_of_radiance_is_undone(tmp_path: Path) -> None:
+    """A dataset from before has no unit: its radiance is the renderer's. Others must be powers."""
+    box_dataset(tmp_path, 2, 0, 0, **SIZE)
+    shard = tmp_path / "dataset" / "train-00000-of-00001.parquet"
+    table = pq.read_table(shard)
+    (now,) = list(Dataset(tmp_path / "dataset", "train").ordered())[:1]
+    pq.write_table(table.drop_columns(["radiance_scale"]), shard)
+    (bare,) = list(Dataset(tmp_path / "dataset", "train").ordered())[:1]
+    for name in ("intensity", "shading", "color"):
+        assert np.array_equal(getattr(now, name), np.float32(UNIT) * getattr(bare, name)), name
+    assert np.array_equal(now.depth, bare.depth) and UNIT != 1
+    index = table.schema.get_field_index("radiance_scale")
+    wrong = pa.array([0.3] * len(table), pa.float32())
+    pq.write_table(table.set_column(index, table.schema.field(index), wrong), shard)
+    with pytest.raises(InputError, match="no power of two"):
+        list(Dataset(tmp_path / "dataset", "train").ordered())
 
 
 def test_images_without_shape(tmp_path: Path) -> None:

@@ -60,10 +60,11 @@ def lit(
             channels[f"irradiance.{band}"] = 0.9 * light / reflectance * random.uniform(0, 9, shape)
         noise = {f"noise_{part}": 0.25 for part in PARTS[:-1]}
         meta: dict[str, Any] = {"color_digest": frame.meta["digest"], "noise": None, **noise}
+        meta["radiance_scale"] = frame.radiance_scale
         if groups:
             images = np.zeros((len(NAMES), *shape, 3), dtype=np.float32)
             images[0], images[2] = (random.random((*shape, 3)) for _ in range(2))
-            for number, image in enumerate(adding_up(images, frame.rgb)):
+            for number, image in enumerate(adding_up(images, frame.rgb, frame.radiance_scale)):
                 named = zip(light_bands(number), np.moveaxis(image, -1, 0), strict=True)
                 channels |= dict(named)
             meta |= {"light_names": NAMES, "noise_lights": [0.5] * len(NAMES)}

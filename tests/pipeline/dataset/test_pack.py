@@ -109,6 +109,10 @@ def test_every_column_equals_the_frames_bit_for_bit(packed: Path) -> None:
             "K": view.intrinsics,
             "camera_to_world": view.pose,
         }
+        scale = np.float32(row["radiance_scale"])
+        assert scale == frames["color"].radiance_scale
+        for name in ("intensity", "shading", "color"):
+            expected[name] = (expected[name] / scale).astype(row[name].dtype)
         for name, values in expected.items():
             assert row[name].dtype == values.dtype, name
             assert row[name].tobytes() == values.tobytes(), name
@@ -289,7 +293,7 @@ def spoil(kind: str, **changes: Any) -> Any:
 
     def write(data: Path, view: Any) -> None:
         channels = box_frames(view, small_params())[kind]
-        notes = ("noise", "lost_pixels", "firefly_light")
+        notes = ("noise", "lost_pixels", "firefly_light", "radiance_scale")
         meta = {key: changes[key] for key in notes if key in changes}
         for name, value in changes.items():
             if name in (*notes, "rgb"):
@@ -384,7 +388,7 @@ def speckled(values: np.ndarray) -> np.ndarray:
         ("inconsistent", "normals", spoil("inputs", **{"N.X": lambda values: values + 1})),
         ("few_surfaces", "0.0%", spoil("inputs", valid=lambda values: values * 0)),
         ("black", "color", spoil("color", rgb=half_black)),
-        ("blown_out", "100.0%", spoil("color", rgb=lambda values: values * 0 + 1e9)),
+        ("blown_out", "100.0%", spoil("color", rgb=lambda v: v * 0 + 1e9, radiance_scale=1.0)),
         ("fireflies", "shading", spoil("shading", rgb=speckled)),
         ("fireflies", "60.0% of the light", spoil("shading", firefly_light=0.6)),
         ("noise", "0.95", spoil("color", noise=0.95)),
