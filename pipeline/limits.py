@@ -49,7 +49,7 @@ class StoppedError(MachineError):
     """The work exceeded a limit, or its process died."""
 
 
-def run_limited(work: Callable[[], None], limits: Limits, what: str) -> int:
+def run_limited(work: Callable[[], object], limits: Limits, what: str) -> int:
     """Call `work` in a child process within `limits`; its exceptions are raised here.
 
     Returns the bytes of memory that it needed at most. Raises `StoppedError`, which begins with
@@ -93,7 +93,7 @@ def _can_fork() -> bool:
 
 
 @contextmanager
-def _forked(work: Callable[[], None], reader: int, writer: int, folder: Path) -> Iterator[int]:
+def _forked(work: Callable[[], object], reader: int, writer: int, folder: Path) -> Iterator[int]:
     """A forked child that calls `work`; yields its number."""
     watched, held = os.pipe()
     sys.stdout.flush()
@@ -116,7 +116,7 @@ def _forked(work: Callable[[], None], reader: int, writer: int, folder: Path) ->
 
 
 @contextmanager
-def _started(work: Callable[[], None], reader: int, writer: int, folder: Path) -> Iterator[int]:
+def _started(work: Callable[[], object], reader: int, writer: int, folder: Path) -> Iterator[int]:
     """A fresh interpreter that calls `work`; yields the number of its process."""
     known = os.environ.get("PYTHONPATH", "")
     path = os.pathsep.join(filter(None, (str(_PACKAGES), known)))
@@ -155,7 +155,7 @@ def _interrupt(number: int, frame: object) -> None:
     raise KeyboardInterrupt
 
 
-def _work_while(parent: BinaryIO, work: Callable[[], None], writer: int) -> None:
+def _work_while(parent: BinaryIO, work: Callable[[], object], writer: int) -> None:
     """Run in the child: call `work`, send its exception (or None) and end the process.
 
     `parent` is a stream that ends when the parent does, upon which the child ends, too.

@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -181,9 +182,7 @@ def import_command(
         check_name(longest, "a scene's id", error=InputError)
     started = time.monotonic()
 
-    def work() -> None:
-        import_scene(path, out, name, **given)
-
+    work = partial(import_scene, path, out, name, **given)
     sweep(out.parent, recursive=False)  # what a killed import left
     try:
         run_limited(work, Limits(max_seconds, max_memory), str(path))
