@@ -125,7 +125,7 @@ def write_frame(path: Path, kind: Kind, channels: Channels, view: View, **meta: 
             raise ValueError(f"{path}: channel {name} holds NaN or infinity")
         if dtype is np.float16:
             limit = HALF_MAX * (scale if name in halves else 1)
-            clamped += int((np.abs(values) > limit).sum())
+            clamped += int((np.abs(values, dtype=np.float64) > limit).sum())
     pixels = as_stored(kind, channels, scale, lights)
     write_pixels(path, pixels, view, {"kind": kind, "clamped": clamped, **meta})
 

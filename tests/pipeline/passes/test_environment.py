@@ -238,7 +238,7 @@ np.save(sys.argv[2], trace_scalar(scene, path_integrator(6, 3), IN_ROOM, 16, 2, 
 """
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_the_scalar_variant_traces_the_same_panorama(tmp_path: Path) -> None:
     scene, out = room(tmp_path / "scene", window=False), tmp_path / "got.npy"
     expected = image(panorama(open_scene(scene), IN_ROOM, 16, spp=256))
