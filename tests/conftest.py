@@ -31,6 +31,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         items.sort(key=lambda item: item.path not in slow)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def forked_imports() -> Iterator[None]:
+    """Imports fork the test's process, as the command does; a fresh interpreter takes 1.5 s each.
+
+    `tests/pipeline/test_import_limits.py` tests both ways, in processes of its own.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pipeline.limits._can_fork", lambda: True)
+        yield
+
+
 @pytest.fixture(scope="session")
 def variant() -> str:
     """The renderer's variant on this machine, chosen for this process."""

@@ -174,8 +174,11 @@ def _child(root: Path, family: Family, number: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         import tempfile
 
+        from pipeline import limits
         from pipeline.cli import main
 
+        # Imports fork this process, as the command does: the hook watches forks alone.
+        limits._can_fork = lambda: True
         tempfile.tempdir = None
         sys.argv = ["pbrnet", *arguments]
         sys.addaudithook(_Watch(case, 3))
