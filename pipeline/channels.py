@@ -100,6 +100,39 @@ class Channel:
         return (count,) if count > 1 else ()
 
 
+def _video(way: str, neighbour: str) -> tuple[Channel, ...]:
+    """Return flow, occlusion and outside towards a neighbour in a trajectory."""
+    flow, occluded, outside = VIDEO_BANDS[way][:2], VIDEO_BANDS[way][2:3], VIDEO_BANDS[way][3:]
+    return (
+        Channel(
+            f"flow_{way}",
+            "video",
+            flow,
+            np.float32,
+            f"Optical flow to the {neighbour}: where the surface point moves, columns right, rows "
+            "down; 0: no such frame, or behind its camera.",
+            "pixel",
+        ),
+        Channel(
+            f"occluded_{way}",
+            "video",
+            occluded,
+            np.float16,
+            f"1 where the surface point lies in the image of the {neighbour} but is hidden there.",
+            mask=True,
+        ),
+        Channel(
+            f"outside_{way}",
+            "video",
+            outside,
+            np.float16,
+            f"1 where the surface point lies outside the image of the {neighbour}, or there is "
+            "none.",
+            mask=True,
+        ),
+    )
+
+
 CHANNELS = (
     Channel(
         "depth",
@@ -298,56 +331,8 @@ CHANNELS = (
         np.uint32,
         "Index + 1 into material_names; 0: none.",
     ),
-    Channel(
-        "flow_forward",
-        "video",
-        VIDEO_BANDS["forward"][:2],
-        np.float32,
-        f"Optical flow to the {_NEXT}: where the surface point moves, columns right, rows "
-        "down; 0: no such frame, or behind its camera.",
-        "pixel",
-    ),
-    Channel(
-        "occluded_forward",
-        "video",
-        VIDEO_BANDS["forward"][2:3],
-        np.float16,
-        f"1 where the surface point lies in the image of the {_NEXT} but is hidden there.",
-        mask=True,
-    ),
-    Channel(
-        "outside_forward",
-        "video",
-        VIDEO_BANDS["forward"][3:],
-        np.float16,
-        f"1 where the surface point lies outside the image of the {_NEXT}, or there is none.",
-        mask=True,
-    ),
-    Channel(
-        "flow_backward",
-        "video",
-        VIDEO_BANDS["backward"][:2],
-        np.float32,
-        f"Optical flow to the {_LAST}: where the surface point moves, columns right, rows "
-        "down; 0: no such frame, or behind its camera.",
-        "pixel",
-    ),
-    Channel(
-        "occluded_backward",
-        "video",
-        VIDEO_BANDS["backward"][2:3],
-        np.float16,
-        f"1 where the surface point lies in the image of the {_LAST} but is hidden there.",
-        mask=True,
-    ),
-    Channel(
-        "outside_backward",
-        "video",
-        VIDEO_BANDS["backward"][3:],
-        np.float16,
-        f"1 where the surface point lies outside the image of the {_LAST}, or there is none.",
-        mask=True,
-    ),
+    *_video("forward", _NEXT),
+    *_video("backward", _LAST),
     Channel(
         "environment",
         "environment",
