@@ -27,7 +27,7 @@ Kind = Literal[
 ]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 ChannelSet = Literal["paper", "materials", "light", "labels", "environment", "video", "all"]
-# Kinds of frames of each set of the parameter `channels`; a set without an entry is not built yet.
+# Kinds of frames of each set of the parameter `channels`; `all` stands for every set.
 SETS: dict[ChannelSet, tuple[Kind, ...]] = {
     "paper": ("inputs", "illumination", "shading", "color"),
     "materials": ("materials",),

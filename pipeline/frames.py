@@ -10,7 +10,6 @@ Channels are linear and scene-referred; `pipeline.channels` lists them. The kind
 * `color`: radiance of the full scene
 * `noisy`: colour and shading with few samples per pixel, independent of those of `color` and
   `shading`, as traced and denoised; only if `noisy.spp` is above 0
-
 * `materials`: roughness, metalness, specular colour, bumped normal, emission, material ids; only
   if `channels` names that set
 * `labels`: ids of instances, classes and materials, and tables that describe them; likewise

@@ -108,10 +108,9 @@ def render_both(
 
     Each image has the same expectation as that of `render_truth`; see
     `pipeline.pathtrace.integrator`. With `light` also the parts of colour, see
-    `pipeline.pathtrace.light_parts`; colour and shading keep their bits; with `groups`
-    also an image of each. Requires
-    `integrator.available()`. Raises `InputError` as `render_truth` does, and for a material that
-    has no neutral twin.
+    `pipeline.pathtrace.light_parts`, and with `groups` an image of each; colour and shading keep
+    their bits. Requires `integrator.available()`. Raises `InputError` as `render_truth` does, and
+    for a material that has no neutral twin.
     """
     table = partner_table(render_scene.twins(albedo))
     parts = LightParts(render_scene.lobes(), groups) if light else NoParts()
