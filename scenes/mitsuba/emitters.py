@@ -14,8 +14,8 @@ import numpy as np
 
 from scenes.arrays import Float64Array
 from scenes.color import Color
+from scenes.importing.materials.textures import UnreadableImage
 from scenes.importing.shape import Emitter, EmitterKind
-from scenes.importing.textures import UnreadableImage
 from scenes.importing.xml_elements import plugin, prop
 from scenes.mitsuba.materials import Materials
 from scenes.mitsuba.reader import Node, unresolved

@@ -25,10 +25,10 @@ from scenes.importing.changes import Changes
 from scenes.importing.credits import find_credit
 from scenes.importing.light.daylight import daylight
 from scenes.importing.light.plan import sky_for
+from scenes.importing.materials.textures import TextureStore
 from scenes.importing.objects import group_objects
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import Shape
-from scenes.importing.textures import TextureStore
 from scenes.importing.xml_elements import plugin
 from scenes.mitsuba.emitters import Emitters, half_fov_x
 from scenes.mitsuba.materials import Materials

@@ -18,8 +18,8 @@ import numpy as np
 
 from scenes.arrays import Float64Array
 from scenes.color import REC709, Color
+from scenes.importing.materials.textures import TextureStore, UnreadableImage
 from scenes.importing.shape import Surface
-from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin, prop
 from scenes.mitsuba.reader import Node, unresolved
 from scenes.mitsuba.values import Properties, Scope

@@ -17,7 +17,7 @@ from scenes.formats.ply import read_ply
 from scenes.formats.serialized import read_serialized
 from scenes.geometry import primitives
 from scenes.geometry.mesh import Mesh, cleaned, creased, smooth_normals
-from scenes.importing.mtl_materials import MtlLibrary
+from scenes.importing.materials.mtl import MtlLibrary
 from scenes.importing.names import Names
 from scenes.importing.sandbox import missing_meshes
 from scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape, Surface

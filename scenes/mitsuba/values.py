@@ -14,10 +14,10 @@ from scenes.arrays import Float64Array
 from scenes.color import XYZ_TO_RGB, Color, decode_srgb
 from scenes.geometry.transforms import look_at
 from scenes.importing.changes import Changes
+from scenes.importing.materials.spectra import blackbody_radiance, spectrum_to_rgb
 from scenes.importing.sandbox import Sandbox
 from scenes.mitsuba.reader import Node, unresolved
 from scenes.photometry import blackbody
-from scenes.spectra import blackbody_radiance, spectrum_to_rgb
 
 T = TypeVar("T")
 Matrix4 = Float64Array

@@ -30,12 +30,12 @@ from scenes.importing.categories import category_of
 from scenes.importing.changes import Changes
 from scenes.importing.credits import find_credit
 from scenes.importing.light.daylight import daylight
+from scenes.importing.materials.textures import TextureStore, UnreadableImage
 from scenes.importing.objects import room_of, structure_category
 from scenes.importing.panes import with_named_glass
 from scenes.importing.sandbox import Sandbox, model_root
 from scenes.importing.sealing_shapes import completing_shapes
 from scenes.importing.shape import Emitter, Shape, as_triple, bounds_of, make_object
-from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin
 from scenes.models.model import Emission, Model, PunctualLight
 from scenes.models.options import READERS, ModelOptions

@@ -11,8 +11,8 @@ from scenes.errors import InputError
 from scenes.formats.max3ds import read_3ds
 from scenes.formats.model_parts import UnreadableModel
 from scenes.importing.changes import Changes
+from scenes.importing.materials.textures import TextureStore
 from scenes.importing.sandbox import Sandbox
-from scenes.importing.textures import TextureStore
 from scenes.models.model import Model
 from scenes.models.parts import PartImages, model_of_parts, read_bytes
 

@@ -13,11 +13,11 @@ from scenes.errors import InputError
 from scenes.formats.obj import distinct_rows, read_obj
 from scenes.geometry.mesh import cleaned, creased
 from scenes.importing.changes import Changes
-from scenes.importing.mtl_materials import MtlLibrary
+from scenes.importing.materials.mtl import MtlLibrary
+from scenes.importing.materials.textures import TextureStore
 from scenes.importing.names import Names
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import MAX_SHAPES, Shape
-from scenes.importing.textures import TextureStore
 from scenes.models.model import Emission, Model
 
 _CREASE = 44.0  # degrees; smaller angles between faces are smooth in files without normals

@@ -20,10 +20,10 @@ from scenes.formats.model_parts import ModelMaterial
 from scenes.geometry.mesh import Mesh
 from scenes.image_files import open_image
 from scenes.importing.changes import Changes
+from scenes.importing.materials.textures import TextureStore, UnreadableImage
 from scenes.importing.names import Names
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import MAX_SHAPES, Shape, Surface
-from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin
 from scenes.models.model import Emission, Model
 

@@ -24,9 +24,9 @@ from scenes.importing.assembly import (
 from scenes.importing.changes import Changes
 from scenes.importing.credits import find_credit
 from scenes.importing.light.plan import sky_for
+from scenes.importing.materials.textures import TextureStore
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import Emitter, Shape
-from scenes.importing.textures import TextureStore
 from scenes.opened_files import OpenedFiles
 from scenes.pbrt.lights import Lights
 from scenes.pbrt.materials import Materials

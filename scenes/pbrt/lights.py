@@ -10,8 +10,8 @@ import numpy as np
 
 from scenes.arrays import Float32Array, Float64Array
 from scenes.color import Color
+from scenes.importing.materials.textures import TextureStore, UnreadableImage
 from scenes.importing.shape import Emitter, as_triple
-from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin
 from scenes.pbrt.textures import Textures
 from scenes.pbrt.values import Context, Entity

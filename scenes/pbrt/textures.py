@@ -9,7 +9,7 @@ import numpy as np
 
 from scenes.arrays import Float64Array
 from scenes.color import REC709, Color
-from scenes.importing.textures import TextureStore, UnreadableImage
+from scenes.importing.materials.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin
 from scenes.pbrt.values import Context, Entity, clipped
 

@@ -11,10 +11,10 @@ from scenes.arrays import Float64Array
 from scenes.color import XYZ_TO_RGB, Color
 from scenes.errors import InputError
 from scenes.importing.changes import Changes
+from scenes.importing.materials.spectra import spectrum_to_rgb
 from scenes.importing.sandbox import Sandbox
 from scenes.pbrt.parser import Parameter
 from scenes.photometry import blackbody
-from scenes.spectra import spectrum_to_rgb
 
 _MAX_SPECTRUM = 2**20  # bytes of a file
 _COLOR_KINDS = ("rgb", "color", "xyz", "blackbody", "spectrum")

@@ -25,7 +25,7 @@ from scenes.geometry.regions import simplified, union
 from scenes.importing.categories import category_of_piece, room_type
 from scenes.importing.changes import Changes
 from scenes.importing.light.plan import note_filled, note_without_light
-from scenes.importing.textures import TextureStore
+from scenes.importing.materials.textures import TextureStore
 from scenes.opened_files import OpenedFiles
 from scenes.reconstruction.gap_sealing import GAP_SEALING_ID
 from scenes.sweethome.building.gaps import find_gaps

@@ -23,8 +23,8 @@ from scenes.errors import InputError
 from scenes.geometry.mesh import face_areas
 from scenes.importing.changes import Changes
 from scenes.importing.light.daylight import daylight
+from scenes.importing.materials.textures import read_radiance
 from scenes.importing.shape import Emitter, Shape
-from scenes.importing.textures import read_radiance
 from scenes.photometry import LUMEN
 from scenes.reconstruction.rooms import FoundRoom
 from scenes.source_options import FreeAxesOptions

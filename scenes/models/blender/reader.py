@@ -18,8 +18,8 @@ from scenes.child_process import run_program
 from scenes.errors import InputError, MachineError
 from scenes.files import read_json
 from scenes.importing.changes import Changes
+from scenes.importing.materials.textures import TextureStore
 from scenes.importing.sandbox import Sandbox
-from scenes.importing.textures import TextureStore
 from scenes.models.gltf.container import open_asset
 from scenes.models.gltf.images import Images
 from scenes.models.gltf.reader import read_gltf

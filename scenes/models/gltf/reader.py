@@ -20,10 +20,10 @@ from scenes.errors import InputError
 from scenes.geometry.mesh import Mesh, cleaned
 from scenes.importing.assembly import Camera
 from scenes.importing.changes import Changes
+from scenes.importing.materials.textures import TextureStore
 from scenes.importing.names import Names
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape
-from scenes.importing.textures import TextureStore
 from scenes.models.gltf.accessors import Primitive, read_floats
 from scenes.models.gltf.container import (
     Asset,

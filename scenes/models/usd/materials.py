@@ -17,8 +17,8 @@ import numpy as np
 from scenes.arrays import Float64Array
 from scenes.color import Color
 from scenes.importing.changes import Changes
+from scenes.importing.materials.textures import TextureStore, UnreadableImage
 from scenes.importing.shape import Surface
-from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin, prop
 from scenes.models.model import Emission
 

@@ -21,10 +21,10 @@ from scenes.formats.archive import HomeArchive
 from scenes.geometry.mesh import Mesh, cleaned, smooth_normals
 from scenes.importing.assembly import Camera
 from scenes.importing.changes import Changes
+from scenes.importing.materials.textures import TextureStore
 from scenes.importing.names import Names
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import Shape, Surface
-from scenes.importing.textures import TextureStore
 from scenes.importing.xml_elements import plugin
 from scenes.models.model import Emission, Model, PunctualLight
 from scenes.models.usd.materials import UsdMaterials

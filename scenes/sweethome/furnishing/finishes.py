@@ -19,7 +19,7 @@ from scenes.color import REC709, Color, decode_srgb_value
 from scenes.errors import InputError
 from scenes.formats.archive import HomeArchive
 from scenes.importing.changes import Changes
-from scenes.importing.textures import TextureStore, UnreadableImage
+from scenes.importing.materials.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin, prop
 from scenes.sweethome.furnishing.items import SurfaceFinish
 from scenes.sweethome.home import Surface, Texture

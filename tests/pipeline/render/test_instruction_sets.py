@@ -9,7 +9,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from pipeline.render import raycast, triangles
+from pipeline.render import raycast
+from pipeline.render.raycast import triangles
 from pipeline.render.scene import open_scene
 from scenes.geometry.directions import unit
 from tests.fixtures.instruction_sets import NARROW, digests_under, embree_shim, has_avx512

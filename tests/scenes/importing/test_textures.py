@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from scenes.importing.changes import Changes
-from scenes.importing.textures import TextureStore
+from scenes.importing.materials.textures import TextureStore
 
 pytestmark = pytest.mark.usefixtures("variant")
 

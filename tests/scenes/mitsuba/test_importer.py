@@ -24,11 +24,11 @@ from scenes.formats.obj import read_obj
 from scenes.formats.ply import read_ply
 from scenes.geometry.mesh import Mesh, cleaned, creased, smooth_normals
 from scenes.geometry.primitives import cube, cylinder, disk, sphere
-from scenes.importing.textures import read_rgbe
+from scenes.importing.materials.spectra import spectrum_to_rgb
+from scenes.importing.materials.textures import read_rgbe
 from scenes.mitsuba.values import snake
 from scenes.reconstruction.orientation import guess_scale, upright
 from scenes.registry import import_scene
-from scenes.spectra import spectrum_to_rgb
 from tests.fixtures.mitsuba_files import (
     LAMP_0_6,
     SENSOR_0_6,

@@ -11,8 +11,8 @@ import pytest
 from scenes.contract import Scene
 from scenes.errors import InputError
 from scenes.formats.ply import read_ply
+from scenes.importing.materials.spectra import blackbody_radiance
 from scenes.registry import import_scene
-from scenes.spectra import blackbody_radiance
 from tests.fixtures.mitsuba_files import LAMP_0_6, SENSOR_0_6, room, usual, write
 
 

@@ -25,9 +25,9 @@ from scenes.formats.mtl import MtlMap, read_mtl
 from scenes.formats.ply import read_ply
 from scenes.geometry.mesh import Mesh, face_areas
 from scenes.importing.changes import Changes
+from scenes.importing.materials.textures import TextureStore
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import Shape, Surface
-from scenes.importing.textures import TextureStore
 from scenes.importing.xml_elements import plugin
 from scenes.models.gltf.container import open_asset
 from scenes.models.gltf.images import Images, texture_matrix

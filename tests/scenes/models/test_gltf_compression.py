@@ -15,8 +15,8 @@ from PIL import Image
 from scenes.errors import InputError
 from scenes.image_files import UnreadableImage, open_image
 from scenes.importing.changes import Changes
+from scenes.importing.materials.textures import TextureStore
 from scenes.importing.sandbox import Sandbox
-from scenes.importing.textures import TextureStore
 from scenes.models.gltf.container import open_asset
 from scenes.models.gltf.images import Images
 from scenes.models.gltf.reader import read_gltf

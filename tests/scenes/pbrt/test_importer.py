@@ -17,9 +17,9 @@ from scenes.contract import Scene
 from scenes.errors import InputError
 from scenes.geometry.mesh import Mesh, face_areas
 from scenes.importing.changes import Changes
+from scenes.importing.materials.textures import TextureStore, UnreadableImage, read_radiance
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import Shape
-from scenes.importing.textures import TextureStore, UnreadableImage, read_radiance
 from scenes.opened_files import OpenedFiles
 from scenes.pbrt import parser, reader, shapes
 from scenes.pbrt.importer import cameras_of

@@ -1,6 +1,6 @@
 """Ray casting for the wavefront variants: one Dr.Jit kernel for all rays.
 
-The same functions as `pipeline.render.raycast_scalar`; `pipeline.render.raycast` documents them.
+The same functions as `pipeline.render.raycast.scalar`; `pipeline.render.raycast` documents them.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import mitsuba as mi
 import numpy as np
 
 from pipeline.render.drjit_arrays import column, registry_id, registry_table, to_numpy, vector
+from pipeline.render.raycast.triangles import Triangles, meet, owners_of, partners_of, triangles_of
 from pipeline.render.scene_geometry import MAX_LAYERS, MAX_SURFACES, SceneGeometry, TextureSlot
-from pipeline.render.triangles import Triangles, meet, owners_of, partners_of, triangles_of
 from scenes.arrays import AnyArray
 
 

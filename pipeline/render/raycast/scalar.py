@@ -1,6 +1,6 @@
 """Ray casting for the scalar variant: a Python loop over the rays.
 
-The same functions as `pipeline.render.raycast_wavefront`; `pipeline.render.raycast` documents them.
+The same functions as `pipeline.render.raycast.wavefront`; `pipeline.render.raycast` documents them.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from pipeline.render.raycast.triangles import Triangles, meet, owners_of, partners_of, triangles_of
 from pipeline.render.scene_geometry import (
     MAX_LAYERS,
     MAX_SURFACES,
@@ -17,7 +18,6 @@ from pipeline.render.scene_geometry import (
     SceneGeometry,
     TextureSlot,
 )
-from pipeline.render.triangles import Triangles, meet, owners_of, partners_of, triangles_of
 from scenes.arrays import AnyArray
 from scenes.geometry.directions import turned
 

@@ -17,9 +17,9 @@ from scenes.color import Color
 from scenes.errors import InputError
 from scenes.formats.mtl import MAX_MTL, Mtl, MtlMap, read_mtl
 from scenes.importing.changes import Changes
+from scenes.importing.materials.textures import TextureStore, UnreadableImage
 from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import Surface
-from scenes.importing.textures import TextureStore, UnreadableImage
 from scenes.importing.xml_elements import plugin
 
 _MAX_GLASS_OPACITY = 0.6  # up to which a material without opacity map is read as glass

@@ -2,7 +2,7 @@
 
 Rays pass clear glass (smooth dielectrics, thin panes, null surfaces) undeviated, and masks where
 their opacity is below one half, up to `MAX_LAYERS` of them. Wavefront variants trace all rays in
-one kernel (`raycast_wavefront`); `scalar_rgb` loops over the rays (`raycast_scalar`) with equal
+one kernel (`wavefront`); `scalar_rgb` loops over the rays (`scalar`) with equal
 results.
 """
 
@@ -17,7 +17,7 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.render import raycast_scalar, raycast_wavefront
+from pipeline.render.raycast import scalar, wavefront
 from pipeline.render.scene_geometry import Hits, SceneGeometry, TextureSlot
 from scenes.arrays import AnyArray, BoolArray, Float32Array, Float64Array, Int32Array
 from scenes.geometry.directions import pixel_directions, unit
@@ -171,7 +171,7 @@ def sample_emitters(
 
 
 def _backend() -> ModuleType:
-    return raycast_scalar if is_scalar() else raycast_wavefront
+    return scalar if is_scalar() else wavefront
 
 
 def _linear_rgb(spectra: AnyArray) -> Float64Array:

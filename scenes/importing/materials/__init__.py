@@ -1,0 +1,1 @@
+"""Materials that importers share: textures, MTL materials, measured spectra."""
