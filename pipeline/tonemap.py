@@ -1,5 +1,7 @@
 """Reinhard's photographic tone mapping with the parameters key and burn of PBRS.
 
+It is what networks are trained on and measured by; `pipeline.photograph` makes pictures for people.
+
 Reinhard et al., *Photographic Tone Reproduction for Digital Images* (2002), equations 1, 2 and 4,
 with `burn` as in the renderer of PBRS: 0 compresses all luminance, 1 clips all luminance above the
 key. The operator maps luminance and keeps chromaticity.
@@ -45,7 +47,7 @@ def exposure_of(image: Image, tone: ToneParams) -> Exposure:
     all-black image has scale 1. White comes from the brightest pixel.
     """
     lum = luminance(np.asarray(image, dtype=np.float64))
-    means = _block_means(lum)
+    means = block_means(lum)
     lit = means[means > 0]
     if lit.size == 0:
         return Exposure(1.0, 1.0)
@@ -54,7 +56,7 @@ def exposure_of(image: Image, tone: ToneParams) -> Exposure:
     return Exposure(scale, float(lum.max()) * scale * burn**2)
 
 
-def _block_means(values: Image, side: int = 8) -> Image:
+def block_means(values: Image, side: int = 8) -> Image:
     """Return means over blocks of `side` x `side` pixels; the last ones may be smaller."""
     corners = [np.arange(0, size, side) for size in values.shape]
     sums = np.add.reduceat(np.add.reduceat(values, corners[0], axis=0), corners[1], axis=1)

@@ -89,6 +89,7 @@ class Portal:
     normal: Point3
     clear: bool  # light passes straight through; False: frosted or closed
     room: str | None = None
+    panes: int = 0  # sheets of clear glass, behind each other, that reflect for the camera
 
 
 @dataclass(frozen=True)

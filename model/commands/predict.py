@@ -18,8 +18,8 @@ from model.release.pretrained import find_models
 from pipeline.commands.options import common_options
 from pipeline.images import png_bytes
 from pipeline.params import Params
+from pipeline.photograph import photograph
 from pipeline.progress import Progress
-from pipeline.tonemap import to_bytes
 from pipeline.views import View, intrinsics_of
 from scenes.contract import load_scene
 from scenes.errors import InputError
@@ -135,7 +135,7 @@ def _predict_view(
     if unshadowed:
         example = replace(example, visibility=np.ones_like(example.depth))
     predicted = networks.predict(networks.methods[0], example)
-    picture, metrics = to_bytes(predicted.color), ""
+    picture, metrics = photograph(networks.radiance(example, predicted).color), ""
     if with_truth:
         picture, metrics = prediction.compare(networks, example, predicted)
     facts = {

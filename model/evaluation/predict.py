@@ -36,8 +36,9 @@ from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
 from pipeline.passes.registry import render_noisy, render_truths
 from pipeline.passes.visibility import render_visibility
+from pipeline.photograph import meter, photograph
 from pipeline.render.scene import RenderScene, open_scene, set_variant
-from pipeline.tonemap import Exposure, exposure_of, to_bytes, tonemap
+from pipeline.tonemap import Exposure, exposure_of, tonemap
 from pipeline.views import View, as_matrix, load_cameras, look
 from scenes.arrays import AnyArray
 from scenes.checked import plain
@@ -236,18 +237,25 @@ def known_truth(data: Path, view: View) -> tuple[Frame, Frame] | None:
 
 
 def compare(networks: Networks, example: Example, predicted: Prediction) -> tuple[Picture, str]:
-    """Contact sheet of prediction, truth and FLIP error, and a line of metrics."""
+    """Contact sheet of prediction, truth and FLIP error, and a line of metrics.
+
+    Images are photographed alike, with the settings of the truth; metrics are those of display
+    values, as in evaluation.
+    """
     exposure = color_exposure(example, networks.card.exposure)
     truth = tonemap(example.color, exposure)
     values = measure(truth, predicted.color)
+    settings = meter(example.color)
+    linear = networks.radiance(example, predicted)
     shown = {
-        "prediction": to_bytes(predicted.color),
-        "truth": to_bytes(truth),
+        "prediction": photograph(linear.color, settings),
+        "truth": photograph(example.color, settings),
         f"FLIP error, mean {values['flip']:.3f}": error_picture(flip_map(truth, predicted.color)),
     }
-    if predicted.shading is not None:
-        shown["predicted shading"] = to_bytes(predicted.shading)
-    shown["true shading"] = to_bytes(tonemap(example.shading, example.exposure_shading))
+    settings = meter(example.shading)
+    if linear.shading is not None:
+        shown["predicted shading"] = photograph(linear.shading, settings)
+    shown["true shading"] = photograph(example.shading, settings)
     shown["reflectance"] = reflectance_picture(example.reflectance)
     picture = contact_sheet(list(shown.values()), columns=3, labels=tuple(shown))
     words = f"SSIM {values['ssim']:.3f}, PSNR {values['psnr']:.1f} dB, FLIP {values['flip']:.3f}"

@@ -8,7 +8,7 @@ from typing import Any
 
 from model.figures.charts import line_chart, strip_plot
 from model.figures.records import METRICS, Records
-from model.figures.row_pictures import MODALITIES, draw, shrink, uri
+from model.figures.row_pictures import MODALITIES, draw, shrink, tone_mapped, uri
 from model.titles import METHOD_TITLES, NETWORK_TITLES
 from pipeline.images import Picture
 
@@ -162,11 +162,11 @@ def _example(
     if row is not None:
         for name in ("depth", "normal", "reflectance", "intensity", "distance"):
             drawn[MODALITIES[name][0]] = draw(name, row)
-        drawn["True shading"] = draw("shading", row)
+        drawn["True shading"] = tone_mapped("shading", row)
     drawn[EXAMPLE_PARTS["shading"]] = parts.pop("shading")
     if row is not None:
         # Under the exposure policy of the training.
-        drawn["Truth"] = draw("color", row, shared)
+        drawn["Truth"] = tone_mapped("color", row, shared)
     drawn.update({EXAMPLE_PARTS[part]: picture for part, picture in parts.items()})
     figures = [
         f"{label} {score[name]:.{digits}f}"

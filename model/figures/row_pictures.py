@@ -27,11 +27,12 @@ from pipeline.images import (
     tint_picture,
     tone_picture,
 )
+from pipeline.photograph import photograph
 from pipeline.tonemap import Exposure
 
 THUMBNAIL = 320  # largest width, pixels
 MODALITIES = {
-    "color": ("Colour", "The path-traced image, tone-mapped for display."),
+    "color": ("Colour", "The path-traced image, exposed and balanced as a camera does."),
     "shading": ("Shading", "Every colour replaced by one grey; gloss, metal and glass stay."),
     "reflectance": ("Reflectance", "Base colour of the surfaces, without light."),
     "normal": ("Normal", "Surface normals: red is right, green up, blue towards the camera."),
@@ -61,12 +62,17 @@ _LABELS = ("material", "instance", "nyu40")
 _SHARES = ("visibility", "roughness", "metalness", "emission", "occluded_forward")
 
 
-def draw(name: str, row: Mapping[str, Any], shared: bool = False) -> Picture:
-    """Draw an image column of a row; `shared`: colour under the exposure of shading."""
+def tone_mapped(name: str, row: Mapping[str, Any], shared: bool = False) -> Picture:
+    """Draw colour or shading as networks see it; `shared`: under the exposure of shading."""
+    by = "shading" if shared else name
+    return tone_picture(row[name], Exposure(row[f"exposure_{by}"], row[f"white_{by}"]))
+
+
+def draw(name: str, row: Mapping[str, Any]) -> Picture:
+    """Draw an image column of a row; radiance as a photograph."""
     values = row[name]
     if name in ("color", "shading"):
-        by = "shading" if shared else name
-        return tone_picture(values, Exposure(row[f"exposure_{by}"], row[f"white_{by}"]))
+        return photograph(values)
     if name in ("normal", "normal_bump"):
         return normal_picture(values, row["valid"])
     if name in _LABELS:

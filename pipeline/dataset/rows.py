@@ -13,8 +13,9 @@ from pipeline.dataset.columns import NOISE_OF_PARTS
 from pipeline.dataset.label_tables import json_text, room_layout
 from pipeline.dataset.light import in_row_unit, light_groups, remainders
 from pipeline.frames import Frame
-from pipeline.images import fit, png_bytes, tone_picture
+from pipeline.images import fit, png_bytes
 from pipeline.params import ToneParams
+from pipeline.photograph import photograph
 from pipeline.tonemap import exposure_of
 from pipeline.views import View
 from scenes.arrays import AnyArray
@@ -31,7 +32,7 @@ def make_row(
     shading, color = frames["shading"], frames["color"]
     frames, radiance_scale = in_row_unit(frames)
     own_shading, own_color = exposure_of(shading.rgb, tone), exposure_of(color.rgb, tone)
-    preview = fit(tone_picture(color.rgb, own_color), preview_width)
+    preview = fit(photograph(color.rgb), preview_width)
     return {
         "scene_id": view.scene_id,
         "view_id": view.view_id,

@@ -20,13 +20,14 @@ import shapely
 from shapely.geometry import Polygon
 
 from pipeline.channels import RGB
-from pipeline.images import Picture, tone_picture
-from pipeline.params import CameraParams, GroundTruthParams, ImageParams, Params, ToneParams
+from pipeline.images import Picture
+from pipeline.params import CameraParams, GroundTruthParams, ImageParams, Params
 from pipeline.passes.denoise import denoise
 from pipeline.passes.registry import PASSES
+from pipeline.photograph import photograph
 from pipeline.render.scene import open_scene, set_variant
 from pipeline.stages.view_sampling import sample_cameras
-from pipeline.tonemap import exposure_of, to_bytes
+from pipeline.tonemap import to_bytes
 from pipeline.views import View, as_matrix
 from scenes.color import encode_srgb
 from scenes.contract import Room, Scene, load_scene
@@ -93,7 +94,7 @@ def quick_renders(scene: Scene, views: Sequence[View], count: int = 2) -> list[t
             opened, _resized(view), params, derive(0, view.view_id)
         )
         linear = np.stack([channels[band] for band in RGB], axis=-1).astype(np.float32)
-        pictures.append((view.view_id, tone_picture(linear, exposure_of(linear, ToneParams()))))
+        pictures.append((view.view_id, photograph(linear)))
     return pictures
 
 

@@ -43,11 +43,9 @@ from pipeline.images import (
     reflectance_picture,
     share_picture,
     tint_picture,
-    tone_picture,
 )
 from pipeline.inspection.dollhouse import draw_dollhouse, quick_renders
-from pipeline.params import ToneParams
-from pipeline.tonemap import exposure_of
+from pipeline.photograph import meter, photograph
 from pipeline.views import CameraFile, View
 from scenes.contract import Point2, Room, Scene
 
@@ -147,15 +145,14 @@ def draw_plan(scene: Scene, views: Sequence[View] = ()) -> Picture:
 
 def draw_frame(frame: Frame) -> Picture:
     """Draw all channels of a frame as labelled pictures."""
-    channels, tone = frame.channels, ToneParams()
+    channels = frame.channels
     names = set(channels)
     pictures: list[tuple[str, Picture]] = []
     if set(RGB) <= names:
         image = frame.rgb
-        exposure = exposure_of(image, tone)
-        pictures.append(
-            (f"tone-mapped, exposure {exposure.scale:.4g}", tone_picture(image, exposure))
-        )
+        settings = meter(image)
+        label = f"photographed, exposure {settings.gain:.4g}"
+        pictures.append((label, photograph(image, settings)))
         logarithm = np.log10(np.maximum(image.mean(axis=-1), 1e-8))
         low, high = float(np.percentile(logarithm, 1)), float(logarithm.max())
         pictures.append(
@@ -190,7 +187,7 @@ def draw_frame(frame: Frame) -> Picture:
     for number, name in enumerate(frame.meta.get("light_names", ())):
         if name:
             image = frame.stack(*light_bands(number))
-            pictures.append((f"light: {name}", tone_picture(image, exposure_of(image, tone))))
+            pictures.append((f"light: {name}", photograph(image)))
     return contact_sheet(
         [enlarge(fit(picture, 640), 480) for _, picture in pictures],
         2 if len(pictures) > 1 else 1,
@@ -324,7 +321,7 @@ def _channel_picture(channel: Channel, frame: Frame) -> tuple[str, Picture]:
         return channel.name, label_picture(frame.channels[channel.bands[0]])
     if len(channel.bands) == 3:
         if channel.unit == RADIANCE:
-            return channel.name, tone_picture(values, exposure_of(values, ToneParams()))
+            return channel.name, photograph(values)
         return channel.name, reflectance_picture(values)
     low, high = float(values.min()), float(values.max())
     if channel.unit == "metre":

@@ -29,6 +29,7 @@ from pipeline.pathtrace.guiding import plan_guiding
 from pipeline.pathtrace.integrator import JointPath
 from pipeline.pathtrace.light_pilot import plan_lights
 from pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
+from pipeline.pathtrace.panes import panes_of, with_panes
 from pipeline.pathtrace.sphere import SphereTracer, trace_scalar
 from pipeline.render import raycast
 from pipeline.render.bsdf_tables import partner_table
@@ -38,7 +39,7 @@ from pipeline.views import View
 from scenes.arrays import AnyArray, Float32Array, Float64Array
 from scenes.geometry.directions import turned
 
-REVISION = 2
+REVISION = 3
 _WRAP = 64  # columns of the other edge that the denoiser sees beyond each edge
 _MANTISSA = 10  # bits of a stored radiance, as in half floats; the exponent is that of float32
 _TRACERS: WeakKeyDictionary[MaterialSets, SphereTracer] = WeakKeyDictionary()
@@ -107,6 +108,7 @@ def _launcher(
     scene = render_scene.neutral(None).mitsuba
     if not integrator.available():
         path = path_integrator(settings.max_depth, settings.rr_depth)
+        path = with_panes(path, render_scene.scene.portals)
         return lambda copies, spp, seed: trace_scalar(scene, path, view, width, copies, spp, seed)
     lights: UniformLights | PlannedLights = UniformLights()
     if settings.lights == "planned" and scene.emitters():
@@ -116,7 +118,8 @@ def _launcher(
     materials = render_scene.materials
     # Every material is its own twin: only colour is needed.
     table = partner_table([(bsdf, bsdf) for bsdf in materials.own])
-    joint = JointPath(table, settings.max_depth, settings.rr_depth, lights)
+    panes = panes_of(render_scene.scene.portals)
+    joint = JointPath(table, settings.max_depth, settings.rr_depth, lights, panes=panes)
     tracer = _TRACERS.setdefault(materials, SphereTracer())
     version = materials.version
     return lambda copies, spp, seed: tracer.launch(

@@ -28,6 +28,7 @@ from pipeline.pathtrace.light_parts import LightParts, NoParts
 from pipeline.pathtrace.light_pilot import EVERYWHERE, plan_lights
 from pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
 from pipeline.pathtrace.noise import BlockStatistics
+from pipeline.pathtrace.panes import panes_of, with_panes
 from pipeline.render.bsdf_tables import partner_table
 from pipeline.render.material_sets import MaterialSets
 from pipeline.render.scene import RenderScene
@@ -37,7 +38,7 @@ from scenes.arrays import Float32Array, Float64Array
 from scenes.contract import Room
 from scenes.seeds import derive32
 
-REVISION = 11
+REVISION = 12
 # Powers of two that are a grid of nearly equal sides, as the `multijitter` sampler needs it.
 _BLOCK_SIZES = (1, 2, 4, 8, 16, 64, 256, 1024, 4096)
 _LAUNCH_SAMPLES = 1 << 21  # most samples of one launch; changing it changes pixels
@@ -85,6 +86,7 @@ def render_truth(
     pixels are not square.
     """
     integrator = path_integrator(params.max_depth, params.rr_depth)
+    integrator = with_panes(integrator, render_scene.scene.portals)
     scene = render_scene.mitsuba
 
     def launch(copies: int, spp: int, seed: int) -> Any:
@@ -120,7 +122,8 @@ def render_both(
         home = render_scene.scene
         plan = plan_lights(scene, view, home.portals, seed, rooms_box(home.rooms))
         lights = PlannedLights(scene, plan, plan_guiding(scene, plan, seed))
-    path = JointPath(table, params.max_depth, params.rr_depth, lights, parts)
+    panes = panes_of(render_scene.scene.portals)
+    path = JointPath(table, params.max_depth, params.rr_depth, lights, parts, panes)
     version = render_scene.materials.version
     tracer = tracer_of(render_scene)
 

@@ -17,9 +17,13 @@ no density of one material divides the value of the other. Where the directions 
 bit-identical for all colours: direction and roulette follow the neutral throughput while it is not
 zero.
 
-Random numbers are drawn in the order of Mitsuba's `path`. Without roulette and differing directions
-both images equal those of `path`, sample by sample. Not supported, beside what the ground truth
-does not support anyway: hidden emitters, alpha, and variants without Dr.Jit loops (`available`).
+Window panes change the camera ray and its weight, for both images alike, before all of this; see
+`pipeline.pathtrace.panes`.
+
+Random numbers are drawn in the order of Mitsuba's `path`, after one more in scenes with panes.
+Without roulette and differing directions both images equal those of `path`, sample by sample. Not
+supported, beside what the ground truth does not support anyway: hidden emitters, alpha, and
+variants without Dr.Jit loops (`available`).
 """
 
 from __future__ import annotations
@@ -33,6 +37,7 @@ import mitsuba as mi
 
 from pipeline.pathtrace.light_parts import LightParts, NoParts
 from pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
+from pipeline.pathtrace.panes import Panes
 from pipeline.render.bsdf_tables import partner
 
 # Squared distance up to which two unit directions are the same one, computed twice.
@@ -68,7 +73,8 @@ def available() -> bool:
 class JointPath:
     """Joint path tracer; `max_depth` and `rr_depth` are those of Mitsuba's `path`.
 
-    `lights` samples the emitters; see `pipeline.pathtrace.light_sampling`.
+    `lights` samples the emitters; see `pipeline.pathtrace.light_sampling`. `panes` are the scene's
+    window panes.
     """
 
     twins: Any  # table of each BSDF's neutral twin, see `pipeline.render.bsdf_tables`
@@ -76,6 +82,7 @@ class JointPath:
     rr_depth: int
     lights: UniformLights | PlannedLights = field(default_factory=UniformLights)
     parts: LightParts | NoParts = field(default_factory=NoParts)
+    panes: Panes | None = None
 
     def integrator(self) -> Any:
         """Return a Mitsuba integrator: colour in `R`, `G`, `B`, the others in three AOVs each.
@@ -95,9 +102,11 @@ class JointPath:
         depth = mi.UInt32(0)  # number of vertices passed
         eta = mi.Float(1)  # product of the relative indices of refraction along the path
         previous = dr.zeros(mi.Interaction3f)  # previous vertex, for densities of emitter sampling
-        colour = _camera_state()  # radiance, throughput, density in the scene's own colours
-        neutral = _camera_state()  # the same in the neutral twin
+        ray, weight, mirrored = self.first_pane(scene, sampler, ray, active)
+        colour = _camera_state(weight)  # radiance, throughput, density in the scene's own colours
+        neutral = _camera_state(weight)  # the same in the neutral twin
         parts = self.parts.start()  # of the light in colour
+        parts.start_in_mirror(mirrored)
         active = mi.Bool(active)  # paths that are still traced
 
         while dr.hint(active, exclude=[self]):  # the arrays of `self` do not change
@@ -152,6 +161,15 @@ class JointPath:
             neutral.throughput *= factor
             active = active_next & (random < survival)
         return [colour.radiance, neutral.radiance, *parts.images()]
+
+    def first_pane(self, scene: Any, sampler: Any, ray: Any, active: Any) -> tuple[Any, Any, Any]:
+        """Return camera rays after the first window pane, their weights, and which it mirrors.
+
+        No random number is drawn in a scene without panes.
+        """
+        if self.panes is None:
+            return ray, mi.Float(1), mi.Bool(False)
+        return self.panes.meet(scene, ray, sampler.next_1d(active), active)
 
     def scatter_both(
         self,
@@ -265,8 +283,8 @@ def power_heuristic(one: Any, other: Any) -> Any:
     return dr.select(dr.isfinite(weight), weight, 0)
 
 
-def _camera_state() -> PathState:
-    return PathState(mi.Color3f(0), mi.Color3f(1), mi.Float(1), mi.Bool(True))
+def _camera_state(weight: Any) -> PathState:
+    return PathState(mi.Color3f(0), mi.Color3f(weight), mi.Float(1), mi.Bool(True))
 
 
 @cache

@@ -3,9 +3,9 @@
 Each is a sum over some of the contributions that make colour, times a share in [0, 1], so it has
 the same samples, roulette and emitter sampling, and is unbiased as colour is:
 
-* direct: light that was scattered at most once between emitter and camera. Mirror images and what
-  clear glass lets through count as what they show; light that a mirror throws onto a surface is
-  indirect.
+* direct: light that was scattered at most once between emitter and camera. Mirror images, those in
+  window panes too, and what clear glass lets through count as what they show; light that a mirror
+  throws onto a surface is indirect.
 * diffuse: light that the first visible surface reflected by a diffuse lobe. That surface is the one
   of the inputs: behind clear glass, but not in a mirror. Each contribution counts with the share
   of the diffuse lobes in the BSDF's value.
@@ -44,6 +44,9 @@ class NoParts:
     def start(self) -> NoParts:
         """Return the state of a path at the camera."""
         return self
+
+    def start_in_mirror(self, mirrored: Any) -> None:
+        """Start these paths with a mirror image in a window pane."""
 
     def add_emission(self, *contribution: Any) -> None:
         """Add emission that BSDF sampling found."""
@@ -129,6 +132,10 @@ class PathParts:
     before: Any  # mi.Bool, True up to the first visible surface
     scattered: Any  # mi.UInt32, how often the path was scattered, for `direct`
     lights: list[Any]  # mi.Color3f, of each light group
+
+    def start_in_mirror(self, mirrored: Any) -> None:
+        """Start these paths with a mirror image in a window pane: no light of the first surface."""
+        self.before &= ~mirrored
 
     def add_emission(self, parts: Any, ds: Any, throughput: Any, arriving: Any) -> None:
         """Add emission that BSDF sampling found: `arriving` is radiance times MIS weight.

@@ -335,6 +335,7 @@ def _portal(opening: Opening, clear: bool) -> Portal:
         normal=(outward[0] + 0.0, outward[1] + 0.0, 0.0),
         clear=clear,
         room=opening.rooms[0],
+        panes=2 if clear else 0,
     )
 
 

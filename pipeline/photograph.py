@@ -1,0 +1,106 @@
+"""Pictures for people: linear radiance as an automatic camera would photograph it.
+
+Metering, white balance and curve follow what cameras do, so that pictures have the contrast,
+the clipped windows and the dark nights of photographs. Networks are trained on and measured by
+another operator, Reinhard's in `pipeline.tonemap`; nothing here changes a stored channel.
+
+* **Exposure**: the log-average luminance becomes middle grey, but for a part of the difference to
+  a room by day (`_ADAPTATION`), so that nights stay darker, as they do for the exposure program
+  of a camera. Where much would clip, exposure is lowered by at most `_PROTECTION` stops.
+* **White balance**: gains of the bands towards a grey illuminant, which is estimated as a
+  Minkowski mean ("shades of grey", Finlayson and Trezzi 2004) and corrected for the most part: a
+  picture by lamplight stays a little warm.
+* **Curve**: a sigmoid of each band by itself (Naka and Rushton 1966) that keeps middle grey and
+  reaches white, where a sensor clips, `WHITE_STOPS` above it. So bright colours turn pale.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.tonemap import block_means, to_bytes
+from scenes.arrays import Float32Array, Float64Array, FloatingArray, UInt8Array
+from scenes.color import encode_srgb, luminance
+from scenes.photometry import LUMEN
+
+GREY = 0.18  # linear display value of middle grey
+WHITE_STOPS = 3.6  # from middle grey to the exposed radiance that clips
+_KEY = 0.16  # exposed log-average luminance of a room by day; a mean of about `GREY`
+_DAYLIT = 40.0 * LUMEN  # log-average luminance of a room by day: 40 candelas a square metre
+_ADAPTATION = 0.75  # share of the difference to such a room that exposure makes up for
+_DIMMEST, _BRIGHTEST = -1.6, 0.4  # stops, most that the rest of it may do
+_CLIPPED = 0.05  # share of the pixels that may clip before exposure is lowered
+_PROTECTION = 0.6  # stops, most that exposure is lowered for them
+_MINKOWSKI = 4.0
+_BALANCE = 0.75  # share of the illuminant's colour, in logarithms, that is corrected
+_MOST_GAIN = 4.0  # of a band relative to luminance
+_CONTRAST = 1.35  # exponent of the curve
+
+
+@dataclass(frozen=True)
+class PhotoSettings:
+    """Settings of an automatic camera for one picture."""
+
+    gain: float  # exposed value of radiance 1
+    balance: tuple[float, float, float] = (1.0, 1.0, 1.0)  # gains of the bands, luminance kept
+    contrast: float = _CONTRAST  # exponent of the curve
+
+
+def meter(image: FloatingArray) -> PhotoSettings:
+    """Return the settings of an automatic camera for linear radiance (H, W, 3).
+
+    Radiance is in the renderer's unit (`scenes.photometry`): it decides how dark a night is. An
+    image of another unit is exposed within two stops of what it would be. An all-black image has
+    gain 1.
+    """
+    pixels = _radiance(image).astype(np.float64)
+    blocks = np.stack([block_means(pixels[..., band]) for band in range(3)], axis=-1)
+    lit = blocks[luminance(blocks) > 0]
+    if not len(lit):
+        return PhotoSettings(1.0)
+    average = math.exp(math.fsum(np.log(luminance(lit)).tolist()) / len(lit))
+    stops = (1 - _ADAPTATION) * math.log2(average / _DAYLIT)
+    gain = _KEY / average * 2 ** min(max(stops, _DIMMEST), _BRIGHTEST)
+    white = GREY * 2**WHITE_STOPS
+    bright = float(np.quantile(luminance(pixels), 1 - _CLIPPED)) * gain / white
+    gain /= min(max(bright, 1.0), 2**_PROTECTION)
+    return PhotoSettings(gain, _balance(np.minimum(lit * gain, white)))
+
+
+def develop(image: FloatingArray, settings: PhotoSettings) -> Float32Array:
+    """Map linear radiance (..., 3) to display values: balanced, exposed, sRGB-encoded, [0, 1]."""
+    gains = (settings.gain * np.array(settings.balance)).astype(np.float32)
+    white = GREY * 2**WHITE_STOPS
+    exposed = np.minimum(_radiance(image) * gains, np.float32(white))
+    # y = a x^p / (x^p + c) with y(GREY) = GREY and y(white) = 1
+    grey, most = GREY**settings.contrast, white**settings.contrast
+    half = (1 - GREY) * most * grey / (GREY * most - grey)
+    power = exposed ** np.float32(settings.contrast)
+    curve = power / (power + np.float32(half)) * np.float32((most + half) / most)
+    display: Float32Array = encode_srgb(np.clip(curve, 0, 1)).astype(np.float32)
+    return display
+
+
+def photograph(image: FloatingArray, settings: PhotoSettings | None = None) -> UInt8Array:
+    """Photograph linear radiance (H, W, 3), by its own settings unless given; uint8 sRGB."""
+    return to_bytes(develop(image, meter(image) if settings is None else settings))
+
+
+def _radiance(image: FloatingArray) -> Float32Array:
+    """Return finite values >= 0: a sky may be slightly negative, a damaged frame hold anything."""
+    most = np.float32(1e30)
+    values = np.asarray(image, dtype=np.float32)
+    return np.clip(np.where(np.isnan(values), np.float32(0), values), 0, most)
+
+
+def _balance(exposed: Float64Array) -> tuple[float, float, float]:
+    """Return gains of the bands for exposed, clipped colours (N, 3)."""
+    illuminant = np.mean(exposed**_MINKOWSKI, axis=0) ** (1 / _MINKOWSKI)
+    level = float(luminance(illuminant))
+    gains = (level / np.maximum(illuminant, 1e-3 * level)) ** _BALANCE
+    gains = np.clip(gains, 1 / _MOST_GAIN, _MOST_GAIN)
+    red, green, blue = gains * (level / float(luminance(illuminant * gains)))
+    return float(red), float(green), float(blue)

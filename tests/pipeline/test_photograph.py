@@ -1,0 +1,74 @@
+"""Pictures for people: middle grey, clipping, white balance, and nights darker than days."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.photograph import GREY, WHITE_STOPS, PhotoSettings, develop, meter, photograph
+from scenes.color import decode_srgb, encode_srgb, luminance
+from scenes.photometry import LUMEN, blackbody
+
+
+def room(average: float, seed: int = 0) -> np.ndarray:
+    """Radiance of a grey room with this log-average luminance, and a range of four decades."""
+    noise = np.random.default_rng(seed).normal(0, 1.0, (12, 16))
+    values = average * np.exp(noise - noise.mean()).repeat(8, axis=0).repeat(8, axis=1)
+    return np.repeat(values[..., None], 3, axis=2)
+
+
+def test_middle_grey_stays_and_white_is_reached_where_a_sensor_clips() -> None:
+    white = GREY * 2**WHITE_STOPS
+    ramp = np.array([0.0, GREY, 0.99 * white, white, 100 * white])[:, None].repeat(3, axis=1)
+    shown = develop(ramp, PhotoSettings(1.0))[:, 0]
+    assert shown[0] == 0
+    assert shown[1] == pytest.approx(encode_srgb(np.array([GREY]))[0], abs=1e-4)
+    assert shown[2] < 1
+    assert shown[3:] == pytest.approx(1)
+
+
+def test_curve_rises_everywhere_and_has_more_contrast_than_the_scene_at_middle_grey() -> None:
+    steps = GREY * 2 ** np.linspace(-8, WHITE_STOPS, 400)
+    shown = decode_srgb(develop(steps[:, None].repeat(3, axis=1), PhotoSettings(1.0))[:, 0])
+    slopes = np.diff(np.log(shown)) / np.diff(np.log(steps))
+    assert (slopes > 0).all()
+    assert slopes[np.searchsorted(steps, GREY)] > 1.1
+
+
+def test_ten_times_less_light_gives_a_darker_picture_but_not_ten_times() -> None:
+    day, night = room(40 * LUMEN), room(4 * LUMEN)
+    ratio = meter(day).gain / meter(night).gain
+    assert 0.1 < ratio < 1, "exposure makes up for the most part"
+    assert photograph(night).mean() < 0.85 * photograph(day).mean()
+    dimmer = meter(room(1e-9 * LUMEN)).gain * 1e-9 / (meter(day).gain * 40)
+    assert dimmer > 2**-2, "never by more than two stops"
+
+
+def test_lamplight_turns_nearly_white_and_stays_warm() -> None:
+    image = room(10 * LUMEN) * blackbody(2700)
+    before = image.mean(axis=(0, 1))
+    linear = image * meter(image).balance
+    after = linear.mean(axis=(0, 1))
+    assert before[0] / before[2] > 4
+    assert 1.1 < after[0] / after[2] < 2
+    assert luminance(after) == pytest.approx(luminance(before), rel=0.02)
+    assert meter(room(10 * LUMEN)).balance == pytest.approx((1, 1, 1))
+
+
+def test_a_large_bright_window_lowers_the_exposure_a_little() -> None:
+    image = room(40 * LUMEN)
+    small, large = image.copy(), image.copy()
+    small[:8, :8], large[:32, :32] = 1.0, 1.0
+    low, high = (meter(each) for each in (large, small))
+    average = np.log(luminance(large)).mean() - np.log(luminance(small)).mean()
+    assert 2**-0.7 <= low.gain / high.gain * np.exp(average) < 1
+    assert (photograph(large)[:32, :32] == 255).all(), "it still clips"
+
+
+def test_pictures_of_nothing_and_of_damaged_frames() -> None:
+    assert (photograph(np.zeros((8, 8, 3), np.float32)) == 0).all()
+    damaged = room(40 * LUMEN).astype(np.float32)
+    damaged[0, :3] = [[np.nan] * 3, [np.inf] * 3, [-1.0] * 3]
+    picture = photograph(damaged)
+    assert (picture[0, 0] == 0).all() and (picture[0, 2] == 0).all()
+    assert (picture[0, 1] == 255).all()
