@@ -31,15 +31,34 @@ Baseline = Literal[
     "cyclegan",
     "cyclegan_own",
 ]
+Projection = Literal["perspective", "equirectangular"]
 
 
 @dataclass(frozen=True)
 class ImageParams:
-    """Size of every frame; the field of view follows PBRS at 4:3 (half-angle in x is fixed)."""
+    """Projection and size of every frame.
+
+    The field of view follows PBRS at 4:3 (half-angle in x is fixed); an equirectangular image shows
+    all directions, and `half_fov_x` is not used.
+    """
 
     width: int = field(default=160, metadata=within(16, 8192))
     height: int = field(default=120, metadata=within(16, 8192))
     half_fov_x: float = field(default=0.5534, metadata=within(0.05, 1.4))  # radians
+    projection: Projection = field(default="perspective", metadata=OPTIONAL)
+
+    @property
+    def is_panorama(self) -> bool:
+        """True if images show all directions."""
+        return self.projection == "equirectangular"
+
+    def verify(self, where: str) -> None:
+        """Raise ValueError for an equirectangular image that is not twice as wide as high."""
+        if self.is_panorama and self.width != 2 * self.height:
+            raise ValueError(
+                f"{where}: {self.width} x {self.height} pixels; with projection: equirectangular "
+                "the width is twice the height"
+            )
 
 
 @dataclass(frozen=True)
@@ -385,6 +404,22 @@ class Params:
             raise ValueError(f"channels: {names}; one or more sets are needed, each once")
         if {"light", "all"} & set(self.channels) and not self.groundtruth.joint:
             raise ValueError("channels: light needs groundtruth.joint: true")
+        if self.image.is_panorama:
+            self._verify_panoramas()
+
+    def _verify_panoramas(self) -> None:
+        """Raise ValueError for what equirectangular views cannot have."""
+        flat = [name for name in self.channels if name in ("all", "video", "environment")]
+        if flat:
+            raise ValueError(
+                f"channels: {flat[0]} needs image.projection: perspective; equirectangular views "
+                "have paper, materials, labels and light, and are their own environment"
+            )
+        if not self.groundtruth.joint:
+            raise ValueError("groundtruth.joint: false needs image.projection: perspective")
+        for name in ("half_fov_x", "stereo_baseline", "overlap_views"):
+            if getattr(self.cameras, name):
+                raise ValueError(f"cameras.{name}: needs image.projection: perspective")
 
 
 def load_params(path: Path, seed: int | None = None) -> Params:

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.params import ImageParams
+from pipeline.params import ImageParams, Projection
 from scenes.arrays import Float64Array
 from scenes.checked import OPTIONAL, build, check_name, plain
 from scenes.errors import InputError
 from scenes.files import read_json, write_json
-from scenes.geometry.directions import turned, unit
+from scenes.geometry.directions import equirectangular_directions, pixel_directions, turned, unit
 
 MAX_SIDE = 16_384  # pixels
 MAX_NUMBER = 1e7  # metres in a pose, pixels in K
@@ -28,6 +28,9 @@ class View:
     `camera_to_world` is 4x4 and rigid, metres; the camera frame is OpenCV's: x right, y down,
     z forward. `K` is 3x3 in pixels with pixel centres at +0.5:
     pixel = K @ (x/z, y/z, 1), so the first pixel's centre is (0.5, 0.5).
+
+    An equirectangular view shows all directions and has no `K`, (): its middle column is straight
+    ahead, right of it is the camera's right, the top row is its up.
     """
 
     scene_id: str
@@ -53,6 +56,7 @@ class View:
     # Of a view of an overlapping set: its name, and the median overlap of its pairs, in [0, 1].
     view_set: str = field(default="", metadata=OPTIONAL)
     set_overlap: float = field(default=0.0, metadata=OPTIONAL)
+    projection: Projection = field(default="perspective", metadata=OPTIONAL)
 
     def verify(self, where: str) -> None:
         """Raise ValueError for wrong names, shapes, poses or focal lengths."""
@@ -62,17 +66,31 @@ class View:
             raise ValueError(
                 f"{where}: {self.width:,} x {self.height:,} pixels; from 1 to {MAX_SIDE:,} a side"
             )
+        if self.is_panorama:
+            if self.K or self.width != 2 * self.height:
+                raise ValueError(
+                    f"{where}: an equirectangular view is twice as wide as high and has no K"
+                )
+        else:
+            self._verify_intrinsics(where)
+        check_pose(self.camera_to_world, f"{where}.camera_to_world")
+        for name in ("pose_before", "pose_after"):
+            if getattr(self, name):
+                check_pose(getattr(self, name), f"{where}.{name}")
+
+    def _verify_intrinsics(self, where: str) -> None:
         if [len(row) for row in self.K] != [3] * 3:
             raise ValueError(f"{where}: K must be 3x3")
         intrinsics = np.array(self.K)
         if np.abs(intrinsics).max() > MAX_NUMBER:
             raise ValueError(f"{where}: K holds numbers beyond {MAX_NUMBER:g}")
-        check_pose(self.camera_to_world, f"{where}.camera_to_world")
-        for name in ("pose_before", "pose_after"):
-            if getattr(self, name):
-                check_pose(getattr(self, name), f"{where}.{name}")
         if intrinsics[0, 0] <= 0 or intrinsics[1, 1] <= 0:
             raise ValueError(f"{where}.K: focal lengths must be positive")
+
+    @property
+    def is_panorama(self) -> bool:
+        """True for an equirectangular view, which has no `K`."""
+        return self.projection == "equirectangular"
 
     @property
     def pose(self) -> Float64Array:
@@ -81,8 +99,28 @@ class View:
 
     @property
     def intrinsics(self) -> Float64Array:
-        """`K` as float64 (3, 3)."""
+        """`K` as float64 (3, 3); raises `InputError` for an equirectangular view."""
+        if self.is_panorama:
+            raise InputError(
+                f"view {self.view_id} of {self.scene_id} is equirectangular and has no K; "
+                "this needs a perspective view"
+            )
         return np.array(self.K, dtype=np.float64)
+
+    @property
+    def half_fov_x(self) -> float:
+        """Half of the horizontal field of view, radians."""
+        return math.pi if self.is_panorama else math.atan(0.5 * self.width / self.K[0][0])
+
+    def rays(self) -> Float64Array:
+        """Return directions (H, W, 3) through the pixel centres in the camera's axes.
+
+        A pixel's surface point is its direction times `depth`: z = 1 in perspective views, and
+        length 1 in equirectangular ones, whose depth is the distance along the ray.
+        """
+        if self.is_panorama:
+            return equirectangular_directions(self.width)
+        return pixel_directions(self.intrinsics, self.width, self.height)
 
     @property
     def eye(self) -> Float64Array:
@@ -140,8 +178,18 @@ def rolled(pose: Float64Array, angle: float) -> Float64Array:
     return turned
 
 
+def camera_model(image: ImageParams) -> dict[str, Any]:
+    """Return the fields `K`, `projection`, `width`, `height` of views with images of this kind."""
+    return {
+        "K": () if image.is_panorama else as_matrix(intrinsics_of(image)),
+        "projection": image.projection,
+        "width": image.width,
+        "height": image.height,
+    }
+
+
 def intrinsics_of(image: ImageParams) -> Float64Array:
-    """Return `K` (3, 3) for square pixels; the half-angle in x gives the focal length."""
+    """Return `K` (3, 3) of a perspective image: square pixels, focal length by the half-angle."""
     focal = 0.5 * image.width / math.tan(image.half_fov_x)
     return np.array(
         [[focal, 0.0, 0.5 * image.width], [0.0, focal, 0.5 * image.height], [0.0, 0.0, 1.0]]

@@ -370,6 +370,11 @@ def _group_sizes(path: Path, images: Iterable[str]) -> list[int]:
             raise InputError(
                 f"{path}: not a dataset of this project: the column {missing[0]!r} is missing"
             )
+        if "projection" in names:
+            raise InputError(
+                f"{path}: equirectangular views; the networks take perspective ones, "
+                "image.projection: perspective"
+            )
         check_types(path, file.schema_arrow, (*SCALARS, *_scale_columns(file)))
         return [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
 

@@ -10,13 +10,14 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pyarrow as pa
 
 from pipeline.channels import RADIANCE, SETS, ChannelSet, Kind, dataset_channels, kinds_of_sets
 from pipeline.dataset.label_tables import CLASSES, json_text
+from pipeline.params import Projection
 
 
 @dataclass(frozen=True)
@@ -75,17 +76,19 @@ def dataset_columns(
     links: bool = False,
     environment: tuple[int, int] = (256, 128),
     lights: int = 0,
+    projection: Projection = "perspective",
 ) -> tuple[Column, ...]:
     """Return all columns, in order, for images and panoramas of these (width, height).
 
     `shadows` adds the column of visibility frames, `noisy` those of noisy frames, `channels` those
     of further sets, and `links` those that say which rows belong together, at the end.
-    `environment` is the size of that set's panoramas, `lights` the number of light groups.
+    `environment` is the size of that set's panoramas, `lights` the number of light groups. Images
+    of an equirectangular `projection` have a column that says so, and distances as depth.
     """
     paper = SETS["paper"]
     further = tuple(kind for kind in kinds_of_sets(channels) if kind not in paper)
     text, single, double = pa.string(), pa.float32(), pa.float64()
-    return (
+    columns = (
         Column("scene_id", text, "Scene; with view_id it names the row."),
         Column("view_id", text, "View within the scene."),
         Column("split", text, "train, validation or test; whole floor plans, never single views."),
@@ -142,6 +145,25 @@ def dataset_columns(
         *(_table_columns(further)),
         *(_light_columns(size, lights) if lights else ()),
         *(_link_columns() if links else ()),
+    )
+    return columns if projection == "perspective" else _equirectangular(columns)
+
+
+def _equirectangular(columns: tuple[Column, ...]) -> tuple[Column, ...]:
+    """Return the columns of a dataset of equirectangular views."""
+    described = {
+        "depth": "Distance along the ray through the pixel's centre, not z-depth; 0: no surface.",
+        "K": "Null: equirectangular images have no intrinsics.",
+    }
+    told = Column(
+        "projection",
+        pa.string(),
+        "equirectangular: images show all directions, the centre column straight ahead, right of "
+        "it the camera's right, top row up.",
+    )
+    return (
+        *(replace(one, description=described.get(one.name, one.description)) for one in columns),
+        told,
     )
 
 

@@ -10,7 +10,6 @@ from pipeline.channels import BUMPED, SPECULAR
 from pipeline.frames import Channels, Frame
 from pipeline.views import View
 from scenes.arrays import AnyArray, Float64Array, FloatingArray
-from scenes.geometry.directions import pixel_directions
 from scenes.importing.semantics import NYU13_OF_NYU40, NYU40_OF_CATEGORY
 
 _BOX_SLACK = 1e-4  # metres, and of the distance: rounding of depth, and of the hit point
@@ -81,9 +80,8 @@ def label_fault(labels: Frame, materials: Frame | None, inputs: Channels, view: 
 
 
 def world_points(depth: FloatingArray, view: View) -> Float64Array:
-    """Return the 3D point of each pixel in world metres, (H, W, 3), from z-depth (H, W)."""
-    rays = pixel_directions(view.intrinsics, view.width, view.height)
-    local = rays / rays[..., 2:] * depth[..., None].astype(np.float64)
+    """Return the 3D point of each pixel in world metres, (H, W, 3), from `depth` (H, W)."""
+    local = view.rays() * depth[..., None].astype(np.float64)
     return local @ view.pose[:3, :3].T + view.eye
 
 

@@ -242,6 +242,7 @@ def _columns(params: Params) -> tuple[Column, ...]:
         links="video" in kinds_of(params) or params.cameras.has_links,
         environment=environment,
         lights=params.light.images if "light" in kinds_of(params) else 0,
+        projection=params.image.projection,
     )
 
 

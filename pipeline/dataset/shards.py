@@ -125,11 +125,17 @@ def to_table(rows: Sequence[Mapping[str, Any]], columns: tuple[Column, ...]) -> 
         values = [row[column.name] for row in rows]
         if column.shape:
             for value in values:
-                if value.shape != column.shape:
+                if value is not None and value.shape != column.shape:
                     raise ValueError(f"{column.name}: shape {value.shape}, not {column.shape}")
-            flat = np.concatenate([np.ascontiguousarray(value).reshape(-1) for value in values])
+            missing = [value is None for value in values]
+            cells = [np.zeros(column.shape) if value is None else value for value in values]
+            flat = np.concatenate([np.ascontiguousarray(value).reshape(-1) for value in cells])
             arrays.append(
-                pa.FixedSizeListArray.from_arrays(pa.array(flat, column.dtype), type=column.type)
+                pa.FixedSizeListArray.from_arrays(
+                    pa.array(flat, column.dtype),
+                    type=column.type,
+                    mask=pa.array(missing) if any(missing) else None,
+                )
             )
         else:
             arrays.append(pa.array(values, column.type))

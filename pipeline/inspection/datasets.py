@@ -50,13 +50,12 @@ def inspect_frame(path: Path) -> Inspection:
     camera: dict[str, Any] = {}
     if view:
         camera_view = build(View, view, str(path), InputError)
-        half = math.atan(0.5 * camera_view.width / camera_view.intrinsics[0, 0])
         forward = camera_view.pose[:3, 2]
         camera = {
             "room": f"{camera_view.room or 'unknown'} ({camera_view.room_type})",
             "eye": " ".join(f"{value:.3f}" for value in camera_view.eye) + " m",
             "towards": " ".join(f"{value:.3f}" for value in forward),
-            "field of view": f"{2 * math.degrees(half):.1f} degrees wide",
+            "field of view": f"{2 * math.degrees(camera_view.half_fov_x):.1f} degrees wide",
         }
     return Inspection(
         "frame",

@@ -117,6 +117,8 @@ def _best_views(views: Sequence[View], count: int) -> list[View]:
 def _resized(view: View) -> View:
     scale = min(1.0, _QUICK_WIDTH / view.width)
     width, height = round(view.width * scale), max(1, round(view.height * scale))
+    if view.is_panorama:
+        return replace(view, width=2 * (width // 2), height=width // 2)
     factor = width / view.width
     return replace(
         view,

@@ -287,7 +287,7 @@ def _draw_room(axes: Axes, room: Room) -> None:
 
 def _draw_camera(axes: Axes, view: View) -> None:
     forward = view.pose[:3, 2]
-    half = math.degrees(math.atan(0.5 * view.width / view.intrinsics[0, 0]))
+    half = math.degrees(view.half_fov_x)
     heading = math.degrees(math.atan2(forward[1], forward[0]))
     x, y = view.eye[:2]
     alpha = 0.02 if view.frame > 0 else 0.25  # the frames of a trajectory lie over each other

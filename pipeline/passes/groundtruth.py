@@ -20,6 +20,7 @@ import numpy as np
 
 from pipeline.frames import Channels
 from pipeline.params import GroundTruthParams
+from pipeline.pathtrace import integrator
 from pipeline.pathtrace.guiding import plan_guiding
 from pipeline.pathtrace.integrator import JointPath
 from pipeline.pathtrace.launches import FrozenTracer
@@ -29,6 +30,7 @@ from pipeline.pathtrace.light_pilot import EVERYWHERE, plan_lights
 from pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
 from pipeline.pathtrace.noise import BlockStatistics
 from pipeline.pathtrace.panes import panes_of, with_panes
+from pipeline.pathtrace.sphere import SphereTracer, trace_scalar
 from pipeline.render.bsdf_tables import partner_table
 from pipeline.render.material_sets import MaterialSets
 from pipeline.render.scene import RenderScene
@@ -43,6 +45,7 @@ REVISION = 12
 _BLOCK_SIZES = (1, 2, 4, 8, 16, 64, 256, 1024, 4096)
 _LAUNCH_SAMPLES = 1 << 21  # most samples of one launch; changing it changes pixels
 _TRACERS: WeakKeyDictionary[MaterialSets, FrozenTracer] = WeakKeyDictionary()
+_SPHERE_TRACERS: WeakKeyDictionary[MaterialSets, SphereTracer] = WeakKeyDictionary()
 
 REMAINDERS = ("indirect", "specular")  # of colour without direct and diffuse light
 
@@ -85,13 +88,17 @@ def render_truth(
     `seed` is the view's own seed, see `scenes.seeds`. Raises `InputError` for a view whose
     pixels are not square.
     """
-    integrator = path_integrator(params.max_depth, params.rr_depth)
-    integrator = with_panes(integrator, render_scene.scene.portals)
+    if view.is_panorama:
+        panorama = panorama_launch(render_scene, view, view.width, params, seed)
+        (truth,) = render_blocks(panorama, view, params, seed, 1)
+        return truth
+    path = path_integrator(params.max_depth, params.rr_depth)
+    path = with_panes(path, render_scene.scene.portals)
     scene = render_scene.mitsuba
 
     def launch(copies: int, spp: int, seed: int) -> Any:
         sensor = make_sensor(view, copies)
-        return mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=seed)
+        return mi.render(scene, sensor=sensor, integrator=path, spp=spp, seed=seed)
 
     (truth,) = render_blocks(launch, view, params, seed, 1)
     return truth
@@ -117,17 +124,17 @@ def render_both(
     table = partner_table(render_scene.twins(albedo))
     parts = LightParts(render_scene.lobes(), groups) if light else NoParts()
     scene = render_scene.neutral(None).mitsuba
-    lights: UniformLights | PlannedLights = UniformLights()
-    if params.lights == "planned" and scene.emitters():
-        home = render_scene.scene
-        plan = plan_lights(scene, view, home.portals, seed, rooms_box(home.rooms))
-        lights = PlannedLights(scene, plan, plan_guiding(scene, plan, seed))
+    lights = _lights(render_scene, scene, view, params, seed, view.is_panorama)
     panes = panes_of(render_scene.scene.portals)
     path = JointPath(table, params.max_depth, params.rr_depth, lights, parts, panes)
     version = render_scene.materials.version
-    tracer = tracer_of(render_scene)
+    count = 2 + len(parts.names)
 
     def launch(copies: int, spp: int, seed: int) -> Any:
+        if view.is_panorama:
+            sphere = _sphere_tracer_of(render_scene)
+            return sphere.launch(scene, version, view, view.width, copies, path, spp, seed, count)
+        tracer = tracer_of(render_scene)
         return tracer.launch(scene, version, view, copies, path, spp, seed)
 
     if not light:
@@ -135,12 +142,49 @@ def render_both(
         return Truths(color, shading)
 
     def launch_all(copies: int, spp: int, seed: int) -> Any:
-        images = np.asarray(launch(copies, spp, seed))
+        images = np.asarray(launch(copies, spp, seed)).reshape(view.height, copies * view.width, -1)
         return with_remainders(images[..., : 6 + 3 * len(parts.names)])
 
     names = (*parts.names, *REMAINDERS)
     color, shading, *images = render_blocks(launch_all, view, params, seed, 2 + len(names))
     return Truths(color, shading, dict(zip(names, images, strict=True)))
+
+
+def panorama_launch(
+    render_scene: RenderScene, view: View, width: int, params: GroundTruthParams, seed: int
+) -> Launch:
+    """Return launches of one image: the panorama (width / 2, width) around a view's eye."""
+    scene = render_scene.mitsuba
+    if not integrator.available():
+        path = path_integrator(params.max_depth, params.rr_depth)
+        path = with_panes(path, render_scene.scene.portals)
+        return lambda copies, spp, seed: trace_scalar(scene, path, view, width, copies, spp, seed)
+    lights = _lights(render_scene, scene, view, params, seed, panoramic=True)
+    materials = render_scene.materials
+    # Every material is its own twin: one image is needed.
+    table = partner_table([(bsdf, bsdf) for bsdf in materials.own])
+    panes = panes_of(render_scene.scene.portals)
+    joint = JointPath(table, params.max_depth, params.rr_depth, lights, panes=panes)
+    tracer, version = _sphere_tracer_of(render_scene), materials.version
+    return lambda copies, spp, seed: tracer.launch(
+        scene, version, view, width, copies, joint, spp, seed
+    )
+
+
+def _lights(
+    render_scene: RenderScene,
+    scene: Any,
+    view: View,
+    params: GroundTruthParams,
+    seed: int,
+    panoramic: bool,
+) -> UniformLights | PlannedLights:
+    """Return the emitter sampling that the parameters choose for a view, or its panorama."""
+    if params.lights == "uniform" or not scene.emitters():
+        return UniformLights()
+    home = render_scene.scene
+    plan = plan_lights(scene, view, home.portals, seed, rooms_box(home.rooms), panoramic)
+    return PlannedLights(scene, plan, plan_guiding(scene, plan, seed))
 
 
 def with_remainders(images: Float32Array) -> Float32Array:
@@ -156,6 +200,10 @@ def with_remainders(images: Float32Array) -> Float32Array:
 def tracer_of(render_scene: RenderScene) -> FrozenTracer:
     """Return the recorded launches of an open scene; its forms share them, and they end with it."""
     return _TRACERS.setdefault(render_scene.materials, FrozenTracer())
+
+
+def _sphere_tracer_of(render_scene: RenderScene) -> SphereTracer:
+    return _SPHERE_TRACERS.setdefault(render_scene.materials, SphereTracer())
 
 
 def rooms_box(rooms: tuple[Room, ...]) -> Float64Array:

@@ -19,7 +19,7 @@ from pipeline.render.scene import RenderScene
 from pipeline.render.scene_geometry import Hits
 from pipeline.views import View
 from scenes.arrays import AnyArray, BoolArray, Float64Array
-from scenes.geometry.directions import pixel_directions, turned, unit
+from scenes.geometry.directions import turned, unit
 
 REVISION = 1  # raise it when a channel is added, or a change of code changes pixels
 _MIN_DEPTH = 1e-5  # metres
@@ -48,10 +48,15 @@ class VisibleSurfaces:
 def depth(surfaces: VisibleSurfaces) -> AnyArray:
     """Return z-depth (P,): metres along the optical axis, 0 where no surface is.
 
-    It is at least `_MIN_DEPTH`: a surface that touches the eye would round to one behind it.
+    In equirectangular views it is the distance along the ray. It is at least `_MIN_DEPTH`: a
+    surface that touches the eye would round to one behind it.
     """
     offset = surfaces.hits.position.astype(np.float64) - surfaces.view.eye
-    along = np.maximum(_dots(offset, surfaces.rotation[:, 2])[:, 0], _MIN_DEPTH)
+    if surfaces.view.is_panorama:
+        along = np.sqrt(_dots(offset, offset)[:, 0])
+    else:
+        along = _dots(offset, surfaces.rotation[:, 2])[:, 0]
+    along = np.maximum(along, _MIN_DEPTH)
     return np.where(surfaces.valid, along, 0).astype(np.float32)
 
 
@@ -109,8 +114,7 @@ def inputs_of(surfaces: VisibleSurfaces) -> Channels:
 
 def visible_surfaces(render_scene: RenderScene, view: View, colors: bool = True) -> VisibleSurfaces:
     """Trace a ray through each pixel centre of a view; without `colors` reflectance is 0."""
-    local = pixel_directions(view.intrinsics, view.width, view.height)
-    directions = turned(unit(local.reshape(-1, 3)), view.pose[:3, :3])
+    directions = turned(unit(view.rays().reshape(-1, 3)), view.pose[:3, :3])
     hits = raycast.surfaces(render_scene.geometry, view.eye, directions, colors)
     return VisibleSurfaces(render_scene, view, directions, hits, hits.shape >= 0)
 

@@ -90,7 +90,8 @@ def describe_instances(surfaces: VisibleSurfaces) -> list[dict[str, Any]]:
     `pixels` are seen, `pixels_alone` would be if nothing else were there; `visible_fraction` is
     their ratio and `occlusion` the rest. `truncation` is the share of the box that is outside the
     image: of a grid of points over it. `extent` is the image rectangle of the visible pixels:
-    first column and row, and those behind the last. The box is `centre`, `axes` (rows: unit
+    first column and row, and those behind the last; in an equirectangular view an instance behind
+    the camera may lie on both edges. The box is `centre`, `axes` (rows: unit
     vectors) and `half_sizes`, in world metres; `centre_camera` and `axes_camera` are the same
     in the camera's axes.
     """
@@ -207,6 +208,8 @@ def _constant(emitter: Any, name: str) -> Float64Array | None:
 
 def _inside(points: Float64Array, view: View) -> BoolArray:
     """Test which world points (N, 3) lie before the camera and within the image."""
+    if view.is_panorama:
+        return np.ones(len(points), dtype=bool)
     local = turned(points - view.eye, view.pose[:3, :3].T)
     before = local[:, 2] > 0
     pixels = turned(local, view.intrinsics)

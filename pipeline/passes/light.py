@@ -31,27 +31,29 @@ def light_of(
     color: Channels,
     guides: tuple[Image, Image] | None,
     groups: LightGroups | None = None,
+    around: bool = False,
 ) -> tuple[Channels, dict[str, Any]]:
     """Return the channels of a `light` frame, float32 (H, W), and entries of its attribute.
 
     `truths` holds parts; `color` is colour as its pass returns it; `guides` are the denoiser's,
-    None if colour was not denoised. The entries: `noise_PART`, the noise estimate of every part
-    before denoising; `color_digest`, the digest of the colour frame that the parts belong to, and
-    its `radiance_scale`; with `groups` also `light_names` and `noise_lights` of each.
+    None if colour was not denoised, `around` is true for a panorama. The entries: `noise_PART`, the
+    noise estimate of every part before denoising; `color_digest`, the digest of the colour frame
+    that the parts belong to, and its `radiance_scale`; with `groups` also `light_names` and
+    `noise_lights` of each.
     """
     scale = frame_scale("color", color)
     stored = as_stored("color", color, scale)
     limit = np.stack([stored[band] for band in RGB], axis=-1).astype(np.float32) * np.float32(scale)
 
     def cleaned(name: str) -> Float32Array:
-        return _denoised(truths.parts[name][0], guides)
+        return _denoised(truths.parts[name][0], guides, around)
 
     channels: Channels = {}
     for name, rest in zip(("direct", "diffuse"), REMAINDERS, strict=True):
         part, _ = adding_up(np.stack([cleaned(name), cleaned(rest)]), limit, scale)
         channels |= _named(_STORED[name], part)
     grey = None if guides is None else (grey_guide(guides[1], _GREY), guides[1])
-    channels |= _named(IRRADIANCE, _denoised(truths.parts["irradiance"][0], grey))
+    channels |= _named(IRRADIANCE, _denoised(truths.parts["irradiance"][0], grey, around))
     statistics = truths.color[1]
     facts: dict[str, Any] = {name: statistics[name] for name in ("spp", "blocks")}
     facts |= {f"noise_{name}": truths.parts[name][1]["noise"] for name in (*_STORED, *REMAINDERS)}
@@ -89,10 +91,10 @@ def adding_up(images: Float32Array, color: Float32Array, unit: float) -> Float32
     return halves * np.float32(unit)
 
 
-def _denoised(channels: Channels, guides: tuple[Image, Image] | None) -> Float32Array:
+def _denoised(channels: Channels, guides: tuple[Image, Image] | None, around: bool) -> Float32Array:
     """Return an image as (H, W, 3), denoised if there are guides, and any light in it."""
     if guides is not None and any(channels[band].any() for band in RGB):
-        channels = denoise(channels, *guides, "fast")
+        channels = denoise(channels, *guides, "fast", around)
     return np.stack([channels[band] for band in RGB], axis=-1)
 
 

@@ -137,9 +137,9 @@ def render_truths(
     settings, albedo = params.groundtruth, params.shading.albedo
     truths = render_both(scene, view, settings, albedo, seed, light, groups)
     guided = None if params.groundtruth.denoise == "none" else guides(scene, view)
-    made = {kind: _denoised(kind, getattr(truths, kind), guided, params) for kind in TRUTHS}
+    made = {kind: _denoised(kind, getattr(truths, kind), guided, view, params) for kind in TRUTHS}
     if light:
-        made["light"] = light_of(truths, made["color"][0], guided, groups)
+        made["light"] = light_of(truths, made["color"][0], guided, groups, view.is_panorama)
     return made
 
 
@@ -174,8 +174,8 @@ def render_noisy(scene: RenderScene, view: View, params: Params, seed: int) -> R
     channels = {
         **color[0],
         **_named(NOISY_SHADING, shading[0]),
-        **_named(DENOISED, denoise(color[0], reflectance, normal)),
-        **_named(DENOISED_SHADING, denoise(shading[0], neutral, normal)),
+        **_named(DENOISED, denoise(color[0], reflectance, normal, around=view.is_panorama)),
+        **_named(DENOISED_SHADING, denoise(shading[0], neutral, normal, around=view.is_panorama)),
     }
     lost = max(color[1]["lost_pixels"], shading[1]["lost_pixels"])
     return channels, {**color[1], "lost_pixels": lost, "denoiser": denoiser_version()}
@@ -211,11 +211,11 @@ def postprocessed(
     """Return a traced image as its pass stores it: denoised, if the parameters say so."""
     if params.groundtruth.denoise == "none":
         return truth
-    return _denoised(kind, truth, guides(scene, view), params)
+    return _denoised(kind, truth, guides(scene, view), view, params)
 
 
 def _denoised(
-    kind: Kind, truth: Result, guided: tuple[Image, Image] | None, params: Params
+    kind: Kind, truth: Result, guided: tuple[Image, Image] | None, view: View, params: Params
 ) -> Result:
     """Return a traced image after the denoiser, given its guides; as it is without them."""
     if guided is None:
@@ -224,7 +224,8 @@ def _denoised(
     albedo, normal = guided
     if kind == "shading":
         albedo = grey_guide(normal, params.shading.albedo)
-    return denoise(channels, albedo, normal), {**stats, "denoiser": denoiser_version()}
+    clean = denoise(channels, albedo, normal, around=view.is_panorama)
+    return clean, {**stats, "denoiser": denoiser_version()}
 
 
 def _panorama_determined_by(params: Params) -> dict[str, Any]:

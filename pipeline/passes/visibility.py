@@ -22,7 +22,7 @@ from pipeline.render.scene import RenderScene
 from pipeline.views import View
 from scenes.arrays import AnyArray
 from scenes.color import luminance
-from scenes.geometry.directions import pixel_directions, turned, unit
+from scenes.geometry.directions import turned, unit
 
 REVISION = 1
 _RAY_OFFSET = 1e-3  # metres: distance of ray origins from the surface
@@ -76,8 +76,7 @@ def render_visibility(
 
 def _traced_surfaces(render_scene: RenderScene, view: View) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Trace the pixel centres; return surface flags (P,), positions and normals (P, 3), world."""
-    local = pixel_directions(view.intrinsics, view.width, view.height)
-    directions = turned(unit(local.reshape(-1, 3)), view.pose[:3, :3])
+    directions = turned(unit(view.rays().reshape(-1, 3)), view.pose[:3, :3])
     hits = raycast.surfaces(render_scene.geometry, view.eye, directions, colors=False)
     return hits.shape >= 0, hits.position.astype(np.float64), facing_normals(hits, directions)
 
@@ -85,8 +84,7 @@ def _traced_surfaces(render_scene: RenderScene, view: View) -> tuple[AnyArray, A
 def _input_surfaces(inputs: Channels, view: View) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Return the same as `_traced_surfaces`, from a view's input images."""
     turn = view.pose[:3, :3]
-    local = pixel_directions(view.intrinsics, view.width, view.height)
-    local = (local * inputs["Z"].astype(np.float64)[..., None]).reshape(-1, 3)
+    local = (view.rays() * inputs["Z"].astype(np.float64)[..., None]).reshape(-1, 3)
     points = turned(local, turn) + view.eye
     normals = np.stack([inputs[f"N.{axis}"].astype(np.float64) for axis in "XYZ"], axis=-1)
     return inputs["valid"].ravel() > 0, points, turned(unit(normals.reshape(-1, 3)), turn)

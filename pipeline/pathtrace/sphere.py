@@ -30,7 +30,7 @@ class SphereTracer:
     def __init__(self) -> None:
         self._version: int | None = None
         self._sampler: Any = mi.load_dict({"type": "multijitter"})
-        self._launches: dict[tuple[int, int, int], Any] = {}
+        self._launches: dict[Any, Any] = {}
 
     def launch(
         self,
@@ -42,17 +42,20 @@ class SphereTracer:
         path: JointPath,
         spp: int,
         seed: int,
+        images: int = 1,
     ) -> Float64Array:
-        """Return radiance, linear RGB (width / 2, copies, width, 3), of independent panoramas.
+        """Return radiance, (width / 2, copies, width, 3 images), of independent panoramas.
 
-        They are in the axes of `view`'s camera: the centre column is straight ahead, right of it is
-        the camera's right, the top row is its up. `spp` is a power of two. `version` is
-        that of the scene's `MaterialSets`: when it changes, recordings are discarded.
+        `images` is the number of images of `path` that are wanted, linear RGB each. They are in the
+        axes of `view`'s camera: the centre column is straight ahead, right of it is the camera's
+        right, the top row is its up. `spp` is a power of two. `version` is that of the scene's
+        `MaterialSets`: when it changes, recordings are discarded.
         """
         if version != self._version:
             self._version = version
             self._launches.clear()
-        key = (width, copies, spp)
+        size = (width, copies, spp)
+        key = (*size, images, *path.parts.names)
         if key not in self._launches and scene.emitters():
             self._launches[key] = dr.freeze(
                 _launch, limit=_MAX_RECORDINGS, warn_after=_MAX_RECORDINGS
@@ -60,10 +63,13 @@ class SphereTracer:
         # Without emitters of its own, calls to those of other open scenes could not be recorded.
         trace = self._launches.get(key, _launch)
         eye, axes = (column(mi.Float, part.ravel()) for part in (view.eye, view.pose[:3, :3]))
-        found = trace(scene, self._sampler, path, eye, axes, *key, dr.opaque(mi.UInt32, seed))
-        samples = np.array(found).reshape(3, copies, width // 2, width, spp)
-        pixels = samples.mean(axis=-1, dtype=np.float64)
-        return np.ascontiguousarray(pixels.transpose(2, 1, 3, 0))
+        seeds = dr.opaque(mi.UInt32, seed)
+        found = trace(scene, self._sampler, path, eye, axes, *size, images, seeds)
+        bands = []
+        for image in found:
+            samples = np.array(image).reshape(3, copies, width // 2, width, spp)
+            bands.append(samples.mean(axis=-1, dtype=np.float64))
+        return np.ascontiguousarray(np.concatenate(bands).transpose(2, 1, 3, 0))
 
 
 def trace_scalar(
@@ -98,9 +104,13 @@ def _launch(
     width: int,
     copies: int,
     spp: int,
+    images: int,
     seed: Any,
-) -> Any:
-    """Return the radiance of each sample, `mi.Color3f`, in the order copy, row, column, sample."""
+) -> list[Any]:
+    """Return the radiance of each sample in the first images of `path`, `mi.Color3f` each.
+
+    Samples are in the order copy, row, column, sample.
+    """
     height, pitch = width // 2, 2 * math.pi / width
     count = copies * height * width * spp
     sampler = sampler.clone()
@@ -123,7 +133,7 @@ def _launch(
     direction = dr.normalize(mi.Vector3f(x, y, z))
     origin = mi.Point3f(*(_entry(eye, i) for i in range(3)))
     ray = mi.Ray3f(origin, direction, _FAR, 0.0, mi.Color0f())
-    return path.trace(scene, sampler, ray, mi.Bool(True))[0]
+    return path.trace(scene, sampler, ray, mi.Bool(True))[:images]
 
 
 def _entry(values: Any, index: int) -> Any:

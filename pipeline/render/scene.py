@@ -195,16 +195,14 @@ def free_memory() -> None:
 def render_ids(
     render_scene: RenderScene,
     poses: npt.ArrayLike,
-    intrinsics: npt.ArrayLike,
-    width: int,
-    height: int,
+    rays: npt.ArrayLike,
 ) -> npt.NDArray[np.uint32]:
-    """Return object index + 1 at every pixel centre (0: none), uint32 (N, height, width).
+    """Return object index + 1 along every ray (0: none), uint32 (N, H, W).
 
-    `poses` (N, 4, 4) are camera_to_world (OpenCV); `intrinsics` is K (3, 3), shared. Rays pass
-    clear glass. All cameras are traced together.
+    `poses` (N, 4, 4) are camera_to_world (OpenCV); `rays` (H, W, 3), in the camera's axes, are
+    shared. Rays pass clear glass. All cameras are traced together.
     """
-    return raycast.object_ids(render_scene.geometry, poses, intrinsics, width, height)
+    return raycast.object_ids(render_scene.geometry, poses, rays)
 
 
 def cast(

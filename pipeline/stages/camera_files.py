@@ -24,6 +24,7 @@ from pipeline.stages.view_sampling import (
     MOST_OUTDOORS,
     TOO_CLOSE,
     drawn,
+    drawn_slope,
     grid_eyes,
     make_view,
     room_at,
@@ -107,7 +108,7 @@ def _walk(
     best: tuple[float, Float64Array] | None = None
     half_fov_x = drawn(options.half_fov_x, rng, params.image.half_fov_x)
     roll = drawn(options.roll, rng, 0.0)
-    slope = math.tan(drawn(options.pitch, rng, 0.0)) if options.pitch else options.tilt
+    slope = drawn_slope(params, rng)
     height = options.eye_height + options.eye_jitter * float(rng.uniform(-1, 1))
     areas = np.array([float(floor.walkable.sum()) for floor, _ in floors])
     for _ in range(_TRIES if floors else 0):
@@ -209,7 +210,7 @@ def _overlapping(
 ) -> tuple[list[View], float] | None:
     """Return the further views of a set, and the median overlap; None if that is too small."""
     options = params.cameras
-    half_fov_x = math.atan(0.5 * anchor.width / anchor.K[0][0])
+    half_fov_x = anchor.half_fov_x
     first = outlook(render_scene, anchor.pose, anchor.intrinsics)
     if not len(first.points):
         return None
@@ -275,7 +276,7 @@ def stereo_pairs(
             without[name] = TOO_CLOSE
             paired += lefts
             continue
-        half_fov_x = math.atan(0.5 * lefts[0].width / lefts[0].K[0][0])
+        half_fov_x = lefts[0].half_fov_x
         partners = frames_of(render_scene, scene, params, name, right[members], half_fov_x)
         for left, partner in zip(lefts, partners, strict=True):
             if not left.trajectory:

@@ -6,7 +6,6 @@ of one plan and view id show the same place; it is left out if something is in i
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -51,7 +50,7 @@ def take_cameras(
         if view.trajectory:
             trajectories.setdefault(view.trajectory, []).append(index)
             continue
-        half_fov_x = _half_fov_x(view)
+        half_fov_x = view.half_fov_x
         (sight,) = sights(render_scene, scene, [(view.pose, half_fov_x)], params)
         own = next((room for room in scene.rooms if room.id == view.room), None)
         room = own or room_at(scene, view.eye)
@@ -70,7 +69,7 @@ def take_cameras(
             left_out[name] = TOO_CLOSE
             continue
         poses = np.array([lefts[index].pose for index in members])
-        frames = frames_of(render_scene, scene, params, name, poses, _half_fov_x(lefts[members[0]]))
+        frames = frames_of(render_scene, scene, params, name, poses, lefts[members[0]].half_fov_x)
         kept += [replace(frame, K=lefts[members[0]].K) for frame in frames]
     kept = _with_overlap(render_scene, kept)
     if options.stereo_baseline:
@@ -83,10 +82,6 @@ def take_cameras(
         rejected={reason: rejected[reason] for reason in sorted(rejected)},
         stored_left_out=left_out,
     )
-
-
-def _half_fov_x(view: View) -> float:
-    return math.atan(0.5 * view.width / view.K[0][0])
 
 
 def _with_overlap(render_scene: RenderScene, views: list[View]) -> list[View]:

@@ -33,11 +33,16 @@ from shapely.geometry import Polygon
 
 from pipeline.params import CameraParams, ImageParams, Params
 from pipeline.render.scene import RenderScene, cast, render_ids
-from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, rolled
+from pipeline.views import CameraFile, View, as_matrix, camera_model, intrinsics_of, look, rolled
 from scenes.arrays import BoolArray, Float64Array
 from scenes.contract import Room, Scene
 from scenes.errors import InputError
-from scenes.geometry.directions import fibonacci_sphere, turned
+from scenes.geometry.directions import (
+    equirectangular_directions,
+    fibonacci_sphere,
+    pixel_directions,
+    turned,
+)
 from scenes.seeds import generator
 
 REVISION = 4
@@ -213,7 +218,7 @@ def _room_candidates(
         half_fov_x = drawn(options.half_fov_x, lens, params.image.half_fov_x)
         for index in rng.permutation(left)[: options.candidates]:
             azimuth = azimuths[index, sector]
-            slope = math.tan(drawn(options.pitch, lens, 0.0)) if options.pitch else options.tilt
+            slope = drawn_slope(params, lens)
             pose = look(eyes[index], (math.cos(azimuth), math.sin(azimuth), slope))
             pose = rolled(pose, drawn(options.roll, lens, 0.0))
             candidates.append(Candidate(room, sector, pose, half_fov_x))
@@ -237,6 +242,13 @@ def grid_eyes(
 def drawn(bounds: tuple[float, ...], rng: np.random.Generator, otherwise: float) -> float:
     """Return a number drawn evenly from [least, most], or `otherwise` if `bounds` is empty."""
     return float(rng.uniform(bounds[0], bounds[1])) if bounds else otherwise
+
+
+def drawn_slope(params: Params, rng: np.random.Generator) -> float:
+    """Return the tangent of a camera's pitch: drawn, or `tilt`; panoramas are level without."""
+    if params.cameras.pitch:
+        return math.tan(drawn(params.cameras.pitch, rng, 0.0))
+    return 0.0 if params.image.is_panorama else params.cameras.tilt
 
 
 def _azimuths(count: int, sectors: int, rng: np.random.Generator) -> Float64Array:
@@ -278,19 +290,28 @@ def sights(
     that follow each other with the same field of view share a trace.
     """
     options = params.cameras
-    small = replace(params.image, width=options.id_width, height=_id_height(params))
+    height = _id_height(params)
+    width = 2 * height if params.image.is_panorama else options.id_width
+    small = replace(params.image, width=width, height=height)
     chunk = max(1, _PIXELS // (small.width * small.height))
     for half_fov_x, group in itertools.groupby(cameras, key=lambda camera: camera[1]):
         image = replace(small, half_fov_x=half_fov_x)
         poses = [pose for pose, _ in group]
         for start in range(0, len(poses), chunk):
             some = np.array(poses[start : start + chunk])
-            ids = render_ids(render_scene, some, intrinsics_of(image), image.width, image.height)
+            ids = render_ids(render_scene, some, _rays(image))
             looks = _coarse_looks(render_scene, some, image, options.near)
             for (score, objects, seen), coarse in zip(
                 score_ids(ids, scene, options.min_coverage), looks, strict=True
             ):
                 yield Sight(score, objects, seen, coarse, coarse.is_flat and not objects)
+
+
+def _rays(image: ImageParams) -> Float64Array:
+    """Return the directions (H, W, 3) through the pixel centres, in camera axes."""
+    if image.is_panorama:
+        return equirectangular_directions(image.width)
+    return pixel_directions(intrinsics_of(image), image.width, image.height)
 
 
 def _id_height(params: Params) -> int:
@@ -304,7 +325,10 @@ def _coarse_looks(
     image: ImageParams,
     near: float,
 ) -> list[CoarseLook]:
-    """Return the measures of each view by 12 by 9 rays; `poses` is (N, 4, 4)."""
+    """Return the measures of each view by 12 by 9 rays; `poses` is (N, 4, 4).
+
+    Those of a panorama are even on the sphere; it is never flat.
+    """
     across, down = 12, 9
     slope = math.tan(image.half_fov_x)
     x, y = np.meshgrid(
@@ -312,6 +336,8 @@ def _coarse_looks(
         slope * image.height / image.width * (2 * (np.arange(down) + 0.5) / down - 1),
     )
     local = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=1)
+    if image.is_panorama:
+        local = fibonacci_sphere(across * down)
     directions = np.concatenate([turned(local, pose[:3, :3]) for pose in poses])
     origins = np.repeat(poses[:, :3, 3], len(local), axis=0)
     distance, hit = cast(render_scene, origins, directions, through_glass=True)
@@ -325,7 +351,8 @@ def _coarse_looks(
             float((distance[part] < near).mean()),
             float(outdoors[part].mean()),
             math.exp(math.fsum(np.log(length[part]).tolist()) / len(local)),
-            not outdoors[part].any() and _is_flat(points[part].reshape(down, across, 3)),
+            not (image.is_panorama or outdoors[part].any())
+            and _is_flat(points[part].reshape(down, across, 3)),
         )
         for part in (slice(k, k + len(local)) for k in range(0, len(distance), len(local)))
     ]
@@ -481,9 +508,7 @@ def make_view(
     return View(
         scene_id=scene.scene_id,
         view_id=view_id,
-        width=image.width,
-        height=image.height,
-        K=as_matrix(intrinsics_of(image)),
+        **camera_model(image),
         camera_to_world=as_matrix(pose),
         room=room.id if room else None,
         room_type=room.type if room else "other",

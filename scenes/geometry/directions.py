@@ -44,6 +44,26 @@ def horizontal_directions(count: int, offset: float = 0.0) -> Float64Array:
     return np.column_stack([np.cos(angle), np.sin(angle), np.zeros(count)])
 
 
+def equirectangular_directions(width: int) -> Float64Array:
+    """Return unit directions (width / 2, width, 3) through the pixel centres of a panorama.
+
+    In camera axes: the azimuth from the forward to the right axis is
+    2 pi (column + 1/2) / width - pi, the elevation towards the camera's up is
+    pi / 2 - pi (row + 1/2) / height.
+    """
+    pitch = 2 * math.pi / width
+    azimuths = [(column + 0.5) * pitch - math.pi for column in range(width)]
+    polar = [(row + 0.5) * pitch for row in range(width // 2)]
+    # Python's functions: those of NumPy depend on the processor.
+    around = np.array([(math.sin(angle), math.cos(angle)) for angle in azimuths])
+    down = np.array([(math.sin(angle), -math.cos(angle)) for angle in polar])
+    directions = np.empty((width // 2, width, 3))
+    directions[..., 0] = down[:, :1] * around[:, 0]
+    directions[..., 1] = down[:, 1:]
+    directions[..., 2] = down[:, :1] * around[:, 1]
+    return directions
+
+
 def pixel_directions(intrinsics: npt.ArrayLike, width: int, height: int) -> Float64Array:
     """Return directions (H, W, 3) through the pixel centres, z = 1, in the OpenCV camera frame.
 

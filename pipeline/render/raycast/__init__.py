@@ -20,7 +20,7 @@ import numpy.typing as npt
 from pipeline.render.raycast import scalar, wavefront
 from pipeline.render.scene_geometry import Hits, SceneGeometry, TextureSlot
 from scenes.arrays import AnyArray, BoolArray, Float32Array, Float64Array, Int32Array
-from scenes.geometry.directions import pixel_directions, unit
+from scenes.geometry.directions import unit
 
 CHUNK = 1 << 21  # rays in flight; bounds memory
 
@@ -112,16 +112,15 @@ def unoccluded(
 def object_ids(
     geometry: SceneGeometry,
     poses: npt.ArrayLike,
-    intrinsics: npt.ArrayLike,
-    width: int,
-    height: int,
+    rays: npt.ArrayLike,
 ) -> npt.NDArray[np.uint32]:
-    """Return object index + 1 at every pixel centre, 0 for none: uint32 (N, height, width).
+    """Return object index + 1 along every ray, 0 for none: uint32 (N, H, W).
 
-    `poses` (N, 4, 4) are camera_to_world, OpenCV; all cameras share `intrinsics` (3, 3).
+    `poses` (N, 4, 4) are camera_to_world, OpenCV; all cameras share `rays` (H, W, 3) in their axes.
     """
     poses = np.asarray(poses, dtype=np.float64).reshape(-1, 4, 4)
-    local = unit(pixel_directions(intrinsics, width, height).reshape(-1, 3))
+    rays = np.asarray(rays, dtype=np.float64)
+    local = unit(rays.reshape(-1, 3))
     shapes = np.zeros(0, dtype=np.int32)
     if len(poses):
         step = max(1, CHUNK // len(local))
@@ -129,7 +128,7 @@ def object_ids(
         trace = _backend().nearest_from_cameras
         shapes = np.concatenate([trace(geometry, poses[i : i + step], local) for i in starts])
     numbers = np.append(geometry.objects, -1).astype(np.int64) + 1  # shape -1 reads the last entry
-    return numbers[shapes].astype(np.uint32).reshape(len(poses), height, width)
+    return numbers[shapes].astype(np.uint32).reshape(len(poses), *rays.shape[:2])
 
 
 def emitted_radiance(

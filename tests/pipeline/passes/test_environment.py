@@ -17,13 +17,14 @@ from pipeline.channels import RGB, SETS
 from pipeline.dataset.environment_checks import disagreement
 from pipeline.frames import Channels
 from pipeline.params import EnvironmentParams, GroundTruthParams, Params
-from pipeline.passes import environment
-from pipeline.passes.environment import centre_directions, render_environment, rounded
+from pipeline.passes.denoise import denoise
+from pipeline.passes.environment import render_environment, rounded
 from pipeline.passes.groundtruth import render_truth
 from pipeline.passes.inputs import render_inputs
 from pipeline.passes.registry import PASSES, frame_fingerprint
 from pipeline.render.scene import RenderScene, open_scene, set_variant
 from pipeline.views import View
+from scenes.geometry.directions import equirectangular_directions
 from tests.fixtures.light import SKY, room
 from tests.fixtures.paths import ROOT
 from tests.fixtures.render import ball, diffuse, glow, make_view, write_scene
@@ -87,7 +88,7 @@ def test_lamps_have_their_directions_radiances_and_irradiances(tmp_path: Path) -
         for band, (light, offset, radius) in LAMPS.items()
     )
     channels = panorama(open_scene(write_scene(tmp_path / "a", balls)), TILTED, 128, spp=16)
-    directions = centre_directions(128) @ TILTED.pose[:3, :3].T
+    directions = equirectangular_directions(128) @ TILTED.pose[:3, :3].T
     for index, (band, (light, offset, radius)) in enumerate(LAMPS.items()):
         radiance, away = max(light), float(np.linalg.norm(offset))
         pixel = pixel_of(np.array(offset), TILTED, 128)
@@ -201,7 +202,7 @@ def test_the_denoiser_sees_no_seam() -> None:
         turned = np.roll(noisy, turn, axis=1)
         bands = {band: turned[..., i].astype(np.float32) for i, band in enumerate(RGB)}
         albedo = np.roll(steps, turn, axis=1).astype(np.float32)
-        return np.roll(image(environment._denoised(bands, albedo, normals)), -turn, axis=1)
+        return np.roll(image(denoise(bands, albedo, normals, around=True)), -turn, axis=1)
 
     error = np.abs(denoised(96) / denoised(0) - 1).max(axis=(0, 2))
     assert error[:8].max() < 0.02 and error[-8:].max() < 0.02 and error[88:104].max() < 0.02

@@ -288,7 +288,7 @@ frames = {
     "illumination": render_illumination(rs, view, IlluminationParams(width=80)),
     "color": render_truth(rs, view, params, 7)[0],
     "shading": render_truth(rs.neutral(0.5), view, params, 7)[0],
-    "ids": {"ids": render_ids(rs, view.pose[None], view.intrinsics, 48, 36)[0]},
+    "ids": {"ids": render_ids(rs, view.pose[None], view.rays())[0]},
 }
 np.savez(out, **{f"{kind} {name}": v for kind, c in frames.items() for name, v in c.items()})
 """

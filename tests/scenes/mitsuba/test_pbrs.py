@@ -22,6 +22,7 @@ from pipeline.views import intrinsics_of
 from scenes.arrays import Float64Array
 from scenes.contract import Scene
 from scenes.errors import InputError
+from scenes.geometry.directions import pixel_directions
 from scenes.mitsuba.pbrs import read_cameras, read_lamps
 from scenes.registry import import_scene
 
@@ -222,7 +223,7 @@ def test_released_cameras_see_what_the_release_says(released: Scene) -> None:
     assert len(views) == 8
     image = ImageParams(width=SIZE[0], height=SIZE[1], half_fov_x=0.5534)
     poses = np.array([view["camera_to_world"] for view in views])
-    ids = render_ids(open_scene(released), poses, intrinsics_of(image), *SIZE)
+    ids = render_ids(open_scene(released), poses, pixel_directions(intrinsics_of(image), *SIZE))
     glazed = np.stack([_with_panes(released, view, pose, intrinsics_of(image))
                        for view, pose in zip(ids, poses, strict=True)])  # fmt: skip
     rooms = {room.id: room for room in released.rooms}
