@@ -73,6 +73,10 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
             "model.commands.networks:export",
             "Export the networks to ONNX.",
         ),
+        "export-data": (
+            "pipeline.commands.export_data:export_data",
+            "Write the dataset in a format of other projects.",
+        ),
         "cost": ("pipeline.commands.cost:cost", "Forecast the core-hours of a run."),
         "preset": ("pipeline.commands.setup:preset", "Copy a parameter preset to params.yaml."),
         "doctor": ("pipeline.commands.setup:doctor", "Report what this machine has and lacks."),

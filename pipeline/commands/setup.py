@@ -50,6 +50,12 @@ EXTRAS = (
         "PBRNET_BLENDER",
     ),
     Extra("onnx", ("onnx", "onnxruntime", "onnxscript"), "pbrnet[onnx]", "pbrnet export"),
+    Extra(
+        "export",
+        ("h5py", "pycocotools", "fast_simplification"),
+        "pbrnet[export]",
+        "pbrnet export-data to HDF5 and COCO",
+    ),
     Extra("draco", ("DracoPy",), "DracoPy", "glTF with KHR_draco_mesh_compression"),
     Extra("meshopt", ("meshopt",), "meshopt", "glTF with EXT_meshopt_compression"),
     Extra("ktx2", ("opengl_basisu",), "opengl_basisu", "glTF with KHR_texture_basisu"),

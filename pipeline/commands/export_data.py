@@ -1,0 +1,134 @@
+"""`pbrnet export-data`: the dataset in formats that other projects read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pipeline.dataset.splits import SPLITS
+from pipeline.export.parts import ExportOptions, Job, run_export
+from pipeline.export.registry import FORMATS
+from pipeline.export.rows import DatasetRows
+
+_DEFAULT = ExportOptions()
+
+
+@click.command(
+    "export-data",
+    epilog="""\b
+Examples:
+  pbrnet export-data --to nerfstudio --scene home-0000     transforms.json, images, depths, points
+  pbrnet export-data --to colmap --points 100000           cameras, images, points3D as text
+  pbrnet export-data --to coco --classes nyu40             masks and boxes of things
+  pbrnet export-data --to coco-panoptic                    segments of things and stuff
+  pbrnet export-data --to webdataset --split train         tars of OpenEXR images
+  pbrnet export-data --to hypersim --out hypersim          HDF5 files and CSVs of Hypersim
+  pbrnet export-data --to tum --fps 30                     RGB-D sequences of the walks
+
+docs/exports.md says what each format holds: axes, units, and what is lost. An export that was
+interrupted resumes; one with other options or another dataset replaces the files of the first.""",
+)
+@click.option(
+    "--to",
+    "name",
+    type=click.Choice(list(FORMATS)),
+    required=True,
+    help="Format: " + "; ".join(f"{form.name}: {form.title}" for form in FORMATS.values()) + ".",
+)
+@click.option(
+    "--data",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("data"),
+    show_default=True,
+    help="Data folder; the dataset is in its folder `dataset`.",
+)
+@click.option(
+    "--dataset",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=None,
+    help="Folder of the dataset.  [default: DATA/dataset]",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=None,
+    help="Folder to write.  [default: DATA/exports/FORMAT]",
+)
+@click.option(
+    "--split",
+    "splits",
+    type=click.Choice(SPLITS),
+    multiple=True,
+    help="Only this split (repeatable).",
+)
+@click.option("--scene", "scenes", multiple=True, help="Only this scene (repeatable).")
+@click.option(
+    "--images",
+    type=click.Choice(["png", "exr"]),
+    default=_DEFAULT.images,
+    show_default=True,
+    help="nerfstudio: tone-mapped or linear images.",
+)
+@click.option(
+    "--exposure",
+    type=click.Choice(["scene", "view"]),
+    default=_DEFAULT.exposure,
+    show_default=True,
+    help="Tone-mapped images: one exposure for all views of a scene, or their own.",
+)
+@click.option(
+    "--points",
+    type=click.IntRange(1, 100_000_000),
+    default=_DEFAULT.points,
+    show_default=True,
+    help="nerfstudio, colmap: most points of a scene.",
+)
+@click.option(
+    "--classes",
+    type=click.Choice(["category", "nyu40", "nyu13"]),
+    default=_DEFAULT.classes,
+    show_default=True,
+    help="coco, coco-panoptic: classes.",
+)
+@click.option(
+    "--fps",
+    type=click.FloatRange(0.001, 1e6),
+    default=_DEFAULT.fps,
+    show_default=True,
+    help="tum: frames a second.",
+)
+@click.option(
+    "--tar-views",
+    type=click.IntRange(1, 1_000_000),
+    default=_DEFAULT.tar_views,
+    show_default=True,
+    help="webdataset: views in a tar.",
+)
+@click.option(
+    "--triangles",
+    type=click.IntRange(64, 1_000_000),
+    default=_DEFAULT.triangles,
+    show_default=True,
+    help="renderformer: most triangles of a room.",
+)
+@click.option("--partial", is_flag=True, help="hypersim: leave out what the dataset does not hold.")
+@click.option(
+    "--seed", type=int, default=None, expose_value=False, help="Has no effect: nothing is random."
+)
+def export_data(
+    name: str,
+    data: Path,
+    dataset: Path | None,
+    out: Path | None,
+    splits: tuple[str, ...],
+    scenes: tuple[str, ...],
+    **options: Any,
+) -> None:
+    """Write the packed dataset in a format that other projects read."""
+    rows = DatasetRows(dataset or data / "dataset", splits, scenes)
+    out = out or data / "exports" / name
+    done = run_export(FORMATS[name], Job(rows, data / "scenes", ExportOptions(**options), out))
+    kept = f", {done.kept} of {done.parts} parts were there already" if done.kept else ""
+    click.echo(f"{len(rows.rows)} views as {name} in {out}{kept}")

@@ -1,0 +1,125 @@
+"""nerfstudio's and instant-ngp's `transforms.json`, a folder a scene.
+
+Camera axes are OpenGL's: x right, y up, z backward. World: metres, Z up, as nerfstudio has it, too.
+Pixel centres at +0.5. `images/` are tone-mapped PNG with one exposure a scene, or linear EXR;
+`depths/` 16-bit PNG in millimetres along the optical axis, 0: no surface, or beyond 65.5 m;
+`points.ply` starts Gaussian splats.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.export.images import (
+    exposures,
+    opengl_pose,
+    rgb_planes,
+    write_depth,
+    write_exr,
+    write_picture,
+)
+from pipeline.export.parts import Advance, Format, Job, Part
+from pipeline.export.points import Points, scene_points
+from pipeline.export.rows import ViewRow
+from pipeline.images import tone_picture
+from scenes.files import write_json
+
+_MILLIMETRES = 1000.0
+
+
+def _parts(job: Job) -> Sequence[Part]:
+    return [
+        Part(scene, len(rows), partial(_write, job, rows))
+        for scene, rows in job.rows.scenes().items()
+    ]
+
+
+def _write(job: Job, rows: Sequence[ViewRow], folder: Path, advance: Advance) -> None:
+    for name in ("images", "depths"):
+        (folder / name).mkdir()
+    frames, depths, pictures = [], [], []
+    found = zip(exposures(rows, job.options), job.rows.read(rows, ("color", "depth")), strict=True)
+    for exposure, (row, content) in found:
+        color, depth = content.images["color"], content.images["depth"]
+        image = f"images/{row.view_id}.{job.options.images}"
+        if job.options.images == "png":
+            write_picture(folder / image, color, exposure)
+        else:
+            write_exr(folder / image, rgb_planes(color))
+        write_depth(folder / "depths" / f"{row.view_id}.png", depth, _MILLIMETRES)
+        frames.append(_frame(row, image, depth.shape))
+        depths.append(depth.astype(np.float16))
+        pictures.append(tone_picture(color, exposure))
+        advance()
+    write_ply(folder / "points.ply", scene_points(rows, depths, pictures, job.options.points))
+    write_json(folder / "transforms.json", _transforms(frames))
+
+
+def _frame(row: ViewRow, image: str, shape: tuple[int, ...]) -> dict[str, Any]:
+    height, width = shape
+    return {
+        "file_path": image,
+        "depth_file_path": f"depths/{row.view_id}.png",
+        "transform_matrix": opengl_pose(row.pose).tolist(),
+        "w": width,
+        "h": height,
+        "fl_x": row.intrinsics[0, 0],
+        "fl_y": row.intrinsics[1, 1],
+        "cx": row.intrinsics[0, 2],
+        "cy": row.intrinsics[1, 2],
+    }
+
+
+def _transforms(frames: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the file's content; intrinsics that all frames share stand at its top."""
+    names = ("w", "h", "fl_x", "fl_y", "cx", "cy")
+    shared = {
+        name: frames[0][name] for name in names if len({frame[name] for frame in frames}) == 1
+    }
+    if len(shared) == len(names):
+        frames = [
+            {key: value for key, value in frame.items() if key not in names} for frame in frames
+        ]
+    else:
+        shared = {}
+    return {
+        "camera_model": "OPENCV",
+        **shared,
+        "k1": 0.0,
+        "k2": 0.0,
+        "p1": 0.0,
+        "p2": 0.0,
+        "depth_unit_scale_factor": 1 / _MILLIMETRES,
+        "ply_file_path": "points.ply",
+        "frames": frames,
+    }
+
+
+def write_ply(path: Path, points: Points) -> None:
+    """Write a point cloud as binary PLY: x, y, z, red, green, blue."""
+    places = [(name, "<f4") for name in "xyz"]
+    bands = [(name, "u1") for name in ("red", "green", "blue")]
+    vertices = np.zeros(len(points.positions), dtype=[*places, *bands])
+    for axis, (name, _) in enumerate(places):
+        vertices[name] = points.positions[:, axis]
+    for band, (name, _) in enumerate(bands):
+        vertices[name] = points.colors[:, band]
+    properties = [f"property float {name}" for name, _ in places]
+    properties += [f"property uchar {name}" for name, _ in bands]
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header = "\n".join([*lines, *properties, "end_header", ""])
+    path.write_bytes(header.encode("ascii") + vertices.tobytes())
+
+
+FORMAT = Format(
+    "nerfstudio",
+    "nerfstudio and instant-ngp: transforms.json, images, depths, points",
+    ("color", "depth"),
+    _parts,
+    uses=("images", "exposure", "points"),
+)

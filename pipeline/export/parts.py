@@ -1,0 +1,160 @@
+"""Execution of an export: parts that appear by rename, so that a killed export resumes.
+
+`export.json` in the folder names format, options and dataset. The same export again keeps the parts
+that are there; another one replaces them.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pipeline.export.rows import DatasetRows
+from pipeline.progress import Progress
+from pipeline.records import data_lock
+from scenes.errors import InputError, PbrnetError
+from scenes.files import atomic_directory, atomic_file, read_json, sweep, write_json
+
+RECORD = "export.json"
+_LOCK = ".lock"
+REVISION = 1  # raise it when the files of any format change
+
+Advance = Callable[[], None]
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """Options of the formats; each uses those that it can say."""
+
+    images: Literal["png", "exr"] = "png"  # tone-mapped 8-bit, or linear
+    exposure: Literal["scene", "view"] = "scene"  # of tone-mapped images
+    points: int = 50_000  # of a scene's point cloud
+    classes: Literal["category", "nyu40", "nyu13"] = "category"
+    fps: float = 30.0  # frames a second of trajectories
+    tar_views: int = 64  # views in a tar
+    triangles: int = 4096  # of a room
+    partial: bool = False  # leave out what the dataset lacks
+
+
+@dataclass(frozen=True)
+class Job:
+    """An export: the rows, the folder of scenes, the options, and where it goes."""
+
+    rows: DatasetRows
+    scenes: Path
+    options: ExportOptions
+    out: Path
+
+
+@dataclass(frozen=True)
+class Part:
+    """A file or folder of an export, which `write` fills; `views` is its share of the work.
+
+    `write` receives a temporary path and a function to call after each view.
+    """
+
+    path: str  # relative to the export's folder
+    views: int
+    write: Callable[[Path, Advance], None]
+    is_folder: bool = True
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format: its name, a title, the columns that it needs, and its parts.
+
+    `finish` writes what is about all parts; it runs after them. `check` refuses datasets before
+    anything is written.
+    """
+
+    name: str
+    title: str
+    needs: tuple[str, ...]
+    parts: Callable[[Job], Sequence[Part]]
+    finish: Callable[[Job], None] = lambda job: None
+    check: Callable[[Job], None] = lambda job: None
+    uses: tuple[str, ...] = ()  # names of the options that change its files
+
+
+@dataclass(frozen=True)
+class Exported:
+    """Result of an export: views and parts that it holds, and parts that were there already."""
+
+    views: int
+    parts: int
+    kept: int
+
+
+def run_export(form: Format, job: Job) -> Exported:
+    """Write an export to `job.out`, or resume it.
+
+    Raises `InputError` if the dataset lacks something, or if the folder holds something else.
+    """
+    job.rows.require(form.needs, form.name)
+    form.check(job)
+    record = _record(form, job)
+    _claim(job.out)
+    with data_lock(job.out, f"export-data --to {form.name}"):
+        sweep(job.out)
+        path = job.out / RECORD
+        if not path.exists() or read_json(path) != record:
+            _clear(job.out)
+            write_json(path, record)
+        parts = form.parts(job)
+        kept = 0
+        with Progress(sum(part.views for part in parts), form.name) as progress:
+            for part in parts:
+                target = job.out / part.path
+                if target.exists():
+                    kept += 1
+                    progress.advance(part.views)
+                    continue
+                with _writing(part, target) as partial:
+                    part.write(partial, progress.advance)
+        form.finish(job)
+    return Exported(sum(part.views for part in parts), len(parts), kept)
+
+
+def _writing(part: Part, target: Path) -> AbstractContextManager[Path]:
+    return atomic_directory(target) if part.is_folder else atomic_file(target)
+
+
+def _record(form: Format, job: Job) -> dict[str, Any]:
+    """Return all that determines the files of an export."""
+    options = {name: value for name, value in asdict(job.options).items() if name in form.uses}
+    return {
+        "format": form.name,
+        "revision": REVISION,
+        "options": options,
+        "dataset": job.rows.fingerprint(),
+        "rows": [[row.split, row.scene_id, row.view_id] for row in job.rows.rows],
+    }
+
+
+def _claim(folder: Path) -> None:
+    """Raise `InputError` if a folder holds files that no export made."""
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise InputError(f"{folder}: not a folder")
+    found = {path.name for path in folder.iterdir()} - {_LOCK}
+    if found and RECORD not in found:
+        raise InputError(f"{folder}: holds other files; choose an empty or new folder with --out")
+
+
+def _clear(folder: Path) -> None:
+    """Remove the files of another export."""
+    for path in sorted(folder.iterdir()):
+        if path.name == _LOCK:
+            continue
+        try:
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
+        except OSError as error:
+            raise PbrnetError(f"{path}: cannot be removed ({error.strerror})") from None

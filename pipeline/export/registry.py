@@ -1,0 +1,18 @@
+"""Registry of the export formats: `pbrnet export-data --to` and its help follow from it."""
+
+from __future__ import annotations
+
+from pipeline.export import coco, colmap, hypersim, nerfstudio, tum, webdataset
+
+FORMATS = {
+    form.name: form
+    for form in (
+        nerfstudio.FORMAT,
+        colmap.FORMAT,
+        coco.INSTANCES,
+        coco.PANOPTIC,
+        webdataset.FORMAT,
+        hypersim.FORMAT,
+        tum.FORMAT,
+    )
+}

@@ -1,0 +1,235 @@
+"""Rows of a packed dataset for the exports: cameras of all rows at once, images a row at a time.
+
+The only place where exports read Parquet. Images come as NumPy arrays (H, W) or (H, W, C), radiance
+as float32 in the renderer's unit; all else about a row as Python values by column name.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pipeline.channels import KINDS, RADIANCE, SETS, dataset_channels
+from pipeline.dataset.parquet import check_filled, check_types, image_shape, open_parquet, reading
+from pipeline.dataset.splits import SPLITS
+from pipeline.radiance import is_scale
+from pipeline.tonemap import Exposure
+from scenes.arrays import AnyArray, Float64Array
+from scenes.checked import check_name
+from scenes.errors import InputError
+from scenes.files import digest_bytes, digest_file
+
+_SHARD = re.compile(r"(train|validation|test)-(\d{5})-of-(\d{5})\.parquet")
+_CAMERA = ("scene_id", "view_id", "split", "K", "camera_to_world", "exposure_color", "white_color")
+_OPTIONAL = ("radiance_scale", "room_type", "trajectory", "frame")
+_RADIANCES = frozenset(c.name for c in dataset_channels(KINDS) if c.unit == RADIANCE) | {"lights"}
+_CHANNEL_SETS = {
+    channel.name: name
+    for name, kinds in reversed(SETS.items())
+    for channel in dataset_channels(kinds)
+}
+
+
+@dataclass(frozen=True, eq=False)
+class ViewRow:
+    """A row without its images, and where it lies.
+
+    `intrinsics` (3, 3) in pixels, centres at +0.5; `pose` (4, 4) camera to world, camera axes x
+    right, y down, z forward, world in metres, Z up. `exposure` is that of `color` in the renderer's
+    unit.
+    """
+
+    number: int  # of the row in the selection, from 0
+    scene_id: str
+    view_id: str
+    split: str
+    intrinsics: Float64Array
+    pose: Float64Array
+    exposure: Exposure
+    radiance_scale: float
+    values: Mapping[str, Any]  # trajectory, frame, room_type, where the dataset has them
+    place: tuple[int, int, int]  # shard, row group, row in it
+
+    @property
+    def name(self) -> str:
+        """Scene and view, for messages."""
+        return f"{self.scene_id}/{self.view_id}"
+
+
+@dataclass(frozen=True, eq=False)
+class Content:
+    """Cells of a row: images by column name, others as Python values."""
+
+    images: dict[str, AnyArray]
+    values: dict[str, Any]
+
+
+class DatasetRows:
+    """The rows of a dataset folder, or of some splits and scenes of it, in file order.
+
+    Raises `InputError` for a folder without shards, for damaged or missing shards, and for splits
+    and scenes that it does not have.
+    """
+
+    def __init__(
+        self, folder: Path, splits: Sequence[str] = (), scenes: Sequence[str] = ()
+    ) -> None:
+        self.folder = Path(folder)
+        self.shards = _shards(self.folder)
+        self.metadata: dict[bytes, bytes] = {}
+        names: list[set[str]] = []
+        rows: list[ViewRow] = []
+        for number, path in enumerate(self.shards):
+            with reading(path), open_parquet(path) as file:
+                names.append(set(file.schema_arrow.names))
+                self.metadata = file.schema_arrow.metadata or {}
+                rows += _cameras(path, number, file)
+        self.columns = frozenset(set.intersection(*names))
+        _check_known(self.folder, "split", splits, {row.split for row in rows})
+        _check_known(self.folder, "scene", scenes, {row.scene_id for row in rows})
+        chosen = [
+            row
+            for row in rows
+            if (not splits or row.split in splits) and (not scenes or row.scene_id in scenes)
+        ]
+        self.rows = [_numbered(row, number) for number, row in enumerate(chosen)]
+        if not self.rows:
+            raise InputError(f"{self.folder}: no rows in this selection")
+        self._cached: tuple[Any, pa.Table] | None = None
+
+    def scenes(self) -> dict[str, list[ViewRow]]:
+        """Return the rows of each scene, scenes in file order."""
+        found: dict[str, list[ViewRow]] = {}
+        for row in self.rows:
+            found.setdefault(row.scene_id, []).append(row)
+        return found
+
+    def require(self, columns: Iterable[str], purpose: str) -> None:
+        """Raise `InputError` that names the channel set to add if one of `columns` is missing."""
+        for name in columns:
+            if name not in self.columns:
+                raise InputError(f"{self.folder}: {purpose} needs {name!r}; {_remedy(name)}")
+
+    def read(
+        self, rows: Sequence[ViewRow], images: Sequence[str], values: Sequence[str] = ()
+    ) -> Iterator[tuple[ViewRow, Content]]:
+        """Yield these rows with their content; one row group is in memory at a time."""
+        for row in rows:
+            yield row, self._content(row, tuple(images), tuple(values))
+
+    def fingerprint(self) -> str:
+        """Return the SHA-256 over the bytes of all shards."""
+        return digest_bytes(*(digest_file(path).encode() for path in self.shards))
+
+    def image_names(self) -> tuple[str, ...]:
+        """Return the names of all image columns, in the order of the schema."""
+        path = self.shards[0]
+        with reading(path), open_parquet(path) as file:
+            schema = file.schema_arrow
+        known = {channel.name for channel in dataset_channels(KINDS)} | {"lights"}
+        return tuple(name for name in schema.names if name in known & self.columns)
+
+    def _content(self, row: ViewRow, images: tuple[str, ...], values: tuple[str, ...]) -> Content:
+        shard, group, number = row.place
+        key = (shard, group, images, values)
+        if self._cached is None or self._cached[0] != key:
+            self._cached = None  # frees the memory of the last group first
+            path = self.shards[shard]
+            with reading(path), open_parquet(path) as file:
+                table = file.read_row_group(group, columns=[*images, *values])
+            self._cached = (key, table)
+        table = self._cached[1].slice(number, 1)
+        path = self.shards[shard]
+        found = {name: _image(path, table, name) for name in images}
+        for name in _RADIANCES & found.keys():
+            found[name] = found[name].astype(np.float32) * np.float32(row.radiance_scale)
+        return Content(found, {name: table.column(name)[0].as_py() for name in values})
+
+
+def _shards(folder: Path) -> list[Path]:
+    found = [
+        (path, match) for path in sorted(folder.glob("*")) if (match := _SHARD.fullmatch(path.name))
+    ]
+    if not found:
+        raise InputError(f"{folder}: no dataset shards here; make them with: pbrnet dataset")
+    for split in dict.fromkeys(match[1] for _, match in found):
+        numbers = [(int(match[2]), int(match[3])) for _, match in found if match[1] == split]
+        count = numbers[0][1]
+        if numbers != [(number, count) for number in range(count)]:
+            raise InputError(
+                f"{folder}: {len(numbers)} of {count} {split} shards; pack it again with: "
+                "pbrnet dataset"
+            )
+    return [path for path, _ in sorted(found, key=lambda one: SPLITS.index(one[1][1]))]
+
+
+def _cameras(path: Path, shard: int, file: pq.ParquetFile) -> Iterator[ViewRow]:
+    """Yield the rows of a shard without their images."""
+    schema = file.schema_arrow
+    missing = [name for name in _CAMERA if name not in schema.names]
+    if missing:
+        raise InputError(
+            f"{path}: not a dataset of this project: the column {missing[0]!r} is missing"
+        )
+    optional = [name for name in _OPTIONAL if name in schema.names]
+    check_types(path, schema, (*_CAMERA, *optional))
+    for group in range(file.num_row_groups):
+        table = file.read_row_group(group, columns=[*_CAMERA, *optional])
+        check_filled(path, table, _CAMERA)
+        for number, cells in enumerate(table.to_pylist()):
+            scale = cells.get("radiance_scale", 1.0)
+            if not is_scale(scale):
+                raise InputError(f"{path}: a radiance_scale that is no power of two")
+            yield ViewRow(
+                0,
+                check_name(cells["scene_id"], "a scene's id", str(path), InputError),
+                check_name(cells["view_id"], "a view's id", str(path), InputError),
+                cells["split"],
+                np.array(cells["K"], dtype=np.float64).reshape(3, 3),
+                np.array(cells["camera_to_world"], dtype=np.float64).reshape(4, 4),
+                Exposure(cells["exposure_color"], cells["white_color"]),
+                scale,
+                {name: cells[name] for name in optional},
+                (shard, group, number),
+            )
+
+
+def _numbered(row: ViewRow, number: int) -> ViewRow:
+    return ViewRow(**{**row.__dict__, "number": number})
+
+
+def _image(path: Path, table: pa.Table, name: str) -> AnyArray:
+    """Return an image cell of a one-row table."""
+    shape = image_shape(path, table.schema.field(name))
+    values = table.column(name).combine_chunks()
+    if isinstance(values, pa.ChunkedArray):
+        values = values.chunk(0)
+    if values.null_count:
+        raise InputError(f"{path}: a row without {name!r}; pack it again with: pbrnet dataset")
+    pixels: AnyArray = values.flatten().to_numpy(zero_copy_only=False).reshape(shape)
+    return pixels
+
+
+def _check_known(folder: Path, what: str, wanted: Sequence[str], known: set[str]) -> None:
+    for name in wanted:
+        if name not in known:
+            raise InputError(
+                f"{folder}: no {what} {name!r}; it has: {', '.join(sorted(known)[:20])}"
+            )
+
+
+def _remedy(column: str) -> str:
+    """Return what adds a missing column to the dataset."""
+    if column in ("trajectory", "frame"):
+        return "set cameras.walks in params.yaml, then run: dvc repro dataset"
+    name = {"instances": "labels", "layout": "labels"}.get(column, _CHANNEL_SETS.get(column))
+    if name is None or name == "paper":
+        return "pack the dataset again with: pbrnet dataset"
+    return f"add {name!r} to channels in params.yaml, then run: dvc repro dataset"

@@ -1,0 +1,127 @@
+"""WebDataset: tars of OpenEXR files, the images of a view together under one key.
+
+`SPLIT-000000.tar` holds for each view `KEY.COLUMN.exr`, every image column of the dataset in the
+renderer's unit, and `KEY.json` with ids, camera and exposure. Tars are USTAR without times and
+owners: equal rows give equal bytes.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import tarfile
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.channels import light_bands
+from pipeline.export.images import rgb_planes, write_exr
+from pipeline.export.parts import Advance, Format, Job, Part
+from pipeline.export.rows import ViewRow
+from scenes.arrays import AnyArray
+from scenes.errors import InputError
+from scenes.files import temporary_folder
+
+
+def key_of(row: ViewRow) -> str:
+    """Return the view's key, without dots: WebDataset splits names at the first dot."""
+    return f"{row.scene_id}--{row.view_id}".replace(".", "_")
+
+
+def _check(job: Job) -> None:
+    keys: dict[str, str] = {}
+    for row in job.rows.rows:
+        other = keys.setdefault(key_of(row), row.name)
+        if other != row.name:
+            raise InputError(
+                f"{job.rows.folder}: the views {other} and {row.name} would have one key, "
+                f"{key_of(row)}; export them apart, with --scene"
+            )
+
+
+def _parts(job: Job) -> Sequence[Part]:
+    parts = []
+    for split in dict.fromkeys(row.split for row in job.rows.rows):
+        rows = [row for row in job.rows.rows if row.split == split]
+        size = job.options.tar_views
+        for number, first in enumerate(range(0, len(rows), size)):
+            chunk = rows[first : first + size]
+            write = partial(_write, job, chunk)
+            parts.append(Part(f"{split}-{number:06d}.tar", len(chunk), write, is_folder=False))
+    return parts
+
+
+def _write(job: Job, rows: Sequence[ViewRow], path: Path, advance: Advance) -> None:
+    values = [
+        name
+        for name in ("room_type", "lighting", "light_names", "instances", "licence", "attribution")
+        if name in job.rows.columns
+    ]
+    images = job.rows.image_names()
+    with (
+        temporary_folder() as folder,
+        tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as tar,
+    ):
+        for row, content in job.rows.read(rows, images, values):
+            key = key_of(row)
+            _add(tar, f"{key}.json", json.dumps(_facts(row, content.values), sort_keys=True))
+            for name in images:
+                file = folder / "image.exr"
+                write_exr(file, planes_of(name, content.images[name]))
+                _add(tar, f"{key}.{name}.exr", file.read_bytes())
+            advance()
+
+
+def planes_of(name: str, image: AnyArray) -> dict[str, AnyArray]:
+    """Return the channels of an image column as EXR names and types them."""
+    if name == "lights":
+        return {
+            band: group[..., index]
+            for number, group in enumerate(image)
+            for index, band in enumerate(light_bands(number))
+        }
+    if image.dtype.kind in "iu":
+        return {"Y": image.astype(np.uint32)}
+    if image.ndim == 2:
+        return {"Z" if "depth" in name or name == "distance" else "Y": image}
+    if image.shape[2] == 2:
+        return {"X": image[..., 0], "Y": image[..., 1]}
+    if "normal" in name:
+        return {axis: image[..., index] for index, axis in enumerate("XYZ")}
+    return rgb_planes(image)
+
+
+def _facts(row: ViewRow, values: dict[str, Any]) -> dict[str, Any]:
+    facts = {**row.values, **values}
+    if facts.get("instances"):
+        facts["instances"] = json.loads(facts["instances"])
+    return {
+        **facts,
+        "scene_id": row.scene_id,
+        "view_id": row.view_id,
+        "split": row.split,
+        "K": row.intrinsics.tolist(),
+        "camera_to_world": row.pose.tolist(),
+        "exposure_color": row.exposure.scale,
+        "white_color": row.exposure.white,
+    }
+
+
+def _add(tar: tarfile.TarFile, name: str, content: str | bytes) -> None:
+    data = content.encode() if isinstance(content, str) else content
+    entry = tarfile.TarInfo(name)
+    entry.size = len(data)
+    tar.addfile(entry, io.BytesIO(data))
+
+
+FORMAT = Format(
+    "webdataset",
+    "WebDataset: tars of OpenEXR images and JSON",
+    ("color",),
+    _parts,
+    check=_check,
+    uses=("tar_views",),
+)

@@ -1,0 +1,122 @@
+"""Exports as a whole: refusals, resume, the command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from pipeline.commands.export_data import export_data
+from pipeline.export import images, nerfstudio
+from pipeline.export.parts import ExportOptions, Job, run_export
+from pipeline.export.registry import FORMATS
+from pipeline.export.rows import DatasetRows
+from scenes.errors import InputError
+from scenes.files import digest_folder
+from tests.fixtures.dataset import make_data, small_params
+from tests.fixtures.exports import make_dataset
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The packed room."""
+    return make_dataset(tmp_path_factory.mktemp("exports") / "data" / "dataset")
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dataset of the paper's channels alone, packed by the stage."""
+    from pipeline.dataset.pack import pack_dataset
+
+    data = make_data(tmp_path_factory.mktemp("bare"), small_params(), scenes=3, views=1)
+    pack_dataset(data, small_params())
+    return data / "dataset"
+
+
+def job(dataset: Path, out: Path, **options: Any) -> Job:
+    return Job(DatasetRows(dataset), dataset.parent / "scenes", ExportOptions(**options), out)
+
+
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    [
+        ("coco", "add 'labels' to channels"),
+        ("coco-panoptic", "add 'labels' to channels"),
+        ("hypersim", "add 'light' to channels"),
+        ("tum", "set cameras.walks"),
+    ],
+)
+def test_a_format_that_needs_more_names_what_to_add(
+    name: str, remedy: str, bare: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=remedy) as caught:
+        run_export(FORMATS[name], job(bare, tmp_path / "out"))
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["nerfstudio", "colmap", "webdataset"])
+def test_the_paper_s_channels_are_enough(name: str, bare: Path, tmp_path: Path) -> None:
+    assert run_export(FORMATS[name], job(bare, tmp_path / "out")).views == 3
+
+
+def test_hypersim_without_labels_and_light_on_request(bare: Path, tmp_path: Path) -> None:
+    run_export(FORMATS["hypersim"], job(bare, tmp_path / "out", partial=True))
+    names = {path.name for path in (tmp_path / "out" / "ai_900_001").rglob("*.hdf5")}
+    assert "frame.0000.depth_meters.hdf5" in names
+    assert not any("semantic" in name or "illumination" in name for name in names)
+
+
+def test_an_interrupted_export_resumes(
+    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, whole = tmp_path / "out", tmp_path / "whole"
+    written = 0
+
+    def fail(*arguments: Any) -> None:
+        nonlocal written
+        written += 1
+        if written == 6:
+            raise KeyboardInterrupt
+        images.write_depth(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(nerfstudio, "write_depth", fail)
+        with pytest.raises(KeyboardInterrupt):
+            run_export(FORMATS["nerfstudio"], job(dataset, out))
+    before = (out / "home-a" / "transforms.json").stat().st_mtime_ns
+    assert not (out / "home-b").exists()
+    done = run_export(FORMATS["nerfstudio"], job(dataset, out))
+    assert (done.parts, done.kept) == (2, 1)
+    assert (out / "home-a" / "transforms.json").stat().st_mtime_ns == before
+    run_export(FORMATS["nerfstudio"], job(dataset, whole))
+    assert digest_folder(out) != ""
+    for folder in (out, whole):
+        (folder / ".lock").unlink()
+    assert digest_folder(out) == digest_folder(whole)
+    # With other options nothing of the first is left.
+    done = run_export(FORMATS["nerfstudio"], job(dataset, out, images="exr"))
+    assert done.kept == 0 and not list(out.rglob("images/*.png"))
+
+
+def test_a_folder_with_other_files_is_refused(dataset: Path, tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("precious")
+    with pytest.raises(InputError, match="holds other files"):
+        run_export(FORMATS["colmap"], job(dataset, tmp_path))
+    assert (tmp_path / "thesis.tex").read_text() == "precious"
+
+
+def test_the_command_exports_a_selection(dataset: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    where = ["--data", str(dataset.parent), "--out", str(out)]
+    done = CliRunner().invoke(export_data, ["--to", "colmap", "--split", "test", *where])
+    assert done.exit_code == 0, done.output
+    assert "1 views as colmap" in done.output
+    assert [path.name for path in out.iterdir() if path.is_dir()] == ["home-b"]
+    done = CliRunner().invoke(export_data, ["--to", "colmap", "--scene", "home-z", *where])
+    assert isinstance(done.exception, InputError)
+    assert "home-a, home-b" in str(done.exception)
+    usage = CliRunner().invoke(export_data, ["--help"]).output
+    assert all(f"--to {name} " in usage for name in FORMATS)
