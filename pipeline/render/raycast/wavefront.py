@@ -5,6 +5,7 @@ The same functions as `pipeline.render.raycast.scalar`; `pipeline.render.raycast
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -105,7 +106,7 @@ def objects_along(
         bit = mi.UInt32(1) << (thing & 31)
         dr.scatter_reduce(dr.ReduceOp.Or, found, bit, pixel * width + (thing >> 5), known)
 
-    touching: Any = _touching(geometry)
+    touching: Any = _touching_objects(geometry, numbers)
 
     def note_partner(place: Any, end: Any, ray: Any) -> tuple[Any, ...]:
         other, met = _meets_partner(tables, touching, ray, place)
@@ -341,7 +342,7 @@ def _tables(geometry: SceneGeometry) -> dict[str, Any]:
             "vertices": mi.Float(triangles.vertices.ravel()),
             "faces": mi.UInt32(triangles.faces.ravel()),
             "owner": mi.UInt32(ids[owners_of(triangles)]),
-            "ties": _partners(geometry, triangles, same_side=True),
+            "ties": _partners(geometry, triangles),
             "first": registry_table(
                 [(s, int(triangles.first[i])) for i, s in numbers], mi.ShapePtr, 0, mi.UInt32
             ),
@@ -368,21 +369,54 @@ def _tables(geometry: SceneGeometry) -> dict[str, Any]:
     return tables
 
 
-def _touching(geometry: SceneGeometry) -> tuple[Any, Any] | None:
-    """Return the partners of all faces, on either side; cached on the geometry."""
+def _touching_objects(geometry: SceneGeometry, numbers: AnyArray) -> tuple[Any, Any] | None:
+    """Return the faces of other objects that touch each face; None if none does in any view.
+
+    As `_partners`, on either side. `numbers` are the objects of `objects_along`: faces without
+    one, or of the same one, would tell nothing and are left out.
+    """
+    touching = _touching(geometry)
+    if not len(touching.partner):
+        return None
+    one, other = numbers[touching.shape], numbers[touching.partner_shape]
+    kept = (other >= 0) & (one != other)
+    starts = np.searchsorted(touching.face[kept], np.arange(touching.faces + 1))
+    partners = touching.partner[kept]
+    return mi.UInt32(starts), mi.UInt32(partners if len(partners) else [0])
+
+
+@dataclass(frozen=True)
+class _Touching:
+    """Pairs of touching faces: the numbers of `face`, in order, and `partner`, and their shapes."""
+
+    faces: int  # of the scene
+    face: AnyArray
+    partner: AnyArray
+    shape: AnyArray
+    partner_shape: AnyArray
+
+
+def _touching(geometry: SceneGeometry) -> _Touching:
+    """Return the pairs of faces that overlap in a plane, on either side; cached on the geometry."""
     if "touching" not in geometry.__dict__:
-        partners = _partners(geometry, triangles_of(geometry.shapes), same_side=False)
-        object.__setattr__(geometry, "touching", partners)
-    touching: tuple[Any, Any] | None = geometry.__dict__["touching"]
+        triangles = triangles_of(geometry.shapes)
+        opaque = ~(geometry.clear | geometry.masked)
+        starts, partner = partners_of(triangles, opaque, same_side=False)
+        face = np.repeat(np.arange(len(triangles.faces)), np.diff(starts))
+        owner = owners_of(triangles)
+        pairs = _Touching(len(triangles.faces), face, partner, owner[face], owner[partner])
+        object.__setattr__(geometry, "touching", pairs)
+    touching: _Touching = geometry.__dict__["touching"]
     return touching
 
 
-def _partners(
-    geometry: SceneGeometry, triangles: Triangles, same_side: bool
-) -> tuple[Any, Any] | None:
-    """Return `starts` and `partners` of `partners_of`, or None if no face has any."""
+def _partners(geometry: SceneGeometry, triangles: Triangles) -> tuple[Any, Any] | None:
+    """Return `starts` and `partners` of `partners_of` of the same side, or None if there are none.
+
+    The partners of face f are `partners[starts[f] : starts[f + 1]]`.
+    """
     opaque = ~(geometry.clear | geometry.masked)
-    starts, partners = partners_of(triangles, opaque, same_side)
+    starts, partners = partners_of(triangles, opaque, same_side=True)
     return (mi.UInt32(starts), mi.UInt32(partners)) if len(partners) else None
 
 
