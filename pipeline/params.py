@@ -134,6 +134,9 @@ class CameraParams:
     share_cameras: bool = field(default=False, metadata=OPTIONAL)
     # trajectories from files, in the world of the scene that each names
     trajectories: tuple[TrajectoryFile, ...] = field(default=(), metadata=OPTIONAL)
+    # what becomes of such a trajectory where frames touch or pass surfaces: left out, or kept and
+    # reported, or kept unchecked
+    collisions: Literal["reject", "warn", "accept"] = field(default="warn", metadata=OPTIONAL)
 
     @property
     def most_views(self) -> int:

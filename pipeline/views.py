@@ -139,6 +139,8 @@ class CameraFile:
     fingerprint: str = ""
     unfurnished: bool = False  # parts of the building counted, since no view saw enough furniture
     stored_left_out: dict[str, str] = field(default_factory=dict)  # view id -> reason
+    # trajectory from a file -> number of a frame that has no room -> reason
+    collisions: dict[str, dict[str, str]] = field(default_factory=dict, metadata=OPTIONAL)
 
 
 def check_pose(pose: Matrix, where: str) -> None:

@@ -21,6 +21,7 @@ from pipeline.cameras.walks import find_walk
 from pipeline.params import Params
 from pipeline.render.scene import RenderScene, cast
 from pipeline.stages.view_sampling import (
+    INSIDE,
     MOST_OUTDOORS,
     TOO_CLOSE,
     drawn,
@@ -46,6 +47,7 @@ _CANDIDATES = 32  # places in a room for the views of an overlapping set
 _NEAR_TARGET = 0.8  # metres that such a view keeps from what all of them look at
 _RIGHT = "right"  # what a stereo partner's name has in addition
 
+THROUGH = "a surface lies between this frame and the next"
 NO_WALK = "no free floor for so long a walk"
 NO_SET = "too few views of the room overlap so much"
 
@@ -59,8 +61,9 @@ def make_cameras(
 ) -> CameraFile:
     """Return all views of a scene; deterministic in the arguments.
 
-    In `stored_left_out` are walks for which the free floor is too small, sets that overlap too
-    little, and partners of stereo pairs that have no room.
+    In `stored_left_out` are walks for which the free floor is too small, trajectories that collide
+    if those are rejected, sets that overlap too little, and partners of stereo pairs that have no
+    room; in `collisions` the frames of trajectories that collide.
     """
     file = sample_cameras(render_scene, scene, params, seed)
     views, left_out = list(file.views), dict(file.stored_left_out)
@@ -73,8 +76,14 @@ def make_cameras(
             left_out[name] = NO_WALK
         else:
             views += frames_of(render_scene, scene, params, name, *found)
+    collided: dict[str, dict[str, str]] = {}
     for given in trajectories:
         poses = np.array(given.camera_to_world, dtype=np.float64)
+        if found := collisions(render_scene, params, poses):
+            collided[given.name] = found
+            if params.cameras.collisions == "reject":
+                left_out[given.name] = described_collisions(found, len(poses))
+                continue
         half_fov_x = given.half_fov_x or params.image.half_fov_x
         views += frames_of(render_scene, scene, params, given.name, poses, half_fov_x)
     if params.cameras.overlap_views:
@@ -84,7 +93,51 @@ def make_cameras(
         views, without = stereo_pairs(render_scene, scene, params, views)
         left_out |= without
     views.sort(key=lambda view: view.view_id)
-    return replace(file, views=tuple(views), stored_left_out=left_out)
+    return replace(file, views=tuple(views), stored_left_out=left_out, collisions=collided)
+
+
+def collisions(render_scene: RenderScene, params: Params, poses: Float64Array) -> dict[str, str]:
+    """Return the frames of a trajectory, poses (F, 4, 4), that have no room, with the reasons.
+
+    A frame keeps `clearance` and is not inside an object; between it and the next one lies no
+    surface. Empty if the parameters accept everything.
+    """
+    if params.cameras.collisions == "accept":
+        return {}
+    eyes = poses[:, :3, 3]
+    close, enclosed = surroundings(render_scene, eyes, params.cameras.clearance)
+    steps = np.diff(eyes, axis=0)
+    lengths = np.sqrt((steps**2).sum(axis=1))
+    passed = np.zeros(len(eyes), dtype=bool)
+    moved = np.flatnonzero(lengths > 0)
+    if len(moved):
+        free, _ = cast(render_scene, eyes[moved], steps[moved] / lengths[moved, None])
+        passed[moved] = free < lengths[moved]
+    flags = ((INSIDE, enclosed), (THROUGH, passed), (TOO_CLOSE, close))
+    return {
+        str(frame): next(reason for reason, flag in flags if flag[frame])
+        for frame in np.flatnonzero(enclosed | passed | close).tolist()
+    }
+
+
+def described_collisions(found: dict[str, str], frames: int) -> str:
+    """Return one line about the frames that collide: by reason, numbers in ranges."""
+    by_reason: dict[str, list[int]] = {}
+    for frame, reason in found.items():
+        by_reason.setdefault(reason, []).append(int(frame))
+    parts = [f"{reason}: {_ranges(numbers)}" for reason, numbers in by_reason.items()]
+    return f"{len(found)} of {frames} frames collide; {'; '.join(parts)}"
+
+
+def _ranges(numbers: list[int]) -> str:
+    """Return ascending numbers as text, such as 3-7, 12."""
+    parts: list[list[int]] = []
+    for number in numbers:
+        if parts and parts[-1][-1] == number - 1:
+            parts[-1].append(number)
+        else:
+            parts.append([number])
+    return ", ".join(f"{p[0]}-{p[-1]}" if len(p) > 1 else str(p[0]) for p in parts)
 
 
 def _floors(

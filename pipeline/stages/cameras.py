@@ -19,6 +19,7 @@ from pipeline.frames import fingerprint
 from pipeline.params import Params
 from pipeline.records import Failure, data_lock
 from pipeline.stages import view_sampling
+from pipeline.stages.camera_files import described_collisions
 from pipeline.stages.render_jobs import CameraJob, sample_scene
 from pipeline.stages.runner import StagePlan, Summary, Target, execute, finish
 from pipeline.stages.scene_listing import active_renderer, list_scenes, scene_digests
@@ -121,7 +122,7 @@ def camera_fingerprint(scene_id: str, params: Params, digest: str, renderer: str
         scene=digest,
         renderer=renderer,
         seed=params.seed,
-        **({"trajectories": given} if given else {}),
+        **({"trajectories": given, "collisions": 1} if given else {}),
         **({"walks": walks.REVISION} if params.cameras.walks else {}),
     )
 
@@ -158,6 +159,13 @@ def _notes(root: Path, scenes: Iterable[str]) -> list[str]:
         for file in files
         for name, reason in file.stored_left_out.items()
     ]
+    for file in files:
+        frames = Counter(view.trajectory for view in file.views)
+        lines += [
+            f"{name} of {file.scene_id}: {described_collisions(found, frames[name])}"
+            for name, found in file.collisions.items()
+            if frames[name]
+        ]
     lines += [f"no view in {file.scene_id}: {_reasons(file)}" for file in files if not file.views]
     return lines
 

@@ -16,7 +16,12 @@ import numpy as np
 from pipeline.cameras.overlap import outlook, overlap
 from pipeline.params import Params
 from pipeline.render.scene import RenderScene
-from pipeline.stages.camera_files import frames_of, stereo_pairs
+from pipeline.stages.camera_files import (
+    collisions,
+    described_collisions,
+    frames_of,
+    stereo_pairs,
+)
 from pipeline.stages.view_sampling import (
     BLOCKED,
     INSIDE,
@@ -35,8 +40,9 @@ def take_cameras(
 ) -> CameraFile:
     """Return the camera file of a scene with the cameras of another one, `views`.
 
-    Single views are its candidates. A trajectory stays whole or is left out; those from files are
-    taken as they are. Overlap and stereo partners follow from this scene.
+    Single views are its candidates. A trajectory stays whole or is left out; collisions of those
+    from files are treated as in the scene that they are written for. Overlap and stereo partners
+    follow from this scene.
     """
     options = params.cameras
     lefts = [view for view in views if view.stereo_offset >= 0]
@@ -45,6 +51,7 @@ def take_cameras(
     kept: list[View] = []
     rejected: Counter[str] = Counter()
     left_out: dict[str, str] = {}
+    collided: dict[str, dict[str, str]] = {}
     trajectories: dict[str, list[int]] = {}
     for index, view in enumerate(lefts):
         if view.trajectory:
@@ -69,6 +76,11 @@ def take_cameras(
             left_out[name] = TOO_CLOSE
             continue
         poses = np.array([lefts[index].pose for index in members])
+        if name.startswith("path-") and (found := collisions(render_scene, params, poses)):
+            collided[name] = found
+            if options.collisions == "reject":
+                left_out[name] = described_collisions(found, len(poses))
+                continue
         frames = frames_of(render_scene, scene, params, name, poses, lefts[members[0]].half_fov_x)
         kept += [replace(frame, K=lefts[members[0]].K) for frame in frames]
     kept = _with_overlap(render_scene, kept)
@@ -81,6 +93,7 @@ def take_cameras(
         candidates=singles + sum(rejected.values()),
         rejected={reason: rejected[reason] for reason in sorted(rejected)},
         stored_left_out=left_out,
+        collisions=collided,
     )
 
 

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pipeline.cameras.trajectory_files import read_trajectory
+from pipeline.cameras.trajectory_files import Trajectory, read_trajectory
+from pipeline.params import CameraParams, ImageParams, Params
+from pipeline.render.scene import open_scene
+from pipeline.stages.camera_files import THROUGH, make_cameras
+from pipeline.stages.view_sampling import INSIDE, TOO_CLOSE
+from pipeline.views import as_matrix, look
+from scenes.contract import load_scene
 from scenes.errors import InputError
+from tests.fixtures.stages import write_room
 
 
 def test_both_formats_hold_the_same_poses(tmp_path: Path) -> None:
@@ -54,3 +62,31 @@ def test_a_wrong_file_is_refused_in_one_line(
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.txt: no such file"):
         read_trajectory(tmp_path / "none.txt", "a")
+
+
+@pytest.mark.usefixtures("variant")
+def test_frames_that_collide_are_named_or_their_path_is_left_out(tmp_path: Path) -> None:
+    """A path through a table, 1.2 to 2.2 m along x, in steps of 10 cm, and one above it."""
+    write_room(tmp_path / "living")
+    scene = open_scene(load_scene(tmp_path / "living"))
+
+    def path(name: str, height: float) -> Trajectory:
+        eyes = [(0.55 + 0.1 * number, 1.8, height) for number in range(20)]
+        return Trajectory(name, tuple(as_matrix(look(eye, (1, 0, 0))) for eye in eyes))
+
+    given = (path("path-00", 0.25), path("path-01", 1.0))
+    files = {}
+    for way in ("warn", "reject", "accept"):
+        options = CameraParams(views_per_room=1, collisions=way)  # type: ignore[arg-type]
+        params = Params(image=ImageParams(32, 24), cameras=options)
+        files[way] = make_cameras(scene, scene.scene, params, 0, given)
+    frames = {way: Counter(v.trajectory for v in file.views) for way, file in files.items()}
+    assert frames["warn"]["path-00"] == frames["accept"]["path-00"] == 20
+    assert [frames[way]["path-01"] for way in files] == [20] * 3
+    wrong = {6: THROUGH, **dict.fromkeys(range(7, 17), INSIDE), 17: TOO_CLOSE}
+    expected = {str(frame): reason for frame, reason in wrong.items()}
+    assert files["warn"].collisions == files["reject"].collisions == {"path-00": expected}
+    assert not files["accept"].collisions and not files["warn"].stored_left_out
+    reason = files["reject"].stored_left_out["path-00"]
+    assert reason.startswith("12 of 20 frames collide; ") and f"{INSIDE}: 7-16" in reason
+    assert frames["reject"]["path-00"] == 0
