@@ -79,10 +79,10 @@ def make_cameras(
     collided: dict[str, dict[str, str]] = {}
     for given in trajectories:
         poses = np.array(given.camera_to_world, dtype=np.float64)
-        if found := collisions(render_scene, params, poses):
-            collided[given.name] = found
+        if wrong := collisions(render_scene, params, poses):
+            collided[given.name] = wrong
             if params.cameras.collisions == "reject":
-                left_out[given.name] = described_collisions(found, len(poses))
+                left_out[given.name] = described_collisions(wrong, len(poses))
                 continue
         half_fov_x = given.half_fov_x or params.image.half_fov_x
         views += frames_of(render_scene, scene, params, given.name, poses, half_fov_x)
