@@ -2,29 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
+from pipeline.commands.options import Size
+
 FOLDER = click.Path(path_type=Path, file_okay=False)
 FILE = click.Path(path_type=Path, dir_okay=False)
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
-
-
-class Size(click.ParamType):
-    """Image size like `640x480`, as (width, height)."""
-
-    name = "size"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, int]:
-        """Parse the value; raises click's `BadParameter` for anything else."""
-        match = re.fullmatch(r"(\d{1,5})[xX](\d{1,5})", value)
-        if match is None or min(int(match[1]), int(match[2])) < 1:
-            self.fail(f"{value!r} is not a size; write it like 640x480", param, ctx)
-        return int(match[1]), int(match[2])
 
 
 def models_option(help_text: str = "Folder of trained networks.") -> Decorator:

@@ -73,6 +73,10 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
             "model.commands.networks:export",
             "Export the networks to ONNX.",
         ),
+        "release": (
+            "pipeline.commands.release:release",
+            "Make a dataset from a recipe and compare its checksums.",
+        ),
         "export-data": (
             "pipeline.commands.export_data:export_data",
             "Write the dataset in a format of other projects.",

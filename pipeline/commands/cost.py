@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import click
 
 from pipeline.channels import KINDS
-from pipeline.commands.options import common_options
-from pipeline.costs.forecast import TOGETHER, HeldOut, fit_costs, samples_of
+from pipeline.commands.options import Size, common_options
+from pipeline.costs.forecast import TOGETHER, HeldOut, fit_costs, frame_bytes, samples_of
 from pipeline.costs.ledger import read_ledger
 from pipeline.frames import kinds_of
 from pipeline.params import Params
+from pipeline.release.recipe import RECIPES, load_recipe
 from scenes.errors import ParameterError
 
 
@@ -24,6 +25,8 @@ Examples:
   pbrnet cost                                 a run of params.yaml
   pbrnet cost --views 500000 --cores 1000     the paper's number of views
   pbrnet cost --params params/paper.yaml --data small/data
+  pbrnet cost --views 75000 --size 1024x768 --cores 256
+  pbrnet cost --recipe indoor-75k             a release of recipes/
   pbrnet cost --check                         errors of the forecast for measured scenes"""
 )
 @click.option(
@@ -45,6 +48,14 @@ Examples:
     help="Number of cores, for the duration of the run.",
 )
 @click.option(
+    "--size",
+    type=Size(),
+    default=None,
+    metavar="WxH",
+    help="Size of the images, instead of that of the parameters.",
+)
+@click.option("--recipe", default=None, help="Parameters of this recipe, instead of a file's.")
+@click.option(
     "--check", is_flag=True, help="Print only the errors of the forecast for measured scenes."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
@@ -55,6 +66,8 @@ def cost(
     views: int | None,
     scenes: int | None,
     cores: int | None,
+    size: tuple[int, int] | None,
+    recipe: str | None,
     check: bool,
     as_json: bool,
 ) -> None:
@@ -65,7 +78,12 @@ def cost(
     scenes; --check prints these errors only. Without --views, every scene counts with
     cameras.views_per_scene views, and the frames of its walks.
     """
-    costs, errors = fit_costs(read_ledger(data))
+    ledger = read_ledger(data)
+    if recipe is not None:
+        params = load_recipe(RECIPES, recipe).parameters
+    if size is not None:
+        params = replace(params, image=replace(params.image, width=size[0], height=size[1]))
+    costs, errors = fit_costs(ledger)
     if check:
         _show_check(errors, as_json)
         return
@@ -84,12 +102,16 @@ def cost(
     }
     hours = sum(seconds.values()) / 3600
     error = errors[TOGETHER].worst
+    kinds = kinds_of(params)
+    each_frame = {k: n for k, n in frame_bytes(ledger, params).items() if k in kinds}
+    stored = views * sum(each_frame.values())
     if as_json:
         facts = {
             "scenes": scenes,
             "views": views,
             "core_hours": hours,
             "relative_error": None if math.isnan(error) else error,
+            "frame_bytes": round(stored),
             "stages": {stage: value / 3600 for stage, value in seconds.items()},
         }
         click.echo(json.dumps(facts, indent=2))
@@ -108,6 +130,8 @@ def cost(
             click.echo(f"{kind}: not in the sum, because the ledger has no such frames yet")
     note = "error unknown: too few scenes" if math.isnan(error) else f"error within {error:.0%}"
     click.echo(f"{'together':14}{hours:>12,.2f}{hours * 3600 / views:>12.3f}   {note}")
+    if stored:
+        click.echo(f"frames: {_bytes(stored)}; the dataset's shards are about as large again")
     if cores:
         click.echo(f"on {cores:,} cores: {_span(hours / cores)}, if all of them are always busy")
 
@@ -132,6 +156,14 @@ def _show_check(found: dict[str, HeldOut], as_json: bool) -> None:
             click.echo(f"{name:14}   too few scenes")
             continue
         click.echo(f"{name:14}{error.usual:>14.1%}{error.worst:>14.1%}{error.scene:>17.1%}")
+
+
+def _bytes(count: float) -> str:
+    for unit in ("MB", "GB"):
+        count /= 1e6 if unit == "MB" else 1e3
+        if count < 1000:
+            return f"{count:,.1f} {unit}"
+    return f"{count / 1e3:,.2f} TB"
 
 
 def _span(hours: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import wraps
@@ -14,6 +15,19 @@ from pipeline.params import load_params
 from scenes.files import resolved
 
 Command = Callable[..., Any]
+
+
+class Size(click.ParamType):
+    """Image size like `640x480`, as (width, height)."""
+
+    name = "size"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, int]:
+        """Parse the value; raises click's `BadParameter` for anything else."""
+        match = re.fullmatch(r"(\d{1,5})[xX](\d{1,5})", value)
+        if match is None or min(int(match[1]), int(match[2])) < 1:
+            self.fail(f"{value!r} is not a size; write it like 640x480", param, ctx)
+        return int(match[1]), int(match[2])
 
 
 def common_options(command: Command) -> Command:

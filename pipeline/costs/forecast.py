@@ -102,6 +102,32 @@ def samples_of(stage: str, params: Params) -> float:
     return image.width * image.height * spp
 
 
+def frame_bytes(ledger: pa.Table, params: Params) -> dict[str, float]:
+    """Return the bytes of a view's frame of each kind at the size of `params`.
+
+    Files grow with their pixels: bytes per pixel are the mean of the ledger's frames.
+    """
+    sizes: dict[str, list[float]] = {}
+    for row in ledger.select(["stage", "view_id", "width", "height", "bytes"]).to_pylist():
+        pixels = (row["width"] or 0) * (row["height"] or 0)
+        if row["view_id"] and pixels and row["bytes"]:
+            sizes.setdefault(row["stage"], []).append(row["bytes"] / pixels)
+    return {
+        stage: float(np.mean(values)) * _pixels(stage, params)
+        for stage, values in sizes.items()
+        if stage not in SCENE_STAGES
+    }
+
+
+def _pixels(kind: str, params: Params) -> float:
+    """Return the pixels of a frame of this kind."""
+    if kind == "illumination":
+        return params.illumination.width**2 / 2
+    if kind == "environment":
+        return params.environment.width**2 / 2
+    return params.image.width * params.image.height
+
+
 def _measured(ledger: pa.Table) -> tuple[dict[str, Measured], int]:
     """Return the rows of every stage in the order of the pipeline, and the number of scenes."""
     by_stage: dict[str, Rows] = {}

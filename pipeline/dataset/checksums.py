@@ -18,12 +18,8 @@ def write_sums(folder: Path) -> None:
     write_text(folder / SUMS, "".join(f"{digest_file(folder / name)}  {name}\n" for name in names))
 
 
-def verify_sums(folder: Path) -> int:
-    """Compare all files with their checksums; return their number.
-
-    Raises `InputError` that names every file that is missing, damaged or not listed.
-    """
-    path = Path(folder) / SUMS
+def read_sums(path: Path) -> dict[str, str]:
+    """Return the checksums that a `SHA256SUMS` file lists, by name; `InputError` for a bad file."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
@@ -34,6 +30,16 @@ def verify_sums(folder: Path) -> int:
         if match is None:
             raise InputError(f"{path}: damaged, {line[:80]!r} is no checksum of a file")
         listed[match[2]] = match[1]
+    return listed
+
+
+def verify_sums(folder: Path) -> int:
+    """Compare all files with their checksums; return their number.
+
+    Raises `InputError` that names every file that is missing, damaged or not listed.
+    """
+    path = Path(folder) / SUMS
+    listed = read_sums(path)
     found = {file.name for file in path.parent.iterdir() if file.is_file()} - {SUMS}
     wrong = [f"{name} is missing" for name in sorted(set(listed) - found)]
     wrong += [f"{name} is not on the list" for name in sorted(found - set(listed))]

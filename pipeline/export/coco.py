@@ -213,6 +213,7 @@ def _format(kind: str, name: str, title: str) -> Format:
         partial(_parts, kind),
         partial(_finish, kind),
         uses=("exposure", "classes"),
+        panoramas=True,
     )
 
 

@@ -78,6 +78,7 @@ class Format:
     finish: Callable[[Job], None] = lambda job: None
     check: Callable[[Job], None] = lambda job: None
     uses: tuple[str, ...] = ()  # names of the options that change its files
+    panoramas: bool = False  # can say equirectangular views
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,8 @@ def run_export(form: Format, job: Job) -> Exported:
     Raises `InputError` if the dataset lacks something, or if the folder holds something else.
     """
     job.rows.require(form.needs, form.name)
+    if not form.panoramas:
+        job.rows.require_perspective(form.name)
     form.check(job)
     record = _record(form, job)
     _claim(job.out)

@@ -27,8 +27,8 @@ from scenes.errors import InputError
 from scenes.files import digest_bytes, digest_file
 
 _SHARD = re.compile(r"(train|validation|test)-(\d{5})-of-(\d{5})\.parquet")
-_CAMERA = ("scene_id", "view_id", "split", "K", "camera_to_world", "exposure_color", "white_color")
-_OPTIONAL = ("radiance_scale", "room_type", "trajectory", "frame")
+_CAMERA = ("scene_id", "view_id", "split", "camera_to_world", "exposure_color", "white_color")
+_OPTIONAL = ("radiance_scale", "room_type", "trajectory", "frame", "projection")
 _RADIANCES = frozenset(c.name for c in dataset_channels(KINDS) if c.unit == RADIANCE) | {"lights"}
 _CHANNEL_SETS = {
     channel.name: name
@@ -41,9 +41,9 @@ _CHANNEL_SETS = {
 class ViewRow:
     """A row without its images, and where it lies.
 
-    `intrinsics` (3, 3) in pixels, centres at +0.5; `pose` (4, 4) camera to world, camera axes x
-    right, y down, z forward, world in metres, Z up. `exposure` is that of `color` in the renderer's
-    unit.
+    `intrinsics` (3, 3) in pixels, centres at +0.5, NaN for equirectangular views; `pose` (4, 4)
+    camera to world, camera axes x right, y down, z forward, world in metres, Z up. `exposure` is
+    that of `color` in the renderer's unit.
     """
 
     number: int  # of the row in the selection, from 0
@@ -117,6 +117,14 @@ class DatasetRows:
             if name not in self.columns:
                 raise InputError(f"{self.folder}: {purpose} needs {name!r}; {_remedy(name)}")
 
+    def require_perspective(self, purpose: str) -> None:
+        """Raise `InputError` for a dataset of equirectangular views."""
+        if "projection" in self.columns:
+            raise InputError(
+                f"{self.folder}: {purpose} needs perspective views, these are equirectangular; "
+                "set image.projection: perspective"
+            )
+
     def read(
         self, rows: Sequence[ViewRow], images: Sequence[str], values: Sequence[str] = ()
     ) -> Iterator[tuple[ViewRow, Content]]:
@@ -173,16 +181,17 @@ def _shards(folder: Path) -> list[Path]:
 def _cameras(path: Path, shard: int, file: pq.ParquetFile) -> Iterator[ViewRow]:
     """Yield the rows of a shard without their images."""
     schema = file.schema_arrow
-    missing = [name for name in _CAMERA if name not in schema.names]
+    missing = [name for name in (*_CAMERA, "K") if name not in schema.names]
     if missing:
         raise InputError(
             f"{path}: not a dataset of this project: the column {missing[0]!r} is missing"
         )
     optional = [name for name in _OPTIONAL if name in schema.names]
-    check_types(path, schema, (*_CAMERA, *optional))
+    flat = "projection" not in optional
+    check_types(path, schema, (*_CAMERA, "K", *optional))
     for group in range(file.num_row_groups):
-        table = file.read_row_group(group, columns=[*_CAMERA, *optional])
-        check_filled(path, table, _CAMERA)
+        table = file.read_row_group(group, columns=[*_CAMERA, "K", *optional])
+        check_filled(path, table, (*_CAMERA, "K") if flat else _CAMERA)
         for number, cells in enumerate(table.to_pylist()):
             scale = cells.get("radiance_scale", 1.0)
             if not is_scale(scale):
@@ -192,13 +201,17 @@ def _cameras(path: Path, shard: int, file: pq.ParquetFile) -> Iterator[ViewRow]:
                 check_name(cells["scene_id"], "a scene's id", str(path), InputError),
                 check_name(cells["view_id"], "a view's id", str(path), InputError),
                 cells["split"],
-                np.array(cells["K"], dtype=np.float64).reshape(3, 3),
-                np.array(cells["camera_to_world"], dtype=np.float64).reshape(4, 4),
+                _matrix(cells["K"], 3) if flat else np.full((3, 3), np.nan),
+                _matrix(cells["camera_to_world"], 4),
                 Exposure(cells["exposure_color"], cells["white_color"]),
                 scale,
                 {name: cells[name] for name in optional},
                 (shard, group, number),
             )
+
+
+def _matrix(cell: Any, side: int) -> Float64Array:
+    return np.array(cell, dtype=np.float64).reshape(side, side)
 
 
 def _numbered(row: ViewRow, number: int) -> ViewRow:

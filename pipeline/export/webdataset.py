@@ -103,7 +103,7 @@ def _facts(row: ViewRow, values: dict[str, Any]) -> dict[str, Any]:
         "scene_id": row.scene_id,
         "view_id": row.view_id,
         "split": row.split,
-        "K": row.intrinsics.tolist(),
+        "K": None if "projection" in row.values else row.intrinsics.tolist(),
         "camera_to_world": row.pose.tolist(),
         "exposure_color": row.exposure.scale,
         "white_color": row.exposure.white,
@@ -124,4 +124,5 @@ FORMAT = Format(
     _parts,
     check=_check,
     uses=("tar_views",),
+    panoramas=True,
 )

@@ -183,3 +183,25 @@ def test_a_view_whose_other_half_is_not_done_yet_does_not_count(tmp_path: Path) 
     )  # fmt: skip
     ledger.save()
     assert truth_of(tmp_path) == before
+
+
+def test_a_plan_of_many_large_views_says_hours_and_bytes(tmp_path: Path) -> None:
+    """Hypersim's number and size of views, from a ledger of small ones."""
+    measured(tmp_path, 6, ((160, 120, 16), (320, 240, 16)))
+    ledger = Ledger(tmp_path)
+    for width, height in ((160, 120), (320, 240)):
+        key = ("inputs", "s000", f"{width}")
+        ledger.add(key, seconds=0.1, width=width, height=height, bytes=5 * width * height)
+    ledger.save()
+    words = ("--views", "75000", "--size", "1024x768")
+    params = "groundtruth: {spp: 64}\ncameras: {views_per_scene: 5}\n"
+    facts = json.loads(asked(tmp_path, *words, "--json", params=params))
+    assert (facts["scenes"], facts["views"]) == (15_000, 75_000)
+    truth = 15_000 * (OPEN + 3.0) + 75_000 * (FIXED + RATE * 1024 * 768 * 64)
+    inputs = facts["stages"]["inputs"] * 3600
+    assert facts["core_hours"] * 3600 == pytest.approx(truth + inputs)
+    assert facts["frame_bytes"] == 75_000 * 5 * 1024 * 768
+    shown = asked(tmp_path, *words, "--cores", "64", params=params)
+    assert "75,000 views of 15,000 scenes, 1024x768" in shown
+    assert "frames: 294.9 GB" in shown
+    assert f"on 64 cores: {facts['core_hours'] / 64:.1f} hours" in shown

@@ -1,0 +1,163 @@
+"""`pbrnet release`: datasets made from recipes."""
+
+from __future__ import annotations
+
+import platform
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pipeline.commands.options import farm_options
+from pipeline.costs.ledger import read_ledger
+from pipeline.dataset.card import DatasetSummary
+from pipeline.dataset.pack import pack_dataset
+from pipeline.params import Params
+from pipeline.release.recipe import (
+    RECIPES,
+    Record,
+    add_to_card,
+    compare,
+    core_seconds,
+    load_recipe,
+    load_record,
+    recipe_names,
+    save_record,
+    sums_of,
+)
+from pipeline.stages.assets import run_assets
+from pipeline.stages.cameras import run_cameras
+from pipeline.stages.groundtruth import run_groundtruth
+from pipeline.stages.illumination import run_illumination
+from pipeline.stages.inputs import run_inputs
+from pipeline.stages.runner import StageError
+from pipeline.stages.scenes import run_scenes
+from pipeline.versions import instruction_set
+from scenes.errors import PbrnetError
+from scenes.files import resolved
+
+STAGES = (run_assets, run_scenes, run_cameras, run_inputs, run_illumination, run_groundtruth)
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet release                          list the recipes
+  pbrnet release tiny                     make the dataset, compare it with its record
+  pbrnet release quick --record           make it and record its checksums and cost
+  pbrnet cost --recipe indoor-75k         what a large one would cost
+
+The dataset is in OUT/dataset. A release that was interrupted resumes. Exit code 1 if files differ
+from the record, or some views failed."""
+)
+@click.argument("name", required=False)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=None,
+    help="Data folder of the release.  [default: data/releases/NAME]",
+)
+@click.option(
+    "--recipes",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=RECIPES,
+    show_default=True,
+    help="Folder with the recipes.",
+)
+@click.option(
+    "--record", is_flag=True, help="Record checksums and cost beside the recipe, for later makings."
+)
+@farm_options
+def release(
+    name: str | None,
+    out: Path | None,
+    recipes: Path,
+    record: bool,
+    scheduler: str | None,
+    workers: int | None,
+    transfer: str | None,
+) -> None:
+    """Make the dataset of the recipe NAME, and compare its checksums with those recorded.
+
+    Without NAME, list the recipes.
+    """
+    if name is None:
+        for label, title in recipe_names(recipes).items():
+            click.echo(f"{label:12} {title}")
+        return
+    recipe = load_recipe(recipes, name)
+    known = load_record(recipes, name)
+    out = resolved(out or Path("data") / "releases" / name)
+    options: dict[str, Any] = {"workers": workers, "transfer": transfer}
+    given = {key: value for key, value in options.items() if value is not None}
+    params = replace(recipe.parameters, farm=replace(recipe.parameters.farm, **given))
+    summary, failure = _make(out, params, scheduler)
+    dataset = out / "dataset"
+    made = Record(
+        recipe.version,
+        core_seconds(read_ledger(out)),
+        summary.total,
+        sum(path.stat().st_size for path in dataset.iterdir()),
+        _processor(),
+        instruction_set(),
+        {},
+    )
+    if record:
+        known = made
+    add_to_card(dataset, name, recipe, known)
+    sums = sums_of(dataset)
+    click.echo(
+        f"{name} {recipe.version}: {summary.total} rows, {made.bytes / 1e6:.1f} MB, "
+        f"{made.core_hours:.2f} core-hours, in {dataset}"
+    )
+    if record:
+        save_record(recipes, name, replace(made, sums=sums))
+        click.echo(f"recorded in {recipes / name}.json")
+    elif known is None:
+        click.echo(f"nothing to compare with; record it with: pbrnet release {name} --record")
+    else:
+        _compared(name, recipe.version, known, sums)
+    if failure is not None:
+        raise failure
+
+
+def _make(
+    out: Path, params: Params, scheduler: str | None
+) -> tuple[DatasetSummary, StageError | None]:
+    """Run all stages; returns what the dataset holds, and the first stage's failures."""
+    failure = None
+    for stage in STAGES:
+        try:
+            click.echo(str(stage(out, params, scheduler)))
+        except StageError as error:  # some views failed; the dataset holds the others
+            click.echo(str(error), err=True)
+            failure = failure or error
+    return pack_dataset(out, params), failure
+
+
+def _compared(name: str, version: str, known: Record, sums: dict[str, str]) -> None:
+    difference = compare(known, sums)
+    if not difference:
+        click.echo(f"all {len(sums)} files have the recorded checksums")
+        return
+    reasons = []
+    if known.version != version:
+        reasons.append(f"the record is of version {known.version}")
+    if known.instruction_set != instruction_set():
+        reasons.append(
+            f"the record was made with {known.instruction_set}, and light frames depend on it in "
+            "their last bits"
+        )
+    because = f" ({'; '.join(reasons)})" if reasons else ""
+    raise PbrnetError(f"{name}: not as recorded{because}: {difference}")
+
+
+def _processor() -> str:
+    """Return the processor's name."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()

@@ -1,0 +1,1 @@
+"""Releases: datasets made from a recipe, and compared with the record of an earlier making."""

@@ -1,0 +1,166 @@
+"""Recipes of datasets and their records.
+
+`recipes/NAME.yaml` says what a release is: version, title, parameters. `recipes/NAME.json`, written
+by `pbrnet release NAME --record`, says what came out: checksums, costs, machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+import yaml
+
+from pipeline.dataset.checksums import SUMS, read_sums, write_sums
+from pipeline.params import Params
+from scenes.checked import build, check_name, plain
+from scenes.errors import InputError, ParameterError
+from scenes.files import exists, read_json, regular_file, write_json, write_text
+
+RECIPES = Path("recipes")
+_MAX_BYTES = 2**20
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a release is made of."""
+
+    title: str
+    version: str  # of the dataset: a change of the parameters or of the code's pixels raises it
+    parameters: Params
+
+    def verify(self, where: str) -> None:
+        """Raise ValueError for an empty title or version."""
+        if not self.title.strip() or not self.version.strip():
+            raise ValueError(f"{where}: a recipe needs a title and a version")
+
+
+@dataclass(frozen=True)
+class Record:
+    """What came out when a release was made."""
+
+    version: str
+    core_seconds: dict[str, float]  # by stage
+    rows: int
+    bytes: int  # of the dataset's files
+    machine: str  # processor
+    instruction_set: str
+    sums: dict[str, str]  # SHA-256 by file
+
+    @property
+    def core_hours(self) -> float:
+        """Cost of all stages together."""
+        return sum(self.core_seconds.values()) / 3600
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Files of a release that are not those of the record."""
+
+    changed: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
+    added: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.changed or self.missing or self.added)
+
+    def __str__(self) -> str:
+        parts = {"other bytes": self.changed, "missing": self.missing, "new": self.added}
+        return "; ".join(f"{what}: {', '.join(names)}" for what, names in parts.items() if names)
+
+
+def recipe_names(folder: Path) -> dict[str, str]:
+    """Return the title of each recipe in a folder, by name."""
+    names = [path.stem for path in sorted(folder.glob("*.yaml"))]
+    if not names:
+        raise ParameterError(f"{folder}: no recipes found; run this command in the project folder")
+    return {name: load_recipe(folder, name).title for name in names}
+
+
+def load_recipe(folder: Path, name: str) -> Recipe:
+    """Read and check a recipe; `ParameterError` names the fault."""
+    check_name(name, "a recipe's name")
+    path = folder / f"{name}.yaml"
+    if not exists(path):
+        known = ", ".join(sorted(path.stem for path in folder.glob("*.yaml"))) or "none"
+        raise ParameterError(f"{name}: no such recipe in {folder}; available: {known}")
+    try:
+        content = yaml.safe_load(regular_file(path, _MAX_BYTES).read_text(encoding="utf-8"))
+        return build(Recipe, content)
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+        raise ParameterError(f"{path}: not valid YAML ({error})") from None
+    except (ParameterError, InputError) as error:
+        raise ParameterError(f"{path}: {error}") from None
+
+
+def load_record(folder: Path, name: str) -> Record | None:
+    """Return the record of a recipe, or None if it was never recorded."""
+    path = folder / f"{name}.json"
+    return build(Record, read_json(path), str(path), InputError) if exists(path) else None
+
+
+def save_record(folder: Path, name: str, record: Record) -> None:
+    """Write the record of a recipe by rename."""
+    write_json(folder / f"{name}.json", plain(record))
+
+
+def core_seconds(ledger: pa.Table) -> dict[str, float]:
+    """Return the core-seconds of each stage in a ledger."""
+    spent: dict[str, float] = {}
+    for row in ledger.select(["stage", "seconds", "threads"]).to_pylist():
+        seconds = float(row["seconds"] or 0) * (row["threads"] or 1)
+        spent[row["stage"]] = spent.get(row["stage"], 0.0) + seconds
+    return {stage: round(seconds, 2) for stage, seconds in spent.items()}
+
+
+def add_to_card(dataset: Path, name: str, recipe: Recipe, record: Record | None) -> None:
+    """Add to a dataset's card how it is made again and what that costs; renew its checksums.
+
+    The cost is the record's, never that of this making: the card has equal bytes each time.
+    """
+    lines = [
+        "",
+        "## Make it again",
+        "",
+        f"Release `{name}`, version {recipe.version}: {recipe.title}. From the project's folder:",
+        "",
+        "```sh",
+        f"pbrnet release {name}",
+        "```",
+        "",
+        "The command compares the files with the recorded checksums.",
+    ]
+    if record is not None:
+        stages = sorted(record.core_seconds.items(), key=lambda item: -item[1])
+        parts = ", ".join(f"{stage} {_span(seconds)}" for stage, seconds in stages)
+        lines += [
+            f"It took {_span(3600 * record.core_hours)} of a core ({parts}) on "
+            f"{record.machine}, {record.instruction_set}: "
+            f"{3600 * record.core_hours / max(record.rows, 1):.1f} core-seconds a row.",
+        ]
+    card = dataset / "README.md"
+    write_text(card, card.read_text(encoding="utf-8").rstrip("\n") + "\n" + "\n".join(lines) + "\n")
+    write_sums(dataset)
+
+
+def compare(record: Record, sums: Mapping[str, str]) -> Difference:
+    """Return which files differ from the record."""
+    known = record.sums
+    return Difference(
+        tuple(sorted(name for name in known.keys() & sums.keys() if known[name] != sums[name])),
+        tuple(sorted(known.keys() - sums.keys())),
+        tuple(sorted(sums.keys() - known.keys())),
+    )
+
+
+def sums_of(dataset: Path) -> dict[str, str]:
+    """Return the checksums that a dataset states."""
+    return read_sums(dataset / SUMS)
+
+
+def _span(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"

@@ -1,0 +1,132 @@
+"""Releases: recipes, records, equal sums."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from pipeline.commands import release as command
+from pipeline.dataset.checksums import verify_sums
+from pipeline.frames import frame_path
+from pipeline.params import Params, load_params
+from pipeline.release.recipe import load_record, load_recipe, recipe_names
+from pipeline.stages.runner import StageError
+from pipeline.views import load_cameras
+from scenes.errors import ParameterError, PbrnetError
+from tests.fixtures.dataset import make_data
+from tests.fixtures.paths import ROOT
+
+RECIPE = """
+title: Two rooms
+version: 1.0.0
+parameters:
+  image: {width: 32, height: 24}
+  illumination: {width: 32}
+"""
+
+
+@pytest.fixture
+def recipes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with one recipe, whose frames are synthetic: no renderer."""
+    folder = tmp_path / "recipes"
+    folder.mkdir()
+    (folder / "rooms.yaml").write_text(RECIPE)
+
+    def render(data: Path, params: Params, scheduler: str | None) -> str:
+        make_data(data, params, scenes=2, views=2)
+        return "rendered"
+
+    monkeypatch.setattr(command, "STAGES", (render,))
+    return folder
+
+
+def released(recipes: Path, *options: str, name: str = "rooms") -> Result:
+    where = ["--recipes", str(recipes), "--out", str(recipes.parent / "out")]
+    return CliRunner().invoke(command.release, [name, *where, *options])
+
+
+def test_a_release_made_again_has_the_recorded_sums(recipes: Path) -> None:
+    out = recipes.parent / "out"
+    first = released(recipes, "--record")
+    assert first.exit_code == 0, first.output
+    card = (out / "dataset" / "README.md").read_text()
+    assert "Release `rooms`, version 1.0.0" in card and "core-seconds a row" in card
+    assert verify_sums(out / "dataset") == 6
+    shutil.rmtree(out)
+    again = released(recipes, "--workers", "2")
+    assert again.exit_code == 0, again.output
+    assert "all 6 files have the recorded checksums" in again.output
+
+
+def test_other_bytes_are_named(recipes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    released(recipes, "--record")
+    (recipes / "rooms.yaml").write_text(RECIPE.replace("1.0.0", "1.1.0") + "  seed: 5\n")
+    changed = released(recipes)
+    assert isinstance(changed.exception, PbrnetError)
+    assert "the record is of version 1.0.0" in str(changed.exception)
+    assert "README.md" in str(changed.exception)
+    monkeypatch.setattr(command, "instruction_set", lambda: "another")
+    assert "light frames depend on it" in str(released(recipes).exception)
+
+
+def test_failed_views_fail_the_release_which_holds_the_others(
+    recipes: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (render,) = command.STAGES
+
+    def lose(data: Path, params: Params, scheduler: Any) -> str:
+        render(data, params, scheduler)
+        view = load_cameras(data / "cameras" / "home-0000.json").views[0]
+        frame_path(data, "color", view).unlink()
+        raise StageError("groundtruth: 1 of 4 views failed")
+
+    monkeypatch.setattr(command, "STAGES", (lose,))
+    done = released(recipes)
+    assert isinstance(done.exception, StageError)
+    assert "3 rows" in done.output and "nothing to compare with" in done.output
+
+
+def test_recipes_are_listed_and_faults_named(recipes: Path) -> None:
+    done = CliRunner().invoke(command.release, ["--recipes", str(recipes)])
+    assert done.output.split() == ["rooms", "Two", "rooms"]
+    with pytest.raises(ParameterError, match=r"no such recipe in .*available: rooms"):
+        load_recipe(recipes, "castle")
+    with pytest.raises(ParameterError, match="a recipe's name"):
+        load_recipe(recipes, "../rooms")
+    (recipes / "wrong.yaml").write_text(RECIPE.replace("width: 32}", "widht: 32}"))
+    with pytest.raises(ParameterError, match=r"wrong\.yaml: parameters\.illumination\.widht"):
+        load_recipe(recipes, "wrong")
+
+
+def test_the_project_s_recipes_are_sound() -> None:
+    names = recipe_names(ROOT / "recipes")
+    assert {"tiny", "quick", "indoor-75k"} <= set(names)
+    for name in names:
+        recipe, record = load_recipe(ROOT / "recipes", name), load_record(ROOT / "recipes", name)
+        assert record is None or record.version == recipe.version, name
+    quick, preset = (
+        load_recipe(ROOT / "recipes", "quick").parameters,
+        load_params(ROOT / "params/quick.yaml"),
+    )
+    same = {"train": quick.train, "evaluate": quick.evaluate, "backbone": quick.backbone}
+    assert replace(preset, **same) == quick
+
+
+@pytest.mark.check
+def test_a_rendered_release_made_again_has_the_recorded_sums(tmp_path: Path) -> None:
+    recipes = tmp_path / "recipes"
+    recipes.mkdir()
+    shutil.copy(ROOT / "recipes" / "tiny.yaml", recipes)
+    first = released(recipes, "--record", name="tiny")
+    assert first.exit_code == 0, first.output
+    shutil.rmtree(tmp_path / "out")
+    again = released(recipes, "--workers", "2", name="tiny")
+    assert again.exit_code == 0, again.output
+    record = json.loads((recipes / "tiny.json").read_text())
+    assert record["rows"] == 2 and record["core_seconds"]["color"] > 0
