@@ -68,6 +68,9 @@ from the record, or some views failed."""
 @click.option(
     "--record", is_flag=True, help="Record checksums and cost beside the recipe, for later makings."
 )
+@click.option(
+    "--seed", type=int, default=None, expose_value=False, help="Has no effect: the recipe has it."
+)
 @farm_options
 def release(
     name: str | None,

@@ -25,7 +25,7 @@ _MAX_BYTES = 2**20
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a release is made of."""
+    """Definition of a release."""
 
     title: str
     version: str  # of the dataset: a change of the parameters or of the code's pixels raises it
@@ -39,7 +39,7 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Record:
-    """What came out when a release was made."""
+    """Outcome of making a release: cost, machine, checksums."""
 
     version: str
     core_seconds: dict[str, float]  # by stage

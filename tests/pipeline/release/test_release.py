@@ -15,7 +15,7 @@ from pipeline.commands import release as command
 from pipeline.dataset.checksums import verify_sums
 from pipeline.frames import frame_path
 from pipeline.params import Params, load_params
-from pipeline.release.recipe import load_record, load_recipe, recipe_names
+from pipeline.release.recipe import load_recipe, load_record, recipe_names
 from pipeline.stages.runner import StageError
 from pipeline.views import load_cameras
 from scenes.errors import ParameterError, PbrnetError
