@@ -67,7 +67,8 @@ def meter(image: FloatingArray) -> PhotoSettings:
     white = GREY * 2**WHITE_STOPS
     bright = float(np.quantile(luminance(pixels), 1 - _CLIPPED)) * gain / white
     gain /= min(max(bright, 1.0), 2**_PROTECTION)
-    return PhotoSettings(gain, _balance(np.minimum(lit * gain, white)))
+    unclipped = lit[lit.max(axis=1) * gain < white]
+    return PhotoSettings(gain, _balance(unclipped * gain) if len(unclipped) else (1.0, 1.0, 1.0))
 
 
 def develop(image: FloatingArray, settings: PhotoSettings) -> Float32Array:
@@ -97,7 +98,7 @@ def _radiance(image: FloatingArray) -> Float32Array:
 
 
 def _balance(exposed: Float64Array) -> tuple[float, float, float]:
-    """Return gains of the bands for exposed, clipped colours (N, 3)."""
+    """Return gains of the bands for exposed colours (N, 3), none of them clipped."""
     illuminant = np.mean(exposed**_MINKOWSKI, axis=0) ** (1 / _MINKOWSKI)
     level = float(luminance(illuminant))
     gains = (level / np.maximum(illuminant, 1e-3 * level)) ** _BALANCE

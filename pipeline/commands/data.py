@@ -11,7 +11,7 @@ from pipeline.dataset.card import DatasetSummary
 from pipeline.dataset.checksums import verify_sums
 from pipeline.dataset.pack import pack_dataset
 from pipeline.images import png_bytes
-from pipeline.inspection.datasets import inspect_diversity
+from pipeline.inspection.datasets import inspect_diversity, inspect_realism
 from pipeline.inspection.describe import inspect_path
 from pipeline.inspection.scenes import with_leaks
 from pipeline.params import Params
@@ -56,6 +56,7 @@ Examples:
   pbrnet inspect data/color/home-0000/000.exr          statistics and pictures of the channels
   pbrnet inspect data/dataset --out sheet.png          columns, sizes; a sheet of previews
   pbrnet inspect data/dataset --diversity              histograms of its views' statistics
+  pbrnet inspect data --realism                        figures beside those of photographs
   pbrnet inspect data/dataset --verify --text-only     compare its files with their checksums
   pbrnet inspect data/ledger.parquet                   costs by stage
   pbrnet inspect data/scenes/flat --leaks --text-only  gaps that let light through
@@ -78,6 +79,11 @@ Examples:
     help="For a dataset: statistics of objects, depth, luminance, colour and lights, by source.",
 )
 @click.option(
+    "--realism",
+    is_flag=True,
+    help="For a data folder: figures of its pictures beside those of photographs.",
+)
+@click.option(
     "--verify", is_flag=True, help="For a dataset: compare its files with their checksums."
 )
 @click.option(
@@ -93,6 +99,7 @@ def inspect(
     plan_only: bool,
     as_json: bool,
     diversity: bool,
+    realism: bool,
     verify: bool,
     leaks: bool,
 ) -> None:
@@ -104,7 +111,12 @@ def inspect(
     if verify:
         count = verify_sums(path if path.is_dir() else path.parent)
         click.echo(f"{count} files match their checksums", err=as_json)
-    inspection = inspect_diversity(path) if diversity else inspect_path(path, renders=not plan_only)
+    if diversity:
+        inspection = inspect_diversity(path)
+    elif realism:
+        inspection = inspect_realism(path)
+    else:
+        inspection = inspect_path(path, renders=not plan_only)
     if leaks:
         inspection = with_leaks(inspection, path)
     click.echo(inspection.json if as_json else inspection.text)

@@ -20,6 +20,7 @@ from pipeline.dataset.parquet import check_filled, check_types, open_parquet, re
 from pipeline.frames import read_frame
 from pipeline.images import Picture
 from pipeline.inspection.drawings import counted, draw_frame, draw_previews, picture_of
+from pipeline.inspection.realism import draw_realism, measure
 from pipeline.inspection.sections import Inspection, Table
 from pipeline.views import View
 from scenes.checked import build
@@ -163,6 +164,22 @@ def inspect_diversity(folder: Path) -> Inspection:
         f"{folder}: {counted(range(views), 'view')} from {counted(figures, 'source')}",
         {"Figures": summary_table(figures)},
         lambda: picture_of(draw_figures(figures)),
+    )
+
+
+def inspect_realism(data: Path) -> Inspection:
+    """Describe figures of the pictures of a data folder, beside those of photographs.
+
+    Reads all frames of colour. Raises `InputError` if `data` has none.
+    """
+    found = measure(data)
+    views = len(next(iter(found.views.values())))
+    classes = [{"class": name, "share": f"{share:.1%}"} for name, share in found.classes.items()]
+    return Inspection(
+        "realism",
+        f"{data}: {counted(range(views), 'view')}",
+        {"Figures": found.table(), "Pixels by NYU40 class": classes, "Repeats": found.repeats},
+        lambda: picture_of(draw_realism(found)),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -20,11 +20,14 @@ from scenes.procedural.furnishing.asset_sampler import AssetSampler, load_kind_i
 from scenes.procedural.furnishing.placement import furnish
 from scenes.procedural.furniture.style import make_style
 from scenes.procedural.lighting import (
+    LampState,
     Sky,
     area_emitter,
     choose_lit_lamps,
     draw_kelvin_offset,
+    draw_lamp_states,
     draw_sky,
+    in_state,
     lamp_descriptions,
     lamp_items,
     sampling_weight,
@@ -92,9 +95,12 @@ def make_home(
     lamp_weight = sum(sampling_weight(part) for part in lit_parts if part.lumens > 0)
     kelvin_offset = draw_kelvin_offset(draws("light", "lamp colour", lighting))
     sky = draw_sky(draws("light", "sky", lighting), lighting, lamp_weight)
+    states = draw_lamp_states(draws("light", "lamp states", lighting), lit, kelvin_offset)
+    if sky.is_dark:
+        states |= {item.id: LampState(1.0, 0.0) for item in lamp_items(outdoors)}
     with writing_scene(Path(folder)) as partial:
         library = MaterialLibrary(partial, params.texture_size)
-        objects, lights, shapes = _write_shapes(partial, items, lit, kelvin_offset, library)
+        objects, lights, shapes = _write_shapes(partial, items, states, library)
         scene = Scene(
             scene_id=scene_id,
             source={
@@ -148,8 +154,7 @@ def _rooms(plan: Plan, furniture: Sequence[SceneItem]) -> tuple[Room, ...]:
 def _write_shapes(
     folder: Path,
     items: Sequence[SceneItem],
-    lit: set[str],
-    kelvin_offset: float,
+    states: Mapping[str, LampState],
     library: MaterialLibrary,
 ) -> tuple[list[SceneObject], list[Light], list[str]]:
     """Write the meshes; returns the objects, the lit lamps and the `<shape>` elements."""
@@ -158,7 +163,8 @@ def _write_shapes(
         ids: list[str] = []
         emitting: list[str] = []
         lumens = 0.0
-        for part in _merge_by_material(item.parts, item.id in lit):
+        state = states.get(item.id)
+        for part in _merge_by_material(item.parts, state):
             shape = f"{item.id}.{len(ids)}"
             ids.append(shape)
             write_ply(folder / "meshes" / f"{shape}.ply", _mesh(part, library.tile(part.material)))
@@ -166,7 +172,7 @@ def _write_shapes(
             if part.lumens > 0:
                 emitting.append(shape)
                 lumens += part.lumens
-                light = area_emitter(part, kelvin_offset)
+                light = area_emitter(part)
             flat = "" if part.smooth else '<boolean name="face_normals" value="true"/>'
             shapes.append(
                 f'<shape type="ply" id="{shape}"><string name="filename" '
@@ -197,11 +203,11 @@ def _mesh(part: PiecePart, tile: float) -> Mesh:
     return Mesh(part.vertices, part.faces, part.normals if part.smooth else None, part.uvs / tile)
 
 
-def _merge_by_material(parts: Sequence[PiecePart], lit: bool) -> list[PiecePart]:
-    """Merge parts of the same material into one mesh; parts of lamps that are off emit nothing."""
+def _merge_by_material(parts: Sequence[PiecePart], state: LampState | None) -> list[PiecePart]:
+    """Merge parts of the same material into one mesh; without a state they emit nothing."""
     groups: dict[tuple, list[PiecePart]] = {}
     for part in parts:
-        part = part if lit else replace(part, lumens=0.0)
+        part = in_state(part, state)
         lamp = (part.name, part.kelvin) if part.lumens > 0 else ()
         groups.setdefault((part.material, part.smooth, lamp), []).append(part)
     merged = []

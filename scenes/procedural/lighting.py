@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from scenes.photometry import LUMEN, lamp_radiance
 from scenes.procedural.piece import PiecePart
 from scenes.procedural.scene_item import SceneItem
 
+_DUSK = 0.2  # scale of the sky below which it is dusk
+
 
 @dataclass(frozen=True)
 class Sky:
@@ -22,6 +24,11 @@ class Sky:
     xml: str
     lights: tuple[Light, ...]
     choices: dict[str, float]  # sampled parameters, recorded in `scene.json`
+
+    @property
+    def is_dark(self) -> bool:
+        """True at night and at dusk, when streets and windows outside are lit."""
+        return "sky_lux" in self.choices or self.choices["sky_scale"] < _DUSK
 
 
 @dataclass(frozen=True)
@@ -36,13 +43,14 @@ class Lamp:
 def draw_sky(rng: np.random.Generator, setting: str, lamp_weight: float) -> Sky:
     """Draw the sky of a `setting`; `lamp_weight` is the sum of the lit lamps' sampling weights.
 
-    Day and mixed: sun elevation 18-62 degrees, or an overcast sky without sun. Evening: sun
-    elevation 6-14 degrees, or dusk, in clear air. Night: a faint uniform sky, as above a town.
+    Day and mixed: the sun where it stands at some hour of the year in the temperate zones, at
+    least 8 degrees up, in clear or hazy air or behind clouds. Evening: sun elevation 2-12 degrees,
+    or dusk, in clear air. Night: a faint uniform sky, between that of a village and of a town.
     """
     # Give sky and lamps about the same share of the emitter samples, to lower the variance.
     weight = max(1.0, lamp_weight)
     if setting == "night":
-        lux = float(rng.uniform(0.3, 3.0))
+        lux = float(np.exp(rng.uniform(np.log(0.05), np.log(2.0))))
         radiance = lux * LUMEN / math.pi
         rgb = " ".join(f"{radiance * band:.6g}" for band in (0.75, 0.95, 1.65))
         xml = (
@@ -51,18 +59,21 @@ def draw_sky(rng: np.random.Generator, setting: str, lamp_weight: float) -> Sky:
         )
         return Sky(xml, (Light("sky", "environment"),), {"sky_lux": round(lux, 4)})
     turbidity = float(rng.uniform(2.5, 6.0))
-    azimuth = float(rng.uniform(0, 360))
+    azimuth = float(rng.uniform(0, 360))  # homes face anywhere
     if setting == "evening":
         dusk = rng.random() < 0.45
         # In haze the sky model turns deep yellow near a low sun (red to blue 5 to 1).
         turbidity = 2.0 + 0.4 * (turbidity - 2.5)
-        elevation = 4.0 if dusk else float(rng.uniform(6, 14))
-        sun_scale, sky_scale = (0.0, float(rng.uniform(0.05, 0.3))) if dusk else (1.0, 1.0)
+        elevation = 3.0 if dusk else draw_elevation(rng, 2.0, 12.0)
+        sun_scale, sky_scale = (0.0, float(rng.uniform(0.02, 0.9 * _DUSK))) if dusk else (1.0, 1.0)
     else:
-        overcast = rng.random() < 0.25
-        elevation = float(rng.uniform(18, 62))
-        sun_scale, sky_scale = (0.0, float(rng.uniform(0.7, 1.2))) if overcast else (1.0, 1.0)
+        overcast = rng.random() < 0.35
+        elevation = draw_elevation(rng, 8.0, 75.0)
+        sun_scale, sky_scale = 1.0, 1.0
         if overcast:
+            # Under clouds the sky is grey and as bright as the sun's height allows, or darker.
+            high = math.sin(math.radians(elevation))
+            sun_scale, sky_scale = 0.0, float(rng.uniform(0.5, 1.2)) * (0.3 + high)
             turbidity, elevation = 9.0, 50.0
     flat = math.cos(math.radians(elevation))
     direction = (
@@ -90,6 +101,24 @@ def draw_sky(rng: np.random.Generator, setting: str, lamp_weight: float) -> Sky:
     return Sky(xml, tuple(lights), choices)
 
 
+def draw_elevation(rng: np.random.Generator, least: float, most: float) -> float:
+    """Draw an elevation of the sun in degrees, within bounds, as it occurs over days and hours.
+
+    Latitudes of 35 to 60 degrees, all days of the year, all hours (Duffie and Beckman, *Solar
+    Engineering of Thermal Processes*, equations 1.6.1a and 1.6.5).
+    """
+    for _ in range(1000):
+        latitude = math.radians(rng.uniform(35, 60))
+        declination = math.radians(23.45) * math.sin(2 * math.pi * rng.random())
+        hour = math.radians(rng.uniform(-180, 180))
+        sine = math.sin(latitude) * math.sin(declination)
+        sine += math.cos(latitude) * math.cos(declination) * math.cos(hour)
+        elevation = math.degrees(math.asin(sine))
+        if least <= elevation <= most:
+            return elevation
+    return 0.5 * (least + most)
+
+
 def lamp_items(items: Sequence[SceneItem]) -> list[SceneItem]:
     """Return the items with a light source."""
     return [item for item in items if any(part.lumens > 0 for part in item.parts)]
@@ -108,7 +137,7 @@ def choose_lit_lamps(
     At night and in the evening at least one lamp is on in every room that has lamps; by day
     only rooms without a window have one on.
     """
-    share = {"day": 0.0, "evening": 0.6, "night": 0.75, "mixed": 0.55}[setting]
+    share = {"day": 0.0, "evening": 0.5, "night": 0.55, "mixed": 0.45}[setting]
     lit: set[str] = set()
     by_room: dict[str | None, list[Lamp]] = {}
     for lamp in lamps:
@@ -126,10 +155,44 @@ def choose_lit_lamps(
 def draw_kelvin_offset(rng: np.random.Generator) -> float:
     """Draw the kelvins added to the nominal colour temperature of all lamps of a home.
 
-    Frames are white-balanced for daylight only; the offset stands for the partial adaptation of
-    eyes and cameras to lamplight, and for white LEDs.
+    Most homes have warm white lamps of 2700 to 3300 K, some have neutral or cool white ones.
     """
-    return float(rng.choice([800.0, 1500.0, 2200.0, 3000.0], p=[0.25, 0.3, 0.3, 0.15]))
+    return float(rng.choice([0.0, 300.0, 1000.0, 2200.0], p=[0.5, 0.25, 0.2, 0.05]))
+
+
+@dataclass(frozen=True)
+class LampState:
+    """A lit lamp: the share of its full light, and kelvins added to its colour temperature."""
+
+    dimmed: float
+    kelvin_offset: float
+
+
+def draw_lamp_states(
+    rng: np.random.Generator, lit: Collection[str], kelvin_offset: float
+) -> dict[str, LampState]:
+    """Draw the state of each lit lamp.
+
+    Two in three are at full power, the others dimmed; bulbs of one home differ a little in colour,
+    and one in twelve is of another kind. Dimming leaves the colour, as that of LED lamps does.
+    """
+    states = {}
+    for lamp in sorted(lit):
+        full, share, odd, shift = rng.random(4)
+        dimmed = 1.0 if full < 2 / 3 else 0.2 + 0.7 * share
+        offset = kelvin_offset + (1500.0 * shift if odd < 1 / 12 else 240.0 * (shift - 0.5))
+        states[lamp] = LampState(round(float(dimmed), 3), round(float(offset), 1))
+    return states
+
+
+def in_state(part: PiecePart, state: LampState | None) -> PiecePart:
+    """Return a part of a lamp in its state; without a state the lamp is off."""
+    if part.lumens <= 0:
+        return part
+    if state is None:
+        return replace(part, lumens=0.0)
+    kelvin = part.kelvin + state.kelvin_offset
+    return replace(part, lumens=part.lumens * state.dimmed, kelvin=kelvin)
 
 
 def sampling_weight(part: PiecePart) -> float:
@@ -137,15 +200,10 @@ def sampling_weight(part: PiecePart) -> float:
     return round(math.sqrt(part.lumens / 800.0), 4)
 
 
-def area_emitter(part: PiecePart, kelvin_offset: float = 0.0) -> str:
-    """Return the `<emitter>` element of a lit part: its flux spread evenly over its surface.
-
-    `kelvin_offset` is added to its colour temperature.
-    """
+def area_emitter(part: PiecePart) -> str:
+    """Return the `<emitter>` element of a lit part: its flux spread evenly over its surface."""
     area = float(face_areas(part.vertices[part.faces])[0].sum())
-    radiance = " ".join(
-        f"{value:.6g}" for value in lamp_radiance(part.lumens, area, part.kelvin + kelvin_offset)
-    )
+    radiance = " ".join(f"{value:.6g}" for value in lamp_radiance(part.lumens, area, part.kelvin))
     return (
         f'<emitter type="area"><rgb name="radiance" value="{radiance}"/>'
         f'<float name="sampling_weight" value="{sampling_weight(part):.4g}"/></emitter>'

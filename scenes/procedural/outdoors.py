@@ -1,100 +1,363 @@
-"""Outdoor surroundings of a home: ground, terrace, hedge, trees, houses, hills."""
+"""Outdoor surroundings of a home by setting: street, courtyard, garden, high floor, countryside."""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal, get_args
 
 import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
+from scenes.arrays import Float64Array
 from scenes.geometry.regions import buffered
-from scenes.procedural.furniture.geometry import BodyMesh, box, merge, prism, span, sphere, tube
-from scenes.procedural.furniture.style import hex_color, scaled_color
+from scenes.procedural.furniture.geometry import BodyMesh, box, merge, prism
+from scenes.procedural.furniture.style import hex_color
 from scenes.procedural.patterns import noise
-from scenes.procedural.piece import Material
+from scenes.procedural.piece import Material, PiecePart
 from scenes.procedural.plan import Plan
 from scenes.procedural.scene_item import SceneItem, make_part
+from scenes.procedural.surroundings.buildings import Block, Roof, building, far_blocks
+from scenes.procedural.surroundings.plants import hedge, shrubs, tree
+from scenes.procedural.surroundings.street import PAVEMENT, ROAD, fence, street
 
+Setting = Literal["street", "courtyard", "garden", "high floor", "countryside"]
 LAWN = 70.0  # half the side of the lawn, metres
 GROUND = 2500.0  # half the side of the ground plane, metres
-_ROOFS = ("#7d4436", "#5b5653", "#8a4f3b", "#4a4a4c")
-_PLASTERS = ("#d9d0be", "#c9b89a", "#bfc0ba", "#d8c2a8", "#a9533c", "#cfd2d2")
-# Muted greens: seen from indoors they are overexposed, and saturated ones would clip.
-_LEAVES = ("#4a5936", "#586541", "#42543c", "#65694a", "#6c6b48")
-_LAWNS = ("#5a6050", "#606456", "#646358")
-_HAZE = ("#7d8a86", "#87918f")  # of distant woods and hills, seen through haze
+_UPSTAIRS = -2.0  # metres; ground below this is that of an upper floor
+_LAWNS = ("#4d5543", "#545a48", "#575848")
+_FIELDS = ("#6d6a4e", "#5f6a4a", "#7a7258", "#59634c", "#80795c")
+_HAZE = ("#6f7d76", "#7f8b8c")  # of distant woods and hills, seen through haze
 
 
 def build_outdoors(rng: np.random.Generator, plan: Plan) -> list[SceneItem]:
-    """Build the surroundings of a home as structure items."""
+    """Build the surroundings of a home as structure items.
+
+    Houses with a garden or in the country stand on the ground, most flats above it look onto a
+    street or a courtyard, or from high above a town. Parts with lumens shine at night.
+    """
+    settings = get_args(Setting)
+    shares = (0.3, 0.3, 0.0, 0.4, 0.0) if plan.ground < _UPSTAIRS else (0.3, 0.15, 0.35, 0.0, 0.2)
+    setting: Setting = settings[int(rng.choice(len(settings), p=shares))]
     outline = Polygon(plan.outline)
     centre = np.array(outline.centroid.coords[0])
+    low, high = np.min(plan.outline, axis=0), np.max(plan.outline, axis=0)
+    half = 0.5 * float(np.hypot(*(high - low)))
     ground = plan.ground
-    grass = Material(
-        "grass",
-        hex_color(_LAWNS[int(rng.integers(len(_LAWNS)))]),
-        0.95,
-        accent=hex_color("#4c5438"),
-        variant=int(rng.integers(1 << 30)),
+    items: list[SceneItem] = []
+    if setting == "high floor":
+        ground -= 2.9 * int(rng.integers(2, 9))
+        items.append(_tower(plan, ground))
+    items += _grounds(rng, plan, centre, ground, setting)
+    around = {
+        "street": _street,
+        "courtyard": _courtyard,
+        "garden": _garden,
+        "high floor": _town,
+        "countryside": _country,
+    }[setting]
+    return items + around(rng, outline, centre, half, ground)
+
+
+def _street(
+    rng: np.random.Generator, outline: Polygon, centre: Float64Array, half: float, ground: float
+) -> list[SceneItem]:
+    """A street before the home, houses opposite and beside it, gardens behind."""
+    turn = 90.0 * int(rng.integers(4))
+    near = _reach(outline, centre, turn) + float(rng.uniform(3.0, 7.0))
+    items = [_placed(item, centre) for item in street(rng, near, 110.0, turn, ground)]
+    across = near + ROAD + PAVEMENT + float(rng.uniform(1.5, 5.0))
+    items += _row(rng, "opposite", centre, across, 90.0, turn, ground, (2, 5))
+    beside = half + float(rng.uniform(8, 12))
+    for number, side in enumerate((-1, 1)):
+        place = _turned(np.array([side * (beside + 5), float(rng.uniform(-3, 3))]), turn)
+        block = _house(rng, (1, 3))
+        items.append(
+            building(
+                rng, f"beside-{number}", block, centre + place, turn + 180.0 * (side < 0), ground
+            )
+        )
+    items += _row(
+        rng, "behind", centre, half + float(rng.uniform(22, 30)), 60.0, turn + 180, ground, (2, 4)
     )
-    paving = Material(
-        "tiles",
-        hex_color(("#a9a49a", "#8f8c87", "#b8a88f")[int(rng.integers(3))]),
-        0.8,
-        accent=hex_color("#7b766d"),
-        scale=1.4,
-        variant=int(rng.integers(1 << 30)),
+    items += _trees(
+        rng, outline, centre, half + 2.5, half + 9, int(rng.integers(2, 5)), ground, behind=turn
     )
+    return items
+
+
+def _courtyard(
+    rng: np.random.Generator, outline: Polygon, centre: Float64Array, half: float, ground: float
+) -> list[SceneItem]:
+    """Facades on all sides of a paved yard with some trees and shrubs."""
+    items = []
+    storeys = int(rng.integers(3, 6))
+    for number in range(4):
+        turn = 90.0 * number
+        away = _reach(outline, centre, turn) + float(rng.uniform(8, 15))
+        wide = 2 * away + 12
+        items += _row(
+            rng, f"side-{number}", centre, away, wide, turn, ground, (storeys - 1, storeys + 1)
+        )
+    items += _trees(rng, outline, centre, half + 2.0, half + 6, int(rng.integers(1, 4)), ground)
+    return [*items, *_shrubs(rng, outline, centre, half, ground)]
+
+
+def _garden(
+    rng: np.random.Generator, outline: Polygon, centre: Float64Array, half: float, ground: float
+) -> list[SceneItem]:
+    """A garden with hedge or fence, neighbours in theirs, and a street beyond on one side."""
+    items = []
+    edge = half + float(rng.uniform(4.0, 7.0))
+    if rng.random() < 0.6:
+        items.append(hedge(rng, centre, edge, ground))
+    else:
+        items.append(fence(rng, centre, edge, ground))
+    start = float(rng.uniform(0, 360))
+    for number in range(int(rng.integers(3, 6))):
+        angle = np.radians(start + 72 * number + float(rng.uniform(-20, 20)))
+        distance = edge + float(rng.uniform(7, 20))
+        place = centre + distance * np.array([np.cos(angle), np.sin(angle)])
+        facing = round(float(np.degrees(angle)) / 15) * 15 + 90.0
+        items.append(
+            building(rng, f"neighbour-{number}", _house(rng, (1, 3)), place, facing, ground)
+        )
+    items += _trees(rng, outline, centre, half + 3.0, half + 12, int(rng.integers(4, 8)), ground)
+    return [*items, *_shrubs(rng, outline, centre, half, ground)]
+
+
+def _town(
+    rng: np.random.Generator, outline: Polygon, centre: Float64Array, half: float, ground: float
+) -> list[SceneItem]:
+    """Roofs and blocks of a town around a high building."""
+    turn = 90.0 * int(rng.integers(4))
+    near = half + float(rng.uniform(6, 14))
+    items = [_placed(item, centre) for item in street(rng, near, 130.0, turn, ground)]
+    number = 0
+    for ring, count in ((half + 30, 6), (half + 58, 9)):
+        start = float(rng.uniform(0, 360))
+        for k in range(count):
+            angle = np.radians(start + 360 * k / count + float(rng.uniform(-8, 8)))
+            away = ring * float(rng.uniform(0.95, 1.2))
+            place = centre + away * np.array([np.cos(angle), np.sin(angle)])
+            block = Block(
+                float(rng.uniform(14, 24)),
+                float(rng.uniform(10, 13)),
+                int(rng.integers(3, 11)),
+                _roof(rng, flat=0.6),
+                (0, 1, 2, 3),
+                detailed=ring < half + 40,
+            )
+            facing = round(float(np.degrees(angle)) / 15) * 15 + 90.0
+            items.append(building(rng, f"block-{number}", block, place, 180.0 + facing, ground))
+            number += 1
+    items.append(far_blocks(rng, centre, ground, half + 140, 120))
+    items += _trees(rng, outline, centre, half + 8, half + 22, 5, ground, 1400, turn)
+    return items
+
+
+def _country(
+    rng: np.random.Generator, outline: Polygon, centre: Float64Array, half: float, ground: float
+) -> list[SceneItem]:
+    """Fields with rows of trees, a farm or two far off, and a tree by the house."""
+    items = [_fields(rng, centre, ground)]
+    for number in range(int(rng.integers(1, 4))):
+        angle, away = float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(60, 140))
+        place = centre + away * np.array([np.cos(angle), np.sin(angle)])
+        block = Block(float(rng.uniform(12, 26)), 9.0, int(rng.integers(1, 3)), "gable", (0, 2))
+        items.append(
+            building(rng, f"farm-{number}", block, place, float(rng.uniform(0, 360)), ground)
+        )
+    for row in range(2):
+        angle, away = float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(35, 80))
+        middle = centre + away * np.array([np.cos(angle), np.sin(angle)])
+        along = np.array([-np.sin(angle), np.cos(angle)])
+        for k in range(6):
+            place = middle + along * (k - 2.5) * float(rng.uniform(6, 9))
+            items.append(tree(rng, f"row-{row}-{k}", place, ground, 900))
+    items += _trees(rng, outline, centre, half + 3.0, half + 12, int(rng.integers(2, 5)), ground)
+    if rng.random() < 0.5:
+        items.append(fence(rng, centre, half + float(rng.uniform(6, 12)), ground))
+    return [*items, *_shrubs(rng, outline, centre, half, ground)]
+
+
+def _row(
+    rng: np.random.Generator,
+    name: str,
+    centre: Float64Array,
+    away: float,
+    length: float,
+    turn: float,
+    ground: float,
+    storeys: tuple[int, int],
+) -> list[SceneItem]:
+    """A row of houses along X at y = -away before it is turned, facing the home."""
+    items = []
+    x, number = -length / 2, 0
+    while x < length / 2:
+        width, depth = float(rng.uniform(8, 16)), float(rng.uniform(9, 12))
+        block = Block(
+            width,
+            depth,
+            int(rng.integers(storeys[0], storeys[1] + 1)),
+            _roof(rng, flat=0.3),
+            (0,),
+            detailed=abs(x + width / 2) < 30,
+        )
+        place = centre + _turned(np.array([x + width / 2, -away - depth / 2]), turn)
+        # Fronts face -Y: turned round, they face the home.
+        items.append(building(rng, f"{name}-{number}", block, place, turn + 180.0, ground))
+        x, number = x + width, number + 1
+    return items
+
+
+def _house(rng: np.random.Generator, storeys: tuple[int, int]) -> Block:
+    return Block(
+        float(rng.uniform(8, 13)),
+        float(rng.uniform(7, 10)),
+        int(rng.integers(storeys[0], storeys[1] + 1)),
+        _roof(rng, flat=0.15),
+        (0, 1, 2, 3),
+    )
+
+
+def _roof(rng: np.random.Generator, flat: float) -> Roof:
+    draw = float(rng.random())
+    return "flat" if draw < flat else ("hip" if draw > 0.8 else "gable")
+
+
+def _trees(
+    rng: np.random.Generator,
+    outline: Polygon,
+    centre: Float64Array,
+    near: float,
+    far: float,
+    count: int,
+    ground: float,
+    leaves: int = 2600,
+    behind: float | None = None,
+) -> list[SceneItem]:
+    """Trees between two distances from the centre, clear of the home's walls.
+
+    `behind` is the turn of a street that they stand away from.
+    """
+    items = []
+    for number in range(count):
+        angle = float(rng.uniform(0, 2 * np.pi))
+        if behind is not None:
+            angle = np.radians(behind + 90.0) + (angle - np.pi) * 0.55
+        place = centre + float(rng.uniform(near, far)) * np.array([np.cos(angle), np.sin(angle)])
+        if outline.distance(shapely.Point(place)) > 3.0:
+            items.append(tree(rng, f"tree-{number}", place, ground, leaves))
+    return items
+
+
+def _shrubs(
+    rng: np.random.Generator, outline: Polygon, centre: Float64Array, half: float, ground: float
+) -> list[SceneItem]:
+    angles = rng.uniform(0, 2 * np.pi, 9)
+    away = half * rng.uniform(0.9, 1.4, 9)
+    places = centre + away[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    kept = [place for place in places if outline.distance(shapely.Point(place)) > 1.4]
+    return [shrubs(rng, "shrubs", np.array(kept), ground)] if kept else []
+
+
+def _grounds(
+    rng: np.random.Generator, plan: Plan, centre: Float64Array, ground: float, setting: Setting
+) -> list[SceneItem]:
+    """Ground near and far, terrace, and what closes the horizon."""
+    outline = Polygon(plan.outline)
+
+    def drawn(
+        kind: Literal["grass", "tiles", "soil"],
+        codes: tuple[str, ...],
+        accent: str,
+        scale: float = 1.0,
+    ) -> Material:
+        color = hex_color(codes[int(rng.integers(len(codes)))])
+        variant = int(rng.integers(1 << 30))
+        return Material(kind, color, 0.9, accent=hex_color(accent), scale=scale, variant=variant)
+
+    grass = drawn("grass", _LAWNS, "#3f4734")
+    paving = drawn("tiles", ("#8d887f", "#7c7975", "#968975"), "#625e57", 1.4)
     x, y = centre
-    lawn = _ground(x - LAWN, y - LAWN, x + LAWN, y + LAWN, ground)
+    paved = setting in ("courtyard", "high floor")
+    near = _ground(x - LAWN, y - LAWN, x + LAWN, y + LAWN, ground)
     far = _ground(x - GROUND, y - GROUND, x + GROUND, y + GROUND, ground - 0.1)
     around = buffered(outline, float(rng.uniform(0.8, 2.6)), join_style="mitre")
-    terrace = prism(shapely.get_coordinates(around.exterior)[:-1], ground - 0.05, ground + 0.02)
+    ring = shapely.get_coordinates(around.exterior)[:-1]
+    terrace = prism(ring, plan.ground - 0.05, plan.ground + 0.02)
     terrace = BodyMesh(terrace.vertices, terrace.faces, terrace.vertices[:, :2].copy())
-    fields = Material("paint", hex_color("#80857a"), 0.95)
-    hills = [
+    rural = setting in ("garden", "countryside")
+    plain = Material("paint", hex_color("#6b7064" if rural else "#6f6e6b"), 0.95)
+    horizon = [
         make_part(
             f"hills-{k}", Material("paint", hex_color(code), 0.95), _hills(rng, centre, ground, k)
         )
         for k, code in enumerate(_HAZE)
     ]
     items = [
-        _outside("ground", "ground", [make_part("lawn", grass, lawn)]),
-        _outside("fields", "ground", [make_part("fields", fields, far), *hills]),
-        _outside("terrace", "ground", [make_part("paving", paving, terrace)]),
+        _outside("ground", "ground", [make_part("near", paving if paved else grass, near)]),
+        _outside("fields", "ground", [make_part("fields", plain, far), *horizon]),
     ]
-    half = 0.5 * float(np.hypot(*(np.ptp(np.array(plan.outline), axis=0))))
-    turn = float(rng.uniform(0, 360))
-    for number in range(int(rng.integers(3, 6))):
-        angle = np.radians(turn + 360 * number / 5 + float(rng.uniform(-20, 20)))
-        distance = half + float(rng.uniform(9, 22))
-        at = centre + distance * np.array([np.cos(angle), np.sin(angle)])
-        items.append(_house(rng, f"neighbour-{number}", at, np.degrees(angle), ground))
-    for number in range(int(rng.integers(4, 9))):
-        angle = float(rng.uniform(0, 2 * np.pi))
-        distance = half + float(rng.uniform(3.5, 9))
-        at = centre + distance * np.array([np.cos(angle), np.sin(angle)])
-        if outline.distance(shapely.Point(at)) > 2.5:
-            items.append(_tree(rng, f"tree-{number}", at, ground))
-    hedge = _hedge(rng, centre, half + float(rng.uniform(4.0, 7.0)), ground)
-    leaf = _leaf(rng)
-    items.append(_outside("hedge", "plant", [make_part("hedge", leaf, hedge, smooth=True)]))
+    if plan.ground > _UPSTAIRS or setting != "high floor":
+        items.append(_outside("terrace", "ground", [make_part("paving", paving, terrace)]))
     return items
 
 
-def _outside(name: str, category: str, parts: list) -> SceneItem:
+def _tower(plan: Plan, ground: float) -> SceneItem:
+    """The storeys below a home on a high floor, without windows: nobody sees them."""
+    outline = buffered(Polygon(plan.outline), 0.01, join_style="mitre")
+    ring = shapely.get_coordinates(outline.exterior)[:-1]
+    shaft = prism(ring, ground - 0.3, plan.ground - 0.31)
+    plaster = Material("plaster", hex_color("#b3aea4"), 0.9)
+    return _outside("tower", "building", [make_part("shaft", plaster, shaft)])
+
+
+def _fields(rng: np.random.Generator, centre: Float64Array, ground: float) -> SceneItem:
+    """Strips of fields in different colours around the meadow by the house."""
+    groups: dict[str, list[BodyMesh]] = {}
+    heading = float(rng.uniform(0, 180))
+    for side in (-1, 1):
+        start = 30.0
+        for _ in range(9):
+            wide = float(rng.uniform(20, 70))
+            code = _FIELDS[int(rng.integers(len(_FIELDS)))]
+            mesh = box((600.0, wide - 0.6, 0.12), (0, side * (start + wide / 2), 0.0))
+            groups.setdefault(code, []).append(mesh.turned("z", heading))
+            start += wide
+    parts = [
+        make_part(
+            f"crop-{k}",
+            Material("grass", hex_color(code), 0.95, scale=2.0, variant=int(rng.integers(1 << 30))),
+            merge(meshes).moved(float(centre[0]), float(centre[1]), ground - 0.09),
+        )
+        for k, (code, meshes) in enumerate(groups.items())
+    ]
+    return _outside("crops", "ground", parts)
+
+
+def _outside(name: str, category: str, parts: list[PiecePart]) -> SceneItem:
     return SceneItem(f"outside-{name}", name, category, tuple(parts), True, None)
 
 
-def _leaf(rng: np.random.Generator) -> Material:
-    color = hex_color(_LEAVES[int(rng.integers(len(_LEAVES)))])
-    return Material(
-        "leaf",
-        color,
-        0.6,
-        accent=scaled_color(color, 0.5),
-        scale=3.0,
-        variant=int(rng.integers(1 << 30)),
-    )
+def _turned(place: Float64Array, degrees: float) -> Float64Array:
+    """Return a place (2,) turned about the origin."""
+    sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
+    return np.array([cosine * place[0] - sine * place[1], sine * place[0] + cosine * place[1]])
+
+
+def _placed(item: SceneItem, centre: Float64Array) -> SceneItem:
+    """Return an item made around the origin, around `centre`."""
+    move = np.array([centre[0], centre[1], 0.0])
+    parts = tuple(replace(part, vertices=part.vertices + move) for part in item.parts)
+    return replace(item, parts=parts)
+
+
+def _reach(outline: Polygon, centre: Float64Array, turn: float) -> float:
+    """Return how far the home reaches from `centre` towards -Y turned by `turn` degrees."""
+    towards = _turned(np.array([0.0, -1.0]), turn)
+    return float(((shapely.get_coordinates(outline) - centre) @ towards).max())
 
 
 def _ground(x0: float, y0: float, x1: float, y1: float, z: float) -> BodyMesh:
@@ -102,7 +365,7 @@ def _ground(x0: float, y0: float, x1: float, y1: float, z: float) -> BodyMesh:
     return BodyMesh(vertices, np.array([[0, 1, 2], [0, 2, 3]]), vertices[:, :2].copy())
 
 
-def _hills(rng: np.random.Generator, centre: np.ndarray, ground: float, ring: int) -> BodyMesh:
+def _hills(rng: np.random.Generator, centre: Float64Array, ground: float, ring: int) -> BodyMesh:
     """Ring of distant woods (`ring` 0) or of higher and more distant hills (1)."""
     radius, low, high = ((320.0, 6.0, 3.0), (1500.0, 30.0, 20.0))[ring]
     count = 512
@@ -125,152 +388,3 @@ def _hills(rng: np.random.Generator, centre: np.ndarray, ground: float, ring: in
         ]
     )
     return BodyMesh(points.reshape(-1, 3), faces, points.reshape(-1, 3)[:, [0, 2]].copy())
-
-
-def _house(
-    rng: np.random.Generator, name: str, at: np.ndarray, degrees: float, ground: float
-) -> SceneItem:
-    """Neighbouring house with a gable roof and dark windows in light frames, facing the home."""
-    width, depth = float(rng.uniform(8, 14)), float(rng.uniform(7, 10))
-    storeys = int(rng.integers(1, 4))
-    high = 2.9 * storeys + 0.4
-    eaves, ridge = 0.4, float(rng.uniform(1.5, 3.5))
-    walls = span((-width / 2, -depth / 2, -0.3), (width / 2, depth / 2, high))
-    roof = prism(
-        [
-            (-depth / 2 - eaves, 0.0),
-            (depth / 2 + eaves, 0.0),
-            (0.0, ridge),
-        ],
-        -width / 2 - eaves,
-        width / 2 + eaves,
-    )
-    # The gable was extruded along z: permute the axes so that it runs along x with its tip up.
-    vertices = np.stack([roof.vertices[:, 2], roof.vertices[:, 0], roof.vertices[:, 1]], axis=1)
-    roof = BodyMesh(vertices + np.array([0, 0, high]), roof.faces, roof.uvs)
-    panes, frames = [], []
-    columns = max(2, int(width / 2.6))
-    for storey in range(storeys):
-        for column in range(columns):
-            x = width * ((column + 0.5) / columns - 0.5)
-            z = 0.9 + 2.9 * storey
-            for side in (-1, 1):
-                y = side * depth / 2
-                panes.append(box((1.1, 0.06, 1.3), (x, y, z)))
-                frames += [
-                    box((1.3, 0.12, 0.09), (x, y, z - 0.09)),
-                    box((1.3, 0.12, 0.09), (x, y, z + 1.3)),
-                    box((0.09, 0.12, 1.3), (x - 0.6, y, z)),
-                    box((0.09, 0.12, 1.3), (x + 0.6, y, z)),
-                    box((0.06, 0.1, 1.3), (x, y, z)),
-                ]
-    code = _PLASTERS[int(rng.integers(len(_PLASTERS)))]
-    brick = code == "#a9533c"
-    wall = Material(
-        "brick" if brick else "plaster",
-        hex_color(code),
-        0.9,
-        accent=hex_color("#a8a196") if brick else None,
-        variant=int(rng.integers(1 << 30)),
-    )
-    place = [
-        (wall, walls, "walls"),
-        (Material("paint", hex_color(_ROOFS[int(rng.integers(len(_ROOFS)))]), 0.8), roof, "roof"),
-        (Material("plastic", hex_color("#20262c"), 0.1), merge(panes), "panes"),
-        (Material("paint", hex_color("#dcdad4"), 0.5), merge(frames), "frames"),
-    ]
-    turn = round(float(degrees) / 15) * 15 + 90.0
-    parts = [
-        make_part(label, material, mesh.turned("z", turn).moved(at[0], at[1], ground))
-        for material, mesh, label in place
-    ]
-    return _outside(name, "building", parts)
-
-
-def _tree(rng: np.random.Generator, name: str, at: np.ndarray, ground: float) -> SceneItem:
-    """Tree with a trunk, five branches, and a crown of many small leaf clumps."""
-    height = float(rng.uniform(4.5, 9.5))
-    radius = 0.018 * height
-    base = np.array([at[0], at[1], ground - 0.2])
-    lean = np.append(rng.normal(0, 0.25, 2), 0.0)
-    top = base + lean + [0, 0, 0.72 * height]
-    trunk = [
-        tube(
-            np.stack([base, 0.5 * (base + top) + 0.3 * lean, top]),
-            [radius, 0.7 * radius, 0.3 * radius],
-            8,
-        )
-    ]
-    clumps = []
-    crown = float(rng.uniform(0.22, 0.32)) * height
-    middle = base + lean + [0, 0, 0.68 * height]
-    ball = sphere(1.0, 9, 6)
-    places, inverse = np.unique(np.round(ball.vertices, 6), axis=0, return_inverse=True)
-    for k in range(int(rng.integers(60, 80))):
-        offset = rng.normal(0, 1, 3)
-        offset *= crown * float(rng.uniform(0.35, 1.0)) / np.linalg.norm(offset)
-        offset[2] *= 1.15
-        size = crown * float(rng.uniform(0.12, 0.24))
-        wobble = (1 + 0.16 * rng.standard_normal(len(places)))[inverse.reshape(-1), None]
-        vertices = ball.vertices * wobble * size + middle + offset
-        clumps.append(BodyMesh(vertices, ball.faces, ball.uvs * size))
-        if k < 5:
-            start = base + lean * 0.8 + [0, 0, height * float(rng.uniform(0.35, 0.55))]
-            trunk.append(
-                tube(np.stack([start, middle + 0.8 * offset]), [0.5 * radius, 0.15 * radius], 6)
-            )
-    bark = Material("soil", hex_color("#5b4a3a"), 0.95, variant=int(rng.integers(1 << 30)))
-    return _outside(
-        name, "plant", [make_part("trunk", bark, *trunk), make_part("crown", _leaf(rng), *clumps)]
-    )
-
-
-def _hedge(rng: np.random.Generator, centre: np.ndarray, half: float, ground: float) -> BodyMesh:
-    """Clipped hedge around the garden; each side is missing with probability 1/4."""
-    height, thickness = float(rng.uniform(0.9, 1.9)), 0.7
-    surface = noise(rng, 64, 0.9)
-    runs = []
-    for side in range(4):
-        if rng.random() < 0.25:
-            continue
-        length = 2 * half - thickness
-        count = max(8, int(length / 0.35))
-        # Rounded cross-section, extruded along the side with a rough surface.
-        profile = np.array(
-            [
-                [-0.5, 0],
-                [-0.52, 0.5],
-                [-0.45, 0.92],
-                [-0.25, 1],
-                [0.25, 1],
-                [0.45, 0.92],
-                [0.52, 0.5],
-                [0.5, 0],
-            ]
-        )
-        run = np.zeros((count, len(profile), 3))
-        run[..., 0] = np.linspace(-length / 2, length / 2, count)[:, None]
-        rough = 0.06 * surface[np.arange(count)[:, None] % 64, np.arange(len(profile)) + 8 * side]
-        run[..., 1] = profile[:, 0] * thickness * (1 + rough)
-        run[..., 2] = profile[:, 1] * height * (1 + 0.6 * rough) - 0.05
-        runs.append(_extruded(run).moved(y=-half).turned("z", 90.0 * side))
-    if not runs:
-        runs = [box((0.5, 0.5, 0.5), (half, half, 0.0))]
-    return merge(runs).moved(float(centre[0]), float(centre[1]), ground)
-
-
-def _extruded(points: np.ndarray) -> BodyMesh:
-    """Quads over a grid of `points` (n, m, 3), closed by the two flat ends."""
-    n, m = points.shape[:2]
-    index = np.arange(n * m).reshape(n, m)
-    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
-    faces = np.concatenate(
-        [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
-    )[:, ::-1]
-    fan = [[0, k, k + 1] for k in range(1, m - 1)]
-    last = index[-1, 0]
-    ends = np.array(
-        [[p, r, q] for p, q, r in fan] + [[last + p, last + q, last + r] for p, q, r in fan]
-    )
-    flat = points.reshape(-1, 3)
-    return BodyMesh(flat, np.concatenate([faces, ends]).astype(np.int64), flat[:, [0, 2]].copy())

@@ -21,6 +21,7 @@ from scenes.procedural.furniture.style import CHROME, WHITE_PAINT, Style
 from scenes.procedural.piece import FurniturePiece, Material
 
 OPAL = Material("plastic", (0.86, 0.85, 0.82), 0.4)
+_DOWNWARDS = 0.5  # share of a shaded lamp's light that leaves by its diffuser
 
 
 def _shade_profile(
@@ -54,9 +55,17 @@ def _add_shade(
     y: float = 0.0,
     x: float = 0.0,
 ) -> None:
-    """Add an emitting open shade and the wires that carry it."""
+    """Add an emitting shade, open at the top, a brighter diffuser below, and the wires."""
     shade = loft(_profile_rings(_shade_profile(low, high, z0, z1), 36), closed=False)
-    b.add(style.shade, shade.moved(x, y), name="shade", lumens=lumens, kelvin=style.kelvin)
+    glow = (1 - _DOWNWARDS) * lumens
+    b.add(style.shade, shade.moved(x, y), name="shade", lumens=glow, kelvin=style.kelvin)
+    b.add(
+        OPAL,
+        cylinder(low - 0.006, z0 + 0.012, z0 + 0.019, 36).moved(x, y),
+        name="diffuser",
+        lumens=_DOWNWARDS * lumens,
+        kelvin=style.kelvin,
+    )
     z = z1 - 0.02
     for k in range(3):
         turn = np.radians(120 * k)

@@ -1,0 +1,1 @@
+"""Surroundings of procedural homes: buildings, plants and streets outside the windows."""

@@ -1,0 +1,210 @@
+"""Streets outside the windows: road, pavements, parked cars, lamps, fences."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scenes.arrays import Float64Array
+from scenes.procedural.furniture.geometry import (
+    BodyMesh,
+    bar,
+    box,
+    cylinder,
+    loft,
+    merge,
+    span,
+    superellipse,
+    tube,
+)
+from scenes.procedural.furniture.style import hex_color
+from scenes.procedural.piece import Material, PiecePart
+from scenes.procedural.scene_item import SceneItem, make_part
+
+ROAD, PAVEMENT = 6.5, 2.2  # metres, widths
+_PAINTS = ("#b9bcc0", "#1d1f22", "#e4e4e2", "#3a4a63", "#6a1f22", "#55595c", "#7a8288")
+_LAMP_LUMENS, _LAMP_KELVIN = 1400.0, 2700.0
+
+
+def street(
+    rng: np.random.Generator, near: float, length: float, turn: float, ground: float
+) -> list[SceneItem]:
+    """Return a street along X at y = -near, before it is turned about the origin by `turn` degrees.
+
+    `near` is the distance to its first kerb, metres. Cars are parked along both kerbs, with gaps.
+    """
+    asphalt = Material("soil", hex_color("#4a4a4c"), 0.9, variant=int(rng.integers(1 << 30)))
+    stone = Material(
+        "tiles",
+        hex_color("#8d8a86"),
+        0.85,
+        accent=hex_color("#6d6a66"),
+        scale=1.2,
+        variant=int(rng.integers(1 << 30)),
+    )
+    far = near + ROAD
+    half = length / 2
+    surfaces = [
+        ("asphalt", asphalt, [span((-half, -far, -0.3), (half, -near, 0.03))]),
+        (
+            "pavement",
+            stone,
+            [
+                span((-half, -near, -0.3), (half, -near + PAVEMENT, 0.14)),
+                span((-half, -far - PAVEMENT, -0.3), (half, -far, 0.14)),
+            ],
+        ),
+    ]
+    parts = [
+        make_part(label, material, *(m.turned("z", turn).moved(z=ground) for m in meshes))
+        for label, material, meshes in surfaces
+    ]
+    items = [SceneItem("outside-street", "street", "ground", tuple(parts), True, None)]
+    number = 0
+    for y, facing in ((-near - 1.1, 0.0), (-far + 1.1, 180.0)):
+        x = -half + float(rng.uniform(0, 4))
+        while x < half - 5:
+            if abs(x) < 45 and rng.random() < 0.6:
+                flip = facing + (180.0 if rng.random() < 0.15 else 0.0)
+                items.append(_car(rng, f"car-{number}", (x + 2.2, y), flip, turn, ground + 0.03))
+                number += 1
+            x += float(rng.uniform(5.2, 7.5))
+    items.append(_lamps(rng, near, half, turn, ground))
+    return items
+
+
+def fence(rng: np.random.Generator, centre: Float64Array, half: float, ground: float) -> SceneItem:
+    """Return a fence of boards or pickets around a square of `half` metres, with one open side."""
+    high = float(rng.uniform(0.9, 1.8))
+    wide = 0.09 if high < 1.3 else 0.14
+    open_side = int(rng.integers(4))
+    boards = []
+    for side in range(4):
+        if side == open_side:
+            continue
+        run = [
+            box((wide, 0.02, high * float(rng.uniform(0.98, 1.02))), (x, -half, 0.04))
+            for x in np.arange(-half, half, 1.35 * wide)
+        ]
+        run += [box((2 * half, 0.04, 0.08), (0, -half + 0.03, z * high)) for z in (0.2, 0.8)]
+        boards.append(merge(run).turned("z", 90.0 * side))
+    color = hex_color(("#8a7358", "#6f6252", "#b8b2a6", "#5a5650")[int(rng.integers(4))])
+    wood = Material("wood", color, 0.8, variant=int(rng.integers(1 << 30)))
+    mesh = merge(boards).moved(float(centre[0]), float(centre[1]), ground)
+    part = make_part("boards", wood, mesh)
+    return SceneItem("outside-fence", "fence", "railing", (part,), True, None)
+
+
+def _lamps(
+    rng: np.random.Generator, near: float, half: float, turn: float, ground: float
+) -> SceneItem:
+    """Return street lamps along the far pavement; their heads shine while they are lit."""
+    poles, heads = [], []
+    spacing = float(rng.uniform(18, 28))
+    high = float(rng.uniform(4.5, 6.5))
+    first = float(rng.uniform(-0.5, 0.5)) * spacing
+    y = -near - ROAD - 0.5
+    count = max(1, int(min(half, 40) / spacing))
+    for x in first + spacing * np.arange(-count, count + 1):
+        path = [(x, y, 0), (x, y, high - 0.5), (x, y + 0.3, high), (x, y + 1.2, high + 0.1)]
+        poles.append(tube(np.array(path), [0.07, 0.05, 0.04, 0.03], 8))
+        poles.append(box((0.24, 0.62, 0.06), (x, y + 1.35, high + 0.09)))
+        heads.append(box((0.18, 0.5, 0.02), (x, y + 1.35, high + 0.065)))
+    metal = Material("paint", hex_color("#4c5053"), 0.5)
+    glass = Material("plastic", hex_color("#d8d8d4"), 0.3)
+
+    def part(label: str, material: Material, meshes: list[BodyMesh], lumens: float) -> PiecePart:
+        moved = [mesh.turned("z", turn).moved(z=ground) for mesh in meshes]
+        made = make_part(label, material, *moved)
+        return PiecePart(
+            made.name,
+            made.vertices,
+            made.faces,
+            made.uvs,
+            material,
+            lumens=lumens,
+            kelvin=_LAMP_KELVIN + (1300.0 if rng.random() < 0.3 else 0.0),
+        )
+
+    lumens = min(5600.0, _LAMP_LUMENS * len(heads))
+    parts = (part("poles", metal, poles, 0.0), part("heads", glass, heads, lumens))
+    return SceneItem("outside-street-lamps", "street lamps", "lamp", parts, True, None)
+
+
+def _car(
+    rng: np.random.Generator,
+    name: str,
+    at: tuple[float, float],
+    facing: float,
+    turn: float,
+    ground: float,
+) -> SceneItem:
+    """Return a parked car along X: body, cabin, wheels and lights."""
+    length, wide, high = (
+        float(rng.uniform(low, most)) for low, most in ((3.7, 4.7), (1.68, 1.85), (1.4, 1.62))
+    )
+    estate = float(rng.uniform(0.0, 0.35))  # how far the cabin reaches back
+
+    def ring(x0: float, x1: float, half: float, z: float, power: float = 5.0) -> Float64Array:
+        return superellipse((x1 - x0) / 2, half, z, power, 40, x=(x0 + x1) / 2)
+
+    a, b = -length / 2, length / 2
+    body = loft(
+        np.stack(
+            [
+                ring(a + 0.15, b - 0.15, 0.44 * wide, 0.22),
+                ring(a + 0.02, b - 0.04, 0.49 * wide, 0.4),
+                ring(a, b, 0.5 * wide, 0.6),
+                ring(a + 0.05, b - 0.06, 0.49 * wide, 0.78),
+                ring(a + 0.18, b - 0.5, 0.46 * wide, 0.9),
+            ]
+        )
+    )
+    back, front = a + 0.75 - estate, b - 1.35
+    cabin = loft(
+        np.stack(
+            [
+                ring(back - 0.25, front + 0.35, 0.45 * wide, 0.86),
+                ring(back + 0.12, front - 0.35, 0.38 * wide, high - 0.09),
+            ]
+        )
+    )
+    roof = loft(
+        np.stack(
+            [
+                ring(back + 0.1, front - 0.33, 0.385 * wide, high - 0.1),
+                ring(back + 0.2, front - 0.45, 0.35 * wide, high - 0.03),
+                ring(back + 0.5, front - 0.7, 0.25 * wide, high),
+            ]
+        )
+    )
+    wheels, rims = [], []
+    for x in (a + 0.78, b - 0.8):
+        for side in (-1, 1):
+            y = side * (0.5 * wide - 0.1)
+            wheels.append(cylinder(0.31, -0.11, 0.11, 24, 0.03).turned("x", 90).moved(x, y, 0.31))
+            rims.append(
+                cylinder(0.2, -0.012, 0.012, 16).turned("x", 90).moved(x, y + side * 0.11, 0.31)
+            )
+    lights = [box((0.1, 0.32, 0.12), (b - 0.1, y * wide, 0.58)) for y in (-0.32, 0.32)]
+    tails = [box((0.08, 0.28, 0.16), (a + 0.08, y * wide, 0.62)) for y in (-0.34, 0.34)]
+    pillars = [
+        bar((x, side * 0.445 * wide, 0.87), (x + lean, side * 0.385 * wide, high - 0.09), 0.03, 6)
+        for side in (-1, 1)
+        for x, lean in ((back - 0.05, 0.2), (0.5 * (back + front), 0.0), (front + 0.15, -0.45))
+    ]
+    paint = Material("plastic", hex_color(_PAINTS[int(rng.integers(len(_PAINTS)))]), 0.18)
+    groups = [
+        ("paint", paint, [body, roof, *pillars], True),
+        ("glass", Material("plastic", hex_color("#14181b"), 0.06), [cabin], True),
+        ("tyres", Material("paint", hex_color("#1c1c1d"), 0.9), wheels, True),
+        ("metal", Material("metal", hex_color("#b4b6b8"), 0.3), [*rims, *lights], False),
+        ("tails", Material("plastic", hex_color("#6d1013"), 0.2), tails, False),
+    ]
+    parts = []
+    for label, material, meshes, smooth in groups:
+        placed = [
+            mesh.turned("z", facing).moved(at[0], at[1]).turned("z", turn).moved(z=ground)
+            for mesh in meshes
+        ]
+        parts.append(make_part(label, material, *placed, smooth=smooth))
+    return SceneItem(f"outside-{name}", name, "vehicle", tuple(parts), True, None)
