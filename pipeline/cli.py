@@ -49,6 +49,12 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         ),
         "report": ("model.commands.report:report", "Write a self-contained HTML report."),
     },
+    "All stages at once": {
+        "run": (
+            "pipeline.commands.run:run",
+            "Run the stages from assets to the dataset on any data folder.",
+        ),
+    },
     "Halves of groundtruth": {
         "shading": ("pipeline.commands.stages:shading", "Path-trace textureless shading only."),
         "color": ("pipeline.commands.stages:color", "Path-trace colour only."),
@@ -119,6 +125,7 @@ Examples:
   pbrnet preset quick                     start from the quick-start parameters
   dvc repro                               run the stages that are out of date
   pbrnet groundtruth --workers 8          run one stage
+  pbrnet run --params P.yaml --data D     run all stages up to the dataset in another folder
   pbrnet import room.xml --out data/scenes/room
   pbrnet inspect data/dataset
 

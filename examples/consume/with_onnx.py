@@ -1,6 +1,6 @@
 """Predict a view of the dataset without torch: python with_onnx.py model.onnx data/dataset"""
 
-import json
+import io
 import sys
 from pathlib import Path
 
@@ -16,9 +16,11 @@ shard = min(Path(sys.argv[2]).glob("test-*.parquet"))
 view = pq.ParquetFile(shard).read_row_group(0, columns=columns).slice(0, 1)
 inputs = {}
 for name in names:
-    shape = [side for side in json.loads(view.field(name).metadata[b"shape"]) if side != 1]
-    values = view.column(name)[0].values.to_numpy(zero_copy_only=False)
-    inputs[name] = values.astype(np.float32).reshape(shape)
+    cell = view[name][0].as_py()
+    if isinstance(cell, bytes):  # an image: a .npy file of the bytes of its values, plane by plane
+        planes = np.load(io.BytesIO(cell))
+        cell = np.stack(planes, -1).view(planes.dtype.names[0])[..., 0]
+    inputs[name] = np.array(cell, np.float32)
 inputs["intensity"] *= view["radiance_scale"][0].as_py()
 shading, color = session.run(["shading", "color"], inputs)
 Image.fromarray((np.hstack([shading, color]) * 255).round().astype(np.uint8)).save("picture.png")

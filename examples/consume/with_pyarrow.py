@@ -1,19 +1,24 @@
 """Read the dataset with pyarrow and NumPy only: python with_pyarrow.py data/dataset"""
 
-import json
+import io
 import sys
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 
+
+def image(cell):
+    """Array (H, W) or (H, W, 3) of a cell: a .npy file of its values, byte plane by byte plane."""
+    planes = np.load(io.BytesIO(cell))
+    return np.stack(planes, -1).view(planes.dtype.names[0])[..., 0]
+
+
+columns = ["depth", "color", "radiance_scale", "K"]
 for shard in sorted(Path(sys.argv[1]).glob("train-*.parquet")):
-    for batch in pq.ParquetFile(shard).iter_batches(
-        4, columns=["depth", "color", "radiance_scale"]
-    ):
-        for name in ("depth", "color"):
-            shape = json.loads(batch.schema.field(name).metadata[b"shape"])
-            images = batch[name].flatten().to_numpy().reshape(-1, *shape)
-            if name == "color":  # stored in a unit that suits half floats
-                scale = batch["radiance_scale"].to_numpy().reshape(-1, 1, 1, 1)
-                images = images.astype("float32") * scale
-            print(name, images.shape, images.dtype, "mean", float(images.mean(dtype=float)))
+    for batch in pq.ParquetFile(shard).iter_batches(4, columns=columns):
+        for row in batch.to_pylist():
+            depth, color, K = image(row["depth"]), image(row["color"]), np.array(row["K"])
+            # Stored in a unit that suits half floats.
+            radiance = color.astype("float32") * row["radiance_scale"]
+            print(depth.shape, color.shape, color.dtype, K.dtype, "mean", float(radiance.mean()))

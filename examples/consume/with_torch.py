@@ -1,27 +1,43 @@
 """Read the dataset with a PyTorch DataLoader: python with_torch.py data/dataset"""
 
-import json
+import io
 import sys
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import torch
 
 
+def image(cell):
+    """Array (H, W) or (H, W, 3) of a cell: a .npy file of its values, byte plane by byte plane."""
+    planes = np.load(io.BytesIO(cell))
+    return np.stack(planes, -1).view(planes.dtype.names[0])[..., 0]
+
+
 class Views(torch.utils.data.IterableDataset):
+    """All views once, in another order in each pass; the workers share the row groups."""
+
+    def __init__(self, folder, split="train"):
+        shards = sorted(Path(folder).glob(f"{split}-*.parquet"))
+        self.groups = [(s, g) for s in shards for g in range(pq.ParquetFile(s).num_row_groups)]
+        self.passes = 0
+
     def __iter__(self):
-        for shard in sorted(Path(sys.argv[1]).glob("train-*.parquet")):
-            columns = ["shading", "color", "radiance_scale"]
-            for batch in pq.ParquetFile(shard).iter_batches(4, columns=columns):
-                shape = json.loads(batch.schema.field("color").metadata[b"shape"])
-                scale = batch["radiance_scale"].to_numpy().reshape(-1, 1, 1, 1)
-                arrays = [batch[name].flatten().to_numpy() for name in columns[:2]]
-                images = [
-                    torch.from_numpy(array.reshape(-1, *shape).astype("float32") * scale)
-                    for array in arrays
-                ]
-                yield from zip(*images, strict=True)
+        worker = torch.utils.data.get_worker_info()
+        number, workers = (worker.id, worker.num_workers) if worker else (0, 1)
+        order = np.random.default_rng(self.passes).permutation(len(self.groups))
+        self.passes += 1
+        columns = ["shading", "color", "radiance_scale"]
+        for index in order[number::workers]:
+            shard, group = self.groups[index]
+            for row in pq.ParquetFile(shard).read_row_group(group, columns).to_pylist():
+                scale = row.pop("radiance_scale")
+                yield {name: torch.from_numpy(image(row[name])).float() * scale for name in row}
 
 
-for shading, color in torch.utils.data.DataLoader(Views(), batch_size=2):
-    print("shading", tuple(shading.shape), "color", tuple(color.shape), color.dtype)
+loader = torch.utils.data.DataLoader(
+    Views(sys.argv[1]), batch_size=2, num_workers=2, persistent_workers=True
+)
+for batch in loader:
+    print("shading", tuple(batch["shading"].shape), "color", batch["color"].dtype)

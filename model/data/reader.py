@@ -21,7 +21,8 @@ from pipeline.channels import KINDS, RADIANCE, dataset_channels
 from pipeline.dataset.parquet import (
     check_filled,
     check_types,
-    image_shape,
+    image_type,
+    images_of,
     open_parquet,
     reading,
 )
@@ -267,11 +268,11 @@ class Dataset:
             scalar_names = [*SCALARS, *_scale_columns(file)]
             table = file.read_row_group(group, columns=[*scalar_names, *self.images])
             check_filled(path, table, scalar_names)
-            shapes = {
-                name: _shape(path, table.schema.field(name), channels)
-                for name, channels in self.images.items()
-            }
-        images = {name: _pixels(path, table.column(name), shapes[name]) for name in self.images}
+        rows = sorted(wanted)
+        images = {
+            name: _images(path, table, name, channels, rows)
+            for name, channels in self.images.items()
+        }
         scalars = {name: table.column(name).to_pylist() for name in scalar_names}
         if not all(map(is_scale, scalars.get(RADIANCE_SCALE, ()))):
             raise InputError(
@@ -284,9 +285,9 @@ class Dataset:
         return {
             row: {
                 **{name: values[row] for name, values in scalars.items()},
-                **{name: values[row].copy() for name, values in images.items()},
+                **{name: values[place] for name, values in images.items()},
             }
-            for row in sorted(wanted)
+            for place, row in enumerate(rows)
         }
 
 
@@ -379,23 +380,15 @@ def _group_sizes(path: Path, images: Iterable[str]) -> list[int]:
         return [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
 
 
-def _shape(path: Path, field: pa.Field, channels: int | None) -> tuple[int, ...]:
-    shape = image_shape(path, field)
-    plain = shape[:2] if channels is None and shape[2:] in ((), (1,)) else shape
+def _images(
+    path: Path, table: pa.Table, name: str, channels: int | None, rows: Sequence[int]
+) -> list[AnyArray]:
+    """Images (H, W), or (H, W, channels), of these rows; an axis of one channel is left out."""
+    _, shape = image_type(path, table.schema.field(name))
+    plain = shape[:2] if channels is None and shape[2:] == (1,) else shape
     if len(plain) != (2 if channels is None else 3) or (channels and plain[2] != channels):
-        raise InputError(
-            f"{path}: the column {field.name!r} has the impossible shape {list(shape)}"
-        )
-    return plain
-
-
-def _pixels(path: Path, column: pa.ChunkedArray, shape: tuple[int, ...]) -> AnyArray:
-    values = column.combine_chunks()
-    if isinstance(values, pa.ChunkedArray):
-        values = values.chunk(0)
-    if values.null_count:
-        raise InputError(f"{path}: a row without pixels; pack it again with: pbrnet dataset")
-    return values.flatten().to_numpy(zero_copy_only=False).reshape(len(values), *shape)
+        raise InputError(f"{path}: the column {name!r} has the impossible shape {list(shape)}")
+    return [image.reshape(plain) for image in images_of(path, table, name, rows)]
 
 
 def _example(record: dict[str, Any], names: Iterable[str]) -> Example:

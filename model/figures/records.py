@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ import pyarrow.parquet as pq
 
 from model.data.reader import RADIANCE_SCALE, RADIANCES
 from model.figures.row_pictures import uri
+from pipeline.dataset.parquet import check_types, images_of
 from pipeline.images import Picture, fit, read_picture
 from pipeline.views import load_cameras
 from scenes.checked import build, check_name
@@ -153,8 +153,7 @@ class Records:
                 ]
                 if chosen:
                     table = shard.read_row_group(group).take(chosen)
-                    for index in range(table.num_rows):
-                        row = _unpack(table, index)
+                    for row in _unpack(table, self.places.data / "dataset"):
                         rows[row["scene_id"], row["view_id"]] = row
         return rows
 
@@ -211,7 +210,11 @@ class Records:
         shards = []
         for path in sorted((self.places.data / "dataset").glob("*.parquet")):
             try:
-                shards.append(pq.ParquetFile(path))
+                shard = pq.ParquetFile(path)
+                check_types(path, shard.schema_arrow, shard.schema_arrow.names)
+                shards.append(shard)
+            except InputError as error:
+                self.missing.append(str(error))
             except (pa.ArrowInvalid, OSError) as error:
                 self.missing.append(
                     f"{path} cannot be read ({error}); make it again with: pbrnet dataset"
@@ -232,20 +235,20 @@ def _read_csv(path: Path, numbers: Sequence[str]) -> list[dict[str, Any]]:
     return lines
 
 
-def _unpack(table: pa.Table, index: int) -> dict[str, Any]:
-    """Return row `index`, image columns as arrays of their shape.
+def _unpack(table: pa.Table, folder: Path) -> list[dict[str, Any]]:
+    """Return the rows of a table, images as arrays of their shape.
 
     Radiance is in the renderer's unit.
     """
-    row = {}
-    for field in table.schema:
-        cell = table[field.name][index]
-        shape = (field.metadata or {}).get(b"shape")
-        row[field.name] = (
-            cell.values.to_numpy(zero_copy_only=False).reshape(json.loads(shape))
-            if shape
-            else cell.as_py()
-        )
-    for name in RADIANCES & row.keys():
-        row[name] = row[name].astype(np.float32) * np.float32(row.get(RADIANCE_SCALE, 1))
-    return row
+    about = {field.name: field.metadata or {} for field in table.schema}
+    images = [name for name, facts in about.items() if b"dtype" in facts]
+    matrices = [name for name, facts in about.items() if b"shape" in facts and name not in images]
+    rows: list[dict[str, Any]] = table.drop_columns(images).to_pylist()
+    for row in rows:
+        row.update({name: np.array(row[name]) for name in matrices})
+    for name in images:
+        for row, image in zip(rows, images_of(folder, table, name), strict=True):
+            if name in RADIANCES:
+                image = image.astype(np.float32) * np.float32(row.get(RADIANCE_SCALE, 1))
+            row[name] = image
+    return rows

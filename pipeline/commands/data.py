@@ -30,11 +30,12 @@ Views that do not pass the checks are listed with the reason in data/dataset/rej
 def dataset(params: Params, data: Path) -> None:
     """Check the frames of every view and pack them into Parquet shards with a dataset card."""
     summary = pack_dataset(data, params)
-    for line in _summary_lines(summary, data / "dataset"):
+    for line in summary_lines(summary, data / "dataset"):
         click.echo(line)
 
 
-def _summary_lines(summary: DatasetSummary, folder: Path) -> list[str]:
+def summary_lines(summary: DatasetSummary, folder: Path) -> list[str]:
+    """Return rows, splits, size and rejections of a packed dataset as lines of text."""
     splits = ", ".join(
         f"{split} {rows} of {summary.scenes[split]} scenes" for split, rows in summary.rows.items()
     )

@@ -1,18 +1,20 @@
 """Columns of the dataset: types, shapes, units and meaning.
 
 The Parquet schema, the dataset card and the Croissant description are made from this module.
-Images are flat fixed-size lists, row-major, with their shape in the field's metadata: Hugging
-Face `datasets` cannot read Arrow's tensor type, and this form loads everywhere.
+An image is a `.npy` file of its byte planes in a binary cell (`pipeline.dataset.parquet`), so that
+NumPy alone restores it whatever program reads the table; type and shape also stand in the field's
+metadata. Small matrices are nested lists. docs/dataset.md compares this form with others.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
 from pipeline.channels import RADIANCE, SETS, ChannelSet, Kind, dataset_channels, kinds_of_sets
@@ -41,30 +43,75 @@ class Column:
         return len(self.shape) >= 2 and self.length > 16
 
     @property
+    def image_bytes(self) -> int:
+        """Bytes of the values of one image; 0 for other columns."""
+        return self.length * self.numpy_dtype.itemsize if self.is_image else 0
+
+    @property
+    def numpy_dtype(self) -> np.dtype[Any]:
+        """NumPy type of the values of an image."""
+        return np.dtype(self.dtype.to_pandas_dtype())
+
+    @property
     def type(self) -> pa.DataType:
         """Arrow type of the column."""
-        if not self.shape:
-            return self.dtype
-        # An image has all its numbers: a column that says so is read a third faster, as Parquet's
-        # readers need not look, number by number, for those that are missing.
-        return pa.list_(pa.field("item", self.dtype, nullable=not self.is_image), self.length)
+        if self.is_image:
+            return pa.binary()
+        kind = self.dtype
+        for length in reversed(self.shape):
+            kind = pa.list_(pa.field("item", kind, nullable=False), length)
+        return kind
 
     @property
     def field(self) -> pa.Field:
-        """Arrow field with shape, unit and description as metadata."""
+        """Arrow field with description, unit, shape and an image's type as metadata."""
         metadata = {"description": self.description}
         if self.unit:
             metadata["unit"] = self.unit
         if self.shape:
             metadata["shape"] = json.dumps(list(self.shape))
+        if self.is_image:
+            metadata |= {"dtype": self.numpy_dtype.name, "encoding": ENCODING}
         return pa.field(self.name, self.type, nullable=not self.is_image, metadata=metadata)
 
 
+FORMAT = "2"  # of shards, in their metadata; 1: images as flat lists of numbers
+ENCODING = "npy byte planes"  # of images in their cells
 NAMES = pa.list_(pa.string())  # a list of any length
 NOISE_OF_PARTS = ("direct", "indirect", "diffuse", "specular", "irradiance")
 # Of all images of radiance in a row.
 _RADIANCE = f"radiance_scale {RADIANCE}"
 PREVIEW = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+
+
+@dataclass(frozen=True)
+class Preview:
+    """A small 8-bit picture of a row: its column, the image column it shows, and what it is."""
+
+    name: str
+    shows: str
+    description: str
+
+
+# In the order in which viewers show them; each is in the dataset if the column that it shows is.
+PREVIEWS = (
+    Preview("preview", "color", "color, as an automatic camera makes it"),
+    Preview("preview_dark", "color", "color, exposed two stops less"),
+    Preview("preview_bright", "color", "color, exposed two stops more"),
+    Preview("preview_shading", "shading", "shading, by a camera of its own"),
+    Preview("preview_depth", "depth", "depth, logarithmic: near is bright, no surface grey"),
+    Preview("preview_normal", "normal", "normal: red right, green up, blue to the camera"),
+    Preview("preview_reflectance", "reflectance", "reflectance"),
+    Preview("preview_lights", "intensity", "intensity of the panorama, logarithmic"),
+    Preview("preview_roughness", "roughness", "roughness: polished is black, matt is white"),
+    Preview("preview_material", "material", "a colour for each material"),
+    Preview("preview_instance", "instance", "a colour for each object"),
+    Preview("preview_nyu40", "nyu40", "a colour for each NYU40 class"),
+    Preview("preview_indirect", "indirect", "indirect light, exposed as color"),
+    Preview("preview_flow", "flow_forward", "flow to the next frame: hue is direction"),
+    Preview("preview_environment", "environment", "panorama of all around, exposed as color"),
+    Preview("preview_noisy", "noisy_color", "noisy_color, exposed as color"),
+)
 
 
 def dataset_columns(
@@ -94,17 +141,14 @@ def dataset_columns(
         Column("split", text, "train, validation or test; whole floor plans, never single views."),
         Column("room_type", text, "living, bedroom, kitchen, bathroom, study, dining or other."),
         Column("lighting", text, "Light setting: day, evening, night, mixed or unknown."),
-        Column("preview", PREVIEW, "8-bit sRGB PNG of the tone-mapped colour, to look at."),
         Column("width", pa.int32(), "Width of the images.", "pixel"),
         Column("height", pa.int32(), "Height of the images.", "pixel"),
         *_image_columns(paper, size, panorama),
-        Column(
-            "K", double, "Camera intrinsics, row-major; pixel centres at +0.5.", "pixel", (3, 3)
-        ),
+        Column("K", double, "Camera intrinsics; pixel centres at +0.5.", "pixel", (3, 3)),
         Column(
             "camera_to_world",
             double,
-            "Pose, row-major; camera axes x right, y down, z forward; world Z up.",
+            "Pose; camera axes x right, y down, z forward; world Z up.",
             "metre",
             (4, 4),
         ),
@@ -146,7 +190,9 @@ def dataset_columns(
         *(_light_columns(size, lights) if lights else ()),
         *(_link_columns() if links else ()),
     )
-    return columns if projection == "perspective" else _equirectangular(columns)
+    if projection != "perspective":
+        columns = _equirectangular(columns)
+    return (*_preview_columns({column.name for column in columns}), *columns)
 
 
 def _equirectangular(columns: tuple[Column, ...]) -> tuple[Column, ...]:
@@ -164,6 +210,15 @@ def _equirectangular(columns: tuple[Column, ...]) -> tuple[Column, ...]:
     return (
         *(replace(one, description=described.get(one.name, one.description)) for one in columns),
         told,
+    )
+
+
+def _preview_columns(names: Collection[str]) -> tuple[Column, ...]:
+    """Return the columns of small pictures of the image columns `names`."""
+    return tuple(
+        Column(preview.name, PREVIEW, f"8-bit sRGB picture, to look at: {preview.description}.")
+        for preview in PREVIEWS
+        if preview.shows in names
     )
 
 
@@ -275,7 +330,7 @@ def arrow_schema(columns: tuple[Column, ...]) -> pa.Schema:
     """Return the Parquet schema, with the features that Hugging Face `datasets` reads."""
     features = {column.name: _feature(column) for column in columns}
     huggingface = json.dumps({"info": {"features": features}}, sort_keys=False)
-    metadata = {"huggingface": huggingface, "pbrnet": "1"}
+    metadata = {"huggingface": huggingface, "pbrnet": FORMAT}
     if "category" in features:
         metadata["classes"] = json_text(CLASSES)
     return pa.schema([column.field for column in columns], metadata=metadata)
@@ -286,9 +341,14 @@ def _feature(column: Column) -> dict[str, Any]:
         return {"_type": "Image"}
     if column.dtype == NAMES:
         return {"feature": {"dtype": "string", "_type": "Value"}, "length": -1, "_type": "Sequence"}
+    if column.is_image:
+        return {"dtype": "binary", "_type": "Value"}
     names = {"halffloat": "float16", "float": "float32", "double": "float64"}
-    value = {"dtype": names.get(str(column.dtype), str(column.dtype)), "_type": "Value"}
-    if not column.shape:
-        return value
-    # "Sequence" is understood by old and new releases of `datasets`, "List" by new ones only.
-    return {"feature": value, "length": column.length, "_type": "Sequence"}
+    feature: dict[str, Any] = {
+        "dtype": names.get(str(column.dtype), str(column.dtype)),
+        "_type": "Value",
+    }
+    for length in reversed(column.shape):
+        # "Sequence" is understood by old and new releases of `datasets`, "List" by new ones only.
+        feature = {"feature": feature, "length": length, "_type": "Sequence"}
+    return feature

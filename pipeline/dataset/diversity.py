@@ -18,11 +18,11 @@ from scipy import ndimage
 from pipeline.dataset.parquet import (
     check_filled,
     check_types,
-    image_shape,
+    images_of,
     open_parquet,
     reading,
 )
-from scenes.arrays import AnyArray, BoolArray, Float64Array
+from scenes.arrays import BoolArray, Float64Array
 from scenes.color import luminance
 from scenes.errors import InputError
 
@@ -113,7 +113,7 @@ def dataset_figures(shards: Sequence[Path]) -> dict[str, dict[str, Float64Array]
             with reading(shard):
                 table = file.read_row_group(group, columns=list(_COLUMNS))
             check_filled(shard, table, _COLUMNS)
-            images = {name: _images(shard, table, name) for name in _COLUMNS[2:]}
+            images = {name: images_of(shard, table, name) for name in _COLUMNS[2:]}
             for index in range(table.num_rows):
                 row = {name: values[index] for name, values in images.items()}
                 row["objects"] = table["objects"][index].as_py()
@@ -183,9 +183,3 @@ def _edges(quantity: Quantity, values: Float64Array) -> Float64Array:
         floor = max(low, high * 1e-6, 1e-12)
         return np.geomspace(floor, max(high, floor * 1.01), _BINS + 1)
     return np.linspace(low, max(high, low + 1e-6), _BINS + 1)
-
-
-def _images(shard: Path, table: Any, name: str) -> AnyArray:
-    shape = image_shape(shard, table.schema.field(name))
-    column = table[name].combine_chunks()
-    return column.flatten().to_numpy(zero_copy_only=False).reshape(table.num_rows, *shape)

@@ -12,10 +12,9 @@ from pipeline.dataset.checks import Frames, noise_of
 from pipeline.dataset.columns import NOISE_OF_PARTS
 from pipeline.dataset.label_tables import json_text, room_layout
 from pipeline.dataset.light import in_row_unit, light_groups, remainders
+from pipeline.dataset.previews import preview_cells
 from pipeline.frames import Frame
-from pipeline.images import fit, png_bytes
 from pipeline.params import ToneParams
-from pipeline.photograph import photograph
 from pipeline.tonemap import exposure_of
 from pipeline.views import View
 from scenes.arrays import AnyArray
@@ -32,14 +31,12 @@ def make_row(
     shading, color = frames["shading"], frames["color"]
     frames, radiance_scale = in_row_unit(frames)
     own_shading, own_color = exposure_of(shading.rgb, tone), exposure_of(color.rgb, tone)
-    preview = fit(photograph(color.rgb), preview_width)
-    return {
+    cells = {
         "scene_id": view.scene_id,
         "view_id": view.view_id,
         "split": split,
         "room_type": view.room_type,
         "lighting": scene.lighting,
-        "preview": {"bytes": png_bytes(preview), "path": f"{view.scene_id}-{view.view_id}.png"},
         "width": view.width,
         "height": view.height,
         **_image_cells(frames),
@@ -54,7 +51,7 @@ def make_row(
         "noise_shading": noise_of(shading),
         "noise_color": noise_of(color),
         "score": view.score,
-        "objects": _objects_in(view, scene),
+        "objects": _objects_in(frames, scene),
         "seed": _signed(color.meta.get("seed")),
         "renderer": _renderer(color),
         "source": str(scene.source.get("kind", "unknown")),
@@ -73,6 +70,7 @@ def make_row(
         **({"noisy_spp": frames["noisy"].meta.get("spp")} if "noisy" in frames else {}),
         **_environment_cells(frames),
     }
+    return {**preview_cells(cells, preview_width), **cells}
 
 
 def _environment_cells(frames: Frames) -> dict[str, Any]:
@@ -136,11 +134,12 @@ def _image(frame: Frame, channel: Channel) -> AnyArray:
     return planes[0] if len(planes) == 1 else np.stack(planes, axis=-1)
 
 
-def _objects_in(view: View, scene: Scene) -> int:
+def _objects_in(frames: Frames, scene: Scene) -> int:
     """Return the number of objects, without structure, that each cover over 1 % of the view."""
-    furniture = {item.id for item in scene.objects if not item.is_structure}
-    least = 0.01 * sum(view.seen.values())
-    return sum(pixels > least for name, pixels in view.seen.items() if name in furniture)
+    numbers = frames["inputs"].channels["object"].astype(np.int64)
+    pixels = np.bincount(numbers.ravel(), minlength=len(scene.objects) + 1)[1:]
+    furniture = [not item.is_structure for item in scene.objects]
+    return int((pixels[: len(furniture)][furniture] > 0.01 * numbers.size).sum())
 
 
 def _signed(seed: Any) -> int | None:

@@ -7,12 +7,17 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pipeline.dataset.columns import Column, arrow_schema
+from pipeline.dataset.columns import PREVIEW, Column, arrow_schema
+from pipeline.dataset.parquet import image_cell
 
+# LZ4 is undone three times as fast as ZSTD and makes files 7 % larger: docs/dataset.md has figures.
+LZ4_LEVEL = 4
+# Most of the images in a row group, decoded, unless one row has more: viewers of data hubs refuse
+# row groups of 286 MiB, and a random row costs the reading of a row group.
+GROUP_BYTES = 64 << 20
 # Text columns whose values recur from row to row.
 REPEATED = (
     "scene_id",
@@ -31,6 +36,8 @@ TABLES = ("instances", "layout", "light_sources", "material_names")
 class ShardWriter:
     """Writer of the rows of one split as row groups in files of bounded size.
 
+    A row group holds `row_group` rows, fewer where their images exceed `GROUP_BYTES`.
+
     Keeps one row group in memory. `close` gives the shards their final names; after an exception
     the caller removes the folder.
     """
@@ -39,7 +46,9 @@ class ShardWriter:
         self, folder: Path, split: str, columns: tuple[Column, ...], row_group: int, cap: int
     ) -> None:
         self.folder, self.split, self.columns = folder, split, columns
-        self.row_group, self.cap = row_group, cap
+        image_bytes = sum(each.image_bytes for each in columns)
+        self.row_group = max(1, min(row_group, GROUP_BYTES // max(1, image_bytes)))
+        self.cap = cap
         self.schema = arrow_schema(columns)
         self._rows: list[dict[str, Any]] = []
         self._parts: list[Path] = []
@@ -92,21 +101,29 @@ class ShardWriter:
         self._parts.append(part)
         self._stream = part.open("wb")
         images = [column.name for column in self.columns if column.is_image]
-        # Exact floats rarely repeat, but their exponent bytes do: split the bytes, skip the
-        # dictionary. `valid` is all runs of 0 and 1, which a dictionary packs to bits.
-        floats = [column.name for column in self.columns if column.is_image and _is_float(column)]
-        plain = [name for name in self.schema.names if name not in images]
-        counted = [column for column in self.columns if column.is_image and not _is_float(column)]
-        labels = [f"{column.name}.list.element" for column in counted if column.name != "valid"]
+        pictures = [column.name for column in self.columns if column.dtype == PREVIEW]
+        plain = [name for name in self.schema.names if name not in (*images, *pictures)]
         tables = [name for name in TABLES if name in plain]
+        leaves = set(_leaves(self.schema))
+        pictured = {f"{name}.bytes" for name in pictures}
         self._writer = pq.ParquetWriter(
             self._stream,
             self.schema,
-            compression="zstd",
-            compression_level=3,
-            use_dictionary=[*REPEATED, *tables, "valid.list.element", *labels],
-            use_byte_stream_split=[f"{name}.list.element" for name in floats],
-            write_statistics=[name for name in plain if name not in ("preview", *TABLES)],
+            compression={
+                **dict.fromkeys(leaves, "zstd"),
+                **dict.fromkeys(images, "lz4"),
+                **dict.fromkeys(pictured, "none"),  # compressed already
+            },
+            compression_level={
+                **dict.fromkeys(leaves - pictured, 3),
+                **dict.fromkeys(images, LZ4_LEVEL),
+            },
+            use_dictionary=[*REPEATED, *tables],
+            write_statistics=[name for name in plain if name not in TABLES],
+            # Readers that use the index fetch single rows; hubs that store chunks by content keep
+            # those that a new version of the dataset leaves as they are.
+            write_page_index=True,
+            use_content_defined_chunking=True,
         )
 
     def _finish(self) -> None:
@@ -127,20 +144,18 @@ def to_table(rows: Sequence[Mapping[str, Any]], columns: tuple[Column, ...]) -> 
             for value in values:
                 if value is not None and value.shape != column.shape:
                     raise ValueError(f"{column.name}: shape {value.shape}, not {column.shape}")
-            missing = [value is None for value in values]
-            cells = [np.zeros(column.shape) if value is None else value for value in values]
-            flat = np.concatenate([np.ascontiguousarray(value).reshape(-1) for value in cells])
-            arrays.append(
-                pa.FixedSizeListArray.from_arrays(
-                    pa.array(flat, column.dtype),
-                    type=column.type,
-                    mask=pa.array(missing) if any(missing) else None,
-                )
-            )
-        else:
-            arrays.append(pa.array(values, column.type))
+        if column.is_image:
+            dtype = column.numpy_dtype
+            values = [image_cell(value.astype(dtype, copy=False)) for value in values]
+        elif column.shape:
+            values = [None if value is None else value.tolist() for value in values]
+        arrays.append(pa.array(values, column.type))
     return pa.Table.from_arrays(arrays, schema=arrow_schema(columns))
 
 
-def _is_float(column: Column) -> bool:
-    return bool(pa.types.is_floating(column.dtype))
+def _leaves(schema: pa.Schema) -> list[str]:
+    """Return the paths of all columns as Parquet stores them, those within lists too."""
+    empty = pa.BufferOutputStream()
+    pq.write_table(schema.empty_table(), empty)
+    stored = pq.ParquetFile(empty.getvalue()).schema
+    return [stored.column(index).path for index in range(len(stored))]

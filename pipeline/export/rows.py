@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pipeline.channels import KINDS, RADIANCE, SETS, dataset_channels
-from pipeline.dataset.parquet import check_filled, check_types, image_shape, open_parquet, reading
+from pipeline.dataset.parquet import check_filled, check_types, images_of, open_parquet, reading
 from pipeline.dataset.splits import SPLITS
 from pipeline.radiance import is_scale
 from pipeline.tonemap import Exposure
@@ -155,7 +155,7 @@ class DatasetRows:
             self._cached = (key, table)
         table = self._cached[1].slice(number, 1)
         path = self.shards[shard]
-        found = {name: _image(path, table, name) for name in images}
+        found = {name: images_of(path, table, name)[0] for name in images}
         for name in _RADIANCES & found.keys():
             found[name] = found[name].astype(np.float32) * np.float32(row.radiance_scale)
         return Content(found, {name: table.column(name)[0].as_py() for name in values})
@@ -216,18 +216,6 @@ def _matrix(cell: Any, side: int) -> Float64Array:
 
 def _numbered(row: ViewRow, number: int) -> ViewRow:
     return ViewRow(**{**row.__dict__, "number": number})
-
-
-def _image(path: Path, table: pa.Table, name: str) -> AnyArray:
-    """Return an image cell of a one-row table."""
-    shape = image_shape(path, table.schema.field(name))
-    values = table.column(name).combine_chunks()
-    if isinstance(values, pa.ChunkedArray):
-        values = values.chunk(0)
-    if values.null_count:
-        raise InputError(f"{path}: a row without {name!r}; pack it again with: pbrnet dataset")
-    pixels: AnyArray = values.flatten().to_numpy(zero_copy_only=False).reshape(shape)
-    return pixels
 
 
 def _check_known(folder: Path, what: str, wanted: Sequence[str], known: set[str]) -> None:

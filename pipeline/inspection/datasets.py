@@ -84,7 +84,7 @@ def inspect_shards(paths: Sequence[Path], name: str) -> Inspection:
     schema = files[0].schema_arrow
     sizes: Counter[str] = Counter()
     raw: Counter[str] = Counter()
-    encodings: dict[str, str] = {}
+    stored: dict[str, str] = {}
     for file in files:
         for group in range(file.metadata.num_row_groups):
             row_group = file.metadata.row_group(group)
@@ -93,20 +93,19 @@ def inspect_shards(paths: Sequence[Path], name: str) -> Inspection:
                 column = chunk.path_in_schema.split(".")[0]
                 sizes[column] += chunk.total_compressed_size
                 raw[column] += chunk.total_uncompressed_size
-                encodings[column] = _encoding(chunk.encodings)
+                stored[column] = f"{_encoding(chunk.encodings)}, {chunk.compression.lower()}"
     columns: Table = []
     for field in schema:
         metadata = field.metadata or {}
-        listed = pa.types.is_fixed_size_list(field.type)
         columns.append(
             {
                 "column": field.name,
-                "type": str(field.type.value_type if listed else field.type).split("<")[0],
+                "type": metadata.get(b"dtype", b"").decode("utf-8", "replace") or _type(field.type),
                 "shape": _shape(name, field),
                 "unit": metadata.get(b"unit", b"").decode("utf-8", "replace"),
                 "kB": round(sizes[field.name] / 1e3, 1),
                 "of raw": f"{sizes[field.name] / max(1, raw[field.name]):.0%}",
-                "encoding": encodings.get(field.name, ""),
+                "stored": stored.get(field.name, ""),
             }
         )
     rows: Table = []
@@ -193,6 +192,13 @@ def _open_shard(path: Path) -> pq.ParquetFile:
         )
     check_types(path, file.schema_arrow, needed)
     return file
+
+
+def _type(kind: pa.DataType) -> str:
+    """Return the type of the values of a column; of numbers, for lists of lists."""
+    while pa.types.is_fixed_size_list(kind):
+        kind = kind.value_type
+    return str(kind).split("<")[0]
 
 
 def _shape(name: str, field: pa.Field) -> str:

@@ -28,7 +28,7 @@ from pipeline.passes.inputs import RENDERERS, VisibleSurfaces, render_inputs
 from pipeline.render.scene import open_scene, set_variant
 from pipeline.views import load_cameras
 from scenes.arrays import AnyArray
-from tests.fixtures.dataset import box_frames, make_data, small_params, write_view
+from tests.fixtures.dataset import box_frames, images_of, make_data, small_params, write_view
 from tests.fixtures.render import diffuse, make_view, quad, write_scene
 
 GRAIN = Channel(
@@ -102,8 +102,8 @@ def test_a_new_channel_is_packed_checked_described_and_drawn(
     rejected = (data / "dataset" / "rejected.csv").read_text().splitlines()[1:]
     assert rejected == ["home-0002,000,negative,grain: down to -0.5"]
     tables = [pq.read_table(path) for path in sorted((data / "dataset").glob("*.parquet"))]
-    cells = [cell for table in tables for cell in table["grain"].to_pylist()]
-    assert sorted({value for cell in cells for value in cell}) == [0.25, 0.5]
+    grains = [image for table in tables for image in images_of(table, "grain")]
+    assert sorted({float(value) for image in grains for value in image.flat}) == [0.25, 0.5]
     field = tables[0].schema.field("grain")
     assert field.metadata[b"shape"] == b"[24, 32]"
     card = (data / "dataset" / "README.md").read_text()

@@ -68,7 +68,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("inputs/home-0000/000.exr", "frame", ["albedo.G", "float32", "valid"]),
         ("illumination/home-0000/000.exr", "frame", ["1.2e+05", "2.25", "tint.R"]),
         ("visibility/home-0000/000.exr", "frame", ["visibility.Y", "0.125"]),
-        ("dataset", "dataset", ["9 views in 3 files", "metre", "byte stream split"]),
+        ("dataset", "dataset", ["9 views in 3 files", "metre", "float16", "plain, lz4"]),
         ("dataset/train-00000-of-00001.parquet", "shard", ["3 views in 1 file", "24 x 32 x 3"]),
         ("shading.safetensors", "model", ["224 parameters", "backbone.network  vgg19", "8 x 3"]),
         ("shading.json", "model", ["224 parameters"]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from pipeline.costs.ledger import Ledger, ledger_path, read_ledger
-from pipeline.dataset.parquet import check_types, image_shape
+from pipeline.dataset.parquet import check_types, image_cell, image_type, images_of
 from pipeline.frames import check_frame, read_frame, read_meta, view_of
 from pipeline.params import load_params
 from pipeline.views import load_cameras
@@ -87,12 +88,44 @@ def test_columns_of_another_type() -> None:
     check_types(Path("a"), schema, ["view_id", "absent"])
     with pytest.raises(InputError, match="'scene_id' holds int64"):
         check_types(Path("a"), schema, ["scene_id"])
-    kind = pa.list_(pa.float32(), 6)
-    good = pa.field("depth", kind, metadata={"shape": "[2, 3]"})
-    assert image_shape(Path("a"), good) == (2, 3)
-    for shape in ("x", "[]", "[1e9, 2]", "[-2, -3]", "[2, 4]", "[" * 9999, f"[{'9' * 5000}]"):
+    good = pa.field("depth", pa.binary(), metadata={"shape": "[2, 3]", "dtype": "float32"})
+    assert image_type(Path("a"), good) == (np.float32, (2, 3))
+    for shape in ("x", "[]", "[1e9, 2]", "[-2, -3]", "[" * 9999, f"[{'9' * 5000}]"):
         with pytest.raises(InputError, match="depth"):
-            image_shape(Path("a"), good.with_metadata({"shape": shape}))
+            image_type(Path("a"), good.with_metadata({"shape": shape, "dtype": "float32"}))
+    for dtype in ("object", "float128", ""):
+        with pytest.raises(InputError, match="type of its images"):
+            image_type(Path("a"), good.with_metadata({"shape": "[2, 3]", "dtype": dtype}))
+    older = schema.with_metadata({"pbrnet": "1"})
+    with pytest.raises(InputError, match=r"format 1.* format 2.*pbrnet dataset"):
+        check_types(Path("a"), older, ["view_id"])
+
+
+def test_cells_that_are_no_images() -> None:
+    image = np.arange(6, dtype=np.float32).reshape(2, 3)
+    field = pa.field("depth", pa.binary(), metadata={"shape": "[2, 3]", "dtype": "float32"})
+
+    def read(cell: bytes | None) -> np.ndarray:
+        table = pa.Table.from_arrays([pa.array([cell], pa.binary())], schema=pa.schema([field]))
+        return images_of(Path("a"), table, "depth")[0]
+
+    good = image_cell(image)
+    np.testing.assert_array_equal(read(good), image)
+    assert good[-24:] == image.view(np.uint8).reshape(6, 4).T.tobytes(), "bytes of a kind together"
+    stream = io.BytesIO()  # as another program may write it: a longer header, version 2
+    np.lib.format.write_array(stream, np.load(io.BytesIO(good)), version=(2, 0))
+    np.testing.assert_array_equal(read(stream.getvalue()), image)
+    bombs = [
+        good.replace(b"(4, 2, 3)", b"(4, 2, 9)"),
+        good.replace(b"(4, 2, 3)", b"(4, 2<<60"),
+        good.replace(b"|u1", b"|O8"),
+        good.replace(b"float32", b"float16"),
+        image_cell(image.T),
+        image_cell(image.astype(np.float64)),
+    ]
+    for cell in (None, b"", b"x" * 200, good[:-1], good + b"x", good[:40], *bombs):
+        with pytest.raises(InputError, match="depth"):
+            read(cell)
 
 
 @pytest.mark.parametrize("value", [None, -1.0, float("nan"), 1e308])

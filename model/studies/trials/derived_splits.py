@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
@@ -17,6 +18,7 @@ import pyarrow.parquet as pq
 
 from model.data.reader import IMAGES, RADIANCE_SCALE, SCALARS, Dataset, Split
 from pipeline.channels import Kind
+from pipeline.dataset.parquet import image_cell
 from pipeline.params import ToneParams
 from pipeline.radiance import HALF_MAX
 from pipeline.tonemap import exposure_of
@@ -101,12 +103,11 @@ def _with_truth(table: pa.Table, tone: ToneParams, lookup: TruthLookup) -> pa.Ta
             np.clip(truth[name] / unit, -HALF_MAX, HALF_MAX).astype(np.float16)
             for truth, unit in zip(truths, units, strict=True)
         ]
-        kind = table.schema.field(name).type
+        shape = tuple(json.loads(table.schema.field(name).metadata[b"shape"]))
         for image in images:
-            if image.size != kind.list_size:
-                raise ValueError(f"{name}: {image.shape}, expected {kind.list_size} values")
-        flat = pa.array(np.concatenate([image.ravel() for image in images]), kind.value_type)
-        table = _put(table, name, pa.FixedSizeListArray.from_arrays(flat, type=kind))
+            if image.shape != shape:
+                raise ValueError(f"{name}: {image.shape}, expected {shape}")
+        table = _put(table, name, pa.array([image_cell(image) for image in images], pa.binary()))
         exposures = [
             exposure_of(image.astype(np.float32) * unit, tone)
             for image, unit in zip(images, units, strict=True)

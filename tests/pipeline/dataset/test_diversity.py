@@ -65,7 +65,7 @@ def test_diversity_of_a_dataset_counts_every_view_once(tmp_path: Path) -> None:
     assert list(figures) == ["procedural"]
     for quantity in QUANTITIES:
         assert figures["procedural"][quantity.name].shape == (9,)
-    assert set(figures["procedural"]["objects"]) == {2.0}
+    assert set(figures["procedural"]["objects"]) == {0.0}
     assert set(figures["procedural"]["lights"]) == {2.0}
 
     picture = tmp_path / "diversity.png"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +19,7 @@ from pipeline.params import LightParams, Params
 from pipeline.passes.light import adding_up
 from pipeline.views import View, load_cameras
 from scenes.errors import InputError
-from tests.fixtures.dataset import make_data, small_params, write_view
+from tests.fixtures.dataset import images_of, make_data, small_params, write_view
 
 PARTS = ("direct", "indirect", "diffuse", "specular", "irradiance", "residual")
 
@@ -86,18 +85,16 @@ def test_the_parts_add_up_to_colour_in_the_dataset(scale: float, tmp_path: Path)
     table = table_of(data)
     images = {}
     for name in (*PARTS, "color", "reflectance"):
-        shape = json.loads(table.schema.field(name).metadata[b"shape"])
-        assert shape == [24, 32, 3]
-        values = table[name].combine_chunks().flatten().to_numpy()
-        images[name] = values.reshape(-1, *shape).astype(np.float64)
+        images[name] = np.array(images_of(table, name), np.float64)
+        assert images[name].shape[1:] == (24, 32, 3)
     tolerance = 1e-3 * images["color"]
     for one, other in (("direct", "indirect"), ("diffuse", "specular")):
         assert (abs(images[one] + images[other] - images["color"]) <= tolerance).all()
         assert images[one].min() >= 0 and images[other].min() >= 0
     gap = images["reflectance"] * images["irradiance"] + images["residual"] - images["color"]
     assert (abs(gap) <= tolerance).all() and images["residual"].min() < 0
-    types = {name: str(table.schema.field(name).type.value_type) for name in PARTS}
-    assert types == dict.fromkeys(PARTS[:4], "halffloat") | dict.fromkeys(PARTS[4:], "float")
+    types = {name: images_of(table, name)[0].dtype.name for name in PARTS}
+    assert types == dict.fromkeys(PARTS[:4], "float16") | dict.fromkeys(PARTS[4:], "float32")
     assert table["noise_specular"].to_pylist() == [0.25] * len(table)
     drawn = inspect_path(frame_path(data, "light", views[0]))
     assert "irradiance.R" in drawn.text and drawn.draw().size
@@ -111,11 +108,7 @@ def test_light_groups_add_up_to_colour_in_the_dataset(scale: float, tmp_path: Pa
     table = table_of(data)
     assert table["light_names"].to_pylist()[0] == NAMES
     assert table["noise_lights"].to_pylist()[0] == [0.5] * 4
-    images = {}
-    for name in ("lights", "color"):
-        shape = json.loads(table.schema.field(name).metadata[b"shape"])
-        values = table[name].combine_chunks().flatten().to_numpy()
-        images[name] = values.reshape(-1, *shape).astype(np.float64)
+    images = {name: np.array(images_of(table, name), np.float64) for name in ("lights", "color")}
     assert images["lights"].shape[1:] == (4, 24, 32, 3) and images["lights"].min() >= 0
     gap = abs(images["lights"].sum(axis=1) - images["color"])
     assert (gap <= 1e-3 * images["color"]).all()

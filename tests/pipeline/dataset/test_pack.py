@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import errno
+import io
 import json
 import resource
 import shutil
@@ -28,6 +29,7 @@ from pipeline.dataset.checksums import verify_sums
 from pipeline.dataset.columns import dataset_columns
 from pipeline.dataset.held_out import kept_back
 from pipeline.dataset.pack import pack_dataset
+from pipeline.dataset.shards import ShardWriter
 from pipeline.dataset.splits import Source, split_plans
 from pipeline.frames import HALF_MAX, Frame, frame_path, read_frame
 from pipeline.images import read_picture
@@ -45,6 +47,7 @@ from tests.fixtures.dataset import (
     small_params,
     write_view,
 )
+from tests.fixtures.dataset import rows_of as table_rows
 
 SIZE, PANORAMA = (32, 24), (32, 16)
 
@@ -59,21 +62,9 @@ def packed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def rows_of(data: Path) -> list[dict[str, Any]]:
-    """All rows of all shards, images reshaped."""
-    rows = []
-    for path in sorted((data / "dataset").glob("*.parquet")):
-        table = pq.read_table(path)
-        shapes = {
-            field.name: json.loads(field.metadata[b"shape"])
-            for field in table.schema
-            if b"shape" in (field.metadata or {})
-        }
-        for row in table.to_pylist():
-            for name, shape in shapes.items():
-                dtype = table.schema.field(name).type.value_type.to_pandas_dtype()
-                row[name] = np.array(row[name], dtype).reshape(shape)
-            rows.append(row)
-    return rows
+    """All rows of all shards, images as arrays."""
+    shards = sorted((data / "dataset").glob("*.parquet"))
+    return [row for path in shards for row in table_rows(pq.read_table(path))]
 
 
 def rejected_of(data: Path) -> list[dict[str, str]]:
@@ -118,12 +109,24 @@ def test_every_column_equals_the_frames_bit_for_bit(packed: Path) -> None:
             assert row[name].tobytes() == values.tobytes(), name
         assert row["seed"] == -5, "64-bit seeds are kept in two's complement"
         assert (row["spp"], row["noise_color"], row["score"]) == (64, 0.125, view.score)
-        assert row["objects"] == 2  # sofa and lamp
         exposure = exposure_of(frames["color"].rgb, params.tone)
         assert (row["exposure_color"], row["white_color"]) == (exposure.scale, exposure.white)
         assert (row["licence"], row["source"]) == ("CC0-1.0", "procedural")
         assert "A. Maker" in row["attribution"]
         assert read_picture(row["preview"]["bytes"]).shape == (24, 32, 3)
+
+
+def test_objects_are_counted_in_the_image_itself(tmp_path: Path) -> None:
+    """And not in the small picture by which the view was chosen."""
+    params = small_params()
+    data = make_data(tmp_path, params, scenes=1, views=1)
+    view = make_view(params, "home-0000", 0)
+    channels = box_frames(view, params)["inputs"]
+    numbers = channels["object"].copy()
+    numbers[:4], numbers[10, :7] = 2, 3  # the sofa; less than 1 % of the lamp
+    write_view(data, "inputs", {**channels, "object": numbers}, view)
+    pack_dataset(data, params)
+    assert [row["objects"] for row in rows_of(data)] == [1] != [len(view.seen)]
 
 
 def test_columns_come_in_the_documented_order_with_units(packed: Path) -> None:
@@ -132,20 +135,35 @@ def test_columns_come_in_the_documented_order_with_units(packed: Path) -> None:
     assert schema.names == [column.name for column in columns]
     for name in ("depth", "normal", "reflectance", "intensity", "distance", "shading", "color"):
         field = schema.field(name)
-        assert pa.types.is_fixed_size_list(field.type), name
-        assert not field.nullable and not field.type.value_field.nullable, name
+        assert pa.types.is_binary(field.type) and not field.nullable, name
+        assert field.metadata[b"encoding"] == b"npy byte planes"
+    assert schema.field("depth").metadata[b"dtype"] == b"float32"
     assert schema.field("depth").metadata[b"unit"] == b"metre"
     assert all(field.metadata[b"description"] for field in schema)
 
 
-def test_floats_are_byte_stream_split_without_a_dictionary(packed: Path) -> None:
-    group = pq.ParquetFile(next((packed / "dataset").glob("train-*.parquet"))).metadata.row_group(0)
+def test_pages_are_compressed_by_what_is_in_them(packed: Path) -> None:
+    file = pq.ParquetFile(next((packed / "dataset").glob("train-*.parquet")))
+    assert file.metadata.metadata[b"pbrnet"] == b"2"
+    group = file.metadata.row_group(0)
     for index in range(group.num_columns):
         column = group.column(index)
-        assert column.compression == "ZSTD"
-        if column.path_in_schema.split(".")[0] in ("depth", "color", "normal", "intensity"):
-            assert "BYTE_STREAM_SPLIT" in column.encodings
-            assert not column.has_dictionary_page
+        name = column.path_in_schema
+        image = name in ("depth", "color", "normal", "valid", "intensity")
+        assert column.compression == (
+            "LZ4" if image else "UNCOMPRESSED" if name.endswith(".bytes") else "ZSTD"
+        ) or name in ("reflectance", "distance", "tint", "shading", "visibility")
+        assert column.has_offset_index, "readers can fetch single rows"
+        assert not (image and (column.has_dictionary_page or column.is_stats_set))
+
+
+def test_row_groups_are_smaller_where_rows_are_large(tmp_path: Path) -> None:
+    columns = dataset_columns((640, 480), (640, 320))
+    row = sum(column.image_bytes for column in columns)
+    writer = ShardWriter(tmp_path, "train", columns, 16, 10**9)
+    assert writer.row_group == (64 << 20) // row == 5
+    huge = dataset_columns((4096, 4096), (640, 320))
+    assert ShardWriter(tmp_path, "train", huge, 16, 10**9).row_group == 1
 
 
 def test_hugging_face_datasets_reads_it(
@@ -168,7 +186,9 @@ def test_hugging_face_datasets_reads_it(
     first = loaded["train"][0]
     assert first["preview"].size == (32, 24)
     ours = next(row for row in rows_of(packed) if row["split"] == "train")
-    assert np.array_equal(np.array(first["color"], np.float16), ours["color"].ravel())
+    planes = np.load(io.BytesIO(first["color"]))
+    assert np.array_equal(np.stack(planes, -1).view(planes.dtype.names[0])[..., 0], ours["color"])
+    assert np.array_equal(first["K"], ours["K"]) and np.shape(first["K"]) == (3, 3)
 
 
 def test_no_scene_is_in_two_splits_and_rows_stand_in_order(packed: Path) -> None:

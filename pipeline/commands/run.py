@@ -1,0 +1,73 @@
+"""`pbrnet run`: all stages from assets to the dataset, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from pipeline.commands.data import summary_lines
+from pipeline.commands.options import common_options, farm_options
+from pipeline.dataset.pack import pack_dataset
+from pipeline.params import Params
+from pipeline.stages.assets import run_assets
+from pipeline.stages.cameras import run_cameras
+from pipeline.stages.groundtruth import run_groundtruth
+from pipeline.stages.illumination import run_illumination
+from pipeline.stages.inputs import run_inputs
+from pipeline.stages.runner import StageError
+from pipeline.stages.scenes import run_scenes
+
+
+def _dataset(data: Path, params: Params, scheduler: str | None) -> str:
+    return "\n".join(summary_lines(pack_dataset(data, params), data / "dataset"))
+
+
+STAGES: dict[str, Callable[[Path, Params, str | None], object]] = {
+    "assets": run_assets,
+    "scenes": run_scenes,
+    "cameras": run_cameras,
+    "inputs": run_inputs,
+    "illumination": run_illumination,
+    "groundtruth": run_groundtruth,
+    "dataset": _dataset,
+}
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet run --params params/paper.yaml --data /mnt/big/paper
+  pbrnet run --data /tmp/seven --seed 7 --until cameras
+
+Exit code 1 if some scenes or views failed; the dataset holds the others, and its rejected.csv
+lists the views. The same command again keeps what is up to date and tries the rest."""
+)
+@click.option(
+    "--until",
+    type=click.Choice(list(STAGES)),
+    default="dataset",
+    show_default=True,
+    help="Last stage to run.",
+)
+@farm_options
+@common_options
+def run(params: Params, data: Path, scheduler: str | None, until: str) -> None:
+    """Run all stages from assets to the dataset once, for one parameter file and data folder.
+
+    Prints a summary of each stage. `dvc repro` does the same in the project's own data folder, and
+    trains and evaluates the networks, too.
+    """
+    failed: list[StageError] = []
+    for number, (name, stage) in enumerate(STAGES.items(), 1):
+        click.echo(f"[{number}/{len(STAGES)}] {name}")
+        try:
+            click.echo(str(stage(data, params, scheduler)))
+        except StageError as error:
+            failed.append(error)
+            click.echo(str(error), err=True)
+        if name == until:
+            break
+    if failed:
+        raise StageError(f"{len(failed)} of the stages had failures, listed above")
