@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from pipeline.commands.options import common_options
-from pipeline.dataset.card import DatasetSummary
 from pipeline.dataset.checksums import verify_sums
+from pipeline.dataset.description.card import DatasetSummary
 from pipeline.dataset.pack import pack_dataset
 from pipeline.images import png_bytes
 from pipeline.inspection.datasets import inspect_diversity, inspect_realism

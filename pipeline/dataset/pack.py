@@ -21,16 +21,16 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pipeline.channels import layout
-from pipeline.dataset.card import (
+from pipeline.dataset.checks import Rejection, Size, check_frames, load_frames, read_failures
+from pipeline.dataset.checksums import write_sums
+from pipeline.dataset.columns import Column, dataset_columns
+from pipeline.dataset.description.card import (
     DatasetSummary,
     attribution_of,
     dataset_card,
     licence_of,
     write_croissant,
 )
-from pipeline.dataset.checks import Rejection, Size, check_frames, load_frames, read_failures
-from pipeline.dataset.checksums import write_sums
-from pipeline.dataset.columns import Column, dataset_columns
 from pipeline.dataset.label_tables import CLASSES
 from pipeline.dataset.rows import make_row
 from pipeline.dataset.shards import ShardWriter

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from pipeline.channels import Channel, dataset_channels
-from pipeline.dataset.card import attribution_of, licence_of
 from pipeline.dataset.checks import Frames, noise_of
 from pipeline.dataset.columns import NOISE_OF_PARTS
+from pipeline.dataset.description.card import attribution_of, licence_of
 from pipeline.dataset.label_tables import json_text, room_layout
 from pipeline.dataset.light import in_row_unit, light_groups, remainders
 from pipeline.dataset.previews import preview_cells

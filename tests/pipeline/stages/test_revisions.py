@@ -63,7 +63,7 @@ def test_homes_depend_on_the_code_of_their_generator(sources: Path, file: str) -
 def test_nothing_depends_on_code_that_is_never_imported(
     sources: Path, code: tuple[str, ...]
 ) -> None:
-    assert not _changed(sources, "pipeline/dataset/card.py", code)
+    assert not _changed(sources, "pipeline/dataset/description/card.py", code)
 
 
 @pytest.mark.parametrize("code", [IMPORT, PIECE])

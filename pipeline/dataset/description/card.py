@@ -70,7 +70,7 @@ def dataset_card(
 ) -> str:
     """Return the README: front matter, loading, columns, counts, sources, limits."""
     licences = sorted({credit.licence for scene in scenes for credit in scene.credits})
-    environment = templates("pipeline.dataset", markup=False)
+    environment = templates("pipeline.dataset.description", markup=False)
     environment.filters["cell"] = _table_cell
     return environment.get_template("dataset_card.md").render(
         front_matter=_front_matter(summary, licences),

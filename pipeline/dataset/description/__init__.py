@@ -1,0 +1,1 @@
+"""Descriptions of the packed dataset: card, Croissant file, citation."""
