@@ -11,7 +11,7 @@ import click
 
 from pipeline.commands.options import farm_options
 from pipeline.costs.ledger import read_ledger
-from pipeline.dataset.card import DatasetSummary
+from pipeline.dataset.description.card import DatasetSummary
 from pipeline.dataset.pack import pack_dataset
 from pipeline.params import Params
 from pipeline.release.recipe import (
