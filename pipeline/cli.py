@@ -67,6 +67,10 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         "inspect": ("pipeline.commands.data:inspect", "Describe a file and draw it."),
         "study": ("model.studies.commands:study", "Run the studies of the paper."),
         "predict": ("model.commands.predict:predict", "Render images with the trained networks."),
+        "score": (
+            "model.commands.score:score",
+            "Score pictures of a list of views against the truth.",
+        ),
         "pretrained": (
             "model.commands.networks:pretrained",
             "Pack trained networks for distribution.",

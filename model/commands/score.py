@@ -1,0 +1,108 @@
+"""`pbrnet score`: pictures of a list of views against the dataset's truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from model.benchmark.pictures import Task
+from model.benchmark.score import METRICS, ExposureRule, score_folder, table
+from model.benchmark.views import load_views, pin_views, save_views
+from model.options import FILE, FOLDER
+from pipeline.dataset.splits import SPLITS
+from pipeline.export.rows import DatasetRows
+from scenes.files import write_json
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet score pictures/mine                            colour, test split of data/dataset
+  pbrnet score mine other --views recipes/views.json    two methods on a pinned list of views
+  pbrnet score mine/albedo --task albedo                albedo estimated from a picture
+  pbrnet score mine/normals --task normal --out normals.json
+  pbrnet score --pin recipes/views.json --count 100     pin a list of 100 test views
+  pbrnet predict --all-views --exr --out mine data/scenes/home-0003     makes such pictures
+
+Files are SCENE--VIEW.exr or .png. seconds.json or seconds.csv beside them gives CPU seconds, and
+about.json says what the method is. docs/benchmark.md has tasks, formats and rules."""
+)
+@click.argument("folders", type=FOLDER, nargs=-1, metavar="FOLDER...")
+@click.option(
+    "--task",
+    type=click.Choice(list(METRICS)),
+    default="color",
+    show_default=True,
+    help="What the pictures show.",
+)
+@click.option("--views", "list_file", type=FILE, default=None, help="Pinned list of views.")
+@click.option(
+    "--dataset",
+    type=FOLDER,
+    default=Path("data/dataset"),
+    show_default=True,
+    help="Folder of the dataset with the truth.",
+)
+@click.option(
+    "--split",
+    type=click.Choice(SPLITS),
+    default=None,
+    help="Split whose views are scored.  [default: test; with --views those of the list]",
+)
+@click.option(
+    "--exposure",
+    type=click.Choice(["own", "truth"]),
+    default="own",
+    show_default=True,
+    help="colour, EXR: tone-map each picture by its own exposure, or by the truth's.",
+)
+@click.option("--out", type=FILE, default=None, help="JSON file of all scores.")
+@click.option("--pin", type=FILE, default=None, help="Write a pinned list of views, score nothing.")
+@click.option(
+    "--count",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    help="Views to pin, spread evenly over the split; 0: all.",
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the intervals.")
+def score(
+    folders: tuple[Path, ...],
+    task: Task,
+    list_file: Path | None,
+    dataset: Path,
+    split: str | None,
+    exposure: ExposureRule,
+    out: Path | None,
+    pin: Path | None,
+    count: int,
+    seed: int,
+) -> None:
+    """Score the pictures in each FOLDER against the truth of a dataset.
+
+    colour: SSIM, PSNR, FLIP, and for linear pictures the error of the mean in stops; albedo:
+    scale-invariant error, whole and in windows; normals: angles. Means over views with 95 %
+    intervals over scenes, and CPU seconds a view where they are given.
+    """
+    if pin is not None:
+        rows = DatasetRows(dataset, (split or "test",))
+        views = pin_views(rows, count, pin.stem, "1")
+        save_views(pin, views)
+        click.echo(f"{pin}: {len(views.views)} views of {split or 'test'}")
+        return
+    if not folders:
+        raise click.UsageError("give a FOLDER of pictures")
+    chosen = None if list_file is None else load_views(list_file)
+    splits = (split,) if split else (() if chosen else ("test",))
+    rows = DatasetRows(dataset, splits)
+    scores = [score_folder(folder, rows, chosen, task, exposure) for folder in folders]
+    first = scores[0]
+    of = f" of the list {chosen.name} {chosen.version}" if chosen else ""
+    scenes = len({view.scene_id for view in first.views})
+    click.echo(f"{task}: {len(first.views)} views of {scenes} scenes{of}")
+    click.echo(table(scores, seed))
+    if out is not None:
+        about = None if chosen is None else {"name": chosen.name, "version": chosen.version}
+        write_json(out, {"list": about, "scores": [score.summary(seed) for score in scores]})
+        click.echo(f"Written: {out}")
