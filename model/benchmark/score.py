@@ -148,8 +148,10 @@ def _values(
     picture, linear = read_picture(path, task, (width, height))
     mask = truth["valid"] > 0
     if task == "albedo":
-        pair = truth["reflectance"], picture
-        return {"si_rmse": scale_invariant_rmse(*pair, mask), "local_rmse": local_rmse(*pair, mask)}
+        return {
+            "si_rmse": scale_invariant_rmse(truth["reflectance"], picture, mask),
+            "local_rmse": local_rmse(truth["reflectance"], picture, mask),
+        }
     if task == "normal":
         return normal_errors(truth["normal"], picture, mask)
     if min(width, height) < _LEAST_SIDE:
