@@ -89,6 +89,14 @@ class TrajectoryFile:
 
 
 @dataclass(frozen=True)
+class RoomShare:
+    """Share of the rooms of a type that get views, drawn for each room by itself."""
+
+    type: str
+    share: float = field(default=1.0, metadata=within(0, 1))
+
+
+@dataclass(frozen=True)
 class CameraParams:
     """View sampling after PBRS (Zhang et al. 2017), with a clearance test."""
 
@@ -125,6 +133,11 @@ class CameraParams:
     walk_frames: int = field(default=24, metadata=within(24, 240) | OPTIONAL)
     walk_step: float = field(default=0.06, metadata=within(0.005, 0.5) | OPTIONAL)
     walk_turn: float = field(default=0.05, metadata=within(0.005, 0.5) | OPTIONAL)
+    # paper: PBRS' rule alone; photograph: no blank wall, lamp or object that fills the view, and a
+    # subject on a third is better; see docs/cameras.md
+    framing: Literal["paper", "photograph"] = field(default="paper", metadata=OPTIONAL)
+    # balance of room types: of types that are not named, every room gets views
+    room_shares: tuple[RoomShare, ...] = field(default=(), metadata=OPTIONAL)
     # metres from each view to a partner on its right; 0: none
     stereo_baseline: float = field(default=0.0, metadata=within(0, 2) | OPTIONAL)
     # views of the overlapping set of each room, 0: none, and least median overlap of their pairs
@@ -137,6 +150,10 @@ class CameraParams:
     # what becomes of such a trajectory where frames touch or pass surfaces: left out, or kept and
     # reported, or kept unchecked
     collisions: Literal["reject", "warn", "accept"] = field(default="warn", metadata=OPTIONAL)
+
+    def share_of(self, room_type: str) -> float:
+        """Return the share of the rooms of a type that get views."""
+        return next((each.share for each in self.room_shares if each.type == room_type), 1.0)
 
     @property
     def most_views(self) -> int:
@@ -407,6 +424,8 @@ class Params:
             raise ValueError(f"channels: {names}; one or more sets are needed, each once")
         if {"light", "all"} & set(self.channels) and not self.groundtruth.joint:
             raise ValueError("channels: light needs groundtruth.joint: true")
+        if self.image.is_panorama and self.cameras.framing != "paper":
+            raise ValueError("cameras.framing: photograph is for perspective images")
         if self.image.is_panorama:
             self._verify_panoramas()
 

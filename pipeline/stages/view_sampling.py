@@ -13,7 +13,9 @@ not be inside furniture; views are rejected that a near object blocks, that look
 room, or that show nearly the same as a better view of their room; and every rejected candidate is
 counted by its reason. Where no candidate of a scene sees three pieces of furniture, as in an
 empty flat, parts of the building count as objects, one is enough, and views that reach far indoors
-score more. Views that show mostly outdoors, or one bare surface, are views of no room.
+score more. Views that show mostly outdoors, or one bare surface, are views of no room. With
+`cameras.framing: photograph`, views are also rejected and scored as `pipeline.cameras.framing`
+says, and `cameras.room_shares` leaves some rooms of a type without views.
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry import Polygon
 
+from pipeline.cameras.framing import THIRDS, Framing, framing_of, is_framed
 from pipeline.params import CameraParams, ImageParams, Params
 from pipeline.render.scene import RenderScene, cast, render_ids
 from pipeline.views import CameraFile, View, as_matrix, camera_model, intrinsics_of, look, rolled
@@ -67,7 +70,9 @@ BLOCKED = "blocked: too much of the view is too near"
 FEW_OBJECTS = "too few objects"
 BLANK = "shows one bare surface"
 OUTDOORS = "shows mostly outdoors"
+NOT_SHARED = "left out by cameras.room_shares"
 ELSEWHERE = "looks mostly into another room"
+UNFRAMED = "framed as no photograph is: blank wall, lamp or object too large, or too near"
 LOW_SCORE = "score below cameras.min_score"
 NOT_BEST = "not the best of its sector"
 ALIKE = "shows nearly the same as a better view of its room"
@@ -104,6 +109,7 @@ class Sight:
     seen: dict[str, int]  # object id -> pixels
     coarse: CoarseLook
     is_bare: bool  # no more than one bare surface
+    framing: Framing | None = None  # with `cameras.framing: photograph`
 
 
 def sample_cameras(
@@ -124,7 +130,9 @@ def sample_cameras(
     for room in sorted(scene.rooms, key=lambda room: room.id):
         rng = generator(seed, "cameras", scene.scene_id, room.id)
         lens = generator(seed, "cameras", scene.scene_id, room.id, "lens")
-        found, excluded = _room_candidates(render_scene, room, params, rng, lens)
+        chance = generator(seed, "cameras", scene.scene_id, room.id, "share").random()
+        taken = chance < options.share_of(room.type)
+        found, excluded = _room_candidates(render_scene, room, params, rng, lens, taken)
         candidates += found
         rejected += excluded
         total += len(found) + sum(excluded.values())
@@ -147,8 +155,8 @@ def sample_cameras(
         views.append(replace(view, sector=c.sector))
     left_out: dict[str, str] = {}
     if options.stored_views:
-        taken = {view.view_id for view in views}
-        stored, left_out = _stored_views(render_scene, scene, params, taken)
+        names_taken = {view.view_id for view in views}
+        stored, left_out = _stored_views(render_scene, scene, params, names_taken)
         views += stored
     return CameraFile(
         scene_id=scene.scene_id,
@@ -189,11 +197,12 @@ def _room_candidates(
     params: Params,
     rng: np.random.Generator,
     lens: np.random.Generator,
+    taken: bool,
 ) -> tuple[list[Candidate], Counter[str]]:
     """Return the candidates of a room to be scored, and the numbers of the others by reason.
 
     `lens` draws what has a range (field of view, pitch, roll), so that `rng` draws the same
-    places and azimuths with ranges and without.
+    places and azimuths with ranges and without. A room that is not `taken` has no candidates.
     """
     options = params.cameras
     rejected: Counter[str] = Counter()
@@ -201,6 +210,9 @@ def _room_candidates(
     eyes = grid_eyes(polygon.bounds, options, rng)
     eyes[:, 2] += room.floor_z
     azimuths = _azimuths(len(eyes), options.sectors, rng)
+    if not taken:
+        rejected[NOT_SHARED] += azimuths.size
+        return [], rejected
     if not room.has_light:
         rejected[NO_LIGHT] += azimuths.size
         return [], rejected
@@ -301,10 +313,15 @@ def sights(
             some = np.array(poses[start : start + chunk])
             ids = render_ids(render_scene, some, _rays(image))
             looks = _coarse_looks(render_scene, some, image, options.near)
-            for (score, objects, seen), coarse in zip(
-                score_ids(ids, scene, options.min_coverage), looks, strict=True
+            for (score, objects, seen), coarse, image_ids in zip(
+                score_ids(ids, scene, options.min_coverage), looks, ids, strict=True
             ):
-                yield Sight(score, objects, seen, coarse, coarse.is_flat and not objects)
+                framing = None
+                if options.framing == "photograph":
+                    framing = framing_of(image_ids, scene, objects)
+                    score += THIRDS * framing.thirds
+                bare = coarse.is_flat and not objects
+                yield Sight(score, objects, seen, coarse, bare, framing)
 
 
 def _rays(image: ImageParams) -> Float64Array:
@@ -382,6 +399,8 @@ def _rejection(
         return OUTDOORS
     if known and known.count(room.id) < options.min_own * len(known):
         return ELSEWHERE
+    if sight.framing is not None and not is_framed(sight.framing, sight.coarse.reach):
+        return UNFRAMED
     if sight.score < options.min_score:
         return LOW_SCORE
     return ""

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.params import CameraParams, ImageParams, Params
+from pipeline.params import CameraParams, ImageParams, Params, RoomShare
 from pipeline.render.scene import RenderScene, open_scene, set_variant
 from pipeline.stages import view_sampling
 from pipeline.stages.view_sampling import sample_cameras, score_ids
@@ -124,6 +124,20 @@ def test_ranges_are_kept_and_filled(living: RenderScene) -> None:
         low, high = ranges[name]
         assert low - 1e-9 <= min(values) < low + 0.3 * (high - low), name
         assert high - 0.3 * (high - low) < max(values) <= high + 1e-9, name
+
+
+def test_framing_rejects_and_room_shares_leave_rooms_out(living: RenderScene) -> None:
+    narrow = replace(PARAMS.cameras, half_fov_x=(0.2, 0.2), min_objects=1)
+    options = replace(narrow, framing="photograph")
+    framed = _sample(living, replace(PARAMS, cameras=options))
+    assert framed.rejected[view_sampling.UNFRAMED] > 0
+    assert framed.candidates == len(framed.views) + sum(framed.rejected.values())
+    plain = _sample(living, replace(PARAMS, cameras=narrow))
+    assert view_sampling.UNFRAMED not in plain.rejected
+    none = replace(options, room_shares=(RoomShare(living.scene.rooms[0].type, 0.0),))
+    empty = _sample(living, replace(PARAMS, cameras=none))
+    assert not empty.views
+    assert empty.rejected[view_sampling.NOT_SHARED] == empty.candidates == plain.candidates
 
 
 def test_a_range_of_one_value_is_that_value(living: RenderScene) -> None:
