@@ -26,6 +26,7 @@ Examples:
   pbrnet export-data --to webdataset --split train         tars of OpenEXR images
   pbrnet export-data --to hypersim --out hypersim          HDF5 files and CSVs of Hypersim
   pbrnet export-data --to tum --fps 30                     RGB-D sequences of the walks
+  pbrnet export-data --to renderformer --scene home-0000   triangles and cameras of each room
 
 docs/exports.md says what each format holds: axes, units, and what is lost. An export that was
 interrupted resumes; one with other options or another dataset replaces the files of the first.""",

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from pipeline.commands import run
 from pipeline.commands.options import farm_options
 from pipeline.costs.ledger import read_ledger
 from pipeline.dataset.description.card import DatasetSummary
@@ -26,18 +27,12 @@ from pipeline.release.recipe import (
     save_record,
     sums_of,
 )
-from pipeline.stages.assets import run_assets
-from pipeline.stages.cameras import run_cameras
-from pipeline.stages.groundtruth import run_groundtruth
-from pipeline.stages.illumination import run_illumination
-from pipeline.stages.inputs import run_inputs
 from pipeline.stages.runner import StageError
-from pipeline.stages.scenes import run_scenes
 from pipeline.versions import instruction_set
 from scenes.errors import PbrnetError
 from scenes.files import resolved
 
-STAGES = (run_assets, run_scenes, run_cameras, run_inputs, run_illumination, run_groundtruth)
+STAGES = tuple(stage for name, stage in run.STAGES.items() if name != "dataset")
 
 
 @click.command(

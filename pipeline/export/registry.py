@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pipeline.export import coco, colmap, hypersim, nerfstudio, tum, webdataset
+from pipeline.export import coco, colmap, hypersim, nerfstudio, renderformer, tum, webdataset
 
 FORMATS = {
     form.name: form
@@ -14,5 +14,6 @@ FORMATS = {
         webdataset.FORMAT,
         hypersim.FORMAT,
         tum.FORMAT,
+        renderformer.FORMAT,
     )
 }
