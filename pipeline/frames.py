@@ -157,7 +157,10 @@ def write_pixels(path: Path, pixels: Channels, view: View, meta: dict[str, Any])
 
     The view and a digest of the pixels are added to `meta`. Raises `MachineError` for a full disk.
     """
-    meta = {"view": plain(view, brief=True), **meta, "digest": pixels_digest(pixels)}
+    camera = plain(view, brief=True)
+    for name in ("score", "seen"):  # of the choice of views, which camera files hold
+        camera.pop(name, None)
+    meta = {"view": camera, **meta, "digest": pixels_digest(pixels)}
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,

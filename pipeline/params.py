@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import yaml
 
@@ -444,6 +444,29 @@ class Params:
                 raise ValueError(f"cameras.{name}: needs image.projection: perspective")
 
 
+def texture_size_for(width: int) -> int:
+    """Return the side of textures for images so many pixels wide: a power of two, 64 to 4096.
+
+    The least that is 1.6 times the width or more: a wall that fills the view then has about as
+    many texels as pixels.
+    """
+    return min(4096, max(64, 1 << max(0, math.ceil(math.log2(1.6 * width)))))
+
+
+def build_params(data: Any) -> Params:
+    """Return the parameters in the content of a parameter file; raises `ParameterError`.
+
+    `scenes.texture_size: auto` becomes a number here, so that all else sees numbers only.
+    """
+    scenes = data.get("scenes") if isinstance(data, dict) else None
+    if not isinstance(scenes, dict) or scenes.get("texture_size") != "auto":
+        return build(Params, data)
+    known = {name: value for name, value in scenes.items() if name != "texture_size"}
+    params = build(Params, {**data, "scenes": known})
+    size = texture_size_for(params.image.width)
+    return replace(params, scenes=replace(params.scenes, texture_size=size))
+
+
 def load_params(path: Path, seed: int | None = None) -> Params:
     """Read and check a parameter file; `seed`, if given, overrides its root seed.
 
@@ -460,7 +483,7 @@ def load_params(path: Path, seed: int | None = None) -> Params:
     except (yaml.YAMLError, ValueError) as error:  # wrong syntax, bytes, dates or long numbers
         raise ParameterError(f"{path}: not valid YAML ({error})") from None
     try:
-        params = build(Params, data or {})
+        params = build_params(data or {})
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}") from None
     if seed is None:

@@ -45,7 +45,8 @@ class SceneParams:
     rooms_max: int = field(default=6, metadata=within(1, 6))
     # Light settings, dealt out in turn so that every split sees each.
     lighting: tuple[LightSetting, ...] = ("day", "evening", "night", "mixed")
-    texture_size: int = field(default=256, metadata=within(64, 4096))  # pixels a side
+    # Pixels a side; a parameter file may say `auto`, see `pipeline.params.texture_size_for`.
+    texture_size: int = field(default=256, metadata=within(64, 4096))
     # Share of the furniture that comes from the catalogues of the `assets` stage, where those
     # have something fitting; 0: all of it is the generator's own.
     catalogue_share: float = field(default=0.0, metadata=within(0, 1))

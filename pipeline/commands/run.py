@@ -18,6 +18,7 @@ from pipeline.stages.illumination import run_illumination
 from pipeline.stages.inputs import run_inputs
 from pipeline.stages.runner import StageError
 from pipeline.stages.scenes import run_scenes
+from scenes.errors import PbrnetError
 
 
 def _dataset(data: Path, params: Params, scheduler: str | None) -> str:
@@ -59,15 +60,17 @@ def run(params: Params, data: Path, scheduler: str | None, until: str) -> None:
     Prints a summary of each stage. `dvc repro` does the same in the project's own data folder, and
     trains and evaluates the networks, too.
     """
-    failed: list[StageError] = []
+    failed: list[str] = []
     for number, (name, stage) in enumerate(STAGES.items(), 1):
         click.echo(f"[{number}/{len(STAGES)}] {name}")
         try:
             click.echo(str(stage(data, params, scheduler)))
-        except StageError as error:
-            failed.append(error)
+        except PbrnetError as error:
+            if error.exit_code != StageError.exit_code:
+                raise
+            failed.append(name)
             click.echo(str(error), err=True)
         if name == until:
             break
     if failed:
-        raise StageError(f"{len(failed)} of the stages had failures, listed above")
+        raise StageError(f"failures in {', '.join(failed)}, listed above; all else is done")

@@ -51,6 +51,7 @@ def test_a_frame_comes_back_as_it_was_written(tmp_path: Path, view: View) -> Non
             frame.channels[band], stored * np.float32(frame.radiance_scale)
         )
     assert frame.meta["spp"] == 4
+    assert not {"seen", "score"} & frame.meta["view"].keys(), "camera files hold these"
     assert frame.meta["view"]["view_id"] == "v0"
     assert frames.holds(path, "f")
     assert not frames.holds(path, "g")

@@ -102,3 +102,18 @@ def test_no_preset_claims_how_long_it_takes() -> None:
     help_text = (ROOT / "pipeline" / "commands" / "setup.py").read_text()
     for text in [help_text, *(path.read_text() for path in (ROOT / "params.yaml", *PRESETS))]:
         assert not re.search(r"\bminutes?\b", text)
+
+
+@pytest.mark.parametrize(("width", "side"), [(160, 256), (480, 1024), (640, 1024), (16, 64)])
+def test_textures_follow_the_size_of_the_images(tmp_path: Path, width: int, side: int) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text(f"image: {{width: {width}}}\nscenes: {{texture_size: auto}}\n")
+    assert load_params(path).scenes.texture_size == side
+    path.write_text(f"image: {{width: {width}}}\nscenes: {{texture_size: 300}}\n")
+    assert load_params(path).scenes.texture_size == 300
+    path.write_text("image: {width: wide}\nscenes: {texture_size: auto}\n")
+    with pytest.raises(ParameterError, match=r"image\.width"):
+        load_params(path)
+    path.write_text("scenes: {texture_size: large}\n")
+    with pytest.raises(ParameterError, match=r"scenes\.texture_size"):
+        load_params(path)

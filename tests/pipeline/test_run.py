@@ -1,0 +1,74 @@
+"""All stages with one command, on a folder of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from pipeline.cli import cli
+from pipeline.commands import run
+from pipeline.stages.runner import StageError
+from scenes.errors import MachineError
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "p.yaml").write_text("seed: 5\n")
+    return tmp_path
+
+
+def stages(monkeypatch: pytest.MonkeyPatch, **failing: Exception) -> list[tuple[str, Path, int]]:
+    """Replace the stages by functions that note their calls; some fail."""
+    calls: list[tuple[str, Path, int]] = []
+
+    def stage(name: str) -> Any:
+        def made(data: Path, params: Any, scheduler: str | None) -> str:
+            calls.append((name, data, params.seed))
+            if name in failing:
+                raise failing[name]
+            return f"{name}: 1 made"
+
+        return made
+
+    monkeypatch.setattr(run, "STAGES", {name: stage(name) for name in run.STAGES})
+    return calls
+
+
+def invoke(folder: Path, *more: str) -> Any:
+    arguments = ["run", "--params", str(folder / "p.yaml"), "--data", str(folder / "d"), *more]
+    return CliRunner().invoke(cli, arguments)
+
+
+def test_every_stage_runs_once_and_in_order(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = stages(monkeypatch)
+    done = invoke(folder)
+    assert done.exit_code == 0, done.output
+    assert calls == [(name, folder / "d", 5) for name in run.STAGES]
+    assert "[7/7] dataset" in done.output and "groundtruth: 1 made" in done.output
+    calls.clear()
+    assert invoke(folder, "--until", "cameras", "--seed", "7").exit_code == 0
+    assert [(name, seed) for name, _, seed in calls] == [
+        ("assets", 7),
+        ("scenes", 7),
+        ("cameras", 7),
+    ]
+
+
+def test_failed_views_do_not_stop_the_others_but_are_told(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = stages(monkeypatch, inputs=StageError("inputs: 1 failed, 8 made"))
+    done = invoke(folder)
+    assert isinstance(done.exception, StageError) and done.exception.exit_code == 1
+    assert len(calls) == len(run.STAGES), "the dataset has what there is"
+    assert "inputs: 1 failed, 8 made" in done.output
+
+
+def test_a_fault_of_the_machine_stops_it(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = stages(monkeypatch, cameras=MachineError("the disk is full"))
+    done = invoke(folder)
+    assert isinstance(done.exception, MachineError)
+    assert [name for name, _, _ in calls] == ["assets", "scenes", "cameras"]
