@@ -79,6 +79,8 @@ FORMAT = "2"  # of shards, in their metadata; 1: images as flat lists of numbers
 ENCODING = "npy byte planes"  # of images in their cells
 NAMES = pa.list_(pa.string())  # a list of any length
 NOISE_OF_PARTS = ("direct", "indirect", "diffuse", "specular", "irradiance")
+_LEFT = "Relative noise that the denoiser leaves, an estimate without its bias,"
+_UNKNOWN = "null: no denoiser, or a single block of samples."
 # Of all images of radiance in a row.
 _RADIANCE = f"radiance_scale {RADIANCE}"
 PREVIEW = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
@@ -172,8 +174,11 @@ def dataset_columns(
         ),
         Column("white_color", double, "Luminance of color, so scaled, that maps to white."),
         Column("spp", pa.int32(), "Samples per pixel of shading and color."),
-        Column("noise_shading", single, "Relative noise estimate of shading."),
-        Column("noise_color", single, "Relative noise estimate of color."),
+        Column("noise_shading", single, "Relative noise of shading as traced, an estimate."),
+        Column("noise_color", single, "Relative noise of color as traced, an estimate."),
+        Column("denoiser", text, "Denoiser of shading and color, and its version; null: none."),
+        Column("residual_noise_shading", single, f"{_LEFT} of shading; {_UNKNOWN}"),
+        Column("residual_noise_color", single, f"{_LEFT} of color; {_UNKNOWN}"),
         Column("score", single, "Camera score: how much furniture the view shows."),
         Column("objects", pa.int32(), "Pieces of furniture that cover over 1 % of the view each."),
         Column("seed", pa.int64(), "Seed of the path tracer; 64 bits in two's complement."),

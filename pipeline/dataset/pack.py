@@ -29,8 +29,10 @@ from pipeline.dataset.description.card import (
     attribution_of,
     dataset_card,
     licence_of,
-    write_croissant,
 )
+from pipeline.dataset.description.citation import citation_file
+from pipeline.dataset.description.croissant import write_croissant
+from pipeline.dataset.description.facts import DatasetFacts, ViewFacts, view_facts
 from pipeline.dataset.label_tables import CLASSES
 from pipeline.dataset.rows import make_row
 from pipeline.dataset.shards import ShardWriter
@@ -62,7 +64,7 @@ class Packed:
     files: tuple[str, ...]  # shard names, sorted
     rows: Counter[str]  # per scene
     rejected: tuple[Rejected, ...]
-    unlit: int  # rows whose panorama holds no light
+    facts: tuple[ViewFacts, ...]  # of the rows
 
 
 def pack_dataset(data: Path, params: Params) -> DatasetSummary:
@@ -105,7 +107,9 @@ def _pack_dataset(data: Path, params: Params) -> DatasetSummary:
         columns = _columns(params)
         scenes = [source.scene for source in kept]
         write_text(partial / "README.md", dataset_card(summary, columns, scenes, params))
-        write_croissant(partial, columns, scenes)
+        write_croissant(partial, columns, scenes, summary.facts, params)
+        licences = sorted({credit.licence for scene in scenes for credit in scene.credits})
+        write_text(partial / "CITATION.cff", citation_file(licences))
         if "labels" in kinds_of(params):
             write_json(partial / "classes.json", CLASSES)
         write_sums(partial)
@@ -124,7 +128,7 @@ def _pack(
     cap = params.dataset.shard_mb * 1_000_000
     rows: Counter[str] = Counter()
     rejected: list[Rejected] = []
-    unlit = 0
+    facts: list[ViewFacts] = []
     work = [(source, view) for source in sources for view in source.views]
     threads = len(os.sched_getaffinity(0))
 
@@ -147,10 +151,10 @@ def _pack(
             else:
                 writers[row["split"]].add(row)
                 rows[view.scene_id] += 1
-                unlit += not row["intensity"].any()
+                facts.append(view_facts(row, params.shading.albedo))
             progress.advance()
         files = [name for split in SPLITS for name in writers[split].close()]
-    return Packed(tuple(sorted(files)), rows, tuple(rejected), unlit)
+    return Packed(tuple(sorted(files)), rows, tuple(rejected), tuple(facts))
 
 
 def _prepare(
@@ -312,7 +316,8 @@ def _summarise(
         {split: rows[split] for split in SPLITS},
         {split: scenes[split] for split in SPLITS},
         dict(sorted(reasons.items())),
-        packed.unlit,
+        sum(not view.lit_panorama for view in packed.facts),
         packed.files,
         sum((folder / name).stat().st_size for name in packed.files),
+        DatasetFacts(packed.facts),
     )

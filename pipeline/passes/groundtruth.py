@@ -59,11 +59,13 @@ class Truths:
 
     Each is a pair of channels and statistics, as `render_truth` returns it. `parts` holds parts of
     colour by name: those of `LightParts` and what they leave of colour, if they were asked for.
+    `halves` holds colour and shading of every second block, if there are two or more.
     """
 
     color: Truth
     shading: Truth
     parts: dict[str, Truth] = field(default_factory=dict)
+    halves: dict[str, Channels] = field(default_factory=dict)
 
 
 def render_truth(
@@ -138,16 +140,23 @@ def render_both(
         return tracer.launch(scene, version, view, copies, path, spp, seed)
 
     if not light:
-        color, shading = render_blocks(launch, view, params, seed, 2)
-        return Truths(color, shading)
+        blocks = trace_blocks(launch, view, params, seed, 2)
+        color, shading = (truth_of(each, params) for each in blocks)
+        return Truths(color, shading, halves=_halves(blocks))
 
     def launch_all(copies: int, spp: int, seed: int) -> Any:
         images = np.asarray(launch(copies, spp, seed)).reshape(view.height, copies * view.width, -1)
         return with_remainders(images[..., : 6 + 3 * len(parts.names)])
 
     names = (*parts.names, *REMAINDERS)
-    color, shading, *images = render_blocks(launch_all, view, params, seed, 2 + len(names))
-    return Truths(color, shading, dict(zip(names, images, strict=True)))
+    blocks = trace_blocks(launch_all, view, params, seed, 2 + len(names))
+    color, shading, *images = (truth_of(each, params) for each in blocks)
+    return Truths(color, shading, dict(zip(names, images, strict=True)), _halves(blocks))
+
+
+def _halves(blocks: list[BlockStatistics]) -> dict[str, Channels]:
+    images = zip(("color", "shading"), (each.half_image() for each in blocks), strict=False)
+    return {name: image for name, image in images if image is not None}
 
 
 def panorama_launch(
@@ -220,6 +229,22 @@ def render_blocks(
 ) -> list[Truth]:
     """Render blocks until the noise target or `spp` is reached; return the images' means.
 
+    See `trace_blocks`.
+    """
+    return [truth_of(each, params) for each in trace_blocks(launch, view, params, seed, images)]
+
+
+def truth_of(blocks: BlockStatistics, params: GroundTruthParams) -> Truth:
+    """Return the mean of an image's blocks and its statistics."""
+    spp, _ = block_sizes(params)
+    return blocks.image(), {"spp": spp * blocks.blocks, **blocks.statistics()}
+
+
+def trace_blocks(
+    launch: Launch, view: View, params: GroundTruthParams, seed: int, images: int
+) -> list[BlockStatistics]:
+    """Render blocks until the noise target or `spp` is reached; return each image's statistics.
+
     `launch(copies, spp, seed)` returns that many blocks side by side, each of `images` images of
     three bands. The target is that of the first two: parts of colour do not change the samples.
     """
@@ -239,7 +264,7 @@ def render_blocks(
         for block in range(copies):
             for image, each in enumerate(statistics):
                 each.add(bands[:, block, :, image])
-    return [(each.image(), {"spp": spp * each.blocks, **each.statistics()}) for each in statistics]
+    return statistics
 
 
 def block_sizes(params: GroundTruthParams) -> tuple[int, int]:

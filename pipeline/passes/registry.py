@@ -37,6 +37,7 @@ from pipeline.passes.video import render_video, video_of
 from pipeline.passes.visibility import render_visibility
 from pipeline.pathtrace import integrator
 from pipeline.pathtrace.light_groups import group_lights
+from pipeline.pathtrace.noise import residual_noise
 from pipeline.render.scene import RenderScene
 from pipeline.views import View
 from scenes.checked import plain
@@ -101,7 +102,8 @@ def _truth(kind: Kind) -> Render:
         albedo = params.shading.albedo
         if traced_together(params) and (kind == "shading" or _has_twin(scene, params)):
             truths = render_both(scene, view, params.groundtruth, albedo, seed)
-            return postprocessed(kind, getattr(truths, kind), scene, view, params)
+            half = truths.halves.get(kind)
+            return postprocessed(kind, getattr(truths, kind), scene, view, params, half)
         form = scene.neutral(albedo if kind == "shading" else None)
         truth = render_truth(form, view, params.groundtruth, seed)
         return postprocessed(kind, truth, scene, view, params)
@@ -137,7 +139,10 @@ def render_truths(
     settings, albedo = params.groundtruth, params.shading.albedo
     truths = render_both(scene, view, settings, albedo, seed, light, groups)
     guided = None if params.groundtruth.denoise == "none" else guides(scene, view)
-    made = {kind: _denoised(kind, getattr(truths, kind), guided, view, params) for kind in TRUTHS}
+    made = {
+        kind: _denoised(kind, getattr(truths, kind), guided, view, params, truths.halves.get(kind))
+        for kind in TRUTHS
+    }
     if light:
         made["light"] = light_of(truths, made["color"][0], guided, groups, view.is_panorama)
     return made
@@ -206,18 +211,34 @@ def _has_twin(scene: RenderScene, params: Params) -> bool:
 
 
 def postprocessed(
-    kind: Kind, truth: Result, scene: RenderScene, view: View, params: Params
+    kind: Kind,
+    truth: Result,
+    scene: RenderScene,
+    view: View,
+    params: Params,
+    half: Channels | None = None,
 ) -> Result:
-    """Return a traced image as its pass stores it: denoised, if the parameters say so."""
+    """Return a traced image as its pass stores it: denoised, if the parameters say so.
+
+    `half` is the image of half of its blocks.
+    """
     if params.groundtruth.denoise == "none":
         return truth
-    return _denoised(kind, truth, guides(scene, view), view, params)
+    return _denoised(kind, truth, guides(scene, view), view, params, half)
 
 
 def _denoised(
-    kind: Kind, truth: Result, guided: tuple[Image, Image] | None, view: View, params: Params
+    kind: Kind,
+    truth: Result,
+    guided: tuple[Image, Image] | None,
+    view: View,
+    params: Params,
+    half: Channels | None = None,
 ) -> Result:
-    """Return a traced image after the denoiser, given its guides; as it is without them."""
+    """Return a traced image after the denoiser, given its guides; as it is without them.
+
+    With `half` also an estimate of the noise that is left, see `residual_noise`.
+    """
     if guided is None:
         return truth
     channels, stats = truth
@@ -225,7 +246,14 @@ def _denoised(
     if kind == "shading":
         albedo = grey_guide(normal, params.shading.albedo)
     clean = denoise(channels, albedo, normal, around=view.is_panorama)
-    return clean, {**stats, "denoiser": denoiser_version()}
+    stats = {**stats, "denoiser": denoiser_version()}
+    if half is not None:
+        # The quality `fast` gives the same figure within a fifth, in half the time of `high`.
+        images = (
+            denoise(image, albedo, normal, "fast", view.is_panorama) for image in (channels, half)
+        )
+        stats["residual_noise"] = residual_noise(*images, stats["blocks"])
+    return clean, stats
 
 
 def _panorama_determined_by(params: Params) -> dict[str, Any]:

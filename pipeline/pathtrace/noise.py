@@ -32,6 +32,9 @@ class BlockStatistics:
         # update (1962): equal blocks then have a variance of exactly 0.
         self.mean = np.zeros((height, width))
         self.squares = np.zeros((height, width))
+        # Of every second block, from the first: an image of half of the samples.
+        self.half_total = np.zeros((height, width, 3))
+        self.half_finite = np.zeros((height, width))
 
     def add(self, pixels: Float64Array) -> None:
         """Add a block's mean radiance, linear RGB (H, W, 3)."""
@@ -40,6 +43,9 @@ class BlockStatistics:
         self.blocks += 1
         self.total += pixels
         self.finite += sound
+        if self.blocks % 2:
+            self.half_total += pixels
+            self.half_finite += sound
         lum = np.maximum(luminance(pixels), 0)
         step = np.where(sound, lum - self.mean, 0)
         self.mean += step / np.maximum(self.finite, 1)
@@ -71,8 +77,13 @@ class BlockStatistics:
 
     def image(self) -> Channels:
         """Return the mean radiance, clamped to 0 from below: `R`, `G`, `B`, float32 (H, W)."""
-        mean = np.maximum(self._mean(), 0)
-        return {name: mean[..., i].astype(np.float32) for i, name in enumerate(RGB)}
+        return _clamped(self._mean())
+
+    def half_image(self) -> Channels | None:
+        """Return `image` of every second block, or None if there is only one block."""
+        if self.blocks < 2:
+            return None
+        return _clamped(self.half_total / np.maximum(self.half_finite, 1)[..., None])
 
     def statistics(self) -> dict[str, Any]:
         """Return the statistics that `pipeline.passes.groundtruth.render_truth` documents."""
@@ -93,6 +104,30 @@ class BlockStatistics:
 
     def _mean(self) -> Float64Array:
         return np.asarray(self.total / np.maximum(self.finite, 1)[..., None])
+
+
+def _clamped(mean: Float64Array) -> Channels:
+    mean = np.maximum(mean, 0)
+    return {name: mean[..., i].astype(np.float32) for i, name in enumerate(RGB)}
+
+
+def residual_noise(whole: Channels, half: Channels, blocks: int) -> float:
+    """Return the noise that a filter leaves in an image of so many blocks, 2 or more.
+
+    `whole` and `half` are the filtered images of all blocks and of every second one. For a linear
+    filter the difference of the two has the variance of the filtered whole, times the other blocks
+    over the half's. Relative, as `BlockStatistics.noise`: root mean square over the pixels, where
+    darkness below 1 % of the mean does not count. What the filter does to both, its bias, is not
+    in it.
+    """
+    first, second = (
+        luminance(np.stack([image[name] for name in RGB], axis=-1).astype(np.float64))
+        for image in (whole, half)
+    )
+    used = -(-blocks // 2)
+    safe = first + 0.01 * first.mean()
+    error = np.where(safe > 0, (first - second) / np.where(safe > 0, safe, 1), 0)
+    return float(np.sqrt(np.mean(error**2) * used / (blocks - used)))
 
 
 def fireflies_in(lum: Float64Array, error: Float64Array) -> BoolArray:

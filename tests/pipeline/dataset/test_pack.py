@@ -573,7 +573,7 @@ def test_croissant_names_every_shard_with_its_checksum_and_every_column(packed: 
     folder = packed / "dataset"
     described = json.loads((folder / "croissant.json").read_text())
     assert described["@type"] == "sc:Dataset"
-    assert described["conformsTo"] == "http://mlcommons.org/croissant/1.0"
+    assert described["conformsTo"][0] == "http://mlcommons.org/croissant/1.1"
     for key in ("@context", "name", "description", "license", "url", "creator", "citeAs"):
         assert described[key], key
     files = {item["@id"]: item for item in described["distribution"] if "sha256" in item}

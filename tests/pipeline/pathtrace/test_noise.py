@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.ndimage import uniform_filter
 
+from pipeline.frames import Channels
 from pipeline.params import GroundTruthParams, load_params
 from pipeline.passes.groundtruth import render_blocks, render_both, render_truth
-from pipeline.pathtrace.noise import BlockStatistics, firefly_light
+from pipeline.pathtrace.noise import BlockStatistics, firefly_light, residual_noise
 from pipeline.render.scene import RenderScene, open_scene, set_variant
 from scenes.errors import ParameterError
 from tests.fixtures.render import ball, diffuse, glow, make_view, quad, room_walls, write_scene
@@ -167,3 +169,19 @@ def test_grain_is_no_glare() -> None:
     grain[60, 80] = 10 * grain.sum()
     fireflies[60, 80] = True
     assert firefly_light(grain, fireflies) > 0.9
+
+
+def test_the_noise_that_a_linear_filter_leaves_is_estimated() -> None:
+    """Of a blur of even grey with known noise: that of the mean, over the filter's width."""
+    random = np.random.default_rng(0)
+    noisy = 1 + 0.4 * random.standard_normal((6, 96, 128))
+    made = statistics_of(noisy)
+
+    def blurred(image: Channels) -> Channels:
+        return {name: uniform_filter(values, 5, mode="wrap") for name, values in image.items()}
+
+    half = made.half_image()
+    assert half is not None
+    estimate = residual_noise(blurred(made.image()), blurred(half), 6)
+    assert estimate == pytest.approx(0.4 / np.sqrt(6) / 5 / 1.01, rel=0.05)
+    assert statistics_of(noisy[:1]).half_image() is None

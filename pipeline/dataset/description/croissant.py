@@ -1,0 +1,261 @@
+"""Croissant description of the dataset: JSON-LD after MLCommons' specification 1.1, with its RAI.
+
+RAI is the vocabulary for responsible AI: collection, limits, uses, biases. Nothing in the file
+depends on date or machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from pipeline.dataset.columns import NAMES, PREVIEW, Column
+from pipeline.dataset.description.citation import (
+    AUTHORS,
+    KEYWORDS,
+    NAME,
+    PUBLISHED,
+    TITLE,
+    VERSION,
+    bibtex,
+)
+from pipeline.dataset.description.facts import DatasetFacts
+from pipeline.params import Params
+from scenes.contract import Scene
+from scenes.files import digest_file, write_json
+
+
+def write_croissant(
+    folder: Path,
+    columns: Sequence[Column],
+    scenes: Sequence[Scene],
+    facts: DatasetFacts,
+    params: Params,
+) -> None:
+    """Write `croissant.json` for the shards in `folder`, with their checksums."""
+    shards = sorted(folder.glob("*.parquet"))
+    licences = sorted({credit.licence for scene in scenes for credit in scene.credits})
+    authors = sorted({credit.author for scene in scenes for credit in scene.credits})
+    files = [
+        {
+            "@type": "cr:FileObject",
+            "@id": shard.name,
+            "name": shard.name,
+            "description": f"Shard of the {shard.name.split('-')[0]} split.",
+            "contentUrl": shard.name,
+            "contentSize": f"{shard.stat().st_size} B",
+            "encodingFormat": "application/x-parquet",
+            "sha256": digest_file(shard),
+        }
+        for shard in shards
+    ]
+    splits = sorted({shard.name.split("-")[0] for shard in shards})
+    sets = [_file_set(f"{split}-shards", f"{split}-*.parquet", split) for split in splits]
+    write_json(
+        folder / "croissant.json",
+        {
+            "@context": _CONTEXT,
+            "@type": "sc:Dataset",
+            "conformsTo": [
+                "http://mlcommons.org/croissant/1.1",
+                "http://mlcommons.org/croissant/RAI/1.0",
+            ],
+            "name": NAME,
+            "alternateName": TITLE,
+            "version": VERSION,
+            "datePublished": PUBLISHED,
+            "description": (
+                "Views of indoor scenes with exact geometry buffers, a panorama of the visible "
+                "light sources, textureless shading and path-traced colour, to learn rendering "
+                "from."
+            ),
+            "license": [f"https://spdx.org/licenses/{licence}.html" for licence in licences],
+            "creator": [
+                {"@type": "sc:Organization", "name": AUTHORS},
+                *({"@type": "sc:Person", "name": author} for author in authors),
+            ],
+            "citeAs": bibtex(),
+            "url": "./",
+            "keywords": list(KEYWORDS),
+            "isLiveDataset": False,
+            **_responsible(facts, params),
+            "distribution": [*files, _file_set("shards", "*.parquet", "all splits"), *sets],
+            "recordSet": [_splits(splits), _views(columns)],
+        },
+    )
+
+
+def _responsible(facts: DatasetFacts, params: Params) -> dict[str, str | list[str]]:
+    """Return the properties of the RAI vocabulary."""
+    truth = params.groundtruth
+    denoised = f"then denoised by {facts.denoisers}" if facts.denoisers else "not denoised"
+    return {
+        "rai:dataCollection": (
+            "Rendered: cameras are sampled in 3D models of homes, geometry is rasterised exactly, "
+            f"light is path traced with up to {truth.spp} samples a pixel, {denoised}."
+        ),
+        "rai:dataCollectionType": "Synthetic data generation",
+        "rai:dataCollectionMissingData": (
+            "Views that fail a check are left out and listed with the reason in rejected.csv. "
+            f"{facts.without_surface} of the pixels see no surface; valid is 0 there."
+        ),
+        "rai:dataPreprocessingProtocol": [
+            "Radiance is divided by a power of two per row, radiance_scale.",
+            "Values beyond half floats are clamped.",
+        ],
+        "rai:dataAnnotationProtocol": (
+            "All labels and maps come from the renderer; nobody annotated anything."
+        ),
+        "rai:machineAnnotationTools": ["Mitsuba 3"],
+        "rai:dataBiases": (
+            f"Light: {facts.by('lighting')}. Rooms: {facts.by('room_type')}. Cameras prefer "
+            "furniture to bare walls and stand at a person's eye height."
+        ),
+        "rai:dataLimitations": [
+            "Synthetic homes: layouts follow rules; clutter and wear are rarer than in real ones.",
+            "Radiance is in relative units: in plausible proportion, not calibrated.",
+            f"Relative noise of color after the denoiser: median {facts.residual[0]}, 95 % of the "
+            f"views below {facts.residual[1]}; as traced {facts.noise[0]}.",
+        ],
+        "rai:dataUseCases": [
+            "Training and evaluation of networks that render, or that estimate depth, normals, "
+            "reflectance, shading or light from pictures of rooms.",
+            "Not for decisions about people, and not as a measurement of real buildings.",
+        ],
+        "rai:dataSocialImpact": (
+            "Shows no people and no real homes of identifiable people, unless imported scenes do."
+        ),
+        "rai:personalSensitiveInformation": "None: no person is shown or described.",
+        "rai:dataReleaseMaintenancePlan": (
+            "Made again from its parameters with equal bytes; versions follow semantic versioning: "
+            "the first number rises when columns change their form or meaning."
+        ),
+    }
+
+
+def _file_set(name: str, includes: str, of: str) -> dict[str, Any]:
+    return {
+        "@type": "cr:FileSet",
+        "@id": name,
+        "name": name,
+        "description": f"All shards of {of}.",
+        "encodingFormat": "application/x-parquet",
+        "includes": includes,
+    }
+
+
+def _splits(splits: Sequence[str]) -> dict[str, Any]:
+    return {
+        "@type": "cr:RecordSet",
+        "@id": "splits",
+        "name": "splits",
+        "description": "Names of the splits.",
+        "dataType": "cr:Split",
+        "key": {"@id": "splits/name"},
+        "field": [
+            {
+                "@type": "cr:Field",
+                "@id": "splits/name",
+                "name": "name",
+                "description": "Name of the split.",
+                "dataType": "sc:Text",
+            }
+        ],
+        "data": [{"splits/name": split} for split in splits],
+    }
+
+
+def _views(columns: Sequence[Column]) -> dict[str, Any]:
+    return {
+        "@type": "cr:RecordSet",
+        "@id": "views",
+        "name": "views",
+        "description": "One row a view.",
+        "key": [{"@id": "views/scene_id"}, {"@id": "views/view_id"}],
+        "field": [_field(column) for column in columns],
+    }
+
+
+def _field(column: Column) -> dict[str, Any]:
+    source: dict[str, Any] = {"fileSet": {"@id": "shards"}, "extract": {"column": column.name}}
+    sentences = [column.description]
+    if column.is_image:
+        shape = " x ".join(map(str, column.shape))
+        sentences.append(f"A .npy file of the byte planes of {column.numpy_dtype.name} {shape}.")
+    if column.unit:
+        sentences.append(f"Unit: {column.unit}.")
+    field: dict[str, Any] = {
+        "@type": "cr:Field",
+        "@id": f"views/{column.name}",
+        "name": column.name,
+        "description": " ".join(sentences),
+        "dataType": _type(column),
+        "source": source,
+    }
+    if column.dtype == PREVIEW:
+        source["transform"] = {"jsonPath": "bytes"}
+    if column.name == "split":
+        field["references"] = {"field": {"@id": "splits/name"}}
+    if column.shape and not column.is_image:
+        field |= {"isArray": True, "arrayShape": ",".join(map(str, column.shape))}
+    elif column.dtype == NAMES:
+        field |= {"isArray": True, "arrayShape": "-1"}
+    return field
+
+
+def _type(column: Column) -> str:
+    if column.dtype == PREVIEW:
+        return "sc:ImageObject"
+    if column.is_image:
+        return "sc:Text"  # bytes have no type of their own
+    if pa.types.is_floating(column.dtype):
+        return "sc:Float"
+    return "sc:Integer" if pa.types.is_integer(column.dtype) else "sc:Text"
+
+
+_CONTEXT = {
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "arrayShape": "cr:arrayShape",
+    "citeAs": "cr:citeAs",
+    "column": "cr:column",
+    "conformsTo": "dct:conformsTo",
+    "containedIn": "cr:containedIn",
+    "cr": "http://mlcommons.org/croissant/",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "dct": "http://purl.org/dc/terms/",
+    "description": {"@container": "@language"},
+    "equivalentProperty": "cr:equivalentProperty",
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    "extract": "cr:extract",
+    "field": "cr:field",
+    "fileObject": "cr:fileObject",
+    "fileProperty": "cr:fileProperty",
+    "fileSet": "cr:fileSet",
+    "format": "cr:format",
+    "includes": "cr:includes",
+    "isArray": "cr:isArray",
+    "isLiveDataset": "cr:isLiveDataset",
+    "jsonPath": "cr:jsonPath",
+    "key": "cr:key",
+    "md5": "cr:md5",
+    "name": {"@container": "@language"},
+    "parentField": "cr:parentField",
+    "path": "cr:path",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "recordSet": "cr:recordSet",
+    "references": "cr:references",
+    "regex": "cr:regex",
+    "repeated": "cr:repeated",
+    "replace": "cr:replace",
+    "samplingRate": "cr:samplingRate",
+    "sc": "https://schema.org/",
+    "separator": "cr:separator",
+    "source": "cr:source",
+    "subField": "cr:subField",
+    "transform": "cr:transform",
+}
