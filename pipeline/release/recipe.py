@@ -1,6 +1,7 @@
 """Recipes of datasets and their records.
 
-`recipes/NAME.yaml` says what a release is: version, title, parameters. `recipes/NAME.json`, written
+`recipes/NAME.yaml` says what a release is: version, title, parameters, or a `preset` of `params/`
+and what differs from it. `recipes/NAME.json`, written
 by `pbrnet release NAME --record`, says what came out: checksums, costs, machine.
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import yaml
@@ -87,12 +89,27 @@ def load_recipe(folder: Path, name: str) -> Recipe:
         known = ", ".join(sorted(path.stem for path in folder.glob("*.yaml"))) or "none"
         raise ParameterError(f"{name}: no such recipe in {folder}; available: {known}")
     try:
-        content = yaml.safe_load(regular_file(path, _MAX_BYTES).read_text(encoding="utf-8"))
+        content = _read_yaml(path)
+        if isinstance(content, dict) and "preset" in content:
+            preset = check_name(str(content.pop("preset")), "a preset's name")
+            base = _read_yaml(folder.parent / "params" / f"{preset}.yaml")
+            content["parameters"] = _merged(base, content.get("parameters") or {})
         return build(Recipe, content)
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         raise ParameterError(f"{path}: not valid YAML ({error})") from None
     except (ParameterError, InputError) as error:
         raise ParameterError(f"{path}: {error}") from None
+
+
+def _read_yaml(path: Path) -> Any:
+    return yaml.safe_load(regular_file(path, _MAX_BYTES).read_text(encoding="utf-8"))
+
+
+def _merged(base: Any, changes: Any) -> Any:
+    """Return mappings merged key by key; other values of `changes` replace those of `base`."""
+    if not isinstance(base, dict) or not isinstance(changes, dict):
+        return changes
+    return base | {key: _merged(base.get(key), value) for key, value in changes.items()}
 
 
 def load_record(folder: Path, name: str) -> Record | None:

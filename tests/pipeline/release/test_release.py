@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -110,12 +109,24 @@ def test_the_project_s_recipes_are_sound() -> None:
     for name in names:
         recipe, record = load_recipe(ROOT / "recipes", name), load_record(ROOT / "recipes", name)
         assert record is None or record.version == recipe.version, name
-    quick, preset = (
-        load_recipe(ROOT / "recipes", "quick").parameters,
-        load_params(ROOT / "params/quick.yaml"),
+    quick = load_recipe(ROOT / "recipes", "quick").parameters
+    assert quick == load_params(ROOT / "params" / "quick.yaml")
+
+
+def test_a_recipe_changes_a_preset(recipes: Path) -> None:
+    (recipes.parent / "params").mkdir()
+    (recipes.parent / "params" / "small.yaml").write_text(
+        "seed: 3\nimage: {width: 64, height: 48}\ngroundtruth: {spp: 16}\n"
     )
-    same = {"train": quick.train, "evaluate": quick.evaluate, "backbone": quick.backbone}
-    assert replace(preset, **same) == quick
+    (recipes / "larger.yaml").write_text(
+        "title: Larger\nversion: 2.0.0\npreset: small\nparameters: {image: {width: 80}}\n"
+    )
+    found = load_recipe(recipes, "larger").parameters
+    assert (found.seed, found.image.width, found.image.height) == (3, 80, 48)
+    assert found.groundtruth.spp == 16
+    (recipes / "lost.yaml").write_text("title: Lost\nversion: 1.0.0\npreset: none\n")
+    with pytest.raises(ParameterError, match=r"lost\.yaml: .*none\.yaml"):
+        load_recipe(recipes, "lost")
 
 
 @pytest.mark.check
