@@ -125,8 +125,11 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
         scale=float(rng.choice([0.8, 1.0, 1.3])),
         variant=variant(),
     )
+    nap = ("rolled", "rolled", "smooth", "coarse", "trowelled", "woodchip", "brushed")[
+        int(rng.integers(7))
+    ]
     carpet = Material("carpet", hex_color(pick(CARPETS)), 0.95, variant=variant())
-    common_wall = Material("plaster", hex_color(pick(WALLS)), 0.9, variant=variant())
+    common_wall = Material("plaster", hex_color(pick(WALLS)), 0.9, variant=variant(), family=nap)
     frame_code, door_code = pick(FRAMES), pick(DOORS)
     frame = Material("paint", hex_color(frame_code), float(rng.uniform(0.25, 0.4)))
     door_color = hex_color(door_code)
@@ -158,10 +161,12 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
             floor = carpet
         wall = common_wall
         if rng.random() < 0.4:
-            wall = Material("plaster", hex_color(pick(WALLS)), 0.9, variant=variant())
+            wall = Material("plaster", hex_color(pick(WALLS)), 0.9, variant=variant(), family=nap)
         accent = None
         if not wet and rng.random() < 0.4:
-            accent = Material("plaster", hex_color(pick(ACCENTS)), 0.9, variant=variant())
+            accent = Material(
+                "plaster", hex_color(pick(ACCENTS)), 0.9, variant=variant(), family=nap
+            )
             if rng.random() < 0.5:
                 base = hex_color(pick(WALLS + ACCENTS))
                 accent = Material(
@@ -189,7 +194,9 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
     facade_color = hex_color(pick(FACADES))
     red = facade_color[0] > 2.2 * facade_color[2]
     return Finishes(
-        ceiling=Material("plaster", hex_color(pick(CEILINGS)), 0.95, variant=variant()),
+        ceiling=Material(
+            "plaster", hex_color(pick(CEILINGS)), 0.95, variant=variant(), family="smooth"
+        ),
         skirting=white if rng.random() < 0.7 else replace(style.wood, variant=variant()),
         skirting_height=float(rng.uniform(0.06, 0.12)),
         cornice=float(rng.choice([0.0, 0.0, 0.05, 0.07])),
@@ -205,6 +212,7 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
             0.9,
             accent=hex_color("#a8a196") if red else None,
             variant=variant(),
+            family=("running", "third")[int(rng.integers(2))] if red else "render",
         ),
         threshold=replace(style.wood, variant=variant()),
         glazing_bars=bool(rng.random() < 0.3),

@@ -99,7 +99,13 @@ def make_home(
     if sky.is_dark:
         states |= {item.id: LampState(1.0, 0.0) for item in lamp_items(outdoors)}
     with writing_scene(Path(folder)) as partial:
-        library = MaterialLibrary(partial, params.texture_size)
+        looks = draws("finishes", "textures")
+        library = MaterialLibrary(
+            partial,
+            params.texture_size,
+            seed=int(looks.integers(1 << 62)),
+            wear=float(looks.random()),
+        )
         objects, lights, shapes = _write_shapes(partial, items, states, library)
         scene = Scene(
             scene_id=scene_id,
@@ -167,7 +173,7 @@ def _write_shapes(
         for part in _merge_by_material(item.parts, state):
             shape = f"{item.id}.{len(ids)}"
             ids.append(shape)
-            write_ply(folder / "meshes" / f"{shape}.ply", _mesh(part, library.tile(part.material)))
+            write_ply(folder / "meshes" / f"{shape}.ply", _mesh(part, library))
             light = ""
             if part.lumens > 0:
                 emitting.append(shape)
@@ -197,10 +203,12 @@ def _write_shapes(
     return objects, lights, shapes
 
 
-def _mesh(part: PiecePart, tile: float) -> Mesh:
-    """The mesh of a part; its uvs change from metres to periods of `tile` metres."""
+def _mesh(part: PiecePart, library: MaterialLibrary) -> Mesh:
+    """The mesh of a part; its uvs change from metres to periods of the material's texture."""
     # Faceted parts have no normals; their `<shape>` sets `face_normals`.
-    return Mesh(part.vertices, part.faces, part.normals if part.smooth else None, part.uvs / tile)
+    normals = part.normals if part.smooth else None
+    uvs = library.placed(part.material, part.vertices, part.faces, normals, part.uvs)
+    return Mesh(part.vertices, part.faces, normals, uvs)
 
 
 def _merge_by_material(parts: Sequence[PiecePart], state: LampState | None) -> list[PiecePart]:

@@ -1,10 +1,14 @@
 """Mitsuba 3 BSDFs and PNG textures for the materials of furniture and buildings.
 
-Matt surfaces are `diffuse`, coated ones `principled`, mirrors `conductor`, glass
-`thindielectric`, lampshades and thin curtains `principledthin`. All opaque BSDFs are two-sided.
-Textures repeat at true size: the uvs of a part are metres, and the written mesh has them divided
-by `tile`, the side of the pattern. (A `to_uv` transform would do the same, but the renderer
-compiles it into the kernel, so every tile size would need a kernel of its own.)
+Opaque surfaces are `principled` below a `normalmap`, with textures of colour, roughness and normal;
+mirrors are `conductor`, glass is `thindielectric`, lampshades and thin curtains `principledthin`.
+All opaque BSDFs are two-sided, and all have one form: every further form of BSDF is compiled into
+each kernel and costs time at every vertex of a path. Roughness and normals are shared by the
+materials that show the same surface.
+
+Textures repeat at true size: the uvs of a part are metres, and `placed` divides them by the side of
+the pattern. (A `to_uv` transform would do the same, but the renderer compiles it into the kernel,
+so every tile size would need a kernel of its own.)
 """
 
 from __future__ import annotations
@@ -17,94 +21,130 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from scenes.arrays import Float64Array, UInt8Array
+from scenes.arrays import AnyArray, Float64Array, Int64Array, UInt8Array
 from scenes.color import Color, encode_srgb
-from scenes.procedural.patterns import SEEDS, has_pattern, pattern, picture
 from scenes.procedural.piece import CatalogueMaterial, Material
-from scenes.seeds import generator
+from scenes.procedural.textures.families import (
+    FAMILIES,
+    SEEDS,
+    WEARS,
+    PackedSurface,
+    family_of,
+    has_surface,
+    packed_surface,
+)
+from scenes.procedural.textures.pictures import picture
+from scenes.seeds import derive, generator
 
 MAX_REFLECTANCE = 0.82  # of diffuse surfaces, each channel
-_MATT = ("plaster", "wallpaper", "fabric", "carpet", "paper", "soil", "picture", "brick", "grass")
-# Divisor of the texture size for patterns without fine detail.
-_SIZE_DIVISOR = {
-    "plaster": 2,
-    "wallpaper": 1,
-    "carpet": 2,
-    "leaf": 4,
-    "soil": 4,
-    "leather": 2,
-    "fabric": 2,
-    "wood": 2,
-}
-_JOINTED = ("tiles", "brick")  # joints start at uv 0 and have the accent colour
+_MAX_TEXTILE = 0.79  # likewise; their sheen adds to it
+_SMALLEST = 64  # pixels a side
+_PICTURE = 256  # pixels a side of pictures, at most
+_ROUGHNESS_STEP = 0.05  # materials of one surface whose roughness rounds alike share its texture
+_SMOOTHEST = 0.05
+_JOINTED = ("tiles", "brick")  # the accent is the joints' colour, and not part of the mean
 _DEFAULT_ACCENT = 0.75
+_SCALES = (0.88, 1.14)  # least and most of a pattern without modules, relative to its true size
 
 
 @dataclass
 class MaterialLibrary:
-    """BSDFs and textures of one scene; equal materials share one BSDF and one texture."""
+    """BSDFs and textures of one scene; equal materials share one BSDF and one texture.
+
+    `seed` decides offsets, scales and contrasts of the textures, `wear` the state of materials that
+    state none, from new (0) to old (1).
+    """
 
     folder: Path  # of the scene; textures go to its `textures/`
     texture_size: int
     prefix: str = ""  # of BSDF and texture names, to keep them apart from existing ones
+    seed: int = 0
+    wear: float = 0.0
     _ids: dict[Material | CatalogueMaterial, str] = field(default_factory=dict)
-    _tiles: dict[Material, float] = field(default_factory=dict)
+    _shared: dict[tuple[object, ...], str] = field(default_factory=dict)
     _xml: list[str] = field(default_factory=list)
 
     def bsdf(self, material: Material | CatalogueMaterial) -> str:
         """Return the id of the BSDF for `material`; made on first use."""
         if material not in self._ids:
-            self._ids[material] = f"{self.prefix}{material.kind}-{len(self._ids)}"
-            describe = (
-                self._describe_catalogue
-                if isinstance(material, CatalogueMaterial)
-                else self._describe
-            )
-            self._xml.append(describe(material, self._ids[material]))  # type: ignore[arg-type]
+            number = len(self._ids)
+            if isinstance(material, CatalogueMaterial):
+                name = f"{self.prefix}{material.kind}-{number}"
+                self._xml.append(self._describe_catalogue(material, name))
+            else:
+                family = f"{family_of(material)}-" if has_surface(material.kind) else ""
+                name = f"{self.prefix}{material.kind}-{family}{number}"
+                self._xml.append(self._describe(material, name))
+            self._ids[material] = name
         return self._ids[material]
 
     def tile(self, material: Material | CatalogueMaterial) -> float:
         """Return the period of the texture of `material` in metres; 1 without a pattern."""
-        if isinstance(material, CatalogueMaterial):
-            return 1.0  # the uvs of its meshes are in units of the image already
-        if material not in self._tiles:
-            self._tiles[material] = (
-                pattern(material.kind, material.variant % SEEDS, self._side(material)).metres
-                * material.scale
-                if has_pattern(material.kind)
-                else 1.0
-            )
-        return self._tiles[material]
+        if isinstance(material, CatalogueMaterial) or not has_surface(material.kind):
+            return 1.0  # the uvs of a catalogue's meshes are in units of the image already
+        if material.kind == "picture":
+            return 1.0
+        drawn = self._surface(material)
+        scale = material.scale
+        if drawn.modules is None:
+            rng = generator(self.seed, "scale", *_key(material))
+            scale *= _SCALES[0] + (_SCALES[1] - _SCALES[0]) * float(rng.random())
+        return drawn.metres * scale
+
+    def placed(
+        self,
+        material: Material | CatalogueMaterial,
+        vertices: Float64Array,
+        faces: Int64Array,
+        normals: Float64Array | None,
+        uvs: Float64Array,
+    ) -> Float64Array:
+        """Return the uvs (V, 2) of a mesh in periods of the texture, from those in metres.
+
+        They are shifted by the material's own offset, by whole modules where there are joints, and
+        mirrored where (u, v, normal) is left-handed, so that bumps are not hollows.
+        """
+        if isinstance(material, CatalogueMaterial) or not has_surface(material.kind):
+            return uvs
+        if material.kind == "picture":
+            return uvs
+        modules = self._surface(material).modules
+        rng = generator(self.seed, "offset", *_key(material))
+        offset = rng.random(2)
+        if modules is not None:
+            offset = np.floor(offset * modules) / modules
+        right = np.where(_is_left_handed(vertices, faces, normals, uvs)[:, None], [-1, 1], [1, 1])
+        return uvs * right / self.tile(material) + offset
 
     @property
     def xml(self) -> list[str]:
-        """One `<bsdf>` element per material, in order of first use."""
+        """One element per shared texture and per material, in order of first use."""
         return list(self._xml)
 
     def _describe(self, material: Material, name: str) -> str:
-        rgb = _rgb("specular_reflectance", material.color)
         if material.kind == "mirror":
+            rgb = _rgb("specular_reflectance", material.color)
             inner = f'<bsdf type="conductor"><string name="material" value="none"/>{rgb}</bsdf>'
             return f'<bsdf type="twosided" id="{name}">{inner}</bsdf>'
         if material.kind == "glass":
             return f'<bsdf type="thindielectric" id="{name}"/>'
+        color = self._color(material, name)
         if material.translucent:
             # diff_trans is in [0, 2]: at 1, half of the light that is not absorbed is transmitted.
             return (
-                f'<bsdf type="principledthin" id="{name}">'
-                f"{self._color('base_color', material, name)}"
+                f'<bsdf type="principledthin" id="{name}">{color}'
                 f"{_float('roughness', 0.9)}{_float('diff_trans', 1.0)}{_float('eta', 1.2)}</bsdf>"
             )
-        if material.kind in _MATT:
-            color = self._color("reflectance", material, name)
-            inner = f'<bsdf type="diffuse">{color}</bsdf>'
-        else:
-            metallic = _float("metallic", 1.0) if material.kind == "metal" else ""
-            inner = (
-                f'<bsdf type="principled">{self._color("base_color", material, name)}'
-                f"{_float('roughness', max(material.roughness, 0.05))}{metallic}</bsdf>"
-            )
-        return f'<bsdf type="twosided" id="{name}">{inner}</bsdf>'
+        drawn = self._surface(material)
+        steps = round(material.roughness / _ROUGHNESS_STEP)
+        rough = self._share(("rough", *self._named(material), steps), _roughness(drawn, steps))
+        normal = self._share(("normal", *self._named(material)), drawn.normal)
+        lobe = _float("metallic", 1.0) if material.kind == "metal" else ""
+        if sheen := FAMILIES[material.kind][family_of(material)].sheen:
+            lobe = _float("sheen", sheen)
+        inner = f'<bsdf type="principled">{color}<ref name="roughness" id="{rough}"/>{lobe}</bsdf>'
+        mapped = f'<bsdf type="normalmap"><ref name="normalmap" id="{normal}"/>{inner}</bsdf>'
+        return f'<bsdf type="twosided" id="{name}">{mapped}</bsdf>'
 
     def _describe_catalogue(self, material: CatalogueMaterial, name: str) -> str:
         """BSDF of a catalogue material; its images are copied into the scene."""
@@ -139,57 +179,111 @@ class MaterialLibrary:
         shutil.copyfile(image, self.folder / file)
         return file
 
-    def _color(self, prop: str, material: Material, name: str) -> str:
+    def _color(self, material: Material, name: str) -> str:
         if material.kind == "picture":
-            self._save(_picture_image(material, min(self.texture_size, 256)), name)
-            return _bitmap(prop, name)
-        if not has_pattern(material.kind):
-            limit = 1.0 if material.kind == "metal" else MAX_REFLECTANCE
-            return _rgb(prop, _clamped(material.color, limit))
-        self._save(texture_image(material, self._side(material)), name)
-        return _bitmap(prop, name)
+            image = _picture_image(material, min(self.texture_size, _PICTURE))
+        else:
+            image = colored(material, self._surface(material), self._contrast(material))
+        self._save(image, name)
+        return _image("base_color", f"textures/{name}.png")
 
-    def _side(self, material: Material) -> int:
-        return max(64, self.texture_size // _SIZE_DIVISOR.get(material.kind, 1))
+    def _contrast(self, material: Material) -> float:
+        return 0.75 + 0.5 * float(generator(self.seed, "contrast", *_key(material)).random())
+
+    def _named(self, material: Material) -> tuple[str, str, int, int, int]:
+        """Arguments of `packed_surface` for a material."""
+        family = family_of(material)
+        side = max(_SMALLEST, self.texture_size // FAMILIES[material.kind][family].detail)
+        wear = self.wear if material.wear is None else material.wear
+        draw = derive(self.seed, "surface", *_key(material)) % SEEDS
+        return material.kind, family, draw, side, min(WEARS - 1, int(wear * WEARS))
+
+    def _surface(self, material: Material) -> PackedSurface:
+        return packed_surface(*self._named(material))
+
+    def _share(self, key: tuple[object, ...], image: UInt8Array) -> str:
+        """Return the id of a texture of raw numbers, which is written on first use."""
+        if key not in self._shared:
+            name = f"{self.prefix}{key[0]}-{key[2]}-{len(self._shared)}"
+            self._shared[key] = name
+            self._save(image, name)
+            near = image.ndim == 2
+            self._xml.append(_image("", f"textures/{name}.png", raw=True, id=name, nearest=near))
+        return self._shared[key]
 
     def _save(self, image: UInt8Array, name: str) -> None:
+        """Write an image; Mitsuba shows its first row at v = 0."""
         path = self.folder / "textures" / f"{name}.png"
-        # Rows are written from last to first. Mitsuba shows the file's top row at v = 0, so
-        # patterns appear mirrored in v.
         # Noise hardly repeats: Huffman coding alone is faster and as small.
-        Image.fromarray(image[::-1]).save(path, compress_type=zlib.Z_HUFFMAN_ONLY)
+        Image.fromarray(image).save(path, compress_type=zlib.Z_HUFFMAN_ONLY)
 
 
-def texture_image(material: Material, size: int) -> UInt8Array:
+def colored(material: Material, drawn: PackedSurface, contrast: float = 1.0) -> UInt8Array:
     """Return an sRGB texture, uint8 (size, size, 3), columns along u and rows along v.
 
     Its linear mean is the material's colour; for tiles and bricks this excludes the joints.
+    `contrast` scales how far it departs from the mean.
     """
-    drawn = pattern(material.kind, material.variant % SEEDS, size)
-    base = np.array(_clamped(material.color, MAX_REFLECTANCE), dtype=np.float64)[:, None, None]
-    accent = (
-        np.array(_clamped(material.accent, MAX_REFLECTANCE), dtype=np.float64)[:, None, None]
-        if material.accent
-        else base * _DEFAULT_ACCENT
+    limit = {"metal": 1.0, "fabric": _MAX_TEXTILE, "carpet": _MAX_TEXTILE}.get(
+        material.kind, MAX_REFLECTANCE
     )
-    linear = drawn.mix * (accent - base)  # (3, size, size)
+    base = np.array(_clamped(material.color, limit), dtype=np.float32)[:, None, None]
+    accent = (
+        np.array(_clamped(material.accent, limit), dtype=np.float32)[:, None, None]
+        if material.accent
+        else base * np.float32(_DEFAULT_ACCENT)
+    )
+    mix = drawn.mix * np.float32(1 / 255)
+    shade = drawn.shade * np.float32(1 / 128)
+    jointed = material.kind in _JOINTED
+    if not jointed:
+        mix = mix * np.float32(contrast)
+        shade = 1 + (shade - 1) * np.float32(contrast)
+    linear = mix * (accent - base)  # (3, size, size)
     linear += base
-    linear *= drawn.shade
-    if material.kind not in _JOINTED:
-        linear *= base / np.maximum(linear.mean(axis=(1, 2), keepdims=True), 1e-4)
-        # Shift by variant, so that few cached patterns serve many materials.
-        shift = (material.variant // SEEDS) % (size * size)
-        linear = np.roll(linear, (shift // size, shift % size), axis=(1, 2))
+    linear *= shade
+    if not jointed:
+        # Rounded: sums may differ in their last digits between processors.
+        mean = np.rint(linear.mean(axis=(1, 2), keepdims=True, dtype=np.float64) * 65536) / 65536
+        linear *= (base / np.maximum(mean, 1e-4)).astype(np.float32)
     return _encode(linear)
 
 
+def _roughness(drawn: PackedSurface, steps: int) -> UInt8Array:
+    """Return perceptual roughness as an image (size, size), 255 for 1."""
+    rough = drawn.rough * np.float32(1 / 200) + np.float32(steps * _ROUGHNESS_STEP - 0.5)
+    return (np.clip(rough, _SMOOTHEST, 1) * np.float32(255) + np.float32(0.5)).astype(np.uint8)
+
+
+def _is_left_handed(
+    vertices: Float64Array, faces: Int64Array, normals: Float64Array | None, uvs: Float64Array
+) -> AnyArray:
+    """Return for each vertex (V,) whether most of its faces have left-handed (u, v, normal)."""
+    a, b, c = (uvs[faces[:, k]] for k in range(3))
+    turn = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    if normals is not None:  # faces of catalogues and thin sheets may be wound the other way
+        p, q, r = (vertices[faces[:, k]] for k in range(3))
+        facing = (np.cross(q - p, r - p) * normals[faces[:, 0]]).sum(axis=1)
+        turn = np.where(facing < 0, -turn, turn)
+    votes = np.zeros(len(vertices))
+    for k in range(3):
+        np.add.at(votes, faces[:, k], np.sign(turn))
+    return votes < 0
+
+
+def _key(material: Material) -> tuple[str, ...]:
+    """Names of a seed that tell a material from others of its kind."""
+    return (material.kind, str(material.variant), *(f"{band:.4f}" for band in material.color))
+
+
 def _picture_image(material: Material, size: int) -> UInt8Array:
-    return _encode(picture(generator(material.variant, "picture"), size))
+    """Return a picture as an image whose first row is its top."""
+    return _encode(picture(generator(material.variant, "picture"), size))[::-1]
 
 
-def _encode(linear: Float64Array) -> UInt8Array:
+def _encode(linear: AnyArray) -> UInt8Array:
     """Encode planes of linear RGB (3, size, size) as an sRGB image, uint8 (size, size, 3)."""
-    steps = np.clip(linear * 4095 + 0.5, 0, 4095).astype(np.uint16)
+    steps = np.clip(linear * np.float32(4095) + np.float32(0.5), 0, 4095).astype(np.uint16)
     return np.ascontiguousarray(_SRGB[steps].transpose(1, 2, 0))
 
 
@@ -213,16 +307,13 @@ def _rgb(name: str, color: Color) -> str:
     return f'<rgb name="{name}" value="{color[0]:.6g} {color[1]:.6g} {color[2]:.6g}"/>'
 
 
-def _bitmap(name: str, texture: str) -> str:
-    return (
-        f'<texture type="bitmap" name="{name}">'
-        f'<string name="filename" value="textures/{texture}.png"/></texture>'
-    )
-
-
-def _image(name: str, file: str, raw: bool = False) -> str:
+def _image(name: str, file: str, raw: bool = False, id: str = "", nearest: bool = False) -> str:
     raw_flag = '<boolean name="raw" value="true"/>' if raw else ""
+    # Roughness needs no interpolation, which costs three more texels at every vertex of a path.
+    if nearest:
+        raw_flag += '<string name="filter_type" value="nearest"/>'
+    label = f'id="{id}"' if id else f'name="{name}"'
     return (
-        f'<texture type="bitmap" name="{name}"><string name="filename" value="{file}"/>'
+        f'<texture type="bitmap" {label}><string name="filename" value="{file}"/>'
         f"{raw_flag}</texture>"
     )

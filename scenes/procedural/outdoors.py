@@ -13,13 +13,13 @@ from scenes.arrays import Float64Array
 from scenes.geometry.regions import buffered
 from scenes.procedural.furniture.geometry import BodyMesh, box, merge, prism
 from scenes.procedural.furniture.style import hex_color
-from scenes.procedural.patterns import noise
 from scenes.procedural.piece import Material, PiecePart
 from scenes.procedural.plan import Plan
 from scenes.procedural.scene_item import SceneItem, make_part
 from scenes.procedural.surroundings.buildings import Block, Roof, building, far_blocks
 from scenes.procedural.surroundings.plants import hedge, shrubs, tree
 from scenes.procedural.surroundings.street import PAVEMENT, ROAD, fence, street
+from scenes.procedural.textures.fields import Spectrum, noise
 
 Setting = Literal["street", "courtyard", "garden", "high floor", "countryside"]
 LAWN = 70.0  # half the side of the lawn, metres
@@ -369,7 +369,7 @@ def _hills(rng: np.random.Generator, centre: Float64Array, ground: float, ring: 
     """Ring of distant woods (`ring` 0) or of higher and more distant hills (1)."""
     radius, low, high = ((320.0, 6.0, 3.0), (1500.0, 30.0, 20.0))[ring]
     count = 512
-    skyline = noise(rng, count, 1.1)[0]
+    skyline = noise(rng, count, Spectrum(1.1))[0]
     tops = ground + np.maximum(low + high * skyline, 2.0)
     angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
     circle = centre + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)

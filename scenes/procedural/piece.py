@@ -51,7 +51,8 @@ class Material:
     """A procedural material; `MaterialLibrary` makes a BSDF and textures from it.
 
     `color` is the mean reflectance, linear RGB in [0, 1] (F0 for metals). Textures are laid out
-    in metres: one uv unit is one metre, except for "picture".
+    in metres: one uv unit is one metre, except for "picture". `family` is a family of surfaces of
+    the kind (`scenes.procedural.textures.families`); without one, `variant` chooses.
     """
 
     kind: MaterialKind
@@ -61,6 +62,8 @@ class Material:
     scale: float = 1.0  # size of the pattern relative to the default of its kind
     variant: int = 0  # seed of the pattern
     translucent: bool = False  # diffusely transmitting: lampshades, thin curtains
+    family: str = ""
+    wear: float | None = None  # from new (0) to old (1); None: as the home
 
 
 @dataclass(frozen=True)

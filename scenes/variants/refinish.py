@@ -21,7 +21,7 @@ from scenes.procedural.finishes import Finishes, RoomFinish, make_finishes
 from scenes.procedural.furniture.style import Style, make_style
 from scenes.procedural.materials import MaterialLibrary
 from scenes.procedural.piece import Material
-from scenes.seeds import generator
+from scenes.seeds import derive, generator
 
 _PROBE_OFFSET = 0.03  # metres in front of a face, where its room is looked up
 _HEIGHT_MARGIN = 0.3  # metres above and below a room that still belong to it
@@ -46,7 +46,13 @@ def refinish(
     style = make_style(generator(seed, "variant", variant, "style"))
     kinds = {room.id: room.type for room in scene.rooms}
     finishes = make_finishes(generator(seed, "variant", variant, "finishes"), style, kinds)
-    library = MaterialLibrary(folder, texture_size, prefix=f"variant{variant}-")
+    library = MaterialLibrary(
+        folder,
+        texture_size,
+        prefix=f"variant{variant}-",
+        seed=derive(seed, "variant", variant, "textures"),
+        wear=float(generator(seed, "variant", variant, "wear").random()),
+    )
     shapes = {shape.get("id", ""): shape for shape in root.findall("shape")}
     materials = {bsdf.get("id", ""): bsdf for bsdf in root.findall("bsdf")}
     (folder / "textures").mkdir(exist_ok=True)
@@ -87,8 +93,8 @@ def refinish(
     }
 
 
-def with_metric_uvs(mesh: Mesh, along_y: bool = False, tile: float = 1.0) -> Mesh:
-    """Return the mesh with separate corners and uvs (V, 2) in units of `tile` metres.
+def with_metric_uvs(mesh: Mesh, along_y: bool = False) -> Mesh:
+    """Return the mesh with separate corners and uvs (V, 2) in metres.
 
     On vertical faces u is horizontal and v points up; on horizontal faces (u, v) is (x, y), or
     (y, x) if `along_y`.
@@ -108,7 +114,7 @@ def with_metric_uvs(mesh: Mesh, along_y: bool = False, tile: float = 1.0) -> Mes
         corners.reshape(-1, 3),
         np.arange(corners.size // 3).reshape(-1, 3),
         own,
-        uvs.reshape(-1, 2) / tile,
+        uvs.reshape(-1, 2),
     )
 
 
@@ -226,8 +232,10 @@ def _apply_material(
     along_y: bool,
 ) -> None:
     """Set the material of a shape and write its mesh with uvs in true size."""
-    covered = with_metric_uvs(mesh, along_y, library.tile(material))
-    write_ply(folder / "meshes" / f"{shape.get('id')}.ply", covered)
+    covered = with_metric_uvs(mesh, along_y)
+    assert covered.uvs is not None
+    uvs = library.placed(material, covered.vertices, covered.faces, covered.normals, covered.uvs)
+    write_ply(folder / "meshes" / f"{shape.get('id')}.ply", replace(covered, uvs=uvs))
     for old in [*shape.findall("ref"), *shape.findall("bsdf")]:
         shape.remove(old)
     shape.append(Element("ref", {"id": library.bsdf(material)}))

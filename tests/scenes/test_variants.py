@@ -22,7 +22,7 @@ from scenes.formats.ply import read_ply
 from scenes.geometry.mesh import Mesh, face_areas
 from scenes.params import SceneParams
 from scenes.photometry import blackbody
-from scenes.procedural.patterns import has_pattern
+from scenes.procedural.textures.families import has_surface
 from scenes.registry import import_scene
 from scenes.variants.refinish import with_metric_uvs
 from scenes.variants.vary import vary_scene
@@ -99,7 +99,7 @@ def test_finishes_have_true_size(base: Scene) -> None:
         kind = made.source["finishes"]["shapes"][name]
         tiles.setdefault(kind, set()).add(round(float(tile), 3))
     for kind, sizes in tiles.items():
-        assert all(0.2 <= size <= 3.0 or not has_pattern(kind) for size in sizes), (kind, sizes)
+        assert all(0.2 <= size <= 3.0 or not has_surface(kind) for size in sizes), (kind, sizes)
     assert "to_uv" not in made.xml.read_text()
     for bitmap in root.iter("texture"):
         file = next(item for item in bitmap if item.get("name") == "filename")

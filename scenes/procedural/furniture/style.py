@@ -64,6 +64,14 @@ ACCENTS = (
 BEDDINGS = ("#f2f0ec", "#dfe4e8", "#cfd8d3", "#e8dccb", "#aebccb", "#8a97a8", "#d8c2b8", "#b7c0a8")
 CURTAINS = ("#e6e0d4", "#c9c3b8", "#9aa5a8", "#7d8a78", "#b5895f", "#dcd7cf", "#62707c", "#c7a9a0")
 RUGS = ("#a89a86", "#8c3f3a", "#37475a", "#cbbfae", "#6d7a6e", "#b98b54", "#7b7f86", "#d6cdbf")
+_UPHOLSTERY_CLOTHS = (
+    "plain", "linen", "basket", "twill", "herringbone", "birdseye", "melange", "boucle",
+    "velvet", "chenille", "corduroy", "felt",
+)  # fmt: skip
+_CUSHION_CLOTHS = (
+    "plain", "linen", "basket", "birdseye", "velvet", "corduroy", "striped", "checked", "knit",
+    "denim", "boucle",
+)  # fmt: skip
 METALS = (("#c9c7c2", 0.3), ("#2b2a29", 0.45), ("#c5a35c", 0.28), ("#8f7a66", 0.4))
 
 CHROME = Material("metal", hex_color("#dcdde0"), roughness=0.08)
@@ -80,9 +88,9 @@ RUBBER = Material("plastic", hex_color("#26262a"), roughness=0.7)
 WHITE_PAINT = Material("paint", hex_color("#ece9e2"), roughness=0.4)
 PAGES = Material("paper", hex_color("#e8dfc9"), roughness=0.9)
 SOIL = Material("soil", hex_color("#3a2a1e"), roughness=0.95)
-TERRACOTTA = Material("ceramic", hex_color("#b4683f"), roughness=0.6)
+TERRACOTTA = Material("ceramic", hex_color("#b4683f"), roughness=0.8, family="earthenware")
 WICKER = Material(
-    "fabric", hex_color("#b08a58"), roughness=0.85, accent=hex_color("#7d5c36"), scale=6.0
+    "wood", hex_color("#b08a58"), roughness=0.6, accent=hex_color("#7d5c36"), family="wicker"
 )
 
 
@@ -152,21 +160,29 @@ def make_style(rng: np.random.Generator) -> Style:
     )
     metal_code, metal_roughness = METALS[int(rng.integers(len(METALS)))]
 
-    def cloth(codes: tuple[str, ...], scale: float = 1.0) -> Material:
+    def cloth(codes: tuple[str, ...], *families: str) -> Material:
         color = pick(codes)
-        return Material("fabric", color, 0.9, scaled_color(color, 0.7), scale, variant())
+        family = families[int(rng.integers(len(families)))]
+        return Material(
+            "fabric", color, 0.9, scaled_color(color, 0.7), variant=variant(), family=family
+        )
 
     upholstery = (
         Material("leather", pick(("#5a3a26", "#2a2725", "#8a5a3a", "#b59a7c")), 0.45)
         if rng.random() < 0.2
-        else cloth(UPHOLSTERY)
+        else cloth(UPHOLSTERY, *_UPHOLSTERY_CLOTHS)
     )
     accents = [ACCENTS[int(k)] for k in rng.permutation(len(ACCENTS))]
     book_colors = (*ACCENTS, "#e7e1d5", "#2a2d33", "#7a2f2c", "#1f3d4f", "#c9b27c")
     books = [book_colors[int(k)] for k in rng.permutation(len(book_colors))[:8]]
     rug = pick(RUGS)
     translucent = Material(
-        "fabric", pick(CURTAINS), 0.9, variant=variant(), translucent=bool(rng.random() < 0.6)
+        "fabric",
+        pick(CURTAINS),
+        0.9,
+        variant=variant(),
+        translucent=bool(rng.random() < 0.6),
+        family=("linen", "linen", "plain", "satin", "striped", "velvet")[int(rng.integers(6))],
     )
     return Style(
         wood=wood,
@@ -177,16 +193,36 @@ def make_style(rng: np.random.Generator) -> Style:
         worktop=worktop,
         metal=Material("metal", hex_color(metal_code), roughness=metal_roughness),
         upholstery=upholstery,
-        second_upholstery=cloth(UPHOLSTERY if rng.random() < 0.7 else ACCENTS),
+        second_upholstery=cloth(UPHOLSTERY if rng.random() < 0.7 else ACCENTS, *_UPHOLSTERY_CLOTHS),
         cushions=tuple(
-            Material("fabric", hex_color(code), 0.9, hex_color("#d9d2c4"), 1.5, variant())
+            Material(
+                "fabric",
+                hex_color(code),
+                0.9,
+                hex_color("#d9d2c4"),
+                variant=variant(),
+                family=_CUSHION_CLOTHS[int(rng.integers(len(_CUSHION_CLOTHS)))],
+            )
             for code in accents[:3]
         ),
-        bedding=cloth(BEDDINGS),
-        throw=Material("fabric", hex_color(accents[3]), 0.95, variant=variant(), scale=2.0),
+        bedding=cloth(BEDDINGS, "cotton", "cotton", "linen", "striped", "checked", "satin"),
+        throw=Material(
+            "fabric",
+            hex_color(accents[3]),
+            0.95,
+            variant=variant(),
+            family=("knit", "cable", "herringbone", "checked", "felt")[int(rng.integers(5))],
+        ),
         curtain=translucent,
-        rug=Material("carpet", rug, 0.95, accent=pick(RUGS), variant=variant()),
-        towel=Material("fabric", hex_color(accents[4]), 0.95, variant=variant(), scale=1.5),
+        rug=Material(
+            "carpet",
+            rug,
+            0.95,
+            accent=pick(RUGS),
+            variant=variant(),
+            family=("cut", "shag", "loop", "sisal", "rag", "kilim", "kilim")[int(rng.integers(7))],
+        ),
+        towel=Material("fabric", hex_color(accents[4]), 0.95, variant=variant(), family="terry"),
         shade=Material("paper", pick(("#efe6d4", "#e7dcc6", "#f2efe8", "#d8cdb8")), 0.9),
         accents=tuple(Material("ceramic", hex_color(code), 0.3) for code in accents[:5]),
         books=tuple(Material("paint", hex_color(code), 0.55) for code in books),

@@ -7,9 +7,9 @@ import numpy as np
 from scenes.arrays import Float64Array
 from scenes.procedural.furniture.geometry import BodyMesh, box, grid, merge, tube
 from scenes.procedural.furniture.style import hex_color, scaled_color
-from scenes.procedural.patterns import noise
 from scenes.procedural.piece import Material
 from scenes.procedural.scene_item import SceneItem, make_part
+from scenes.procedural.textures.fields import Spectrum, noise
 
 _LEAVES = ("#3f5230", "#4c5c36", "#38492f", "#59603a", "#5f5f36")
 _BARK = "#4d4136"
@@ -65,7 +65,9 @@ def tree(
         tips.append(tip)
     chosen = np.array(tips)[rng.integers(len(tips), size=leaves)]
     scatter = rng.normal(0, 1, (leaves, 3)) * 0.27 * crown
-    bark = Material("soil", hex_color(_BARK), 0.95, variant=int(rng.integers(1 << 30)))
+    bark = Material(
+        "soil", hex_color(_BARK), 0.95, variant=int(rng.integers(1 << 30)), family="bark"
+    )
     crowns = np.array_split(_leaves(rng, chosen + scatter, 0.08 + 0.011 * height), 2)
     parts = [make_part("trunk", bark, *wood)]
     parts += [
@@ -95,7 +97,7 @@ def shrubs(rng: np.random.Generator, name: str, places: Float64Array, ground: fl
 def hedge(rng: np.random.Generator, centre: Float64Array, half: float, ground: float) -> SceneItem:
     """Return a clipped hedge around a garden; each side is missing with probability 1/4."""
     height, thickness = float(rng.uniform(0.9, 1.9)), 0.7
-    surface = noise(rng, 64, 0.9)
+    surface = noise(rng, 64, Spectrum(0.9))
     runs = []
     tufts = []
     for side in range(4):

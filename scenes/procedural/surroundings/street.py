@@ -32,7 +32,14 @@ def street(
 
     `near` is the distance to its first kerb, metres. Cars are parked along both kerbs, with gaps.
     """
-    asphalt = Material("soil", hex_color("#4a4a4c"), 0.9, variant=int(rng.integers(1 << 30)))
+    asphalt = Material(
+        "soil",
+        hex_color("#4a4a4c"),
+        0.9,
+        accent=hex_color("#6b6a68"),
+        variant=int(rng.integers(1 << 30)),
+        family="asphalt",
+    )
     stone = Material(
         "tiles",
         hex_color("#8d8a86"),

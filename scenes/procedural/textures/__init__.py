@@ -1,0 +1,1 @@
+"""Families of surfaces: tileable maps of colour, roughness and height that belong together."""

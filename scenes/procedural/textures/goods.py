@@ -1,0 +1,349 @@
+"""Stone, metal, paint, plastic, ceramics, paper, leaves and grounds."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scenes.procedural.textures.fields import (
+    BLOTCH,
+    CLOUD,
+    CRUMB,
+    GRIT,
+    STREAK,
+    Spectrum,
+    Surface,
+    axes,
+    cells,
+    constant,
+    noise,
+    smoothstep,
+)
+
+
+def granite(rng: np.random.Generator, size: int) -> Surface:
+    """Polished granite: crystals of several tones."""
+    _, _, own = cells(rng, size, 64)
+    specks = noise(rng, size, GRIT)
+    large = noise(rng, size, CRUMB)
+    mix = 0.5 * smoothstep(0.55, 0.75, own) + 0.3 * smoothstep(0.7, 1.5, specks)
+    return Surface(
+        np.clip(mix + 0.08 * large, 0, 1).astype(np.float32),
+        1 + 0.05 * specks,
+        0.01 * specks,
+        (0.000006 * specks).astype(np.float32),
+        0.5,
+    )
+
+
+def marble(rng: np.random.Generator, size: int) -> Surface:
+    """Marble with branching veins over clouds."""
+    bend = noise(rng, size, CLOUD._replace(falloff=1.9))
+    field = noise(rng, size, CLOUD) + 0.4 * bend
+    main = field / 0.06
+    fine = (noise(rng, size, BLOTCH) + 0.5 * field) / 0.05
+    veins = 1 / (1 + main * main) + 0.4 / (1 + fine * fine)
+    cloud = smoothstep(-1.5, 2.5, noise(rng, size, CLOUD))
+    return Surface(
+        np.clip(0.6 * veins + 0.22 * cloud, 0, 1).astype(np.float32),
+        1 + 0.015 * bend,
+        (0.04 * veins).astype(np.float32),
+        (-0.00001 * veins).astype(np.float32),
+        1.4,
+    )
+
+
+def travertine(rng: np.random.Generator, size: int) -> Surface:
+    """Travertine or limestone: bands with elongated holes."""
+    bands = noise(rng, size, Spectrum(1.2, 2, 7.0))
+    holes = smoothstep(1.7, 2.3, noise(rng, size, CRUMB._replace(along=4.0)))
+    return Surface(
+        np.clip(0.3 + 0.2 * bands + 0.4 * holes, 0, 1).astype(np.float32),
+        (1 + 0.03 * bands - 0.2 * holes).astype(np.float32),
+        (0.03 * bands + 0.3 * holes).astype(np.float32),
+        (-0.0012 * holes).astype(np.float32),
+        1.0,
+    )
+
+
+def slate(rng: np.random.Generator, size: int) -> Surface:
+    """Riven slate: steps of thin layers."""
+    field = 2.2 * noise(rng, size, BLOTCH)
+    steps = np.floor(field) + smoothstep(0.8, 1.0, field - np.floor(field))
+    grit = noise(rng, size, GRIT)
+    return Surface(
+        np.clip(0.3 + 0.1 * steps, 0, 1).astype(np.float32),
+        (1 + 0.04 * steps + 0.03 * grit).astype(np.float32),
+        0.04 * grit,
+        (0.0006 * steps + 0.00012 * grit).astype(np.float32),
+        0.9,
+    )
+
+
+def terrazzo(rng: np.random.Generator, size: int) -> Surface:
+    """Chips of stone in cement, ground flat."""
+    near, second, own = cells(rng, size, 26)
+    chip = smoothstep(0.06, 0.12, second - near) * smoothstep(0.35, 0.4, own)
+    _, gap, other = cells(rng, size, 64)
+    small = smoothstep(0.7, 0.75, other) * smoothstep(0.3, 0.5, gap) * (1 - chip)
+    tone = np.maximum(chip * own, 0.8 * small)
+    return Surface(
+        np.clip(tone, 0, 1).astype(np.float32),
+        (1 + 0.12 * chip * (own - 0.7) + 0.015 * noise(rng, size, CLOUD)).astype(np.float32),
+        (-0.06 * chip + 0.01 * noise(rng, size, CLOUD)).astype(np.float32),
+        constant(size, 0.0),
+        0.8,
+    )
+
+
+def composite(rng: np.random.Generator, size: int) -> Surface:
+    """Quartz composite or laminate with fine speckles."""
+    specks = noise(rng, size, GRIT)
+    mix = 0.6 * smoothstep(1.2, 2.2, specks) + 0.3 * smoothstep(1.5, 2.5, -specks)
+    return Surface(
+        mix.astype(np.float32),
+        1 + 0.02 * specks,
+        0.015 * noise(rng, size, CLOUD),
+        (0.000008 * specks).astype(np.float32),
+        0.5,
+    )
+
+
+def lacquer(rng: np.random.Generator, size: int, peel: float = 1.0) -> Surface:
+    """Sprayed lacquer or powder coat: orange peel of `peel`."""
+    skin = noise(rng, size, Spectrum(0.9, 40))
+    cloud = noise(rng, size, CLOUD)
+    return Surface(
+        constant(size, 0),
+        1 + 0.006 * cloud,
+        (0.025 * cloud + 0.02 * peel * skin).astype(np.float32),
+        (0.00002 * peel * skin + 0.00005 * cloud).astype(np.float32),
+        0.4,
+    )
+
+
+def plastic(rng: np.random.Generator, size: int, spark: float = 0.0) -> Surface:
+    """Moulded plastic: smooth, or with an eroded texture of `spark`."""
+    grain = noise(rng, size, GRIT)
+    cloud = noise(rng, size, CLOUD)
+    return Surface(
+        constant(size, 0),
+        1 + 0.01 * cloud + 0.02 * spark * grain,
+        (0.02 * cloud + 0.05 * spark * grain).astype(np.float32),
+        (0.00005 * spark * grain + 0.00006 * cloud).astype(np.float32),
+        0.24,
+    )
+
+
+def brushed(rng: np.random.Generator, size: int) -> Surface:
+    """Metal brushed along u."""
+    lines = noise(rng, size, Spectrum(0.25, 16, 60.0))
+    cloud = noise(rng, size, CLOUD)
+    return Surface(
+        constant(size, 0),
+        1 + 0.03 * lines,
+        (0.05 * lines + 0.03 * cloud).astype(np.float32),
+        (0.000012 * lines).astype(np.float32),
+        0.3,
+    )
+
+
+def polished(rng: np.random.Generator, size: int) -> Surface:
+    """Plated or polished metal with smears of hands."""
+    smear = smoothstep(0.6, 2.0, noise(rng, size, BLOTCH))
+    return Surface(
+        constant(size, 0),
+        1 - 0.03 * smear,
+        (0.12 * smear + 0.01 * noise(rng, size, CLOUD)).astype(np.float32),
+        (0.00003 * noise(rng, size, CLOUD)).astype(np.float32),
+        0.4,
+    )
+
+
+def cast(rng: np.random.Generator, size: int) -> Surface:
+    """Cast iron or aluminium with a sandy skin."""
+    sand, crumb = noise(rng, size, GRIT), noise(rng, size, CRUMB)
+    return Surface(
+        np.clip(0.2 + 0.1 * crumb, 0, 1),
+        1 + 0.04 * sand,
+        0.06 * crumb,
+        (0.00009 * sand + 0.0001 * crumb).astype(np.float32),
+        0.3,
+    )
+
+
+def hammered(rng: np.random.Generator, size: int) -> Surface:
+    """Metal with the dents of a hammer, 1.5 cm wide."""
+    near, _, own = cells(rng, size, 20)
+    return Surface(
+        constant(size, 0),
+        1 + 0.03 * own,
+        (0.05 * noise(rng, size, CLOUD)).astype(np.float32),
+        (0.0006 * near * near).astype(np.float32),
+        0.3,
+    )
+
+
+def patinated(rng: np.random.Generator, size: int) -> Surface:
+    """Aged brass or galvanised steel: patches of other tone and gloss."""
+    _, _, own = cells(rng, size, 22)
+    patch = noise(rng, size, BLOTCH)
+    return Surface(
+        np.clip(0.3 + 0.25 * patch + 0.2 * (own - 0.5), 0, 1).astype(np.float32),
+        (1 + 0.08 * (own - 0.5)).astype(np.float32),
+        (0.07 * patch + 0.06 * own).astype(np.float32),
+        (0.00005 * patch).astype(np.float32),
+        0.4,
+    )
+
+
+def glazed(rng: np.random.Generator, size: int, wavy: float = 1.0) -> Surface:
+    """Glazed ceramic with slight waves and pinholes."""
+    waves = noise(rng, size, CLOUD)
+    pins = smoothstep(3.0, 3.4, noise(rng, size, CRUMB))
+    return Surface(
+        np.float32(0.4) * pins,
+        1 + 0.01 * waves,
+        (0.015 * waves + 0.3 * pins).astype(np.float32),
+        (0.00025 * wavy * waves).astype(np.float32),
+        0.4,
+    )
+
+
+def speckled(rng: np.random.Generator, size: int) -> Surface:
+    """Stoneware glaze with iron specks and rings of the wheel."""
+    specks = smoothstep(2.0, 2.6, noise(rng, size, GRIT))
+    rings = noise(rng, size, Spectrum(0.6, 10, 60.0))
+    cloud = noise(rng, size, CLOUD)
+    return Surface(
+        np.clip(0.7 * specks + 0.1 + 0.1 * cloud, 0, 1),
+        1 + 0.03 * cloud + 0.01 * rings,
+        (0.04 * cloud).astype(np.float32),
+        (0.0001 * rings).astype(np.float32),
+        0.3,
+    )
+
+
+def earthenware(rng: np.random.Generator, size: int) -> Surface:
+    """Unglazed clay with bloom of lime."""
+    grit, cloud = noise(rng, size, GRIT), noise(rng, size, BLOTCH)
+    bloom = smoothstep(0.8, 2.0, cloud)
+    return Surface(
+        np.clip(0.15 + 0.1 * cloud, 0, 1),
+        (1 + 0.05 * grit + 0.15 * bloom).astype(np.float32),
+        0.03 * grit,
+        (0.00008 * grit).astype(np.float32),
+        0.3,
+    )
+
+
+def paper(rng: np.random.Generator, size: int, fold: float = 1.0) -> Surface:
+    """Paper or card: fibres and a slight cockle."""
+    fibre, cockle = noise(rng, size, GRIT), noise(rng, size, CLOUD)
+    return Surface(
+        np.clip(0.1 + 0.05 * fibre, 0, 1),
+        1 + 0.012 * fibre,
+        0.01 * fibre,
+        (0.00002 * fibre + 0.0003 * fold * cockle).astype(np.float32),
+        0.3,
+    )
+
+
+def corrugated(rng: np.random.Generator, size: int) -> Surface:
+    """Corrugated board: brown fibres over faint flutes."""
+    u, _ = axes(size)
+    t = u * 60
+    flute = 1 - (2 * (t - np.floor(t)) - 1) ** 2
+    fibre = noise(rng, size, STREAK)
+    return Surface(
+        np.clip(0.3 + 0.1 * fibre, 0, 1),
+        (1 + 0.03 * fibre + 0.02 * flute).astype(np.float32),
+        0.02 * fibre,
+        (0.0001 * flute + 0.0003 * noise(rng, size, CLOUD)).astype(np.float32),
+        0.4,
+    )
+
+
+def canvas(rng: np.random.Generator, size: int) -> Surface:
+    """Primed canvas or heavy paper under a picture; a tile is the picture, about 0.6 m."""
+    threads = noise(rng, size, Spectrum(0.2, 60))
+    brush = noise(rng, size, CRUMB)
+    return Surface(
+        constant(size, 0),
+        constant(size, 1.0),
+        (0.05 * brush).astype(np.float32),
+        (0.00008 * threads + 0.0002 * brush).astype(np.float32),
+        0.6,
+    )
+
+
+def leaf(rng: np.random.Generator, size: int) -> Surface:
+    """Leaves: mottled, with a net of veins."""
+    near, second, _ = cells(rng, size, 24)
+    vein = 1 - smoothstep(0.0, 0.15, second - near)
+    mottle = noise(rng, size, BLOTCH)
+    return Surface(
+        np.clip(0.3 + 0.22 * mottle + 0.2 * vein, 0, 1).astype(np.float32),
+        np.clip(1 + 0.1 * noise(rng, size, CRUMB), 0.5, 1.5),
+        (0.06 * mottle).astype(np.float32),
+        (-0.0003 * vein + 0.0004 * mottle).astype(np.float32),
+        0.3,
+    )
+
+
+def soil(rng: np.random.Generator, size: int, crumbs: float = 1.0) -> Surface:
+    """Potting soil or mulch: crumbs and bits of bark."""
+    near, _, own = cells(rng, size, 26)
+    crumb = noise(rng, size, CRUMB)
+    clod = np.clip(1 - near, 0, 1)
+    return Surface(
+        np.clip(0.2 + 0.4 * own + 0.15 * crumb, 0, 1).astype(np.float32),
+        np.clip(0.7 + 0.5 * clod + 0.15 * crumb, 0.3, 1.8).astype(np.float32),
+        constant(size, 0.0),
+        (crumbs * (0.004 * clod + 0.001 * crumb)).astype(np.float32),
+        0.3,
+    )
+
+
+def gravel(rng: np.random.Generator, size: int) -> Surface:
+    """Pebbles of 1 to 3 cm."""
+    near, second, own = cells(rng, size, 40)
+    stone = smoothstep(0.0, 0.35, second - near)
+    return Surface(
+        np.clip(own + 0.1 * noise(rng, size, GRIT), 0, 1).astype(np.float32),
+        (0.45 + 0.6 * stone + 0.06 * noise(rng, size, GRIT)).astype(np.float32),
+        constant(size, 0.0),
+        (0.008 * stone).astype(np.float32),
+        0.8,
+    )
+
+
+def lawn(rng: np.random.Generator, size: int, long: float = 1.0) -> Surface:
+    """Grass from above: blades, tufts, thin and dry patches."""
+    blades = noise(rng, size, Spectrum(0.3, 30, 1.0, 2.5))
+    other = noise(rng, size, Spectrum(0.3, 30, 2.5))
+    tuft = noise(rng, size, CRUMB)
+    patches = noise(rng, size, CLOUD)
+    blade = np.maximum(blades, other)
+    mix = np.clip(0.3 + 0.18 * patches + 0.12 * blade + 0.08 * tuft, 0, 1)
+    return Surface(
+        mix.astype(np.float32),
+        np.clip(0.9 + 0.2 * blade + 0.1 * tuft, 0.3, 1.8).astype(np.float32),
+        constant(size, 0.0),
+        (long * (0.006 * blade + 0.008 * tuft)).astype(np.float32),
+        3.0,
+    )
+
+
+def asphalt(rng: np.random.Generator, size: int) -> Surface:
+    """Asphalt with its stones worn bare, and tar repairs."""
+    near, second, own = cells(rng, size, 90)
+    stone = smoothstep(0.0, 0.3, second - near) * smoothstep(0.4, 0.5, own)
+    cloud = noise(rng, size, CLOUD)
+    tar = 1 - smoothstep(0.0, 0.035, np.abs(noise(rng, size, CLOUD._replace(falloff=1.9))))
+    return Surface(
+        np.clip(0.2 + 0.5 * stone, 0, 1).astype(np.float32),
+        (1 + 0.06 * cloud - 0.35 * tar + 0.1 * stone).astype(np.float32),
+        (-0.2 * tar).astype(np.float32),
+        (0.002 * stone).astype(np.float32),
+        1.6,
+    )
