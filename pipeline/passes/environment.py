@@ -28,7 +28,7 @@ from pipeline.views import View
 from scenes.arrays import AnyArray, Float32Array, Float64Array
 from scenes.geometry.directions import equirectangular_directions, turned
 
-REVISION = 3
+REVISION = 4
 _MANTISSA = 10  # bits of a stored radiance, as in half floats; the exponent is that of float32
 
 

@@ -40,7 +40,7 @@ from scenes.arrays import Float32Array, Float64Array
 from scenes.contract import Room
 from scenes.seeds import derive32
 
-REVISION = 12
+REVISION = 13
 # Powers of two that are a grid of nearly equal sides, as the `multijitter` sampler needs it.
 _BLOCK_SIZES = (1, 2, 4, 8, 16, 64, 256, 1024, 4096)
 _LAUNCH_SAMPLES = 1 << 21  # most samples of one launch; changing it changes pixels

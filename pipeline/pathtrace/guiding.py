@@ -22,13 +22,15 @@ import mitsuba as mi
 import numpy as np
 
 from pipeline.pathtrace.irradiance import (
+    RAY_OFFSET,
     environment_luminance,
     first_hits,
     in_sun_disc,
     rms,
     sun_irradiance,
+    sunlit_surfaces,
 )
-from pipeline.pathtrace.light_pilot import ASSUMED_ALBEDO, RAY_OFFSET, LightPlan
+from pipeline.pathtrace.light_pilot import ASSUMED_ALBEDO, LightPlan
 from pipeline.pathtrace.portals import (
     Rectangles,
     geometry_factor,
@@ -182,7 +184,9 @@ def _lit_cells(
     hits, facing, flux = (
         np.concatenate(parts)
         for parts in zip(
-            _lit_by_lamps(scene, random), _lit_by_sun(scene, plan, random), strict=True
+            _lit_by_lamps(scene, random),
+            sunlit_surfaces(scene, plan.rectangles, plan.sun_disc, _RAYS, random),
+            strict=True,
         )
     )
     hits, facing, flux = (each[flux > 0] for each in (hits, facing, flux))
@@ -252,20 +256,3 @@ def _lit_by_lamps(scene: Any, random: np.random.Generator) -> LitSurfaces:
     directions[~finite, 2] = 1
     hits, facing, hit = first_hits(scene, origins + RAY_OFFSET * directions, directions)
     return hits, facing, np.where(finite & hit, flux, 0)
-
-
-def _lit_by_sun(scene: Any, plan: LightPlan, random: np.random.Generator) -> LitSurfaces:
-    """Trace the sun's rays through the portals; return the same as `_lit_by_lamps`."""
-    portals, count = plan.rectangles, len(plan.rectangles.area)
-    if plan.sun_disc is None or not count:
-        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
-    samples = random.random((count, _RAYS, 2, 1))
-    first, second = (edge[:, None] for edge in portals.edges)
-    points = portals.corner[:, None] + samples[:, :, 0] * first + samples[:, :, 1] * second
-    points = points.reshape(-1, 3)
-    inwards = np.tile(-plan.sun_disc.direction, (len(points), 1))
-    hits, facing, hit = first_hits(scene, points, inwards)
-    radiance = environment_luminance(scene, hits + RAY_OFFSET * facing, -inwards)
-    through = np.maximum(portals.normal @ plan.sun_disc.direction, 0) * portals.area / _RAYS
-    flux = np.nan_to_num(radiance) / plan.sun_disc.density * np.repeat(through, _RAYS)
-    return hits, facing, np.where(hit, flux, 0)

@@ -23,6 +23,8 @@ from pipeline.render.drjit_arrays import column, vector
 from scenes.arrays import BoolArray, Float64Array
 from scenes.color import luminance
 
+RAY_OFFSET = 1e-3  # metres: distance of ray origins from surfaces
+_SUN_RAYS = 64  # through each portal
 _MAX_SUN_RADIUS, _SUN_STEP = 10.0, 0.005  # degrees: range and resolution of the search
 _SUN_CONTRAST = 3.0  # least ratio of radiance inside and outside the edge of the sun's disc
 _SUN_MARGIN = 1.03  # factor on the radius: samples at the rounded edge must not miss the disc
@@ -195,6 +197,48 @@ def sun_irradiance(
     directions = np.array(frame.to_world(local)).T.astype(np.float64)
     cosine = np.maximum((directions * normals).sum(axis=-1), 0)
     return (environment_luminance(scene, points, directions) * cosine / sun.density)[None]
+
+
+def sunlit_surfaces(
+    scene: Any,
+    portals: Rectangles,
+    sun: SunDisc | None,
+    rays: int,
+    random: np.random.Generator,
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Trace the sun's rays through portals, this many through each.
+
+    Returns hit points (R, 3), normals (R, 3) and the flux (R,) of each ray, 0 where something hides
+    the sun.
+    """
+    count = len(portals.area)
+    if sun is None or not count:
+        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
+    samples = random.random((count, rays, 2, 1))
+    first, second = (edge[:, None] for edge in portals.edges)
+    points = portals.corner[:, None] + samples[:, :, 0] * first + samples[:, :, 1] * second
+    points = points.reshape(-1, 3)
+    inwards = np.tile(-sun.direction, (len(points), 1))
+    hits, facing, hit = first_hits(scene, points, inwards)
+    radiance = environment_luminance(scene, hits + RAY_OFFSET * facing, -inwards)
+    through = np.maximum(portals.normal @ sun.direction, 0) * portals.area / rays
+    flux = np.nan_to_num(radiance) / sun.density * np.repeat(through, rays)
+    return hits, facing, np.where(hit, flux, 0)
+
+
+def sun_strength(
+    scene: Any, portals: Rectangles, sun: SunDisc | None, random: np.random.Generator
+) -> float:
+    """Estimate the root mean square of the sun's irradiance where it shines through portals.
+
+    On a surface that faces it; 0 if its rays pass no portal or all of them are hidden.
+    """
+    _, _, flux = sunlit_surfaces(scene, portals, sun, _SUN_RAYS, random)
+    if sun is None or not flux.any():
+        return 0.0
+    areas = np.repeat(np.maximum(portals.normal @ sun.direction, 0) * portals.area, _SUN_RAYS)
+    irradiance = np.divide(flux * _SUN_RAYS, areas, out=np.zeros_like(flux), where=areas > 0)
+    return float(np.sqrt((irradiance**2 * areas).sum() / areas.sum()))
 
 
 def _find_sun_disc(emitter: Any, direction: Float64Array) -> SunDisc | None:

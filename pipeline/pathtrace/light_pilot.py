@@ -26,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.pathtrace.irradiance import (
+    RAY_OFFSET,
     EmitterExtents,
     Environment,
     SunDisc,
@@ -35,6 +36,7 @@ from pipeline.pathtrace.irradiance import (
     portal_irradiance,
     rms,
     sun_irradiance,
+    sun_strength,
 )
 from pipeline.pathtrace.portals import (
     Rectangles,
@@ -49,7 +51,6 @@ from scenes.geometry.directions import fibonacci_sphere
 from scenes.seeds import generator
 
 ASSUMED_ALBEDO = 0.5  # of all surfaces, for light that bounces once
-RAY_OFFSET = 1e-3  # metres: distance of the pilot's ray origins from surfaces
 OUTDOOR_MARGIN = 0.05  # metres beyond the box around the rooms
 EVERYWHERE: Float64Array = np.array([[-np.inf] * 3, [np.inf] * 3])  # an unbounded box
 
@@ -140,6 +141,9 @@ def plan_lights(
     strengths = _strengths(
         irradiance[hit], pilot.points[hit], pilot.normals[hit], extents, plan, kept
     )
+    if not strengths.sun:  # the pilot has too few points to meet every sunlit patch
+        found = sun_strength(scene, plan.rectangles, plan.sun_disc, generator(seed, "sun"))
+        strengths = replace(strengths, sun=found)
     indirect = ASSUMED_ALBEDO * float(irradiance[seen:][hit[seen:]].sum())
     indirect = indirect / max(1, int(hit[:seen].sum()))
     return replace(plan, extents=extents, strengths=strengths, indirect=indirect, pilot=pilot)
@@ -271,7 +275,10 @@ def _strengths(
     plan: LightPlan,
     kept: Int64Array,
 ) -> LightStrengths:
-    """Return the ratios of rms irradiance to rms geometry factor over the pilot's points."""
+    """Return the ratios of rms irradiance to rms geometry factor over the pilot's points.
+
+    That of the sun is 0 if the pilot met it nowhere, or only where it is not expected.
+    """
     count = len(extents.spread)
 
     def factors(centre: Float64Array, spread: Float64Array) -> tuple[Float64Array, Float64Array]:
@@ -286,12 +293,13 @@ def _strengths(
     of_portals = of_portals * np.maximum((directions * plan.rectangles.normal).sum(axis=-1), 0)
     sun = np.zeros(3) if plan.sun_disc is None else plan.sun_disc.direction
     of_sun = geometry_factor(np.abs(normals @ sun), 0.0, 1.0) * _may_see_sun(sun, points, plan)
+    met = (of_sun > 0) & (irradiance[:, -1] > 0)
     outdoors = is_outdoors(points, plan.indoors)
     sides = [side if side.any() else np.ones_like(side) for side in (~outdoors, outdoors)]
     return LightStrengths(
         np.array([rms(irradiance[side, :count]) / rms(of_emitters[side]) for side in sides]),
         rms(irradiance[:, count:-1][:, kept]) / np.maximum(rms(of_portals), 1e-30),
-        float(rms(irradiance[:, -1]) / np.maximum(rms(of_sun), 1e-30)),
+        float(rms(irradiance[:, -1]) / rms(of_sun)) if met.any() else 0.0,
     )
 
 

@@ -22,6 +22,7 @@ from pipeline.pathtrace.light_sampling import PlannedLights
 from pipeline.pathtrace.portals import portal_rectangles
 from pipeline.render.drjit_arrays import vector
 from pipeline.render.scene import RenderScene, open_scene
+from scenes.color import luminance
 from scenes.contract import Portal
 from tests.fixtures.joint import (
     ALBEDO,
@@ -504,3 +505,32 @@ def test_the_plan_of_a_panorama_hardly_depends_on_chance(tmp_path: Path) -> None
         for seed in range(6)
     ]
     assert min(suns) > 0.02 and max(suns) < 1.5 * min(suns)
+
+
+def test_the_sun_is_sampled_where_the_pilot_missed_its_patch(tmp_path: Path) -> None:
+    """Through a window of 10 cm the sun lights a patch that hardly a pilot ray meets.
+
+    Its strength is the irradiance of a surface that faces the sun: radiance times solid angle.
+    """
+    half, rim = 0.05, 0.225
+    matt = diffuse("0.6,0.6,0.6")
+    walls, _ = room_walls(matt, window=True)
+    inwards = (0.0, -1.0, 0.0)
+    walls += quad("left", (-half - rim, 2, 1.5), inwards, (rim, 0.5), matt)
+    walls += quad("right", (half + rim, 2, 1.5), inwards, (rim, 0.5), matt)
+    walls += quad("above", (0, 2, 1.5 + half + rim), inwards, (half, rim), matt)
+    walls += quad("below", (0, 2, 1.5 - half - rim), inwards, (half, rim), matt)
+    corners = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    polygon = tuple((half * x, 2.0, 1.5 + half * z) for x, z in corners)
+    small = replace(WINDOW, polygon=polygon)
+    scene = open_scene(write_scene(tmp_path / "room", walls + SUN, portals=[small]))
+    view = make_view((-1, -1.8, 1.5), (1.9, 1.7, -1.5), size=(24, 18))
+    plans = [plan_lights(scene.mitsuba, view, (small,), seed) for seed in range(4)]
+    sun = plans[0].sun_disc
+    assert sun is not None
+    outdoors = dr.zeros(mi.SurfaceInteraction3f, 1)
+    outdoors.wi = vector(mi.Vector3f, -sun.direction[None])
+    radiance = luminance(np.array(scene.mitsuba.environment().eval(outdoors)).T[0])
+    for plan in plans:
+        assert plan.strengths is not None
+        assert plan.strengths.sun == pytest.approx(radiance / sun.density, rel=0.1)
