@@ -20,7 +20,7 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
-from scenes.arrays import BoolArray, Float64Array
+from scenes.arrays import BoolArray, Float64Array, Int64Array
 from scenes.geometry.directions import unit
 from scenes.geometry.regions import buffered, deepest_point
 from scenes.reconstruction.raycast import RayCaster
@@ -33,6 +33,7 @@ _MAX_DRAWS = 50  # of points in a room's bounding rectangle
 _OFFSET = 1e-4  # metres above a surface at which the next segment starts
 _MIN_COSINE = 0.01  # below it, the next segment starts closer to the surface
 _LEAST_LEVEL = 1e-6  # of a direction's length; steeper segments end on the plan where they start
+_FEW_OPENINGS = 6  # up to which every plane is compared with every segment
 _OVERLAP = 2e-3  # metres by which the blocker of a portal overlaps the portal's frame
 
 
@@ -155,14 +156,7 @@ class OpeningIndex:
         crossed = np.zeros(len(origins), dtype=bool)
         if not len(self._blockers) or not len(origins):
             return crossed
-        starts = origins[:, :2]
-        # Where every opening has been passed.
-        past = np.linalg.norm(np.maximum(self._high - starts, starts - self._low), axis=1) + 1.0
-        level = np.maximum(np.linalg.norm(directions[:, :2], axis=1), _LEAST_LEVEL)
-        lengths = np.minimum(distances + _OFFSET, past / level)
-        ends = starts + lengths[:, None] * directions[:, :2]
-        lines = shapely.linestrings(np.stack([starts, ends], axis=1))
-        rows, near = self._tree.query(lines, predicate="intersects")
+        rows, near = self._candidates(origins, directions, distances)
         offset, way = self._corner[near] - origins[rows], directions[rows]
         normal = self._normal[near]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -175,6 +169,37 @@ class OpeningIndex:
         inside = shapely.contains_xy(self._blockers[near], local[:, 0], local[:, 1])
         crossed[rows[inside]] = True
         return crossed
+
+    def _candidates(
+        self, origins: Float64Array, directions: Float64Array, distances: Float64Array
+    ) -> tuple[Int64Array, Int64Array]:
+        """Return pairs (M,), (M,) of segments and openings that may cross.
+
+        Pairs that are left out do not cross. For few openings their planes tell more cheaply than
+        the index.
+        """
+        if len(self._blockers) <= _FEW_OPENINGS:
+            ahead = np.zeros((len(origins), len(self._blockers)))
+            slope = np.zeros_like(ahead)
+            for axis in range(3):
+                normal = self._normal[:, axis]
+                ahead += (self._corner[:, axis] - origins[:, axis, None]) * normal
+                slope += directions[:, axis, None] * normal
+            # Towards the plane, and long enough to reach it.
+            with np.errstate(invalid="ignore"):
+                longest = (distances[:, None] + 2 * _OFFSET) * np.abs(slope)
+            meets = (ahead * slope > 0) & (np.abs(ahead) <= longest)
+            segments, openings = np.nonzero(meets)
+            return segments, openings
+        starts = origins[:, :2]
+        # Where every opening has been passed.
+        past = np.linalg.norm(np.maximum(self._high - starts, starts - self._low), axis=1) + 1.0
+        level = np.maximum(np.linalg.norm(directions[:, :2], axis=1), _LEAST_LEVEL)
+        lengths = np.minimum(distances + _OFFSET, past / level)
+        ends = starts + lengths[:, None] * directions[:, :2]
+        lines = shapely.linestrings(np.stack([starts, ends], axis=1))
+        rows, near = self._tree.query(lines, predicate="intersects")
+        return rows, near
 
 
 _Blocker = tuple[Float64Array, Float64Array, Float64Array, Polygon]

@@ -12,6 +12,7 @@ import struct
 import time
 import zlib
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -191,17 +192,30 @@ def assert_whole_or_noted(damaged: Import, whole: Import) -> None:
         assert len(damaged.scene.lights) == len(whole.scene.lights)
 
 
+@pytest.fixture(scope="module")
+def undamaged(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Import]:
+    """Imports of the undamaged files by kind, each made once."""
+
+    @cache
+    def made(kind: str) -> Import:
+        folder = tmp_path_factory.mktemp("undamaged")
+        return Import(KINDS[kind](folder)[0], folder / "out")
+
+    return made
+
+
 @pytest.mark.parametrize("kind", KINDS)
-def test_an_undamaged_file_is_imported(tmp_path: Path, kind: str) -> None:
-    path, _ = KINDS[kind](tmp_path)
-    assert Import(path, tmp_path / "out").scene is not None
+def test_an_undamaged_file_is_imported(undamaged: Callable[[str], Import], kind: str) -> None:
+    assert undamaged(kind).scene is not None
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.99])
 @pytest.mark.parametrize("kind", KINDS)
-def test_truncated_files(tmp_path: Path, kind: str, share: float) -> None:
+def test_truncated_files(
+    tmp_path: Path, undamaged: Callable[[str], Import], kind: str, share: float
+) -> None:
     path, damaged = KINDS[kind](tmp_path)
-    whole = Import(path, tmp_path / "out")
+    whole = undamaged(kind)
     data = damaged.read_bytes()
     damaged.write_bytes(data[: int(share * len(data))])
     cut = Import(path, tmp_path / "out")
@@ -218,9 +232,9 @@ def test_truncated_files(tmp_path: Path, kind: str, share: float) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_flipped_bytes(tmp_path: Path, kind: str) -> None:
+def test_flipped_bytes(tmp_path: Path, undamaged: Callable[[str], Import], kind: str) -> None:
     path, damaged = KINDS[kind](tmp_path)
-    whole = Import(path, tmp_path / "out")
+    whole = undamaged(kind)
     data = np.frombuffer(damaged.read_bytes(), dtype=np.uint8)
     rng = np.random.default_rng(7)
     refused = 0

@@ -181,7 +181,7 @@ def by_heart(name: str, steps: int, width: int, levels: int) -> Params:
         pytest.param("can_own", 800, 16, 6, marks=pytest.mark.check),
         pytest.param("pix2pix", 900, 24, 3, marks=pytest.mark.check),
         pytest.param("pix2pix_own", 600, 24, 3, marks=pytest.mark.check),
-        ("cyclegan", 500, 16, 2),
+        pytest.param("cyclegan", 500, 16, 2, marks=pytest.mark.check),
     ],
 )
 def test_one_view_is_learned_by_heart(

@@ -96,7 +96,7 @@ def test_light_enters_a_real_room_by_its_windows(shared_scenes: Path, tmp_path: 
         assert 0.4 < depth.mean() < 0.6, "at the sash, not at the wall's face"
     assert any("enclosure" in change for change in scene.scene.changes)
     assert any("up a fireplace" in change for change in scene.scene.changes)
-    assert find_leaks(scene, walks=100_000) == []
+    assert find_leaks(scene, walks=50_000) == []
     bare = replace(scene, scene=replace(scene.scene, portals=()))
     (leak,) = find_leaks(bare)
     assert leak.share > 0.2, "without portals the windows are leaks"
@@ -112,7 +112,10 @@ def test_procedural_homes_are_dark(tmp_path: Path, seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["1-BedroomApartment", "4-BedroomHouse", "Sample"])
+@pytest.mark.parametrize(
+    "name",
+    ["1-BedroomApartment", pytest.param("4-BedroomHouse", marks=pytest.mark.check), "Sample"],
+)
 def test_homes_that_people_drew_are_dark(shared_scenes: Path, tmp_path: Path, name: str) -> None:
     scene = import_scene(shared_scenes / "homes" / f"{name}.sh3d", tmp_path / name)
     leaks = find_leaks(open_scene(scene), walks=1000)

@@ -141,7 +141,7 @@ def test_a_lamp_lights_its_closed_room_alone(tmp_path: Path) -> None:
     [
         "Studio",
         "Sample",
-        "1-BedroomApartment",
+        pytest.param("1-BedroomApartment", marks=pytest.mark.check),
         pytest.param("3-BedroomApartment", marks=pytest.mark.check),
         pytest.param("4-BedroomHouse", marks=pytest.mark.check),
     ],
