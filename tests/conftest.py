@@ -42,6 +42,16 @@ def forked_imports() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="module")
+def few_walks() -> Iterator[None]:
+    """Imports look for gaps with few random walks; for tests of what else an import does."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("scenes.reconstruction.enclosure._WALKS", 1024)
+        patch.setattr("scenes.reconstruction.gap_sealing._WALKS", 1024)
+        patch.setattr("scenes.reconstruction.hidden_openings._WALKS_PER_ROOM", 512)
+        yield
+
+
 @pytest.fixture(scope="session")
 def variant() -> str:
     """The renderer's variant on this machine, chosen for this process."""

@@ -28,7 +28,7 @@ from tests.fixtures import mitsuba_files as mitsuba
 from tests.fixtures import sweethome as draw
 from tests.fixtures.gltf import square
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("few_walks")]
 
 SECONDS, MEMORY = 10.0, 2**20  # KiB
 OBJ = "mtllib a.mtl\n" + draw.BOX.replace("usemtl amber", "usemtl red") + "#  \n"

@@ -23,6 +23,8 @@ from scenes.registry import import_scene
 from tests.fixtures import mitsuba_files, pbrt_files
 from tests.fixtures.rooms import Block, shell, write_obj
 
+pytestmark = pytest.mark.usefixtures("few_walks")
+
 SOFA = Block("sofa", (1.0, 3.0, 0.0), (3.0, 3.9, 0.8))
 SCREEN = Block("television", (4.9, 1.0, 0.8), (4.95, 2.0, 1.4), 300)
 STRIP = Block("shelf_edge", (0.5, 3.9, 1.6), (2.5, 3.91, 1.61), 1000)

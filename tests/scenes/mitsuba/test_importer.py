@@ -39,6 +39,8 @@ from tests.fixtures.mitsuba_files import (
     write,
 )
 
+pytestmark = pytest.mark.usefixtures("few_walks")
+
 TRIANGLE = ply([[1, 1, -1], [2, 1, -1], [1, 2, -1.5]], [[0, 1, 2]])
 TEXTURED = (
     '<bsdf type="diffuse"><texture name="reflectance" type="bitmap">'

@@ -15,6 +15,8 @@ from scenes.importing.materials.spectra import blackbody_radiance
 from scenes.registry import import_scene
 from tests.fixtures.mitsuba_files import LAMP_0_6, SENSOR_0_6, room, usual, write
 
+pytestmark = pytest.mark.usefixtures("few_walks")
+
 
 def imported(folder: Path, body: str, version: str = "0.6.0", **options: object) -> Scene:
     """Write a scene and import it with its lengths as they are."""

@@ -15,6 +15,8 @@ from scenes.registry import import_scene
 from tests.fixtures import model_file as files
 from tests.fixtures.imported import CORNERS, RULED, look_down, ruler, values
 
+pytestmark = pytest.mark.usefixtures("few_walks")
+
 ROOM = files.POINTS * [2.5, 2.6, 1.0]  # 5 m wide, 2.6 m high, 4 m deep
 
 

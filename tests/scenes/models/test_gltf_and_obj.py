@@ -41,6 +41,8 @@ from scenes.registry import import_scene
 from tests.fixtures.gltf import SQUARE, SQUARE_FACES, SQUARE_UV, Builder, square
 from tests.fixtures.imported import CORNERS, RULED, look_down, ruler, values
 
+pytestmark = pytest.mark.usefixtures("few_walks")
+
 HALF = math.sqrt(0.5)
 
 

@@ -20,6 +20,8 @@ from scenes.registry import import_scene
 from tests.fixtures import usd
 from tests.fixtures.imported import CORNERS, RULED, look_down, ruler, values
 
+pytestmark = pytest.mark.usefixtures("few_walks")
+
 INSTALLED = pytest.mark.skipif(
     child_process.find_spec("pxr") is None, reason="the extra pbrnet[usd] is not installed"
 )
