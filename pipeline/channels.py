@@ -24,9 +24,12 @@ Kind = Literal[
     "video",
     "environment",
     "light",
+    "transport",
 ]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-ChannelSet = Literal["paper", "materials", "light", "labels", "environment", "video", "all"]
+ChannelSet = Literal[
+    "paper", "materials", "light", "labels", "environment", "video", "transport", "all"
+]
 # Kinds of frames of each set of the parameter `channels`; `all` stands for every set.
 SETS: dict[ChannelSet, tuple[Kind, ...]] = {
     "paper": ("inputs", "illumination", "shading", "color"),
@@ -35,6 +38,7 @@ SETS: dict[ChannelSet, tuple[Kind, ...]] = {
     "video": ("video",),
     "environment": ("environment",),
     "light": ("light",),
+    "transport": ("transport",),
 }
 
 RGB = ("R", "G", "B")
@@ -54,6 +58,8 @@ VIDEO_BANDS = {
 DIRECT = ("direct.R", "direct.G", "direct.B")
 DIFFUSE = ("diffuse.R", "diffuse.G", "diffuse.B")
 IRRADIANCE = ("irradiance.R", "irradiance.G", "irradiance.B")
+TRANSPORT_DIRECT = ("direct.R", "direct.G", "direct.B")
+TRANSPORT_INDIRECT = ("indirect.R", "indirect.G", "indirect.B")
 
 RADIANCE = "W/(m^2 sr), relative"
 _FEW = "path traced with few samples, independent of"
@@ -418,6 +424,35 @@ CHANNELS = (
         "reflectance x irradiance + residual = color.",
         RADIANCE,
         derived=True,
+    ),
+    Channel(
+        "transport_direct",
+        "transport",
+        TRANSPORT_DIRECT,
+        np.float16,
+        "Direct light of all sources on the surface, computed without paths: irradiance / pi, "
+        "linear RGB, without the surface's reflectance; 0: no surface.",
+        RADIANCE,
+        nonnegative=True,
+    ),
+    Channel(
+        "transport_indirect",
+        "transport",
+        TRANSPORT_INDIRECT,
+        np.float16,
+        "Indirect light on the surface by radiosity; as transport_direct.",
+        RADIANCE,
+        nonnegative=True,
+    ),
+    Channel(
+        "transport_color",
+        "transport",
+        RGB,
+        np.float16,
+        "Linear HDR RGB, picture from transport_direct and transport_indirect: what the surface "
+        "reflects of them, gloss, mirrors, lamps and sky.",
+        RADIANCE,
+        nonnegative=True,
     ),
 )
 

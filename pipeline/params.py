@@ -254,6 +254,15 @@ class LightParams:
 
 
 @dataclass(frozen=True)
+class TransportParams:
+    """Light transport without paths, if `channels` names `transport`."""
+
+    samples: int = field(default=0, metadata=within(0, 64))  # per pixel; 0: by the image's size
+    surfels: int = field(default=8000, metadata=within(8, 8000))
+    bounces: int = field(default=8, metadata=within(0, 64))  # of light between surfels
+
+
+@dataclass(frozen=True)
 class ShadingParams:
     """Neutral reflectance of the textureless shading."""
 
@@ -404,6 +413,7 @@ class Params:
     illumination: IlluminationParams = IlluminationParams()
     groundtruth: GroundTruthParams = GroundTruthParams()
     light: LightParams = LightParams()
+    transport: TransportParams = TransportParams()
     noisy: NoisyParams = NoisyParams()
     environment: EnvironmentParams = EnvironmentParams()
     shading: ShadingParams = ShadingParams()

@@ -1,0 +1,111 @@
+"""Light transport of a view: direct and indirect light on what each pixel sees, and the picture.
+
+Computed, not traced: direct light by shadow rays to all lamps, through windows and to the sun,
+indirect light by radiosity among surfels around the view (`pipeline.transport`). No path goes on
+from surface to surface. Left out: light that mirrors, metals and glass throw onto other surfaces
+(for the exchange of light all surfaces are diffuse), and light behind rough glass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
+from pipeline.frames import Channels
+from pipeline.params import TransportParams
+from pipeline.passes.groundtruth import rooms_box
+from pipeline.pathtrace import integrator
+from pipeline.pathtrace.guiding import plan_guiding
+from pipeline.pathtrace.light_pilot import plan_lights
+from pipeline.pathtrace.light_sampling import PlannedLights
+from pipeline.render.material_sets import MaterialSets
+from pipeline.render.scene import RenderScene
+from pipeline.transport.cells import LightTable
+from pipeline.transport.launches import TransportLauncher
+from pipeline.transport.radiosity import grid_size, solve
+from pipeline.views import View
+from scenes.arrays import Float32Array
+from scenes.errors import InputError
+
+REVISION = 1
+_LAUNCHERS: WeakKeyDictionary[MaterialSets, TransportLauncher] = WeakKeyDictionary()
+# Samples by size of the image: up to so many pixels, so many samples each.
+_SAMPLES = ((40_000, 16), (100_000, 8))
+_FEWEST = 4
+
+
+@dataclass(frozen=True)
+class Transport:
+    """Images of a view, linear RGB float32 (H, W, 3).
+
+    `direct` and `indirect` are irradiance / pi: the radiance of a white diffuse surface, 0 where
+    no surface is seen. Where a mirror is seen they are those of what it shows, which `albedo` and
+    the mirror's colour have dimmed. `albedo` is that of the diffuse lobes, averaged over the pixel,
+    `specular` the radiance by other lobes, `emitted` that of lamps and sky.
+    """
+
+    direct: Float32Array
+    indirect: Float32Array
+    specular: Float32Array
+    emitted: Float32Array
+    albedo: Float32Array
+
+    @property
+    def color(self) -> Float32Array:
+        """The picture: albedo x (direct + indirect) + specular + emitted."""
+        return self.albedo * (self.direct + self.indirect) + self.specular + self.emitted
+
+
+def render_transport(
+    render_scene: RenderScene, view: View, params: TransportParams, seed: int
+) -> Channels:
+    """Return the channels of a `transport` frame, float32 (H, W): light and picture.
+
+    `seed` is the view's own seed. Raises `InputError` in a scalar variant.
+    """
+    found = transport_of(render_scene, view, params, seed)
+    bands = {TRANSPORT_DIRECT: found.direct, TRANSPORT_INDIRECT: found.indirect, RGB: found.color}
+    return {
+        name: np.ascontiguousarray(image[..., band])
+        for names, image in bands.items()
+        for band, name in enumerate(names)
+    }
+
+
+def transport_of(
+    render_scene: RenderScene, view: View, params: TransportParams, seed: int
+) -> Transport:
+    """Compute the light transport of a view; as `render_transport`."""
+    if not integrator.available():
+        raise InputError("transport needs a variant other than scalar_rgb; see pbrnet doctor")
+    launcher = _launcher(render_scene)
+    scene, home = render_scene.neutral(None).mitsuba, render_scene.scene
+    if not scene.emitters():
+        dark = np.zeros((view.height, view.width, 3), dtype=np.float32)
+        return Transport(*([dark] * 5))
+    plan = plan_lights(scene, view, home.portals, seed, rooms_box(home.rooms))
+    lights = PlannedLights(scene, plan, plan_guiding(scene, plan, seed))
+    size = grid_size(params.surfels, view.width, view.height)
+    surfels = launcher.surfels(lights, view, size, seed)
+    cells, light = solve(surfels, view.eye, params.bounces)
+    spp = params.samples or samples_for(view.width * view.height)
+    images = launcher.pixels(lights, LightTable(cells, light), view, spp, seed)
+    return Transport(*(images[name] for name in Transport.__dataclass_fields__))
+
+
+def samples_for(pixels: int) -> int:
+    """Return the samples per pixel for images of this many pixels."""
+    return next((samples for most, samples in _SAMPLES if pixels <= most), _FEWEST)
+
+
+def _launcher(render_scene: RenderScene) -> TransportLauncher:
+    """Return the launcher of an open scene; a new one if its materials were made anew."""
+    render_scene.lobes()
+    found = _LAUNCHERS.get(render_scene.materials)
+    if found is None or found.version != render_scene.materials.version:
+        found = TransportLauncher(render_scene)
+        _LAUNCHERS[render_scene.materials] = found
+    return found

@@ -1,0 +1,145 @@
+"""Irradiance cache: light of surfels by cells of space and direction, and its look-up in kernels.
+
+A cell holds the mean of the surfels in a cube whose normals point to one of six sides. Cubes come
+in levels, each four times as large as the one before. A point takes the smallest cell that holds a
+surfel, or else the mean of all surfels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from pipeline.render.drjit_arrays import column
+from scenes.arrays import AnyArray, Float32Array, Float64Array, Int64Array
+
+CELL = 0.25  # metres: side of the smallest cubes
+LEVELS = 4  # of cubes of 0.25, 1, 4 and 16 metres
+_GROWTH = 4
+_BITS = 9  # of a cube's number along an axis; what lies outside belongs to the outermost cubes
+_MOST = (1 << _BITS) - 1
+_SIZE_BITS = 15  # a kernel's table holds less than 2^15 cells
+_UNUSED = 0xFFFFFFFF
+
+
+def max_surfels() -> int:
+    """Return the largest number of surfels whose cells fit into a table."""
+    return ((1 << _SIZE_BITS) - 1) // LEVELS
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Cells that surfels fill. Points are (N, 3), world metres, normals (N, 3)."""
+
+    origin: Float32Array  # (3,): corner of the grid
+    keys: AnyArray  # uint32 (C,), sorted
+    members: Int64Array  # (LEVELS, M): the cells of each surfel
+    measure: Float32Array  # (M,): weight of each surfel
+    total: Float64Array  # (C,): weight of the surfels in each cell
+
+    @classmethod
+    def of(
+        cls, points: Float32Array, normals: Float32Array, measure: Float32Array, centre: AnyArray
+    ) -> Cells:
+        """Return the cells of surfels of these weights, in a grid around `centre` (3,)."""
+        half = np.float32(CELL * (1 << (_BITS - 1)))
+        origin = np.asarray(centre, dtype=np.float32) - half
+        keys, members = np.unique(_keys(points, normals, origin), return_inverse=True)
+        members = members.reshape(LEVELS, len(points))
+        weights = np.tile(measure, LEVELS)
+        total = np.bincount(members.ravel(), weights, minlength=len(keys))
+        return cls(origin, keys, members, measure, total)
+
+    def find(self, points: Float32Array, normals: Float32Array) -> Int64Array:
+        """Return the cell of each point (N,); the number of cells where none is found."""
+        wanted = _keys(points, normals, self.origin)
+        place = np.minimum(np.searchsorted(self.keys, wanted), len(self.keys) - 1)
+        found = self.keys[place] == wanted
+        level = np.argmax(found, axis=0)
+        cell = np.take_along_axis(place, level[None], axis=0)[0]
+        return np.where(found.any(axis=0), cell, len(self.keys))
+
+    def means(self, light: Float32Array) -> Float32Array:
+        """Return the mean light of each cell's surfels (C + 1, 3); the last is that of all."""
+        cells = len(self.keys)
+        weighted = light * self.measure[:, None]
+        sums = [
+            sum(np.bincount(row, weighted[:, band], cells) for row in self.members)
+            for band in range(3)
+        ]
+        means = np.stack(sums, axis=1) / self.total[:, None]
+        mean = weighted.sum(axis=0, keepdims=True, dtype=np.float64) / self.measure.sum()
+        return np.concatenate([means, mean]).astype(np.float32)
+
+
+@dataclass(init=False, eq=False)
+class LightTable:
+    """Light by cell in a kernel; a dataclass, so that Dr.Jit finds its arrays."""
+
+    keys: Any  # mi.UInt32, sorted
+    light: Any  # mi.Float, three bands a cell
+    mean: list[Any]  # mi.Float, of all surfels
+    origin: list[Any]  # mi.Float
+
+    def __init__(self, cells: Cells, light: Float32Array) -> None:
+        keys = np.full(1 << _SIZE_BITS, _UNUSED, dtype=np.uint32)
+        keys[: len(cells.keys)] = cells.keys
+        table = np.zeros((1 << _SIZE_BITS, 3), dtype=np.float32)
+        table[: len(cells.keys)] = light[:-1]
+        self.keys, self.light = column(mi.UInt32, keys), column(mi.Float, table.ravel())
+        self.mean = [dr.opaque(mi.Float, float(band)) for band in light[-1]]
+        self.origin = [dr.opaque(mi.Float, float(side)) for side in cells.origin]
+
+    def at(self, position: Any, normal: Any, active: Any) -> Any:
+        """Return the light at surface points, `mi.Color3f`."""
+        found = mi.Color3f(*self.mean)
+        missing = mi.Bool(active)
+        side = _side(normal)
+        for level in range(LEVELS):
+            key = mi.UInt32(level << (3 * _BITS + 3))
+            for axis in range(3):
+                cube = (position[axis] - self.origin[axis]) * (1 / (CELL * _GROWTH**level))
+                number = mi.UInt32(dr.clip(cube, 0, _MOST))
+                key |= number << ((2 - axis) * _BITS + 3)
+            key |= side
+            place = mi.UInt32(0)
+            for bit in reversed(range(_SIZE_BITS)):
+                further = place + (1 << bit)
+                before = dr.gather(mi.UInt32, self.keys, further - 1, missing)
+                place = dr.select(before < key, further, place)
+            hit = missing & (dr.gather(mi.UInt32, self.keys, place, missing) == key)
+            found = dr.select(hit, dr.gather(mi.Color3f, self.light, place, hit), found)
+            missing &= ~hit
+        return found
+
+
+def _keys(points: Float32Array, normals: Float32Array, origin: Float32Array) -> AnyArray:
+    """Return the keys of the points' cells at every level, uint32 (LEVELS, N)."""
+    size = np.abs(normals)
+    axis = np.where(
+        (size[:, 0] >= size[:, 1]) & (size[:, 0] >= size[:, 2]),
+        0,
+        np.where(size[:, 1] >= size[:, 2], 1, 2),
+    )
+    positive = np.take_along_axis(normals, axis[:, None], axis=1)[:, 0] > 0
+    side = (2 * axis + positive).astype(np.uint32)
+    keys = np.empty((LEVELS, len(points)), dtype=np.uint32)
+    for level in range(LEVELS):
+        scale = np.float32(1 / (CELL * _GROWTH**level))
+        cube = np.clip((points - origin) * scale, 0, _MOST).astype(np.uint32)
+        packed = (cube[:, 0] << (2 * _BITS)) | (cube[:, 1] << _BITS) | cube[:, 2]
+        keys[level] = np.uint32(level << (3 * _BITS + 3)) | (packed << 3) | side
+    return keys
+
+
+def _side(normal: Any) -> Any:
+    """Return which of six sides a normal points to, `mi.UInt32`; as in `_keys`."""
+    size = dr.abs(normal)
+    along_x = (size.x >= size.y) & (size.x >= size.z)
+    axis = dr.select(along_x, 0, dr.select(size.y >= size.z, 1, 2))
+    largest = dr.select(axis == 0, normal.x, dr.select(axis == 1, normal.y, normal.z))
+    return mi.UInt32(2 * axis) + dr.select(largest > 0, mi.UInt32(1), mi.UInt32(0))

@@ -1,0 +1,122 @@
+"""Light at surface points, in Dr.Jit kernels: one emitter sample and one gathered direction each.
+
+Direct light is estimated by both, combined by multiple importance sampling (Veach and Guibas 1995):
+the emitter sample with its shadow ray, and emission that the gathered direction meets. The light
+of the surface that it meets is indirect light; its caller looks it up. Directions are
+cosine-distributed, or guided to bright surfaces (`pipeline.pathtrace.guided_sampling`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from pipeline.pathtrace.integrator import power_heuristic
+from pipeline.pathtrace.light_sampling import PlannedLights
+from pipeline.transport.cells import CELL, LightTable
+from pipeline.transport.rays import (
+    ShapeTables,
+    facing_normal,
+    first_surface,
+    surface_point,
+)
+
+
+@dataclass
+class Gathered:
+    """Light at surface points; radiance of a white diffuse surface, `mi.Color3f`."""
+
+    direct: Any  # mi.Color3f, of one emitter sample and of emission along the direction
+    weight: Any  # mi.Float: the surface met counts with its diffuse radiance times this
+    si: Any  # what the direction meets
+    direction: Any  # mi.Vector3f
+    emitter: Any  # mi.DirectionSample3f of the emitter sample
+    arriving: Any  # mi.Color3f: its radiance over density, 0 if occluded
+    cosine: Any  # mi.Vector3f: another direction, cosine-distributed, to which no ray is traced
+
+
+def gather(
+    scene: Any,
+    tables: ShapeTables,
+    lights: PlannedLights,
+    sampler: Any,
+    position: Any,
+    normal: Any,
+    active: Any,
+) -> Gathered:
+    """Gather light at surface points with these unit normals."""
+    point = surface_point(position, normal)
+    ds, light = lights.sample(scene, point, sampler.next_2d(), active)
+    arriving = dr.select(active & (ds.pdf > 0), mi.Color3f(light), 0)
+    guidance = lights.guidance(point, active)
+    random, square = sampler.next_1d(), sampler.next_2d()
+    cosine = point.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(square))
+    direction = mi.Vector3f(cosine)
+    towards = dr.maximum(dr.dot(ds.d, normal), 0) * dr.inv_pi
+    pdf = towards
+    if guidance is not None:
+        guided, random = guidance.split(random)
+        direction = dr.select(guided, guidance.direction(random, square), direction)
+        pdf = guidance.mixed_density(pdf, ds.d)
+    mis = dr.select(ds.delta, 1, power_heuristic(ds.pdf, pdf))
+    direct = arriving * (towards * mis)
+
+    along = dr.maximum(dr.dot(direction, normal), 0) * dr.inv_pi
+    pdf = along
+    if guidance is not None:
+        pdf = guidance.mixed_density(pdf, direction)
+    weight = dr.select(active & (pdf > 0), along / pdf, 0)
+    si, emitted, density = met(
+        scene, tables, lights, point, direction, weight > 0, dr.full(mi.Bool, True)
+    )
+    direct += emitted * (weight * power_heuristic(pdf, density))
+    return Gathered(direct, weight, si, direction, ds, arriving, cosine)
+
+
+def met(
+    scene: Any,
+    tables: ShapeTables,
+    lights: PlannedLights,
+    point: Any,
+    direction: Any,
+    active: Any,
+    sampled: Any,
+) -> tuple[Any, Any, Any]:
+    """Return what a direction meets, its emission, and the density of emitter sampling there.
+
+    The density is evaluated where `sampled`: elsewhere no emitter sample could give the direction.
+    """
+    si = first_surface(scene, tables, point.spawn_ray(direction), active)
+    ds = mi.DirectionSample3f(scene, si=si, ref=point)
+    emitted = dr.select(active, mi.Color3f(ds.emitter.eval(si, active)), 0)
+    density = lights.density(scene, point, ds, active & sampled)
+    return si, emitted, dr.select(sampled, density, 0)
+
+
+def diffuse_radiance(
+    tables: ShapeTables, cache: LightTable, si: Any, direction: Any, sampler: Any, active: Any
+) -> Any:
+    """Return the light that surfaces met reflect diffusely, `mi.Color3f`.
+
+    The place is moved on its plane, by up to half a cell, before the look-up, so that cells do not
+    show as such.
+    """
+    active = active & si.is_valid()
+    normal = facing_normal(si, direction)
+    shift = mi.Vector2f(sampler.next_2d()) - 0.5
+    frame = mi.Frame3f(mi.Normal3f(normal))
+    place = si.p + (frame.s * shift.x + frame.t * shift.y) * CELL
+    light = cache.at(place, normal, active)
+    return dr.select(active, light * tables.reflectance_at(si, active), 0)
+
+
+def sampler_of(spp: int, count: int, seed: Any) -> Any:
+    """Return a sampler with `spp` stratified samples for each of `count` points."""
+    sampler = mi.load_dict({"type": "multijitter"})
+    sampler.set_sample_count(spp)
+    sampler.set_samples_per_wavefront(spp)
+    sampler.seed(seed, spp * count)
+    return sampler

@@ -1,0 +1,117 @@
+"""Frozen launches of the transport kernels of an open scene: recorded once, then replayed.
+
+As in `pipeline.pathtrace.launches`: before a kernel's first ray, Python and Dr.Jit need a tenth of a
+second or more to trace it through all materials.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from pipeline.pathtrace.light_sampling import PlannedLights
+from pipeline.render.bsdf_tables import partner_table
+from pipeline.render.drjit_arrays import column, to_numpy
+from pipeline.render.scene import RenderScene
+from pipeline.transport.cells import LightTable
+from pipeline.transport.pixels import IMAGES, gather_pixels
+from pipeline.transport.radiosity import Surfels, surfels_of, trace_surfels
+from pipeline.transport.rays import ShapeTables
+from pipeline.transport.smoothing import smooth
+from pipeline.views import View
+from scenes.arrays import Float32Array, Float64Array
+from scenes.seeds import derive32
+
+_MAX_RECORDINGS = 32  # per kernel and image size: kinds of light plans
+_SMOOTHED = ("direct", "indirect", "specular")
+
+Size = tuple[int, int]  # width, height
+
+
+class TransportLauncher:
+    """Tables and recorded launches of one open scene, kept between its views."""
+
+    def __init__(self, render_scene: RenderScene) -> None:
+        self._lobes = partner_table([(own, lobe) for own, lobe, _ in render_scene.lobes()])
+        self._tables = ShapeTables(render_scene.geometry)
+        self._scene = render_scene.neutral(None).mitsuba
+        self._launches: dict[Any, Any] = {}
+        self.version = render_scene.materials.version
+
+    def surfels(self, lights: PlannedLights, view: View, size: Size, seed: int) -> Surfels:
+        """Trace the surfels of a view, from a grid of `size` over its image."""
+        launch = self._recorded(trace_surfels, size)
+        seed = dr.opaque(mi.UInt32, derive32(seed, "surfels"))
+        camera = _camera(view, size)
+        return surfels_of(launch(self._scene, self._tables, lights, camera, size, seed))
+
+    def pixels(
+        self, lights: PlannedLights, cache: LightTable, view: View, spp: int, seed: int
+    ) -> dict[str, Float32Array]:
+        """Return the images of `IMAGES`, float32 (H, W, bands); light is smoothed."""
+        size = (view.width, view.height)
+        camera = _camera(view, size)
+        seed = dr.opaque(mi.UInt32, derive32(seed, "pixels"))
+        bands = self._recorded(gather_pixels, (*size, spp))(
+            self._scene, self._tables, lights, self._lobes, cache, camera, size, spp, seed
+        )
+        dr.eval(bands)
+        smoothed = self._recorded(_smoothed, size)(bands, camera[0], size, spp)
+        found = _named(list(to_numpy(*bands)), view)
+        clean = to_numpy(*smoothed)
+        for name, image in zip(_SMOOTHED, clean, strict=True):
+            found[name] = image.reshape(view.height, view.width, 3)
+        return found
+
+    def _recorded(self, kernel: Callable[..., Any], key: Any) -> Any:
+        """Return the recorded launches of a kernel."""
+        if (kernel, key) not in self._launches:
+            self._launches[kernel, key] = dr.freeze(
+                kernel, limit=_MAX_RECORDINGS, warn_after=_MAX_RECORDINGS
+            )
+        return self._launches[kernel, key]
+
+
+def _camera(view: View, size: Size) -> tuple[Any, Any]:
+    """Return the eye and the matrix from positions in an image of `size` to directions."""
+    scale = np.diag([view.width / size[0], view.height / size[1], 1.0])
+    matrix: Float64Array = view.pose[:3, :3] @ np.linalg.inv(view.intrinsics) @ scale
+    return column(mi.Float, view.eye), column(mi.Float, matrix.ravel())
+
+
+def _named(bands: list[Any], view: View) -> dict[str, Float32Array]:
+    """Return the bands of each image together."""
+    found, first = {}, 0
+    for name, count in IMAGES.items():
+        image = np.stack(bands[first : first + count], axis=-1)
+        found[name] = image.reshape(view.height, view.width, count)
+        first += count
+    return found
+
+
+def _smoothed(bands: list[Any], eye: Any, size: Size, spp: int) -> list[Any]:
+    """Return the smoothed light of the bands that `gather_pixels` made, `mi.Color3f` each."""
+    first = {name: sum(list(IMAGES.values())[:place]) for place, name in enumerate(IMAGES)}
+
+    def image(kind: Any, name: str) -> Any:
+        return kind(*bands[first[name] : first[name] + 3])
+
+    images = [image(mi.Color3f, name) for name in _SMOOTHED]
+    noise = [
+        dr.maximum(square - dr.square(mi.luminance(each)), 0) / max(1, spp - 1)
+        for each, square in zip(images, bands[first["squares"] :], strict=True)
+    ]
+    origin = mi.Vector3f(*(dr.gather(mi.Float, eye, mi.UInt32(axis)) for axis in range(3)))
+    return smooth(
+        images,
+        noise,
+        image(mi.Vector3f, "normal"),
+        image(mi.Vector3f, "position"),
+        bands[first["seen"]],
+        origin,
+        size,
+    )

@@ -1,0 +1,137 @@
+"""Surfaces that rays meet, in Dr.Jit kernels: past clear glass, and what mirrors show.
+
+The fast counterpart of `pipeline.render.raycast`: hits are Embree's own, in single precision, and
+stay in the kernel. Where faces of several shapes lie in one plane, either may be hit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from pipeline.render.drjit_arrays import registry_id, registry_table
+from pipeline.render.scene_geometry import MAX_LAYERS, SceneGeometry
+
+_MIRRORS = 2  # that a camera ray may meet one after the other
+
+
+@dataclass(init=False, eq=False)
+class ShapeTables:
+    """Properties of a scene's shapes by registry id."""
+
+    clear: Any  # mi.UInt32: 1 if rays pass the shape, 2 if it has a mask
+    reflectance: Any  # mi.BSDFPtr: the reflectance twin of its BSDF
+    passable: bool  # whether any shape is clear or masked
+
+    def __init__(self, geometry: SceneGeometry) -> None:
+        shapes = list(zip(geometry.shapes, geometry.clear, geometry.masked, strict=True))
+        self.clear = registry_table(
+            [(shape, 1 if clear else 2 * int(masked)) for shape, clear, masked in shapes],
+            mi.ShapePtr,
+            0,
+            mi.UInt32,
+        )
+        twins = zip(geometry.shapes, geometry.reflectances, strict=True)
+        numbers = registry_table(
+            [(shape, registry_id(twin, mi.BSDFPtr)) for shape, twin in twins if twin is not None],
+            mi.ShapePtr,
+            0,
+            mi.UInt32,
+        )
+        self.reflectance = dr.reinterpret_array(mi.BSDFPtr, numbers)
+        self.passable = bool(geometry.clear.any() or geometry.masked.any())
+
+    def reflectance_at(self, si: Any, active: Any) -> Any:
+        """Return the base colour in [0, 1] of the surface at `si`, `mi.Color3f`."""
+        shape = dr.reinterpret_array(mi.UInt32, si.shape)
+        bsdf = dr.gather(mi.BSDFPtr, self.reflectance, shape, active)
+        colour = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(si, active))
+        return dr.clip(mi.Color3f(colour), 0, 1)
+
+    def passes(self, si: Any, active: Any) -> Any:
+        """Test whether rays go on behind the surface at `si`: clear glass, or cut out."""
+        active = active & si.is_valid()
+        shape = dr.reinterpret_array(mi.UInt32, si.shape)
+        kind = dr.gather(mi.UInt32, self.clear, shape, active)
+        masked = active & (kind == 2)
+        share = si.bsdf().eval_null_transmission(si, masked)
+        cut = dr.mean(mi.Color3f(mi.unpolarized_spectrum(share))) > 0.5
+        return active & ((kind == 1) | (masked & cut))
+
+
+def first_surface(scene: Any, tables: ShapeTables, ray: Any, active: Any) -> Any:
+    """Return the first surface interaction along each ray, past clear glass and cut-outs."""
+    si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=True, active=active)
+    if not tables.passable:
+        return si
+
+    def step(passing: Any, si: Any, layer: Any) -> tuple[Any, Any, Any]:
+        onward = si.spawn_ray(ray.d)
+        behind = scene.ray_intersect(
+            onward, ray_flags=mi.RayFlags.All, coherent=True, active=passing
+        )
+        return tables.passes(behind, passing) & (layer < MAX_LAYERS), behind, layer + 1
+
+    _, si, _ = dr.while_loop(
+        state=(tables.passes(si, active), si, mi.UInt32(1)),
+        cond=lambda passing, si, layer: passing,
+        body=step,
+        labels=("passing", "si", "layer"),
+    )
+    return si
+
+
+def seen_surface(scene: Any, tables: ShapeTables, ray: Any) -> tuple[Any, Any, Any]:
+    """Return the first surface that is no perfect mirror, the ray to it, and what mirrors left.
+
+    The last is the product of the mirrors' reflectances, `mi.Color3f`, 1 where there is none.
+    """
+    si = first_surface(scene, tables, ray, mi.Bool(True))
+    left = mi.Color3f(1)
+    for _ in range(_MIRRORS):
+        bsdf = si.bsdf()
+        mirror = si.is_valid() & _is_mirror(bsdf.flags())
+        sample, weight = bsdf.sample(mi.BSDFContext(), si, 0.5, mi.Point2f(0.5), mirror)
+        reflected = si.spawn_ray(si.to_world(sample.wo))
+        ray = dr.select(mirror, reflected, ray)
+        left = dr.select(mirror, left * mi.Color3f(mi.unpolarized_spectrum(weight)), left)
+        si = dr.select(mirror, first_surface(scene, tables, ray, mirror), si)
+    return si, ray, left
+
+
+def facing_normal(si: Any, direction: Any) -> Any:
+    """Return the shading normal on the side from which a ray of this direction arrives.
+
+    Where it would still point away, it is bent until it is perpendicular to the ray.
+    """
+    geometric = dr.select(dr.dot(si.n, direction) > 0, -si.n, si.n)
+    shading = mi.Vector3f(si.sh_frame.n)
+    shading = dr.select(dr.dot(shading, geometric) < 0, -shading, shading)
+    return dr.normalize(shading - dr.maximum(dr.dot(shading, direction), 0) * direction)
+
+
+def surface_point(position: Any, normal: Any) -> Any:
+    """Return an interaction at a point with this normal, as emitter sampling needs it."""
+    si = dr.zeros(mi.SurfaceInteraction3f, dr.width(position))
+    si.t = mi.Float(1)
+    si.p = position
+    si.n = mi.Normal3f(normal)
+    si.sh_frame = mi.Frame3f(mi.Normal3f(normal))
+    si.wi = mi.Vector3f(0, 0, 1)
+    return si
+
+
+def _is_mirror(flags: Any) -> Any:
+    """Test for BSDFs that reflect in one direction only, and let nothing through."""
+    others = (
+        mi.BSDFFlags.Smooth,
+        mi.BSDFFlags.DeltaTransmission,
+        mi.BSDFFlags.Null,
+    )
+    mirror = mi.has_flag(flags, mi.BSDFFlags.DeltaReflection)
+    for other in others:
+        mirror &= ~mi.has_flag(flags, other)
+    return mirror
