@@ -8,6 +8,7 @@ METHOD_TITLES = {
     "plus": "PBR-Net plus: direct light given, reflectance × predicted shading",
     "hybrid": "PBR-Net hybrid: a few samples a pixel, denoised, corrected by a network",
     "denoised": "The same samples, denoised, without a network",
+    "radiosity": "Radiosity: light transport computed, without paths and without a network",
     "unet": "One direct U-Net",
     "end_to_end": "Both networks, trained on colour alone",
     "can": "CAN, trained with our loss",

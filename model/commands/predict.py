@@ -1,4 +1,4 @@
-"""`pbrnet predict`: images from the trained networks."""
+"""`pbrnet predict`: images from the trained networks, or from light transport alone."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ import numpy as np
 from model.evaluation import predict as prediction
 from model.evaluation.inference import PREDICTABLE, Networks, load_networks
 from model.evaluation.predict import ViewSource
+from model.evaluation.radiosity import METHOD as RADIOSITY
+from model.evaluation.radiosity import Preview, write_transport
 from model.networks.tiles import MIN_TILE
 from model.options import FILE, FOLDER, found_models_option, size_option
 from model.release.pretrained import find_models
@@ -35,6 +37,7 @@ Examples:
   pbrnet predict data/scenes/home-0000 --view VIEW --size 640x480 --compare
   pbrnet predict data/scenes/home-0000 --all-views --method plus
   pbrnet predict data/scenes/home-0000 --view VIEW --method hybrid
+  pbrnet predict data/scenes/home-0000 --all-views --method radiosity --size 480x360
   pbrnet predict data/scenes/my-home --eye 1,2,1.6 --towards 1,0.3,-0.2 --size 800x600
   pbrnet predict data/scenes/my-home --view VIEW --size 3840x2880 --tile 512 --exr
   pbrnet predict --inputs in.exr --illumination panorama.exr --out picture.png
@@ -42,6 +45,7 @@ Examples:
 
 VIEW is a view_id in the camera file, by default data/cameras/SCENE.json.
 The networks are those in models/, or the pretrained networks of pbrnet if that has none.
+--method radiosity takes none: a preview by light transport, of any scene and size.
 --compare reads the true images from the data folder, or renders them.
 docs/use.md describes the values of --exr. `pbrnet report` shows all images in predictions/."""
 )
@@ -58,7 +62,7 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
 @size_option("Render the inputs at this size.")
 @click.option(
     "--method",
-    type=click.Choice(PREDICTABLE),
+    type=click.Choice((*PREDICTABLE, RADIOSITY)),
     default=None,
     help="Method that predicts colour.  [default: pbrnet, else a trained method]",
 )
@@ -93,9 +97,10 @@ def predict(
     **source: Any,
 ) -> int:
     """Predict images with the trained networks, from SCENE or from frames."""
+    if method == RADIOSITY:
+        return _predict_radiosity(params, data, exr, with_truth, out, **source)
     views = _view_sources(params, data, with_truth, **source)
-    if len(views) > 1 and out is not None and out.suffix.lower() in (".png", ".exr"):
-        raise click.BadParameter(f"{out}: {len(views)} views need a folder", param_hint="--out")
+    _check_out(out, len(views))
     found = find_models(models, method)
     networks = load_networks(found.folder, [found.method], tile or 0)
     click.echo(f"{found.method}, networks from {found.description}")
@@ -118,6 +123,48 @@ def predict(
                 click.echo(message)
             progress.advance()
     return 1 if failed else 0
+
+
+def _predict_radiosity(
+    params: Params,
+    data: Path,
+    exr: bool,
+    with_truth: bool,
+    out: Path | None,
+    scene: Path | None,
+    inputs: Path | None,
+    illumination: Path | None,
+    visibility: Path | None,
+    noisy: Path | None,
+    **chosen: Any,
+) -> int:
+    """Write pictures of a scene's views by light transport; return the exit code."""
+    if scene is None or inputs or illumination or visibility or noisy:
+        raise click.UsageError("--method radiosity computes from a SCENE, not from frames")
+    views = _scene_views(params, data, scene, **chosen)
+    _check_out(out, len(views))
+    preview = Preview(scene, params, data)
+    with Progress(len(views), "predict") as progress:
+        for view in views:
+            target = _target(out, view, len(views))
+            found = preview.transport(view)
+            picture, metrics = photograph(found.color), ""
+            if with_truth:
+                picture, metrics = preview.compare(view, found)
+            name = f"{view.scene_id}/{view.view_id}"
+            facts = {
+                "prediction": name,
+                "models": RADIOSITY,
+                "words": metrics,
+                "credits": _credits(scene),
+            }
+            with atomic_file(target) as partial:
+                partial.write_bytes(png_bytes(picture, facts))
+            click.echo(f"{target}: {name}, {view.width}x{view.height} {metrics}".rstrip())
+            if exr:
+                write_transport(target.with_suffix(".exr"), view, found, facts)
+            progress.advance()
+    return 0
 
 
 def _predict_view(
@@ -193,6 +240,22 @@ def _view_sources(
         ]
     if inputs or illumination or visibility or noisy:
         raise click.UsageError("give a SCENE, or --inputs and --illumination, not both")
+    chosen = _scene_views(params, data, scene, views, all_views, camera, eye, towards, size)
+    return prediction.from_scene(scene, chosen, params, data, with_truth)
+
+
+def _scene_views(
+    params: Params,
+    data: Path,
+    scene: Path,
+    views: tuple[str, ...],
+    all_views: bool,
+    camera: Path | None,
+    eye: str | None,
+    towards: str | None,
+    size: tuple[int, int] | None,
+) -> list[View]:
+    """The views of a scene that the options select."""
     if sum((bool(views), all_views, eye is not None)) != 1 or (eye is None) != (towards is None):
         raise click.UsageError(
             "with SCENE, give --view (repeatable), or --all-views, or --eye and --towards"
@@ -202,10 +265,9 @@ def _view_sources(
         placed = prediction.placed_view(
             scene, _triple(eye, "--eye"), _triple(towards, "--towards"), intrinsics_of(image)
         )
-        return prediction.from_scene(scene, [placed], params, data, with_truth)
+        return [placed]
     camera = camera or data / "cameras" / f"{scene.name}.json"
-    found = prediction.find_views(scene, camera, views, size)
-    return prediction.from_scene(scene, found, params, data, with_truth)
+    return prediction.find_views(scene, camera, views, size)
 
 
 def _visibility_of(illumination: Path) -> Path | None:
@@ -220,6 +282,11 @@ def _visibility_of(illumination: Path) -> Path | None:
     found = Path(*parts[:place], "visibility", *parts[place + 1 :])
     exists = any(found.rglob("*.exr")) if found.is_dir() else found.is_file()
     return found if exists else None
+
+
+def _check_out(out: Path | None, count: int) -> None:
+    if count > 1 and out is not None and out.suffix.lower() in (".png", ".exr"):
+        raise click.BadParameter(f"{out}: {count} views need a folder", param_hint="--out")
 
 
 def _target(out: Path | None, view: View, count: int) -> Path:

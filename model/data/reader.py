@@ -54,8 +54,15 @@ NOISY_IMAGES: dict[str, int | None] = {
     "denoised_color": 3,
     "denoised_shading": 3,
 }
-# Absent from older datasets and from those made with `illumination.shadow_rays: 0`.
-OPTIONAL_IMAGES: dict[str, int | None] = {"tint": 3, "visibility": None}
+# Absent from older datasets, from those made with `illumination.shadow_rays: 0`, and from those
+# without the set `transport` of `channels`.
+OPTIONAL_IMAGES: dict[str, int | None] = {
+    "tint": 3,
+    "visibility": None,
+    "transport_direct": 3,
+    "transport_indirect": 3,
+    "transport_color": 3,
+}
 SCALARS = (
     "scene_id",
     "view_id",
@@ -109,6 +116,9 @@ class Example(ViewInputs):
     noisy_shading: AnyArray | None = None  # as shading, from the same paths
     denoised_color: AnyArray | None = None  # noisy_color, denoised
     denoised_shading: AnyArray | None = None  # noisy_shading, denoised
+    transport_direct: AnyArray | None = None  # float32 (H, W, 3), direct irradiance / pi, computed
+    transport_indirect: AnyArray | None = None  # the same of indirect light
+    transport_color: AnyArray | None = None  # float32 (H, W, 3), picture of the method radiosity
 
     @property
     def name(self) -> str:

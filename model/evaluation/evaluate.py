@@ -40,7 +40,7 @@ from scenes.errors import InputError
 from scenes.files import atomic_directory, read_json, write_json, write_text
 from scenes.seeds import derive
 
-EVALUATED_METHODS = (*PREDICTABLE, "denoised", "ceiling")
+EVALUATED_METHODS = (*PREDICTABLE, "radiosity", "denoised", "ceiling")
 EXAMPLES = 4  # number of best views, and of worst views, with example images
 RENDERER_STAGES = (
     "groundtruth",
@@ -50,6 +50,7 @@ RENDERER_STAGES = (
     "inputs",
     "illumination",
     "visibility",
+    "transport",
 )
 
 
@@ -73,8 +74,9 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
     A method is measured if its networks are in the models folder: `pbrnet` (both networks),
     `product` and `product_linear` (reflectance x predicted shading, tone-mapped by Reinhard's
     operator or linearly), and the trained methods of the registry. Further rows are `ceiling`
-    (reflectance x true shading), the upper bound of `product`, and `denoised` (the denoiser alone)
-    if the noisy samples of the dataset are read. The example images are the best and worst views of
+    (reflectance x true shading), the upper bound of `product`; `radiosity`, if the dataset has the
+    set `transport`; and `denoised` (the denoiser alone) if the noisy samples of the dataset are
+    read. The example images are the best and worst views of
     the first method.
 
     Raises `InputError` if there are no networks, or if `pbrnet` is trained but a method of
@@ -105,7 +107,7 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
     )
     best, worst = ranked[:EXAMPLES], ranked[EXAMPLES:][-EXAMPLES:][::-1]
     seconds = time_networks(dataset, networks, params.evaluate.timing_views)
-    seconds |= sampling_seconds(folders.data, scores)
+    seconds |= ledger_seconds(folders.data, scores)
     result = {
         "split": params.evaluate.split,
         "views": len(dataset),
@@ -270,21 +272,24 @@ def time_networks(dataset: Dataset, networks: Networks, views: int) -> dict[str,
     return {part: float(np.median(times[1:])) for part, times in parts.items()}
 
 
-def sampling_seconds(data: Path, scores: Sequence[Score]) -> dict[str, float]:
-    """Seconds to trace the noisy samples of a view, as `sampling`; empty without ledger rows.
+def ledger_seconds(data: Path, scores: Sequence[Score]) -> dict[str, float]:
+    """Seconds of what a method takes from the renderer; without those that the ledger lacks.
+
+    `sampling` traces the noisy samples of a view, `radiosity` computes its light transport.
 
     For each view: the worker's seconds without opening the scene, times its threads, divided by the
     processors on which the networks are timed. The median excludes the views during which the
     kernels of a scene were compiled, as the warm-up does for the networks.
     """
     views = {(score.scene_id, score.view_id) for score in scores}
-    found = [
-        (row["seconds"] - (row["opening"] or 0)) * (row["threads"] or 1)
-        for row in read_ledger(data).to_pylist()
-        if row["stage"] == "noisy" and (row["scene_id"], row["view_id"]) in views
-    ]
+    parts = {"noisy": "sampling", "transport": "radiosity"}
+    found: dict[str, list[float]] = {}
+    for row in read_ledger(data).to_pylist():
+        if row["stage"] in parts and (row["scene_id"], row["view_id"]) in views:
+            seconds = (row["seconds"] - (row["opening"] or 0)) * (row["threads"] or 1)
+            found.setdefault(parts[row["stage"]], []).append(seconds)
     processors = len(os.sched_getaffinity(0))
-    return {"sampling": float(np.median(found)) / processors} if found else {}
+    return {part: float(np.median(times)) / processors for part, times in found.items()}
 
 
 def renderer_seconds(data: Path, scores: Sequence[Score]) -> dict[str, float]:
@@ -303,7 +308,7 @@ def image_of(
     """Colour of a view by a method of `EVALUATED_METHODS`, display values float32 (H, W, 3).
 
     `shading` is the prediction of the shading network if it is known already. Raises `InputError`
-    for `denoised` if the view has no noisy samples.
+    for `denoised` if the view has no noisy samples, for `radiosity` if it has no transport.
     """
     if method == "ceiling":
         method, shading = "product", tonemap(example.shading, example.exposure_shading)
@@ -312,6 +317,11 @@ def image_of(
             raise InputError(f"{example.name}: has no denoised samples; set noisy.spp")
         exposure = color_exposure(example, networks.card.exposure)
         return tonemap(example.denoised_color, exposure)
+    if method == "radiosity":
+        if example.transport_color is None:
+            raise InputError(f"{example.name}: has no transport; add it to channels")
+        exposure = color_exposure(example, networks.card.exposure)
+        return tonemap(example.transport_color, exposure)
     return networks.predict(method, example, shading).color
 
 
@@ -319,6 +329,8 @@ def _images(example: Example, networks: Networks) -> dict[str, AnyArray]:
     """Colour of a view by each method, and `shading` of the shading network if it is loaded."""
     shading = networks.shading(example) if networks.two_stage else None
     methods = [networks.methods[0], "ceiling", *networks.methods[1:]]
+    if example.transport_color is not None:
+        methods.append("radiosity")
     if example.denoised_color is not None:
         methods.append("denoised")
     images = {method: image_of(method, example, shading, networks) for method in methods}

@@ -22,6 +22,7 @@ from pipeline.passes import (
     labels,
     light,
     materials,
+    transport,
     video,
     visibility,
 )
@@ -33,6 +34,7 @@ from pipeline.passes.inputs import inputs_of, render_inputs, visible_surfaces
 from pipeline.passes.labels import labels_of, render_labels
 from pipeline.passes.light import light_of
 from pipeline.passes.materials import materials_of, render_materials
+from pipeline.passes.transport import render_transport
 from pipeline.passes.video import render_video, video_of
 from pipeline.passes.visibility import render_visibility
 from pipeline.pathtrace import integrator
@@ -93,6 +95,10 @@ def _visibility(scene: RenderScene, view: View, params: Params, seed: int) -> Re
 
 def _environment(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
     return render_environment(scene, view, params.environment, params.groundtruth, seed)
+
+
+def _transport(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
+    return render_transport(scene, view, params.transport, seed), {}
 
 
 def _truth(kind: Kind) -> Render:
@@ -333,6 +339,9 @@ PASSES: dict[Kind, Pass] = {
     "video": Pass(video.REVISION, lambda params: {"made_of": [inputs.REVISION]}, _video),
     "environment": Pass(
         environment.REVISION, _environment_determined_by, _environment, seeded=True
+    ),
+    "transport": Pass(
+        transport.REVISION, lambda params: plain(params.transport), _transport, seeded=True
     ),
     "light": Pass(light.REVISION, _light_determined_by, _light, seeded=True),
     "noisy": Pass(groundtruth.REVISION, _noisy_determined_by, render_noisy, seeded=True),

@@ -22,13 +22,13 @@ def run_groundtruth(
 ) -> Summary:
     """Render `data/shading` and `data/color`, or one of them.
 
-    With both, `noisy.spp` adds `data/noisy`, and the sets `light` and `environment` of `channels`
-    add `data/light` and `data/environment`; without them these folders are left empty.
+    With both, `noisy.spp` adds `data/noisy`, and the sets `light`, `environment` and `transport` of
+    `channels` add the folders of these names; without them these folders are left empty.
     """
     if len(truths) == 1:
         return run_frames(truths[0], tuple(truths), data, params, scheduler)
     # DVC expects every output folder of a stage, also an empty one.
-    further: tuple[Kind, ...] = ("light", "noisy", "environment")
+    further: tuple[Kind, ...] = ("light", "noisy", "environment", "transport")
     for kind in further:
         (Path(data) / kind).mkdir(parents=True, exist_ok=True)
     kinds: tuple[Kind, ...] = (*truths, *further)

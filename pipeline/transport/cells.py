@@ -50,8 +50,8 @@ class Cells:
         origin = np.asarray(centre, dtype=np.float32) - half
         keys, members = np.unique(_keys(points, normals, origin), return_inverse=True)
         members = members.reshape(LEVELS, len(points))
-        weights = np.tile(measure, LEVELS)
-        total = np.bincount(members.ravel(), weights, minlength=len(keys))
+        weights = np.tile(measure.astype(np.float64), LEVELS)
+        total = np.bincount(members.ravel(), weights, len(keys)).astype(np.float64)
         return cls(origin, keys, members, measure, total)
 
     def find(self, points: Float32Array, normals: Float32Array) -> Int64Array:

@@ -88,10 +88,12 @@ def met(
     """Return what a direction meets, its emission, and the density of emitter sampling there.
 
     The density is evaluated where `sampled`: elsewhere no emitter sample could give the direction.
+    Nor could it where the direction leads through glass.
     """
-    si = first_surface(scene, tables, point.spawn_ray(direction), active)
+    si, passed = first_surface(scene, tables, point.spawn_ray(direction), active)
     ds = mi.DirectionSample3f(scene, si=si, ref=point)
     emitted = dr.select(active, mi.Color3f(ds.emitter.eval(si, active)), 0)
+    sampled &= ~passed
     density = lights.density(scene, point, ds, active & sampled)
     return si, emitted, dr.select(sampled, density, 0)
 

@@ -1,7 +1,7 @@
 """Frozen launches of the transport kernels of an open scene: recorded once, then replayed.
 
-As in `pipeline.pathtrace.launches`: before a kernel's first ray, Python and Dr.Jit need a tenth of a
-second or more to trace it through all materials.
+As in `pipeline.pathtrace.launches`: before a kernel's first ray, Python and Dr.Jit need a tenth of
+a second or more to trace it through all materials.
 """
 
 from __future__ import annotations

@@ -54,19 +54,17 @@ def gather_pixels(
     sampler = sampler_of(spp, width * height, seed)
     pixel = dr.arange(mi.UInt32, width * height * spp) // spp
     offset = sampler.next_2d()
-    ray = camera_ray(camera, mi.Float(pixel % width) + offset.x, mi.Float(pixel // width) + offset.y)
+    ray = camera_ray(
+        camera, mi.Float(pixel % width) + offset.x, mi.Float(pixel // width) + offset.y
+    )
     si, ray, left = seen_surface(scene, tables, ray)
     seen = si.is_valid()
     emitted = left * mi.Color3f(si.emitter(scene).eval(si, mi.Bool(True)))
     normal = facing_normal(si, ray.d)
     found = gather(scene, tables, lights, sampler, si.p, normal, seen)
-    radiance = diffuse_radiance(
-        tables, cache, found.si, found.direction, sampler, found.weight > 0
-    )
+    radiance = diffuse_radiance(tables, cache, found.si, found.direction, sampler, found.weight > 0)
     indirect = radiance * found.weight
-    albedo, specular = _gloss(
-        scene, tables, lights, lobes, cache, sampler, si, normal, found, seen
-    )
+    albedo, specular = _gloss(scene, tables, lights, lobes, cache, sampler, si, normal, found, seen)
 
     images = {
         "direct": found.direct,
@@ -82,8 +80,7 @@ def gather_pixels(
     bands = [band for image in images.values() for band in image]
     bands = [dr.select(dr.isfinite(band), band, 0) for band in bands]
     dr.eval(bands)  # in one kernel: a sum over blocks evaluates what it is given by itself
-    means = [dr.block_sum(band, spp) / spp for band in bands]
-    return means
+    return [dr.block_sum(band, spp) / spp for band in bands]
 
 
 def _gloss(

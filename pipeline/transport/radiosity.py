@@ -50,9 +50,7 @@ def solve(surfels: Surfels, centre: AnyArray, bounces: int = BOUNCES) -> tuple[C
     """
     count = len(surfels.points)
     valid = surfels.measure > 0
-    cells = Cells.of(
-        surfels.points[valid], surfels.normals[valid], surfels.measure[valid], centre
-    )
+    cells = Cells.of(surfels.points[valid], surfels.normals[valid], surfels.measure[valid], centre)
     found = cells.find(surfels.met_points, surfels.met_normals)
     light = cells.means(surfels.direct[valid])
     for _ in range(bounces):
@@ -96,8 +94,10 @@ def trace_surfels(
     sampler = sampler_of(_BRANCHES, columns * rows, seed)
     cell = dr.arange(mi.UInt32, lanes) // _BRANCHES
     offset = sampler.next_2d()
-    ray = camera_ray(camera, mi.Float(cell % columns) + offset.x, mi.Float(cell // columns) + offset.y)
-    si = first_surface(scene, tables, ray, mi.Bool(True))
+    ray = camera_ray(
+        camera, mi.Float(cell % columns) + offset.x, mi.Float(cell // columns) + offset.y
+    )
+    si, _ = first_surface(scene, tables, ray, mi.Bool(True))
     places, normals, measures = [], [], []
     measure = dr.select(si.is_valid(), mi.Float(1), 0)
     for bounce in range(2):
@@ -113,7 +113,7 @@ def trace_surfels(
             pdf = guidance.mixed_density(cosine, direction)
             measure *= dr.select(pdf > 0, cosine / pdf, 0)
         ray = point.spawn_ray(direction)
-        si = first_surface(scene, tables, ray, measure > 0)
+        si, _ = first_surface(scene, tables, ray, measure > 0)
         measure = dr.select(si.is_valid(), measure, 0)
         active = measure > 0
         places.append(dr.select(active, mi.Point3f(si.p), 0))

@@ -62,11 +62,14 @@ class ShapeTables:
         return active & ((kind == 1) | (masked & cut))
 
 
-def first_surface(scene: Any, tables: ShapeTables, ray: Any, active: Any) -> Any:
-    """Return the first surface interaction along each ray, past clear glass and cut-outs."""
+def first_surface(scene: Any, tables: ShapeTables, ray: Any, active: Any) -> tuple[Any, Any]:
+    """Return the first surface interaction along each ray, past clear glass and cut-outs.
+
+    And whether the ray passed any: no shadow ray does.
+    """
     si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=True, active=active)
     if not tables.passable:
-        return si
+        return si, mi.Bool(False)
 
     def step(passing: Any, si: Any, layer: Any) -> tuple[Any, Any, Any]:
         onward = si.spawn_ray(ray.d)
@@ -75,13 +78,13 @@ def first_surface(scene: Any, tables: ShapeTables, ray: Any, active: Any) -> Any
         )
         return tables.passes(behind, passing) & (layer < MAX_LAYERS), behind, layer + 1
 
-    _, si, _ = dr.while_loop(
+    _, si, layer = dr.while_loop(
         state=(tables.passes(si, active), si, mi.UInt32(1)),
         cond=lambda passing, si, layer: passing,
         body=step,
         labels=("passing", "si", "layer"),
     )
-    return si
+    return si, layer > 1
 
 
 def seen_surface(scene: Any, tables: ShapeTables, ray: Any) -> tuple[Any, Any, Any]:
@@ -89,7 +92,7 @@ def seen_surface(scene: Any, tables: ShapeTables, ray: Any) -> tuple[Any, Any, A
 
     The last is the product of the mirrors' reflectances, `mi.Color3f`, 1 where there is none.
     """
-    si = first_surface(scene, tables, ray, mi.Bool(True))
+    si, _ = first_surface(scene, tables, ray, mi.Bool(True))
     left = mi.Color3f(1)
     for _ in range(_MIRRORS):
         bsdf = si.bsdf()
@@ -98,7 +101,7 @@ def seen_surface(scene: Any, tables: ShapeTables, ray: Any) -> tuple[Any, Any, A
         reflected = si.spawn_ray(si.to_world(sample.wo))
         ray = dr.select(mirror, reflected, ray)
         left = dr.select(mirror, left * mi.Color3f(mi.unpolarized_spectrum(weight)), left)
-        si = dr.select(mirror, first_surface(scene, tables, ray, mirror), si)
+        si = dr.select(mirror, first_surface(scene, tables, ray, mirror)[0], si)
     return si, ray, left
 
 

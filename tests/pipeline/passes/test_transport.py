@@ -1,0 +1,234 @@
+"""Light transport without paths: closed forms, and agreement with path-traced light."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.channels import RGB, channels_of
+from pipeline.params import GroundTruthParams, TransportParams
+from pipeline.passes.groundtruth import render_both
+from pipeline.passes.transport import Transport, render_transport, transport_of
+from pipeline.render.scene import open_scene
+from pipeline.views import View
+from scenes.errors import InputError
+from tests.fixtures.paths import ROOT
+from tests.fixtures.render import (
+    ball,
+    diffuse,
+    glow,
+    make_view,
+    quad,
+    room_walls,
+    write_scene,
+)
+
+pytestmark = pytest.mark.usefixtures("wavefront")
+
+PARAMS = TransportParams(samples=16)
+
+
+def computed(folder: Path, body: str, view: View, params: TransportParams = PARAMS) -> Transport:
+    return transport_of(open_scene(write_scene(folder, body)), view, params, 1)
+
+
+def emitting(reflectance: float, radiance: float) -> str:
+    """Material of a surface that shines and reflects."""
+    return diffuse(reflectance) + (
+        f'<emitter type="area"><rgb name="radiance" value="{radiance}"/></emitter>'
+    )
+
+
+def test_a_closed_white_furnace_has_the_sum_of_its_bounces(tmp_path: Path) -> None:
+    # All walls shine with 1 and reflect half: light on them is 1, then 1/2 + 1/4 + ... = 1 more.
+    walls, _ = room_walls(emitting(0.5, 1.0))
+    found = computed(tmp_path / "a", walls, make_view((0.3, -0.5, 1.4), (0.2, 1, -0.3)))
+    assert found.direct.mean() == pytest.approx(1, rel=5e-3)
+    assert np.abs(found.direct - 1).mean() < 0.02
+    series = sum(0.5**bounce for bounce in range(1, PARAMS.bounces + 2))
+    assert found.indirect.mean() == pytest.approx(series, rel=1e-2)
+    assert np.abs(found.indirect - series).mean() < 0.02
+    assert found.color.mean() == pytest.approx(1 + 0.5 * (1 + series), rel=1e-2)
+
+
+def test_energy_is_neither_made_nor_lost_in_a_room_with_a_lamp(tmp_path: Path) -> None:
+    # In a closed room the flux is that of the lamp over the part that walls absorb, whatever the
+    # room's shape: the mean over all walls of the light on them.
+    albedo, radius = 0.8, 0.1
+    walls, _ = room_walls(diffuse(albedo))
+    body = walls + ball("lamp", (0.3, -0.2, 1.6), radius, glow(50.0))
+    scene = open_scene(write_scene(tmp_path / "a", body))
+    flux = 50.0 * math.pi * 4 * math.pi * radius**2
+    area = 2 * 16 + 4 * 12
+    expected = flux / math.pi / area / (1 - albedo)
+    eye, total, weight = (1.2, -1.2, 1.5), 0.0, 0.0
+    for towards, up in (
+        ((1, 0, 0), (0, 0, 1)),
+        ((-1, 0, 0), (0, 0, 1)),
+        ((0, 1, 0), (0, 0, 1)),
+        ((0, -1, 0), (0, 0, 1)),
+        ((0, 1e-3, 1), (0, 1, 0)),
+        ((0, 1e-3, -1), (0, 1, 0)),
+    ):
+        view = make_view(eye, towards, size=(24, 24), focal=12, up=up)  # a face of a cube
+        found = transport_of(scene, view, TransportParams(samples=16, bounces=40), 1)
+        share = areas(view, found)
+        total += float((share * (found.direct + found.indirect)[..., 0]).sum())
+        weight += float(share.sum())
+    assert weight == pytest.approx(area, rel=0.03)  # without the lamp's shadow
+    assert total / weight == pytest.approx(expected, rel=0.04)
+
+
+def areas(view: View, found: Transport) -> np.ndarray:
+    """Surface area that each pixel sees in the room of `room_walls`, (H, W)."""
+    low, high = np.array([-2, -2, 0.0]), np.array([2, 2, 3.0])
+    rows, columns = np.mgrid[: view.height, : view.width]
+    pixels = np.stack([columns + 0.5, rows + 0.5, np.ones_like(rows)], axis=-1)
+    directions = pixels @ np.linalg.inv(view.intrinsics).T @ view.pose[:3, :3].T
+    lengths = np.linalg.norm(directions, axis=-1, keepdims=True)
+    with np.errstate(divide="ignore"):
+        walls = np.where(directions > 0, high - view.eye, low - view.eye) / directions
+    axis = walls.argmin(axis=-1)
+    metres = walls.min(axis=-1) * lengths[..., 0]
+    cosine = np.abs(np.take_along_axis(directions / lengths, axis[..., None], -1))[..., 0]
+    solid = 1 / (view.intrinsics[0, 0] ** 2 * lengths[..., 0] ** 3)
+    shining = found.emitted[..., 0] > 0
+    return np.where(shining, 0, solid * metres**2 / cosine)
+
+
+def test_parallel_plates_have_the_known_form_factor(tmp_path: Path) -> None:
+    # A shining square of side 2 opposite to a point 1 m before its centre: the form factor of a
+    # corner of a unit square is (2 / 2 pi) (1 / sqrt 2) atan(1 / sqrt 2) each, four of them.
+    lamp = quad("lamp", (0, 0, 1), (0, 0, -1), (1, 1), glow(1.0), (0, 1, 0))
+    plate = quad("plate", (0, 0, 0), (0, 0, 1), (1, 1), diffuse(0.0), (0, 1, 0))
+    view = make_view((0, 0, 0.5), (0, 1e-3, -1), size=(9, 9), focal=90, up=(0, 1, 0))
+    found = computed(tmp_path / "a", lamp + plate, view, TransportParams(samples=64))
+    factor = 4 * (1 / math.pi) * (1 / math.sqrt(2)) * math.atan(1 / math.sqrt(2))
+    assert found.direct[..., 0].mean() == pytest.approx(factor, rel=0.01)
+    assert found.indirect.max() == 0
+    # Plates that reflect as well: the radiosity equation of small squares, solved directly.
+    bright = computed(
+        tmp_path / "b",
+        quad("lamp", (0, 0, 1), (0, 0, -1), (1, 1), emitting(0.9, 1.0), (0, 1, 0))
+        + quad("plate", (0, 0, 0), (0, 0, 1), (1, 1), diffuse(0.9), (0, 1, 0)),
+        view,
+    )
+    side = (np.arange(31) + 0.5) * 2 / 31 - 1
+    places = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    squared = ((places[:, None] - places[None]) ** 2).sum(axis=-1) + 1
+    factors = (2 / 31) ** 2 / (math.pi * squared**2)
+    light = np.zeros(len(places))  # on the plate, from the lamp's own shine and its reflection
+    for _ in range(60):
+        light = factors @ (1 + 0.9 * factors @ (0.9 * light))
+    middle = len(places) // 2
+    assert light[middle] - (factors @ np.ones(len(places)))[middle] == pytest.approx(
+        bright.indirect[..., 0].mean(), rel=0.05
+    )
+
+
+def test_walls_colour_each_other_as_in_the_path_tracer(tmp_path: Path) -> None:
+    grey = diffuse(0.7)
+    walls, _ = room_walls(grey)
+    walls = walls.replace(
+        quad("west", (-2, 0, 1.5), (1, 0, 0), (2, 1.5), grey),
+        quad("west", (-2, 0, 1.5), (1, 0, 0), (2, 1.5), diffuse("0.7,0.1,0.1")),
+    ).replace(
+        quad("east", (2, 0, 1.5), (-1, 0, 0), (2, 1.5), grey),
+        quad("east", (2, 0, 1.5), (-1, 0, 0), (2, 1.5), diffuse("0.1,0.7,0.1")),
+    )
+    lamp = quad("lamp", (0, 0, 2.98), (0, 0, -1), (0.6, 0.6), glow(8.0), (0, 1, 0))
+    box = quad("screen", (0.6, 0.9, 0.8), (-0.5, -1, 0), (0.5, 0.8), grey)
+    scene = open_scene(write_scene(tmp_path / "a", walls + lamp + box))
+    view = make_view((0, -1.7, 1.5), (0, 1, -0.1), size=(48, 36), focal=26)
+    found = transport_of(scene, view, PARAMS, 1)
+    truth = GroundTruthParams(spp=256, block_spp=64, max_depth=11, rr_depth=11, denoise="none")
+    traced = render_both(scene, view, truth, 0.5, 1, light=True)
+    true = {name: stacked(traced.parts[name][0]) for name in ("direct", "irradiance")}
+    color, lit = stacked(traced.color[0]), found.emitted.max(axis=-1) == 0
+    blocks = {
+        "irradiance": (true["irradiance"], found.direct + found.indirect),
+        "color": (color, found.color),
+        "direct": (true["direct"], found.albedo * found.direct),
+    }
+    for name, (expected, got) in blocks.items():
+        expected, got = (np.where(lit[..., None], image, 0) for image in (expected, got))
+        assert got.mean(axis=(0, 1)) == pytest.approx(expected.mean(axis=(0, 1)), rel=0.03), name
+        cells = [image.reshape(6, 6, 6, 8, 3).mean(axis=(1, 3)) for image in (expected, got)]
+        assert np.abs(cells[1] - cells[0]).mean() < 0.05 * cells[0].mean(), name
+    # What faces the red wall gets red light, the back wall's right half faces it no more.
+    left, right = found.indirect[:, 6:12].mean(axis=(0, 1)), found.indirect[:, -12:-6].mean((0, 1))
+    assert left[0] / left[1] > right[0] / right[1]
+
+
+def stacked(channels: dict[str, np.ndarray]) -> np.ndarray:
+    return np.stack([channels[band] for band in RGB], axis=-1)
+
+
+def test_a_mirror_shows_the_lamp_and_the_wall_behind_the_camera(tmp_path: Path) -> None:
+    walls, _ = room_walls(diffuse(0.5))
+    mirror = '<bsdf type="conductor"><string name="material" value="none"/></bsdf>'
+    glass = quad("mirror", (0, 1.9, 1.5), (0, -1, 0), (1, 1), mirror)
+    lamp = ball("lamp", (0, -1.5, 1.5), 0.3, glow(4.0))
+    view = make_view((0, 0.5, 1.5), (0, 1, 0), size=(32, 24), focal=60)
+    found = computed(tmp_path / "a", walls + glass + lamp, view)
+    assert found.color[12, 16] == pytest.approx(4, rel=1e-3)
+    wall = found.color[2, 2]
+    assert wall == pytest.approx(found.albedo[2, 2] * (found.direct + found.indirect)[2, 2])
+    assert wall.min() > 0
+
+
+def test_channels_are_those_of_the_table_and_of_any_light(tmp_path: Path) -> None:
+    walls, _ = room_walls(diffuse(0.5))
+    view = make_view(size=(16, 12))
+    dark = render_transport(open_scene(write_scene(tmp_path / "a", walls)), view, PARAMS, 1)
+    assert set(dark) == {band for each in channels_of("transport") for band in each.bands}
+    assert all(not image.any() for image in dark.values())
+
+
+def test_scalar_variants_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = open_scene(write_scene(tmp_path / "a", room_walls(diffuse(0.5))[0]))
+    monkeypatch.setattr("pipeline.passes.transport.integrator.available", lambda: False)
+    with pytest.raises(InputError, match="transport needs a variant other than scalar_rgb"):
+        transport_of(scene, make_view(), PARAMS, 1)
+
+
+THREADS = """
+import sys
+from pathlib import Path
+import drjit as dr
+from pipeline.render.scene import open_scene, set_variant
+from pipeline.params import TransportParams
+from pipeline.passes.transport import render_transport
+from scenes.contract import load_scene
+from scenes.files import digest_bytes
+from tests.fixtures.render import make_view
+set_variant()
+dr.set_thread_count(int(sys.argv[2]))
+view = make_view((0.3, -0.5, 1.4), (0.2, 1, -0.3))
+found = render_transport(open_scene(load_scene(Path(sys.argv[1]))), view, TransportParams(), 1)
+print(digest_bytes(*(found[name].tobytes() for name in sorted(found))))
+"""
+
+
+def test_bits_do_not_depend_on_the_number_of_threads(tmp_path: Path) -> None:
+    walls, _ = room_walls(diffuse(0.5), window=True)
+    sky = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
+    write_scene(tmp_path / "a", walls + sky + ball("lamp", (0.5, 0, 2), 0.1, glow(20.0)))
+    digests = {
+        subprocess.run(
+            [sys.executable, "-c", THREADS, str(tmp_path / "a"), count],
+            cwd=ROOT,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for count in ("1", "2")
+    }
+    assert len(digests) == 1
