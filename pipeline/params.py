@@ -261,6 +261,11 @@ class TransportParams:
     surfels: int = field(default=8000, metadata=within(8, 8000))
     bounces: int = field(default=8, metadata=within(0, 64))  # of light between surfels
 
+    def verify(self, where: str) -> None:
+        """Raise ValueError for a number of samples that is no grid of nearly equal sides."""
+        if self.samples not in (0, 1, 2, 4, 8, 16, 64):
+            raise ValueError(f"{where}.samples: {self.samples}; 0, 1, 2, 4, 8, 16 or 64")
+
 
 @dataclass(frozen=True)
 class ShadingParams:
@@ -441,7 +446,9 @@ class Params:
 
     def _verify_panoramas(self) -> None:
         """Raise ValueError for what equirectangular views cannot have."""
-        flat = [name for name in self.channels if name in ("all", "video", "environment")]
+        flat = [
+            name for name in self.channels if name in ("all", "video", "environment", "transport")
+        ]
         if flat:
             raise ValueError(
                 f"channels: {flat[0]} needs image.projection: perspective; equirectangular views "

@@ -64,7 +64,7 @@ def render_transport(
 ) -> Channels:
     """Return the channels of a `transport` frame, float32 (H, W): light and picture.
 
-    `seed` is the view's own seed. Raises `InputError` in a scalar variant.
+    `seed` is the view's own seed. Raises `InputError` in a scalar variant, and for a panorama.
     """
     found = transport_of(render_scene, view, params, seed)
     bands = {TRANSPORT_DIRECT: found.direct, TRANSPORT_INDIRECT: found.indirect, RGB: found.color}
@@ -81,6 +81,8 @@ def transport_of(
     """Compute the light transport of a view; as `render_transport`."""
     if not integrator.available():
         raise InputError("transport needs a variant other than scalar_rgb; see pbrnet doctor")
+    if view.is_panorama:
+        raise InputError(f"{view.view_id}: transport needs a perspective view, not a panorama")
     launcher = _launcher(render_scene)
     scene, home = render_scene.neutral(None).mitsuba, render_scene.scene
     if not scene.emitters():

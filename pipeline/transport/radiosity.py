@@ -124,14 +124,25 @@ def trace_surfels(
     measure = dr.concat(measures)
     dr.eval(point, normal, measure)
 
-    count = 2 * lanes
+    return light_surfels(scene, tables, lights, point, normal, measure, seed + 1)
+
+
+def light_surfels(
+    scene: Any,
+    tables: ShapeTables,
+    lights: PlannedLights,
+    point: Any,
+    normal: Any,
+    measure: Any,
+    seed: Any,
+) -> tuple[Any, ...]:
+    """Return the arrays of `Surfels` at these places, as `trace_surfels` does."""
+    count = dr.width(point)
     index = dr.arange(mi.UInt32, count * RAYS) // RAYS
     position = dr.gather(mi.Point3f, point, index)
     towards = dr.gather(mi.Vector3f, normal, index)
     active = dr.gather(mi.Float, measure, index) > 0
-    found = gather(
-        scene, tables, lights, sampler_of(RAYS, count, seed + 1), position, towards, active
-    )
+    found = gather(scene, tables, lights, sampler_of(RAYS, count, seed), position, towards, active)
     hit = active & found.si.is_valid() & (found.weight > 0)
     reflectance = tables.reflectance_at(found.si, hit)
     return (
