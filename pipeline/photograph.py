@@ -12,6 +12,9 @@ another operator, Reinhard's in `pipeline.tonemap`; nothing here changes a store
   picture by lamplight stays a little warm.
 * **Curve**: a sigmoid of each band by itself (Naka and Rushton 1966) that keeps middle grey and
   reaches white, where a sensor clips, `WHITE_STOPS` above it. So bright colours turn pale.
+
+`varied_photograph` adds what differs from camera to camera and from shot to shot, at random, for
+training on rendered views that is to hold on photographs: to be called when rows are read.
 """
 
 from __future__ import annotations
@@ -20,11 +23,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
+from pipeline.images import jpeg_bytes, read_picture
 from pipeline.tonemap import block_means, to_bytes
 from scenes.arrays import Float32Array, Float64Array, FloatingArray, UInt8Array
 from scenes.color import encode_srgb, luminance
 from scenes.photometry import LUMEN
+from scenes.seeds import generator
 
 GREY = 0.18  # linear display value of middle grey
 WHITE_STOPS = 3.6  # from middle grey to the exposed radiance that clips
@@ -88,6 +94,66 @@ def develop(image: FloatingArray, settings: PhotoSettings) -> Float32Array:
 def photograph(image: FloatingArray, settings: PhotoSettings | None = None) -> UInt8Array:
     """Photograph linear radiance (H, W, 3), by its own settings unless given; uint8 sRGB."""
     return to_bytes(develop(image, meter(image) if settings is None else settings))
+
+
+@dataclass(frozen=True)
+class PhotoVariation:
+    """Ranges of variation between photographs, each drawn evenly; (0, 0) switches one off."""
+
+    exposure: tuple[float, float] = (-0.7, 0.5)  # stops beside the meter
+    warmth: tuple[float, float] = (-0.2, 0.2)  # logarithm of red over blue beside the balance
+    contrast: tuple[float, float] = (1.2, 1.5)  # exponent of the curve
+    vignetting: tuple[float, float] = (0.0, 0.35)  # share of the light that the corners lose
+    noise: tuple[float, float] = (0.0, 0.03)  # standard deviation at middle grey, relative
+    blur: tuple[float, float] = (0.0, 0.8)  # standard deviation, pixels
+    quality: tuple[int, int] = (70, 98)  # of JPEG; (0, 0): none
+
+
+def varied_photograph(
+    image: FloatingArray, seed: int, variation: PhotoVariation | None = None
+) -> UInt8Array:
+    """Photograph linear radiance (H, W, 3) with variation drawn from `seed`; uint8 sRGB.
+
+    Geometry does not change, so labels and depth still fit. Equal seeds give equal pictures.
+    """
+    ranges = variation or PhotoVariation()
+    rng = generator(seed, "photograph")
+    stops, warmth, contrast, vignetting, noise, blur = (
+        float(rng.uniform(low, high))
+        for low, high in (
+            ranges.exposure,
+            ranges.warmth,
+            ranges.contrast,
+            ranges.vignetting,
+            ranges.noise,
+            ranges.blur,
+        )
+    )
+    radiance = _radiance(image)
+    metered = meter(radiance)
+    red, green, blue = metered.balance
+    balance = (red * math.exp(warmth / 2), green, blue * math.exp(-warmth / 2))
+    settings = PhotoSettings(metered.gain * 2**stops, balance, contrast or _CONTRAST)
+    light = radiance * (1 - vignetting * _corners(*radiance.shape[:2]))[..., None]
+    if blur:
+        light = ndimage.gaussian_filter(light, (blur, blur, 0), mode="nearest")
+    # Shot noise: its variance grows with the light. Dark parts keep a tenth of middle grey's.
+    deviation = noise * np.sqrt(np.maximum(light * settings.gain, 0.1 * GREY) * GREY)
+    noisy = light + deviation / settings.gain * rng.standard_normal(light.shape)
+    picture = photograph(noisy, settings)
+    low, high = ranges.quality
+    if not high:
+        return picture
+    return read_picture(jpeg_bytes(picture, int(rng.integers(low, high + 1))))
+
+
+def _corners(height: int, width: int) -> Float64Array:
+    """Return the squared distance from the middle of an image, 1 in its corners, (H, W)."""
+    y = (np.arange(height) + 0.5) / height * 2 - 1
+    x = (np.arange(width) + 0.5) / width * 2 - 1
+    aspect = width / height
+    squared: Float64Array = ((x * aspect) ** 2 + (y**2)[:, None]) / (aspect**2 + 1)
+    return squared
 
 
 def _radiance(image: FloatingArray) -> Float32Array:

@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from pipeline.photograph import GREY, WHITE_STOPS, PhotoSettings, develop, meter, photograph
+from pipeline.photograph import (
+    GREY,
+    WHITE_STOPS,
+    PhotoSettings,
+    PhotoVariation,
+    develop,
+    meter,
+    photograph,
+    varied_photograph,
+)
 from scenes.color import decode_srgb, encode_srgb, luminance
 from scenes.photometry import LUMEN, blackbody
 
@@ -72,3 +83,38 @@ def test_pictures_of_nothing_and_of_damaged_frames() -> None:
     picture = photograph(damaged)
     assert (picture[0, 0] == 0).all() and (picture[0, 2] == 0).all()
     assert (picture[0, 1] == 255).all()
+
+
+NONE = PhotoVariation((0, 0), (0, 0), (0, 0), (0, 0), (0, 0), (0, 0), (0, 0))
+
+
+def test_variation_is_seeded_and_without_ranges_none() -> None:
+    image = room(40 * LUMEN).astype(np.float32)
+    first, again, other = (varied_photograph(image, seed) for seed in (1, 1, 2))
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+    assert np.array_equal(varied_photograph(image, 1, NONE), photograph(image))
+
+
+def test_each_variation_does_what_it_is_named_for() -> None:
+    flat = np.full((96, 96, 3), 20 * LUMEN, np.float32)
+    plain = photograph(flat).astype(float)
+
+    def made(**ranges: tuple[float, float]) -> np.ndarray:
+        return varied_photograph(flat, 3, replace(NONE, **ranges)).astype(float)
+
+    assert (made(exposure=(1, 1)) > plain).all() and (made(exposure=(-1, -1)) < plain).all()
+    warm = made(warmth=(0.3, 0.3))
+    assert (warm[..., 0] > plain[..., 0]).all() and (warm[..., 2] < plain[..., 2]).all()
+    dark = made(vignetting=(0.5, 0.5))
+    assert dark[0, 0, 0] < 0.9 * dark[48, 48, 0] and dark[48, 48, 0] == plain[48, 48, 0]
+    linear = decode_srgb(made(noise=(0.1, 0.1)) / 255)
+    steepness = 1.35 * (1 - GREY)  # about the slope of the curve there, in logarithms
+    level = decode_srgb(plain / 255).mean()
+    shot = 0.1 * np.sqrt(GREY / level) if level < GREY else 0.1
+    assert linear.std() / linear.mean() == pytest.approx(shot * steepness, rel=0.25)
+    edge = flat.copy()
+    edge[:, 48:] *= 3
+    soft = varied_photograph(edge, 3, replace(NONE, blur=(2, 2)))
+    assert np.abs(np.diff(soft.astype(int), axis=1)).max() < 0.3 * np.ptp(photograph(edge))
+    assert np.abs(varied_photograph(edge, 3, replace(NONE, quality=(20, 20))) - plain).max() > 0
