@@ -19,7 +19,7 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon, box
 
-from scenes.arrays import BoolArray, Float64Array, Int64Array
+from scenes.arrays import BoolArray, Float64Array
 from scenes.geometry.mesh import face_areas
 from scenes.geometry.regions import (
     buffered,
@@ -34,6 +34,7 @@ from scenes.reconstruction.rooms import FoundOpening, slice_segments
 from scenes.reconstruction.section_raster import cut_off_regions
 
 DEPTHS = np.arange(-0.03, 0.95, 0.04)  # of the sections, metres outwards from a wall's face
+_MOST_SEEDS = 4096  # of an opening that are looked up in its sections
 LEAST_SEEDS = 3  # that a region holds to be estimated
 _HALF_GAP = 0.02  # half of the widest gap in the surfaces that enclose a hole, metres
 _OVERLAP = 0.03  # metres by which a portal reaches into what encloses its hole
@@ -42,7 +43,6 @@ _NEARLY_LEAST = 1.1  # times the least area: sections up to this count as equall
 _MIN_FILL = 0.8  # share of its bounding rectangle from which that rectangle is the outline
 _GRID = 0.01  # metres to which the ends of a section's segments are rounded
 _BLOCK = 128  # triangles with a common box
-_MOST_KEYS = 2.0**62
 _ROUNDING = 1e-6  # metres
 _FLAT = 2e-3  # metres; a triangle within this depth range is parallel to the section
 _MIN_SHEET = 0.05  # square metres of parallel triangles at one depth
@@ -163,18 +163,25 @@ def enclosed_air(
 def _holding_seeds(parts: list[Polygon], seeds: Float64Array, window: Polygon) -> list[Polygon]:
     """Those of `parts` that hold any of `seeds` (K, 2) and do not meet the border of a window."""
     west, south, east, north = window.bounds
+    by_x = seeds[np.argsort(seeds[:, 0], kind="stable")]
+    bounds = shapely.bounds(parts)
+    first = np.searchsorted(by_x[:, 0], bounds[:, 0], "left").tolist()
+    last = np.searchsorted(by_x[:, 0], bounds[:, 2], "right").tolist()
     kept = []
-    for part, bounds in zip(parts, shapely.bounds(parts).tolist(), strict=True):
-        inside = ((seeds >= bounds[:2]) & (seeds <= bounds[2:])).all(axis=1)
-        if not inside.any():
+    for part, start, end, (left, low, right, high) in zip(
+        parts, first, last, bounds.tolist(), strict=True
+    ):
+        if start == end:
+            continue
+        near = by_x[start:end]
+        near = near[(near[:, 1] >= low) & (near[:, 1] <= high)]
+        if not len(near) or not shapely.contains_xy(part, near[:, 0], near[:, 1]).any():
             continue
         is_clear = (
-            bounds[0] > west + _ROUNDING and bounds[1] > south + _ROUNDING
-            and bounds[2] < east - _ROUNDING and bounds[3] < north - _ROUNDING
+            left > west + _ROUNDING and low > south + _ROUNDING
+            and right < east - _ROUNDING and high < north - _ROUNDING
         )  # fmt: skip
-        if not is_clear and meets(part, window.exterior):
-            continue
-        if shapely.contains_xy(part, seeds[inside, 0], seeds[inside, 1]).any():
+        if is_clear or not meets(part, window.exterior):
             kept.append(part)
     return kept
 
@@ -215,6 +222,10 @@ def at_narrowest_section(sections: CrossSections, opening: FoundOpening) -> Foun
     frame = opening_frame(opening)
     outline = frame.to_local(opening.polygon)
     seeds = frame.to_local(opening.seeds)[:, :2] if len(opening.seeds) else outline[:, :2]
+    if len(seeds) > _MOST_SEEDS:  # tenths of a metre apart in an opening as large as a wall
+        corners = [*seeds.argmin(axis=0).tolist(), *seeds.argmax(axis=0).tolist()]
+        chosen = np.linspace(0, len(seeds) - 1, _MOST_SEEDS).astype(int)
+        seeds = seeds[np.unique([*corners, *chosen.tolist()])]
     has_pane = opening.panes != []
     low = np.append(seeds.min(axis=0) - _MARGIN, DEPTHS.min())
     high = np.append(seeds.max(axis=0) + _MARGIN, DEPTHS.max())
@@ -237,30 +248,34 @@ def at_narrowest_section(sections: CrossSections, opening: FoundOpening) -> Foun
 
 
 def _merged_segments(lines: Float64Array) -> Float64Array:
-    """Segments (N, 2, 2) with their ends on a grid, without duplicates.
+    """Segments (N, 2, 2) with their ends on a grid; those that meet on one line become one.
 
-    The leaves of a plant give thousands of segments that a few of the grid's width represent.
+    The leaves of a plant give thousands of segments that a few of the grid's width represent, and
+    a flat wall gives one for each of its triangles.
     """
     ends = np.round(lines / _GRID).astype(np.int64)
     ends = ends[(ends[:, 0] != ends[:, 1]).any(axis=1)]
-    swap = (ends[:, 0, 0] > ends[:, 1, 0]) | (
-        (ends[:, 0, 0] == ends[:, 1, 0]) & (ends[:, 0, 1] > ends[:, 1, 1])
-    )
-    ends[swap] = ends[swap][:, ::-1]
-    return _unique_rows(ends.reshape(-1, 4)).reshape(-1, 2, 2).astype(np.float64) * _GRID
-
-
-def _unique_rows(rows: Int64Array) -> Int64Array:
-    """Rows (N, 4) in order and without duplicates: as one number each, if they are small enough."""
-    if not len(rows):
-        return rows
-    low = rows.min(axis=0)
-    sizes = rows.max(axis=0) - low + 1
-    if sizes.astype(np.float64).prod() >= _MOST_KEYS:
-        return np.unique(rows, axis=0)
-    keys = np.unique(np.ravel_multi_index(tuple((rows - low).T), tuple(sizes.tolist())))
-    made: Int64Array = np.column_stack(np.unravel_index(keys, tuple(sizes.tolist()))) + low
-    return made
+    if not len(ends):
+        return np.empty((0, 2, 2))
+    way = ends[:, 1] - ends[:, 0]
+    is_backward = (way[:, 0] < 0) | ((way[:, 0] == 0) & (way[:, 1] < 0))
+    ends[is_backward] = ends[is_backward][:, ::-1]
+    way[is_backward] *= -1
+    # A line is known by its direction in lowest terms, and by its distance from the origin.
+    way //= np.gcd(way[:, 0], way[:, 1])[:, None]
+    line = np.column_stack([way, ends[:, 0, 0] * way[:, 1] - ends[:, 0, 1] * way[:, 0]])
+    # Two points of a line are whole steps apart.
+    start, end = np.where(way[:, :1] > 0, ends[..., 0], ends[..., 1]).T
+    order = np.lexsort((start, *line.T))
+    ends, line, start, end = ends[order], line[order], start[order], end[order]
+    new_line = np.append(True, (line[1:] != line[:-1]).any(axis=1))
+    shift = (np.cumsum(new_line) - 1) * (end.max() - start.min() + 2)  # sets lines apart
+    reached = np.maximum.accumulate(end + shift)
+    first = np.nonzero(np.append(True, (start + shift)[1:] > reached[:-1]))[0]
+    steps = reached[np.append(first[1:], len(reached)) - 1] - (start + shift)[first]
+    steps //= np.where(line[first, 0] > 0, line[first, 0], line[first, 1])
+    merged = np.stack([ends[first, 0], ends[first, 0] + steps[:, None] * line[first, :2]], axis=1)
+    return merged.astype(np.float64) * _GRID
 
 
 def _sheet_depths(local: Float64Array) -> list[float]:

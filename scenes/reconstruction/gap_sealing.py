@@ -8,14 +8,13 @@ Random walks (`light_walks`) that escape pass through such gaps. Just behind a s
 gap there is air that nobody indoors sees: the enclosed region of it around the escaping segment
 becomes a thin slab. A slab is kept if it blocks the segment and hardly any of it is visible from
 indoors; further rounds of walks, aimed close to the earlier escapes, look for what is still open.
-World: metres, Z up.
+The search ends after a certain number of walks that no slab can block. World: metres, Z up.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import islice
 
 import numpy as np
 import shapely
@@ -45,6 +44,7 @@ _AIMED_WALKS = 8_000  # more in each further round, close to the earlier escapes
 _AIMED_AT = 60  # escaped walks, the latest
 _AIM_SPREAD = 0.04  # metres, standard deviation
 _MAX_SLABS = 60  # escaped walks that may get a slab in one round
+_MOST_FRUITLESS = 100  # escaped walks of a scene for which no slab is found, after which to end
 _BEHIND = 5e-5  # metres from the surface beside a gap to the slab behind it
 _THICKNESS = 8e-3  # metres
 _HALF_SLIT = 2e-4  # half of the widest slit in what bounds a slab, metres
@@ -94,6 +94,7 @@ def seal_gaps(
     slabs: list[_Slab] = []
     added = np.empty((0, 3, 3))
     known: list[EscapedWalk] = []
+    fruitless_left = _MOST_FRUITLESS
     for round_ in range(max(1, min(_ROUNDS, _MAX_TRIANGLES // len(corners)))):
         all_corners = np.concatenate([corners, added])
         sections = CrossSections(all_corners)
@@ -110,6 +111,8 @@ def seal_gaps(
         new: list[_Slab] = []
         for walk in escaped[:_MAX_SLABS]:
             segments = [walk.points[row : row + 2] for row in range(len(walk.points) - 1)]
+            if fruitless_left <= 0:
+                break
             if not any(slab.blocks(segment) for slab in new for segment in segments):
                 tried = (
                     _slab_across(
@@ -117,11 +120,17 @@ def seal_gaps(
                     )
                     for segment in reversed(segments)
                 )
-                new += islice((slab for slab in tried if slab is not None), 1)
+                found = next((slab for slab in tried if slab is not None), None)
+                if found is None:
+                    fruitless_left -= 1
+                else:
+                    new.append(found)
         if not new:
             break
         slabs += new
         added = np.concatenate([added, *(slab.corners() for slab in new)])
+        if fruitless_left <= 0:
+            break
     return added, len(slabs)
 
 
@@ -193,7 +202,9 @@ def _planes_beside(
 
 def _perpendicular(vector: Float64Array) -> Float64Array:
     """A unit vector (3,) at right angles to `vector`, from its smallest component's axis."""
-    made = np.cross(vector, np.eye(3)[int(np.argmin(np.abs(vector)))])
+    x, y, z = vector.tolist()
+    # `np.cross` takes twenty times as long for single vectors.
+    made = np.array([(0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)][int(np.argmin(np.abs(vector)))])
     made /= np.linalg.norm(made)
     return made
 

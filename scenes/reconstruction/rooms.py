@@ -45,6 +45,7 @@ _SLICES = (0.25, 0.12, 0.06, 0.4)  # metres below the ceiling, tried in this ord
 _HALF_GAP = 0.03  # metres; gaps in walls up to twice as wide are closed
 _HALF_CAVITY = 0.35  # metres; free strips less than twice as wide are wall cavities, not rooms
 _CELL = 0.05  # metres; grid of the search for openings
+_MOST_CELLS = 50_000  # of that grid in one wall or ceiling; larger ones get larger cells
 _INSET = 0.12  # metres inside the wall at which the rays of that search start
 _REVEAL = 0.65  # greatest thickness of a wall around an opening, metres
 MIN_OPENING = 0.08  # square metres
@@ -245,7 +246,8 @@ def _open_areas(
     Returns for each its outline (N, 3), its share of the rectangle's area, and the points (K, 3)
     in it from which rays leave the building.
     """
-    columns, rows = max(2, round(width / _CELL)), max(2, round(height / _CELL))
+    cell = max(_CELL, math.sqrt(width * height / _MOST_CELLS))
+    columns, rows = max(2, round(width / cell)), max(2, round(height / cell))
     columns, rows = min(columns, 600), min(rows, 600)
     us = (np.arange(columns) + 0.5) * width / columns
     vs = (np.arange(rows) + 0.5) * height / rows
@@ -289,7 +291,25 @@ def _open_areas(
 def _reaches_sky(
     rays: RayCaster, grid: Float64Array, cells: BoolArray, outward: Float64Array
 ) -> BoolArray:
-    """Return the open cells from which any of 24 directions outwards hits nothing."""
+    """Return the open cells from which any of 24 directions outwards hits nothing.
+
+    Every other cell of every other row is tested first, then the neighbours of those that see the
+    sky: an opening two cells wide holds one of the first.
+    """
+    first = np.zeros_like(cells)
+    first[::2, ::2] = cells[::2, ::2]
+    found = _see_sky(rays, grid, first, outward)
+    near = ndimage.binary_dilation(found, np.ones((3, 3), dtype=bool))
+    return found | _see_sky(rays, grid, cells & near & ~first, outward)
+
+
+def _see_sky(
+    rays: RayCaster, grid: Float64Array, cells: BoolArray, outward: Float64Array
+) -> BoolArray:
+    """Return those of `cells` from which any of 24 directions outwards hits nothing."""
+    found = np.zeros_like(cells)
+    if not cells.any():
+        return found
     fan = fibonacci_sphere(48)
     fan = fan[fan @ outward > 0.05]
     points = grid[cells] + 0.02 * outward
@@ -303,7 +323,6 @@ def _reaches_sky(
             break
     free = np.ones(len(points), dtype=bool)
     free[left] = False
-    found = np.zeros_like(cells)
     found[cells] = free
     return found
 
@@ -321,7 +340,12 @@ def _outline(cells: BoolArray, du: float, dv: float) -> Float64Array:
         cell = np.array([du, dv])
         low, high = low - cell, high + cell
         return np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
-    boxes = shapely.box(columns * du, rows * dv, (columns + 1) * du, (rows + 1) * dv)
+    # One box for each run of cells in a row: the union of single cells takes thirty times as long.
+    new = (np.diff(rows, prepend=-1) != 0) | (np.diff(columns, prepend=-1) != 1)
+    first, last = np.nonzero(new)[0], np.append(np.nonzero(new)[0][1:], len(rows)) - 1
+    boxes = shapely.box(
+        columns[first] * du, rows[first] * dv, (columns[last] + 1) * du, (rows[first] + 1) * dv
+    )
     shape = buffered(union(list(boxes)), max(du, dv), join_style="mitre")
     outline = Polygon(largest_part(shape).exterior)
     ring = np.array(simplified(outline, 0.06).exterior.coords)[:-1]

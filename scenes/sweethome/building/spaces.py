@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import shapely
 from shapely import STRtree
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
@@ -32,6 +33,8 @@ _BESIDE = 0.12  # metres from a wall that follows the outline
 CLOSING = 0.15  # metres: half of the widest wall in which a gap between two rooms is inside
 _INSET = 0.01  # metres that slabs stay behind the outer faces of walls
 _DOOR = 0.1  # metres: a door or window opens a space no farther away
+_MANY_CORNERS = 200  # of a region, from which it is cut to the surroundings of what it meets
+_SURROUNDINGS = 0.1  # metres around an area
 _PLAIN_FLOOR = Surface(color=0xFFC8C2B8)
 
 
@@ -200,6 +203,18 @@ def _near(tree: STRtree, region: BaseGeometry) -> list[int]:
     return sorted(tree.query(region).tolist())
 
 
+def _around(area: BaseGeometry, region: BaseGeometry) -> BaseGeometry:
+    """A region of many corners cut to the surroundings of an area; others as they are."""
+    if shapely.get_num_coordinates(region) <= _MANY_CORNERS:
+        return region
+    west, south, east, north = area.bounds
+    cut = shapely.clip_by_rect(
+        region, west - _SURROUNDINGS, south - _SURROUNDINGS, east + _SURROUNDINGS,
+        north + _SURROUNDINGS,
+    )  # fmt: skip
+    return cut if cut.is_valid else region
+
+
 def _extended_into_walls(
     regions: list[BaseGeometry],
     walls: list[PlannedWall],
@@ -222,18 +237,26 @@ def _extended_into_walls(
         ]
     rooms = STRtree([regions[number] for number in present])
     areas_tree = STRtree([area for area, _ in areas])
+    # Each room grown by each reach, once: walls have few thicknesses, and a round room has as many
+    # walls as corners.
+    grown_regions: dict[tuple[int, float], BaseGeometry] = {}
+
+    def grown_region(number: int, reach: float) -> BaseGeometry:
+        key = (number, reach)
+        if key not in grown_regions:
+            grown_regions[key] = buffered(regions[number], reach, join_style="mitre")
+        return grown_regions[key]
+
     # What each area has lost: rooms, and parts of other areas that rooms extend into.
     taken = [[regions[present[near]] for near in _near(rooms, area)] for area, _ in areas]
     for (area, reach), lost in zip(areas, taken, strict=True):
-        rest = polygonal(difference(area, union(lost)))
+        rest = polygonal(difference(area, union([_around(area, shape) for shape in lost])))
         if rest.is_empty:
             continue
         within_reach = rooms.query(rest, predicate="dwithin", distance=2 * reach)
         near = [present[number] for number in sorted(within_reach.tolist())]
         fields = {
-            number: polygonal(
-                intersection(rest, buffered(regions[number], reach, join_style="mitre"))
-            )
+            number: polygonal(intersection(rest, _around(area, grown_region(number, reach))))
             for number in near
         }
         ranked = sorted(near, key=lambda number: (-fields[number].area, number))
