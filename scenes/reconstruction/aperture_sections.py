@@ -147,7 +147,7 @@ def enclosed_air(
     lines = slice_segments(local, depth)
     start, end = lines[:, 0], lines[:, 1]
     inside = (np.minimum(start, end) <= high) & (np.maximum(start, end) >= low)
-    lines = _merged_segments(lines[inside[:, 0] & inside[:, 1]])
+    lines = merged_segments(lines[inside[:, 0] & inside[:, 1]])
     lowest, highest = _bounds(local)
     sheet = local[(lowest[:, 2] > depth - _FLAT) & (highest[:, 2] < depth + _FLAT)][..., :2]
     if not len(lines) + len(sheet) or len(lines) + len(sheet) > _MAX_SEGMENTS:
@@ -247,7 +247,7 @@ def at_narrowest_section(sections: CrossSections, opening: FoundOpening) -> Foun
     return replace(opening, polygon=frame.to_world(portal_outline(good[depth]), depth))
 
 
-def _merged_segments(lines: Float64Array) -> Float64Array:
+def merged_segments(lines: Float64Array) -> Float64Array:
     """Segments (N, 2, 2) with their ends on a grid; those that meet on one line become one.
 
     The leaves of a plant give thousands of segments that a few of the grid's width represent, and

@@ -7,7 +7,11 @@ import pytest
 import shapely
 
 from scenes.arrays import Float64Array
-from scenes.reconstruction.aperture_sections import LEAST_SEEDS, enclosed_air
+from scenes.reconstruction.aperture_sections import (
+    LEAST_SEEDS,
+    enclosed_air,
+    merged_segments,
+)
 from scenes.reconstruction.rooms import MIN_OPENING
 from scenes.reconstruction.section_raster import cut_off_regions
 
@@ -63,3 +67,29 @@ def test_the_estimate_misses_no_large_region(seed: int) -> None:
     assert enclosed_air(triangles, 0.0, seeds, remember) == []
     for part in exact:
         assert any(part.intersects(shapely.multipoints(points)) for points in estimates)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_merged_segments_cover_what_the_segments_do(seed: int) -> None:
+    """Within the grid of a centimetre, on which all of these lie."""
+    rng = np.random.default_rng(seed)
+    lines = 0.01 * rng.integers(-5, 6, (40, 2, 2)) * rng.integers(1, 4)
+    merged = merged_segments(lines)
+    given = lines[(lines[:, 0] != lines[:, 1]).any(axis=1)]
+    before, after = (
+        shapely.union_all(shapely.buffer(shapely.linestrings(each), 0.02, cap_style="square"))
+        for each in (given, merged)
+    )
+    assert len(merged) <= len(given)
+    assert before.symmetric_difference(after).area < 1e-12
+
+
+def test_a_wall_of_many_triangles_is_one_segment() -> None:
+    ends = np.linspace([0.3, 0.1], [3.3, 6.1], 301)
+    pieces = np.stack([ends[:-1], ends[1:]], axis=1)
+    pieces[::2] = pieces[::2, ::-1]
+    expected = [[[0.3, 0.1], [3.3, 6.1]]]
+    assert merged_segments(pieces[::-1]) == pytest.approx(np.array(expected))
+    apart = np.delete(pieces, 100, axis=0)
+    assert len(merged_segments(apart)) == 2
+    assert merged_segments(np.empty((0, 2, 2))).shape == (0, 2, 2)

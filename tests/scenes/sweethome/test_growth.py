@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -62,6 +64,44 @@ def test_corners_cut_to_find_rooms_grow_with_the_rooms(monkeypatch: pytest.Monke
         return sum(cut)
 
     assert total(12) < 4.5 * total(3)
+
+
+def test_corners_of_a_round_room_grow_with_its_walls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every wall meets the whole room, which is grown once and cut to the place of each wall."""
+    worked_on: list[int] = []
+
+    def counted(first: BaseGeometry | Sequence[BaseGeometry], *rest: BaseGeometry) -> None:
+        operands = first if isinstance(first, Sequence) else [first, *rest]
+        worked_on.extend(int(shapely.get_num_coordinates(each)) for each in operands)
+
+    for name in ("union", "difference", "intersection", "buffered"):
+        operation = getattr(spaces, name)
+
+        def spied(*given: BaseGeometry, call: object = operation, **more: object) -> BaseGeometry:
+            counted(*(each for each in given if not isinstance(each, float)))
+            return call(*given, **more)  # type: ignore[operator, no-any-return]
+
+        monkeypatch.setattr(spaces, name, spied)
+    monkeypatch.setattr(spaces, "_MANY_CORNERS", 12)
+
+    def total(count: int) -> int:
+        corners = [
+            (1000 * math.cos(2 * math.pi * n / count), 1000 * math.sin(2 * math.pi * n / count))
+            for n in range(count)
+        ]
+        body = "".join(
+            draw.wall(f"w{n}", corners[n], corners[(n + 1) % count], wallAtStart=f"w{n - 1}",
+                      wallAtEnd=f"w{(n + 1) % count}") for n in range(count)
+        )  # fmt: skip
+        changes = Changes()
+        home = read_home(Path("round.sh3d"), draw.home(body).encode(), changes)
+        (storey,) = storeys(home, (), changes)
+        worked_on.clear()
+        (space,) = spaces.find_spaces(storey, plan_walls(storey, 250.0, changes), [], changes)
+        assert space.floor.area == pytest.approx(math.pi * 9.9**2, rel=0.02)
+        return sum(worked_on)
+
+    assert total(96) < 4.5 * total(24)
 
 
 def test_copies_of_levels_walls_and_rooms_take_no_unions(monkeypatch: pytest.MonkeyPatch) -> None:
