@@ -115,7 +115,7 @@ def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
     reasons = [_up_reason(axis, stated_up, options)]
     turned = corners @ upright(_axis(axis)).T
     extent = float(np.max(np.ptp(without_ground(turned)[0].reshape(-1, 3), axis=0)))
-    scale = options.scale
+    scale, share = options.scale, 1.0
     if scale is None:
         smallest = _SMALLEST_SCENE if named.building >= _SURE_MANY else _SMALLEST_OBJECT
         stated = model.unit
@@ -143,6 +143,14 @@ def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
                     "import its pieces of furniture one by one"
                 )
     is_object = interior is None and scale * extent <= LARGEST_OBJECT
+    if (
+        interior is None and not is_object and not model.cameras
+        and options.scale is None and share < LEAST_CONFIDENCE
+    ):  # fmt: skip
+        question = _question(estimate, clues, share)
+        raise InputError(
+            f"no room was found in a scene {scale * extent:.3g} m across, and {question}"
+        )
     if is_object and not stated_up:
         axis = "y"
     if interior is not None:

@@ -50,6 +50,7 @@ _LEAST_WALL = 0.9  # metres; what is lower is no wall
 _LEAST_CEILING = 2.4  # metres above the floor
 _BELOW_TOP = 0.12  # metres below the top of the walls, where the section is
 _HALF_GAP = 0.03  # metres; gaps in walls up to twice as wide are closed
+_HALF_JOINT = 0.045  # metres; half the widest joint between the planks or tiles of a floor
 _HALF_PASSAGE = 0.35  # metres; half the least width of a passage within one space
 _NEAR_WALL = 0.4  # metres beside a floor's outline within which a wall counts as along it
 _DOORWAY = 1.3  # metres; a wider gap in a wall is a missing wall
@@ -224,7 +225,8 @@ def _level_plan(corners: Float64Array, level: float) -> BaseGeometry:
     near = np.abs(corners[:, :, 2] - level).max(axis=1, initial=0.0) < 0.06
     triangles = corners[near & (np.abs(normals[:, 2]) > 0.95)][:, :, :2]
     merged = union(shapely.polygons(triangles).tolist())
-    return buffered(buffered(merged, _HALF_GAP, join_style="mitre"), -_HALF_GAP, join_style="mitre")
+    closed = buffered(merged, _HALF_JOINT, join_style="mitre")
+    return buffered(closed, -_HALF_JOINT, join_style="mitre")
 
 
 def _pieces(storey: _Storey) -> list[Polygon]:

@@ -423,6 +423,20 @@ def test_a_building_keeps_its_own_rooms(tmp_path: Path) -> None:
     assert any(thing.category == "desk" and thing.room == room.id for thing in scene.objects)
 
 
+def test_poles_far_apart_in_an_unlikely_unit_are_no_scene(tmp_path: Path) -> None:
+    """No room, and metres are no likelier than centimetres: it is asked for, not guessed."""
+    made = Builder()
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 90) for z in (0, 1)], dtype=float)
+    faces = [0, 3, 1, 0, 2, 3, 4, 7, 6, 4, 5, 7, 0, 5, 4, 0, 1, 5, 2, 7, 3, 2, 6, 7, 0, 6, 2, 0,
+             4, 6, 1, 7, 5, 1, 3, 7]  # fmt: skip
+    pole = made.mesh(corners, faces)
+    for x in (0, 150):
+        made.node(mesh=pole, translation=[x, 0, 0])
+    with pytest.raises(InputError, match=r"no room was found in a scene 151 m .*--scale 0\.01"):
+        imported(made, tmp_path)
+    assert imported(made, tmp_path, scale=1.0).source["placement"]["kind"] == "building"
+
+
 OBJ = """mtllib some thing.mtl
 o Table
 v 0 0 0\nv 8 0 0\nv 8 0 -8\nv 0 0 -8
