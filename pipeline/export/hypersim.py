@@ -27,6 +27,7 @@ from pipeline.export.images import camera_rays, opengl_pose
 from pipeline.export.libraries import library
 from pipeline.export.parts import Advance, Format, Job, Part
 from pipeline.export.rows import Content, ViewRow
+from pipeline.images import depth_picture, normal_picture, png_bytes
 from pipeline.radiance import HALF_MAX
 from pipeline.tonemap import to_bytes
 from scenes.arrays import AnyArray, Float64Array
@@ -130,7 +131,7 @@ def _write(job: Job, scene: HypersimScene, folder: Path, advance: Advance) -> No
     for camera, rows in scene.cameras.items():
         for kind in ("final", "geometry"):
             (images / f"scene_{camera}_{kind}_hdf5").mkdir(parents=True)
-        (images / f"scene_{camera}_final_preview").mkdir()
+            (images / f"scene_{camera}_{kind}_preview").mkdir()
         for frame, (row, content) in enumerate(job.rows.read(rows, columns, values)):
             name = f"frame.{frame:04d}"
             final = _final(content, unit)
@@ -141,6 +142,14 @@ def _write(job: Job, scene: HypersimScene, folder: Path, advance: Advance) -> No
                     write_hdf5(place / f"{name}.{part}.hdf5", array)
             preview = images / f"scene_{camera}_final_preview" / f"{name}.tonemap.jpg"
             preview.write_bytes(_preview(final["color"], geometry["render_entity_id"] >= 0))
+            seen = content.images["valid"]
+            drawn = {
+                "depth_meters": depth_picture(content.images["depth"], seen),
+                "normal_cam": normal_picture(content.images["normal"], seen),
+            }
+            for part, picture in drawn.items():
+                preview = images / f"scene_{camera}_geometry_preview" / f"{name}.{part}.png"
+                preview.write_bytes(png_bytes(picture))
             for instance in json.loads(content.values.get("instances") or "[]"):
                 instances[instance["instance"]] = instance
             advance()

@@ -16,7 +16,7 @@ import pyarrow as pa
 import yaml
 
 from pipeline.dataset.checksums import SUMS, read_sums, write_sums
-from pipeline.params import Params
+from pipeline.params import Params, build_params
 from scenes.checked import build, check_name, plain
 from scenes.errors import InputError, ParameterError
 from scenes.files import exists, read_json, regular_file, write_json, write_text
@@ -26,17 +26,23 @@ _MAX_BYTES = 2**20
 
 
 @dataclass(frozen=True)
-class Recipe:
-    """Definition of a release."""
+class RecipeHead:
+    """Title and version of a release."""
 
     title: str
     version: str  # of the dataset: a change of the parameters or of the code's pixels raises it
-    parameters: Params
 
     def verify(self, where: str) -> None:
         """Raise ValueError for an empty title or version."""
         if not self.title.strip() or not self.version.strip():
             raise ValueError(f"{where}: a recipe needs a title and a version")
+
+
+@dataclass(frozen=True)
+class Recipe(RecipeHead):
+    """Definition of a release."""
+
+    parameters: Params
 
 
 @dataclass(frozen=True)
@@ -90,11 +96,15 @@ def load_recipe(folder: Path, name: str) -> Recipe:
         raise ParameterError(f"{name}: no such recipe in {folder}; available: {known}")
     try:
         content = _read_yaml(path)
-        if isinstance(content, dict) and "preset" in content:
+        if not isinstance(content, dict):
+            raise ParameterError("expected title, version and parameters")
+        changes = content.pop("parameters", None) or {}
+        if "preset" in content:
             preset = check_name(str(content.pop("preset")), "a preset's name")
             base = _read_yaml(folder.parent / "params" / f"{preset}.yaml")
-            content["parameters"] = _merged(base, content.get("parameters") or {})
-        return build(Recipe, content)
+            changes = _merged(base, changes)
+        head = build(RecipeHead, content)
+        return Recipe(head.title, head.version, build_params(changes))
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         raise ParameterError(f"{path}: not valid YAML ({error})") from None
     except (ParameterError, InputError) as error:

@@ -56,11 +56,11 @@ def test_a_release_made_again_has_the_recorded_sums(recipes: Path) -> None:
     assert first.exit_code == 0, first.output
     card = (out / "dataset" / "README.md").read_text()
     assert "Release `rooms`, version 1.0.0" in card and "core-seconds a row" in card
-    assert verify_sums(out / "dataset") == 6
+    files = verify_sums(out / "dataset")
     shutil.rmtree(out)
     again = released(recipes, "--workers", "2")
     assert again.exit_code == 0, again.output
-    assert "all 6 files have the recorded checksums" in again.output
+    assert f"all {files} files have the recorded checksums" in again.output
 
 
 def test_other_bytes_are_named(recipes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -99,7 +99,7 @@ def test_recipes_are_listed_and_faults_named(recipes: Path) -> None:
     with pytest.raises(ParameterError, match="a recipe's name"):
         load_recipe(recipes, "../rooms")
     (recipes / "wrong.yaml").write_text(RECIPE.replace("width: 32}", "widht: 32}"))
-    with pytest.raises(ParameterError, match=r"wrong\.yaml: parameters\.illumination\.widht"):
+    with pytest.raises(ParameterError, match=r"wrong\.yaml: illumination\.widht"):
         load_recipe(recipes, "wrong")
 
 
