@@ -25,7 +25,7 @@ def write_scene_xml(
     root.append(plugin("integrator", "path", max_depth=max_depth))
     root.append(sensor)
     shared: dict[int, str] = {}
-    taken = {shape.id.lower() for shape in shapes}
+    taken = {shape.id.lower(): 1 for shape in shapes}
     for shape in shapes:
         element = shape.surface.element
         assert element is not None
@@ -77,13 +77,17 @@ def sensor_element(to_world: Float64Array, fov_x: float, width: int, height: int
     return made
 
 
-def _material_id(name: str, taken: set[str]) -> str:
-    """An id that resembles `name` and is not in `taken`, in lower case; it is added there."""
+def _material_id(name: str, taken: dict[str, int]) -> str:
+    """An id that resembles `name` and is not in `taken`, in lower case; it is added there.
+
+    `taken` maps ids to the last number tried after them.
+    """
     stem = "".join(char if char.isascii() and char.isalnum() else "_" for char in name).strip("_")
     stem = f"material_{stem[:80]}" if stem else "material"
-    made, count = stem, 1
+    made, count = stem, taken.get(stem.lower(), 1)
     while made.lower() in taken:
         count += 1
         made = f"{stem}_{count}"
-    taken.add(made.lower())
+    taken[made.lower()] = 1
+    taken[stem.lower()] = count
     return made

@@ -251,7 +251,7 @@ def _furniture_items(
     """Return the pieces as items, and the records of those whose model cannot be read."""
     items: list[PlacedItem] = []
     missing: list[MissingPiece] = []
-    taken: set[str] = set()
+    taken: dict[str, int] = {}
     for level in levels:
         for piece in level.storey.pieces:
             if min(piece.width, piece.height, piece.depth) <= 0:
@@ -520,13 +520,15 @@ def _lighting(sky: Sky, has_lamps: bool) -> str:
     return "night" if sky.is_night else "evening"
 
 
-def _unique(name: str, taken: set[str]) -> str:
+def _unique(name: str, taken: dict[str, int]) -> str:
+    """A new id that resembles a name; `taken` maps ids to the last number tried after them."""
     stem = re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-")[:60].lower() or "piece"
     if stem.partition("-")[0] in _RESERVED_STEMS:
         stem = f"piece-{stem}"
-    made, count = stem, 1
+    made, count = stem, taken.get(stem, 1)
     while made in taken:
         count += 1
         made = f"{stem}-{count}"
-    taken.add(made)
+    taken[made] = 1
+    taken[stem] = count
     return made

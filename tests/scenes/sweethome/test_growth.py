@@ -11,7 +11,9 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from scenes.geometry.regions import difference, union
+from scenes.importing import writer
 from scenes.importing.changes import Changes
+from scenes.sweethome import importer
 from scenes.sweethome.building import spaces
 from scenes.sweethome.building.levels import storeys
 from scenes.sweethome.building.openings import Opening, opening_of
@@ -124,3 +126,20 @@ def test_copies_of_levels_walls_and_rooms_take_no_unions(monkeypatch: pytest.Mon
     spaces.find_spaces(found[0], plan_walls(found[0], 250.0, changes), [], changes)
     assert sum(united) < 1000
     assert build_walls(found[1], [], []) == []
+
+
+def test_pieces_of_one_name_are_numbered_in_one_go() -> None:
+    class Asked(dict[str, int]):
+        times = 0
+
+        def __contains__(self, key: object) -> bool:
+            self.times += 1
+            return super().__contains__(key)
+
+    for new_id, between in ((importer._unique, "-"), (writer._material_id, "_")):
+        taken = Asked({"chair-3": 1, "material_chair_3": 1})
+        first, *others = (new_id("Chair", taken) for _ in range(50))
+        assert [other.removeprefix(first) for other in others] == [
+            f"{between}{number}" for number in range(2, 52) if number != 3
+        ]
+        assert taken.times < 3 * 50
