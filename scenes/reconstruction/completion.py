@@ -44,6 +44,7 @@ from scenes.reconstruction.rooms import MAX_HEIGHT, MIN_HEIGHT, FoundRoom, slice
 LEAST_WALLS = 0.4  # share of a floor's outline along which walls must stand
 _LEAST_WALLS_OUTDOORS = 0.75  # the same where the ground is the floor, or beside closed rooms
 _MAX_CELLS = 40_000  # of the grid of vertical rays
+_MANY_TRIANGLES = 300_000  # above which there are fewer rays: among slivers each takes longer
 _CELL = 0.1  # metres, at least
 _SAME_LEVEL = 0.04  # metres
 _LEAST_WALL = 0.9  # metres; what is lower is no wall
@@ -154,7 +155,8 @@ def _storey(corners: Float64Array) -> _Storey | None:
     """The storey that is open above; None without a floor with walls."""
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     size = np.maximum(high - low, 1e-6)
-    step = max(_CELL, math.sqrt(float(size[0] * size[1]) / _MAX_CELLS))
+    cells = _MAX_CELLS * min(1.0, _MANY_TRIANGLES / len(corners))
+    step = max(_CELL, math.sqrt(float(size[0] * size[1]) / cells))
     xs, ys = (np.arange(low[axis] + 0.37 * step, high[axis], step) for axis in (0, 1))
     points = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
     columns = surface_heights(RayCaster(corners), points, float(low[2]), float(high[2]))
