@@ -29,6 +29,7 @@ TITLES = {
     "strategies": "Equal-time error, by scene and strategy",
     "farm": "The ground truth stage",
     "shards": "Shards",
+    "formats": "Formats of the dataset's images",
     "cycles": "Against Blender Cycles",
     "published": "Beside published figures",
 }

@@ -19,6 +19,7 @@ import click
 from benchmarks.bench import FULL, ROOT, SMALL, Bench
 from benchmarks.cycles import cycles_rows
 from benchmarks.farm import farm_rows
+from benchmarks.formats import format_rows
 from benchmarks.published import published_rows
 from benchmarks.rendering import render_rows, variant_rows
 from benchmarks.results import TITLES, OtherLoad, Results, figure
@@ -77,6 +78,7 @@ def main(
         "strategies": strategy_rows,
         "farm": farm_rows,
         "shards": shard_rows,
+        "formats": format_rows,
         "cycles": partial(cycles_rows, given=bpy),
         "published": published_rows,
     }

@@ -295,7 +295,7 @@ class Dataset:
         return {
             row: {
                 **{name: values[row] for name, values in scalars.items()},
-                **{name: values[place] for name, values in images.items()},
+                **{name: values[place].copy() for name, values in images.items()},
             }
             for place, row in enumerate(rows)
         }
@@ -392,13 +392,13 @@ def _group_sizes(path: Path, images: Iterable[str]) -> list[int]:
 
 def _images(
     path: Path, table: pa.Table, name: str, channels: int | None, rows: Sequence[int]
-) -> list[AnyArray]:
-    """Images (H, W), or (H, W, channels), of these rows; an axis of one channel is left out."""
+) -> AnyArray:
+    """Images (N, H, W), or (N, H, W, channels), of these rows; one channel has no axis."""
     _, shape = image_type(path, table.schema.field(name))
     plain = shape[:2] if channels is None and shape[2:] == (1,) else shape
     if len(plain) != (2 if channels is None else 3) or (channels and plain[2] != channels):
         raise InputError(f"{path}: the column {name!r} has the impossible shape {list(shape)}")
-    return [image.reshape(plain) for image in images_of(path, table, name, rows)]
+    return images_of(path, table, name, rows).reshape(len(rows), *plain)
 
 
 def _example(record: dict[str, Any], names: Iterable[str]) -> Example:

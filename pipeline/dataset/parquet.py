@@ -25,7 +25,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pipeline.dataset.columns import FORMAT, dataset_columns
-from scenes.arrays import AnyArray
+from scenes.arrays import AnyArray, UInt8Array
 from scenes.checked import shown
 from scenes.errors import InputError
 from scenes.files import parse_json, regular_file
@@ -119,27 +119,35 @@ def image_type(path: Path, field: pa.Field) -> tuple[np.dtype[Any], tuple[int, .
 
 def images_of(
     path: Path, table: pa.Table, name: str, rows: Sequence[int] | None = None
-) -> list[AnyArray]:
-    """Return the images of a column, or of some rows, of the type and shape that it states.
+) -> AnyArray:
+    """Return the images of a column, or of some rows, (N, H, W) and so on, of the type it states.
 
     Raises `InputError` for a missing or damaged image and for one of another type or shape.
     """
     dtype, shape = image_type(path, table.schema.field(name))
     column = table.column(name)
-    images = []
-    for row in range(len(column)) if rows is None else rows:
+    wanted = range(len(column)) if rows is None else rows
+    # One allocation for all: the system gives large ones in large pages, and the time of small
+    # pages would be half of all.
+    whole = np.empty((len(wanted), *shape), f"<u{dtype.itemsize}")
+    for image, row in zip(whole, wanted, strict=True):
         cell = column[row]
         if not cell.is_valid:
             raise InputError(f"{path}: a row without {name!r}; {_REMEDY}")
         try:
-            images.append(_image(cell.as_buffer(), dtype, shape))
+            planes = _planes(cell.as_buffer(), dtype, shape)
         except ValueError as error:
             raise InputError(f"{path}: an image of {name!r}: {error}; {_REMEDY}") from None
-    return images
+        # Faster than np.stack by half: shifts run on whole registers, single bytes do not.
+        image[...] = planes[-1]
+        for plane in planes[-2::-1]:
+            np.left_shift(image, 8, out=image)
+            np.bitwise_or(image, plane, out=image)
+    return whole.view(dtype)
 
 
-def _image(content: pa.Buffer, dtype: np.dtype[Any], shape: tuple[int, ...]) -> AnyArray:
-    """Return the array of a cell; raises ValueError for damage, another type or shape."""
+def _planes(content: pa.Buffer, dtype: np.dtype[Any], shape: tuple[int, ...]) -> UInt8Array:
+    """Return the byte planes in a cell; raises ValueError for damage, another type or shape."""
     stored = (dtype.itemsize, *shape)
     header = _header(dtype, stored)
     start = len(header)
@@ -148,13 +156,7 @@ def _image(content: pa.Buffer, dtype: np.dtype[Any], shape: tuple[int, ...]) -> 
     size = int(np.prod(stored))
     if len(content) != start + size:
         raise ValueError(f"{len(content) - start} bytes of pixels, expected {size}")
-    planes = np.frombuffer(content, np.uint8, offset=start).reshape(stored)
-    # Faster than np.stack by half: shifts run on whole registers, single bytes do not.
-    whole = planes[-1].astype(f"<u{dtype.itemsize}")
-    for plane in planes[-2::-1]:
-        whole <<= 8
-        whole |= plane
-    return whole.view(dtype)
+    return np.frombuffer(content, np.uint8, offset=start).reshape(stored)
 
 
 def _other_header(content: pa.Buffer, header: bytes) -> int:

@@ -39,7 +39,7 @@ def make_row(
         "lighting": scene.lighting,
         "width": view.width,
         "height": view.height,
-        **_image_cells(frames),
+        **image_cells(frames),
         "K": None if view.is_panorama else view.intrinsics,
         "camera_to_world": view.pose,
         "radiance_scale": radiance_scale,
@@ -117,7 +117,7 @@ def _light_cells(frames: Frames) -> dict[str, Any]:
     return cells
 
 
-def _image_cells(frames: Frames) -> dict[str, AnyArray]:
+def image_cells(frames: Frames) -> dict[str, AnyArray]:
     """Return the images of all channels that the frames hold or derive, by column name."""
     derived = remainders(frames) if "light" in frames else {}
     return {
