@@ -42,6 +42,7 @@ from scenes.seeds import generator
 
 EYE_HEIGHT = 1.55  # metres; of the sensor in scene.xml
 HALF_FOV = 0.5534  # radians, horizontal
+_OUTSIDE_WEIGHT = 0.03  # of sampling weights of street lamps and other homes' windows
 _SENSOR_MARGIN = 0.25  # metres between the sensor and the bounds of furniture
 
 
@@ -178,7 +179,7 @@ def _write_shapes(
             if part.lumens > 0:
                 emitting.append(shape)
                 lumens += part.lumens
-                light = area_emitter(part)
+                light = area_emitter(part, _OUTSIDE_WEIGHT if item.room is None else 1.0)
             flat = "" if part.smooth else '<boolean name="face_normals" value="true"/>'
             shapes.append(
                 f'<shape type="ply" id="{shape}"><string name="filename" '

@@ -200,13 +200,16 @@ def sampling_weight(part: PiecePart) -> float:
     return round(math.sqrt(part.lumens / 800.0), 4)
 
 
-def area_emitter(part: PiecePart) -> str:
-    """Return the `<emitter>` element of a lit part: its flux spread evenly over its surface."""
+def area_emitter(part: PiecePart, weight: float = 1.0) -> str:
+    """Return the `<emitter>` element of a lit part: its flux spread evenly over its surface.
+
+    `weight` scales its sampling weight: little light from outside reaches a room.
+    """
     area = float(face_areas(part.vertices[part.faces])[0].sum())
     radiance = " ".join(f"{value:.6g}" for value in lamp_radiance(part.lumens, area, part.kelvin))
     return (
         f'<emitter type="area"><rgb name="radiance" value="{radiance}"/>'
-        f'<float name="sampling_weight" value="{sampling_weight(part):.4g}"/></emitter>'
+        f'<float name="sampling_weight" value="{weight * sampling_weight(part):.4g}"/></emitter>'
     )
 
 
