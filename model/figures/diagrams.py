@@ -101,13 +101,39 @@ def chain(nodes: Mapping[str, Node], layout: Mapping[str, Box], name: str) -> Ma
 
 
 def panorama_guide(
-    image: str, size: tuple[int, int], intrinsics: Float64Array, frame: tuple[int, int]
+    image: str, size: tuple[int, int], intrinsics: Float64Array | None, frame: tuple[int, int]
 ) -> Markup:
     """Draw a panorama (data URI, shown at `size`) with directions and the outline of the view.
 
-    `frame` is the (width, height) of the view in pixels. Equirectangular in the camera's frame:
+    `frame` is the (width, height) of the view in pixels; a view without `intrinsics` shows all
+    directions and has no outline. Equirectangular in the camera's frame:
     u = 1/2 + atan2(x, z) / 2π, v = 1/2 + asin(y / |r|) / π, axes x right, y down, z forward.
     """
+    width, height = size
+    foot = 0.06 * height
+    parts = [
+        f'<svg class="guide" viewBox="0 0 {width} {height + 2 * foot:g}" role="img">',
+        f'<image width="{width}" height="{height}" preserveAspectRatio="none" href="{image}"/>',
+    ]
+    if intrinsics is not None:
+        parts.append(_outline(size, intrinsics, frame))
+    marks = ((0.0, "behind"), (0.25, "left"), (0.5, "forward"), (0.75, "right"), (1.0, "behind"))
+    for share, word in marks:
+        place = "start" if share == 0 else "end" if share == 1 else "middle"
+        parts.append(f'<path class="rule" d="M{share * width:g},0 V{height}"/>')
+        parts.append(
+            f'<text class="mark" text-anchor="{place}" x="{share * width:g}" '
+            f'y="{height + 1.4 * foot:g}">{word}</text>'
+        )
+    for share, word in ((0.0, "up"), (0.5, "view direction"), (1.0, "down")):
+        y_text = min(max(share * height - 0.3 * foot, 1.0 * foot), height - 0.4 * foot)
+        parts.append(f'<text class="mark over" x="{0.006 * width:g}" y="{y_text:g}">{word}</text>')
+    parts.append(f'<path class="rule" d="M0,{height / 2:g} H{width}"/>')
+    return Markup("".join(parts) + "</svg>")
+
+
+def _outline(size: tuple[int, int], intrinsics: Float64Array, frame: tuple[int, int]) -> str:
+    """Return the border of a view in its panorama, an SVG polygon."""
     width, height = size
     step = np.linspace(0, 1, 25)
     zero, one = np.zeros_like(step), np.ones_like(step)
@@ -124,25 +150,7 @@ def panorama_guide(
     u = (0.5 + np.arctan2(x, z) / (2 * np.pi)) * width
     v = (0.5 + np.arctan2(y, np.hypot(x, z)) / np.pi) * height
     outline = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(u, v, strict=True))
-    foot = 0.06 * height
-    parts = [
-        f'<svg class="guide" viewBox="0 0 {width} {height + 2 * foot:g}" role="img">',
-        f'<image width="{width}" height="{height}" preserveAspectRatio="none" href="{image}"/>',
-        f'<polygon class="outline" points="{outline}"/>',
-    ]
-    marks = ((0.0, "behind"), (0.25, "left"), (0.5, "forward"), (0.75, "right"), (1.0, "behind"))
-    for share, word in marks:
-        place = "start" if share == 0 else "end" if share == 1 else "middle"
-        parts.append(f'<path class="rule" d="M{share * width:g},0 V{height}"/>')
-        parts.append(
-            f'<text class="mark" text-anchor="{place}" x="{share * width:g}" '
-            f'y="{height + 1.4 * foot:g}">{word}</text>'
-        )
-    for share, word in ((0.0, "up"), (0.5, "view direction"), (1.0, "down")):
-        y_text = min(max(share * height - 0.3 * foot, 1.0 * foot), height - 0.4 * foot)
-        parts.append(f'<text class="mark over" x="{0.006 * width:g}" y="{y_text:g}">{word}</text>')
-    parts.append(f'<path class="rule" d="M0,{height / 2:g} H{width}"/>')
-    return Markup("".join(parts) + "</svg>")
+    return f'<polygon class="outline" points="{outline}"/>'
 
 
 def _connect(start: Box, end: Box) -> str:

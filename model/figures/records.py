@@ -245,7 +245,7 @@ def _unpack(table: pa.Table, folder: Path) -> list[dict[str, Any]]:
     matrices = [name for name, facts in about.items() if b"shape" in facts and name not in images]
     rows: list[dict[str, Any]] = table.drop_columns(images).to_pylist()
     for row in rows:
-        row.update({name: np.array(row[name]) for name in matrices})
+        row.update({name: np.array(row[name]) for name in matrices if row[name] is not None})
     for name in images:
         for row, image in zip(rows, images_of(folder, table, name), strict=True):
             if name in RADIANCES:

@@ -27,7 +27,7 @@ from pipeline.images import (
     tint_picture,
     tone_picture,
 )
-from pipeline.photograph import photograph
+from pipeline.photograph import meter, photograph
 from pipeline.tonemap import Exposure
 
 THUMBNAIL = 320  # largest width, pixels
@@ -57,6 +57,14 @@ MODALITIES = {
     "nyu40": ("NYU40 classes", "A colour for each class."),
     "flow_forward": ("Flow", "Motion to the next frame: hue is direction, paler is shorter."),
     "occluded_forward": ("Occlusion", "White where the next frame does not see the surface."),
+}
+# Parts of a row's light, in order, shown under colour's exposure.
+PARTS = {
+    "color": "Colour",
+    "direct": "Direct",
+    "indirect": "Indirect",
+    "diffuse": "Diffuse",
+    "specular": "Specular",
 }
 _LABELS = ("material", "instance", "nyu40")
 _SHARES = ("visibility", "roughness", "metalness", "emission", "occluded_forward")
@@ -88,6 +96,33 @@ def draw(name: str, row: Mapping[str, Any]) -> Picture:
     if name in _SHARES:
         return share_picture(values)
     return distance_picture(values) if name == "distance" else reflectance_picture(values)
+
+
+def light_pictures(row: Mapping[str, Any]) -> list[tuple[str, Picture]]:
+    """Draw the parts of a row's light, and its light groups by name; empty if it has none."""
+    if "direct" not in row:
+        return []
+    settings = meter(row["color"])
+    pictures = [(title, photograph(row[name], settings)) for name, title in PARTS.items()]
+    pictures.append(("Irradiance", photograph(row["irradiance"])))
+    scale = np.float32(row["radiance_scale"])
+    for name, image in zip(row.get("light_names") or (), row.get("lights", ()), strict=False):
+        if name and image.any():
+            lit = image.astype(np.float32) * scale
+            pictures.append((f"Light of {name}", photograph(lit, settings)))
+    return pictures
+
+
+def environment_pictures(row: Mapping[str, Any]) -> list[tuple[str, Picture]]:
+    """Draw a row's panorama of the surroundings; empty if it has none."""
+    if "environment" not in row:
+        return []
+    distance = row["environment_depth"]
+    return [
+        ("Environment", photograph(row["environment"])),
+        ("Distance along the rays", depth_picture(distance, distance > 0)),
+        ("Normal", normal_picture(row["environment_normal"], distance > 0)),
+    ]
 
 
 def mosaic(sheet: Sequence[Mapping[str, Any]], columns: int, rows: int) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import platform
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from statistics import mean, median
@@ -29,13 +29,23 @@ from model.figures.results import (
     result_table,
     score_strips,
 )
-from model.figures.row_pictures import MODALITIES, THUMBNAIL, draw, mosaic, row_label, shrink, uri
+from model.figures.row_pictures import (
+    MODALITIES,
+    THUMBNAIL,
+    draw,
+    environment_pictures,
+    light_pictures,
+    mosaic,
+    row_label,
+    shrink,
+    uri,
+)
 from model.figures.section import page_templates
 from model.studies.registry import report_sections
 from pipeline.costs.charts import LedgerChart, ledger_charts
 from pipeline.costs.ledger import read_ledger
 from pipeline.dataset.checks import REASONS
-from pipeline.images import enlarge, fit, png_facts, read_picture
+from pipeline.images import Picture, enlarge, fit, png_facts, read_picture
 from pipeline.params import Params
 from pipeline.plotting import new_chart
 from scenes.checked import plain
@@ -43,6 +53,7 @@ from scenes.errors import InputError
 from scenes.files import write_text
 
 SHEET_VIEWS = 12
+_FURTHER_VIEWS = 3  # of which the parts of the light and the surroundings are shown
 _MISSING = "not made yet"
 PACKAGES = ("pbrnet", "mitsuba", "drjit", "numpy", "torch", "OpenEXR", "pyarrow", "dask")
 
@@ -74,6 +85,8 @@ class _Page:
                 headline=self._headline(),
                 chain=self._chain(sheet),
                 sheets=self._sheets(sheet),
+                lights=_further(sheet, light_pictures),
+                surroundings=_further(sheet, environment_pictures),
                 guide=self._guide(sheet),
                 candidates=self._candidates(),
                 rejected=self._rejected(),
@@ -192,11 +205,12 @@ class _Page:
         lit = row["distance"][row["distance"] > 0]
         return {
             "label": row_label(row),
+            "outlined": not self.params.image.is_panorama,
             "color": uri(shrink(draw("color", row))),
             "svg": panorama_guide(
                 uri(pictures["intensity"], png=True),
                 (width, height),
-                row["K"],
+                None if self.params.image.is_panorama else row["K"],
                 (row["width"], row["height"]),
             ),
             "distance": uri(pictures["distance"], png=True),
@@ -344,6 +358,22 @@ class _Page:
         return {
             key: str(card[key]) for key in ("network", "source", "licence", "sha256") if key in card
         }
+
+
+def _further(
+    sheet: Sequence[dict[str, Any]],
+    pictures: Callable[[Mapping[str, Any]], list[tuple[str, Picture]]],
+) -> list[dict[str, Any]]:
+    """Return titled pictures of the few views that have them."""
+    drawn = [(row, pictures(row)) for row in sheet[:: max(1, len(sheet) // _FURTHER_VIEWS)]]
+    return [
+        {
+            "label": row_label(row),
+            "pictures": [{"uri": uri(shrink(one)), "label": title} for title, one in made],
+        }
+        for row, made in drawn[:_FURTHER_VIEWS]
+        if made
+    ]
 
 
 def _cost_chart(chart: LedgerChart) -> dict[str, Any]:

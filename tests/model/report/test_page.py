@@ -8,6 +8,7 @@ import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -17,6 +18,7 @@ from click.testing import CliRunner
 from model.commands.report import report
 from model.figures.charts import line_chart, line_figure, strip_figure, strip_plot
 from model.figures.diagrams import TALL, WIDE, Node, chain, panorama_guide
+from model.figures.row_pictures import environment_pictures, light_pictures
 from model.report.page import Places, write_report
 from pipeline.dataset.pack import pack_dataset
 from pipeline.frames import frame_path
@@ -331,6 +333,37 @@ def test_the_panorama_guide_outlines_the_field_of_view() -> None:
     half_y = np.degrees(np.arctan(np.tan(params.image.half_fov_x) * 24 / 32))
     top = points[np.abs(points[:, 0] - 180) < 0.5]
     assert top[:, 1].min() == pytest.approx(90 - half_y, abs=0.2)
+
+
+def test_a_panoramic_view_has_no_outline_in_its_panorama() -> None:
+    assert "polygon" not in str(panorama_guide("data:,", (360, 180), None, (32, 16)))
+
+
+def test_parts_of_the_light_are_shown_under_the_exposure_of_colour() -> None:
+    """Equal radiance looks equal in colour, parts and groups; groups without light are left out."""
+    color = np.random.default_rng(0).uniform(0.1, 2, (12, 16, 3)).astype(np.float32)
+    dark = np.zeros_like(color)
+    row: dict[str, Any] = {"color": color, "radiance_scale": 4.0}
+    assert light_pictures(row) == environment_pictures(row) == []
+    row |= {"direct": color, "indirect": dark, "diffuse": color / 4, "specular": color * 3 / 4}
+    row |= {"irradiance": color, "lights": np.stack([color / 4, dark]).astype(np.float16)}
+    shown = dict(light_pictures({**row, "light_names": ["sky", "sun"]}))
+    assert [*shown][-2:] == ["Irradiance", "Light of sky"]
+    np.testing.assert_array_equal(shown["Direct"], shown["Colour"])
+    assert np.abs(shown["Light of sky"].astype(int) - shown["Colour"]).max() <= 1
+    assert shown["Indirect"].max() < shown["Diffuse"].mean() < shown["Colour"].mean()
+
+
+def test_the_surroundings_are_shown_with_their_geometry() -> None:
+    light = np.ones((8, 16, 3), np.float32)
+    row = {
+        "environment": light,
+        "environment_depth": light[..., 0],
+        "environment_normal": light / 2,
+    }
+    titles, pictures = zip(*environment_pictures(row), strict=True)
+    assert titles == ("Environment", "Distance along the rays", "Normal")
+    assert {picture.shape for picture in pictures} == {(8, 16, 3)}
 
 
 def test_the_chain_has_every_stage_in_both_layouts() -> None:
