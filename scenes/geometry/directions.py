@@ -19,6 +19,13 @@ def unit(vectors: npt.ArrayLike) -> Float64Array:
     return vectors / np.where(length > 0, length, 1)
 
 
+def cross(first: Float64Array, second: Float64Array) -> Float64Array:
+    """Cross product of two vectors (3,); `np.cross` takes twenty times as long for single ones."""
+    a, b, c = first.tolist()
+    x, y, z = second.tolist()
+    return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
+
+
 def turned(vectors: npt.ArrayLike, matrix: npt.ArrayLike) -> Float64Array:
     """Multiply vectors (..., 3) by a matrix (3, 3) from the left, with the same bits everywhere.
 

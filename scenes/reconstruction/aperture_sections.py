@@ -20,6 +20,7 @@ import shapely
 from shapely.geometry import Polygon, box
 
 from scenes.arrays import BoolArray, Float64Array
+from scenes.geometry.directions import cross
 from scenes.geometry.mesh import face_areas
 from scenes.geometry.regions import (
     buffered,
@@ -61,7 +62,7 @@ class PlaneFrame:
     @cached_property
     def normal(self) -> Float64Array:
         """Unit normal (3,), in the direction of growing depth."""
-        return np.cross(self.u, self.v)
+        return cross(self.u, self.v)
 
     @cached_property
     def _axes(self) -> Float64Array:

@@ -22,6 +22,7 @@ import trimesh
 from shapely.geometry import Polygon, box
 
 from scenes.arrays import Float64Array, Int64Array
+from scenes.geometry.directions import cross
 from scenes.geometry.mesh import face_areas
 from scenes.geometry.regions import (
     buffered,
@@ -182,11 +183,11 @@ def _planes_beside(
     along = (end - start) / np.linalg.norm(end - start)
     first = _perpendicular(along)
     turns = 2 * np.pi * np.arange(_RAYS_PER_ANGLE) / _RAYS_PER_ANGLE
-    ring = np.cos(turns)[:, None] * first + np.sin(turns)[:, None] * np.cross(along, first)
+    ring = np.cos(turns)[:, None] * first + np.sin(turns)[:, None] * cross(along, first)
     seen: set[tuple[float, ...]] = set()
-    for angle in _ANGLES:
-        cone = np.cos(angle) * along + np.sin(angle) * ring
-        _, triangles = rays.cast(start, cone)
+    cones = [np.cos(angle) * along + np.sin(angle) * ring for angle in _ANGLES]
+    hit = rays.cast(start, np.concatenate(cones))[1]  # all at once: calls cost more than rays
+    for triangles in np.split(hit, len(_ANGLES)):
         for triangle in triangles[triangles >= 0].tolist():
             outward = normals[triangle] * (1.0 if normals[triangle] @ along > 0 else -1.0)
             origin = sections.corners[triangle, 0]
@@ -195,16 +196,14 @@ def _planes_beside(
                 continue
             seen.add(key)
             u = _perpendicular(outward)
-            yield PlaneFrame(origin, u, np.cross(outward, u))
+            yield PlaneFrame(origin, u, cross(outward, u))
             if len(seen) >= _MAX_PLANES:
                 return
 
 
 def _perpendicular(vector: Float64Array) -> Float64Array:
     """A unit vector (3,) at right angles to `vector`, from its smallest component's axis."""
-    x, y, z = vector.tolist()
-    # `np.cross` takes twenty times as long for single vectors.
-    made = np.array([(0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)][int(np.argmin(np.abs(vector)))])
+    made = cross(vector, np.eye(3)[int(np.argmin(np.abs(vector)))])
     made /= np.linalg.norm(made)
     return made
 
