@@ -4,7 +4,9 @@
 # make check   tests that take too long for every run: thousands of homes, hundreds of kills
 # make bench   measured figures and their goals, to docs/benchmarks.md: half an hour on 2 quiet cores
 #              (ONLY="shards farm" for some topics; the list: python -m benchmarks.run --help)
-# make docs    generated parts of the documentation: picture and index of the code, tables
+# make docs    documentation: generated parts (picture and index of the code, tables), and the site,
+#              build/site/index.html; a warning or a link that leads nowhere fails it
+# make site    the site alone
 # make lock    pin anew what pyproject.toml allows
 # make clean   remove what the pipeline made (not the environment)
 
@@ -18,7 +20,7 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 # The slow files come first, so that no worker ends long after the other.
 PYTEST := $(BIN)/python -m pytest -q --numprocesses $(PROCESSES) --dist loadfile --no-loadscope-reorder
 
-.PHONY: env repro quick test lint check bench docs lock clean distclean
+.PHONY: env repro quick test lint check bench docs site lock clean distclean
 
 env: $(VENV)/.installed
 
@@ -54,6 +56,16 @@ bench: env
 
 docs: env
 	$(BIN)/python docs/generate.py
+	@$(MAKE) --no-print-directory site
+
+site: $(VENV)/.docs
+	rm -rf build/site
+	$(BIN)/python -m sphinx -q -W --keep-going -E -d build/doctrees -b html docs build/site
+
+$(VENV)/.docs: $(VENV)/.installed docs/requirements.lock
+	$(BIN)/python -m pip install --quiet --constraint requirements.lock \
+		--requirement docs/requirements.lock
+	touch $@
 
 lock:
 	$(PYTHON) -m venv build/lock
@@ -61,6 +73,9 @@ lock:
 	build/lock/bin/python -m pip install --quiet --editable '.[dev]'
 	build/lock/bin/python -m pip freeze --exclude-editable --exclude pip --exclude setuptools \
 		| sed 's/+cpu$$//' > requirements.lock
+	build/lock/bin/python -m pip install --quiet --editable '.[dev,docs]'
+	build/lock/bin/python -m pip freeze --exclude-editable --exclude pip --exclude setuptools \
+		| sed 's/+cpu$$//' | comm -13 requirements.lock - > docs/requirements.lock
 	rm -rf build/lock
 
 clean:

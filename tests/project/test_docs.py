@@ -15,6 +15,7 @@ from tests.fixtures.paths import ROOT
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
+TOCTREE = re.compile(r"```\{toctree\}\n(.*?)```", re.DOTALL)
 CODE = re.compile(r"`((?:scenes|pipeline|model|tests|benchmarks|examples|params|docs)/[\w./-]+)`")
 
 
@@ -62,6 +63,14 @@ def test_links_lead_somewhere(page: Path) -> None:
         ):
             broken.append(link)
     assert not broken
+
+
+def test_the_site_lists_every_page_once() -> None:
+    trees = TOCTREE.findall((ROOT / "docs" / "index.md").read_text())
+    listed = [line for tree in trees for line in tree.splitlines() if re.match(r"\w", line)]
+    assert sorted(listed) == sorted(
+        {page.stem for page in PAGES if page.parent != ROOT} - {"index"}
+    )
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

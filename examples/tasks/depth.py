@@ -1,0 +1,37 @@
+"""Monocular depth: a small network learns depth from colour. python depth.py FOLDER [STEPS]"""
+
+import sys
+
+import numpy as np
+import torch
+from network import display, fit, network, tensor
+from rows import rows
+
+FOLDER, STEPS = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 200
+
+
+def load(split):
+    """Colour and the pixel's row in the image, logarithm of depth, and where it is known."""
+    views = list(rows(FOLDER, split, ["color", "depth"]))
+    color = display(tensor([view["color"] for view in views]))
+    depth = tensor([view["depth"] for view in views])
+    height = torch.linspace(-1, 1, color.shape[2])[:, None].expand_as(depth)
+    return torch.cat([color, height], 1), depth.clamp(min=0.1).log(), (depth > 0).float()
+
+
+def error(predicted, log_depth, known):
+    """Deviation of the logarithms after the best scale for each view."""
+    difference = (predicted - log_depth) * known
+    count = known.sum((1, 2, 3)).clamp(min=1)
+    mean, square = difference.sum((1, 2, 3)) / count, (difference**2).sum((1, 2, 3)) / count
+    return (square - mean**2).clamp(min=1e-6).sqrt().mean()
+
+
+model, test = network(4, 1), load("test")
+with torch.no_grad():
+    start = error(model(test[0]), *test[1:])
+fit(model, load("train"), error, STEPS)
+with torch.no_grad():
+    predicted = model(test[0])
+print(f"error on rooms of other homes {start:.3f} -> {error(predicted, *test[1:]):.3f}")
+np.save("depth.npy", predicted.exp()[:, 0].numpy())  # up to a scale for each view

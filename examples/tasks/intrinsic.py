@@ -1,0 +1,37 @@
+"""Intrinsic images: reflectance and light of a colour. python intrinsic.py FOLDER [STEPS]"""
+
+import sys
+
+import torch
+from network import display, fit, network, tensor
+from rows import rows
+
+FOLDER, STEPS = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 200
+LEAST = 0.02  # of reflectance, whose logarithm is learned
+
+
+def load(split):
+    """Colour, reflectance, light, and where their product is the colour within 20 %."""
+    views = list(rows(FOLDER, split, ["color", "reflectance", "irradiance", "residual"]))
+    color, reflectance, light, residual = (tensor([view[k] for view in views]) for k in views[0])
+    matte = (residual.abs() < 0.2 * color).all(1, keepdim=True) & (reflectance > LEAST).all(
+        1, keepdim=True
+    )
+    return display(color), reflectance, light, matte.float(), color
+
+
+def error(output, reflectance, light, matte, color):
+    """Difference of the reflectances' logarithms, where the surface is matte."""
+    difference = (output - reflectance.clamp(min=LEAST).log()) * matte
+    return difference.abs().sum() / (3 * matte.sum())
+
+
+model, test = network(3, 3), load("test")
+fit(model, load("train"), error, STEPS)
+with torch.no_grad():
+    predicted, (_, reflectance, light, matte, color) = model(test[0]), test
+grey = torch.full_like(predicted, load("train")[1].clamp(min=LEAST).log().median().item())
+print(f"error {error(grey, *test[1:]):.3f} with one grey -> {error(predicted, *test[1:]):.3f}")
+found = color / predicted.exp()  # the light that this reflectance leaves
+off = ((found / light.clamp(min=1e-6)).log().abs() * matte).sum() / (3 * matte.sum())
+print(f"light is off by a factor of {off.exp():.2f}, on the {matte.mean():.0%} matte pixels")
