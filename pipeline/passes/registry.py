@@ -41,6 +41,8 @@ from pipeline.pathtrace import integrator
 from pipeline.pathtrace.light_groups import group_lights
 from pipeline.pathtrace.noise import residual_noise
 from pipeline.render.scene import RenderScene
+from pipeline.transport import guides as fast
+from pipeline.transport.guides import fast_guides
 from pipeline.views import View
 from scenes.checked import plain
 from scenes.errors import InputError
@@ -180,7 +182,7 @@ def render_noisy(scene: RenderScene, view: View, params: Params, seed: int) -> R
         color, shading = (
             render_truth(scene.neutral(grey), view, settings, seed) for grey in (None, albedo)
         )
-    reflectance, normal = guides(scene, view)
+    reflectance, normal = _fast_guides(scene, view)
     neutral = grey_guide(normal, albedo)
     channels = {
         **color[0],
@@ -190,6 +192,13 @@ def render_noisy(scene: RenderScene, view: View, params: Params, seed: int) -> R
     }
     lost = max(color[1]["lost_pixels"], shading[1]["lost_pixels"])
     return channels, {**color[1], "lost_pixels": lost, "denoiser": denoiser_version()}
+
+
+def _fast_guides(scene: RenderScene, view: View) -> tuple[Image, Image]:
+    """Return guides that cost less than the samples they guide, where the variant has them."""
+    if integrator.available() and not view.is_panorama:
+        return fast_guides(scene, view)
+    return guides(scene, view)
 
 
 def _named(names: Sequence[str], image: Channels) -> Channels:
@@ -293,6 +302,7 @@ def _noisy_determined_by(params: Params) -> dict[str, Any]:
     used = ("spp", "max_depth", "rr_depth", "joint", "lights")
     return {
         "trace": {name: getattr(trace, name) for name in used},
+        "guides": fast.REVISION,
         "shading": shading,
         "denoiser": [denoiser_version(), inputs.REVISION],
     }

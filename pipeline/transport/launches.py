@@ -105,13 +105,18 @@ def _smoothed(bands: list[Any], eye: Any, size: Size, spp: int) -> list[Any]:
         dr.maximum(square - dr.square(mi.luminance(each)), 0) / max(1, spp - 1)
         for each, square in zip(images, bands[first["squares"] :], strict=True)
     ]
+    # Light on a surface is that of the samples which see one.
+    seen = bands[first["seen"]]
+    share = dr.select(seen > 0, dr.rcp(seen), 0)
+    images = [images[0] * share, images[1] * share, images[2]]
+    noise = [noise[0] * dr.square(share), noise[1] * dr.square(share), noise[2]]
     origin = mi.Vector3f(*(dr.gather(mi.Float, eye, mi.UInt32(axis)) for axis in range(3)))
     return smooth(
         images,
         noise,
         image(mi.Vector3f, "normal"),
         image(mi.Vector3f, "position"),
-        bands[first["seen"]],
+        seen,
         origin,
         size,
     )

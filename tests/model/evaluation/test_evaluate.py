@@ -144,11 +144,14 @@ def test_packed_networks_are_measured_without_the_first_stages(tmp_path: Path) -
     rows = box_rows(["mine", "home-0000"], 1, "test", noisy=True, **SIZE)
     for row in rows:
         row["visibility"] = np.ones((SIZE["height"], SIZE["width"]), np.float16)
+        row["transport_direct"] = row["transport_indirect"] = row["shading"]
+        row["transport_color"] = row["color"]  # a perfect method
     write_shard(folders.data / "dataset" / "test-00000-of-00001.parquet", rows)
     plans = "scene_id,plan\nmine,a-plan\nhome-0000,b-plan\n"
     (folders.data / "dataset" / "scenes.csv").write_text(plans)
     result = evaluate(Params(evaluate=EvaluateParams(timing_views=1)), folders)
-    assert list(result["methods"]) == ["plus", "hybrid", "denoised", "ceiling"]
+    assert list(result["methods"]) == ["plus", "hybrid", "radiosity", "denoised", "ceiling"]
+    assert result["methods"]["radiosity"]["flip"]["mean"] < 1e-3
     for values in result["methods"].values():
         assert 0 < values["ssim"]["mean"] <= 1
     assert set(result["timing"]) == {"plus", "hybrid"}

@@ -22,6 +22,7 @@ from model.evaluation.predict import from_frames
 from model.release import pretrained
 from model.training import weights as weights_module
 from model.training.weights import write_weights
+from pipeline.channels import TRANSPORT_DIRECT, TRANSPORT_INDIRECT
 from pipeline.cli import cli
 from pipeline.frames import Channels, pixels_digest, read_frame, read_meta
 from pipeline.images import png_facts, read_picture
@@ -115,6 +116,20 @@ def test_all_views_of_a_scene_and_a_camera_of_ones_own(room: Path) -> None:
     assert predict(room, *words, "--out", "own.png").exit_code == 0
     same = [read_picture(Path(name).read_bytes()) for name in ("own.png", "out/box--east.png")]
     assert np.abs(same[0].astype(int) - same[1]).max() <= 1  # the very same camera
+
+
+@pytest.mark.usefixtures("wavefront")
+def test_radiosity_needs_no_network(room: Path) -> None:
+    words = ("--view", "east", "--size", "36x20", "--method", "radiosity", "--exr")
+    done = predict(room, *words, "--out", "out.png")
+    assert done.exit_code == 0, done.output
+    assert read_picture(Path("out.png").read_bytes()).shape == (20, 36, 3)
+    frame = read_frame(Path("out.exr"))
+    light = [frame.stack(*bands) for bands in (TRANSPORT_DIRECT, TRANSPORT_INDIRECT)]
+    assert min(image.max() for image in light) > 0
+    assert frame.rgb.shape == (20, 36, 3)
+    refused = predict("--method", "radiosity", *FRAMES)
+    assert refused.exit_code == 2 and "from a SCENE" in refused.output
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,11 @@ import pytest
 
 from pipeline.channels import RGB, channels_of
 from pipeline.params import GroundTruthParams, TransportParams
+from pipeline.passes.denoise import guides
 from pipeline.passes.groundtruth import render_both
 from pipeline.passes.transport import Transport, render_transport, transport_of
 from pipeline.render.scene import open_scene
+from pipeline.transport.guides import fast_guides
 from pipeline.views import View
 from scenes.errors import InputError
 from tests.fixtures.paths import ROOT
@@ -232,3 +234,18 @@ def test_bits_do_not_depend_on_the_number_of_threads(tmp_path: Path) -> None:
         for count in ("1", "2")
     }
     assert len(digests) == 1
+
+
+def test_fast_guides_are_those_of_the_ground_truth(tmp_path: Path) -> None:
+    walls, _ = room_walls(diffuse("0.7,0.4,0.1"), window=True)
+    glass = '<bsdf type="thindielectric"/>'
+    body = walls + quad("pane", (0, 0.5, 1.2), (0, -1, 0), (0.4, 0.4), glass)
+    body += ball("ball", (0.6, 0.8, 1), 0.4, diffuse(0.3)) + ball("lamp", (0, 0, 2.5), 0.1, glow())
+    scene = open_scene(write_scene(tmp_path / "a", body))
+    for eye in ((0.1, -1.7, 1.4), (-0.4, -1.5, 1.1)):  # the second replays the recording
+        view = make_view(eye, (0.1, 1, -0.1), size=(40, 30))
+        for fast, slow in zip(fast_guides(scene, view), guides(scene, view), strict=True):
+            assert fast.shape == slow.shape
+            assert fast.dtype == np.float32
+            assert np.abs(fast - slow).mean() < 1e-4
+            assert (np.abs(fast - slow).max(axis=-1) > 1e-3).mean() < 0.005
