@@ -106,6 +106,16 @@ _LABELS: tuple[tuple[str, str], ...] = (
     ("fitting", "other prop"),
     ("clutter", "other prop"),
     ("other", "other prop"),
+    ("bottle", "other prop"),
+    ("paper", "paper"),
+    ("towel", "towel"),
+    ("clothing", "clothes"),
+    ("shoe", "other prop"),
+    ("bag", "bag"),
+    ("cable", "other prop"),
+    ("electronics", "other prop"),
+    ("appliance", "other prop"),
+    ("food", "other prop"),
 )
 CATEGORY_LABELS = tuple(category for category, _ in _LABELS)
 # NYU40 class of each category number

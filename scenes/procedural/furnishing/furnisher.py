@@ -7,6 +7,7 @@ import numpy as np
 from scenes.procedural.furnishing.asset_sampler import AssetSampler
 from scenes.procedural.furnishing.space import GAP, PlacedPiece, RoomSpace, yaw_facing
 from scenes.procedural.furniture import FURNITURE_KINDS, Style
+from scenes.procedural.furniture.things import THINGS
 from scenes.procedural.piece import FurniturePiece
 from scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
 from scenes.procedural.scene_item import Pose
@@ -50,7 +51,8 @@ class Furnisher:
         return self.plants[int(self.rng.integers(_PLANTS))]
 
     def _generate(self, kind: str, options: dict[str, float]) -> FurniturePiece:
-        return FURNITURE_KINDS[kind].make(self.rng, self.style, **options)
+        made = THINGS[kind] if kind in THINGS else FURNITURE_KINDS[kind]
+        return made.make(self.rng, self.style, **options)
 
     def along_wall(self, kind: str, where: str = "any") -> PlacedPiece | None:
         """Place a piece with its back to a wall; two attempts with different pieces."""

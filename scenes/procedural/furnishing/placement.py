@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from scenes.procedural.furnishing.asset_sampler import AssetSampler
+from scenes.procedural.furnishing.clutter import leave_things
 from scenes.procedural.furnishing.extras import add_catalogue_extras
 from scenes.procedural.furnishing.furnisher import Furnisher
 from scenes.procedural.furnishing.rooms.bathroom import furnish_bathroom
@@ -58,6 +59,7 @@ def _furnish_room(furnisher: Furnisher) -> None:
     _hang_ceiling_lamp(furnisher)
     fill_sills(furnisher)
     _place_small_objects(furnisher)
+    leave_things(furnisher)
 
 
 def _hang_ceiling_lamp(furnisher: Furnisher) -> None:
@@ -93,26 +95,25 @@ def _place_small_objects(furnisher: Furnisher) -> None:
     rng = furnisher.rng
     # Kind of furniture -> kinds of objects, least and greatest number of attempts.
     wanted: dict[str, tuple[tuple[str, ...], int, int]] = {
-        "coffee_table": (("books_stack", "vase", "candle", "fruit_bowl", "laptop"), 1, 4),
+        "coffee_table": (("books_stack", "vase", "candle", "fruit_bowl", "laptop"), 0, 2),
         "side_table": (("books_stack", "small_plant", "candle", "vase"), 0, 2),
-        "night_table": (("books_stack", "small_plant", "candle"), 0, 2),
-        "tv_stand": (("vase", "small_plant", "books_stack", "candle"), 0, 3),
-        "desk": (("books_stack", "small_plant", "books_stack", "vase"), 1, 4),
-        "dining_table": (("fruit_bowl", "vase", "crockery", "candle", "bottle"), 1, 4),
-        "sideboard": (("vase", "books_stack", "small_plant", "candle", "table_lamp"), 2, 4),
-        "console_table": (("vase", "small_plant", "table_lamp", "books_stack"), 1, 4),
-        "chest_of_drawers": (("table_lamp", "vase", "books_stack", "small_plant"), 1, 4),
-        "base_cupboard": (("kettle", "microwave", "bottle", "fruit_bowl", "crockery"), 0, 2),
-        "drawer_unit": (("kettle", "bottle", "crockery", "cooking_pot", "small_plant"), 0, 2),
-        "sink_unit": (("bottle", "crockery"), 0, 1),
-        "wash_basin": (("toiletries", "toiletries", "candle"), 1, 3),
-        "washing_machine": (("toiletries", "storage_box", "small_plant"), 0, 2),
+        "night_table": (("books_stack", "small_plant", "candle"), 0, 1),
+        "tv_stand": (("vase", "small_plant", "books_stack", "candle"), 0, 2),
+        "desk": (("books_stack", "small_plant", "laptop", "vase"), 0, 2),
+        "dining_table": (("fruit_bowl", "vase", "crockery", "candle", "bottle"), 0, 2),
+        "sideboard": (("vase", "books_stack", "small_plant", "candle", "table_lamp"), 1, 3),
+        "console_table": (("vase", "small_plant", "table_lamp", "books_stack"), 0, 2),
+        "chest_of_drawers": (("table_lamp", "vase", "books_stack", "small_plant"), 0, 2),
+        "base_cupboard": (("kettle", "microwave", "bottle", "fruit_bowl", "crockery"), 0, 1),
+        "drawer_unit": (("kettle", "crockery", "cooking_pot", "small_plant"), 0, 1),
+        "wash_basin": (("toiletries", "candle"), 0, 1),
+        "washing_machine": (("toiletries", "storage_box", "small_plant"), 0, 1),
         "toilet": (("small_plant", "candle"), 0, 1),
         "bookshelf": (("small_plant", "storage_box", "vase"), 0, 2),
-        "wardrobe": (("storage_box",), 0, 2),
+        "wardrobe": (("storage_box",), 0, 1),
         "fridge": (("storage_box", "small_plant"), 0, 1),
-        "wall_shelf": (("small_plant", "books_stack", "vase", "candle"), 1, 3),
-        "bath_tub": (("toiletries", "candle"), 0, 2),
+        "wall_shelf": (("small_plant", "books_stack", "vase", "candle"), 0, 2),
+        "bath_tub": (("toiletries", "candle"), 0, 1),
     }
     for item in list(furnisher.space.items):
         if item.kind not in wanted or not item.piece.surfaces:

@@ -299,7 +299,7 @@ def hob_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> Furn
             angle = 2 * np.pi * np.arange(40) / 40
             ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle], axis=1)
             b.add(IRON, tube(ring, 0.0012, 8, closed=True).moved(x, y, high + 0.0068), name="rings")
-    if rng.random() < 0.6:
+    if rng.random() < 0.2:
         x, y, radius = places[int(rng.integers(4))]
         z = high + (0.0405 if gas else 0.0083)
         b.add(

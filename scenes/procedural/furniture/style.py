@@ -121,6 +121,8 @@ class Style:
     legs: Literal["square", "tapered", "round", "metal"]
     worktop_height: float  # metres
     kelvin: float  # of the home's lamps
+    prints: tuple[Material, ...] = ()  # of packaging, magazines and photographs
+    disorder: float = 0.5  # from tidy (0) to littered (1)
 
     def picture(self, rng: np.random.Generator) -> Material:
         """Draw the material of an abstract picture."""
@@ -231,4 +233,8 @@ def make_style(rng: np.random.Generator) -> Style:
         legs=("square", "tapered", "round", "metal")[int(rng.integers(4))],
         worktop_height=float(rng.uniform(0.88, 0.94)),
         kelvin=float(rng.choice([2700.0, 2800.0, 3000.0, 3300.0])),
+        prints=tuple(
+            Material("picture", hex_color("#9a938a"), 0.45, variant=variant()) for _ in range(5)
+        ),
+        disorder=float(rng.uniform(0.1, 1.0)),
     )

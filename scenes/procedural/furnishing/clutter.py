@@ -1,0 +1,140 @@
+"""Things that people leave: on worktops, desks, shelves, beside beds, on floors and walls.
+
+How many there are is the home's degree of disorder. No kind is left twice in a room, but for
+fittings. Valid poses are decided by `RoomSpace`, so nothing floats, meets or blocks a way.
+"""
+
+from __future__ import annotations
+
+from scenes.procedural.furnishing.furnisher import Furnisher
+from scenes.procedural.furnishing.space import PlacedPiece
+from scenes.procedural.furniture.things import BY_PLACE
+from scenes.procedural.plan import Opening
+from scenes.procedural.scene_item import Pose
+
+# Kind of furniture -> place, mean number of things there in a home of middling disorder.
+_ON: dict[str, tuple[str, float]] = {
+    "base_cupboard": ("worktop", 2.6),
+    "drawer_unit": ("worktop", 2.6),
+    "sink_unit": ("sink", 2.4),
+    "dining_table": ("dining", 3.2),
+    "round_table": ("dining", 2.6),
+    "coffee_table": ("coffee", 3.0),
+    "side_table": ("coffee", 1.2),
+    "desk": ("desk", 4.5),
+    "night_table": ("bedside", 2.2),
+    "bookshelf": ("shelf", 4.0),
+    "wall_shelf": ("shelf", 2.2),
+    "sideboard": ("shelf", 2.4),
+    "chest_of_drawers": ("dresser", 3.0),
+    "console_table": ("hall_top", 2.4),
+    "tv_stand": ("tv", 2.2),
+    "wash_basin": ("bath", 2.8),
+    "washing_machine": ("laundry", 1.8),
+    "bath_tub": ("tub", 1.2),
+    "toilet": ("toilet_top", 0.5),
+    "wardrobe": ("top", 1.4),
+    "fridge": ("top", 0.6),
+}
+# Type of room -> places on its floor, mean number of things there.
+_FLOOR: dict[str, tuple[tuple[str, float], ...]] = {
+    "living": (("play", 0.7), ("floor", 0.7), ("tv_floor", 0.4)),
+    "bedroom": (("bed_floor", 1.1), ("floor", 0.8), ("gym", 0.3)),
+    "study": (("study_floor", 0.6), ("floor", 0.5), ("gym", 0.3)),
+    "kitchen": (("kitchen_floor", 0.6),),
+    "bathroom": (("bath_floor", 0.9),),
+    "dining": (("play", 0.3),),
+}
+_HALL = 2.0  # mean number of things in the room behind the entrance
+_SOCKETS = 3  # greatest number in a room
+_BESIDE_DOOR = 0.17  # metres from the opening to the centre of a switch
+
+
+def leave_things(furnisher: Furnisher) -> None:
+    """Leave things in a furnished room, and mount its sockets, switches and detectors."""
+    rng, space = furnisher.rng, furnisher.space
+    used: set[str] = set()
+    for carrier in list(space.items):
+        if carrier.kind in _ON and carrier.piece.surfaces:
+            place, mean = _ON[carrier.kind]
+            for _ in range(_count(furnisher, mean)):
+                _leave_on(furnisher, place, carrier, used)
+    for place, mean in _FLOOR.get(furnisher.room.type, ()):
+        for _ in range(_count(furnisher, mean)):
+            _leave_on_floor(furnisher, place, used)
+    doors = [one for one in space.plan.openings if furnisher.room.id in one.rooms]
+    for opening in doors:
+        if opening.kind == "entrance":
+            for _ in range(_count(furnisher, _HALL)):
+                _leave_on_floor(furnisher, "hall", used)
+            _mount_beside(furnisher, "entrance", opening, 1.0)
+        if opening.kind in ("door", "entrance"):
+            _mount_beside(furnisher, "door", opening, 0.0)
+    sockets = BY_PLACE["wall"]
+    for _ in range(int(rng.integers(1, _SOCKETS + 1))):
+        kind = sockets[int(rng.integers(len(sockets)))]
+        space.on_wall(rng, kind, furnisher.make(kind), tries=12)
+    if furnisher.room.type in ("bathroom", "kitchen") and furnisher.chance(0.6):
+        space.on_wall(rng, "vent", furnisher.make("vent"), tries=20)
+    if furnisher.room.type not in ("bathroom", "kitchen") and furnisher.chance(0.6):
+        x, y = space.middle() + rng.uniform(-0.7, 0.7, 2)
+        pose = Pose(float(x), float(y), space.plan.height, 0.0)
+        made = furnisher.make("smoke_detector")
+        space.try_place("smoke_detector", made, pose, zone=False, on_floor=False)
+
+
+def _count(furnisher: Furnisher, mean: float) -> int:
+    """Number of things to leave, by the home's disorder."""
+    return int(furnisher.rng.poisson(mean * (0.35 + 1.3 * furnisher.style.disorder)))
+
+
+def _choose(furnisher: Furnisher, place: str, used: set[str]) -> str | None:
+    kinds = [name for name in BY_PLACE[place] if name not in used]
+    return kinds[int(furnisher.rng.integers(len(kinds)))] if kinds else None
+
+
+def _leave_on(furnisher: Furnisher, place: str, carrier: PlacedPiece, used: set[str]) -> None:
+    kind = _choose(furnisher, place, used)
+    if kind is None:
+        return
+    rng = furnisher.rng
+    straight = rng.random() > 0.4 + 0.6 * furnisher.style.disorder
+    yaw = float(rng.uniform(-8, 8) if straight else rng.uniform(-180, 180))
+    item = furnisher.space.on_top(rng, kind, furnisher.make(kind), carrier, yaw=yaw, tries=5)
+    if item is not None:
+        used.add(kind)
+
+
+def _leave_on_floor(furnisher: Furnisher, place: str, used: set[str]) -> None:
+    kind = _choose(furnisher, place, used)
+    if kind is None:
+        return
+    rng, space, piece = furnisher.rng, furnisher.space, furnisher.make(kind)
+    if place in ("play", "bed_floor", "bath_floor") and furnisher.chance(0.6):
+        item = space.anywhere(rng, kind, piece, tries=6)
+    else:
+        where = "corner" if furnisher.chance(0.5) else "any"
+        item = space.against_wall(rng, kind, piece, where=where, zone=False, tries=8)
+    if item is not None:
+        used.add(kind)
+
+
+def _mount_beside(furnisher: Furnisher, place: str, opening: Opening, offset: float) -> None:
+    """Mount a switch or the like beside a door, on either side of it."""
+    rng, space = furnisher.rng, furnisher.space
+    kinds = BY_PLACE[place]
+    kind = kinds[int(rng.integers(len(kinds)))]
+    piece = furnisher.make(kind)
+    edge = opening.edge_in(furnisher.room.id)
+    middle = edge.at(0.5 * opening.width, 0.0)
+    for wall in furnisher.room.edges:
+        s, depth = wall.coordinates(middle)
+        if abs(depth) > 1e-3 or not 0 < s < wall.length or not wall.faces_like(edge):
+            continue
+        away = 0.5 * opening.width + _BESIDE_DOOR + 0.15 * offset
+        for side in (1.0, -1.0) if furnisher.chance(0.5) else (-1.0, 1.0):
+            at = s + side * away
+            if 0.1 < at < wall.length - 0.1 and space.hang(
+                kind, piece, wall, at, piece.mount_height
+            ):
+                return

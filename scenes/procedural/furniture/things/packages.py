@@ -1,0 +1,481 @@
+"""Boxes, papers and devices: things made of a few blocks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scenes.procedural.furniture.build import Builder
+from scenes.procedural.furniture.geometry import (
+    BodyMesh,
+    bar,
+    box,
+    cylinder,
+    rounded_box,
+    sphere,
+    tube,
+)
+from scenes.procedural.furniture.style import (
+    BLACK_PLASTIC,
+    CHROME,
+    PAGES,
+    RUBBER,
+    SCREEN,
+    STEEL,
+    WHITE_PLASTIC,
+    Style,
+    hex_color,
+)
+from scenes.procedural.furniture.things.vessels import glazed, printed, tinted
+from scenes.procedural.piece import Anchor, FurniturePiece, Material
+
+CARDBOARD = Material("paper", hex_color("#a98a62"), 0.9, family="corrugated")
+_PAPER = Material("paper", hex_color("#e4e2dc"), 0.9, family="creased")
+Size = tuple[float, float, float]
+
+
+def _sized(rng: np.random.Generator, size: Size, spread: float = 0.12) -> list[float]:
+    return [float(length * rng.uniform(1 - spread, 1 + spread)) for length in size]
+
+
+def package(
+    rng: np.random.Generator,
+    style: Style,
+    name: str,
+    size: Size,
+    look: str = "print",
+    category: str = "box",
+    anchor: Anchor = "on_top",
+) -> FurniturePiece:
+    """A cardboard box or carton: printed, plain brown with tape, or of one colour."""
+    b = Builder(name, category, anchor)
+    x, y, z = _sized(rng, size)
+    body = box((x, y, z), bevel=0.0008)
+    if look == "print":
+        b.add(*printed(rng, style, body), name="carton")
+    elif look == "brown":
+        b.add(CARDBOARD, body, name="carton")
+        tape = Material("plastic", hex_color("#b79a6a"), 0.25)
+        b.add(tape, box((x * 0.995, 0.05, 0.0006), (0, 0, z + 0.0001)), name="tape")
+    else:
+        b.add(style.books[int(rng.integers(len(style.books)))], body, name="carton")
+    return b.piece()
+
+
+def gabled(rng: np.random.Generator, style: Style, name: str) -> FurniturePiece:
+    """A milk or juice carton with a gable or a cap."""
+    b = Builder(name, "box", "on_top")
+    x, y, z = _sized(rng, (0.07, 0.07, 0.19), 0.08)
+    b.add(*printed(rng, style, box((x, y, z), bevel=0.001)), name="carton")
+    b.add(WHITE_PLASTIC, cylinder(0.014, z + 0.0002, z + 0.016, 16, 0.002), name="cap")
+    return b.piece()
+
+
+def papers(
+    rng: np.random.Generator, style: Style, name: str, size: Size, sheets: int, look: str = "white"
+) -> FurniturePiece:
+    """Papers, letters, magazines or notebooks, each a little askew."""
+    b = Builder(name, "books" if look == "cover" else "paper", "on_top")
+    z = 0.0
+    for _ in range(int(rng.integers(1, sheets + 1))):
+        x, y, thick = _sized(rng, size, 0.06)
+        sheet = (
+            box((x, y, thick))
+            .turned("z", float(rng.uniform(-12, 12)))
+            .moved(float(rng.uniform(-0.01, 0.01)), float(rng.uniform(-0.01, 0.01)), z)
+        )
+        kind = rng.random()
+        if look == "white":
+            b.add(_PAPER, sheet, name="paper")
+        elif look == "print" or kind < 0.6:
+            b.add(*printed(rng, style, sheet), name="print")
+        else:
+            b.add(style.books[int(rng.integers(len(style.books)))], sheet, name="cover")
+        z += thick + 0.0003
+    if look == "white" and rng.random() < 0.4:
+        pen = bar((-0.06, 0.01, z + 0.0042), (0.07, 0.03, z + 0.0042), 0.004, 8)
+        b.add(tinted(rng, style), pen, name="pen")
+    return b.piece()
+
+
+def slab(
+    rng: np.random.Generator,
+    style: Style,
+    name: str,
+    size: Size,
+    screen: bool = False,
+    keys: bool = False,
+    category: str = "electronics",
+    white: bool = False,
+) -> FurniturePiece:
+    """A flat device: phone, tablet, remote control, calculator, console."""
+    b = Builder(name, category, "on_top")
+    x, y, z = _sized(rng, size, 0.06)
+    shell = WHITE_PLASTIC if white or rng.random() < 0.25 else BLACK_PLASTIC
+    b.add(
+        shell, rounded_box((x, y, z), radius=min(0.45 * z, 0.008), steps=2, inner=1), name="shell"
+    )
+    if screen:
+        b.add(SCREEN, box((0.93 * x, 0.93 * y, 0.0006), (0, 0, z + 0.0001)), name="screen")
+    if keys:
+        rows, columns = max(2, round(y / 0.02)), max(2, round(x / 0.014))
+        for i in range(rows):
+            for j in range(columns):
+                at = (
+                    (j - 0.5 * (columns - 1)) * 0.8 * x / columns,
+                    (i - 0.5 * (rows - 1)) * 0.8 * y / rows,
+                    z + 0.0001,
+                )
+                b.add(RUBBER, box((0.5 * x / columns, 0.5 * y / rows, 0.0014), at), name="keys")
+    return b.piece()
+
+
+def device(
+    rng: np.random.Generator,
+    style: Style,
+    name: str,
+    size: Size,
+    detail: str = "",
+    category: str = "electronics",
+) -> FurniturePiece:
+    """A device on its feet: speaker, router, radio, toaster, coffee machine, printer and so on."""
+    b = Builder(name, category, "on_top")
+    x, y, z = _sized(rng, size)
+    shells = [BLACK_PLASTIC, WHITE_PLASTIC, STEEL, tinted(rng, style)]
+    shell = shells[int(rng.integers(4))]
+    foot = 0.004
+    radius = min(0.14 * min(x, y, z), 0.02)
+    b.add(
+        shell, rounded_box((x, y, z - foot), (0, 0, foot), radius, steps=2, inner=1), name="shell"
+    )
+    for side_x in (-1, 1):
+        for side_y in (-1, 1):
+            at = (0.38 * side_x * x, 0.36 * side_y * y, 0.0)
+            b.add(RUBBER, box((0.014, 0.014, foot + radius), at), name="feet")
+    front = -0.5 * y
+    dark = SCREEN if shell is not BLACK_PLASTIC else RUBBER
+    if detail == "dials":
+        for k in range(int(rng.integers(1, 4))):
+            knob = cylinder(0.12 * z, 0.0, 0.012, 18, 0.002).turned("x", 90)
+            b.add(CHROME, knob.moved((k - 1) * 0.3 * x, front - 0.0002, 0.4 * z), name="dials")
+    elif detail == "display":
+        b.add(dark, box((0.6 * x, 0.004, 0.45 * z), (0, front - 0.0021, 0.3 * z)), name="display")
+    elif detail == "cones":
+        for high, r in ((0.36, 0.34), (0.74, 0.18)):
+            cone = cylinder(r * x, 0.0, 0.006, 28, 0.002).turned("x", 90)
+            b.add(dark, cone.moved(0, front - 0.0002, high * z), name="cones")
+    elif detail == "slots":
+        for y_at in (-0.17, 0.17):
+            b.add(SCREEN, box((0.75 * x, 0.14 * y, 0.001), (0, y_at * y, z + 0.0001)), name="slots")
+        b.add(
+            BLACK_PLASTIC,
+            box((0.02, 0.03, 0.014), (0.5 * x + 0.0102, 0, 0.6 * z), 0.003),
+            name="lever",
+        )
+    elif detail == "spout":
+        b.add(
+            dark,
+            box((0.34 * x, 0.4 * y, 0.09 * z), (0, front - 0.2 * y - 0.0002, 0.62 * z), 0.004),
+            name="spout",
+        )
+        b.add(
+            STEEL,
+            box((0.8 * x, 0.5 * y, 0.06 * z), (0, front - 0.25 * y - 0.0002, 0), 0.003),
+            name="tray",
+        )
+    elif detail == "aerials":
+        for k in (-1, 1):
+            foot_ = (0.35 * k * x, 0.3 * y, z)
+            tip = (0.45 * k * x, 0.32 * y, z + 0.12)
+            b.add(shell, bar(foot_, tip, 0.005, 10), name="aerials")
+    elif detail == "paper":
+        b.add(_PAPER, box((0.6 * x, 0.3 * y, 0.006), (0, front - 0.14 * y, 0.35 * z)), name="paper")
+        b.add(dark, box((0.2 * x, 0.05 * y, 0.004), (0.3 * x, -0.3 * y, z + 0.0001)), name="keys")
+    return b.piece()
+
+
+def _wire(rng: np.random.Generator, start: list[float], turns: int, size: float) -> np.ndarray:
+    """A path of a cable lying on its surface from `start`, in loose loops."""
+    count = 14 * turns
+    t = np.linspace(0, turns, count)
+    radius = size * (0.35 + 0.65 * t / turns) * (1 + 0.12 * np.sin(2.7 * t + rng.uniform(0, 6)))
+    x = start[0] + radius * np.cos(2 * np.pi * t) - radius[0]
+    y = start[1] + radius * np.sin(2 * np.pi * t)
+    return np.stack([x, y, np.full(count, 0.0026)], axis=1)
+
+
+def charger(rng: np.random.Generator, style: Style, name: str = "charger") -> FurniturePiece:
+    """A charger with its cable in loose loops."""
+    b = Builder(name, "cable", "on_top")
+    plastic = WHITE_PLASTIC if rng.random() < 0.6 else BLACK_PLASTIC
+    path = _wire(rng, [0.0, 0.0], int(rng.integers(2, 4)), float(rng.uniform(0.04, 0.07)))
+    b.add(plastic, tube(path, 0.0026, 7), name="cable")
+    end = path[-1]
+    b.add(
+        plastic,
+        rounded_box(
+            (0.045, 0.03, 0.026),
+            (float(end[0]) + 0.0228, float(end[1]) + 0.012, 0),
+            0.005,
+            steps=2,
+            inner=1,
+        ),
+        name="plug",
+    )
+    return b.piece()
+
+
+def power_strip(rng: np.random.Generator, style: Style) -> FurniturePiece:
+    """A strip of sockets with its cable, on the floor."""
+    b = Builder("power strip", "cable", "free")
+    count = int(rng.integers(3, 6))
+    long = 0.055 * count + 0.04
+    b.add(WHITE_PLASTIC, box((long, 0.055, 0.04), (0, 0, 0), 0.005), name="strip")
+    for k in range(count):
+        x = (k - 0.5 * (count - 1)) * 0.055
+        b.add(RUBBER, cylinder(0.02, 0.0401, 0.0408, 18).moved(x, 0, 0), name="sockets")
+    t = np.linspace(0, 1, 24)
+    path = np.stack([0.5 * long + 0.004 + 0.5 * t, 0.09 * np.sin(5 * t) * t, 0.0036 + 0 * t], 1)
+    b.add(WHITE_PLASTIC, tube(path, 0.0035, 8), name="cable")
+    return b.piece()
+
+
+def frame(rng: np.random.Generator, style: Style) -> FurniturePiece:
+    """A photograph in a frame that stands on its prop."""
+    b = Builder("photo frame", "picture", "on_top")
+    x, z = float(rng.uniform(0.1, 0.2)), float(rng.uniform(0.13, 0.24))
+    body = [style.wood, style.metal, style.lacquer][int(rng.integers(3))]
+    tilted = [(body, box((x, 0.014, z), (0, 0, 0), 0.002))]
+    photo = box((x - 0.03, 0.001, z - 0.03), (0, -0.0076, 0.015))
+    lean = -11.0
+    for material, mesh in (*tilted, printed(rng, style, photo)):
+        b.add(material, mesh.turned("x", lean), name="frame" if material is body else "photo")
+    prop = bar((0, 0.018, 0.5 * z), (0, 0.3 * z, 0.003), 0.003, 8)
+    b.add(BLACK_PLASTIC, prop, name="prop")
+    return _grounded(b)
+
+
+def _grounded(b: Builder) -> FurniturePiece:
+    """The piece, moved so that its lowest point is at z = 0."""
+    low = float(b.piece().bounds[0, 2])
+    moved = Builder(b.name, b.category, b.anchor)
+    moved.add_from(b, z=-low)
+    return moved.piece()
+
+
+def rack(rng: np.random.Generator, style: Style) -> FurniturePiece:
+    """A dish rack with plates standing in it."""
+    b = Builder("dish rack", "crockery", "on_top")
+    x, y = 0.38, 0.28
+    metal = STEEL if rng.random() < 0.6 else style.metal
+    ring = [(-x / 2, -y / 2), (x / 2, -y / 2), (x / 2, y / 2), (-x / 2, y / 2)]
+    for z in (0.012, 0.1):
+        for k in range(4):
+            a, c = ring[k], ring[(k + 1) % 4]
+            b.add(metal, bar((*a, z), (*c, z), 0.003, 8), name="rack")
+    for corner in ring:
+        b.add(metal, bar((*corner, 0.0), (*corner, 0.1), 0.0032, 8), name="rack")
+    glaze = glazed(rng, style)
+    for k in range(int(rng.integers(3, 8))):
+        disc = cylinder(float(rng.uniform(0.085, 0.12)), 0.0, 0.006, 30, 0.002).turned("y", 82)
+        low = float(disc.vertices[:, 2].min())
+        b.add(glaze, disc.moved(-0.14 + 0.036 * k, 0, 0.016 - low), name="plates")
+    return b.piece()
+
+
+def board(rng: np.random.Generator, style: Style, name: str) -> FurniturePiece:
+    """A chopping board with a knife, a tray, or a placemat."""
+    b = Builder(name, "clutter", "on_top")
+    x, y, z = _sized(rng, (0.36, 0.24, 0.018))
+    b.add(style.wood, box((x, y, z), bevel=0.004), name="board")
+    if name == "chopping board":
+        b.add(STEEL, box((0.18, 0.03, 0.0016), (-0.04, 0.01, z + 0.0002)), name="blade")
+        b.add(
+            BLACK_PLASTIC, box((0.1, 0.024, 0.014), (0.1005, 0.01, z + 0.0002), 0.004), name="grip"
+        )
+    return b.piece()
+
+
+def knives(rng: np.random.Generator, style: Style) -> FurniturePiece:
+    """A block of knives."""
+    b = Builder("knife block", "clutter", "on_top")
+    b.add(style.wood, box((0.1, 0.14, 0.2), bevel=0.005), name="block")
+    for k in range(5):
+        at = (-0.03 + 0.03 * (k % 3), -0.03 + 0.06 * (k // 3), 0.2002)
+        b.add(BLACK_PLASTIC, box((0.016, 0.022, 0.09), at, 0.004), name="grips")
+    return b.piece()
+
+
+def cleaner(rng: np.random.Generator, style: Style) -> FurniturePiece:
+    """A sponge and a bottle of washing-up liquid's little tray."""
+    b = Builder("sponge", "clutter", "on_top")
+    foam = Material("paper", hex_color("#d9b93a"), 0.95, family="corrugated")
+    b.add(foam, box((0.1, 0.065, 0.028), bevel=0.003), name="foam")
+    b.add(
+        Material("carpet", hex_color("#3a6a3a"), 0.95, family="loop"),
+        box((0.1, 0.065, 0.008), (0, 0, 0.0281), 0.001),
+        name="scourer",
+    )
+    return b.piece()
+
+
+def eggs(rng: np.random.Generator, style: Style) -> FurniturePiece:
+    """Eggs in their tray."""
+    b = Builder("eggs", "food", "on_top")
+    b.add(CARDBOARD, box((0.15, 0.1, 0.03), bevel=0.006), name="tray")
+    shell = Material("ceramic", hex_color("#c9966a"), 0.6, family="earthenware")
+    for k in range(6):
+        egg = sphere(0.021, 16, 10).scaled(z=1.25)
+        b.add(
+            shell,
+            egg.moved(-0.048 + 0.048 * (k % 3), -0.024 + 0.048 * (k // 3), 0.046),
+            name="eggs",
+        )
+    return b.piece()
+
+
+def fixture(
+    rng: np.random.Generator, style: Style, name: str, size: Size, height: float, holes: int
+) -> FurniturePiece:
+    """A plate on the wall: socket, switch, thermostat, vent, intercom."""
+    category = "switch" if name in ("socket", "switch") else "fitting"
+    b = Builder(name, category, "on_wall", mount_height=height)
+    x, y, z = size
+    plate = box((x, y, z), (0, -0.5 * y, 0), min(0.003, 0.3 * y))
+    b.add(WHITE_PLASTIC, plate, name="plate")
+    if name == "socket":
+        for k in range(holes):
+            at = (k - 0.5 * (holes - 1)) * x / holes
+            ring = cylinder(0.02, 0.0, 0.001, 20).turned("x", 90)
+            b.add(RUBBER, ring.moved(at, -y - 0.0001, 0.5 * z), name="sockets")
+    elif name == "switch":
+        for k in range(holes):
+            at = (k - 0.5 * (holes - 1)) * 0.9 * x / holes
+            b.add(
+                WHITE_PLASTIC,
+                box((0.75 * x / holes, 0.005, 0.72 * z), (at, -y - 0.0026, 0.14 * z), 0.0015),
+                name="rockers",
+            )
+    elif name == "vent":
+        for k in range(6):
+            slat = box((0.84 * x, 0.004, 0.05 * z), (0, -y - 0.0021, (0.13 + 0.14 * k) * z))
+            b.add(RUBBER, slat, name="slats")
+    else:
+        b.add(SCREEN, box((0.55 * x, 0.002, 0.4 * z), (0, -y - 0.0011, 0.4 * z)), name="display")
+    return b.piece()
+
+
+def detector(rng: np.random.Generator, style: Style) -> FurniturePiece:
+    """A smoke detector under the ceiling."""
+    b = Builder("smoke detector", "fitting", "ceiling")
+    r = float(rng.uniform(0.045, 0.06))
+    b.add(WHITE_PLASTIC, cylinder(0.75 * r, -0.036, 0.0, 28, 0.004, top=1.33), name="case")
+    b.add(
+        Material("plastic", hex_color("#8a1a14"), 0.3),
+        sphere(0.0025, 8, 6).moved(0.4 * r, 0, -0.0365),
+        name="lamp",
+    )
+    return b.piece()
+
+
+def bricks(rng: np.random.Generator, style: Style) -> FurniturePiece:
+    """A scatter of building bricks around a little tower."""
+    b = Builder("building bricks", "toy", "free")
+    used: list[tuple[float, float]] = []
+    for k in range(int(rng.integers(6, 16))):
+        x, y = (float(value) for value in rng.uniform(-0.2, 0.2, 2))
+        if any(abs(x - a) + abs(y - c) < 0.09 for a, c in used):
+            continue
+        used.append((x, y))
+        tall = int(rng.integers(1, 4)) if k < 3 else 1
+        for level in range(tall):
+            brick = box((0.06, 0.03, 0.03), (0, 0, 0), 0.002)
+            b.add(
+                tinted(rng, style),
+                brick.turned("z", float(rng.uniform(0, 180)) if tall == 1 else 90.0 * level).moved(
+                    x, y, 0.0301 * level
+                ),
+                name="bricks",
+            )
+    return b.piece()
+
+
+def car(rng: np.random.Generator, style: Style, name: str = "toy car") -> FurniturePiece:
+    """A toy car or train of two."""
+    b = Builder(name, "toy", "on_top")
+    for k in range(2 if name == "toy train" else 1):
+        x = 0.12 * k
+        paint = tinted(rng, style)
+        b.add(paint, box((0.1, 0.05, 0.025), (x, 0, 0.012), 0.006), name="body")
+        b.add(
+            tinted(rng, style),
+            box((0.05, 0.044, 0.024), (x + 0.006, 0, 0.0372), 0.006),
+            name="cabin",
+        )
+        for side in (-1, 1):
+            for end in (-1, 1):
+                wheel = cylinder(0.013, 0.0, 0.01, 16, 0.002).turned("x", 90)
+                at = (x + 0.03 * end, side * 0.0305 + 0.005, 0.013)
+                b.add(RUBBER, wheel.moved(*at), name="wheels")
+    return b.piece()
+
+
+def teddy(rng: np.random.Generator, style: Style) -> FurniturePiece:
+    """A stuffed animal that sits."""
+    b = Builder("teddy", "toy", "on_top")
+    plush = Material(
+        "fabric",
+        hex_color(("#8a6240", "#b59a78", "#77706a")[int(rng.integers(3))]),
+        0.95,
+        family="boucle",
+    )
+    s = float(rng.uniform(0.8, 1.3))
+
+    def ball(r: float, x: float, y: float, z: float, tall: float = 1.0) -> BodyMesh:
+        return sphere(r * s, 16, 10).scaled(z=tall).moved(x * s, y * s, z * s)
+
+    b.add(plush, ball(0.07, 0, 0, 0.077, 1.1), ball(0.055, 0, 0, 0.19), name="body")
+    for side in (-1, 1):
+        b.add(
+            plush,
+            ball(0.02, side * 0.042, 0, 0.235),
+            ball(0.03, side * 0.05, -0.085, 0.03),
+            ball(0.026, side * 0.08, -0.02, 0.1, 1.5),
+            name="limbs",
+        )
+        b.add(BLACK_PLASTIC, ball(0.006, side * 0.02, -0.05, 0.205), name="eyes")
+    b.add(BLACK_PLASTIC, ball(0.008, 0, -0.055, 0.185), name="nose")
+    return b.piece()
+
+
+def ball(rng: np.random.Generator, style: Style, name: str, radius: float) -> FurniturePiece:
+    """A ball or a globe without its stand."""
+    b = Builder(name, "toy", "free")
+    r = radius * float(rng.uniform(0.9, 1.1))
+    skin = Material("leather", style.accents[int(rng.integers(5))].color, 0.4, family="pebbled")
+    b.add(skin, sphere(r, 26, 16).moved(0, 0, r), name="ball")
+    return b.piece()
+
+
+def dumbbells(rng: np.random.Generator, style: Style) -> FurniturePiece:
+    """A pair of dumbbells."""
+    b = Builder("dumbbells", "toy", "free")
+    for k in (-1, 1):
+        y = 0.065 * k
+        b.add(CHROME, bar((-0.07, y, 0.045), (0.07, y, 0.045), 0.013, 14), name="bars")
+        for side in (-1, 1):
+            disc = cylinder(0.045, -0.025, 0.025, 26, 0.005).turned("y", 90)
+            b.add(RUBBER, disc.moved(side * 0.0952, y, 0.045), name="weights")
+    return b.piece()
+
+
+def pages(rng: np.random.Generator, style: Style) -> FurniturePiece:
+    """An open book, face up."""
+    b = Builder("open book", "books", "on_top")
+    x, y = float(rng.uniform(0.13, 0.18)), float(rng.uniform(0.19, 0.26))
+    cover = style.books[int(rng.integers(len(style.books)))]
+    b.add(cover, box((2 * x + 0.012, y + 0.008, 0.004)), name="cover")
+    for side in (-1, 1):
+        b.add(
+            PAGES, box((x, y, 0.012), (side * (0.5 * x + 0.0006), 0, 0.0042), 0.0025), name="pages"
+        )
+    return b.piece()
