@@ -125,7 +125,8 @@ def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
         scale, share = _chosen(estimate, stated)
         confidence = min(confidence, share)
         if not scale:
-            raise InputError(_question(estimate, clues, confidence))
+            other = _other_up(corners, named, axis) if model.up and options.up == "auto" else ""
+            raise InputError(_question(estimate, clues, confidence) + other)
         reasons += _scale_reasons(scale, model.unit, clues)
         if share < LEAST_CONFIDENCE:
             reasons.append(_unclear_reason(estimate, scale))
@@ -178,6 +179,22 @@ def _chosen(estimate: ScaleEstimate, stated: float | None) -> tuple[float, float
     if share >= LEAST_CONFIDENCE and share >= _CLEARLY * estimate.stated:
         return best, share
     return (stated if estimate.stated >= _LEAST_STATED else 0.0), estimate.stated
+
+
+def _other_up(corners: Float64Array, named: _Named, stated: str) -> str:
+    """The end of a question: options for another up axis than the stated one, if they are clear."""
+    found = []
+    for axis in sorted({*_UP_PRIOR} - {stated}):
+        estimate, _ = _estimate(corners @ upright(_axis(axis)).T, named, None)
+        best, share = estimate.candidates[0]
+        found.append((share, axis, best))
+    share, axis, best = max(found)
+    if share < LEAST_CONFIDENCE:
+        return ""
+    return (
+        f"; or, if the file's +{axis.upper()} points up: --up {axis} --scale {best:.4g} "
+        f"({unit_name(best)}, probability {share:.0%})"
+    )
 
 
 def _axis(name: str) -> Float64Array:

@@ -437,6 +437,21 @@ def test_poles_far_apart_in_an_unlikely_unit_are_no_scene(tmp_path: Path) -> Non
     assert imported(made, tmp_path, scale=1.0).source["placement"]["kind"] == "building"
 
 
+def test_a_file_against_its_stated_up_axis_asks_for_up_and_scale(tmp_path: Path) -> None:
+    """Millimetres with +Z up, as converters of CAD formats write them: 9 m high by the standard."""
+    made = Builder()
+    low, high = np.array([0.0, 0, 0]), np.array([4000.0, 9000, 2500])
+    shell = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1])
+                      for z in (low[2], high[2])])  # fmt: skip
+    faces = [0, 3, 1, 0, 2, 3, 4, 7, 6, 4, 5, 7, 0, 5, 4, 0, 1, 5, 2, 7, 3, 2, 6, 7, 0, 6, 2, 0,
+             4, 6, 1, 7, 5, 1, 3, 7]  # fmt: skip
+    made.node(mesh=made.mesh(shell, faces))
+    with pytest.raises(InputError, match=r"\+Z points up: --up z --scale 0\.001 \(millimetres"):
+        imported(made, tmp_path)
+    (room,) = imported(made, tmp_path, scale=0.001, up="z").rooms
+    assert room.ceiling_z - room.floor_z == pytest.approx(2.5, abs=0.01)
+
+
 OBJ = """mtllib some thing.mtl
 o Table
 v 0 0 0\nv 8 0 0\nv 8 0 -8\nv 0 0 -8
