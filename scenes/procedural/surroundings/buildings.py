@@ -21,7 +21,7 @@ _WALLS = ("#b8b0a0", "#a99a82", "#9fa19d", "#b29d86", "#8f897e", "#c2beb2", "#7f
 _BRICKS = ("#8d4a38", "#9a5a44", "#7a4238", "#a67a5c")
 _ROOFS = ("#6f4034", "#4c4845", "#7d4a38", "#3d3d40", "#5a4a40")
 _RECESS = 0.16  # metres from the facade to the glass
-_LUMINANCE = (12.0, 30.0, 60.0)  # candelas a square metre of lit windows, as behind curtains
+_LUMINANCE = (5.0, 12.0, 30.0)  # candelas a square metre of lit windows, as behind curtains
 _KELVIN = (2700.0, 3000.0, 4000.0)
 
 
