@@ -130,6 +130,7 @@ def test_a_recipe_changes_a_preset(recipes: Path) -> None:
 
 
 @pytest.mark.check
+@pytest.mark.timeout(3600)
 def test_a_rendered_release_made_again_has_the_recorded_sums(tmp_path: Path) -> None:
     recipes = tmp_path / "recipes"
     recipes.mkdir()
