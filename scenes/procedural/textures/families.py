@@ -161,17 +161,17 @@ FAMILIES: dict[str, dict[str, Family]] = {
         "concrete": _hard(masonry.concrete),
     },
     "paint": {
-        "lacquer": _hard(goods.lacquer, 4),
-        "satin": _hard(goods.lacquer, 4, peel=2.0),
+        "lacquer": _hard(goods.lacquer, 4, wears=0.3),
+        "satin": _hard(goods.lacquer, 4, wears=0.3, peel=2.0),
         "brushed": _hard(masonry.brushed, 2),
-        "powder": _hard(goods.lacquer, 4, peel=4.0),
+        "powder": _hard(goods.lacquer, 4, wears=0.3, peel=4.0),
         "panelled": _hard(masonry.planked, 2),
         "roof": _hard(masonry.roof_tiles, 1),
     },
     "plastic": {
-        "smooth": _hard(goods.plastic, 8),
-        "spark": _hard(goods.plastic, 4, spark=1.0),
-        "soft": _hard(goods.plastic, 4, spark=0.4),
+        "smooth": _hard(goods.plastic, 8, wears=0.3),
+        "spark": _hard(goods.plastic, 4, wears=0.3, spark=1.0),
+        "soft": _hard(goods.plastic, 4, wears=0.3, spark=0.4),
     },
     "metal": {
         "brushed": _hard(goods.brushed, 4),

@@ -29,7 +29,7 @@ def worn(surface: Surface, rng: np.random.Generator, level: float, hard: bool) -
     patch = smoothstep(0.2, 1.8, noise(rng, size, CLOUD))  # where hands, feet and chairs go
     stain = smoothstep(1.3, 1.9, noise(rng, size, BLOTCH))
     ring = stain * (1 - smoothstep(0.6, 1.0, stain))
-    shade: AnyArray = surface.shade * (1 - level * (0.05 * patch + 0.07 * stain + 0.12 * ring))
+    shade: AnyArray = surface.shade * (1 - level * (0.03 * patch + 0.04 * stain + 0.06 * ring))
     shade = shade * (1 - level * 0.3 * _low(surface))
     rough: AnyArray = surface.rough
     height: AnyArray = surface.height
