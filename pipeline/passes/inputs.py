@@ -21,7 +21,7 @@ from pipeline.views import View
 from scenes.arrays import AnyArray, BoolArray, Float64Array
 from scenes.geometry.directions import turned, unit
 
-REVISION = 1  # raise it when a channel is added, or a change of code changes pixels
+REVISION = 2  # raise it when a channel is added, or a change of code changes pixels
 _MIN_DEPTH = 1e-5  # metres
 
 

@@ -80,24 +80,51 @@ def partners_of(
     if not same_side:
         normal *= np.sign(normal[np.arange(len(chosen)), axis])[:, None]
     height = _dot(normal.T, corners[chosen, 0].T)
-    plane = _numbered(np.rint(np.column_stack([normal, height]) / _GRID).astype(np.int64))
-    some = np.zeros(len(chosen), dtype=np.int64)  # by plane: one of its shapes
-    some[plane] = owner[chosen]
-    mixed = np.zeros(len(chosen), dtype=bool)  # by plane: whether it has several shapes
-    mixed[plane[owner[chosen] != some[plane]]] = True
-    shared = mixed[plane]
-    chosen, normal, height = chosen[shared], normal[shared], height[shared]
-    corners, owner = corners[chosen], owner[chosen]
-    first, second = _overlapping(corners, axis[shared], plane[shared], owner)
-    near = np.ones(len(first), dtype=bool)
-    for k in range(3):
-        distance = _dot(normal[first].T, corners[second, k].T) - height[first]
-        near &= np.abs(distance) < _COPLANAR
-    first, second = first[near], second[near]
+    figures = np.column_stack([normal, height]) / _GRID
+    # Equal planes on two sides of a border of the grid are on one side in the shifted grid.
+    found = [
+        _in_planes(
+            _numbered(np.floor(figures + shift).astype(np.int64)),
+            corners[chosen],
+            owner[chosen],
+            axis,
+            normal,
+            height,
+        )
+        for shift in (0.5, 0.2)  # neither splits planes along axes, nor at whole millimetres
+    ]
+    first, second = (np.concatenate(part) for part in zip(*found, strict=True))
     pairs = np.unique(np.concatenate([first * len(chosen) + second, second * len(chosen) + first]))
     first, second = np.divmod(pairs, max(len(chosen), 1))
     starts = np.searchsorted(chosen[first], np.arange(len(faces) + 1))
     return starts.astype(np.int64), chosen[second]
+
+
+def _in_planes(
+    plane: Int64Array,
+    corners: Float64Array,
+    owner: Int64Array,
+    axis: Int64Array,
+    normal: Float64Array,
+    height: Float64Array,
+) -> tuple[Int64Array, Int64Array]:
+    """Return the pairs of faces (N,) of two owners that overlap in a plane, among equal `plane`.
+
+    `axis` is that of the largest part of each `normal` (N, 3); `height` is the distance of each
+    face's plane from the origin.
+    """
+    some = np.zeros(len(plane), dtype=np.int64)  # by plane: one of its shapes
+    some[plane] = owner
+    mixed = np.zeros(len(plane), dtype=bool)  # by plane: whether it has several shapes
+    mixed[plane[owner != some[plane]]] = True
+    shared = np.flatnonzero(mixed[plane])
+    first, second = _overlapping(corners[shared], axis[shared], plane[shared], owner[shared])
+    first, second = shared[first], shared[second]
+    near = np.ones(len(first), dtype=bool)
+    for k in range(3):
+        distance = _dot(normal[first].T, corners[second, k].T) - height[first]
+        near &= np.abs(distance) < _COPLANAR
+    return first[near], second[near]
 
 
 def _overlapping(

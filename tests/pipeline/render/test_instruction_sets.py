@@ -85,3 +85,28 @@ def test_of_faces_in_one_plane_the_last_is_seen_and_all_are_met(tmp_path: Path) 
     met = raycast.objects_along(geometry, np.arange(3, dtype=np.int32), eye, rays)[:, 0]
     for number, name in enumerate(names):
         np.testing.assert_array_equal(met >> number & 1 > 0, on[name], err_msg=name)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3])
+def test_faces_in_one_plane_are_partners_at_every_distance_from_the_origin(turn: float) -> None:
+    """A wall and a picture on it, as far from the origin as rounding to float32 makes them.
+
+    Planes are compared on a grid of a millimetre: distances at its borders are the hard ones.
+    """
+    normal = np.array([np.cos(turn), np.sin(turn), 0.0])
+    along = np.array([-np.sin(turn), np.cos(turn), 0.0])
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    for distance in (2.0, 2.0002, 2.0005, 2.0008):
+        for gap in (0.0, 1e-7, -1e-7):
+            places = [
+                normal * (distance + offset)
+                + (first + size * x) * along
+                + np.array([0, 0, 0.1 + size * z])
+                for offset, first, size in ((0.0, 0.0, 2.0), (gap, 0.2, 0.1))
+                for x, z in corners
+            ]
+            vertices = np.array([np.zeros(3), *places], dtype=np.float32)
+            faces = np.array([[0, 0, 0], [1, 2, 3], [4, 5, 6]])
+            scene = triangles.Triangles(vertices, faces, np.array([1, 2]))
+            starts, partners = triangles.partners_of(scene, np.array([True, True]), True)
+            assert partners.tolist() == [2, 1] and starts.tolist() == [0, 0, 1, 2]
