@@ -52,7 +52,7 @@ def draw_sky(rng: np.random.Generator, setting: str, lamp_weight: float) -> Sky:
     if setting == "night":
         lux = float(np.exp(rng.uniform(np.log(0.05), np.log(2.0))))
         radiance = lux * LUMEN / math.pi
-        rgb = " ".join(f"{radiance * band:.6g}" for band in (0.75, 0.95, 1.65))
+        rgb = " ".join(f"{radiance * band:.6g}" for band in (0.88, 0.98, 1.35))
         xml = (
             f'<emitter type="constant" id="sky"><rgb name="radiance" value="{rgb}"/>'
             f'<float name="sampling_weight" value="{0.15 * weight:.4g}"/></emitter>'
