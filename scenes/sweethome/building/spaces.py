@@ -187,14 +187,20 @@ def _enclosed_region(solid: BaseGeometry) -> BaseGeometry:
 
 
 def _later_wins(regions: list[BaseGeometry]) -> list[BaseGeometry]:
-    """Return each region without those after it."""
-    tree = STRtree(regions)
+    """Return each region without those after it; of copies, only the last has any left."""
     shapes = [region.wkb for region in regions]
+    last = {shape: number for number, shape in enumerate(shapes)}
+    kept = sorted(last.values())
+    tree = STRtree([regions[number] for number in kept])
     made: list[BaseGeometry] = []
     for number, region in enumerate(regions):
-        later = {shapes[other]: regions[other] for other in _near(tree, region) if other > number}
-        over = union(list(later.values()))  # copies once: a union of thousands takes long
-        made.append(polygonal(difference(region, over)) if not region.is_empty else region)
+        if region.is_empty:
+            made.append(region)
+        elif last[shapes[number]] > number:
+            made.append(Polygon())
+        else:
+            later = [regions[kept[near]] for near in _near(tree, region) if kept[near] > number]
+            made.append(polygonal(difference(region, union(later))))
     return made
 
 

@@ -124,7 +124,7 @@ def test_copies_of_levels_walls_and_rooms_take_no_unions(monkeypatch: pytest.Mon
     assert [len(storey.walls) for storey in found] == [4] + 99 * [0]
     assert len(found[0].rooms) == 100
     spaces.find_spaces(found[0], plan_walls(found[0], 250.0, changes), [], changes)
-    assert sum(united) < 1000
+    assert sum(united) < 600
     assert build_walls(found[1], [], []) == []
 
 
