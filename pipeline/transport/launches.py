@@ -21,7 +21,7 @@ from pipeline.transport.cells import LightTable
 from pipeline.transport.pixels import IMAGES, gather_pixels
 from pipeline.transport.radiosity import Surfels, surfels_of, trace_surfels
 from pipeline.transport.rays import ShapeTables
-from pipeline.transport.smoothing import smooth
+from pipeline.transport.smoothing import smooth, without_fireflies
 from pipeline.views import View
 from scenes.arrays import Float32Array, Float64Array
 from scenes.seeds import derive32
@@ -108,7 +108,8 @@ def _smoothed(bands: list[Any], eye: Any, size: Size, spp: int) -> list[Any]:
     # Light on a surface is that of the samples which see one.
     seen = bands[first["seen"]]
     share = dr.select(seen > 0, dr.rcp(seen), 0)
-    images = [images[0] * share, images[1] * share, images[2]]
+    specular = without_fireflies(images[2], size)
+    images = [images[0] * share, images[1] * share, specular]
     noise = [noise[0] * dr.square(share), noise[1] * dr.square(share), noise[2]]
     origin = mi.Vector3f(*(dr.gather(mi.Float, eye, mi.UInt32(axis)) for axis in range(3)))
     return smooth(

@@ -50,6 +50,26 @@ def smooth(
     return images
 
 
+def without_fireflies(image: Any, size: tuple[int, int]) -> Any:
+    """Return an image in which no pixel is brighter than the brightest of its eight neighbours.
+
+    `image` is `mi.Color3f` of W * H pixels. A lone spike of gloss would decide on the exposure.
+    """
+    width, height = size
+    index = dr.arange(mi.UInt32, width * height)
+    column, row = mi.Int32(index % width), mi.Int32(index // width)
+    own = mi.luminance(image)
+    brightest = mi.Float(0)
+    for across in (-1, 0, 1):
+        for down in (-1, 0, 1):
+            if (across, down) != (0, 0):
+                x, y = column + across, row + down
+                inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+                place = mi.UInt32(dr.select(inside, y * width + x, 0))
+                brightest = dr.maximum(brightest, dr.gather(mi.Float, own, place, inside))
+    return image * dr.select(own > brightest, brightest / own, 1)
+
+
 def _pass(
     images: list[Any],
     noise: list[Any],
