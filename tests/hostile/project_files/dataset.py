@@ -72,7 +72,7 @@ def _shape(text: str, command: int = 0) -> Made:
             ]
             import pyarrow as pa
 
-            pq.write_table(pa.Table.from_arrays(table.columns, pa.schema(fields)), shard)
+            pq.write_table(pa.Table.from_arrays(table.columns, schema=pa.schema(fields)), shard)
         return CHECKED[command].split()
 
     return write
