@@ -75,7 +75,7 @@ lock:
 		| sed 's/+cpu$$//' > requirements.lock
 	build/lock/bin/python -m pip install --quiet --editable '.[dev,docs]'
 	build/lock/bin/python -m pip freeze --exclude-editable --exclude pip --exclude setuptools \
-		| sed 's/+cpu$$//' | comm -13 requirements.lock - > docs/requirements.lock
+		| sed 's/+cpu$$//' | grep -vxFf requirements.lock > docs/requirements.lock
 	rm -rf build/lock
 
 clean:
