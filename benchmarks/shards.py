@@ -156,9 +156,10 @@ def read_columns(folder: Path) -> int:
     count = 0
     for path in sorted(folder.glob("*.parquet")):
         with pq.ParquetFile(path) as file:
+            optional = [name for name in OPTIONAL_IMAGES if name in file.schema_arrow.names]
             for group in range(file.num_row_groups):
-                table = file.read_row_group(group, columns=[*IMAGES, *OPTIONAL_IMAGES])
-                for name in (*IMAGES, *OPTIONAL_IMAGES):
+                table = file.read_row_group(group, columns=[*IMAGES, *optional])
+                for name in (*IMAGES, *optional):
                     for image in images_of(path, table, name):
                         count += image.astype(np.float32, copy=False).size
     return count
