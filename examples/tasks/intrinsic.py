@@ -26,12 +26,15 @@ def error(output, reflectance, light, matte, color):
     return difference.abs().sum() / (3 * matte.sum())
 
 
-model, test = network(3, 3), load("test")
-fit(model, load("train"), error, STEPS)
+model, train, test = network(3, 3), load("train"), load("test")
 with torch.no_grad():
-    predicted, (_, reflectance, light, matte, color) = model(test[0]), test
-grey = torch.full_like(predicted, load("train")[1].clamp(min=LEAST).log().median().item())
-print(f"error {error(grey, *test[1:]):.3f} with one grey -> {error(predicted, *test[1:]):.3f}")
-found = color / predicted.exp()  # the light that this reflectance leaves
+    start = error(model(train[0]), *train[1:])
+fit(model, train, error, STEPS)
+with torch.no_grad():
+    predicted, (_, _, light, matte, color) = model(test[0]), test
+    print(f"error in the rooms trained on {start:.3f} -> {error(model(train[0]), *train[1:]):.3f}")
+grey = train[1].clamp(min=LEAST).log().median().expand_as(predicted)
+print(f"other homes {error(predicted, *test[1:]):.3f}, one grey {error(grey, *test[1:]):.3f}")
+found = color.clamp(min=1e-6) / predicted.exp()  # the light that this reflectance leaves
 off = ((found / light.clamp(min=1e-6)).log().abs() * matte).sum() / (3 * matte.sum())
 print(f"light is off by a factor of {off.exp():.2f}, on the {matte.mean():.0%} matte pixels")

@@ -44,10 +44,13 @@ for source, target in pairwise(views):
     image, depth = drawn(source, target)
     truth = target["color"].astype(float) * target["radiance_scale"]
     seen = (depth > 0) & (np.abs(depth - target["depth"]) < 0.02 * depth)  # not behind something
-    difference = np.abs(image - truth).sum(2)[seen] / truth.sum(2)[seen].clip(1e-6)
-    print(f"{target['scene_id']}: seen {seen.mean():.0%}, off by {np.median(difference):.3f}")
-    scale = 0.4 / np.median(truth)
     before = source["color"].astype(float) * source["radiance_scale"]
+    off, unmoved = (
+        np.median(np.abs(each - truth).sum(2)[seen] / truth.sum(2)[seen].clip(1e-6))
+        for each in (image, before)
+    )
+    print(f"{target['scene_id']}: sees {seen.mean():.0%}, off by {off:.3f}, unmoved {unmoved:.3f}")
+    scale = 0.4 / np.median(truth)
     sheet.append(
         np.hstack([(1 - np.exp(-scale * each)) ** 0.45 for each in (before, image, truth)])
     )

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from rows import rows
 
-names = ["scene_id", "view_id", "lights", "light_names", "light_sources", "color"]
+names = ["scene_id", "view_id", "lights", "light_names", "color"]
 wanted = sys.argv[2] if len(sys.argv) > 2 else ""
 for view in rows(sys.argv[1], "*", names):
     name = f"{view['scene_id']}--{view['view_id']}"
@@ -25,13 +25,11 @@ lights, color = view["lights"][lit].astype(float), view["color"].astype(float)
 off = np.abs(lights.sum(0) - color).max(2) / np.maximum(color.max(2), 0.01 * color.mean())
 print(f"{name}: {len(lit)} lights, their sum is the colour within {off.max():.3%}")
 
-kinds = {light["light"]: light["kind"] for light in json.loads(view["light_sources"])}
-labels = [view["light_names"][number] for number in lit]
 data = {
     "title": name,
     "width": color.shape[1],
     "height": color.shape[0],
-    "labels": [f"{kinds.get(label, '')} {label}".strip() for label in labels],
+    "labels": [view["light_names"][number] for number in lit],
     "exposure": 0.18 / np.exp(np.log(color.mean(2) + 1e-4).mean()),
     # Half floats, a third of the size of numbers in text.
     "lights": base64.b64encode(view["lights"][lit].astype("<f2").tobytes()).decode(),
