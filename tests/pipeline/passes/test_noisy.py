@@ -15,6 +15,7 @@ import pytest
 
 from pipeline.costs.ledger import read_ledger
 from pipeline.dataset.pack import pack_dataset
+from pipeline.dataset.parquet import images_of
 from pipeline.frames import Frame, frame_path, read_frame
 from pipeline.params import (
     CameraParams,
@@ -121,7 +122,9 @@ def truth_of(room: tuple[RenderScene, View], spp: int, seed: int) -> np.ndarray:
 def test_noisy_frames_are_unbiased_and_have_nothing_of_the_truths_noise(
     room: tuple[RenderScene, View], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(registry, "denoise", lambda image, *_: image)  # not looked at, and slow
+    monkeypatch.setattr(
+        registry, "denoise", lambda image, *_, **__: image
+    )  # not looked at, and slow
     _, view = room
     seeds = {kind: pass_seed(kind, view, 0) for kind in ("noisy", "color", "shading")}
     assert seeds["color"] == seeds["shading"] != seeds["noisy"]
@@ -245,16 +248,17 @@ def test_the_dataset_has_them_only_where_asked_and_is_else_the_same(tmp_path: Pa
     pack_dataset(noisy, replace(params, noisy=NoisyParams(spp=2)))
     for shard in sorted((plain / "dataset").glob("*.parquet")):
         old, new = pq.read_table(shard), pq.read_table(noisy / "dataset" / shard.name)
-        extra = [*IMAGES, "noisy_spp"]
-        assert new.column_names == [*old.column_names, *extra]
+        extra = ["preview_noisy", *IMAGES, "noisy_spp"]
+        assert sorted(new.column_names) == sorted([*old.column_names, *extra])
         assert new.drop_columns(extra).equals(old)
-        for row in new.to_pylist():
+        images = {name: images_of(shard, new, name) for name in IMAGES}
+        for number, row in enumerate(new.to_pylist()):
             view = make_view(params, row["scene_id"], int(row["view_id"]))
             frame = read_frame(frame_path(noisy, "noisy", view))
             for name, bands in IMAGES.items():
                 image = np.stack([frame.channels[band] for band in bands], -1)
                 expected = (image / row["radiance_scale"]).astype(np.float16)
-                assert np.array(row[name], np.float16).tobytes() == expected.tobytes()
+                assert images[name][number].tobytes() == expected.tobytes()
             assert row["noisy_spp"] == 2
     assert "noisy_color" in (noisy / "dataset" / "README.md").read_text()
 

@@ -515,7 +515,8 @@ def test_a_lamp_of_the_catalogue_lights_the_home(converted: Path, tmp_path: Path
         names = {item.id: item.name for item in scene.objects}
         lit = [light for light in scene.lights if names.get(light.id) == "lamp"]
         if lit:
-            assert all(350 <= (light.lumens or 0) <= 600 for light in lit)
+            # 350 to 600 lm by its size; dimmed to a fifth at least.
+            assert all(70 <= (light.lumens or 0) <= 600 for light in lit)
             return
     pytest.fail("no home has the catalogue's lamp burning")
 
