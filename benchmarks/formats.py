@@ -19,13 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benchmarks.bench import Bench
 from benchmarks.rows import Row, at_least, at_most, missing
-from benchmarks.shards import KINDS, frames_of, views_of
+from benchmarks.shards import KINDS, frames_of, keep_channels_of_rows, read_exr, views_of
 from benchmarks.timing import by_turns, ratio, spread
 from pipeline.channels import dataset_channels
 from pipeline.dataset.checks import Frames
@@ -63,6 +62,7 @@ def format_rows(bench: Bench) -> Iterator[Row]:
 def compared(data: Path, views: Sequence[View], folder: Path) -> Iterator[Row]:
     """Yield size, speed of reading all rows and time of a single row, by format."""
     rows = [_images(data, view) for view in views]
+    keep_channels_of_rows(data, views)
     folder.mkdir(parents=True, exist_ok=True)
     with ThreadPoolExecutor(min(2, len(os.sched_getaffinity(0)))) as pool:
         exr = partial(_read_exr, data, views, pool)
@@ -120,15 +120,7 @@ def _images(data: Path, view: View) -> Images:
 
 def _read_exr(data: Path, views: Sequence[View], pool: ThreadPoolExecutor) -> int:
     """Read the frames of all views by OpenEXR alone."""
-    return sum(pool.map(partial(_read_view, data), views))
-
-
-def _read_view(data: Path, view: View) -> int:
-    count = 0
-    for kind in KINDS:
-        with OpenEXR.File(str(frame_path(data, kind, view)), separate_channels=True) as file:
-            count += sum(channel.pixels.size for channel in file.channels().values())
-    return count
+    return sum(pool.map(partial(read_exr, data), views))
 
 
 def _read_singly(form: Format, path: Path, order: Iterator[int]) -> None:

@@ -7,34 +7,41 @@ A checkpoint therefore needs only the number of rows read so far to resume with 
 from __future__ import annotations
 
 import csv
+import math
+import os
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import torch
 
 from pipeline.channels import KINDS, RADIANCE, dataset_channels
 from pipeline.dataset.parquet import (
     check_filled,
     check_types,
+    fill_image,
     image_type,
-    images_of,
     open_parquet,
     reading,
 )
 from pipeline.radiance import is_scale
 from pipeline.tonemap import Exposure
-from scenes.arrays import AnyArray, ArrayOrTensor
+from scenes.arrays import AnyArray, ArrayOrTensor, UInt8Array
 from scenes.checked import check_name
 from scenes.errors import InputError
 from scenes.files import digest_bytes, digest_file
 from scenes.seeds import generator
 
 Split = Literal["train", "validation", "test"]
+ImageType = tuple[np.dtype[Any], tuple[int, ...]]  # of a column: NumPy type and shape
 
 # Image columns and their numbers of channels; None: an image (H, W) without a channel axis.
 IMAGES: dict[str, int | None] = {
@@ -76,6 +83,7 @@ SCALARS = (
 # Unit of a row's images of radiance, a scalar; absent from older datasets, where it is 1.
 RADIANCE_SCALE = "radiance_scale"
 RADIANCES = frozenset(c.name for c in dataset_channels(KINDS) if c.unit == RADIANCE)
+_PIECE = 32704  # values; PyTorch starts threads from 32768 on
 _SHARD = re.compile(r"(train|validation|test)-(\d{5})-of-(\d{5})\.parquet")
 
 
@@ -161,6 +169,7 @@ class Dataset:
         if self.only is not None:
             self._keep(self.only)
         self.held = 0  # decoded rows in memory during a pass
+        self._spare: list[UInt8Array] = []  # memory of used rows, at most of one row group
 
     def __len__(self) -> int:
         return sum(len(rows) for groups in self.groups for rows in groups)
@@ -181,7 +190,7 @@ class Dataset:
         """Endless passes over all rows from position `start` on, each in its own random order.
 
         `start` counts rows over all passes: `shuffled(seed, start=k)` continues exactly the
-        sequence of `shuffled(seed)` after k rows. At most `buffer` rows and one row group are in
+        sequence of `shuffled(seed)` after k rows. At most `buffer` rows and two row groups are in
         memory.
         """
         rows_per_pass = len(self)
@@ -255,22 +264,38 @@ class Dataset:
         ]
 
     def _read(self, order: Sequence[Row]) -> Iterator[Example]:
-        """The rows in this order; decodes a row group when its first row is needed."""
+        """The rows in this order; decodes a row group while those of the one before are used."""
         due: dict[tuple[int, int], set[int]] = {}
         for row in order:
             due.setdefault((row.shard, row.group), set()).add(row.row)
         loaded: dict[tuple[int, int], dict[int, Any]] = {}
         try:
-            for row in order:
-                key = (row.shard, row.group)
-                if key not in loaded:
-                    loaded[key] = self._load(*key, due[key])
-                    self.held += len(loaded[key])
-                record = loaded[key].pop(row.row)
-                self.held -= 1
-                yield _example(record, self.images)
+            with ThreadPoolExecutor(1) as ahead:
+                groups = iter(due.items())
+                coming = self._begin(ahead, groups)
+                for row in order:
+                    key = (row.shard, row.group)
+                    if key not in loaded:
+                        assert coming is not None
+                        loaded[key] = coming.result()
+                        coming = self._begin(ahead, groups)
+                        self.held += len(loaded[key])
+                    record = loaded[key].pop(row.row)
+                    self.held -= 1
+                    example = _example(record, self.images)
+                    if len(self._spare) < len(self.groups[row.shard][row.group]):
+                        self._spare.append(record["memory"])
+                    yield example
         finally:
             self.held = 0
+
+    def _begin(
+        self, ahead: Executor, groups: Iterator[tuple[tuple[int, int], set[int]]]
+    ) -> Future[dict[int, Any]] | None:
+        """Begin to decode the next of the row groups, if there is one."""
+        for (shard, group), wanted in groups:
+            return ahead.submit(self._load, shard, group, wanted)
+        return None
 
     def _load(self, shard: int, group: int, wanted: set[int]) -> dict[int, dict[str, Any]]:
         path = self.shards[shard]
@@ -278,10 +303,8 @@ class Dataset:
             scalar_names = [*SCALARS, *_scale_columns(file)]
             table = file.read_row_group(group, columns=[*scalar_names, *self.images])
             check_filled(path, table, scalar_names)
-        rows = sorted(wanted)
-        images = {
-            name: _images(path, table, name, channels, rows)
-            for name, channels in self.images.items()
+        types = {
+            name: _image_type(path, table, name, channels) for name, channels in self.images.items()
         }
         scalars = {name: table.column(name).to_pylist() for name in scalar_names}
         if not all(map(is_scale, scalars.get(RADIANCE_SCALE, ()))):
@@ -292,13 +315,21 @@ class Dataset:
         foreign = sorted(set(scalars["split"]) - {self.split})
         if foreign:
             raise InputError(f"{path}: contains rows of the split {foreign[0]!r}; pack it again")
+        rows = sorted(wanted)
+        memory = [self._memory() for _ in rows]
+        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+            images = list(pool.map(partial(_decoded, path, table, types), rows, memory))
         return {
-            row: {
-                **{name: values[row] for name, values in scalars.items()},
-                **{name: values[place].copy() for name, values in images.items()},
-            }
+            row: {**{name: values[row] for name, values in scalars.items()}, **images[place]}
             for place, row in enumerate(rows)
         }
+
+    def _memory(self) -> UInt8Array:
+        """Memory that a used row left, or none."""
+        try:
+            return self._spare.pop()
+        except IndexError:
+            return np.empty(0, np.uint8)
 
 
 def subset_fingerprint(whole: str, only: Collection[str]) -> str:
@@ -390,27 +421,71 @@ def _group_sizes(path: Path, images: Iterable[str]) -> list[int]:
         return [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
 
 
-def _images(
-    path: Path, table: pa.Table, name: str, channels: int | None, rows: Sequence[int]
-) -> AnyArray:
-    """Images (N, H, W), or (N, H, W, channels), of these rows; one channel has no axis."""
-    _, shape = image_type(path, table.schema.field(name))
-    plain = shape[:2] if channels is None and shape[2:] == (1,) else shape
-    if len(plain) != (2 if channels is None else 3) or (channels and plain[2] != channels):
+def _image_type(path: Path, table: pa.Table, name: str, channels: int | None) -> ImageType:
+    """Type and shape of a column's images; raises `InputError` for another number of channels."""
+    dtype, shape = image_type(path, table.schema.field(name))
+    axes = shape[:2] if channels is None and shape[2:] == (1,) else shape
+    if len(axes) != (2 if channels is None else 3) or (channels and axes[2] != channels):
         raise InputError(f"{path}: the column {name!r} has the impossible shape {list(shape)}")
-    return images_of(path, table, name, rows).reshape(len(rows), *plain)
+    return dtype, shape
 
 
-def _example(record: dict[str, Any], names: Iterable[str]) -> Example:
-    images = {name: record[name].astype(np.float32) for name in names if name != "valid"}
-    for name in RADIANCES & images.keys():
-        images[name] *= np.float32(record.get(RADIANCE_SCALE, 1))
+def _decoded(
+    path: Path, table: pa.Table, types: Mapping[str, ImageType], row: int, memory: UInt8Array
+) -> dict[str, AnyArray]:
+    """Images of a row, of the stored types, and the `memory` that they share.
+
+    The given memory is used if it is large enough: new pages take as long as decoding.
+    """
+    memory, images = _together(types, memory)
+    for name, image in images.items():
+        fill_image(path, name, table.column(name)[row], image)
+    return {**images, "memory": memory}
+
+
+def _together(
+    types: Mapping[str, ImageType], memory: UInt8Array | None = None
+) -> tuple[UInt8Array, dict[str, AnyArray]]:
+    """Uninitialised images in one piece of memory: large ones come in large pages."""
+    sizes = [dtype.itemsize * math.prod(shape) for dtype, shape in types.values()]
+    starts = [0, *accumulate(-(-size // 64) * 64 for size in sizes)]
+    if memory is None or len(memory) < starts[-1]:
+        memory = np.empty(starts[-1], np.uint8)
+    images = {
+        name: memory[start : start + size].view(dtype).reshape(shape)
+        for (name, (dtype, shape)), start, size in zip(types.items(), starts, sizes, strict=False)
+    }
+    return memory, images
+
+
+def _example(record: dict[str, Any], names: Mapping[str, int | None]) -> Example:
+    float32 = np.dtype(np.float32)
+    shapes = {
+        name: record[name].shape[: 2 if channels is None else 3] for name, channels in names.items()
+    }
+    _, images = _together({name: (float32, shapes[name]) for name in names if name != "valid"})
+    for name, image in images.items():
+        scale = record.get(RADIANCE_SCALE, 1) if name in RADIANCES else 1
+        _convert(record[name], image, scale)
     return Example(
         scene_id=check_name(record["scene_id"] or "", "a scene's id", "dataset", InputError),
         view_id=check_name(record["view_id"] or "", "a view's id", "dataset", InputError),
-        valid=record["valid"] > 0,
+        valid=record["valid"].reshape(shapes["valid"]) > 0,
         intrinsics=np.array(record["K"], dtype=np.float64).reshape(3, 3),
         exposure_shading=Exposure(record["exposure_shading"], record["white_shading"]),
         exposure_color=Exposure(record["exposure_color"], record["white_color"]),
         **images,
     )
+
+
+def _convert(stored: AnyArray, image: AnyArray, scale: float) -> None:
+    """Write stored values, scaled, to a float32 image.
+
+    By PyTorch, since NumPy takes twenty times as long with half floats; in pieces too small for
+    its threads, which wait for each other where other programs run.
+    """
+    pairs = (torch.from_numpy(array).view(-1).split(_PIECE) for array in (stored, image))
+    for values, floats in zip(*pairs, strict=True):
+        floats.copy_(values)
+        if scale != 1:
+            floats.mul_(scale)

@@ -129,21 +129,29 @@ def images_of(
     wanted = range(len(column)) if rows is None else rows
     # One allocation for all: the system gives large ones in large pages, and the time of small
     # pages would be half of all.
-    whole = np.empty((len(wanted), *shape), f"<u{dtype.itemsize}")
+    whole = np.empty((len(wanted), *shape), dtype)
     for image, row in zip(whole, wanted, strict=True):
-        cell = column[row]
-        if not cell.is_valid:
-            raise InputError(f"{path}: a row without {name!r}; {_REMEDY}")
-        try:
-            planes = _planes(cell.as_buffer(), dtype, shape)
-        except ValueError as error:
-            raise InputError(f"{path}: an image of {name!r}: {error}; {_REMEDY}") from None
-        # Faster than np.stack by half: shifts run on whole registers, single bytes do not.
-        image[...] = planes[-1]
-        for plane in planes[-2::-1]:
-            np.left_shift(image, 8, out=image)
-            np.bitwise_or(image, plane, out=image)
-    return whole.view(dtype)
+        fill_image(path, name, column[row], image)
+    return whole
+
+
+def fill_image(path: Path, name: str, cell: pa.Scalar, out: AnyArray) -> None:
+    """Write the image in a cell of the column `name` to `out`, of its type and shape.
+
+    Raises `InputError` as `images_of` does. Threads may fill several at once.
+    """
+    if not cell.is_valid:
+        raise InputError(f"{path}: a row without {name!r}; {_REMEDY}")
+    try:
+        planes = _planes(cell.as_buffer(), out.dtype, out.shape)
+    except ValueError as error:
+        raise InputError(f"{path}: an image of {name!r}: {error}; {_REMEDY}") from None
+    # Faster than np.stack by half: shifts run on whole registers, single bytes do not.
+    bits = out.view(f"<u{out.itemsize}")
+    bits[...] = planes[-1]
+    for plane in planes[-2::-1]:
+        np.left_shift(bits, 8, out=bits)
+        np.bitwise_or(bits, plane, out=bits)
 
 
 def _planes(content: pa.Buffer, dtype: np.dtype[Any], shape: tuple[int, ...]) -> UInt8Array:

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
@@ -20,7 +21,13 @@ from benchmarks.cycles import BlenderMissing, blender_python, cycles_rows, run_s
 from benchmarks.results import Results, page_of
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.run import measure
-from benchmarks.shards import read_columns, read_view, views_of
+from benchmarks.shards import (
+    keep_channels_of_rows,
+    read_columns,
+    read_exr,
+    read_view,
+    views_of,
+)
 from benchmarks.strategies import _BOTH, _SHOWN, Tried, _gain, summary
 from benchmarks.timing import Spent, Spread, by_turns, ratio, spread
 from model.data.reader import IMAGES, OPTIONAL_IMAGES, Dataset
@@ -293,7 +300,10 @@ def test_shards_and_frames_are_read_to_the_same_images(tmp_path: Path) -> None:
         for name, image in read_view(data, view).items():
             assert np.array_equal(image, getattr(example, name)), name
             count += image.size
-    assert examples and read_columns(data / "dataset") == count
+    keep_channels_of_rows(data, views_of(data))
+    with ThreadPoolExecutor(2) as pool:
+        assert examples and read_columns(data / "dataset", pool) == count
+    assert sum(read_exr(data, view) for view in views_of(data)) == count
     stored = {one for one in (*IMAGES, *OPTIONAL_IMAGES) if getattr(example, one) is not None}
     assert set(read_view(data, view)) == stored
 

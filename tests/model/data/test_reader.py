@@ -13,7 +13,7 @@ import pytest
 
 from model.data.direct_light import panorama_radiance
 from model.data.encoding import encode
-from model.data.reader import Dataset, coin_flips, mirrored
+from model.data.reader import Dataset, _convert, coin_flips, mirrored
 from scenes.color import encode_srgb
 from scenes.errors import InputError
 from tests.fixtures.model import UNIT, box_dataset, box_rows, box_view, write_shard
@@ -103,6 +103,28 @@ def test_a_position_is_all_it_takes_to_go_on(folder: Path, start: int) -> None:
     flips = list(islice(coin_flips(3, 0, 30), 75))
     assert list(islice(coin_flips(3, start, 30), 75 - start)) == flips[start:]
     assert 20 < sum(flips) < 55
+
+
+def test_rows_that_were_read_stay_as_they_were(folder: Path) -> None:
+    """Memory of decoded rows is used again, that of examples is not."""
+    dataset = Dataset(folder, "train")
+    kept = [*dataset.ordered(), *islice(dataset.shuffled(2, buffer=5), 40)]
+    anew = {example.name: example for example in Dataset(folder, "train").at(range(30))}
+    assert len(kept) == 70 and len(anew) == 30
+    for example in kept:
+        for name in (*dataset.images, "intrinsics"):
+            assert np.array_equal(getattr(example, name), getattr(anew[example.name], name)), name
+
+
+def test_half_floats_are_converted_as_numpy_does() -> None:
+    """Every one of them, in more than one piece, not whole ones only."""
+    halves = np.arange(2**16, dtype=np.uint16).view(np.float16)
+    stored = np.concatenate([halves, halves[:1001]])
+    for scale in (1.0, 2.0**-9, 2.0**7):
+        image = np.full(len(stored), -1, np.float32)
+        _convert(stored, image, scale)
+        expected = stored.astype(np.float32) * np.float32(scale)
+        assert np.array_equal(image, expected, equal_nan=True)
 
 
 def test_no_more_than_the_buffer_and_one_row_group_are_held(folder: Path) -> None:
