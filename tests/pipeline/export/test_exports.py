@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+import tarfile
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
 from pipeline.commands.export_data import export_data
 from pipeline.export import images, nerfstudio
-from pipeline.export.parts import ExportOptions, Job, run_export
+from pipeline.export.parts import RECORD, ExportOptions, Job, run_export
 from pipeline.export.registry import FORMATS
 from pipeline.export.rows import DatasetRows
 from scenes.errors import InputError
@@ -60,6 +65,71 @@ def test_a_format_that_needs_more_names_what_to_add(
 @pytest.mark.parametrize("name", ["nerfstudio", "colmap", "webdataset"])
 def test_the_paper_s_channels_are_enough(name: str, bare: Path, tmp_path: Path) -> None:
     assert run_export(FORMATS[name], job(bare, tmp_path / "out")).views == 3
+
+
+PANORAMIC = ("coco", "coco-panoptic", "webdataset")
+
+
+@pytest.fixture(scope="module")
+def panoramas(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The packed room as equirectangular views, without K."""
+    folder = tmp_path_factory.mktemp("panoramas") / "data" / "dataset"
+    return make_dataset(folder, projection="equirectangular")
+
+
+@pytest.mark.parametrize("name", [name for name in FORMATS if name not in PANORAMIC])
+def test_a_format_for_perspective_views_refuses_panoramas(
+    name: str, panoramas: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=r"needs perspective views.*image\.projection") as caught:
+        run_export(FORMATS[name], job(panoramas, tmp_path / "out"))
+    assert "\n" not in str(caught.value) and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", PANORAMIC)
+def test_panoramas_are_exported_pixel_by_pixel(
+    name: str, dataset: Path, panoramas: Path, tmp_path: Path
+) -> None:
+    """The same files as of perspective views, but for what is said of the camera."""
+    for folder in (dataset, panoramas):
+        out = tmp_path / folder.parent.parent.name
+        run_export(FORMATS[name], job(folder, out))
+    flat, round_ = (files_of(tmp_path / one.parent.parent.name) for one in (dataset, panoramas))
+    assert flat.keys() == round_.keys() and len(flat) >= 8
+    other = {file for file in flat if flat[file] != round_[file]}
+    assert other == {file for file in flat if name == "webdataset" and file.endswith(".json")}
+    for file in other:
+        facts = json.loads(round_[file])
+        assert facts["projection"] == "equirectangular" and facts["K"] is None
+        assert facts.keys() - json.loads(flat[file]).keys() == {"projection"}
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    """Contents by name, those within tars too, without what names the export itself."""
+    found: dict[str, bytes] = {}
+    for path in sorted(folder.rglob("*")):
+        if path.suffix == ".tar":
+            with tarfile.open(path) as tar:
+                found |= {one.name: tar.extractfile(one).read() for one in tar}  # type: ignore[union-attr]
+        elif path.is_file() and path.name not in (RECORD, ".lock"):
+            found[str(path.relative_to(folder))] = path.read_bytes()
+    return found
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_row_without_intrinsics_is_refused_in_one_line(
+    name: str, dataset: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "data" / "dataset"
+    shutil.copytree(dataset, folder)
+    path = folder / "test-00000-of-00001.parquet"
+    table = pq.read_table(path)
+    empty = pa.nulls(len(table), table.schema.field("K").type)
+    field = table.schema.field("K").with_nullable(True)
+    pq.write_table(table.set_column(table.schema.get_field_index("K"), field, empty), path)
+    with pytest.raises(InputError, match="a row without 'K'") as caught:
+        run_export(FORMATS[name], job(folder, tmp_path / "out"))
+    assert "\n" not in str(caught.value)
 
 
 def test_hypersim_without_labels_and_light_on_request(bare: Path, tmp_path: Path) -> None:
