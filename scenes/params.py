@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 from scenes.checked import within
 from scenes.import_options import ImportEntry
 
 LightSetting = Literal["day", "evening", "night", "mixed"]
 Aspect = Literal["finishes", "furniture", "light", "outdoors"]
+StyleName = Literal[
+    "scandinavian", "mid-century", "industrial", "farmhouse", "classic", "minimal", "bohemian",
+    "seventies", "japandi", "eclectic",
+]  # fmt: skip
+STYLES: tuple[StyleName, ...] = get_args(StyleName)
 
 
 @dataclass(frozen=True)
@@ -45,6 +50,7 @@ class SceneParams:
     rooms_max: int = field(default=6, metadata=within(1, 6))
     # Light settings, dealt out in turn so that every split sees each.
     lighting: tuple[LightSetting, ...] = ("day", "evening", "night", "mixed")
+    styles: tuple[StyleName, ...] = STYLES  # of the homes' interiors, drawn per home
     # Pixels a side; a parameter file may say `auto`, see `pipeline.params.texture_size_for`.
     texture_size: int = field(default=256, metadata=within(64, 4096))
     # Share of the furniture that comes from the catalogues of the `assets` stage, where those
@@ -71,6 +77,8 @@ class SceneParams:
             )
         if not self.lighting:
             raise ValueError(f"{where}.lighting: name at least one of day, evening, night, mixed")
+        if not self.styles:
+            raise ValueError(f"{where}.styles: name at least one of {', '.join(STYLES)}")
         if self.variants > 1 and not self.vary:
             raise ValueError(
                 f"{where}.vary: {self.variants} variants that differ in nothing; name at least "

@@ -77,6 +77,7 @@ def _homes(root: Path, params: Params, name: str, count: int, share: float) -> I
             seed=seed,
             lighting=lighting,
             rooms=(wanted.rooms_min, wanted.rooms_max),
+            styles=wanted.styles,
             texture_size=wanted.texture_size,
             varied=(variant, *sorted(wanted.vary)) if variant else (),
             **catalogue,

@@ -6,71 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenes.procedural.furniture.style import METALS, Style, hex_color, scaled_color
+from scenes.procedural.furniture.interiors import Interior
+from scenes.procedural.furniture.style import Style, hex_color, scaled_color
 from scenes.procedural.piece import Material
 
-# Measured reflectances of paint: about 0.8 for fresh white, 0.5 to 0.7 for tints.
-WALLS = (
-    "#e6e1d6",
-    "#e9e6df",
-    "#e2dccf",
-    "#d9d8d2",
-    "#dcd3c2",
-    "#cfd6d2",
-    "#d5dbe0",
-    "#e3d6cb",
-    "#d3d4c6",
-    "#e5dcc3",
-    "#c9ccd0",
-    "#d8c8b8",
-)
-ACCENTS = (
-    "#8fa39a",
-    "#a7b7c2",
-    "#b89a83",
-    "#7f8b96",
-    "#c2a58f",
-    "#9aa584",
-    "#6f8089",
-    "#b7a2a0",
-    "#c9b68f",
-    "#a5745c",
-    "#5f7381",
-)
 CEILINGS = ("#e9e7e2", "#e6e4de", "#e9e9e6")
-FLOOR_WOODS = (
-    "#b58a5c",
-    "#c9a576",
-    "#94683f",
-    "#6f4b30",
-    "#d2b58c",
-    "#a98763",
-    "#8b7355",
-    "#bda98c",
-)
-FLOOR_TILES = (
-    "#b9b2a6",
-    "#8f8c87",
-    "#cfc8bb",
-    "#6d6e70",
-    "#b79f86",
-    "#a9503a",
-    "#dad6cd",
-    "#4e5256",
-)
-WALL_TILES = (
-    "#e6e5e0",
-    "#d5dde0",
-    "#cfdcd4",
-    "#e5dccb",
-    "#a9bcc4",
-    "#dfe3e5",
-    "#8fa7a0",
-    "#c7d2da",
-)
-CARPETS = ("#a39887", "#8a8f96", "#b9ab96", "#6f7a7f", "#9c8a7c")
-FRAMES = ("#e9e8e4", "#e9e8e4", "#e4e1d8", "#4a4d50", "#6b4a31", "#8a6a48")
-DOORS = ("#e8e5de", "#e8e5de", "#e3ded2", "#c9a476", "#8a5f3c", "#5f4330", "#9aa39d")
 FACADES = ("#d9d3c6", "#c9b79b", "#b9b4aa", "#d6c4b0", "#a9533c", "#8d4a36", "#cfcfca")
 
 
@@ -116,7 +56,8 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
     def variant() -> int:
         return int(rng.integers(1 << 30))
 
-    plank_color = hex_color(pick(FLOOR_WOODS))
+    has = style.interior
+    plank_color = hex_color(pick(has.floors))
     planks = Material(
         "planks",
         plank_color,
@@ -124,29 +65,32 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
         accent=scaled_color(plank_color, 0.6),
         scale=float(rng.choice([0.8, 1.0, 1.3])),
         variant=variant(),
+        family=pick(has.floor_families),
     )
-    nap = ("rolled", "rolled", "smooth", "coarse", "trowelled", "woodchip", "brushed")[
-        int(rng.integers(7))
-    ]
-    carpet = Material("carpet", hex_color(pick(CARPETS)), 0.95, variant=variant())
-    common_wall = Material("plaster", hex_color(pick(WALLS)), 0.9, variant=variant(), family=nap)
-    frame_code, door_code = pick(FRAMES), pick(DOORS)
+    nap = pick(has.wall_families)
+    carpet = Material("carpet", hex_color(pick(has.carpets)), 0.95, variant=variant())
+    common_wall = Material(
+        "plaster", hex_color(pick(has.walls)), 0.9, variant=variant(), family=nap
+    )
+    frame_code, door_code = pick(has.frames), pick(has.doors)
     frame = Material("paint", hex_color(frame_code), float(rng.uniform(0.25, 0.4)))
     door_color = hex_color(door_code)
     wooden = max(door_color) / max(min(door_color), 1e-6) > 1.8
     door = (
-        Material("wood", door_color, 0.4, accent=scaled_color(door_color, 0.6), variant=variant())
+        replace(
+            style.wood, color=door_color, accent=scaled_color(door_color, 0.6), variant=variant()
+        )
         if wooden
         else Material("paint", door_color, 0.35)
     )
     white = Material("paint", hex_color("#e8e6e0"), 0.4)
-    metal_code, metal_roughness = METALS[int(rng.integers(len(METALS)))]
+    metal_code, metal_roughness = has.metals[int(rng.integers(len(has.metals)))]
     finishes = {}
     for room, kind in rooms.items():
         wet = kind in ("bathroom", "kitchen")
         floor = planks
         if wet or (kind == "dining" and rng.random() < 0.3):
-            color = hex_color(pick(FLOOR_TILES))
+            color = hex_color(pick(has.floor_tiles))
             floor = Material(
                 "tiles",
                 color,
@@ -154,33 +98,30 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
                 accent=scaled_color(hex_color("#a09c94"), 0.8),
                 scale=float(rng.choice([1.0, 1.0, 1.5, 2.0, 0.5 if kind == "bathroom" else 1.0])),
                 variant=variant(),
+                family=pick(has.floor_tile_families),
             )
             if kind == "kitchen" and rng.random() < 0.35:
                 floor = planks
-        elif kind in ("bedroom", "study") and rng.random() < 0.35:
+        elif kind in ("bedroom", "study") and rng.random() < has.carpeted:
             floor = carpet
         wall = common_wall
         if rng.random() < 0.4:
-            wall = Material("plaster", hex_color(pick(WALLS)), 0.9, variant=variant(), family=nap)
-        accent = None
-        if not wet and rng.random() < 0.4:
-            accent = Material(
-                "plaster", hex_color(pick(ACCENTS)), 0.9, variant=variant(), family=nap
+            wall = Material(
+                "plaster", hex_color(pick(has.walls)), 0.9, variant=variant(), family=nap
             )
-            if rng.random() < 0.5:
-                base = hex_color(pick(WALLS + ACCENTS))
-                accent = Material(
-                    "wallpaper", base, 0.9, accent=scaled_color(base, 0.62), variant=variant()
-                )
+        accent = None
+        if not wet and rng.random() < has.accent:
+            accent = _accent_wall(rng, has, style, nap)
         tiles, tile_height = None, 0.0
         if kind == "bathroom":
             tiles = Material(
                 "tiles",
-                hex_color(pick(WALL_TILES)),
+                hex_color(pick(has.wall_tiles)),
                 roughness=float(rng.uniform(0.1, 0.25)),
                 accent=hex_color("#c9c7c1"),
                 scale=float(rng.choice([0.35, 0.5, 0.65, 1.0])),
                 variant=variant(),
+                family=pick(has.wall_tile_families),
             )
             tile_height = float(rng.choice([1.2, 1.5, 2.1, 9.0]))
         finishes[room] = RoomFinish(
@@ -198,12 +139,12 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
             "plaster", hex_color(pick(CEILINGS)), 0.95, variant=variant(), family="smooth"
         ),
         skirting=white if rng.random() < 0.7 else replace(style.wood, variant=variant()),
-        skirting_height=float(rng.uniform(0.06, 0.12)),
-        cornice=float(rng.choice([0.0, 0.0, 0.05, 0.07])),
+        skirting_height=float(rng.uniform(*has.skirting)),
+        cornice=float(rng.choice(has.cornices)),
         frame=frame,
         sill=white if rng.random() < 0.5 else Material("stone", hex_color("#b9b4aa"), 0.35),
         door=door,
-        door_panels=("flat", "two", "four")[int(rng.integers(3))],
+        door_panels=has.panels[int(rng.integers(len(has.panels)))],
         casing=door if rng.random() < 0.5 else white,
         handle=Material("metal", hex_color(metal_code), metal_roughness),
         facade=Material(
@@ -215,7 +156,29 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
             family=("running", "third")[int(rng.integers(2))] if red else "render",
         ),
         threshold=replace(style.wood, variant=variant()),
-        glazing_bars=bool(rng.random() < 0.3),
+        glazing_bars=bool(rng.random() < has.glazing_bars),
         sash_width=float(rng.uniform(0.8, 1.15)),
         rooms=finishes,
     )
+
+
+def _accent_wall(rng: np.random.Generator, has: Interior, style: Style, nap: str) -> Material:
+    """Draw the material of an accent wall: paper, paint, or what the style leaves bare."""
+    color = hex_color(has.accent_walls[int(rng.integers(len(has.accent_walls)))])
+    variant = int(rng.integers(1 << 30))
+    papered, bare = rng.random(2)
+    if papered < has.papered:
+        codes = (*has.walls, *has.accent_walls)
+        base = hex_color(codes[int(rng.integers(len(codes)))])
+        paper = has.papers[int(rng.integers(len(has.papers)))]
+        accent = scaled_color(base, 0.62)
+        return Material("wallpaper", base, 0.9, accent=accent, variant=variant, family=paper)
+    if has.bare and bare < 0.6:
+        if has.bare == "brick":
+            joints = hex_color("#a8a196")
+            red = hex_color(("#8d4a38", "#9a5a44", "#b5aca0")[int(rng.integers(3))])
+            return Material("brick", red, 0.9, accent=joints, variant=variant, family="running")
+        if has.bare == "concrete":
+            return Material("stone", hex_color("#a3a19c"), 0.7, variant=variant, family="concrete")
+        return replace(style.wood, variant=variant)
+    return Material("plaster", color, 0.9, variant=variant, family=nap)

@@ -71,7 +71,12 @@ def make_home(
         return generator(seed, *names, *(("variant", variant) if varies else ()))
 
     plan = make_plan(generator(seed, "plan"), params.rooms_min, params.rooms_max)
-    style = make_style(draws("finishes", "style"))
+    # Colours and materials vary within a style; the style itself changes with the furniture, too.
+    restyled = variant > 0 and {"finishes", "furniture"} <= set(params.vary)
+    named = generator(seed, "interior", *(("variant", variant) if restyled else ()))
+    style = make_style(
+        draws("finishes", "style"), params.styles[int(named.integers(len(params.styles)))]
+    )
     kinds = {room.id: str(room.type) for room in plan.rooms}
     finishes = make_finishes(draws("finishes", "finishes"), style, kinds)
     building, portals = build_structure(plan, finishes)
@@ -115,6 +120,7 @@ def make_home(
                 "seed": str(seed),
                 "variant": variant,
                 "varied": list(params.vary) if variant else [],
+                "style": style.name,
                 "finishes": {
                     room: {"floor": finish.floor.kind, "walls": finish.wall.kind}
                     for room, finish in sorted(finishes.rooms.items())

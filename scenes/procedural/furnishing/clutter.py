@@ -84,7 +84,8 @@ def leave_things(furnisher: Furnisher) -> None:
 
 
 def _count(furnisher: Furnisher, mean: float) -> int:
-    """Number of things to leave, by the home's disorder."""
+    """Number of things to leave, by the home's disorder and the density of its style."""
+    mean *= furnisher.style.interior.density
     return int(furnisher.rng.poisson(mean * (0.35 + 1.3 * furnisher.style.disorder)))
 
 

@@ -38,6 +38,15 @@ class Furnisher:
         """Return True with that probability."""
         return bool(self.rng.random() < probability)
 
+    def wants(self, probability: float) -> bool:
+        """Return True with that probability in a home of middling density; for optional pieces."""
+        return self.chance(1.0 - (1.0 - probability) ** self.style.interior.density)
+
+    def number(self, low: int, high: int) -> int:
+        """Draw a number from `low` to `high`, times the density of the style."""
+        drawn = float(self.rng.integers(low, high + 1)) * self.style.interior.density
+        return int(drawn + self.rng.random())
+
     def make(self, kind: str, **options: float) -> FurniturePiece:
         """Make a piece in the home's style, or sample one from the catalogues."""
         sampled = self.sampler.substitute(kind, options) if self.sampler is not None else None

@@ -116,7 +116,8 @@ def _bed(
     length = 2.0
     b = Builder(name, "bed", "wall", front_clearance=0.5, side_clearance=0.5 * (sleepers == 2))
     outer = width + 0.08
-    padded = rng.random() < 0.4
+    built = style.shape(rng, "bed", ("padded", "padded", "panel", "slats"))
+    padded = built == "padded"
     frame = style.upholstery if padded else (style.wood if rng.random() < 0.7 else style.lacquer)
     rail_low, rail_high = rng.uniform(0.12, 0.2), rng.uniform(0.32, 0.38)
     head = float(rng.uniform(0.9, 1.15))
@@ -177,7 +178,7 @@ def _bed(
                 (outer / 2 - 0.02, length / 2, rail_low + 0.05),
             ),
         )
-        if rng.random() < 0.5:
+        if built == "panel":
             parts.add(frame, box((outer + 0.02, 0.032, head - 0.1), (0, back - 0.03, 0.1), 0.005))
         else:
             for side in (-1, 1):  # posts; the legs beside them reach a millimetre lower

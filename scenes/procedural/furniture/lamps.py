@@ -79,10 +79,13 @@ def _add_shade(
 def pendant_lamp(
     rng: np.random.Generator, style: Style, drop: float | None = None
 ) -> FurniturePiece:
-    """A lamp hanging from the ceiling: drum, dome or globe; `drop` metres to its lowest point."""
+    """A lamp hanging from the ceiling: drum, dome, globe or paper lantern.
+
+    `drop` metres to its lowest point.
+    """
     drop = float(rng.uniform(0.7, 1.0)) if drop is None else drop
     b = Builder("pendant lamp", "lamp", "ceiling")
-    kind = ("drum", "dome", "globe")[int(rng.integers(3))]
+    kind = style.shape(rng, "pendant", ("drum", "dome", "globe", "lantern"))
     lumens = float(rng.uniform(900, 1600))
     b.add(style.metal, lathe([(0.05, -0.025), (0.055, -0.012), (0.055, 0.0)], 24), name="rose")
     if kind == "drum":
@@ -101,7 +104,9 @@ def pendant_lamp(
         inner = [(max(r - 0.004, 0.003), z - 0.004 * (z > -drop)) for r, z in outer[::-1]]
         inner[0] = (0.016, inner[0][1])
         b.add(
-            style.accents[0] if rng.random() < 0.5 else style.metal,
+            style.metal
+            if style.shape(rng, "dome", ("metal", "painted")) == "metal"
+            else style.accents[0],
             loft(_profile_rings([*outer, *inner], 36), closed=False),
             name="reflector",
         )
@@ -118,6 +123,19 @@ def pendant_lamp(
         ]
         b.add(OPAL, lathe(body, 36), name="diffuser", lumens=0.8 * lumens, kelvin=style.kelvin)
         top = -drop + height + 0.028
+    elif kind == "lantern":  # paper over rings of wire
+        radius, ribs = float(rng.uniform(0.17, 0.24)), int(rng.integers(9, 14))
+        flat = float(rng.uniform(0.6, 0.95))
+        t = np.linspace(-0.94, 0.94, 4 * ribs + 1) * np.pi / 2
+        wave = 1 - 0.022 * np.abs(np.sin(2 * ribs * (t / (0.94 * np.pi))))
+        paper = [
+            (radius * float(np.cos(a) * w), -drop + radius * flat * float(1 + np.sin(a)))
+            for a, w in zip(t, wave, strict=True)
+        ]
+        b.add(style.shade, lathe(paper, 32), name="shade", lumens=lumens, kelvin=style.kelvin)
+        top = -drop + radius * flat * (1 + float(np.sin(0.94 * np.pi / 2)))
+        b.add(style.metal, cylinder(0.02, top - 0.004, top + 0.02, 16), name="cap")
+        top += 0.018
     else:
         radius = float(rng.uniform(0.12, 0.17))
         b.add(
@@ -196,7 +214,7 @@ def floor_lamp(rng: np.random.Generator, style: Style) -> FurniturePiece:
     low, tall = rng.uniform(0.18, 0.24), rng.uniform(0.22, 0.3)
     high = low * rng.uniform(0.65, 1.0)
     lumens = float(rng.uniform(600, 1000))
-    kind = ("straight", "tripod", "arch")[int(rng.integers(3))]
+    kind = style.shape(rng, "floor_lamp", ("straight", "tripod", "arch"))
     if kind == "arch":
         t = np.radians(np.linspace(0, 115, 18))
         path = np.stack(

@@ -26,11 +26,13 @@ from scenes.procedural.piece import FurniturePiece
 
 
 def dining_chair(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A wooden chair with a back of slats, rails or a pad."""
+    """A wooden chair with a back of slats, rails, spindles or a pad, or a moulded shell on legs."""
+    back = style.shape(rng, "chair", ("slats", "rails", "pad", "spindles", "shell"))
+    if back == "shell":
+        return _shell_chair(rng, style)
     width, depth = rng.uniform(0.42, 0.47), rng.uniform(0.42, 0.46)
     seat, top = rng.uniform(0.44, 0.47), rng.uniform(0.84, 0.98)
     wood = style.wood if rng.random() < 0.75 else style.lacquer
-    back = ("slats", "rails", "pad")[int(rng.integers(3))]
     padded = back == "pad" or rng.random() < 0.5
     b = Builder("dining chair", "chair", "free", front_clearance=0.5)
     thickness = 0.036
@@ -99,6 +101,14 @@ def dining_chair(rng: np.random.Generator, style: Style) -> FurniturePiece:
                 wood,
                 post([(sx, on_back(z), z) for z in zs], [(0.5 * inner / count, 0.01)] * len(zs)),
             )
+    elif back == "spindles":
+        b.add(wood, box((inner + 0.03, 0.024, 0.045), (0, on_back(high), high), bevel=0.008))
+        count = int(rng.integers(6, 9))
+        for k in range(count):
+            share = (k - (count - 1) / 2) / (count - 1)
+            foot = (0.72 * inner * share, on_back(seat + 0.02) - 0.012, seat - 0.008)
+            tip = (0.88 * inner * share, on_back(high) + 0.002, high + 0.01)
+            b.add(wood, bar(foot, tip, 0.0065, 8))
     elif back == "rails":
         for k in range(int(rng.integers(3, 5))):
             z = high - k * 0.105
@@ -111,6 +121,43 @@ def dining_chair(rng: np.random.Generator, style: Style) -> FurniturePiece:
             .turned("x", -float(np.degrees(np.arctan2(lean, top - seat))))
             .moved(y=on_back(seat + 0.12) + 0.002, z=seat + 0.11),
         )
+    return b.piece()
+
+
+def _shell_chair(rng: np.random.Generator, style: Style) -> FurniturePiece:
+    """A chair with seat and back of one moulded shell, on four splayed legs."""
+    b = Builder("dining chair", "chair", "free", front_clearance=0.5)
+    width, seat = float(rng.uniform(0.43, 0.47)), float(rng.uniform(0.44, 0.47))
+    top = float(rng.uniform(0.79, 0.86))
+    # Profile of the shell from the front edge of the seat to the top of the back: y, z.
+    profile = np.array(
+        [
+            (-0.215, seat - 0.025), (-0.2, seat - 0.006), (-0.13, seat), (-0.02, seat - 0.012),
+            (0.08, seat - 0.008), (0.135, seat + 0.022), (0.158, seat + 0.075),
+            (0.17, seat + 0.16), (0.195, 0.5 * (seat + top) + 0.08), (0.212, top),
+        ]
+    )  # fmt: skip
+    half = 0.5 * width * np.array([0.8, 0.92, 1.0, 1.0, 0.97, 0.93, 0.92, 0.96, 0.9, 0.62])
+    across = np.linspace(-1, 1, 11)
+    cup = np.array([0.004, 0.008, 0.016, 0.02, 0.022, 0.03, 0.035, 0.03, 0.02, 0.008])
+    points = np.empty((len(across), len(profile), 3))
+    points[..., 0] = across[:, None] * half
+    # The sides of the seat curve up, those of the back forwards.
+    lying = np.clip((0.17 - profile[:, 0]) / 0.1, 0, 1) * (profile[:, 1] < seat + 0.05)
+    points[..., 1] = profile[:, 0] - (1 - lying) * cup * across[:, None] ** 2
+    points[..., 2] = profile[:, 1] + lying * cup * across[:, None] ** 2
+    shell = style.lacquer if rng.random() < 0.5 else style.accents[int(rng.integers(5))]
+    if rng.random() < 0.35:
+        shell = style.wood
+    b.add(shell, thick_sheet(points, 0.008), name="shell")
+    frame = leg_material(style, style.wood)
+    thick = 0.018 if frame.kind == "metal" else 0.032
+    under = seat - 0.03
+    b.add(frame, box((0.24, 0.2, 0.014), (0, -0.02, under - 0.012), 0.002))
+    for sx in (-1, 1):
+        for y, foot in ((-0.1, -0.2), (0.06, 0.19)):
+            ends = [(sx * 0.2, foot, 0), (sx * 0.1, y, under - 0.004)]
+            b.add(frame, post(ends, [(0.6 * thick, 0.6 * thick), (thick, thick)]))
     return b.piece()
 
 
@@ -132,6 +179,13 @@ def _couch(
     back_z, arm_z = rng.uniform(0.76, 0.9), rng.uniform(0.56, 0.66)
     arm = rng.uniform(0.12, 0.2)
     foot = rng.uniform(0.08, 0.16)
+    build = style.shape(rng, "sofa", ("block", "slim", "low", "rolled"))
+    if build == "slim":  # thin arms and high legs
+        arm, foot, arm_z = 0.55 * arm, foot + 0.06, arm_z + 0.01
+    elif build == "low":  # broad arms as high as the back, close to the floor
+        arm, foot, arm_z, back_z = arm + 0.04, 0.035, arm_z + 0.03, back_z - 0.05
+        back_z = max(back_z, 0.78)
+    arm_z = min(arm_z, 0.84 * back_z - (0.055 if build == "rolled" else 0.0))
     cloth = (
         style.second_upholstery if name == "armchair" and rng.random() < 0.6 else style.upholstery
     )
@@ -158,10 +212,13 @@ def _couch(
             rounded_box(
                 (arm, depth - 0.01, arm_z - foot),
                 (side * (width / 2 - arm / 2), -0.005, foot),
-                0.035 if arm < 0.16 else 0.06,
+                min(0.035 if arm < 0.16 else 0.06, 0.45 * arm),
                 (0.008, 0, 0.01),
             ),
         )
+        if build == "rolled":
+            roll = cylinder(0.085, 0, depth - 0.02, 28, bevel=0.02).turned("x", 90)
+            b.add(cloth, roll.moved(side * (width / 2 - arm / 2), depth / 2 - 0.012, arm_z - 0.03))
     each = inner / seats
     seat_depth = depth - back - 0.01
     for k in range(seats):

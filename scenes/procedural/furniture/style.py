@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from scenes.color import Color, decode_srgb_value
+from scenes.params import STYLES, StyleName
+from scenes.procedural.furniture.interiors import INTERIORS, Front, Handle, Interior, Legs
 from scenes.procedural.piece import Material
 
 
@@ -23,56 +25,7 @@ def scaled_color(color: Color, factor: float) -> Color:
     return (color[0] * factor, color[1] * factor, color[2] * factor)
 
 
-WOODS = ("#c8a06a", "#b98a55", "#d9bb8b", "#8a5a36", "#5b3d2a", "#a06a3c", "#cfae84", "#6f4a30")
-LACQUERS = ("#eeece6", "#e2ddd2", "#dfe3e4", "#b9c2c0", "#8d9a94", "#4f5b66", "#3b3d40", "#c9b9a4")
-KITCHENS = (
-    "#f0eeea",
-    "#e9e4d8",
-    "#7f8f8b",
-    "#3f5361",
-    "#51624f",
-    "#b7b4ab",
-    "#2f3437",
-    "#a8b9c4",
-    "#d3c7ae",
-)
-STONES = ("#d8d4cc", "#4a4a4c", "#8d8a85", "#b9a890", "#2c2b2b", "#c4c0ba")
-UPHOLSTERY = (
-    "#8f8a82",
-    "#5a6470",
-    "#b8ad9c",
-    "#3d5a5f",
-    "#7a4b3a",
-    "#6a7556",
-    "#c7bfb2",
-    "#44506b",
-    "#a35f45",
-    "#757575",
-)
-ACCENTS = (
-    "#c4573a",
-    "#d9a13b",
-    "#2f6f73",
-    "#86a08b",
-    "#b56576",
-    "#355070",
-    "#e3d5c0",
-    "#8c4a5a",
-    "#6b8fa3",
-    "#4f7a4a",
-)
-BEDDINGS = ("#f2f0ec", "#dfe4e8", "#cfd8d3", "#e8dccb", "#aebccb", "#8a97a8", "#d8c2b8", "#b7c0a8")
-CURTAINS = ("#e6e0d4", "#c9c3b8", "#9aa5a8", "#7d8a78", "#b5895f", "#dcd7cf", "#62707c", "#c7a9a0")
-RUGS = ("#a89a86", "#8c3f3a", "#37475a", "#cbbfae", "#6d7a6e", "#b98b54", "#7b7f86", "#d6cdbf")
-_UPHOLSTERY_CLOTHS = (
-    "plain", "linen", "basket", "twill", "herringbone", "birdseye", "melange", "boucle",
-    "velvet", "chenille", "corduroy", "felt",
-)  # fmt: skip
-_CUSHION_CLOTHS = (
-    "plain", "linen", "basket", "birdseye", "velvet", "corduroy", "striped", "checked", "knit",
-    "denim", "boucle",
-)  # fmt: skip
-METALS = (("#c9c7c2", 0.3), ("#2b2a29", 0.45), ("#c5a35c", 0.28), ("#8f7a66", 0.4))
+_BOOKS = ("#e7e1d5", "#2a2d33", "#7a2f2c", "#1f3d4f", "#c9b27c", "#355070")
 
 CHROME = Material("metal", hex_color("#dcdde0"), roughness=0.08)
 STEEL = Material("metal", hex_color("#bcbdbd"), roughness=0.32)
@@ -98,6 +51,7 @@ WICKER = Material(
 class Style:
     """Materials and shapes that the furniture of one home shares."""
 
+    name: StyleName
     wood: Material
     dark_wood: Material
     lacquer: Material  # of painted cabinets
@@ -116,53 +70,81 @@ class Style:
     shade: Material
     accents: tuple[Material, ...]  # of small painted or glazed objects
     books: tuple[Material, ...]
-    front: Literal["flat", "framed"]
-    handle: Literal["bar", "knob", "edge"]
-    legs: Literal["square", "tapered", "round", "metal"]
+    front: Front
+    handle: Handle
+    legs: Legs
     worktop_height: float  # metres
     kelvin: float  # of the home's lamps
     prints: tuple[Material, ...] = ()  # of packaging, magazines and photographs
     disorder: float = 0.5  # from tidy (0) to littered (1)
+
+    @property
+    def interior(self) -> Interior:
+        """The interior style that the home was drawn from."""
+        return INTERIORS[self.name]
+
+    def shape(self, rng: np.random.Generator, feature: str, variants: Sequence[str]) -> str:
+        """Draw a variant of a piece's feature among those that the style has, else among all."""
+        fitting = self.interior.shapes.get(feature, tuple(variants))
+        return fitting[int(rng.integers(len(fitting)))]
 
     def picture(self, rng: np.random.Generator) -> Material:
         """Draw the material of an abstract picture."""
         return Material("picture", hex_color("#9a938a"), 0.6, variant=int(rng.integers(1 << 30)))
 
 
-def make_style(rng: np.random.Generator) -> Style:
-    """Draw a style."""
+def draw_style_name(rng: np.random.Generator) -> StyleName:
+    """Draw the name of an interior style; all are equally probable."""
+    return STYLES[int(rng.integers(len(STYLES)))]
 
-    def pick(codes: tuple[str, ...]) -> Color:
+
+def make_style(rng: np.random.Generator, name: StyleName | None = None) -> Style:
+    """Draw a home's style from an interior style, by default from any."""
+    drawn = draw_style_name(rng)
+    name = drawn if name is None else name
+    has = INTERIORS[name]
+
+    def pick(codes: Sequence[str]) -> Color:
         return hex_color(codes[int(rng.integers(len(codes)))])
 
     def variant() -> int:
         return int(rng.integers(1 << 30))
 
-    wood_color = pick(WOODS)
+    wood_color = pick(has.woods)
     wood = Material(
         "wood",
         wood_color,
         roughness=float(rng.uniform(0.35, 0.55)),
         accent=scaled_color(wood_color, 0.55),
         variant=variant(),
+        family=has.wood_families[int(rng.integers(len(has.wood_families)))],
     )
-    dark = hex_color(("#5b3d2a", "#3f2c20", "#6f4a30", "#4a3a2e")[int(rng.integers(4))])
+    dark = pick(has.dark_woods)
     dark_wood = replace(wood, color=dark, accent=scaled_color(dark, 0.5), variant=variant())
-    lacquer = Material("paint", pick(LACQUERS), roughness=float(rng.uniform(0.3, 0.5)))
-    kitchen: Material = Material("paint", pick(KITCHENS), roughness=float(rng.uniform(0.25, 0.5)))
-    if rng.random() < 0.25:
+    lacquer = Material("paint", pick(has.lacquers), roughness=float(rng.uniform(0.3, 0.5)))
+    kitchen: Material = Material(
+        "paint", pick(has.kitchens), roughness=float(rng.uniform(0.25, 0.5))
+    )
+    if rng.random() < has.wooden_kitchens:
         kitchen = replace(wood, variant=variant())
-    stone = pick(STONES)
+    stone = pick(has.stones)
     worktop = (
-        Material("stone", stone, 0.3, accent=scaled_color(stone, 0.6), variant=variant())
-        if rng.random() < 0.65
+        Material(
+            "stone",
+            stone,
+            0.3,
+            accent=scaled_color(stone, 0.6),
+            variant=variant(),
+            family=has.stone_families[int(rng.integers(len(has.stone_families)))],
+        )
+        if rng.random() < has.stone_worktops
         else replace(
             wood, color=hex_color("#b98a55"), accent=hex_color("#8a6238"), variant=variant()
         )
     )
-    metal_code, metal_roughness = METALS[int(rng.integers(len(METALS)))]
+    metal_code, metal_roughness = has.metals[int(rng.integers(len(has.metals)))]
 
-    def cloth(codes: tuple[str, ...], *families: str) -> Material:
+    def cloth(codes: Sequence[str], families: Sequence[str]) -> Material:
         color = pick(codes)
         family = families[int(rng.integers(len(families)))]
         return Material(
@@ -170,32 +152,33 @@ def make_style(rng: np.random.Generator) -> Style:
         )
 
     upholstery = (
-        Material("leather", pick(("#5a3a26", "#2a2725", "#8a5a3a", "#b59a7c")), 0.45)
-        if rng.random() < 0.2
-        else cloth(UPHOLSTERY, *_UPHOLSTERY_CLOTHS)
+        Material("leather", pick(has.leathers), 0.45)
+        if rng.random() < has.leather
+        else cloth(has.upholstery, has.cloths)
     )
-    accents = [ACCENTS[int(k)] for k in rng.permutation(len(ACCENTS))]
-    book_colors = (*ACCENTS, "#e7e1d5", "#2a2d33", "#7a2f2c", "#1f3d4f", "#c9b27c")
+    accents = [has.accents[int(k)] for k in rng.permutation(len(has.accents))]
+    book_colors = (*_BOOKS, *has.accents)
     books = [book_colors[int(k)] for k in rng.permutation(len(book_colors))[:8]]
-    rug = pick(RUGS)
-    translucent = Material(
+    rug = pick(has.rugs)
+    curtain = Material(
         "fabric",
-        pick(CURTAINS),
+        pick(has.curtains),
         0.9,
         variant=variant(),
-        translucent=bool(rng.random() < 0.6),
-        family=("linen", "linen", "plain", "satin", "striped", "velvet")[int(rng.integers(6))],
+        translucent=bool(rng.random() < has.sheer_curtains),
+        family=has.curtain_cloths[int(rng.integers(len(has.curtain_cloths)))],
     )
     return Style(
+        name=name,
         wood=wood,
         dark_wood=dark_wood,
         lacquer=lacquer,
-        cabinet=wood if rng.random() < 0.6 else lacquer,
+        cabinet=wood if rng.random() < has.wooden_cabinets else lacquer,
         kitchen=kitchen,
         worktop=worktop,
         metal=Material("metal", hex_color(metal_code), roughness=metal_roughness),
         upholstery=upholstery,
-        second_upholstery=cloth(UPHOLSTERY if rng.random() < 0.7 else ACCENTS, *_UPHOLSTERY_CLOTHS),
+        second_upholstery=cloth(has.upholstery if rng.random() < 0.7 else has.accents, has.cloths),
         cushions=tuple(
             Material(
                 "fabric",
@@ -203,38 +186,38 @@ def make_style(rng: np.random.Generator) -> Style:
                 0.9,
                 hex_color("#d9d2c4"),
                 variant=variant(),
-                family=_CUSHION_CLOTHS[int(rng.integers(len(_CUSHION_CLOTHS)))],
+                family=has.cushion_cloths[int(rng.integers(len(has.cushion_cloths)))],
             )
             for code in accents[:3]
         ),
-        bedding=cloth(BEDDINGS, "cotton", "cotton", "linen", "striped", "checked", "satin"),
+        bedding=cloth(has.beddings, has.bedding_cloths),
         throw=Material(
             "fabric",
             hex_color(accents[3]),
             0.95,
             variant=variant(),
-            family=("knit", "cable", "herringbone", "checked", "felt")[int(rng.integers(5))],
+            family=has.throw_cloths[int(rng.integers(len(has.throw_cloths)))],
         ),
-        curtain=translucent,
+        curtain=curtain,
         rug=Material(
             "carpet",
             rug,
             0.95,
-            accent=pick(RUGS),
+            accent=pick(has.rugs),
             variant=variant(),
-            family=("cut", "shag", "loop", "sisal", "rag", "kilim", "kilim")[int(rng.integers(7))],
+            family=has.rug_families[int(rng.integers(len(has.rug_families)))],
         ),
         towel=Material("fabric", hex_color(accents[4]), 0.95, variant=variant(), family="terry"),
-        shade=Material("paper", pick(("#efe6d4", "#e7dcc6", "#f2efe8", "#d8cdb8")), 0.9),
+        shade=Material("paper", pick(has.shades), 0.9),
         accents=tuple(Material("ceramic", hex_color(code), 0.3) for code in accents[:5]),
         books=tuple(Material("paint", hex_color(code), 0.55) for code in books),
-        front="flat" if rng.random() < 0.6 else "framed",
-        handle=("bar", "knob", "edge")[int(rng.integers(3))],
-        legs=("square", "tapered", "round", "metal")[int(rng.integers(4))],
+        front=has.fronts[int(rng.integers(len(has.fronts)))],
+        handle=has.handles[int(rng.integers(len(has.handles)))],
+        legs=has.legs[int(rng.integers(len(has.legs)))],
         worktop_height=float(rng.uniform(0.88, 0.94)),
-        kelvin=float(rng.choice([2700.0, 2800.0, 3000.0, 3300.0])),
+        kelvin=float(rng.choice(has.kelvins)),
         prints=tuple(
             Material("picture", hex_color("#9a938a"), 0.45, variant=variant()) for _ in range(5)
         ),
-        disorder=float(rng.uniform(0.1, 1.0)),
+        disorder=float(rng.uniform(*has.disorder)),
     )

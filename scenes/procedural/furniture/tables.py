@@ -65,7 +65,7 @@ def round_table(
     wood = style.wood if rng.random() < 0.7 else style.dark_wood
     b.add(wood, cylinder(radius, height - 0.03, height, 48, bevel=0.006), name="top")
     b.add(wood, cylinder(0.35 * radius, height - 0.05, height - 0.028, 32))
-    if rng.random() < 0.5:  # a tulip foot
+    if style.shape(rng, "round_table", ("tulip", "column")) == "tulip":
         profile = [(0.5 * radius, 0.0), (0.5 * radius, 0.01), (0.3 * radius, 0.03)]
         profile += [(0.08, 0.12), (0.045, 0.3), (0.045, 0.5), (0.08, height - 0.08)]
         profile += [(0.14, height - 0.049)]
@@ -98,12 +98,20 @@ def round_table(
 def coffee_table(
     rng: np.random.Generator, style: Style, width: float | None = None
 ) -> FurniturePiece:
-    """A low table with a shelf, or with a round or glass top."""
+    """A low table with a shelf, with a round or glass top, or a drum."""
     width = float(rng.uniform(0.8, 1.2)) if width is None else width
     depth, height = rng.uniform(0.5, 0.62), rng.uniform(0.36, 0.45)
     b = Builder("coffee table", "table", "centre", front_clearance=0.3)
     wood = style.wood if rng.random() < 0.7 else style.dark_wood
-    kind = ("shelf", "oval", "glass")[int(rng.integers(3))]
+    kind = style.shape(rng, "coffee_table", ("shelf", "oval", "glass", "drum"))
+    if kind == "drum":
+        radius = min(0.5 * width, 0.5 * depth + 0.08)
+        body = wood if rng.random() < 0.6 else style.lacquer
+        b.add(body, cylinder(0.92 * radius, 0, 0.03, 48))
+        b.add(body, cylinder(radius, 0.03, height - 0.022, 48, bevel=0.006), name="drum")
+        b.add(wood, cylinder(radius + 0.006, height - 0.022, height, 48, bevel=0.004), name="top")
+        b.surface(0, 0, height, 0.66 * radius, 0.66 * radius)
+        return b.piece()
     if kind == "oval":
         rings = [
             superellipse(width / 2 - inset, depth / 2 - inset, z, 2.4, 48)
@@ -162,8 +170,8 @@ def side_table(rng: np.random.Generator, style: Style) -> FurniturePiece:
     else:  # a tray on one stem
         tray = [
             (radius - 0.002, height - 0.012),
-            (radius, height + 0.02),
-            (radius - 0.003, height + 0.02),
+            (radius, height + 0.017),
+            (radius - 0.003, height + 0.017),
             (radius - 0.006, height),
         ]
         b.add(style.metal, lathe(tray, 36), name="top")

@@ -20,29 +20,29 @@ def furnish_bedroom(furnisher: Furnisher) -> None:
         bed = _place_bed(furnisher, "double_bed")
     if bed is None:
         bed = _place_bed(furnisher, "single_bed")
-    if furnisher.chance(0.95):
+    if furnisher.wants(0.95):
         furnisher.along_wall("wardrobe", where="corner")
-    if furnisher.chance(0.6):
+    if furnisher.wants(0.6):
         furnisher.along_wall("chest_of_drawers")
-    if furnisher.area > 12 and furnisher.chance(0.35):
+    if furnisher.area > 12 and furnisher.wants(0.35):
         place_desk(furnisher)
-    if furnisher.chance(0.35):
+    if furnisher.wants(0.35):
         space.against_wall(rng, "floor_mirror", furnisher.make("floor_mirror"), where="corner")
-    if furnisher.area > 13 and furnisher.chance(0.4):
+    if furnisher.area > 13 and furnisher.wants(0.4):
         place_armchair(furnisher, None)
-    if furnisher.chance(0.55):
+    if furnisher.wants(0.55):
         furnisher.put_plant()
-    if furnisher.chance(0.3):
+    if furnisher.wants(0.3):
         space.in_corner(rng, "floor_lamp", furnisher.make("floor_lamp"))
     for kind, probability in (("storage_box", 0.35), ("pouf", 0.25), ("waste_bin", 0.15)):
-        if furnisher.chance(probability):
+        if furnisher.wants(probability):
             space.in_corner(rng, kind, furnisher.make(kind)) or space.anywhere(
                 rng, kind, furnisher.make(kind)
             )
-    furnisher.hang_pictures(int(rng.integers(1, 3)))
-    if furnisher.chance(0.35):
+    furnisher.hang_pictures(furnisher.number(1, 2))
+    if furnisher.wants(0.35):
         furnisher.hang("wall_shelf")
-    if furnisher.chance(0.3):
+    if furnisher.wants(0.3):
         furnisher.hang("wall_mirror")
 
 
@@ -80,12 +80,12 @@ def _stand_beside(
             space.on_top(rng, "table_lamp", lamp, item, centre=True) or space.on_top(
                 rng, "table_lamp", lamp, item
             )
-    if furnisher.chance(0.65):
+    if furnisher.wants(0.65):
         rug = furnisher.make("rug", width=float(rng.uniform(1.2, 1.7)), depth=0.7)
         foot = float(-bed.piece.bounds[0, 1]) + 0.45
         x, y, _ = bed.pose.apply(np.array([[0.0, -foot, 0.0]]))[0]
         space.try_place("rug", rug, Pose(float(x), float(y), 0.0, bed.pose.yaw), zone=False)
-    elif furnisher.chance(0.3):
+    elif furnisher.wants(0.3):
         bench = furnisher.make("bench", width=1.1)
         foot = float(-bed.piece.bounds[0, 1]) + 0.5 * float(np.ptp(bench.bounds[:, 1])) + 0.06
         x, y, _ = bed.pose.apply(np.array([[0.0, -foot, 0.0]]))[0]

@@ -11,14 +11,14 @@ def furnish_dining(furnisher: Furnisher) -> None:
     rng, space = furnisher.rng, furnisher.space
     place_dining_group(furnisher, small=False)
     for kind, probability in (("sideboard", 0.85), ("console_table", 0.3), ("bookshelf", 0.3)):
-        if furnisher.chance(probability):
+        if furnisher.wants(probability):
             furnisher.along_wall(kind)
-    if furnisher.chance(0.3):
+    if furnisher.wants(0.3):
         furnisher.along_wall("bench")
-    if furnisher.chance(0.4):
+    if furnisher.wants(0.4):
         space.in_corner(rng, "floor_lamp", furnisher.make("floor_lamp"))
-    for _ in range(int(rng.integers(1, 3))):
+    for _ in range(furnisher.number(1, 2)):
         furnisher.put_plant()
-    furnisher.hang_pictures(int(rng.integers(1, 4)))
-    if furnisher.chance(0.3):
+    furnisher.hang_pictures(furnisher.number(1, 3))
+    if furnisher.wants(0.3):
         furnisher.hang("wall_lamp")

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from scenes.procedural.finishes import WALL_TILES
 from scenes.procedural.furnishing.furnisher import Furnisher, has_opening
 from scenes.procedural.furnishing.rooms.tables import place_dining_group
 from scenes.procedural.furnishing.rooms.windows import hang_radiators
@@ -37,7 +36,7 @@ def furnish_kitchen(furnisher: Furnisher) -> None:
         furnisher.put_plant()
     if furnisher.chance(0.6):
         furnisher.hang("wall_clock")
-    furnisher.hang_pictures(int(rng.integers(0, 3)))
+    furnisher.hang_pictures(furnisher.number(0, 2))
     if furnisher.chance(0.3):
         furnisher.hang("wall_shelf")
 
@@ -162,13 +161,15 @@ def _tile_behind(furnisher: Furnisher, edge: WallEdge, run: Sequence[PlacedPiece
             high = min(high, window.z0 - 0.02)
     if high - low < 0.08:
         return
+    has = furnisher.style.interior
     tile = Material(
         "tiles",
-        hex_color(WALL_TILES[int(furnisher.rng.integers(len(WALL_TILES)))]),
+        hex_color(has.wall_tiles[int(furnisher.rng.integers(len(has.wall_tiles)))]),
         0.15,
         accent=(0.6, 0.59, 0.57),
         scale=float(furnisher.rng.choice([0.35, 0.5])),
         variant=int(furnisher.rng.integers(1 << 30)),
+        family=has.wall_tile_families[int(furnisher.rng.integers(len(has.wall_tile_families)))],
     )
     half = 0.5 * (s1 - s0)
     panel = span((-half, -0.008, 0.0), (half, 0.0, high - low))

@@ -17,23 +17,23 @@ def furnish_living(furnisher: Furnisher) -> None:
     if furnisher.area > 19 and "dining" not in {room.type for room in furnisher.plan.rooms}:
         place_dining_group(furnisher, small=True)
     for kind, probability in (("bookshelf", 0.8), ("sideboard", 0.45), ("console_table", 0.25)):
-        if furnisher.chance(probability):
+        if furnisher.wants(probability):
             furnisher.along_wall(kind)
-    if sofa is None or furnisher.chance(0.5):
+    if sofa is None or furnisher.wants(0.5):
         place_armchair(furnisher, sofa)
-    if furnisher.chance(0.8):
+    if furnisher.wants(0.8):
         furnisher.space.in_corner(furnisher.rng, "floor_lamp", furnisher.make("floor_lamp"))
-    for _ in range(int(furnisher.rng.integers(1, 3))):
+    for _ in range(furnisher.number(1, 2)):
         furnisher.put_plant()
-    if furnisher.area > 20 and furnisher.chance(0.4):
+    if furnisher.area > 20 and furnisher.wants(0.4):
         furnisher.along_wall("bookshelf")
     place_second_seats(furnisher)
-    if furnisher.chance(0.3):
+    if furnisher.wants(0.3):
         furnisher.space.anywhere(furnisher.rng, "pouf", furnisher.make("pouf"))
-    furnisher.hang_pictures(int(furnisher.rng.integers(1, 4)))
-    if furnisher.chance(0.4):
+    furnisher.hang_pictures(furnisher.number(1, 3))
+    if furnisher.wants(0.4):
         furnisher.hang("wall_shelf")
-    if furnisher.chance(0.3):
+    if furnisher.wants(0.3):
         furnisher.hang("wall_clock")
-    if furnisher.chance(0.25):
+    if furnisher.wants(0.25):
         furnisher.hang("wall_lamp")

@@ -11,24 +11,24 @@ def furnish_study(furnisher: Furnisher) -> None:
     """Furnish a study."""
     rng, space = furnisher.rng, furnisher.space
     place_desk(furnisher)
-    for _ in range(int(rng.integers(1, 4))):
+    for _ in range(furnisher.number(1, 3)):
         furnisher.along_wall("bookshelf")
-    if furnisher.chance(0.5):
+    if furnisher.wants(0.5):
         place_armchair(furnisher, None)
-    if furnisher.chance(0.3):
+    if furnisher.wants(0.3):
         furnisher.along_wall("chest_of_drawers")
-    if furnisher.chance(0.5):
+    if furnisher.wants(0.5):
         space.in_corner(rng, "floor_lamp", furnisher.make("floor_lamp"))
-    if furnisher.chance(0.6):
+    if furnisher.wants(0.6):
         furnisher.put_plant()
     for kind, probability in (("waste_bin", 0.7), ("storage_box", 0.4)):
-        if furnisher.chance(probability):
+        if furnisher.wants(probability):
             space.in_corner(rng, kind, furnisher.make(kind)) or space.anywhere(
                 rng, kind, furnisher.make(kind)
             )
     furnisher.lay_rug()
-    furnisher.hang_pictures(int(rng.integers(1, 3)))
-    if furnisher.chance(0.5):
+    furnisher.hang_pictures(furnisher.number(1, 2))
+    if furnisher.wants(0.5):
         furnisher.hang("wall_shelf")
-    if furnisher.chance(0.4):
+    if furnisher.wants(0.4):
         furnisher.hang("wall_clock")

@@ -9,7 +9,7 @@ from scenes.procedural.structure import pane_depth
 
 def furnish_windows(furnisher: Furnisher) -> None:
     """Add radiators below windows, and curtains at all windows of the room or at none."""
-    curtained = furnisher.chance(0.75)
+    curtained = furnisher.chance(furnisher.style.interior.curtained)
     for window in furnisher.space.windows():
         edge, width = window.edge, window.width
         if window.kind == "window" and window.z0 > 0.72 and furnisher.chance(0.65):
