@@ -4,6 +4,8 @@
 # make check   tests that take too long for every run: thousands of homes, hundreds of kills
 # make bench   measured figures and their goals, to docs/benchmarks.md: half an hour on 2 quiet cores
 #              (ONLY="shards farm" for some topics; the list: python -m benchmarks.run --help)
+# make records checksums of releases, the sample, views and rows of the open benchmark, after a change
+#              of the renderer's pixels (ONLY="tiny quick" for some of tiny, quick, sample, benchmark)
 # make docs    documentation: generated parts (picture and index of the code, tables), and the site,
 #              build/site/index.html; a warning or a link that leads nowhere fails it
 # make site    the site alone
@@ -20,7 +22,7 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 # The slow files come first, so that no worker ends long after the other.
 PYTEST := $(BIN)/python -m pytest -q --numprocesses $(PROCESSES) --dist loadfile --no-loadscope-reorder
 
-.PHONY: env repro quick test lint check bench docs site lock clean distclean
+.PHONY: env repro quick test lint check bench records docs site lock clean distclean
 
 env: $(VENV)/.installed
 
@@ -53,6 +55,10 @@ check: env
 
 bench: env
 	$(BIN)/python -m benchmarks.run $(addprefix --only ,$(ONLY))
+
+records: env
+	@time $(BIN)/python -m benchmarks.records $(addprefix --only ,$(ONLY))
+	$(BIN)/python docs/generate.py
 
 docs: env
 	$(BIN)/python docs/generate.py

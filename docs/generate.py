@@ -3,8 +3,9 @@
 `make docs` runs this. The picture (`docs/images/architecture.svg`) and the index
 (`docs/modules.md`) come from the imports and docstrings of the code; tables between
 `<!-- generated: NAME -->` and `<!-- end -->` in README.md and docs/results.md come from
-`docs/data/quick-start.json` and `metrics/reference.json`. With `--check` nothing is written, and
-the exit code is 1 if a file is not up to date.
+`docs/data/quick-start.json` and `metrics/reference.json`, those in docs/benchmark.md from
+`docs/data/benchmark.json`, which `make records` writes. With `--check` nothing is written, and the
+exit code is 1 if a file is not up to date.
 
 After a quick start, `--quick-start REPRO TEST` records its figures: the seconds that `make repro`
 and `make test` took on a quiet machine, and the evaluation in `metrics/`.
@@ -21,11 +22,14 @@ from typing import Any
 
 from code_map import Code, module_index, picture
 
+from model.benchmark.pictures import Task
+from model.benchmark.score import METRICS as METRICS_OF_TASK
 from model.titles import METHOD_TITLES as TITLES
 from pipeline.imports import ROOT
 
 METRICS = {"ssim": ("SSIM", 3), "psnr": ("PSNR, dB", 1), "flip": ("FLIP (less is better)", 3)}
 QUICK_START = ROOT / "docs" / "data" / "quick-start.json"
+BENCHMARK = ROOT / "docs" / "data" / "benchmark.json"
 QUICK_METHODS = ("pbrnet", "product", "product_linear", "unet", "ceiling")
 
 
@@ -79,6 +83,22 @@ def _method_table(methods: dict[str, Any], intervals: dict[str, Any]) -> str:
             cells.append(text)
         seconds = "" if row["seconds"] is None else f"{row['seconds']:.3f}"
         rows.append([f"{TITLES[name]}, `{name}`", *cells, seconds])
+    return _table(rows)
+
+
+def benchmark_table(found: dict[str, Any], task: Task) -> str:
+    """Table of this project's submissions to a task of the open benchmark."""
+    rows = [["method", *METRICS_OF_TASK[task], "CPU seconds a view"]]
+    for one in found["tasks"][task]:
+        cells = []
+        for metric, digits in METRICS_OF_TASK[task].items():
+            value = one["metrics"][metric]
+            text = "" if value is None else f"{value['mean']:.{digits}f}"
+            if value is not None and value["low"] is not None:
+                text += f" ({value['low']:.{digits}f} to {value['high']:.{digits}f})"
+            cells.append(text)
+        seconds = f"{one['seconds']:.2g}" if one["seconds"] >= 0.001 else "under 0.001"
+        rows.append([f"`{one['name']}`: {one['about']['method']}", *cells, seconds])
     return _table(rows)
 
 
@@ -153,6 +173,12 @@ def main() -> int:
             },
         ).encode(),
     }
+    if BENCHMARK.is_file():
+        found = json.loads(BENCHMARK.read_text())
+        page = ROOT / "docs" / "benchmark.md"
+        parts = {f"benchmark-{task}": benchmark_table(found, task) for task in METRICS_OF_TASK}
+        views = f"{found['views']} views of {found['scenes']} homes, version {found['version']}."
+        wanted[page] = filled(page, {"benchmark-views": views, **parts}).encode()
     stale = [
         path for path, data in wanted.items() if not path.is_file() or path.read_bytes() != data
     ]

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from benchmarks import cycles, farm
@@ -29,13 +30,18 @@ from benchmarks.shards import (
     views_of,
 )
 from benchmarks.strategies import _BOTH, _SHOWN, Tried, _gain, summary
+from benchmarks.submissions import submissions
 from benchmarks.timing import Spent, Spread, by_turns, ratio, spread
+from model.benchmark.score import METRICS, score_folder
+from model.benchmark.views import pin_views
 from model.data.reader import IMAGES, OPTIONAL_IMAGES, Dataset
 from pipeline.dataset.pack import pack_dataset
+from pipeline.export.rows import DatasetRows
 from pipeline.params import SplitParams
 from scenes.contract import Portal
 from scenes.errors import InputError
 from tests.fixtures.dataset import make_data, small_params
+from tests.fixtures.model import box_rows, write_shard
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -306,6 +312,46 @@ def test_shards_and_frames_are_read_to_the_same_images(tmp_path: Path) -> None:
     assert sum(read_exr(data, view) for view in views_of(data)) == count
     stored = {one for one in (*IMAGES, *OPTIONAL_IMAGES) if getattr(example, one) is not None}
     assert set(read_view(data, view)) == stored
+
+
+def test_methods_take_part_in_the_open_benchmark(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pictures of all tasks can be scored; what a stage took belongs to the methods that use it."""
+    rows = box_rows(["room-0", "room-1"], 1, "test", True, width=32, height=24, panorama=16)
+    for row in rows:
+        row["camera_to_world"] = np.eye(4)
+        row["visibility"] = np.ones_like(row["depth"], np.float16)
+        row["transport_color"] = row["color"]
+        row["transport_direct"] = row["transport_indirect"] = row["color"]
+    write_shard(tmp_path / "dataset" / "test-00000-of-00001.parquet", rows)
+    places = [(row["scene_id"], row["view_id"]) for row in rows]
+    stages = [("noisy", 5.0), ("transport", 3.0), ("color", 7.0)]
+    ledger = [
+        {"stage": stage, "scene_id": scene, "view_id": view}
+        | {"seconds": 1 + seconds, "opening": 1.0, "threads": 2}
+        for stage, seconds in stages
+        for scene, view in places
+    ]
+    monkeypatch.setattr(
+        "benchmarks.submissions.read_ledger", lambda data: pa.Table.from_pylist(ledger)
+    )
+    dataset = DatasetRows(tmp_path / "dataset")
+    views = pin_views(dataset, 0, "trial", "1")
+    made = submissions(tmp_path / "dataset", tmp_path, views, tmp_path / "out")
+    assert list(made) == list(METRICS)
+    found = {
+        folder.name: score_folder(folder, dataset, views, task)
+        for task, folders in made.items()
+        for folder in folders
+    }
+    mean = {name: score.summary()["metrics"] for name, score in found.items()}
+    assert mean["radiosity"]["ssim"]["mean"] == pytest.approx(1, abs=1e-3)
+    assert mean["radiosity"]["stops"]["mean"] == pytest.approx(0, abs=1e-3)
+    for name, least in {"radiosity": 6, "denoised": 10, "hybrid": 10, "plus": 0}.items():
+        assert least < (found[name].seconds or 0) < least + 5, name
+    assert all(0 < one["ssim"]["mean"] < 1.001 for one in mean.values() if "ssim" in one)
+    assert 0 < mean["camera"]["mean_angle"]["mean"] < 90
 
 
 def test_the_command_names_its_topics() -> None:

@@ -1,0 +1,120 @@
+"""Records that depend on the pixels of the renderer: `make records`, after a change of them.
+
+Makes the releases of `recipes/` and records their checksums and costs, renews the sample of
+`examples/sample`, and pins the views of the open benchmark and scores this project's methods on
+them. The smallest release is deleted and made again, which must give the recorded checksums.
+Releases whose frames are still right are not rendered again. Afterwards `python docs/generate.py`
+writes the tables.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import click
+
+from benchmarks.submissions import submissions
+from model.benchmark.pictures import Task
+from model.benchmark.score import METRICS, score_folder, table
+from model.benchmark.views import pin_views, save_views
+from pipeline.export.rows import DatasetRows
+from pipeline.imports import ROOT
+from pipeline.release.recipe import RECIPES, load_recipe, load_record
+from scenes.files import write_json
+
+RELEASES = ("tiny", "quick", "sample", "benchmark")
+_AGAIN = "tiny"
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  python -m benchmarks.records
+  python -m benchmarks.records --only tiny --only benchmark"""
+)
+@click.option(
+    "--only", multiple=True, type=click.Choice(RELEASES), help="Only this release; repeatable."
+)
+@click.option(
+    "--recipes",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    default=RECIPES,
+    show_default=True,
+    help="Folder of the recipes, for trials of others of the same names.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("data/releases"),
+    show_default=True,
+    help="Folder of the releases.",
+)
+@click.option("--workers", type=int, default=None, help="Worker processes.")
+def main(only: tuple[str, ...], recipes: Path, out: Path, workers: int | None) -> None:
+    """Renew checksums of releases, the sample, and views and rows of the benchmark."""
+    own = recipes.resolve() == (ROOT / RECIPES).resolve()
+    spent = {}
+    for name in only or RELEASES:
+        start = time.monotonic()
+        folder = out / name
+        _release(name, folder, recipes, workers, "--record")
+        if name == _AGAIN:
+            shutil.rmtree(folder)
+            _release(name, folder, recipes, workers)
+        if name == "sample" and own:
+            _renew(ROOT / "examples" / "sample", folder / "dataset")
+        if name == "benchmark":
+            data = ROOT / "docs" / "data" / "benchmark.json" if own else out / "benchmark.json"
+            _score(folder, recipes, data)
+        spent[name] = time.monotonic() - start
+    for name, seconds in spent.items():
+        record = load_record(recipes, name)
+        assert record is not None
+        click.echo(
+            f"{name:10} {seconds:6.0f} s, {60 * record.core_hours:5.1f} core-minutes of stages, "
+            f"{record.rows} rows, {record.bytes / 1e6:.1f} MB"
+        )
+
+
+def _release(name: str, folder: Path, recipes: Path, workers: int | None, *options: str) -> None:
+    """Make a release in a process of its own; its failure ends this one."""
+    command = [sys.executable, "-m", "pipeline.cli", "release", name, *options]
+    command += ["--out", str(folder), "--recipes", str(recipes)]
+    command += [] if workers is None else ["--workers", str(workers)]
+    if subprocess.run(command).returncode:
+        raise click.ClickException(f"release {name} failed")
+
+
+def _renew(sample: Path, dataset: Path) -> None:
+    """Replace the files of the sample."""
+    for path in sample.iterdir():
+        path.unlink()
+    for path in sorted(dataset.iterdir()):
+        shutil.copyfile(path, sample / path.name)
+
+
+def _score(folder: Path, recipes: Path, out: Path) -> None:
+    """Pin all views of the release, and score the methods on them."""
+    dataset, recipe = folder / "dataset", load_recipe(recipes, "benchmark")
+    rows = DatasetRows(dataset, ("test",))
+    views = pin_views(rows, 0, "benchmark", recipe.version)
+    save_views(recipes / "views.json", views)
+    found: dict[Task, list[dict[str, object]]] = {}
+    for task, folders in submissions(dataset, folder, views, folder / "submissions").items():
+        scores = [score_folder(one, rows, views, task) for one in folders]
+        click.echo(f"{task}\n{table(scores)}")
+        for score in scores:
+            summary = score.summary()
+            kept = ("name", "about", "task", "metrics", "seconds")
+            found.setdefault(task, []).append({key: summary[key] for key in kept})
+    scenes = len({view.scene_id for view in views.views})
+    head = {"version": views.version, "views": len(views.views), "scenes": scenes}
+    write_json(out, {**head, "tasks": {task: found[task] for task in METRICS}})
+
+
+if __name__ == "__main__":
+    main()
