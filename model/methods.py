@@ -12,7 +12,7 @@ A new baseline takes:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -20,10 +20,11 @@ from typing import Literal
 from torch import nn
 
 from model.baselines import can, cyclegan, end_to_end, pix2pix, unet
-from model.networks.hybrid import ExposedLoss, HybridNet
-from model.networks.objective import Objective, PairedLoss, Setting, Target
+from model.data.reader import Extra
+from model.networks.hybrid import HybridNet
+from model.networks.objective import ExposedLoss, Objective, PairedLoss, Setting, Target
 from model.networks.pbrnet import Architecture, composition_network, shading_network
-from model.networks.plus import DecomposedLoss, PlusNet
+from model.networks.plus import PlusNet
 from pipeline.params import TrainParams
 from scenes.errors import InputError
 
@@ -51,11 +52,31 @@ class Method:
     objective: Callable[[Setting], Objective] = PairedLoss
     target: Target = "color"
     uses_shading_net: bool = False  # takes the output of the fixed shading network
-    uses_direct_light: bool = False  # takes the direct light of the panorama
-    uses_noisy_samples: bool = False  # takes noisy samples; predicts radiance, not display values
-    predicts_shading: bool = False  # has the method `parts`: shading and colour
+    uses_panorama: bool = True
+    uses_transport: bool = False  # takes light transport, and materials where they are known
+    uses_noisy_samples: bool = False
+    predicts_radiance: bool = False  # in the unit of its inputs; others predict display values
+    revision: int = 1  # raised when weights of an earlier form no longer fit
     adam: Adam | None = None
     own_loss: str = ""
+
+    @property
+    def inputs(self) -> dict[str, bool]:
+        """Arguments of `model.data.encoding.encode` that select the network's inputs."""
+        return {
+            "panorama": self.uses_panorama,
+            "transport": self.uses_transport,
+            "noisy_samples": self.uses_noisy_samples,
+        }
+
+    @property
+    def extras(self) -> tuple[Extra, ...]:
+        """Images beyond the paper's that the network needs."""
+        needed: dict[Extra, bool] = {
+            "noisy": self.uses_noisy_samples,
+            "transport": self.uses_transport,
+        }
+        return tuple(name for name, wanted in needed.items() if wanted)
 
     def rate(self, params: TrainParams, step: int, steps: int) -> float:
         """Return the learning rate of a step, counted from 0, of `steps`."""
@@ -68,9 +89,24 @@ class Method:
 METHODS: dict[str, Method] = {
     "shading": Method("shading", shading_network, target="shading"),
     "composition": Method("composition", composition_network, uses_shading_net=True),
-    "plus": Method("plus", PlusNet, DecomposedLoss, uses_direct_light=True, predicts_shading=True),
+    "plus": Method(
+        "plus",
+        PlusNet,
+        ExposedLoss,
+        uses_panorama=False,
+        uses_transport=True,
+        predicts_radiance=True,
+        revision=2,
+    ),
     "hybrid": Method(
-        "hybrid", HybridNet, ExposedLoss, uses_noisy_samples=True, predicts_shading=True
+        "hybrid",
+        HybridNet,
+        ExposedLoss,
+        uses_panorama=False,
+        uses_transport=True,
+        uses_noisy_samples=True,
+        predicts_radiance=True,
+        revision=2,
     ),
     "unet": Method("unet", unet.build),
     "end_to_end": Method("end_to_end", end_to_end.EndToEnd),
@@ -95,6 +131,7 @@ METHODS: dict[str, Method] = {
 }
 BASELINES = tuple(name for name in METHODS if name not in ("shading", "composition"))
 _BUILDERS = {method.kind: method.build for method in METHODS.values()}
+_REVISIONS = {method.kind: method.revision for method in METHODS.values()}
 
 
 def build_network(architecture: Architecture) -> nn.Module:
@@ -106,6 +143,17 @@ def build_network(architecture: Architecture) -> nn.Module:
         known = ", ".join(_BUILDERS)
         raise InputError(f"no network of the kind {architecture.kind!r}; known are: {known}")
     return _BUILDERS[architecture.kind](architecture)
+
+
+def is_current(architecture: Architecture) -> bool:
+    """Test whether the network's code still has the form that weights were trained for."""
+    return _REVISIONS.get(architecture.kind, architecture.revision) == architecture.revision
+
+
+def extras_of(methods: Iterable[str]) -> tuple[Extra, ...]:
+    """Return the images beyond the paper's that any of these methods needs."""
+    found = [METHODS[name].extras for name in methods if name in METHODS]
+    return tuple(dict.fromkeys(extra for extras in found for extra in extras))
 
 
 def learning_rate(params: TrainParams, step: int, steps: int) -> float:

@@ -5,7 +5,7 @@ METHOD_TITLES = {
     "pbrnet": "Both networks (shading, then composition)",
     "product": "Reflectance × predicted shading",
     "product_linear": "Reflectance × predicted shading, projected linearly",
-    "plus": "PBR-Net plus: direct light given, reflectance × predicted shading",
+    "plus": "PBR-Net plus: our network without samples",
     "hybrid": "PBR-Net hybrid: a few samples a pixel, denoised, corrected by a network",
     "denoised": "The same samples, denoised, without a network",
     "radiosity": "Radiosity: light transport computed, without paths and without a network",

@@ -20,8 +20,15 @@ for name in names:
     if isinstance(cell, bytes):  # an image: a .npy file of the bytes of its values, plane by plane
         planes = np.load(io.BytesIO(cell))
         cell = np.stack(planes, -1).view(planes.dtype.names[0])[..., 0]
-    inputs[name] = np.array(cell, np.float32)
-inputs["intensity"] *= view["radiance_scale"][0].as_py()
-shading, color = session.run(["shading", "color"], inputs)
-Image.fromarray((np.hstack([shading, color]) * 255).round().astype(np.uint8)).save("picture.png")
+    inputs[name] = np.atleast_1d(np.array(cell, np.float32))  # noisy_spp is a number
+unit = view["radiance_scale"][0].as_py()
+for name in {"intensity", "noisy_color", "denoised_color"} & set(names):
+    inputs[name] *= unit
+for name in (name for name in names if name.startswith("transport")):
+    inputs[name] *= unit
+outputs = [each.name for each in session.get_outputs()]
+images = dict(zip(outputs, session.run(outputs, inputs), strict=True))
+color = images["color"]
+shown = [image for name, image in images.items() if name != "radiance"]
+Image.fromarray((np.hstack(shown) * 255).round().astype(np.uint8)).save("picture.png")
 print(f"picture.png: {view['scene_id'][0]}/{view['view_id'][0]}, {color.shape[1]}x{color.shape[0]}")

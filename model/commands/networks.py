@@ -14,7 +14,7 @@ from model.evaluation.inference import PREDICTABLE, load_networks, needed
 from model.evaluation.metrics import NAMES
 from model.methods import BASELINES
 from model.options import FILE, FOLDER, found_models_option, models_option
-from model.release.onnx_export import INPUTS, export_onnx
+from model.release.onnx_export import EXPORTABLE, OUTPUTS, export_onnx, exported_inputs
 from model.release.pretrained import find_models, pack
 from model.titles import NETWORK_TITLES
 from model.training.backbone import make_backbone
@@ -292,13 +292,13 @@ Examples:
   python examples/consume/with_onnx.py model.onnx data/dataset
   python examples/onnx_predict.py model.onnx data/inputs/S/V.exr data/illumination/S/V.exr
 
-The model takes the columns of the dataset, at any image size, and returns shading and colour as
-display values. Requires extra packages: pip install 'pbrnet[onnx]'"""
+The model takes columns of the dataset, at any image size, and returns shading and colour as display
+values; plus and hybrid radiance and colour. Requires extra packages: pip install 'pbrnet[onnx]'"""
 )
 @click.option("--onnx", "out", type=FILE, required=True, metavar="FILE", help="File to write.")
 @click.option(
     "--method",
-    type=click.Choice(("pbrnet", "plus")),
+    type=click.Choice(EXPORTABLE),
     default="pbrnet",
     show_default=True,
     help="Method to export.",
@@ -308,7 +308,8 @@ display values. Requires extra packages: pip install 'pbrnet[onnx]'"""
 def export(params: Params, data: Path, models: Path | None, method: str, out: Path) -> None:
     """Export the trained networks of a method as one ONNX file."""
     found = find_models(models, method)
-    export_onnx(load_networks(found.folder, [method]), out)
-    names = ", ".join((*INPUTS, "K") if method == "plus" else INPUTS)
-    click.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {names} to shading, color")
+    networks = load_networks(found.folder, [method])
+    export_onnx(networks, out)
+    names = ", ".join(exported_inputs(networks))
+    click.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {names} to {', '.join(OUTPUTS[method])}")
     click.echo(f"{method}, networks from {found.description}")

@@ -9,6 +9,7 @@ from typing import Any
 import click
 import numpy as np
 
+from model.data.encoding import MAX_SAMPLES
 from model.evaluation import predict as prediction
 from model.evaluation.inference import PREDICTABLE, Networks, load_networks
 from model.evaluation.predict import ViewSource
@@ -36,7 +37,7 @@ Examples:
   pbrnet predict data/scenes/home-0000 --view VIEW
   pbrnet predict data/scenes/home-0000 --view VIEW --size 640x480 --compare
   pbrnet predict data/scenes/home-0000 --all-views --method plus
-  pbrnet predict data/scenes/home-0000 --view VIEW --method hybrid
+  pbrnet predict data/scenes/home-0000 --view VIEW --method hybrid --spp 2
   pbrnet predict data/scenes/home-0000 --all-views --method radiosity --size 480x360
   pbrnet predict data/scenes/my-home --eye 1,2,1.6 --towards 1,0.3,-0.2 --size 800x600
   pbrnet predict data/scenes/my-home --view VIEW --size 3840x2880 --tile 512 --exr
@@ -57,8 +58,15 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
 @click.option("--towards", metavar="X,Y,Z", help="Viewing direction of the new camera.")
 @click.option("--inputs", type=_EITHER, help="Frame of depth, normal, reflectance, or a folder.")
 @click.option("--illumination", type=_EITHER, help="Frame of the panorama, or a folder.")
-@click.option("--visibility", type=_EITHER, help="Frame of shadows, or a folder (for plus).")
+@click.option("--transport", type=_EITHER, help="Frame of light transport, or a folder.")
+@click.option("--materials", type=_EITHER, help="Frame of materials, or a folder.")
 @click.option("--noisy", type=_EITHER, help="Frame of noisy samples, or a folder (for hybrid).")
+@click.option(
+    "--spp",
+    type=click.IntRange(1, MAX_SAMPLES),
+    default=None,
+    help="Samples per pixel that hybrid traces.  [default: as it was trained]",
+)
 @size_option("Render the inputs at this size.")
 @click.option(
     "--method",
@@ -134,12 +142,14 @@ def _predict_radiosity(
     scene: Path | None,
     inputs: Path | None,
     illumination: Path | None,
-    visibility: Path | None,
+    transport: Path | None,
+    materials: Path | None,
     noisy: Path | None,
+    spp: int | None,
     **chosen: Any,
 ) -> int:
     """Write pictures of a scene's views by light transport; return the exit code."""
-    if scene is None or inputs or illumination or visibility or noisy:
+    if scene is None or any((inputs, illumination, transport, materials, noisy)):
         raise click.UsageError("--method radiosity computes from a SCENE, not from frames")
     views = _scene_views(params, data, scene, **chosen)
     _check_out(out, len(views))
@@ -178,9 +188,6 @@ def _predict_view(
 ) -> str:
     """Write the image of a view, and its radiance with `exr`; returns a message."""
     example = source.load(networks.card)
-    unshadowed = bool(networks.card.training.get("shadows")) and example.visibility is None
-    if unshadowed:
-        example = replace(example, visibility=np.ones_like(example.depth))
     predicted = networks.predict(networks.methods[0], example)
     picture, metrics = photograph(networks.radiance(example, predicted).color), ""
     if with_truth:
@@ -195,8 +202,6 @@ def _predict_view(
         partial.write_bytes(png_bytes(picture, facts))
     height, width = predicted.color.shape[:2]
     message = f"{out}: {example.name}, {width}x{height} {metrics}".rstrip()
-    if unshadowed:
-        message += "\nwithout shadows, which the network was trained with: add --visibility"
     if exr:
         target = out.with_suffix(".exr")
         about = prediction.write_radiance(target, networks, source.view, example, predicted, facts)
@@ -216,19 +221,25 @@ def _view_sources(
     towards: str | None,
     inputs: Path | None,
     illumination: Path | None,
-    visibility: Path | None,
+    transport: Path | None,
+    materials: Path | None,
     noisy: Path | None,
+    spp: int | None,
     size: tuple[int, int] | None,
 ) -> list[ViewSource]:
     """The views that the options select."""
     if scene is None:
         if inputs is None or illumination is None:
             raise click.UsageError("give a SCENE and a --view, or --inputs and --illumination")
-        if size or views or all_views or camera or eye or towards:
+        if size or views or all_views or camera or eye or towards or spp:
             raise click.UsageError(
-                "--size, --view, --all-views, --camera, --eye and --towards need a SCENE"
+                "--size, --view, --all-views, --camera, --eye, --towards and --spp need a SCENE"
             )
-        paths = {"visibility": visibility or _visibility_of(illumination), "noisy": noisy}
+        paths = {
+            "transport": transport or _beside(illumination, "transport"),
+            "materials": materials or _beside(illumination, "materials"),
+            "noisy": noisy,
+        }
         optional = {name: path for name, path in paths.items() if path}
         frames = prediction.frame_sets(inputs, illumination, *optional.values())
         truth = data if with_truth else None
@@ -238,10 +249,10 @@ def _view_sources(
             )
             for files in frames
         ]
-    if inputs or illumination or visibility or noisy:
+    if any((inputs, illumination, transport, materials, noisy)):
         raise click.UsageError("give a SCENE, or --inputs and --illumination, not both")
     chosen = _scene_views(params, data, scene, views, all_views, camera, eye, towards, size)
-    return prediction.from_scene(scene, chosen, params, data, with_truth)
+    return prediction.from_scene(scene, chosen, params, data, with_truth, spp or 0)
 
 
 def _scene_views(
@@ -270,8 +281,8 @@ def _scene_views(
     return prediction.find_views(scene, camera, views, size)
 
 
-def _visibility_of(illumination: Path) -> Path | None:
-    """Frames of visibility of the same views: `visibility` instead of `illumination` in the path.
+def _beside(illumination: Path, kind: str) -> Path | None:
+    """Frames of the same views and another kind: `kind` instead of `illumination` in the path.
 
     None if there are none.
     """
@@ -279,7 +290,7 @@ def _visibility_of(illumination: Path) -> Path | None:
     if "illumination" not in parts:
         return None
     place = len(parts) - 1 - parts[::-1].index("illumination")
-    found = Path(*parts[:place], "visibility", *parts[place + 1 :])
+    found = Path(*parts[:place], kind, *parts[place + 1 :])
     exists = any(found.rglob("*.exr")) if found.is_dir() else found.is_file()
     return found if exists else None
 

@@ -1,7 +1,8 @@
 """Encoding of views for the networks: inputs and targets as tensors.
 
-Inputs do not depend on the unit of radiance because the target does not: shading is tone-mapped by
-its own log average, and panoramic intensity is relative to its mean over the sphere. Logarithms
+The paper's inputs do not depend on the unit of radiance because the target does not: shading is
+tone-mapped by its own log average, and panoramic intensity is relative to its mean over the sphere.
+Light transport and noisy samples keep the unit, and so do the networks that take them. Logarithms
 compress the ranges: a bare bulb is 10^5 times as bright as a dim wall. Images are centred about 0:
 otherwise a short training learns brightness but not colour.
 
@@ -11,19 +12,18 @@ tensors, and torch's exporter traces it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Literal, TypeVar
 
 import numpy as np
 import torch
 
-from model.data.direct_light import direct_light as direct_light_of
 from model.data.display import log_average
 from model.data.reader import Example, ViewInputs
-from pipeline.params import ToneParams
-from pipeline.tonemap import Exposure, exposure_of, tonemap
+from pipeline.tonemap import Exposure, tonemap
 from scenes.arrays import AnyArray, ArrayOrTensor, array_namespace
-from scenes.color import encode_srgb, luminance
+from scenes.color import encode_srgb
 from scenes.errors import InputError
 
 Value = TypeVar("Value", AnyArray, torch.Tensor)
@@ -32,12 +32,9 @@ Tensors = dict[str, torch.Tensor]
 
 # Channels of every encoded input, then of the inputs that only some networks take.
 CHANNELS = {"depth": 2, "normal": 3, "intensity": 1, "distance": 1, "reflectance": 3}
-DIRECT_LIGHT_CHANNELS = 8
-NOISY_SAMPLES_CHANNELS = 6
-# Closed fraction of a room as an integrating sphere: the share of reflected light that reaches
-# another surface. The rest leaves through windows.
-CLOSED_FRACTION = 0.9
-MIN_LIGHT_BAND = 0.02  # lower bound of each band of a light's colour, whose luminance is 1
+TRANSPORT_CHANNELS = {"transport": 9, "materials": 3}
+NOISY_SAMPLES_CHANNELS = {"noisy": 6}
+MAX_SAMPLES = 8  # per pixel, of noisy samples
 NEUTRAL = 0.5  # reflectance input where there is no surface; albedo of the shading frames
 DEFAULT_WHITE = 20.0  # exposed luminance that maps to white if it is unknown; typical indoors
 # Metres: depths and distances are clamped to [MIN, MAX], and depth is relative to REFERENCE.
@@ -45,58 +42,58 @@ MIN_DEPTH, REFERENCE_DEPTH, MAX_DEPTH = 0.05, 2.5, 100.0
 
 
 def encode(
-    examples: Sequence[Example], direct_light: bool = False, noisy_samples: bool = False
+    examples: Sequence[ViewInputs],
+    panorama: bool = True,
+    transport: bool = False,
+    noisy_samples: bool = False,
 ) -> Tensors:
     """Network inputs, float32 (N, C, H, W), `CHANNELS` each; all views must be of one size.
 
-    The tensors of `encode_inputs`. With `noisy_samples` also `noisy` and `denoised`: colour and
-    shading of a few samples a pixel, before and after denoising, as linear radiance. Raises
-    `InputError` for a view without noisy samples.
-    """
-    encoded = encode_inputs(examples, direct_light)
-    if noisy_samples:
-        encoded["noisy"] = _stack([_pair(e, e.noisy_color, e.noisy_shading) for e in examples])
-        encoded["denoised"] = _stack(
-            [_pair(e, e.denoised_color, e.denoised_shading) for e in examples]
-        )
-    return encoded
-
-
-def encode_inputs(views: Sequence[ViewInputs], direct_light: bool = False) -> Tensors:
-    """Encode the inputs as float32 (N, C, H, W), `CHANNELS` each; traceable, see the module.
-
     * `depth`: ln(depth / `REFERENCE_DEPTH`), 0 where there is no surface; and the validity mask
     * `normal`: camera frame, unit
+    * `reflectance`: `neutral_background`, sRGB-encoded and `centred` like display values
+
+    With `panorama`:
+
     * `intensity`: relative to its mean over the sphere; all 0 if no light is visible
     * `distance`: metres, at most `MAX_DEPTH`. The network takes the logarithms of intensity and
       distance itself, because it may average them first.
-    * `reflectance`: `neutral_background`, sRGB-encoded and `centred` like display values
 
-    With `direct_light` also:
+    With `transport`:
 
-    * `direct`, 8 channels: `direct_shading` divided by the light's colour, tone-mapped by its own
-      log average and `DEFAULT_WHITE`, and `centred` (3); ln(luminance / log average) / 4 (1); ln of
-      the light's colour, constant over the image (3); the visibility of the sources (1)
-    * `tint`, (N, 3, 1, 1): the light's colour, see `light_color`
-    * `gain`, (N, 3, 1, 1): see `interreflection`
-    * `brightness`, (N, 1, 1, 1): log average of reflectance x tint x gain, divided by `NEUTRAL`;
-      the ratio of colour's brightness to shading's
+    * `transport`, 9 channels: direct light, indirect light, picture; linear, in the view's unit
+    * `level`, (N, 1, 1, 1): log average of direct + indirect light, bands alike
+    * `materials`, 3 channels: roughness, metalness, and 1 where they are known; 0 without them
+
+    With `noisy_samples`:
+
+    * `noisy`, 6 channels: colour of a few samples a pixel before and after denoising, linear
+    * `samples`, (N, 1, 1, 1): ln(samples per pixel) / ln(`MAX_SAMPLES`)
+
+    Traceable, see the module. Raises `InputError` for a view without transport or samples.
     """
     encoded = {
-        "depth": _stack([_depth(view) for view in views]),
-        "normal": _stack([view.normal for view in views]),
-        "intensity": _stack([_relative_intensity(view.intensity) for view in views]),
-        "distance": _stack([_clamped_distance(view.distance) for view in views]),
-        "reflectance": encode_reflectance(views),
+        "depth": _stack([_depth(view) for view in examples]),
+        "normal": _stack([view.normal for view in examples]),
+        "reflectance": encode_reflectance(examples),
     }
-    if direct_light:
-        known = [_direct_light(view) for view in views]
-        encoded |= {name: _stack([each[name] for each in known]) for name in known[0]}
+    if panorama:
+        encoded["intensity"] = _stack([_relative_intensity(view.intensity) for view in examples])
+        encoded["distance"] = _stack([_clamped_distance(view.distance) for view in examples])
+    if transport:
+        encoded["transport"] = _stack([_transport(view) for view in examples])
+        encoded["level"] = log_average(
+            (encoded["transport"][:, :3] + encoded["transport"][:, 3:6]).mean(1, keepdim=True)
+        )
+        encoded["materials"] = _stack([_materials(view) for view in examples])
+    if noisy_samples:
+        encoded["noisy"] = _stack([_noisy(view) for view in examples])
+        encoded["samples"] = torch.stack([_samples(view) for view in examples])
     return encoded
 
 
 def encode_reflectance(views: Sequence[ViewInputs]) -> torch.Tensor:
-    """`reflectance` of `encode_inputs` alone, for the composition network."""
+    """`reflectance` of `encode` alone, for the composition network."""
     return _stack([centred(encode_srgb(neutral_background(view, NEUTRAL))) for view in views])
 
 
@@ -111,20 +108,13 @@ def targets(examples: Sequence[Example], policy: Policy) -> Tensors:
 def radiances(examples: Sequence[Example], policy: Policy) -> Tensors:
     """Linear targets for networks that predict radiance.
 
-    `color` and `shading`: float32 (N, 3, H, W). `exposure_color` and `exposure_shading`: float32
-    (N, 2, 1, 1), the scale and the white point that display them.
+    `color`: float32 (N, 3, H, W). `exposure`: float32 (N, 2, 1, 1), the scale and the white point
+    that display it.
     """
-    exposures = {
-        "exposure_color": [color_exposure(example, policy) for example in examples],
-        "exposure_shading": [example.exposure_shading for example in examples],
-    }
+    exposures = [color_exposure(example, policy) for example in examples]
     return {
         "color": _stack([example.color for example in examples]),
-        "shading": _stack([example.shading for example in examples]),
-        **{
-            name: _stack([np.array([[[e.scale, e.white]]]) for e in each])
-            for name, each in exposures.items()
-        },
+        "exposure": _stack([np.array([[[e.scale, e.white]]]) for e in exposures]),
     }
 
 
@@ -142,36 +132,6 @@ def neutral_background(view: ViewInputs, neutral: float) -> ArrayOrTensor:
     """
     xp = array_namespace(view.reflectance)
     return xp.where(view.valid[..., None], view.reflectance, neutral)
-
-
-def interreflection(view: ViewInputs) -> ArrayOrTensor:
-    """Gain by interreflection in this room relative to a room of `NEUTRAL`, (1, 1, 3).
-
-    The room is taken as an integrating sphere. With the mean reflectance m and the closed fraction
-    f, all bounces add up to 1 + f m + (f m)^2 + ... = 1 / (1 - f m). m is the mean over the visible
-    surfaces in each band, so a beige room gets orange light.
-    """
-    xp = array_namespace(view.reflectance)
-    surfaces = view.valid.sum()
-    total = (view.reflectance * view.valid[..., None]).sum(axis=(0, 1), dtype=xp.float64)
-    mean = total / xp.clip(surfaces, 1, None)
-    gain = (1 - CLOSED_FRACTION * NEUTRAL) / (1 - CLOSED_FRACTION * mean)
-    gain = xp.where(surfaces > 0, gain, 1.0)
-    return xp.asarray(gain, dtype=xp.float32).reshape(1, 1, 3)
-
-
-def light_color(reflected: ArrayOrTensor) -> ArrayOrTensor:
-    """Mean colour (1, 1, 3) of the direct light (H, W, 3) on surfaces: linear RGB of luminance 1.
-
-    White if there is no light. Bands are clipped at `MIN_LIGHT_BAND` before the normalisation, so
-    that light can be divided by the colour.
-    """
-    xp = array_namespace(reflected)
-    total = reflected.sum(axis=(0, 1), dtype=xp.float64)
-    brightness = luminance(total)
-    color = xp.clip(total / xp.where(brightness > 0, brightness, 1.0), MIN_LIGHT_BAND, None)
-    color = xp.where(brightness > 0, color, 1.0)
-    return xp.asarray(color / luminance(color), dtype=xp.float32).reshape(1, 1, 3)
 
 
 def centred(display: Value) -> Value:
@@ -216,42 +176,41 @@ def _clamped_distance(distance: ArrayOrTensor) -> ArrayOrTensor:
     return array_namespace(distance).clip(distance, None, MAX_DEPTH)[..., None]
 
 
-def _direct_light(view: ViewInputs) -> dict[str, ArrayOrTensor]:
-    """Inputs that `direct_light=True` adds to `encode_inputs`, images (H, W, C)."""
-    xp = array_namespace(view.depth)
-    key = ToneParams().key
-    reflected, sources_in_view = direct_light_of(view, NEUTRAL)
-    tint, gain = light_color(reflected), interreflection(view)
-    light = (reflected + sources_in_view) / tint
-    scale = _exposure_scale(light)
-    display = tonemap(light, Exposure(scale, DEFAULT_WHITE))
-    log = xp.log(xp.clip(luminance(light)[..., None] * scale / key, 1e-3, None)) / 4
-    everywhere = xp.broadcast_to(xp.log(tint), display.shape)
-    arrives = xp.ones_like(log) if view.visibility is None else view.visibility[..., None]
-    lit = neutral_background(view, NEUTRAL) * xp.where(view.valid[..., None], tint * gain, 1.0)
-    brightness = key / _exposure_scale(lit) / NEUTRAL
-    return {
-        "direct": xp.concatenate([centred(display), log, everywhere, arrives], axis=-1),
-        "tint": tint,
-        "gain": gain,
-        "brightness": xp.asarray(brightness).reshape(1, 1, 1),
-    }
-
-
-def _exposure_scale(image: ArrayOrTensor) -> ArrayOrTensor:
-    """`Exposure.scale` of linear radiance (H, W, 3) by its own log average, a number."""
-    if array_namespace(image) is np:
-        return exposure_of(image, ToneParams()).scale
-    return ToneParams().key / log_average(luminance(image)[None, None])[0, 0, 0, 0]
-
-
-def _pair(example: Example, color: AnyArray | None, shading: AnyArray | None) -> AnyArray:
-    if color is None or shading is None:
+def _transport(view: ViewInputs) -> ArrayOrTensor:
+    images = (view.transport_direct, view.transport_indirect, view.transport_color)
+    if any(image is None for image in images):
         raise InputError(
-            f"{example.name}: has no noisy samples, which the network takes as input; set "
-            "noisy.spp to 1 to 4, then run: pbrnet groundtruth, pbrnet dataset"
+            f"{_name(view)}: has no light transport, which the network takes as input; set "
+            "channels: [transport], then run: pbrnet groundtruth, pbrnet dataset"
         )
-    return np.concatenate([color, shading], axis=-1)
+    return array_namespace(view.depth).concatenate(images, axis=-1)
+
+
+def _materials(view: ViewInputs) -> ArrayOrTensor:
+    xp = array_namespace(view.depth)
+    images = (view.roughness, view.metalness, view.material_known)
+    if any(image is None for image in images):
+        images = (xp.zeros_like(view.depth),) * 3
+    return xp.stack(images, axis=-1)
+
+
+def _noisy(view: ViewInputs) -> ArrayOrTensor:
+    if view.noisy_color is None or view.denoised_color is None:
+        raise InputError(
+            f"{_name(view)}: has no noisy samples, which the network takes as input; set "
+            "noisy.spp to 1 to 8, then run: pbrnet groundtruth, pbrnet dataset"
+        )
+    images = (view.noisy_color, view.denoised_color)
+    return array_namespace(view.depth).concatenate(images, axis=-1)
+
+
+def _samples(view: ViewInputs) -> torch.Tensor:
+    number = torch.as_tensor(view.noisy_spp).float().clamp(1, MAX_SAMPLES)
+    return (number.log() / math.log(MAX_SAMPLES)).reshape(1, 1, 1)
+
+
+def _name(view: ViewInputs) -> str:
+    return view.name if isinstance(view, Example) else "the view"
 
 
 def _stack(images: Sequence[ArrayOrTensor]) -> torch.Tensor:

@@ -42,6 +42,7 @@ from scenes.seeds import generator
 
 Split = Literal["train", "validation", "test"]
 ImageType = tuple[np.dtype[Any], tuple[int, ...]]  # of a column: NumPy type and shape
+Extra = Literal["noisy", "transport"]  # images beyond the paper's that a network needs
 
 # Image columns and their numbers of channels; None: an image (H, W) without a channel axis.
 IMAGES: dict[str, int | None] = {
@@ -55,20 +56,25 @@ IMAGES: dict[str, int | None] = {
     "color": 3,
 }
 # Columns of datasets made with `noisy.spp`, for the methods that take noisy samples.
-NOISY_IMAGES: dict[str, int | None] = {
-    "noisy_color": 3,
-    "noisy_shading": 3,
-    "denoised_color": 3,
-    "denoised_shading": 3,
-}
-# Absent from older datasets, from those made with `illumination.shadow_rays: 0`, and from those
-# without the set `transport` of `channels`.
-OPTIONAL_IMAGES: dict[str, int | None] = {
-    "tint": 3,
-    "visibility": None,
+NOISY_IMAGES: dict[str, int | None] = {"noisy_color": 3, "denoised_color": 3}
+# Columns of the set `transport` of `channels`, and those of `materials` that networks take.
+TRANSPORT_IMAGES: dict[str, int | None] = {
     "transport_direct": 3,
     "transport_indirect": 3,
     "transport_color": 3,
+}
+MATERIAL_IMAGES: dict[str, int | None] = {
+    "roughness": None,
+    "metalness": None,
+    "material_known": None,
+}
+# Absent from older datasets, from those made with `illumination.shadow_rays: 0`, and from those
+# without these sets of `channels`.
+OPTIONAL_IMAGES: dict[str, int | None] = {
+    "tint": 3,
+    "visibility": None,
+    **TRANSPORT_IMAGES,
+    **MATERIAL_IMAGES,
 }
 SCALARS = (
     "scene_id",
@@ -82,6 +88,7 @@ SCALARS = (
 )
 # Unit of a row's images of radiance, a scalar; absent from older datasets, where it is 1.
 RADIANCE_SCALE = "radiance_scale"
+NOISY_SPP = "noisy_spp"  # samples per pixel of `NOISY_IMAGES`, a scalar
 RADIANCES = frozenset(c.name for c in dataset_channels(KINDS) if c.unit == RADIANCE)
 _PIECE = 32704  # values; PyTorch starts threads from 32768 on
 _SHARD = re.compile(r"(train|validation|test)-(\d{5})-of-(\d{5})\.parquet")
@@ -105,6 +112,18 @@ class ViewInputs:
     tint: ArrayOrTensor | None = None
     # float32 (H, W), [0, 1], share of the sources' direct light that is not shadowed; None: 1
     visibility: ArrayOrTensor | None = None
+    # Light transport, float32 (H, W, 3) in the unit of radiance, `pipeline.passes.transport`
+    transport_direct: ArrayOrTensor | None = None  # irradiance / pi by direct light
+    transport_indirect: ArrayOrTensor | None = None  # the same of indirect light
+    transport_color: ArrayOrTensor | None = None  # picture of the method `radiosity`
+    # Materials, float32 (H, W), [0, 1]
+    roughness: ArrayOrTensor | None = None
+    metalness: ArrayOrTensor | None = None
+    material_known: ArrayOrTensor | None = None  # 1 where the other two are known
+    # Path-traced samples, float32 (H, W, 3), linear radiance
+    noisy_color: ArrayOrTensor | None = None  # as color, with `noisy_spp` samples per pixel
+    denoised_color: ArrayOrTensor | None = None  # noisy_color, denoised
+    noisy_spp: ArrayOrTensor = 0  # int; while a network is exported, a tensor (1,)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,13 +139,6 @@ class Example(ViewInputs):
     color: AnyArray  # float32 (H, W, 3), linear HDR radiance
     exposure_shading: Exposure  # by the log-average luminance of shading
     exposure_color: Exposure  # by the log-average luminance of color
-    noisy_color: AnyArray | None = None  # as color, with few samples a pixel; None: not read
-    noisy_shading: AnyArray | None = None  # as shading, from the same paths
-    denoised_color: AnyArray | None = None  # noisy_color, denoised
-    denoised_shading: AnyArray | None = None  # noisy_shading, denoised
-    transport_direct: AnyArray | None = None  # float32 (H, W, 3), direct irradiance / pi, computed
-    transport_indirect: AnyArray | None = None  # the same of indirect light
-    transport_color: AnyArray | None = None  # float32 (H, W, 3), picture of the method radiosity
 
     @property
     def name(self) -> str:
@@ -147,21 +159,27 @@ class Dataset:
     """Reader of the shards of one split, or of the scenes `only` in them.
 
     Raises `InputError` if the folder does not contain the split, or if a shard is missing,
-    truncated or lacks columns; with `noisy`, also if it lacks noisy samples. One file is open at a
-    time, and only during a read.
+    truncated or lacks columns, among them those of `extras`. One file is open at a time, and only
+    during a read.
     """
 
     def __init__(
         self,
         folder: Path,
         split: Split,
-        noisy: bool = False,
+        extras: Collection[Extra] = (),
         only: Collection[str] | None = None,
     ) -> None:
         self.folder, self.split = Path(folder), split
         self.only = None if only is None else frozenset(only)
         self.shards = _shards(self.folder, split)
-        self.images = {**IMAGES, **(NOISY_IMAGES if noisy else {}), **_optional(self.shards)}
+        self.images = {
+            **IMAGES,
+            **(NOISY_IMAGES if "noisy" in extras else {}),
+            **(TRANSPORT_IMAGES if "transport" in extras else {}),
+            **_optional(self.shards),
+        }
+        self.noisy = "noisy" in extras
         # By shard and row group: numbers of the selected rows.
         self.groups: list[list[Sequence[int]]] = [
             [range(size) for size in _group_sizes(path, self.images)] for path in self.shards
@@ -300,7 +318,7 @@ class Dataset:
     def _load(self, shard: int, group: int, wanted: set[int]) -> dict[int, dict[str, Any]]:
         path = self.shards[shard]
         with reading(path), open_parquet(path) as file:
-            scalar_names = [*SCALARS, *_scale_columns(file)]
+            scalar_names = [*SCALARS, *_scale_columns(file), *([NOISY_SPP] if self.noisy else [])]
             table = file.read_row_group(group, columns=[*scalar_names, *self.images])
             check_filled(path, table, scalar_names)
         types = {
@@ -406,7 +424,13 @@ def _group_sizes(path: Path, images: Iterable[str]) -> list[int]:
         if missing and missing[0] in NOISY_IMAGES:
             raise InputError(
                 f"{path}: no noisy samples in it (column {missing[0]!r}), which the method hybrid "
-                "takes; set noisy.spp to 1 to 4, then run: pbrnet groundtruth, pbrnet dataset"
+                "takes; set noisy.spp to 1 to 8, then run: pbrnet groundtruth, pbrnet dataset"
+            )
+        if missing and missing[0] in TRANSPORT_IMAGES:
+            raise InputError(
+                f"{path}: no light transport in it (column {missing[0]!r}), which the methods plus "
+                "and hybrid take; set channels: [transport], then run: pbrnet groundtruth, pbrnet "
+                "dataset"
             )
         if missing:
             raise InputError(
@@ -474,6 +498,7 @@ def _example(record: dict[str, Any], names: Mapping[str, int | None]) -> Example
         intrinsics=np.array(record["K"], dtype=np.float64).reshape(3, 3),
         exposure_shading=Exposure(record["exposure_shading"], record["white_shading"]),
         exposure_color=Exposure(record["exposure_color"], record["white_color"]),
+        noisy_spp=record.get(NOISY_SPP) or 0,
         **images,
     )
 

@@ -16,7 +16,14 @@ import numpy as np
 import torch
 
 from model.data.encoding import color_exposure
-from model.data.reader import NOISY_IMAGES, Dataset, Example, image_columns
+from model.data.reader import (
+    MATERIAL_IMAGES,
+    NOISY_IMAGES,
+    TRANSPORT_IMAGES,
+    Dataset,
+    Example,
+    image_columns,
+)
 from model.evaluation.inference import (
     PREDICTABLE,
     PRODUCTS,
@@ -25,7 +32,7 @@ from model.evaluation.inference import (
     load_networks,
 )
 from model.evaluation.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
-from model.methods import BASELINES, METHODS
+from model.methods import BASELINES, METHODS, extras_of
 from model.training.store import ModelCard
 from model.training.train import Folders
 from pipeline.costs.ledger import read_ledger
@@ -170,8 +177,8 @@ def open_split(
     mapping differs from that of the parameters.
     """
     networks = load_networks(folders.models, methods)
-    noisy = any(METHODS[name].uses_noisy_samples for name in networks.baselines)
-    dataset = Dataset(folders.data / "dataset", params.evaluate.split, noisy)
+    extras = extras_of(networks.baselines)
+    dataset = Dataset(folders.data / "dataset", params.evaluate.split, extras)
     refuse_leaks(dataset, networks.cards)
     if networks.card.tone != plain(params.tone):
         raise InputError(
@@ -209,13 +216,16 @@ def _measurable(
     for method in methods:
         card = folders.models / f"{method}.json"
         trained_with = read_json(card).get("training", {}) if card.is_file() else {}
-        noisy = method in METHODS and METHODS[method].uses_noisy_samples
-        if noisy and not set(NOISY_IMAGES) <= columns:
-            left_out[method] = "the dataset has no noisy samples; set noisy.spp and render them"
-        elif trained_with.get("shadows") and "visibility" not in columns:
+        extras = extras_of([method])
+        if "transport" in extras and not set(TRANSPORT_IMAGES) <= columns:
             left_out[method] = (
-                "the dataset has no visibility of lights; set illumination.shadow_rays and "
-                "render it"
+                "the dataset has no light transport; set channels: [transport] and compute it"
+            )
+        elif "noisy" in extras and not set(NOISY_IMAGES) <= columns:
+            left_out[method] = "the dataset has no noisy samples; set noisy.spp and render them"
+        elif trained_with.get("materials") and not set(MATERIAL_IMAGES) <= columns:
+            left_out[method] = (
+                "the dataset has no materials; set channels: [materials, transport] and render them"
             )
     if len(left_out) == len(methods):
         reasons = "; ".join(f"{method}: {reason}" for method, reason in left_out.items())
@@ -356,7 +366,10 @@ def _method_seconds(method: str, parts: dict[str, float]) -> float | None:
         return None
     needed: dict[str, tuple[str, ...]] = {"pbrnet": ("shading", "composition")}
     needed |= {name: ("shading", name) for name in PRODUCTS}
-    needed |= {name: (name, "sampling") for name in BASELINES if METHODS[name].uses_noisy_samples}
+    # The ledger's seconds of `radiosity` are those of light transport, `sampling` those of samples.
+    parts_of = {"noisy": "sampling", "transport": "radiosity"}
+    for name in BASELINES:
+        needed[name] = (name, *(parts_of[extra] for extra in METHODS[name].extras))
     needed["denoised"] = ("sampling",)  # includes the guides and the denoiser
     times = [parts.get(part) for part in needed.get(method, (method,))]
     return None if None in times else sum(time for time in times if time is not None)

@@ -46,8 +46,7 @@ class Prediction:
     method: str
     shading: AnyArray | None  # None for methods that predict colour only
     color: AnyArray
-    # Linear shading and colour, for methods that predict radiance.
-    linear: tuple[AnyArray, AnyArray] | None = None
+    linear: AnyArray | None = None  # linear colour, for methods that predict radiance
 
 
 @dataclass(frozen=True)
@@ -121,9 +120,8 @@ class Networks:
         exposure = color_exposure(example, self.card.exposure)
         known = bool(example.color.any())
         if predicted.linear is not None:
-            light, color = predicted.linear
-            unclipped = np.zeros(color.shape[:2], bool)
-            return Radiance(color, light, unclipped, exposure, known=True)
+            unclipped = np.zeros(predicted.linear.shape[:2], bool)
+            return Radiance(predicted.linear, None, unclipped, exposure, known=True)
         display = predicted.color
         shading: AnyArray | None = None
         if predicted.shading is not None:
@@ -141,29 +139,19 @@ class Networks:
     def _predict_baseline(self, name: str, example: Example) -> Prediction:
         """Predict a view by a method of a single network."""
         method, network = METHODS[name], self.modules[name]
-        if method.uses_direct_light:
-            example = select_visibility(example, self.cards[name])
-        inputs = encode([example], method.uses_direct_light, method.uses_noisy_samples)
-        if not method.predicts_shading:
-            return Prediction(name, None, to_image(self._run(name, network, inputs)))
-        parts: Callable[..., tuple[torch.Tensor, ...]] = network.parts  # type: ignore[assignment]
-        both = self._run(name, lambda tensors: torch.cat(parts(tensors), dim=1), inputs)
-        if method.uses_noisy_samples:
-            pixels = both[0].permute(1, 2, 0).cpu().numpy()
-            return self._tonemapped(name, example, pixels[..., :3].copy(), pixels[..., 3:].copy())
-        return Prediction(name, to_image(both[:, :3]), to_image(both[:, 3:]))
+        if method.uses_transport:
+            example = select_materials(example, self.cards[name])
+        found = self._run(name, network, encode([example], **method.inputs))
+        if not method.predicts_radiance:
+            return Prediction(name, None, to_image(found))
+        color = np.ascontiguousarray(found[0].permute(1, 2, 0).cpu().numpy())
+        return Prediction(name, None, self._displayed(example, color), color)
 
-    def _tonemapped(
-        self, name: str, example: Example, shading: AnyArray, color: AnyArray
-    ) -> Prediction:
-        """Prediction from radiance, in the exposure of the truth, or in its own if unknown."""
-        if not example.color.any():
-            tone = ToneParams(**self.card.tone)
-            own = [exposure_of(image, tone) for image in (shading, color)]
-            example = replace(example, exposure_shading=own[0], exposure_color=own[1])
-        display = tonemap(color, color_exposure(example, self.card.exposure))
-        light = tonemap(shading, example.exposure_shading)
-        return Prediction(name, light, display, (shading, color))
+    def _displayed(self, example: Example, color: AnyArray) -> AnyArray:
+        """Display values of radiance, in the exposure of the truth, or in its own if unknown."""
+        if example.color.any():
+            return tonemap(color, color_exposure(example, self.card.exposure))
+        return tonemap(color, exposure_of(color, ToneParams(**self.card.tone)))
 
     @torch.no_grad()
     def _run(
@@ -172,17 +160,19 @@ class Networks:
         return tiled(call, self.cards[name].architecture, inputs, self.tile)
 
 
-def select_visibility(example: Example, card: ModelCard) -> Example:
-    """The view with its `visibility` if the network was trained with it, else without.
+def select_materials(example: Example, card: ModelCard) -> Example:
+    """The view with its materials if the network was trained with them, else without.
 
-    Raises `InputError` if it is required and missing.
+    Raises `InputError` if they are required and missing, and transport is not.
     """
-    if not card.training.get("shadows"):
-        return replace(example, visibility=None)
-    if example.visibility is None:
+    if example.transport_color is None:
+        return example  # more is missing than materials, which the encoder says
+    if not card.training.get("materials"):
+        return replace(example, roughness=None, metalness=None, material_known=None)
+    if example.material_known is None:
         raise InputError(
-            f"{example.name}: the visibility of its lights is missing, which the network requires; "
-            "set illumination.shadow_rays to 8, then run: pbrnet illumination"
+            f"{example.name}: roughness and metalness are missing, which the network was trained "
+            "with; set channels: [materials, transport], then run: pbrnet inputs, pbrnet dataset"
         )
     return example
 

@@ -1,12 +1,12 @@
 """Inputs and outputs of `pbrnet predict`: views from a scene or from frames, images, radiance.
 
 Path tracing is only used for the truth, if it is compared with the prediction, and for methods that
-take noisy samples.
+take noisy samples. Light transport is computed for the methods that take it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 
 from model.data.encoding import color_exposure
-from model.data.reader import Example
+from model.data.reader import MATERIAL_IMAGES, Example
 from model.evaluation.inference import Networks, Prediction
 from model.evaluation.metrics import flip_map, measure
+from model.methods import METHODS
 from model.training.store import ModelCard
-from pipeline.channels import DENOISED, DENOISED_SHADING, NOISY_SHADING, RGB, TINT
+from pipeline.channels import DENOISED, RGB, TINT, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
 from pipeline.frames import (
     Channels,
     Frame,
@@ -31,11 +32,12 @@ from pipeline.frames import (
     write_pixels,
 )
 from pipeline.images import Picture, contact_sheet, error_picture, reflectance_picture
-from pipeline.params import IlluminationParams, NoisyParams, Params, ToneParams
+from pipeline.params import NoisyParams, Params, ToneParams
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
+from pipeline.passes.materials import render_materials
 from pipeline.passes.registry import render_noisy, render_truths
-from pipeline.passes.visibility import render_visibility
+from pipeline.passes.transport import render_transport
 from pipeline.photograph import meter, photograph
 from pipeline.render.scene import RenderScene, open_scene, set_variant
 from pipeline.tonemap import Exposure, exposure_of, tonemap
@@ -50,8 +52,15 @@ from scenes.seeds import derive
 _NEEDED = {
     "Z": ("Z", "N.X", "N.Y", "N.Z", "albedo.R", "albedo.G", "albedo.B", "valid"),
     "intensity.Y": ("intensity.Y", "distance.Z"),
-    "visibility.Y": ("visibility.Y",),
-    DENOISED[0]: (*RGB, *NOISY_SHADING, *DENOISED, *DENOISED_SHADING),
+    TRANSPORT_INDIRECT[0]: (*TRANSPORT_DIRECT, *TRANSPORT_INDIRECT, *RGB),
+    "material_known": ("roughness", "metalness", "material_known"),
+    DENOISED[0]: (*RGB, *DENOISED),
+}
+# Frames beside those of the inputs and the panorama: option of `from_frames`, channel as above.
+OTHER_FRAMES = {
+    "noisy": DENOISED[0],
+    "transport": TRANSPORT_INDIRECT[0],
+    "materials": "material_known",
 }
 Loader = Callable[[ModelCard], Example]  # takes the card of the network that gets the example
 
@@ -69,14 +78,30 @@ class ViewSource:
         return f"{self.view.scene_id}/{self.view.view_id}"
 
 
+@dataclass(frozen=True)
+class Rendered:
+    """Channels of a view beside those of its inputs; None: not rendered."""
+
+    panorama: Channels | None = None
+    noisy: Channels | None = None
+    transport: Channels | None = None
+    materials: Channels | None = None
+    noisy_spp: int = 0  # samples per pixel of `noisy`
+
+
 def from_scene(
-    scene_folder: Path, views: Sequence[View], params: Params, data: Path, with_truth: bool
+    scene_folder: Path,
+    views: Sequence[View],
+    params: Params,
+    data: Path,
+    with_truth: bool,
+    samples: int = 0,
 ) -> list[ViewSource]:
     """Views of a scene, which is opened when the first of them is loaded.
 
-    Inputs and panorama are rendered. With `with_truth` the true images are read from `data` if they
-    are there, and path traced otherwise. A network that takes noisy samples gets as many as it was
-    trained with.
+    What the network takes is rendered. With `with_truth` the true images are read from `data` if
+    they are there, and path traced otherwise. A network that takes noisy samples gets `samples` per
+    pixel; 0: the median of its training.
     """
     opened: list[RenderScene] = []
 
@@ -89,31 +114,23 @@ def from_scene(
             frames = known_truth(data, view)
             truth = _channels(frames) if frames else trace_truth(opened[0], view, params)
         inputs = render_inputs(opened[0], view)
-        light = render_light(opened[0], view, params, [card], inputs)
-        noisy = render_noisy_samples(opened[0], view, params, card)
-        return example_of(view, inputs, light, card, truth, noisy)
+        given = rendered_for(opened[0], view, params, [card], samples)
+        return example_of(view, inputs, given, card, truth)
 
     return [ViewSource(view, partial(load, view)) for view in views]
 
 
 def from_frames(
-    inputs: Path,
-    illumination: Path,
-    noisy: Path | None = None,
-    *,
-    visibility: Path | None = None,
-    truth: Path | None = None,
+    inputs: Path, illumination: Path, *, truth: Path | None = None, **others: Path
 ) -> ViewSource:
     """A view from its frames; `truth` is the data folder to read its true images from, or None.
 
-    `noisy` and `visibility` are the frames of noisy samples and of the visibility of lights, for
-    networks that take them. Raises `InputError` for frames that are missing, damaged, or of
-    different views.
+    `others` are further frames for networks that take them, by the names of `OTHER_FRAMES`. Raises
+    `InputError` for frames that are missing, damaged, or of different views.
     """
     view = view_of(read_meta(inputs), inputs)
     paths = {"Z": inputs, "intensity.Y": illumination}
-    paths |= {DENOISED[0]: noisy} if noisy else {}
-    paths |= {"visibility.Y": visibility} if visibility else {}
+    paths |= {OTHER_FRAMES[name]: path for name, path in others.items()}
     for path in list(paths.values())[1:]:
         other = view_of(read_meta(path), path)
         if (view.scene_id, view.view_id) != (other.scene_id, other.view_id):
@@ -134,11 +151,15 @@ def from_frames(
                 "--compare; render them, or predict from the scene"
             )
         pair = _channels(known) if known else None
-        samples = frames[DENOISED[0]].channels if noisy else None
-        light = frames["intensity.Y"].channels
-        if visibility:
-            light = light | frames["visibility.Y"].channels
-        return example_of(view, frames["Z"].channels, light, card, pair, samples)
+        channels = {name: frames[OTHER_FRAMES[name]].channels for name in others}
+        given = Rendered(
+            panorama=frames["intensity.Y"].channels,
+            noisy=channels.get("noisy"),
+            transport=channels.get("transport"),
+            materials=channels.get("materials"),
+            noisy_spp=_samples_of(frames[DENOISED[0]]) if "noisy" in others else 0,
+        )
+        return example_of(view, frames["Z"].channels, given, card, pair)
 
     return ViewSource(view, load)
 
@@ -163,7 +184,7 @@ def frame_sets(inputs: Path, *others: Path) -> list[tuple[Path, ...]]:
                 f"{folder / missing[0]}: missing, but there is {inputs / missing[0]}"
                 + (f", and {len(missing) - 1} more" if len(missing) > 1 else "")
                 + "; render them with: pbrnet illumination"
-                + (", pbrnet groundtruth" if folder != others[0] else "")
+                + (", pbrnet inputs, pbrnet groundtruth" if folder != others[0] else "")
             )
     return [(inputs / name, *(folder / name for folder in others)) for name in names]
 
@@ -305,70 +326,79 @@ def trace_truth(scene: RenderScene, view: View, params: Params) -> tuple[Channel
     return truths["shading"][0], truths["color"][0]
 
 
-def render_light(
-    scene: RenderScene, view: View, params: Params, cards: Iterable[ModelCard], inputs: Channels
-) -> Channels:
-    """Panorama of a view, and the visibility of its lights if one of the networks takes it."""
-    panorama = render_illumination(scene, view, params.illumination)
-    if not any(card.training.get("shadows") for card in cards):
-        return panorama
-    return panorama | render_shadows(scene, view, params, panorama, inputs)
+def rendered_for(
+    scene: RenderScene, view: View, params: Params, cards: Sequence[ModelCard], samples: int = 0
+) -> Rendered:
+    """Render what the networks of these cards take beside the inputs; see `from_scene`."""
+    methods = {card.name: METHODS[card.name] for card in cards if card.name in METHODS}
+    rendered = Rendered()
+    if any(method.uses_panorama for method in methods.values()):
+        rendered = replace(rendered, panorama=render_illumination(scene, view, params.illumination))
+    if any(method.uses_transport for method in methods.values()):
+        rendered = replace(rendered, transport=compute_transport(scene, view, params))
+    if any(card.training.get("materials") for card in cards):
+        rendered = replace(rendered, materials=render_materials(scene, view)[0])
+    trained_with = [card.training.get("noisy_spp", 0) for card in cards]
+    spp = max(trained_with, default=0) and (samples or max(trained_with))
+    if spp:
+        noisy = trace_samples(scene, view, params, spp)
+        rendered = replace(rendered, noisy=noisy, noisy_spp=spp)
+    return rendered
 
 
-def render_shadows(
-    scene: RenderScene, view: View, params: Params, panorama: Channels, inputs: Channels
-) -> Channels:
-    """Visibility of the panorama's lights from the surfaces of a view.
-
-    The number of rays is `illumination.shadow_rays`, or its default if that is 0.
-    """
-    rays = params.illumination.shadow_rays or IlluminationParams().shadow_rays
-    settings = replace(params.illumination, shadow_rays=rays)
-    return render_visibility(scene, view, settings, panorama, inputs)
+def compute_transport(scene: RenderScene, view: View, params: Params) -> Channels:
+    """Light transport of a view."""
+    seed = derive(params.seed, "predict", view.scene_id, view.view_id, "transport")
+    return render_transport(scene, view, params.transport, seed)
 
 
-def render_noisy_samples(
-    scene: RenderScene, view: View, params: Params, card: ModelCard
-) -> Channels | None:
-    """Noisy samples for a network, as many as it was trained with, or None if it takes none."""
-    spp = card.training.get("noisy_spp", 0)
-    if not spp:
-        return None
+def trace_samples(scene: RenderScene, view: View, params: Params, spp: int) -> Channels:
+    """Noisy samples of a view, raw and denoised; colour only."""
     seed = derive(params.seed, "predict", view.scene_id, view.view_id, "noisy")
-    return render_noisy(scene, view, replace(params, noisy=NoisyParams(spp)), seed)[0]
+    params = replace(params, noisy=NoisyParams(spp))
+    return render_noisy(scene, view, params, seed, shading=False)[0]
 
 
-def with_noisy_samples(example: Example, noisy: Channels) -> Example:
-    """The view with the noisy samples and denoised images of a frame."""
+def with_noisy_samples(example: Example, noisy: Channels, spp: int) -> Example:
+    """The view with the noisy samples and the denoised image of a frame."""
     return replace(
         example,
         noisy_color=_stack(noisy, RGB),
-        noisy_shading=_stack(noisy, NOISY_SHADING),
         denoised_color=_stack(noisy, DENOISED),
-        denoised_shading=_stack(noisy, DENOISED_SHADING),
+        noisy_spp=spp,
+    )
+
+
+def with_transport(example: Example, transport: Channels) -> Example:
+    """The view with the light transport of a frame."""
+    return replace(
+        example,
+        transport_direct=_stack(transport, TRANSPORT_DIRECT),
+        transport_indirect=_stack(transport, TRANSPORT_INDIRECT),
+        transport_color=_stack(transport, RGB),
     )
 
 
 def example_of(
     view: View,
     inputs: Channels,
-    illumination: Channels,
+    given: Rendered,
     card: ModelCard,
     truth: tuple[Channels, Channels] | None,
-    noisy: Channels | None = None,
 ) -> Example:
     """Example for the networks, from the channels of frames.
 
     Without `truth` the true images are black, and their exposure has scale 1 and the median white
-    point of the training data. `illumination` holds the channels of the panorama, and
-    `visibility.Y` for networks that take it.
+    point of the training data. Without a panorama no light is visible.
     """
     depth = inputs["Z"].astype(np.float32)
     black = np.zeros((*depth.shape, 3), np.float32)
     shading, color = (_stack(images, RGB) for images in truth) if truth else (black, black)
-    visibility = illumination.get("visibility.Y")
     tone = ToneParams(**card.tone)
     unknown = Exposure(1.0, card.white)
+    panorama = given.panorama or dict.fromkeys(
+        ("intensity.Y", "distance.Z"), np.zeros((1, 2), np.float32)
+    )
     example = Example(
         scene_id=view.scene_id,
         view_id=view.view_id,
@@ -376,17 +406,34 @@ def example_of(
         normal=_stack(inputs, ("N.X", "N.Y", "N.Z")),
         reflectance=_stack(inputs, ("albedo.R", "albedo.G", "albedo.B")),
         valid=inputs["valid"] > 0,
-        intensity=illumination["intensity.Y"].astype(np.float32),
-        distance=illumination["distance.Z"].astype(np.float32),
+        intensity=panorama["intensity.Y"].astype(np.float32),
+        distance=panorama["distance.Z"].astype(np.float32),
         intrinsics=view.intrinsics,
-        tint=_stack(illumination, TINT) if all(name in illumination for name in TINT) else None,
-        visibility=None if visibility is None else visibility.astype(np.float32),
+        tint=_stack(panorama, TINT) if all(name in panorama for name in TINT) else None,
         shading=shading,
         color=color,
         exposure_shading=exposure_of(shading, tone) if truth else unknown,
         exposure_color=exposure_of(color, tone) if truth else unknown,
     )
-    return with_noisy_samples(example, noisy) if noisy else example
+    if given.materials is not None:
+        rough, metal, known = (given.materials[name] for name in MATERIAL_IMAGES)
+        example = replace(
+            example,
+            roughness=rough.astype(np.float32),
+            metalness=metal.astype(np.float32),
+            material_known=known.astype(np.float32),
+        )
+    if given.transport is not None:
+        example = with_transport(example, given.transport)
+    if given.noisy is not None:
+        example = with_noisy_samples(example, given.noisy, given.noisy_spp)
+    return example
+
+
+def _samples_of(frame: Frame) -> int:
+    """Samples per pixel of a frame of noisy samples; 1 if it does not tell."""
+    found = frame.meta.get("spp")
+    return found if isinstance(found, int) and found > 0 else 1
 
 
 def _channels(frames: tuple[Frame, Frame]) -> tuple[Channels, Channels]:

@@ -30,6 +30,7 @@ BASELINES = ("unet", "can", "pix2pix", "cyclegan")  # of the paper, trained with
 PAIRS = (
     ("hybrid", "denoised"),
     ("plus", "pbrnet"),
+    ("plus", "radiosity"),
     ("pbrnet", "product"),
     *((ours, other) for ours in ("pbrnet", "plus") for other in BASELINES),
 )

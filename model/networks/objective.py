@@ -17,10 +17,14 @@ from typing import Any, Literal
 import torch
 from torch import nn
 
+from model.data.display import tonemap_exposed
 from model.data.encoding import Tensors
 
 Criterion = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 Target = Literal["shading", "color"]
+
+# Weight of the logarithmic loss, and the value added to exposed radiance before the logarithm.
+LOG_WEIGHT, LOSS_LOG_OFFSET = 25.0, 0.05
 
 
 @dataclass(frozen=True)
@@ -29,7 +33,6 @@ class Batch:
 
     inputs: Tensors  # of `encode`
     truth: torch.Tensor  # display values (N, 3, H, W) of the network's target
-    shading: torch.Tensor | None = None  # true shading, for networks that predict both
     radiance: Tensors | None = None  # of `radiances`, for networks that predict radiance
 
 
@@ -96,3 +99,22 @@ class PairedLoss(SingleLoss):
         with torch.no_grad():
             shading = self.shading(inputs).float().clamp(0, 1)
         return self.network(shading, inputs["reflectance"])
+
+
+class ExposedLoss(SingleLoss):
+    """Loss of predicted radiance: the criterion on the displayed colour, and L1 on logarithms.
+
+    The criterion measures the displayed image. Its gradient vanishes where the display is white or
+    nearly black; there the logarithms still measure the error.
+    """
+
+    def loss(self, batch: Batch) -> torch.Tensor:
+        """The sum of both terms, a scalar with gradient."""
+        assert batch.radiance is not None
+        scale, white = batch.radiance["exposure"].split(1, dim=1)
+        with self.autocast():
+            color = scale * self.network(batch.inputs)
+            loss = self.criterion(tonemap_exposed(color, white), batch.truth)
+        truth = scale * batch.radiance["color"]
+        logs = [(image + LOSS_LOG_OFFSET).log() for image in (color, truth)]
+        return loss + LOG_WEIGHT * (logs[0] - logs[1]).abs().mean()

@@ -16,11 +16,12 @@ from dataclasses import dataclass
 import torch
 
 from model.data.encoding import Tensors
+from model.networks.bands import FOLD
 from model.networks.pbrnet import Architecture
 from scenes.errors import InputError
 
 # Inputs that are not images of the view: each tile gets them whole.
-WHOLE = ("intensity", "distance", "tint", "gain", "brightness")
+WHOLE = ("intensity", "distance", "level", "samples")
 MIN_TILE = 16  # least side of a tile in pixels
 
 # Margin of each network's receptive field around an aligned block, in pixels: a `Branch` has 1, and
@@ -29,8 +30,10 @@ _MARGINS: dict[str, Callable[[int], int]] = {
     "shading": lambda levels: 1 + unet_margin(levels),
     "composition": lambda levels: unet_margin(levels),
     "unet": lambda levels: 1 + unet_margin(levels),
-    "plus": lambda levels: 1 + unet_margin(levels) + unet_margin(max(1, levels - 2)),
+    "plus": lambda levels: FOLD * (1 + unet_margin(levels)),
 }
+# Pixels of the image that a side of a network's finest pixel spans, where it is not 1.
+_FOLDS = {"plus": FOLD}
 
 
 @dataclass(frozen=True)
@@ -74,8 +77,8 @@ def margin(architecture: Architecture) -> int:
     """
     if architecture.kind not in _MARGINS:
         raise InputError(
-            f"a network of the kind {architecture.kind!r} cannot work in tiles: it normalises by "
-            "the statistics of the whole picture; leave out --tile"
+            f"a network of the kind {architecture.kind!r} cannot work in tiles: it needs the "
+            "statistics of the whole picture; leave out --tile"
         )
     step = stride(architecture)
     return -(-_MARGINS[architecture.kind](architecture.levels) // step) * step
@@ -83,7 +86,7 @@ def margin(architecture: Architecture) -> int:
 
 def stride(architecture: Architecture) -> int:
     """Pixels of the image that the network's coarsest pixel spans."""
-    return int(2 ** (architecture.levels - 1))
+    return int(_FOLDS.get(architecture.kind, 1) * 2 ** (architecture.levels - 1))
 
 
 def tile_grid(height: int, width: int, tile: int, architecture: Architecture) -> Iterator[Tile]:

@@ -1,4 +1,4 @@
-"""ONNX export of trained networks: one model from the images of a view to shading and colour.
+"""ONNX export of trained networks: one model from the images of a view to its picture.
 
 Programs that run the model need neither torch nor this package. The graph includes the encoding of
 the inputs, traced from `model.data.encoding`, so its inputs are columns of the dataset.
@@ -16,91 +16,80 @@ from typing import Any
 import torch
 from torch import nn
 
-from model.data.encoding import Tensors, encode_inputs
-from model.data.reader import ViewInputs
+from model.data.display import log_average, luminance, tonemap_exposed
+from model.data.encoding import DEFAULT_WHITE, Tensors, encode
+from model.data.reader import MATERIAL_IMAGES, NOISY_IMAGES, NOISY_SPP, TRANSPORT_IMAGES, ViewInputs
 from model.evaluation.inference import Networks, needed
+from model.methods import METHODS
 from model.networks.pbrnet import GRID
-from model.networks.plus import PlusNet
 from scenes.checked import plain
 from scenes.errors import MachineError
 from scenes.files import atomic_file
 
 OPSET = 20
-EXPORTABLE = ("pbrnet", "plus")
-INPUTS = ("depth", "valid", "normal", "reflectance", "intensity", "distance")
-PLUS_INPUTS = (*INPUTS, "tint", "K")
-OUTPUTS = ("shading", "color")
+EXPORTABLE = ("pbrnet", "plus", "hybrid")
+INPUTS = ("depth", "valid", "normal", "reflectance")
+PANORAMA = ("intensity", "distance")
+OUTPUTS = {"pbrnet": ("shading", "color"), "plus": ("radiance", "color")}
+OUTPUTS["hybrid"] = OUTPUTS["plus"]
 # Input sizes for the exporter's trace; the graph does not depend on them.
-_TRACED_SIZES = {
-    "depth": (45, 61),
-    "valid": (45, 61),
-    "normal": (45, 61, 3),
-    "reflectance": (45, 61, 3),
-    "intensity": (40, 80),
-    "distance": (40, 80),
-    "tint": (40, 80, 3),
-    "K": (3, 3),
-    "visibility": (45, 61),
-}
+_IMAGE, _PANORAMA = (45, 61), (40, 80)
+_BANDS = ("normal", "reflectance", *TRANSPORT_IMAGES, *NOISY_IMAGES)
 
 
 class ExportedMethod(nn.Module):
     """A method and the encoding of its inputs, from columns of the dataset to display values.
 
-    `pbrnet` takes `INPUTS`. `plus` takes `PLUS_INPUTS`, and `visibility` if it was trained with it.
-    If the colours of the lights are unknown, pass a `tint` of ones for white light.
+    The inputs are those that `exported_inputs` names, in its order.
     """
 
     def __init__(self, networks: Networks) -> None:
         super().__init__()
         self.method = networks.methods[0]
+        self.names = exported_inputs(networks)
         self.networks = nn.ModuleDict(
             {name: networks.modules[name] for name in needed(self.method)}
         )
         first = networks.cards[needed(self.method)[0]]
         self.averages_panorama = first.architecture.panorama == "normal"
+        self.key = float(networks.card.tone["key"])
 
-    def forward(
-        self,
-        depth: torch.Tensor,
-        valid: torch.Tensor,
-        normal: torch.Tensor,
-        reflectance: torch.Tensor,
-        intensity: torch.Tensor,
-        distance: torch.Tensor,
-        tint: torch.Tensor | None = None,
-        K: torch.Tensor | None = None,
-        visibility: torch.Tensor | None = None,
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Shading and colour, display values (H, W, 3) in [0, 1].
+    def forward(self, *images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """The images of `OUTPUTS`, (H, W, 3): display values in [0, 1], radiance linear.
 
-        The inputs are the fields of `ViewInputs`, all as float32: images (H, W) or (H, W, 3),
-        panoramas (h, w) or (h, w, 3), and `K`, the intrinsics (3, 3).
+        The inputs are fields of `ViewInputs`, all as float32: images (H, W) or (H, W, 3), panoramas
+        (h, w), and `noisy_spp` (1,). Radiance is in the unit of the inputs; its display values have
+        their own exposure.
         """
+        given = dict(zip(self.names, images, strict=True))
+        dark = given["depth"].new_zeros(1, 2)
         view = ViewInputs(
-            depth=depth,
-            valid=valid > 0,
-            normal=normal,
-            reflectance=reflectance,
-            intensity=intensity,
-            distance=distance,
-            intrinsics=K,
-            tint=tint,
-            visibility=visibility,
+            **{name: given.get(name, dark) for name in PANORAMA},
+            **{name: image for name, image in given.items() if name not in (*PANORAMA, "valid")},
+            valid=given["valid"] > 0,
+            intrinsics=None,
         )
-        inputs = encode_inputs([view], direct_light=self.method == "plus")
+        if self.method == "pbrnet":
+            return _pictures(*self._two_stages(encode([view])))
+        found = self.networks[self.method](encode([view], **METHODS[self.method].inputs))
+        scale = self.key / log_average(luminance(found))
+        return found[0].permute(1, 2, 0), _picture(tonemap_exposed(scale * found, DEFAULT_WHITE))
+
+    def _two_stages(self, inputs: Tensors) -> tuple[torch.Tensor, torch.Tensor]:
         if self.averages_panorama:
             inputs = averaged_panorama(inputs)
-        shading, color = self._predict(inputs)
-        return tuple(image[0].clamp(0, 1).permute(1, 2, 0) for image in (shading, color))  # type: ignore[return-value]
-
-    def _predict(self, inputs: Tensors) -> tuple[torch.Tensor, torch.Tensor]:
-        if self.method == "plus":
-            plus = self.networks["plus"]
-            assert isinstance(plus, PlusNet)
-            return plus.parts(inputs)
         shading = self.networks["shading"](inputs).clamp(0, 1)
         return shading, self.networks["composition"](shading, inputs["reflectance"])
+
+
+def _pictures(*images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    first, second = map(_picture, images)
+    return first, second
+
+
+def _picture(image: torch.Tensor) -> torch.Tensor:
+    """The image of a batch (1, 3, H, W) as display values (H, W, 3)."""
+    return image[0].clamp(0, 1).permute(1, 2, 0)
 
 
 def averaged_panorama(inputs: Tensors) -> Tensors:
@@ -143,17 +132,16 @@ def export_onnx(networks: Networks, path: Path) -> None:
             f"the Python package {missing[0]} is missing; install with: pip install 'pbrnet[onnx]'"
         )
     names = exported_inputs(networks)
-    sizes = [_TRACED_SIZES[name] for name in names]
     dynamic = dict.fromkeys((0, 1), torch.export.Dim.DYNAMIC)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         logging.getLogger("torch.onnx").setLevel(logging.ERROR)
         program: Any = torch.onnx.export(
             ExportedMethod(networks).eval(),
-            tuple(torch.rand(*size) for size in sizes),
+            tuple(torch.rand(*_traced_size(name)) for name in names),
             input_names=names,
-            output_names=list(OUTPUTS),
-            dynamic_shapes=[{} if name == "K" else dynamic for name in names],
+            output_names=list(OUTPUTS[networks.methods[0]]),
+            dynamic_shapes=[tuple({} if name == NOISY_SPP else dynamic for name in names)],
             opset_version=OPSET,
             dynamo=True,
             verbose=False,
@@ -168,7 +156,17 @@ def export_onnx(networks: Networks, path: Path) -> None:
 
 def exported_inputs(networks: Networks) -> list[str]:
     """Names of the inputs of the exported model, in order."""
-    if networks.methods[0] != "plus":
-        return list(INPUTS)
-    shadows = bool(networks.card.training.get("shadows"))
-    return [*PLUS_INPUTS, *(["visibility"] if shadows else [])]
+    name = networks.methods[0]
+    if name == "pbrnet":
+        return [*INPUTS, *PANORAMA]
+    materials = MATERIAL_IMAGES if networks.card.training.get("materials") else ()
+    samples = (*NOISY_IMAGES, NOISY_SPP) if METHODS[name].uses_noisy_samples else ()
+    return [*INPUTS, *TRANSPORT_IMAGES, *materials, *samples]
+
+
+def _traced_size(name: str) -> tuple[int, ...]:
+    """Size of an input for the exporter's trace."""
+    if name == NOISY_SPP:
+        return (1,)
+    size = _PANORAMA if name in PANORAMA else _IMAGE
+    return (*size, 3) if name in _BANDS else size

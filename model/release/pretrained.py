@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from model.data.reader import Dataset, Example
+from model.data.reader import Dataset, Example, Extra
 from model.evaluation.inference import Networks, available, load_networks, needed
-from model.methods import METHODS
+from model.methods import METHODS, extras_of
 from model.titles import NETWORK_TITLES
 from model.training.store import ModelCard, load_model
 from model.training.weights import write_weights
@@ -91,8 +91,7 @@ def pack(
     _check_target(source, target)
     methods = tuple(dict.fromkeys(methods))
     originals = load_networks(source, methods)
-    noisy = any(method in METHODS and METHODS[method].uses_noisy_samples for method in methods)
-    examples = _views(data, noisy)
+    examples = _views(data, extras_of(methods))
     figures = _figures(metrics)
     names = tuple(dict.fromkeys(name for method in methods for name in needed(method)))
     with atomic_directory(target) as partial:
@@ -155,13 +154,14 @@ def half_type(state: dict[str, torch.Tensor]) -> torch.dtype:
     return torch.float16 if largest < HALF_MAX else torch.bfloat16
 
 
-def _views(data: Path, noisy: bool) -> list[Example]:
+def _views(data: Path, extras: Sequence[Extra]) -> list[Example]:
     """Views spread evenly over the first split that exists: test, validation or train."""
+    missing: InputError | None = None
     for split in ("test", "validation", "train"):
         try:
-            dataset = Dataset(data / "dataset", split, noisy)  # type: ignore[arg-type]
+            dataset = Dataset(data / "dataset", split, extras)  # type: ignore[arg-type]
         except InputError as error:
-            missing = error
+            missing = missing or error
             continue
         numbers = np.linspace(0, len(dataset) - 1, min(VIEWS, len(dataset))).astype(int)
         return list(dataset.at([int(number) for number in numbers]))
@@ -219,8 +219,10 @@ def _card(packed: Networks, differences: Sequence[Difference], figures: dict[str
             for block in (figures, held_out)
             if block
         ],
-        shadows=any(card.training.get("shadows") for card in cards),
-        noisy_spp=[card.training["noisy_spp"] for card in cards if "noisy_spp" in card.training],
+        transport=any(METHODS[card.architecture.kind].uses_transport for card in cards),
+        materials=any(card.training.get("materials") for card in cards),
+        noisy_spp=[spp for card in cards if (spp := card.training.get("noisy_spp"))],
+        noisy_range=next((r for card in cards if (r := card.training.get("noisy_range"))), [4, 4]),
         licences=licences,
         credits=credits,
     )

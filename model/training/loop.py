@@ -57,13 +57,13 @@ class Run:
             name: self._put(value)
             for name, value in targets(examples, self.params.train.exposure).items()
         }
-        encoded = encode(examples, self.method.uses_direct_light, self.method.uses_noisy_samples)
+        encoded = encode(examples, **self.method.inputs)
         inputs = {name: self._put(value) for name, value in encoded.items()}
         radiance = None
-        if self.method.uses_noisy_samples:
+        if self.method.predicts_radiance:
             linear = radiances(examples, self.params.train.exposure)
             radiance = {name: self._put(value) for name, value in linear.items()}
-        return Batch(inputs, truth[self.method.target], truth["shading"], radiance)
+        return Batch(inputs, truth[self.method.target], radiance)
 
     def begin_step(self, step: int) -> None:
         """Set the learning rates and seed torch's random state (dropout, image buffers)."""

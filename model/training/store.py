@@ -12,7 +12,7 @@ from safetensors.torch import load_file
 from torch import nn
 
 from model.data.encoding import Policy
-from model.methods import build_network
+from model.methods import build_network, is_current
 from model.networks.pbrnet import Architecture, channels_last
 from model.training.weights import write_weights
 from pipeline.params import NoisyParams, ToneParams
@@ -112,7 +112,8 @@ def _words(error: Exception) -> str:
 def load_model(path: Path) -> tuple[nn.Module, ModelCard]:
     """Load the network of a `.safetensors` file and its card, in evaluation mode.
 
-    Raises `InputError` if either file is missing or damaged, or if they do not belong together.
+    Raises `InputError` if either file is missing or damaged, if they do not belong together, or if
+    the weights are of an earlier form of the network.
     """
     path = Path(path)
     if not path.is_file():
@@ -122,6 +123,12 @@ def load_model(path: Path) -> tuple[nn.Module, ModelCard]:
     )
     if digest_file(path) != card.sha256:
         raise InputError(f"{path}: damaged, or not the weights described in {path.stem}.json")
+    if not is_current(card.architecture):
+        kind = card.architecture.kind
+        raise InputError(
+            f"{path}: weights of an earlier form of {kind}, which has been built anew; train it "
+            f"again with: pbrnet train {kind}"
+        )
     network = _fitting_network(path, card.architecture)
     try:
         state = load_file(path)

@@ -22,7 +22,7 @@ from typing import Any
 import torch
 from torch import nn
 
-from model.data.reader import Dataset, Example
+from model.data.reader import MATERIAL_IMAGES, NOISY_SPP, Dataset, Example, Extra
 from model.methods import METHODS, Method, build_network
 from model.networks.objective import Objective, Setting
 from model.networks.pbrnet import Architecture, channels_last
@@ -77,9 +77,14 @@ def train_network(
     method = METHODS[name]
     stage: StageTrainParams = getattr(params.train, name)
     architecture = Architecture(
-        method.kind, stage.width, stage.levels, params.train.panorama, params.train.exposure
+        method.kind,
+        stage.width,
+        stage.levels,
+        params.train.panorama,
+        params.train.exposure,
+        method.revision,
     )
-    dataset = Dataset(folders.data / "dataset", "train", method.uses_noisy_samples, only)
+    dataset = Dataset(folders.data / "dataset", "train", method.extras, only)
     backbone = load_backbone(folders.backbone)
     channels_last(backbone)
     shading, needs = _fixed_shading(method, params, folders)
@@ -112,7 +117,7 @@ def train_network(
     checkpoint = Checkpoint(folders.models / "checkpoints" / f"{name}.pt", identity)
     state = checkpoint.resume(run.objective, run.optimisers)
     began, first = time.monotonic(), state.step
-    validation = _validation_views(folders.data / "dataset", method.uses_noisy_samples)
+    validation = _validation_views(folders.data / "dataset", method.extras)
     train_steps(run, state, checkpoint, dataset, validation)
     seconds = (time.monotonic() - began) / max(1, steps - first)
 
@@ -147,9 +152,11 @@ def _input_facts(method: Method, dataset: Dataset) -> dict[str, Any]:
     """Facts about the network's inputs beyond those of the paper, for the model card."""
     facts: dict[str, Any] = {}
     if method.uses_noisy_samples:
-        facts["noisy_spp"] = int(median(dataset.column("noisy_spp")))
-    if method.uses_direct_light:
-        facts["shadows"] = "visibility" in dataset.images
+        samples = dataset.column(NOISY_SPP)
+        facts["noisy_spp"] = int(median(samples))
+        facts["noisy_range"] = [min(samples), max(samples)]
+    if method.uses_transport:
+        facts["materials"] = set(MATERIAL_IMAGES) <= set(dataset.images)
     return facts
 
 
@@ -234,9 +241,9 @@ def _fixed_shading(
     return network, {"shading": card.sha256}
 
 
-def _validation_views(folder: Path, noisy: bool) -> list[Example]:
+def _validation_views(folder: Path, extras: Sequence[Extra]) -> list[Example]:
     try:
-        dataset = Dataset(folder, "validation", noisy)
+        dataset = Dataset(folder, "validation", extras)
     except InputError:
         if list(folder.glob("validation-*.parquet")):
             raise

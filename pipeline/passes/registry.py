@@ -168,29 +168,29 @@ def render_surfaces(scene: RenderScene, view: View, kinds: Sequence[Kind]) -> di
     return {kind: made[kind]() for kind in kinds}
 
 
-def render_noisy(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
+def render_noisy(
+    scene: RenderScene, view: View, params: Params, seed: int, shading: bool = True
+) -> Result:
     """Render colour and shading with `noisy.spp` samples per pixel, unbiased and denoised.
 
-    Returns the channels of the kind `noisy` and the statistics of colour. Raises `InputError` for
-    a material without neutral twin.
+    Returns the channels of the kind `noisy` and the statistics of colour; without `shading` those
+    of colour only, with equal bits. Raises `InputError` for a material without neutral twin.
     """
     settings, albedo = _noisy_trace(params), params.shading.albedo
     if traced_together(params):
         truths = render_both(scene, view, settings, albedo, seed)
-        color, shading = truths.color, truths.shading
+        traced = [truths.color, truths.shading] if shading else [truths.color]
     else:
-        color, shading = (
-            render_truth(scene.neutral(grey), view, settings, seed) for grey in (None, albedo)
-        )
+        greys = (None, albedo) if shading else (None,)
+        traced = [render_truth(scene.neutral(grey), view, settings, seed) for grey in greys]
+    color, *rest = traced
     reflectance, normal = _fast_guides(scene, view)
-    neutral = grey_guide(normal, albedo)
-    channels = {
-        **color[0],
-        **_named(NOISY_SHADING, shading[0]),
-        **_named(DENOISED, denoise(color[0], reflectance, normal, around=view.is_panorama)),
-        **_named(DENOISED_SHADING, denoise(shading[0], neutral, normal, around=view.is_panorama)),
-    }
-    lost = max(color[1]["lost_pixels"], shading[1]["lost_pixels"])
+    clean = denoise(color[0], reflectance, normal, around=view.is_panorama)
+    channels = {**color[0], **_named(DENOISED, clean)}
+    for image, _ in rest:
+        clean = denoise(image, grey_guide(normal, albedo), normal, around=view.is_panorama)
+        channels |= {**_named(NOISY_SHADING, image), **_named(DENOISED_SHADING, clean)}
+    lost = max(stats["lost_pixels"] for _, stats in traced)
     return channels, {**color[1], "lost_pixels": lost, "denoiser": denoiser_version()}
 
 

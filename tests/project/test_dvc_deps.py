@@ -66,7 +66,12 @@ PLUMBING = (
     "scenes/params.py",
 )
 # Code of other methods than the stage trains.
-OTHER_METHODS = ("model/baselines", "model/networks/hybrid.py", "model/networks/plus.py")
+OTHER_METHODS = (
+    "model/baselines",
+    "model/networks/bands.py",
+    "model/networks/hybrid.py",
+    "model/networks/plus.py",
+)
 # Features are a dependency as files: models/backbone.safetensors.
 FEATURES = ("model/training/backbone.py",)
 # Formats of files and their checks: weights and scores do not depend on them, and training takes

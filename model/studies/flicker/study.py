@@ -19,7 +19,7 @@ from scipy.ndimage import map_coordinates
 from model.data.encoding import color_exposure
 from model.data.reader import Example
 from model.evaluation.inference import Networks
-from model.evaluation.predict import example_of, render_light, render_noisy_samples, trace_truth
+from model.evaluation.predict import example_of, rendered_for, trace_truth
 from model.studies.flicker.results import MethodFlicker, Move
 from pipeline.images import Picture, contact_sheet
 from pipeline.params import Params
@@ -76,7 +76,6 @@ def measure_move(
     _refuse_collisions(scene, views)
     card = networks[0].card
     cards = [card for each in networks for card in each.cards.values()]
-    sampling = next((one for one in cards if one.training.get("noisy_spp")), card)
     examples: list[Example] = []
     methods = {method: each for each in networks for method in each.methods}
     images: dict[str, list[AnyArray]] = {
@@ -85,10 +84,9 @@ def measure_move(
     with Progress(len(views), "flicker", "frames") as progress:
         for shown in views:
             inputs = render_inputs(scene, shown)
-            light = render_light(scene, shown, params, cards, inputs)
+            given = rendered_for(scene, shown, params, cards)
             truth = trace_truth(scene, shown, params)
-            noisy = render_noisy_samples(scene, shown, params, sampling)
-            example = example_of(shown, inputs, light, card, truth, noisy)
+            example = example_of(shown, inputs, given, card, truth)
             examples.append(example)
             for method, each in methods.items():
                 images[method].append(each.predict(method, example).color)

@@ -1,8 +1,9 @@
 """Comparison of predicted and rendered changes of a view between two lights.
 
-The networks receive light without its scale (`model.data.encoding`): doubling all light does not
-change their inputs. So they predict the distribution of light in an image, not its overall
-brightness, which is restored from the panorama, see `log_average`.
+The paper's networks receive light without its scale (`model.data.encoding`): doubling all light
+does not change their inputs. So they predict the distribution of light in an image, not its overall
+brightness, which is restored from the panorama, see `log_average`. Light transport has a scale, and
+`plus` and `radiosity` keep it.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ from model.data.direct_light import direct_shading
 from model.data.encoding import NEUTRAL, neutral_background
 from model.data.reader import Example
 from model.evaluation.inference import Networks
+from model.evaluation.predict import with_transport
 from model.evaluation.product import linear_product
 from model.studies.illumination.agreement import agreement, block_means, log_change, sums
 from model.studies.illumination.results import Change
+from pipeline.frames import Channels
 from pipeline.params import ToneParams
 from pipeline.tonemap import Exposure, exposure_of, untonemap
 from scenes.arrays import AnyArray
@@ -32,7 +35,7 @@ Images = dict[str, AnyArray]  # method -> linear radiance (H, W, 3)
 
 @dataclass(frozen=True)
 class LitView:
-    """View under one light: its panorama and, if rendered, its ground truth."""
+    """View under one light: its panorama and, if rendered, light transport and ground truth."""
 
     original: Example  # row of the dataset, with the exposure of all images
     intensity: AnyArray
@@ -41,12 +44,16 @@ class LitView:
     visibility: AnyArray | None = None
     shading: AnyArray | None = None  # linear float32 (H, W, 3)
     color: AnyArray | None = None
+    transport: Channels | None = None
 
     @property
     def example(self) -> Example:
         """Input of the networks."""
+        original = self.original
+        if self.transport is not None:
+            original = with_transport(original, self.transport)
         return replace(
-            self.original,
+            original,
             intensity=self.intensity,
             distance=self.distance,
             tint=self.tint,
@@ -128,10 +135,10 @@ def compare(
     light = direct_image(before.example)
     brightness = log_average(light)
     unit = 1 / (before.original.exposure_shading.scale * brightness) if brightness else 0.0
-    first = {**predictions(networks, before.example, brightness * unit), "direct": light}
+    first = {**_images(networks, before, brightness * unit), "direct": light}
     for name, after in lit.items():
         light = direct_image(after.example)
-        then = {**predictions(networks, after.example, log_average(light) * unit), "direct": light}
+        then = {**_images(networks, after, log_average(light) * unit), "direct": light}
         if before.shading is None or after.shading is None:
             reference = "direct light"
             direct = (luminance(first["direct"]), luminance(then.pop("direct")))
@@ -156,7 +163,7 @@ def compare(
 
 
 def predictions(networks: Networks, example: Example, scale: float) -> Images:
-    """Return linear radiance by method, and of `shading`: predictions, inversely tone-mapped.
+    """Return linear radiance of the paper's networks, and of `shading`, inversely tone-mapped.
 
     The result is multiplied by `scale`. All predictions use the exposure of the original view,
     because the white point of a light that was not rendered is unknown.
@@ -174,9 +181,27 @@ def predictions(networks: Networks, example: Example, scale: float) -> Images:
             neutral_background(example, card.albedo), shading, exposure, card
         ),
     }
-    for name in networks.baselines:
-        images[name] = untonemap(networks.predict(name, example).color, of_color)
     return {name: image * np.float32(scale) for name, image in images.items()}
+
+
+def transported(networks: Networks, lit: LitView) -> Images:
+    """Return linear radiance of the methods that take light transport, in the renderer's unit.
+
+    Empty where transport is unknown: no scene has the light of an exchanged panorama.
+    """
+    if lit.transport is None:
+        return {}
+    example = lit.example
+    assert example.transport_color is not None
+    images: Images = {"radiosity": example.transport_color}
+    for name in networks.baselines:
+        predicted = networks.predict(name, example)
+        images[name] = networks.radiance(example, predicted).color
+    return images
+
+
+def _images(networks: Networks, lit: LitView, scale: float) -> Images:
+    return {**predictions(networks, lit.example, scale), **transported(networks, lit)}
 
 
 def direct_image(example: Example) -> AnyArray:

@@ -1,7 +1,8 @@
 """Illumination study: predicted against rendered changes of light (Figure 10 of the paper).
 
-The light of a test view is changed, and its panorama rendered again as by the illumination stage.
-The networks predict the view from the new panorama, and the renderer renders the same change.
+The light of a test view is changed, and its panorama rendered again as by the illumination stage;
+so is its light transport, for `plus`. The networks predict the view from the new light, and the
+renderer renders the same change.
 `model.studies.illumination.compare` compares the changes of brightness of pixel blocks.
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -18,7 +20,7 @@ import torch
 from model.data.reader import Example
 from model.evaluation.evaluate import open_split
 from model.evaluation.inference import PRODUCTS, Networks
-from model.methods import trained_baselines
+from model.methods import extras_of, trained_baselines
 from model.studies.frame_store import (
     FrameStore,
     cameras_of,
@@ -34,13 +36,14 @@ from model.studies.illumination.relight import LightChange, open_relit
 from model.studies.illumination.results import IlluminationResult
 from model.studies.illumination.sheet import comparison_sheet
 from model.training.train import Folders
-from pipeline.channels import TINT
+from pipeline.channels import TINT, Kind
 from pipeline.farm.scene_digest import scene_digest
 from pipeline.frames import fingerprint, kinds_of
 from pipeline.images import png_bytes
 from pipeline.params import Params
 from pipeline.passes.denoise import denoiser_version
 from pipeline.passes.illumination import render_illumination
+from pipeline.passes.registry import PASSES, pass_seed
 from pipeline.passes.visibility import render_visibility
 from pipeline.progress import Progress
 from pipeline.render.scene import RenderScene, renderer_version, set_variant
@@ -119,7 +122,7 @@ def study_illumination(
     ]
     plan = _planned(views_of_study, params, config, networks)
     settings = with_samples(params, config.spp, denoise=True)
-    _render_all(plan.cases, settings, renders)
+    _render_all(plan.cases, settings, renders, _further_kinds(networks))
     tally = _compared(plan, views_of_study, networks, settings, renders)
     result = IlluminationResult(
         seed=params.seed,
@@ -173,7 +176,14 @@ def _planned(
     return plan
 
 
-def _render_all(cases: list[LightCase], params: Params, renders: Path) -> None:
+def _further_kinds(networks: Networks) -> tuple[Kind, ...]:
+    """Return kinds of frames beside those of the paper: light transport, if a network takes it."""
+    return ("transport",) if "transport" in extras_of(networks.baselines) else ()
+
+
+def _render_all(
+    cases: list[LightCase], params: Params, renders: Path, further: Sequence[Kind]
+) -> None:
     """Render missing frames; a scene is opened once for each light."""
     groups: dict[tuple[str, LightChange], list[LightCase]] = defaultdict(list)
     for case in cases:
@@ -181,36 +191,42 @@ def _render_all(cases: list[LightCase], params: Params, renders: Path) -> None:
     kept = 0
     with Progress(len(cases), "study illumination: rendering", "views") as progress:
         for (_, change), group in groups.items():
-            due = [case for case in group if _missing(case, _store(case, params, renders))]
+            due = [case for case in group if _missing(case, _store(case, params, renders), further)]
             kept += len(group) - len(due)
             progress.advance(len(group) - len(due))
             if not due:
                 continue
             with open_relit(due[0].study_view.scene, change) as opened:
                 for case in due:
-                    _render(opened, case, _store(case, params, renders))
+                    _render(opened, case, _store(case, params, renders), further)
                     progress.advance()
         if kept:
             progress.write(f"study illumination: {kept} of {len(cases)} cases are already rendered")
 
 
-def _render(opened: RenderScene, case: LightCase, store: FrameStore) -> None:
-    """Render panorama, its shadows, shading and colour of a case."""
+def _render(
+    opened: RenderScene, case: LightCase, store: FrameStore, further: Sequence[Kind]
+) -> None:
+    """Render panorama, its shadows, shading and colour of a case, and further kinds of frames."""
     view, digest = _frame(case)
     settings = store.params.illumination
     panorama = render_illumination(opened, view, settings)
     store.write("illumination", panorama, view, digest)
     if settings.shadow_rays:
         store.write("visibility", render_visibility(opened, view, settings, panorama), view, digest)
+    for kind in further:
+        seed = pass_seed(kind, view, store.params.seed)
+        channels, stats = PASSES[kind].render(opened, view, store.params, seed)
+        store.write(kind, channels, view, digest, **stats)
     if store.missing(view, digest):
         store.render(opened, view, digest)
 
 
-def _missing(case: LightCase, store: FrameStore) -> bool:
+def _missing(case: LightCase, store: FrameStore, further: Sequence[Kind]) -> bool:
     """Return whether any frame of the case is missing."""
     kinds = kinds_of(replace(store.params, channels=("paper",)))
     made = [kind for kind in kinds if kind not in ("inputs", "noisy")]
-    return bool(store.missing(*_frame(case), made))
+    return bool(store.missing(*_frame(case), [*made, *further]))
 
 
 def _store(case: LightCase, params: Params, renders: Path) -> FrameStore:
@@ -235,7 +251,7 @@ def _compared(
     with Progress(len(views_of_study), "study illumination: comparing", "views") as progress:
         for study_view in views_of_study:
             lit = {
-                case.name: _lit(case, params, renders)
+                case.name: _lit(case, params, renders, _further_kinds(networks))
                 for case in plan.cases
                 if case.study_view is study_view
             }
@@ -257,7 +273,7 @@ def _compared(
     return tally
 
 
-def _lit(case: LightCase, params: Params, renders: Path) -> LitView:
+def _lit(case: LightCase, params: Params, renders: Path, further: Sequence[Kind]) -> LitView:
     store, view = _store(case, params, renders), case.study_view.view
     panorama = store.read("illumination", view)
     return LitView(
@@ -268,6 +284,7 @@ def _lit(case: LightCase, params: Params, renders: Path) -> LitView:
         _shadows(store, view),
         store.read("shading", view).rgb,
         store.read("color", view).rgb,
+        store.read("transport", view).channels if "transport" in further else None,
     )
 
 

@@ -86,7 +86,7 @@ def command(
     """Time every part, and compare networks and renderer at equal time.
 
     Prints seconds per view beside the paper's, and for each network whether the path tracer,
-    denoised or not, is better in the same time. A network's time includes inputs and panorama.
+    denoised or not, is better in the same time. A network's time includes all its inputs.
     """
     folders = Folders.beside(data, models, models)
     config = TimeConfig(**options)

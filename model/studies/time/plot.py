@@ -64,15 +64,17 @@ def _panel(axes: Axes, result: TimeResult, measure: str, words: str) -> None:
             axes.annotate(
                 str(point.spp), (x, y), (3, 4), textcoords="offset points", fontsize=7, color=colour
             )
-    networks = [point for point in result.points if point.method not in RENDERERS]
-    for index, point in enumerate(networks):
+    networks = dict.fromkeys(p.method for p in result.points if p.method not in RENDERERS)
+    for index, method in enumerate(networks):
+        line = [point for point in result.points if point.method == method]
+        line.sort(key=lambda point: point.spp or 0)
         axes.plot(
-            [point.seconds],
-            [getattr(point, measure)],
-            _MARKS[index % len(_MARKS)],
+            [point.seconds for point in line],
+            [getattr(point, measure) for point in line],
+            "-" + _MARKS[index % len(_MARKS)],
             color=_COLOURS[index % len(_COLOURS)],
-            markersize=9,
-            label=METHOD_TITLES.get(point.method, point.method),
+            markersize=9 if len(line) == 1 else 5,
+            label=METHOD_TITLES.get(method, method),
         )
     axes.set_xscale("log")
     for axis in (axes.xaxis.set_major_formatter, axes.xaxis.set_minor_formatter):

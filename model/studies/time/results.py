@@ -16,14 +16,16 @@ CLOCKS: dict[Clock, str] = {
     "wall": "seconds",
     "cpu": "processor seconds, sum of all threads",
 }
+HYBRID_SAMPLES = (1, 2, 4, 8)  # per pixel, for networks that take noisy samples
 PARTS = {
     "inputs": "Depth, normal, reflectance",
     "illumination": "Panorama",
-    "visibility": "Shadows of the panorama's lights",
+    "materials": "Roughness and metalness",
+    "transport": "Light transport",
     "shading": "Shading network",
     "composition": "Composition network",
     "product": "Reflectance × shading",
-    "samples": "Noisy samples, denoised",
+    **{f"samples_{spp}": f"Samples, {spp} per pixel, denoised" for spp in HYBRID_SAMPLES},
     "truths": "Mitsuba with the dataset's parameters: shading and colour",
     "guides": "Guide images of the denoiser",
     "denoiser": "Denoiser",
@@ -49,10 +51,10 @@ class PartSeconds:
 
 @dataclass(frozen=True)
 class MethodPoint:
-    """Time and quality of one method, and one number of samples of a renderer; means over views."""
+    """Time and quality of one method, and one number of samples; means over views."""
 
     method: str
-    spp: int | None  # None: a network
+    spp: int | None  # None: without samples
     seconds: float = field(metadata=within(0))  # per view, with all parts that it needs
     flip: float = field(metadata=within(0, 1))
     ssim: float = field(metadata=within(-1, 1))
@@ -100,7 +102,8 @@ def verdicts(result: TimeResult) -> list[str]:
         if point.method in RENDERERS:
             continue
         better = fastest_better(point, result.points)
-        network = f"{point.method} (ꟻLIP {point.flip:.3f} in {point.seconds:.2f} s)"
+        samples = "" if point.spp is None else f" at {point.spp} spp"
+        network = f"{point.method}{samples} (ꟻLIP {point.flip:.3f} in {point.seconds:.2f} s)"
         if better is None:
             lines.append(f"{network}: the renderer is not better in the same time")
         else:

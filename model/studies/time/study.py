@@ -13,7 +13,7 @@ import os
 import platform
 import time
 from collections import defaultdict
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
@@ -24,18 +24,20 @@ from typing import Any
 import numpy as np
 import torch
 
+from model.data.encoding import color_exposure
 from model.data.reader import Example
 from model.evaluation.evaluate import open_split, true_color
 from model.evaluation.inference import PRODUCTS, Networks
 from model.evaluation.metrics import flip_map, ssim
 from model.evaluation.predict import (
+    Rendered,
+    compute_transport,
     example_of,
-    render_noisy_samples,
-    render_shadows,
     resized,
+    trace_samples,
     with_noisy_samples,
 )
-from model.methods import METHODS, trained_baselines
+from model.methods import METHODS, extras_of, trained_baselines
 from model.studies.frame_store import (
     FrameStore,
     cameras_of,
@@ -45,7 +47,13 @@ from model.studies.frame_store import (
     with_samples,
 )
 from model.studies.time.plot import time_plot
-from model.studies.time.results import Clock, MethodPoint, PartSeconds, TimeResult
+from model.studies.time.results import (
+    HYBRID_SAMPLES,
+    Clock,
+    MethodPoint,
+    PartSeconds,
+    TimeResult,
+)
 from model.training.train import Folders
 from pipeline.farm.scene_digest import scene_digest
 from pipeline.frames import Channels
@@ -54,6 +62,7 @@ from pipeline.passes.denoise import denoise, denoiser_version, guides
 from pipeline.passes.groundtruth import render_both, render_truth
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
+from pipeline.passes.materials import render_materials
 from pipeline.passes.registry import render_truths, traced_together
 from pipeline.progress import Progress
 from pipeline.render.scene import RenderScene, renderer_version, set_variant
@@ -150,7 +159,6 @@ def study_time(
                 measurements.append(
                     benchmark.run(_samples(config.max_spp), config.repeats, progress)
                 )
-    shadow_methods = {name for name, card in networks.cards.items() if card.training.get("shadows")}
     result = TimeResult(
         seed=params.seed,
         split=dataset.split,
@@ -169,7 +177,7 @@ def study_time(
         versions=_versions(),
         models={name: card.sha256 for name, card in sorted(networks.cards.items())},
         parts=_parts(measurements),
-        points=_points(measurements, shadow_methods),
+        points=_points(measurements),
     )
     with atomic_file(folder / "time.png") as partial:
         partial.write_bytes(time_plot(result))
@@ -194,11 +202,16 @@ class ViewBenchmark:
         self.seed = derive(params.seed, "study", "time", view.scene_id, view.view_id)
         self.panorama = self._illumination()
         self.inputs = self._inputs()
-        light = self.panorama | self._visibility()
+        self.takes = extras_of(networks.baselines)
+        given = Rendered(self.panorama)
+        if "transport" in self.takes:
+            given = replace(given, transport=self._transport())
+        if self._materials_taken():
+            given = replace(given, materials=self._materials())
         truths = store.read("shading", view), store.read("color", view)
         self.noise = float(truths[1].meta["noise"])
         pair = (truths[0].channels, truths[1].channels)
-        self.example: Example = example_of(view, self.inputs, light, networks.card, pair)
+        self.example: Example = example_of(view, self.inputs, given, networks.card, pair)
         self.truth = true_color(self.example, networks)
         self.seconds: dict[str, list[float]] = defaultdict(list)
         self.errors: dict[tuple[str, int | None], tuple[float, float]] = {}
@@ -217,17 +230,30 @@ class ViewBenchmark:
         networks, example = self.networks, self.example
         self._timed("inputs", self._inputs)
         self._timed("illumination", self._illumination)
-        if self._shadows():
-            self._timed("visibility", self._visibility)
+        if "transport" in self.takes:
+            self._timed("transport", self._transport)
+            assert example.transport_color is not None
+            exposure = color_exposure(example, networks.card.exposure)
+            self._measure("radiosity", None, tonemap(example.transport_color, exposure))
+        if self._materials_taken():
+            self._timed("materials", self._materials)
         shading = self._timed("shading", lambda: networks.shading(example))
         for method in ("pbrnet", "product", *networks.baselines):
-            method_input = example
             if method in METHODS and METHODS[method].uses_noisy_samples:
-                noisy = self._timed("samples", partial(self._sampled, method))
-                method_input = with_noisy_samples(example, noisy)
+                self._hybrid_turn(method)
+                continue
             part = "composition" if method == "pbrnet" else method
-            prediction = self._timed(part, partial(networks.predict, method, method_input, shading))
+            prediction = self._timed(part, partial(networks.predict, method, example, shading))
             self._measure(method, None, prediction.color)
+
+    def _hybrid_turn(self, method: str) -> None:
+        """A network that takes noisy samples, with each number of `HYBRID_SAMPLES`."""
+        for spp in HYBRID_SAMPLES:
+            trace = partial(trace_samples, self.scene, self.view, self.params, spp)
+            noisy = self._timed(f"samples_{spp}", trace)
+            given = with_noisy_samples(self.example, noisy, spp)
+            prediction = self._timed(method, partial(self.networks.predict, method, given))
+            self._measure(method, spp, prediction.color)
 
     def _renderer_turn(self, samples: list[int]) -> None:
         scene, view, params = self.scene, self.view, self.params
@@ -251,22 +277,14 @@ class ViewBenchmark:
     def _illumination(self) -> Channels:
         return render_illumination(self.scene, self.view, self.params.illumination)
 
-    def _shadows(self) -> bool:
-        return any(card.training.get("shadows") for card in self.networks.cards.values())
+    def _transport(self) -> Channels:
+        return compute_transport(self.scene, self.view, self.params)
 
-    def _visibility(self) -> Channels:
-        """Render shadows of the panorama's lights, if a network uses them."""
-        if not self._shadows():
-            return {}
-        return render_shadows(self.scene, self.view, self.params, self.panorama, self.inputs)
+    def _materials_taken(self) -> bool:
+        return any(card.training.get("materials") for card in self.networks.cards.values())
 
-    def _sampled(self, name: str) -> Channels:
-        """Render the noisy samples that a network uses."""
-        samples = render_noisy_samples(
-            self.scene, self.view, self.params, self.networks.cards[name]
-        )
-        assert samples is not None
-        return samples
+    def _materials(self) -> Channels:
+        return render_materials(self.scene, self.view)[0]
 
     def _plain(self, settings: Params) -> Channels:
         """Render colour with Mitsuba's path integrator."""
@@ -328,13 +346,11 @@ def _parts(measurements: list[ViewMeasurement]) -> dict[str, PartSeconds]:
     return {name: _part_seconds(measurements, name) for name in names}
 
 
-def _points(
-    measurements: list[ViewMeasurement], shadow_methods: Collection[str]
-) -> tuple[MethodPoint, ...]:
+def _points(measurements: list[ViewMeasurement]) -> tuple[MethodPoint, ...]:
     """Return time and quality of every method; times include all parts that it needs."""
     points = []
     for method, spp in measurements[0].errors:
-        needs = _parts_of(method, spp, shadow_methods)
+        needs = _parts_of(method, spp, "materials" in measurements[0].seconds)
         seconds = mean(
             sum(median(measurement.seconds[part]) for part in needs) for measurement in measurements
         )
@@ -346,17 +362,23 @@ def _points(
     return tuple(sorted(points, key=lambda point: (point.method, point.spp or 0)))
 
 
-def _parts_of(method: str, spp: int | None, shadow_methods: Collection[str]) -> tuple[str, ...]:
-    """Return the timed parts that a method needs; those in `shadow_methods` need shadows."""
+def _parts_of(method: str, spp: int | None, materials: bool) -> tuple[str, ...]:
+    """Return the timed parts that a method needs; with `materials` transport's networks need them.
+
+    `spp`: samples of a renderer, or of a network that takes noisy samples.
+    """
+    if method == "radiosity":
+        return ("transport",)
+    if method in METHODS and METHODS[method].uses_transport:
+        known = ("materials",) if materials else ()
+        samples = (f"samples_{spp}",) if METHODS[method].uses_noisy_samples else ()
+        return ("inputs", *known, "transport", *samples, method)
     if spp is not None:
         renderer = method.removesuffix("_denoised")
         more = ("guides", "denoiser") if method.endswith("_denoised") else ()
         return (f"{renderer}_{spp}", *more)
     networks = {"pbrnet": ("shading", "composition"), "product": ("shading", "product")}
-    if method in METHODS and METHODS[method].uses_noisy_samples:
-        return ("inputs", "samples", method)  # without a panorama
-    light = ("illumination", "visibility") if method in shadow_methods else ("illumination",)
-    return ("inputs", *light, *networks.get(method, (method,)))
+    return ("inputs", "illumination", *networks.get(method, (method,)))
 
 
 def _part_seconds(measurements: list[ViewMeasurement], part: str) -> PartSeconds:

@@ -18,7 +18,7 @@ from typing import Any
 from model.data.reader import Dataset, subset_fingerprint
 from model.evaluation.evaluate import refuse_leaks
 from model.evaluation.metrics import find_lpips
-from model.methods import METHODS
+from model.methods import extras_of
 from model.studies.trials.plan import Trial, TrialStudy
 from model.studies.trials.scores import ViewScores, load_predictors, picture_views, score_views
 from model.training.backbone import BackboneCard
@@ -193,8 +193,8 @@ def _measure(
     study: TrialStudy, trial: Trial, record: TrialRecord, folder: Path, folders: Folders
 ) -> None:
     """Score the variant's methods on the evaluation split and draw a few views."""
-    noisy = any(METHODS[name].uses_noisy_samples for name in trial.variant.networks)
-    dataset = Dataset(folders.data / "dataset", trial.params.evaluate.split, noisy)
+    extras = extras_of(trial.variant.networks)
+    dataset = Dataset(folders.data / "dataset", trial.params.evaluate.split, extras)
     exposure = trial.params.train.exposure
     predictors, cards = load_predictors(trial.variant.methods, folder)
     refuse_leaks(dataset, cards)

@@ -23,7 +23,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import binary_opening, maximum_filter, median_filter
 
-from model.data.direct_light import panorama_lookup, pixel_directions
+from model.data.direct_light import panorama_lookup, pixel_rays
 from model.data.reader import Example
 from model.evaluation.metrics import flip_map, psnr
 from scenes.arrays import AnyArray, BoolArray
@@ -67,7 +67,7 @@ def measure_apart(truth: AnyArray, image: AnyArray, specular: BoolArray) -> dict
 
 def _light_sources(example: Example) -> BoolArray:
     """Return pixels that show a light source or its surrounding pixel of the panorama, (H, W)."""
-    directions = pixel_directions(example)
+    directions = pixel_rays(example)
     nearby = maximum_filter(example.intensity, size=3, mode=("nearest", "wrap"))
     lit: BoolArray = panorama_lookup(nearby, directions) > 0
     return lit

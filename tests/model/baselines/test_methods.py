@@ -24,7 +24,7 @@ from model.baselines.cyclegan import (
 from model.baselines.layers import STACKED, BatchNorm, InstanceNorm, stacked
 from model.baselines.pix2pix import AdversarialObjective, Generator, PatchDiscriminator
 from model.data.encoding import CHANNELS
-from model.methods import BASELINES, METHODS, build_network
+from model.methods import BASELINES, METHODS, extras_of, is_current
 from model.networks.objective import Batch, Objective, Setting
 from model.networks.pbrnet import Architecture
 from model.titles import METHOD_TITLES, NETWORK_TITLES
@@ -71,14 +71,14 @@ def test_the_report_has_words_for_every_baseline() -> None:
     assert set(BASELINES) <= METHOD_TITLES.keys() & NETWORK_TITLES.keys()
 
 
-def test_the_registry_knows_which_networks_give_shading_too() -> None:
-    for name, method in METHODS.items():
-        network = build_network(Architecture(method.kind, 4, 3))
-        assert hasattr(network, "parts") == method.predicts_shading, name
-    assert [name for name, method in METHODS.items() if method.predicts_shading] == [
-        "plus",
-        "hybrid",
-    ]
+def test_the_registry_knows_which_networks_need_more_than_the_paper_gives() -> None:
+    assert {name: method.extras for name, method in METHODS.items() if method.extras} == {
+        "plus": ("transport",),
+        "hybrid": ("noisy", "transport"),
+    }
+    assert extras_of(["unet", "plus", "hybrid"]) == ("transport", "noisy")
+    assert is_current(Architecture("unet", 4, 3))
+    assert not is_current(Architecture("plus", 4, 3)), "weights without a revision are the first"
 
 
 def test_only_an_own_loss_has_an_optimiser_of_its_own() -> None:

@@ -37,7 +37,6 @@ from pipeline.params import (
     TrainParams,
 )
 from pipeline.tonemap import Exposure, tonemap
-from pipeline.versions import PACKED
 from pipeline.views import View, as_matrix, intrinsics_of
 from scenes.color import decode_srgb
 from scenes.contract import load_scene
@@ -45,6 +44,7 @@ from scenes.errors import InputError
 from tests.fixtures.backbone import copy_backbone
 from tests.fixtures.model import box_dataset, box_rows, write_shard
 from tests.fixtures.predict import box_camera, box_frames, box_room
+from tests.fixtures.predictor import untrained_models
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -139,12 +139,11 @@ def test_a_home_of_the_same_number_but_another_plan_is_not_refused(
 
 
 def test_packed_networks_are_measured_without_the_first_stages(tmp_path: Path) -> None:
-    """The pretrained `plus` and `hybrid` on a dataset of one's own, with a home of their number."""
-    folders = replace(folders_in(tmp_path), models=PACKED)
+    """`plus` and `hybrid` alone on a dataset of one's own, with a home of their number."""
+    folders = folders_in(tmp_path)
+    untrained_models(folders.models, ("plus", "hybrid"), levels=2)
     rows = box_rows(["mine", "home-0000"], 1, "test", noisy=True, **SIZE)
     for row in rows:
-        row["visibility"] = np.ones((SIZE["height"], SIZE["width"]), np.float16)
-        row["transport_direct"] = row["transport_indirect"] = row["shading"]
         row["transport_color"] = row["color"]  # a perfect method
     write_shard(folders.data / "dataset" / "test-00000-of-00001.parquet", rows)
     plans = "scene_id,plan\nmine,a-plan\nhome-0000,b-plan\n"
@@ -162,18 +161,17 @@ def test_packed_networks_are_measured_without_the_first_stages(tmp_path: Path) -
 
 
 def test_networks_whose_inputs_a_dataset_lacks_are_left_out_by_name(tmp_path: Path) -> None:
-    folders = replace(folders_in(tmp_path), models=PACKED)
+    folders = folders_in(tmp_path)
+    untrained_models(folders.models, ("plus", "hybrid"), levels=2)
     rows = box_rows(["mine", "other"], 1, "test", **SIZE)
     shard = folders.data / "dataset" / "test-00000-of-00001.parquet"
     write_shard(shard, rows)
     params = Params(evaluate=EvaluateParams(timing_views=1))
-    with pytest.raises(InputError, match=r"no network can be measured.*visibility.*noisy samples"):
+    with pytest.raises(InputError, match=r"no network can be measured.*channels: \[transport\]"):
         evaluate(params, folders)
-    for row in rows:
-        row["visibility"] = np.ones((SIZE["height"], SIZE["width"]), np.float16)
-    write_shard(shard, rows)
+    write_shard(shard, box_rows(["mine", "other"], 1, "test", transport=True, **SIZE))
     result = evaluate(params, folders)
-    assert list(result["methods"]) == ["plus", "ceiling"]
+    assert list(result["methods"]) == ["plus", "radiosity", "ceiling"]
     assert list(result["left_out"]) == ["hybrid"] and "noisy" in result["left_out"]["hybrid"]
 
 

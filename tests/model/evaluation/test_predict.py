@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,9 +26,8 @@ from model.training import weights as weights_module
 from model.training.weights import write_weights
 from pipeline.channels import TRANSPORT_DIRECT, TRANSPORT_INDIRECT
 from pipeline.cli import cli
-from pipeline.frames import Channels, pixels_digest, read_frame, read_meta
+from pipeline.frames import pixels_digest, read_frame, read_meta
 from pipeline.images import png_facts, read_picture
-from pipeline.passes.visibility import render_visibility
 from pipeline.photograph import photograph
 from pipeline.tonemap import Exposure, tonemap
 from scenes.errors import InputError, MachineError
@@ -193,7 +194,7 @@ def test_a_camera_that_looks_straight_down_is_refused(room: Path) -> None:
     assert isinstance(done.exception, InputError) and "no up vector" in str(done.exception)
 
 
-@pytest.mark.parametrize("method", ["pbrnet", "plus", "unet", "product"])
+@pytest.mark.parametrize("method", ["pbrnet", "unet", "product"])
 def test_linear_radiance_shows_as_the_prediction(method: str) -> None:
     """The EXR, photographed, is the picture, and tone-mapped what the network predicted."""
     done = predict(*FRAMES, "--method", method, "--exr", "--out", "p.png")
@@ -210,60 +211,46 @@ def test_linear_radiance_shows_as_the_prediction(method: str) -> None:
     assert ("shading.R" in frame.channels) == (method != "unet")
 
 
-def test_a_network_that_was_trained_with_shadows_takes_them() -> None:
-    untrained_models(Path("models"), ("plus",), levels=3, shadows=True)
-    shadows = FRAMES[3].replace("illumination", "visibility")
+def test_light_transport_is_found_beside_the_panorama_or_named() -> None:
+    untrained_models(Path("models"), ("plus",), levels=3, materials=True)
     shutil.copy(FRAMES[3], "panorama.exr")
     elsewhere = (*FRAMES[:3], "panorama.exr")
-    for name, given in (
-        ("beside.png", FRAMES),
-        ("named.png", (*elsewhere, "--visibility", shadows)),
-        ("without.png", elsewhere),
-    ):
-        done = predict(*given, "--method", "plus", "--out", name)
+    named = [FRAMES[3].replace("illumination", kind) for kind in ("transport", "materials")]
+    options = ("--transport", named[0], "--materials", named[1])
+    for name, given in (("beside.png", FRAMES), ("named.png", (*elsewhere, *options))):
+        done = predict(*given, "--method", "plus", "--exr", "--out", name)
         assert done.exit_code == 0, done.output
-        assert ("add --visibility" in done.output) == (name == "without.png")
-    pictures = [Path(f"{name}.png").read_bytes() for name in ("beside", "named", "without")]
-    assert pictures[0] == pictures[1] != pictures[2]
-    wrong = predict(*FRAMES, "--visibility", FRAMES[1], "--method", "plus", "--out", "wrong.png")
-    assert isinstance(wrong.exception, InputError)
-    assert "without the channel 'visibility.Y'" in str(wrong.exception)
+        assert "unit: the scene's; 0.00% of the pixels are white" in done.output
+    assert Path("beside.png").read_bytes() == Path("named.png").read_bytes()
+    for given, words in (
+        (elsewhere, r"has no light transport.*channels: \[transport\]"),
+        ((*elsewhere, *options[:2]), "roughness and metalness are missing"),
+        ((*elsewhere, "--transport", FRAMES[1]), "without the channel 'direct.R'"),
+    ):
+        wrong = predict(*given, "--method", "plus", "--out", "wrong.png")
+        assert isinstance(wrong.exception, InputError)
+        assert re.search(words, str(wrong.exception))
 
 
-def test_shadows_do_not_reach_a_network_that_never_saw_any() -> None:
-    assert predict(*FRAMES, "--method", "plus", "--out", "a.png").exit_code == 0
-    shutil.rmtree("data/visibility")
-    done = predict(*FRAMES, "--method", "plus", "--out", "b.png")
-    assert done.exit_code == 0 and "--visibility" not in done.output
-    assert Path("a.png").read_bytes() == Path("b.png").read_bytes()
-
-
-def test_an_evaluation_without_the_shadows_is_refused() -> None:
-    untrained_models(Path("models"), ("plus",), levels=3, shadows=True)
-    networks = load_networks(Path("models"), ["plus"])
-    example = from_frames(Path(FRAMES[1]), Path(FRAMES[3])).load(networks.card)
-    with pytest.raises(InputError, match="the visibility of its lights is missing"):
-        networks.predict("plus", example)
-
-
-def test_from_a_scene_shadows_are_found_where_they_are_wanted(
+def test_from_a_scene_only_what_the_network_takes_is_rendered(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    found: list[float] = []
+    made: list[str] = []
+    names = ("render_illumination", "render_transport", "render_materials")
 
-    def counted(*given: Any) -> Channels:
-        light = render_visibility(*given)
-        found.append(float(light["visibility.Y"].mean()))
-        return light
+    def counted(name: str) -> Callable[..., Any]:
+        render = getattr(prediction, name)
+        return lambda *given: made.append(name) or render(*given)
 
-    monkeypatch.setattr(prediction, "render_visibility", counted)
+    for name in names:
+        monkeypatch.setattr(prediction, name, counted(name))
     view = box_camera("v", (40, 30), (1.0, 1.0, 1.4), (1, 1, -0.2))
     box_room(Path("data"), view)
-    for shadows in (False, True):
-        untrained_models(Path("models"), ("plus",), levels=3, shadows=shadows)
+    for materials in (False, True):
+        untrained_models(Path("models"), ("plus",), levels=3, materials=materials)
         done = predict("data/scenes/box", "--view", "v", "--method", "plus", "--out", "s.png")
         assert done.exit_code == 0, done.output
-    assert found == [1.0], "an empty room has no shadows"
+    assert made == [names[1], names[1], names[2]], "no panorama"
 
 
 def test_with_the_truth_the_unit_is_the_scenes() -> None:

@@ -25,7 +25,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Networks that nobody trained, measured on four views of two rooms."""
     monkeypatch.chdir(tmp_path)
     Path("params.yaml").write_text("seed: 0\n")
-    box_dataset(Path("data"), 0, 0, 4, width=32, height=24)
+    box_dataset(Path("data"), 0, 0, 4, transport=True, width=32, height=24)
     untrained_models(Path("models"), ("shading", "composition", "plus"), levels=2)
     for name in ("shading", "composition", "plus"):
         card = Path(f"models/{name}.json")
@@ -46,7 +46,7 @@ def test_figures_are_those_of_the_evaluation(project: Path) -> None:
     found = json.loads(Path("metrics/reference.json").read_text())
     measured = json.loads(Path("metrics/evaluation.json").read_text())["methods"]
     assert set(found["methods"]) == set(measured) == {
-        "pbrnet", "product", "product_linear", "plus", "ceiling",
+        "pbrnet", "product", "product_linear", "plus", "radiosity", "ceiling",
     }  # fmt: skip
     for method, values in found["methods"].items():
         assert set(values) == {"ssim", "psnr", "flip", "lpips", "seconds"}

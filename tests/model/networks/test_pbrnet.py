@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import nn
 
-from model.data.encoding import CHANNELS, DIRECT_LIGHT_CHANNELS, NOISY_SAMPLES_CHANNELS
+from model.data.encoding import CHANNELS, NOISY_SAMPLES_CHANNELS, TRANSPORT_CHANNELS
 from model.methods import METHODS, build_network
 from model.networks.pbrnet import Architecture, NormalPanorama, Panorama, averaged, look_up
 from model.training.backbone import EfficientNetLite0, Vgg19
@@ -25,12 +25,12 @@ def inputs(
     random = torch.Generator().manual_seed(0)
     tensors = {}
     more: dict[str, dict[str, int]] = {
-        "plus": {"direct": DIRECT_LIGHT_CHANNELS, "tint": 3, "gain": 3},
-        "hybrid": {"noisy": NOISY_SAMPLES_CHANNELS, "denoised": NOISY_SAMPLES_CHANNELS},
+        "plus": {**TRANSPORT_CHANNELS, "level": 1},
+        "hybrid": {**TRANSPORT_CHANNELS, **NOISY_SAMPLES_CHANNELS, "samples": 1},
     }
     for name, channels in {**CHANNELS, **(more.get(kind, {}) if kind else {})}.items():
         sizes = {
-            **dict.fromkeys(("tint", "gain"), (1, 1)),
+            **dict.fromkeys(("level", "samples"), (1, 1)),
             **dict.fromkeys(("intensity", "distance"), (panorama // 2, panorama)),
         }
         size = sizes.get(name, (height, width))
@@ -117,14 +117,19 @@ def test_any_panorama_size_is_taken(panorama: Panorama, width: int) -> None:
 
 
 @pytest.mark.parametrize("panorama", PANORAMAS)
-@pytest.mark.parametrize("kind", ["unet", "end_to_end", "can", "pix2pix", "cyclegan", "plus"])
+@pytest.mark.parametrize(
+    "kind", ["unet", "end_to_end", "can", "pix2pix", "cyclegan", "plus", "hybrid"]
+)
 def test_every_input_reaches_the_output(kind: str, panorama: Panorama) -> None:
     network = build_network(Architecture(kind, 16, 3, panorama))
     given = inputs(16, 16, kind=kind)
     for value in given.values():
         value.requires_grad_(True)
     network(given).sum().backward()
+    unused = () if METHODS[kind].uses_panorama else ("intensity", "distance")
     for name, value in given.items():
+        if name in unused:
+            continue
         assert value.grad is not None and value.grad.abs().sum() > 0, name
 
 

@@ -1,7 +1,8 @@
-"""PBR-Net plus: what it computes is right before anything is learned, and it learns."""
+"""PBR-Net plus: it starts as light transport, keeps the light's unit and colour, and learns."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,148 +10,166 @@ import numpy as np
 import pytest
 import torch
 
-from model.data import display
-from model.data.encoding import DEFAULT_WHITE, encode, interreflection
-from model.data.reader import Dataset
-from model.evaluation.product import linear_product
+from model.data.encoding import encode, radiances, targets
+from model.data.reader import TRANSPORT_IMAGES, Dataset, Example, mirrored
+from model.networks.objective import Batch, ExposedLoss, Setting
 from model.networks.pbrnet import Architecture
-from model.networks.plus import LightColor, PlusNet, multiplied
-from pipeline.params import ToneParams
-from pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
-from scenes.color import encode_srgb, luminance
+from model.networks.plus import MAX_GLOSS, MAX_LOG_FACTOR, PlusNet
+from model.training.store import load_model
+from model.training.train import Folders, train_network
+from pipeline.params import Params, StageTrainParams, TrainParams
+from pipeline.tonemap import tonemap
+from scenes.arrays import AnyArray
+from scenes.errors import InputError
 from tests.fixtures.model import box_dataset
+from tests.fixtures.predictor import untrained_models
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+SMALL = StageTrainParams(epochs=1, width=4, levels=2)
 
 
-class Card:
-    """The fields of a model card that `linear_product` reads."""
-
-    albedo = 0.5
-
-
-def test_the_product_in_the_network_is_the_product() -> None:
+@pytest.fixture(scope="module")
+def view(tmp_path_factory: pytest.TempPathFactory) -> Example:
+    """A box room whose light transport lacks a fifth of the light, in light of three bands."""
+    folder = box_dataset(tmp_path_factory.mktemp("view"), 2, 0, 0, transport=True)
+    example = next(Dataset(folder / "dataset", "train", ("transport",)).ordered())
     rng = np.random.default_rng(0)
-    shading = rng.random((30, 40, 3), dtype=np.float32)
-    reflectance = rng.random((30, 40, 3), dtype=np.float32)
-    exposure = Exposure(1.0, DEFAULT_WHITE)
-    expected = tonemap(linear_product(reflectance, shading, exposure, Card()), exposure)  # type: ignore[arg-type]
-    given = [torch.from_numpy(i.transpose(2, 0, 1).copy())[None]
-             for i in (shading, encode_srgb(reflectance))]  # fmt: skip
-    found = multiplied(*given)[0].permute(1, 2, 0).numpy()
-    assert found == pytest.approx(expected, abs=2e-4)
-
-
-@pytest.mark.parametrize("value", [0.0, 1e-4, 0.5, 1.0])
-def test_its_gradient_is_finite_everywhere(value: float) -> None:
-    shading = torch.full((1, 3, 4, 4), value, requires_grad=True)
-    multiplied(shading, torch.full((1, 3, 4, 4), value)).sum().backward()  # type: ignore[no-untyped-call]
-    assert shading.grad is not None and shading.grad.isfinite().all()
-
-
-def test_it_starts_as_the_room_without_shadows(tmp_path: Path) -> None:
-    """Untrained, with its last layers at zero, it is direct light and its product already."""
-    example = next(Dataset(box_dataset(tmp_path) / "dataset", "train").ordered())
-    network = PlusNet(Architecture("plus", 8, 3))
-    for unet in (network.shading.unet, network.correction):
-        torch.nn.init.zeros_(unet.out.weight)
-    given = encode([example], direct_light=True)
-    with torch.no_grad():
-        shading, color = network.parts(given)
-    assert torch.equal(
-        shading, display.tint_display((given["direct"][:, :3] + 1) / 2, given["tint"])
-    )
-    gain = 1 + given["depth"][:, 1:] * (given["gain"] - 1)
-    assert torch.equal(color, multiplied(shading, (given["reflectance"] + 1) / 2, gain))
-
-
-def test_light_bounces_as_in_an_integrating_sphere(tmp_path: Path) -> None:
-    """Worked by hand: with nine tenths returned, red walls of 0.8 hold 0.55 / 0.28 of grey's."""
-    example = next(Dataset(box_dataset(tmp_path) / "dataset", "train").ordered())
-    walls = np.where(example.valid[..., None], np.float32([0.8, 0.5, 0.0]), 0)
-    found = encode([replace(example, reflectance=walls)], direct_light=True)["gain"]
-    assert found.flatten().tolist() == pytest.approx([0.55 / 0.28, 1.0, 0.55])
-    nothing = replace(example, valid=np.zeros_like(example.valid), reflectance=0 * walls)
-    assert encode([nothing], direct_light=True)["gain"].flatten().tolist() == [1, 1, 1]
-
-
-def test_what_is_seen_outdoors_takes_no_colour_from_the_room(tmp_path: Path) -> None:
-    example = next(Dataset(box_dataset(tmp_path) / "dataset", "train").ordered())
     valid = example.valid.copy()
-    valid[:6, :6] = False
-    network = PlusNet(Architecture("plus", 8, 3))
-    for unet in (network.shading.unet, network.correction):
-        torch.nn.init.zeros_(unet.out.weight)
-    given = encode([replace(example, valid=valid)], direct_light=True)
-    given["reflectance"] = torch.zeros_like(given["reflectance"])  # the grey of display values
-    given["gain"] = torch.tensor([1.5, 1.0, 0.5]).reshape(1, 3, 1, 1)
-    with torch.no_grad():
-        color = network(given)[0]
-    assert torch.allclose(color[0, :6, :6], color[2, :6, :6], atol=1e-6)
-    assert (color[0, 6:, 6:] > color[2, 6:, 6:] + 0.05).all()
-
-
-def test_under_the_policy_own_its_product_has_an_exposure_of_its_own(tmp_path: Path) -> None:
-    """As near as the inputs tell: the log average of a product is about that of its factors."""
-    example = next(Dataset(box_dataset(tmp_path) / "dataset", "train").ordered())
-    dark = replace(example, reflectance=0.1 * example.reflectance)
-    network = PlusNet(Architecture("plus", 8, 3, exposure="own"))
-    for unet in (network.shading.unet, network.correction):
-        torch.nn.init.zeros_(unet.out.weight)
-    for view in (example, dark):
-        given = encode([view], direct_light=True)
-        with torch.no_grad():
-            shading, color = network.parts(given)
-        light = untonemap(shading[0].permute(1, 2, 0).numpy(), Exposure(1.0, DEFAULT_WHITE))
-        held = light * view.reflectance / 0.5 * interreflection(view)
-        own = exposure_of(held, ToneParams())
-        expected = tonemap(held, Exposure(own.scale, DEFAULT_WHITE))
-        assert color[0].permute(1, 2, 0).numpy() == pytest.approx(expected, abs=0.03)
-        assert 0.3 < float(color.mean()) < 0.7, "neither too dark nor too bright"
-
-
-def test_its_room_has_the_colour_of_its_light(tmp_path: Path) -> None:
-    """Untrained: the shading under a warm lamp is that under a white one, times the colour."""
-    example = next(Dataset(box_dataset(tmp_path) / "dataset", "train").ordered())
-    color = np.float32([1.5, 0.9, 0.5])
-    color /= luminance(color)
-    network = PlusNet(Architecture("plus", 8, 3))
-    for unet in (network.shading.unet, network.correction):
-        torch.nn.init.zeros_(unet.out.weight)
-    seen = []
-    for tint in (np.ones(3, np.float32), color):
-        view = replace(example, tint=(example.intensity > 0)[..., None] * tint)
-        with torch.no_grad():
-            shading = network.parts(encode([view], direct_light=True))[0]
-        seen.append(untonemap(shading[0].permute(1, 2, 0).numpy(), Exposure(1.0, DEFAULT_WHITE)))
-    unclipped = (seen[0] > 0.02).all(axis=-1) & (seen[0] < 0.3).all(axis=-1)
-    assert unclipped.sum() > 100
-    expected = np.broadcast_to(color, seen[0].shape)[unclipped]
-    assert (seen[1] / np.maximum(seen[0], 1e-9))[unclipped] == pytest.approx(expected, rel=0.02)
-
-
-def test_the_colour_of_a_room_can_be_learned_from_its_light() -> None:
-    """Blue sky at the window and a white room; a warm lamp and a warm room: both at once."""
-    seen = torch.tensor([[0.77, 1.03, 1.3], [1.3, 0.95, 0.6]])[..., None, None]
-    wanted = torch.tensor([[1.0, 1.0, 1.0], [1.3, 0.95, 0.6]])[..., None, None]
-    seen, wanted = seen / display.luminance(seen), wanted / display.luminance(wanted)
-    torch.manual_seed(0)
-    network = LightColor()
-    assert torch.allclose(network(seen), seen)
-    optimiser = torch.optim.Adam(network.parameters(), 3e-3)
-    for _ in range(1500):
-        optimiser.zero_grad()
-        (network(seen) - wanted).square().mean().backward()  # type: ignore[no-untyped-call]
-        optimiser.step()
-    assert torch.allclose(network(seen), wanted, atol=0.02)
-    assert torch.allclose(display.luminance(network(seen)), torch.ones(2, 1, 1, 1))
-
-
-def test_any_size_and_no_light(tmp_path: Path) -> None:
-    example = next(
-        Dataset(box_dataset(tmp_path, width=37, height=23) / "dataset", "train").ordered()
+    valid[:5, :7] = False  # sky: without light on a surface, but bright
+    lit = valid[..., None] * np.float32([1.3, 1.0, 0.6])
+    gloss = rng.exponential(0.02, example.color.shape).astype(np.float32)
+    return replace(
+        example,
+        valid=valid,
+        transport_direct=lit * example.transport_direct,
+        transport_indirect=lit * example.transport_indirect,
+        transport_color=lit * example.transport_color + gloss + ~valid[..., None],
     )
-    dark = replace(example, intensity=0 * example.intensity)
-    network = PlusNet(Architecture("plus", 8, 4)).eval()
+
+
+def untrained(spread: float = 0.0, levels: int = 3) -> PlusNet:
+    """A network whose last layer says as much as `spread`."""
+    torch.manual_seed(0)
+    network = PlusNet(Architecture("plus", 8, levels))
+    torch.nn.init.normal_(network.bands.unet.out.weight, std=spread)
+    return network.eval()
+
+
+def color_of(network: PlusNet, example: Example) -> AnyArray:
     with torch.no_grad():
-        color = network(encode([dark], direct_light=True))
-    assert color.shape == (1, 3, 23, 37)
-    assert color.isfinite().all()
+        found = network(encode([example], panorama=False, transport=True))
+    return found[0].permute(1, 2, 0).numpy()
+
+
+def lit(example: Example, change: Callable[[AnyArray], AnyArray]) -> Example:
+    """The view under another light."""
+    return replace(example, **{name: change(getattr(example, name)) for name in TRANSPORT_IMAGES})
+
+
+@pytest.mark.parametrize("levels", [1, 2, 4])
+@pytest.mark.parametrize("crop", [(30, 40), (23, 37), (5, 3), (1, 1)])
+def test_it_starts_as_the_picture_of_light_transport(
+    view: Example, crop: tuple[int, int], levels: int
+) -> None:
+    images = ("depth", "normal", "reflectance", "valid", *TRANSPORT_IMAGES)
+    part = replace(view, **{n: getattr(view, n)[: crop[0], : crop[1]] for n in images})
+    assert np.array_equal(color_of(untrained(levels=levels), part), part.transport_color)
+
+
+def test_lamps_k_times_as_bright_make_a_picture_k_times_as_bright(view: Example) -> None:
+    network = untrained(spread=1.0)
+    bright = lit(view, lambda image: np.float32(1000) * image)
+    dim = color_of(network, view)
+    assert np.abs(dim - view.transport_color).max() > 0.1, "it says something"
+    np.testing.assert_allclose(color_of(network, bright), 1000 * dim, rtol=2e-3, atol=1e-3)
+
+
+def test_each_band_is_seen_apart_and_alike(view: Example) -> None:
+    """Swapped bands swap the picture's; a change in one band changes no other."""
+    network = untrained(spread=1.0)
+    swapped = lit(view, lambda image: image[..., [2, 0, 1]])
+    swapped = replace(swapped, reflectance=view.reflectance[..., [2, 0, 1]])
+    found = color_of(network, view)
+    np.testing.assert_allclose(color_of(network, swapped), found[..., [2, 0, 1]], rtol=1e-4)
+    # The level is a mean over the bands: more blue, less red.
+    shift = 0.1 * view.transport_indirect[..., :1]
+    other = replace(view, transport_indirect=view.transport_indirect + shift * [-1, 0, 1])
+    again = color_of(network, other)
+    np.testing.assert_allclose(again[..., 1], found[..., 1], rtol=1e-3)
+    assert np.abs(again[..., 2] - found[..., 2]).max() > 1e-3
+
+
+def test_light_changes_by_bounded_factors_and_never_below_black(view: Example) -> None:
+    found = color_of(untrained(spread=500.0), view)
+    light = view.transport_direct + view.transport_indirect
+    most = view.reflectance * light + np.abs(view.transport_color - view.reflectance * light)
+    bound = np.exp(MAX_LOG_FACTOR) * (most + MAX_GLOSS * light)
+    assert np.isfinite(found).all() and found.min() >= 0
+    assert (found <= 1.001 * bound + 1e-6).all()
+
+
+def test_no_light_is_black_and_has_gradients(view: Example) -> None:
+    dark = lit(view, lambda image: 0 * image)
+    network = untrained(spread=1.0)
+    assert not color_of(network, dark).any()
+    exposed_loss(network, dark).backward()  # type: ignore[no-untyped-call]
+    assert all(p.grad is not None and p.grad.isfinite().all() for p in network.parameters())
+
+
+def exposed_loss(network: PlusNet, example: Example) -> torch.Tensor:
+    def l1(found: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+        return 255 * (found - truth).abs().mean()
+
+    objective = ExposedLoss(
+        Setting(network, l1, None, 8, lambda: torch.autocast("cpu", enabled=False))
+    )
+    inputs = encode([example], panorama=False, transport=True)
+    truth = targets([example], "own")["color"]
+    return objective.loss(Batch(inputs, truth, radiances([example], "own")))
+
+
+def test_it_learns_the_light_that_transport_lacks(tmp_path: Path) -> None:
+    folder = box_dataset(tmp_path, 2, 0, 0, transport=True)
+    example = next(Dataset(folder / "dataset", "train").ordered())
+    network = untrained(spread=0.01)
+    optimiser = torch.optim.Adam(network.parameters(), 3e-3)
+
+    def error(color: AnyArray) -> float:
+        shown = (tonemap(image, example.exposure_color) for image in (color, example.color))
+        found, truth = shown
+        return float(np.abs(found - truth).mean())
+
+    assert example.transport_color is not None
+    before = error(example.transport_color)
+    for _ in range(60):
+        optimiser.zero_grad()
+        exposed_loss(network, example).backward()  # type: ignore[no-untyped-call]
+        optimiser.step()
+    assert error(color_of(network, example)) < 0.3 * before
+
+
+def test_materials_reach_it_and_transport_turns_with_the_view(view: Example) -> None:
+    network = untrained(spread=1.0)
+    rough = np.full_like(view.depth, 0.5)
+    known = replace(view, roughness=rough, metalness=rough, material_known=np.ones_like(rough))
+    assert np.abs(color_of(network, known) - color_of(network, view)).max() > 1e-3
+    for name in (*TRANSPORT_IMAGES, "roughness"):
+        assert np.array_equal(getattr(mirrored(known), name), getattr(known, name)[:, ::-1])
+
+
+def test_without_transport_it_says_what_to_do(tmp_path: Path) -> None:
+    box_dataset(tmp_path, 2, 0, 0)
+    params = Params(train=TrainParams(plus=SMALL))
+    with pytest.raises(InputError, match=r"no light transport.*plus.*channels: \[transport\]"):
+        train_network("plus", params, Folders(tmp_path, tmp_path))
+    (example, _) = Dataset(tmp_path / "dataset", "train").ordered()
+    with pytest.raises(InputError, match=r"has no light transport.*channels: \[transport\]"):
+        encode([example], transport=True)
+
+
+def test_weights_of_an_earlier_form_end_in_one_line(tmp_path: Path) -> None:
+    models = untrained_models(tmp_path, ("plus",), levels=2)
+    card = models / "plus.json"
+    card.write_text(card.read_text().replace('"revision": 2', '"revision": 1'))
+    with pytest.raises(InputError, match=r"earlier form of plus.*pbrnet train plus"):
+        load_model(models / "plus.safetensors")

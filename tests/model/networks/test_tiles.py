@@ -26,7 +26,8 @@ def _one_thread() -> None:
 @pytest.fixture(scope="module")
 def example(tmp_path_factory: pytest.TempPathFactory) -> Example:
     """A view of odd size, several tiles wide and high."""
-    data = box_dataset(tmp_path_factory.mktemp("large"), 0, 0, 2, width=187, height=141)
+    size = {"width": 187, "height": 141}
+    data = box_dataset(tmp_path_factory.mktemp("large"), 0, 0, 2, transport=True, **size)
     return next(Dataset(data / "dataset", "test").ordered())
 
 

@@ -36,27 +36,28 @@ def untrained(
     method: str,
     panorama: Panorama = "normal",
     exposure: Policy = "shared",
-    shadows: bool = False,
+    materials: bool = False,
 ) -> Networks:
     """The method's networks with random weights, saved in `models`."""
-    names = ("plus",) if method == "plus" else ("shading", "composition")
-    untrained_models(models, names, levels=2, panorama=panorama, exposure=exposure, shadows=shadows)
+    names = ("shading", "composition") if method == "pbrnet" else (method,)
+    settings = {"panorama": panorama, "exposure": exposure, "materials": materials}
+    untrained_models(models, names, levels=2, **settings)  # type: ignore[arg-type]
     return load_networks(models, [method])
 
 
 @pytest.fixture(scope="session")
 def views(tmp_path_factory: pytest.TempPathFactory) -> list[Example]:
-    """Views of `SIZES`: each with sky, a lamp in view, lights of many colours, and shadows."""
+    """Views of `SIZES`: each with sky, a lamp in view, materials, and three samples a pixel."""
     folder = tmp_path_factory.mktemp("views")
     found = []
     for width, height, panorama in SIZES:
         size = {"width": width, "height": height, "panorama": panorama}
-        data = box_dataset(folder / str(width), 0, 0, 2, **size)
-        example = next(Dataset(data / "dataset", "test").ordered())
+        data = box_dataset(folder / str(width), 0, 0, 2, noisy=True, **size)
+        example = next(Dataset(data / "dataset", "test", ("noisy", "transport")).ordered())
         sky = np.zeros_like(example.valid)
         sky[:3, : width // 2] = True
         random = np.random.default_rng(width)
-        colors = random.uniform(0.3, 2, (panorama // 2, panorama, 3))
+        rough, metal = random.random((2, *sky.shape), dtype=np.float32)
         found.append(
             replace(
                 example,
@@ -64,8 +65,10 @@ def views(tmp_path_factory: pytest.TempPathFactory) -> list[Example]:
                 depth=np.where(sky, 0, example.depth).astype(np.float32),
                 normal=np.where(sky[..., None], 0, example.normal).astype(np.float32),
                 reflectance=np.where(sky[..., None], 0, example.reflectance).astype(np.float32),
-                tint=colors.astype(np.float32),
-                visibility=random.integers(0, 9, sky.shape).astype(np.float32) / 8,
+                roughness=rough,
+                metalness=metal,
+                material_known=np.ones_like(rough),
+                noisy_spp=3,
             )
         )
     return found
@@ -73,14 +76,14 @@ def views(tmp_path_factory: pytest.TempPathFactory) -> list[Example]:
 
 @pytest.fixture(scope="session")
 def exported(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., ExportedFile]:
-    """Export a method's networks, each once a session; `plus` is given shadows."""
+    """Export a method's networks, each once a session; `plus` is given materials."""
     runtime = pytest.importorskip("onnxruntime", reason="the extra pbrnet[onnx] is not installed")
     pytest.importorskip("onnxscript", reason="the extra pbrnet[onnx] is not installed")
 
     @cache
     def make(method: str, panorama: Panorama) -> ExportedFile:
         folder = tmp_path_factory.mktemp("exported")
-        networks = untrained(folder / "models", method, panorama, shadows=method == "plus")
+        networks = untrained(folder / "models", method, panorama, materials=method == "plus")
         path = folder / "file" / "model.onnx"
         path.parent.mkdir()
         export_onnx(networks, path)

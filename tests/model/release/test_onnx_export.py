@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,94 +11,72 @@ import numpy as np
 import pytest
 import torch
 
-from model.data.encoding import Policy, Tensors, encode, encode_inputs
-from model.data.reader import Example, ViewInputs
+from model.data.encoding import DEFAULT_WHITE
+from model.data.reader import Example
+from model.evaluation.inference import Prediction
 from model.networks.pbrnet import Panorama
 from model.release.onnx_export import (
     GRID,
-    PLUS_INPUTS,
     ExportedMethod,
     export_onnx,
     exported_inputs,
     on_grid,
 )
+from pipeline.params import ToneParams
+from pipeline.tonemap import Exposure, exposure_of, tonemap
+from scenes.arrays import AnyArray
 from scenes.errors import MachineError
 from tests.fixtures.paths import ROOT
 from tests.model.release.conftest import ExportedFile, untrained
 
 
-def columns(example: Example) -> dict[str, torch.Tensor]:
-    """All inputs that an exported file may take, float32."""
-    given = {name: getattr(example, name) for name in PLUS_INPUTS if name != "K"}
-    given |= {"K": example.intrinsics, "visibility": example.visibility}
-    return {
-        name: torch.from_numpy(value.astype(np.float32))
-        for name, value in given.items()
-        if value is not None
-    }
-
-
-def traced_encoding(example: Example) -> Tensors:
-    """The encoder's inputs for `plus`, computed with tensors as in the exported graph."""
-    given = columns(example)
-    given["intrinsics"] = given.pop("K")
-    view = ViewInputs(**{**given, "valid": given["valid"] > 0})
-    return encode_inputs([view], direct_light=True)
-
-
-@pytest.mark.slow
-def test_the_encoder_gives_the_same_for_tensors_and_for_arrays(views: list[Example]) -> None:
-    unlit = replace(views[0], intensity=0 * views[0].intensity, distance=0 * views[0].distance)
-    sky = replace(views[0], valid=np.zeros_like(views[0].valid))
-    for example in (*views, replace(views[0], visibility=None), unlit, sky):
-        ours, theirs = traced_encoding(example), encode([example], direct_light=True)
-        assert ours.keys() == theirs.keys()
-        for name, value in theirs.items():
-            assert ours[name].shape == value.shape and ours[name].dtype == torch.float32
-            assert ours[name].numpy() == pytest.approx(value.numpy(), rel=1e-3, abs=2e-3), name
-
-
-def test_without_light_all_inputs_stay_dark(views: list[Example]) -> None:
-    dark = replace(views[0], intensity=0 * views[0].intensity, distance=0 * views[0].distance)
-    for given in (traced_encoding(dark), encode([dark], direct_light=True)):
-        assert not given["intensity"].any()
-        assert (given["direct"][:, :3] == -1).all(), "black, centred"
-        assert given["tint"].flatten().tolist() == [1, 1, 1]
+def columns(example: Example, names: Sequence[str]) -> list[torch.Tensor]:
+    """The inputs of an exported file, float32."""
+    given = {name: np.atleast_1d(getattr(example, name)) for name in names}
+    return [torch.from_numpy(given[name].astype(np.float32)) for name in names]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("method", "panorama", "exposure", "shadows"),
+    ("method", "panorama", "materials"),
     [
-        ("pbrnet", "normal", "shared", False),
-        ("pbrnet", "resize", "shared", False),
-        ("plus", "normal", "shared", False),
-        ("plus", "normal", "own", False),
-        ("plus", "normal", "own", True),
+        ("pbrnet", "normal", False),
+        ("pbrnet", "resize", False),
+        ("plus", "normal", False),
+        ("plus", "normal", True),
+        ("hybrid", "normal", True),
     ],
 )
 def test_the_exported_module_draws_what_the_method_draws(
-    method: str,
-    panorama: Panorama,
-    exposure: Policy,
-    shadows: bool,
-    views: list[Example],
-    tmp_path: Path,
+    method: str, panorama: Panorama, materials: bool, views: list[Example], tmp_path: Path
 ) -> None:
     """Sky included: there the networks are shown a grey, not the dataset's black."""
-    networks = untrained(tmp_path, method, panorama, exposure, shadows)
+    networks = untrained(tmp_path, method, panorama, materials=materials)
     names = exported_inputs(networks)
-    assert ("K" in names, "visibility" in names) == (method == "plus", shadows)
+    assert ("intensity" in names, "roughness" in names) == (method == "pbrnet", materials)
+    assert ("noisy_spp" in names) == (method == "hybrid")
     chain = ExportedMethod(networks).eval()
     dark = replace(views[0], intensity=0 * views[0].intensity, distance=0 * views[0].distance)
     for example in (*views, dark):
-        given = columns(example)
         made = networks.predict(method, example)
         with torch.no_grad():
-            shading, color = chain(**{name: given[name] for name in names})
-        assert made.shading is not None and made.color.std() > 0.02
-        assert np.abs(shading.numpy() - made.shading).max() < 1e-3
-        assert np.abs(color.numpy() - made.color).max() < 1e-3
+            found = chain(*columns(example, names))
+        assert made.color.std() > 0.02
+        check_pictures(method, example, made, *(image.numpy() for image in found))
+
+
+def check_pictures(
+    method: str, example: Example, made: Prediction, first: AnyArray, color: AnyArray
+) -> None:
+    """Compare the images of an exported file with a prediction of the package."""
+    if method == "pbrnet":
+        assert np.abs(first - made.shading).max() < 1e-3
+        assert np.abs(color - made.color).max() < 1e-3
+        return
+    assert made.linear is not None
+    np.testing.assert_allclose(first, made.linear, rtol=2e-3, atol=1e-4)
+    exposure = Exposure(exposure_of(made.linear, ToneParams()).scale, DEFAULT_WHITE)
+    assert np.abs(color - tonemap(made.linear, exposure)).max() < 2e-3
 
 
 @pytest.mark.parametrize("size", [(16, 32), (32, 64), (33, 66), (80, 160), (100, 200)])
@@ -124,8 +102,9 @@ def test_without_the_packages_it_says_how_to_get_them(
     ("method", "panorama"),
     [
         ("pbrnet", "normal"),
-        ("pbrnet", "resize"),
-        pytest.param("plus", "normal", marks=pytest.mark.check),
+        pytest.param("pbrnet", "resize", marks=pytest.mark.check),
+        ("plus", "normal"),
+        pytest.param("hybrid", "normal", marks=pytest.mark.check),
     ],
 )
 def test_the_file_draws_the_same_pictures_of_any_size(
@@ -142,9 +121,7 @@ def test_the_file_draws_the_same_pictures_of_any_size(
     names = [given.name for given in made.session.get_inputs()]
     assert names == exported_inputs(made.networks)
     for example in views:
-        given = columns(example)
-        expected = made.networks.predict(method, example)
-        shading, color = made.session.run(None, {name: given[name].numpy() for name in names})
-        assert color.shape == example.color.shape
-        assert np.abs(color - expected.color).max() < 1e-3
-        assert np.abs(shading - expected.shading).max() < 1e-3
+        given = [value.numpy() for value in columns(example, names)]
+        found = made.session.run(None, dict(zip(names, given, strict=True)))
+        assert found[1].shape == example.color.shape
+        check_pictures(method, example, made.networks.predict(method, example), *found)

@@ -20,11 +20,13 @@ from model.studies.illumination.compare import LitView, compare, direct_image, l
 from model.studies.illumination.results import IlluminationResult
 from model.training.train import Folders
 from pipeline.cli import main
+from pipeline.frames import layout
 from pipeline.images import png_facts, read_picture
 from pipeline.views import CameraFile, load_cameras, save_cameras
 from scenes.checked import build
 from scenes.errors import InputError
 from tests.fixtures.light import PARAMS, lit_workplace, room
+from tests.fixtures.predictor import untrained_models
 
 pytestmark = pytest.mark.slow
 
@@ -63,9 +65,9 @@ def traced(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     names: list[str] = []
     real = study._render
 
-    def counted(opened: Any, case: Any, store: Any) -> None:
+    def counted(opened: Any, case: Any, *more: Any) -> None:
         names.append(case.name)
-        real(opened, case, store)
+        real(opened, case, *more)
 
     monkeypatch.setattr(study, "_render", counted)
     return names
@@ -111,10 +113,10 @@ def test_a_killed_study_goes_on(
     renders = str(tmp_path / "renders")
     counted = study._render
 
-    def killed(opened: Any, case: Any, store: Any) -> None:
+    def killed(opened: Any, case: Any, *more: Any) -> None:
         if len(traced) == 3:
             raise KeyboardInterrupt
-        counted(opened, case, store)
+        counted(opened, case, *more)
 
     monkeypatch.setattr(study, "_render", killed)
     assert run(place, "--views", "1", "--renders", renders) == 130
@@ -147,13 +149,17 @@ def as_it_is(example: Example) -> LitView:
 
 
 def test_twice_the_light_is_predicted_as_twice_the_light(
-    place: Folders, examples: list[Example]
+    place: Folders, examples: list[Example], tmp_path: Path
 ) -> None:
-    networks = load_networks(place.models, ["pbrnet", "unet"])
+    models = shutil.copytree(place.models, tmp_path / "models")
+    untrained_models(models, ("plus",), levels=2)
+    networks = load_networks(models, ["pbrnet", "plus"])
     example = examples[0]
-    before = as_it_is(example)
+    light = dict.fromkeys(layout("transport"), example.shading[..., 0])
+    before = replace(as_it_is(example), transport=light)
     after = replace(
         before,
+        transport={name: 2 * image for name, image in light.items()},
         intensity=2 * example.intensity,
         shading=2 * example.shading,
         color=2 * example.color,
@@ -161,7 +167,7 @@ def test_twice_the_light_is_predicted_as_twice_the_light(
     levels = [log_average(direct_image(lit.example)) for lit in (before, after)]
     assert levels[1] == pytest.approx(2 * levels[0])
     (found,) = compare(networks, before, {"lamps": after})
-    assert found.reference == "rendered"
+    assert found.reference == "rendered" and {"plus", "radiosity"} < found.predicted.keys()
     for change in (*found.true.values(), *found.predicted.values()):
         assert np.isfinite(change).mean() > 0.9
         np.testing.assert_allclose(change[np.isfinite(change)], np.log(2), atol=1e-3)

@@ -104,7 +104,7 @@ def test_the_table_from_the_command_to_the_report(
     assert "standard deviation over 2 trainings" in words
 
     # scores without a network do not depend on the seed
-    views = list(Dataset(folders.data / "dataset", "test", noisy=True).ordered())
+    views = list(Dataset(folders.data / "dataset", "test", ("noisy",)).ordered())
     values = []
     for view in views:
         assert view.denoised_color is not None

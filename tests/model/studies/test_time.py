@@ -45,11 +45,12 @@ def result_of(place: Folders) -> TimeResult:
     return build(TimeResult, json.loads(path.read_text()), str(path), InputError)
 
 
-def test_shadows_are_paid_by_those_that_take_them() -> None:
-    assert _parts_of("plus", None, {"plus"}) == ("inputs", "illumination", "visibility", "plus")
-    assert _parts_of("plus", None, ()) == ("inputs", "illumination", "plus")
-    assert _parts_of("unet", None, {"plus"}) == ("inputs", "illumination", "unet")
-    assert _parts_of("hybrid", None, {"plus"}) == ("inputs", "samples", "hybrid")
+def test_what_a_method_takes_is_in_its_time() -> None:
+    assert _parts_of("plus", None, False) == ("inputs", "transport", "plus")
+    assert _parts_of("plus", None, True) == ("inputs", "materials", "transport", "plus")
+    assert _parts_of("unet", None, True) == ("inputs", "illumination", "unet")
+    assert _parts_of("hybrid", 2, False) == ("inputs", "transport", "samples_2", "hybrid")
+    assert _parts_of("radiosity", None, True) == ("transport",)
 
 
 @pytest.mark.slow
