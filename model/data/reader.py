@@ -420,8 +420,9 @@ def _scale_columns(file: pq.ParquetFile) -> tuple[str, ...]:
 def _group_sizes(path: Path, images: Iterable[str]) -> list[int]:
     with reading(path), open_parquet(path) as file:
         names = file.schema_arrow.names
-        missing = [name for name in (*SCALARS, *images) if name not in names]
-        if missing and missing[0] in NOISY_IMAGES:
+        samples = (NOISY_SPP,) if NOISY_IMAGES.keys() <= set(images) else ()
+        missing = [name for name in (*SCALARS, *images, *samples) if name not in names]
+        if missing and missing[0] in (*NOISY_IMAGES, NOISY_SPP):
             raise InputError(
                 f"{path}: no noisy samples in it (column {missing[0]!r}), which the method hybrid "
                 "takes; set noisy.spp to 1 to 8, then run: pbrnet groundtruth, pbrnet dataset"
@@ -441,7 +442,7 @@ def _group_sizes(path: Path, images: Iterable[str]) -> list[int]:
                 f"{path}: equirectangular views; the networks take perspective ones, "
                 "image.projection: perspective"
             )
-        check_types(path, file.schema_arrow, (*SCALARS, *_scale_columns(file)))
+        check_types(path, file.schema_arrow, (*SCALARS, *samples, *_scale_columns(file)))
         return [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
 
 
