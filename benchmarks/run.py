@@ -24,6 +24,7 @@ from benchmarks.published import published_rows
 from benchmarks.rendering import render_rows, variant_rows
 from benchmarks.results import TITLES, OtherLoad, Results, figure
 from benchmarks.rows import Row
+from benchmarks.sets import set_rows
 from benchmarks.shards import shard_rows
 from benchmarks.strategies import strategy_rows
 from pipeline.render.scene import set_variant
@@ -74,6 +75,7 @@ def main(
         results.load()
     topics: dict[str, Topic] = {
         "render": render_rows,
+        "sets": set_rows,
         "variant": variant_rows,
         "strategies": strategy_rows,
         "farm": farm_rows,

@@ -13,9 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
-from benchmarks import cycles, farm
+from benchmarks import cycles, farm, sets
 from benchmarks.bench import SMALL, Bench, Reference
 from benchmarks.clay import windows_of
 from benchmarks.cycles import BlenderMissing, blender_python, cycles_rows, run_step
@@ -37,11 +38,12 @@ from model.benchmark.views import pin_views
 from model.data.reader import IMAGES, OPTIONAL_IMAGES, Dataset
 from pipeline.dataset.pack import pack_dataset
 from pipeline.export.rows import DatasetRows
-from pipeline.params import SplitParams
+from pipeline.params import LightParams, Params, SplitParams
 from scenes.contract import Portal
 from scenes.errors import InputError
 from tests.fixtures.dataset import make_data, small_params
 from tests.fixtures.model import box_rows, write_shard
+from tests.fixtures.paths import ROOT
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -200,7 +202,7 @@ def test_the_page_tells_figures_ranges_goals_and_what_is_missing(tmp_path: Path)
     assert "| speed | 1,234/s | 1,000/s to 2,000/s | processor |  |" in page
     assert "| other | not measured: it is not here | | | >= 2.5 |" in page
     assert "- **reading**: rows a second." in page
-    assert "**Not complete**: not measured yet: render, variant" in page
+    assert "**Not complete**: not measured yet: render, sets, variant" in page
     assert "trial" not in page
     kept = json.loads((tmp_path / "results.json").read_text())["topics"]["shards"]
     assert kept["complete"] and [row.get("met") for row in kept["rows"]] == [False, None, None]
@@ -360,3 +362,31 @@ def test_the_command_names_its_topics() -> None:
     )
     assert done.returncode == 0
     assert "--only" in done.stdout and "cycles" in done.stdout
+
+
+def test_sets_of_channels_cost_what_they_take_beside_paper() -> None:
+    """Of a trace the difference counts, of a pass of its own all; never less than nothing."""
+    seconds = {"inputs": 2, "materials": 3, "labels": 1, "surfaces": 6, "truth": 10, "light": 11}
+    seconds |= {"light with groups": 14, "environment": 8, "transport": 5}
+    spent = {name: [Spent(cpu, 2 * cpu)] for name, cpu in seconds.items()}
+    expected = {"materials": 1, "labels": 0, "light": 1, "light with groups": 4, "transport": 5}
+    for name, more in {**expected, "all": 4 + 4 + 8 + 5}.items():
+        added = [Spent(1, 1)]
+        assert sets._sums(added, *sets._added(name, spent)) == [Spent(1 + more, 1 + 2 * more)]
+
+
+def test_each_column_of_the_sample_counts_for_the_sets_that_have_it() -> None:
+    folder = ROOT / "examples" / "sample"
+    sizes = sets._bytes_a_row(folder)
+    shards = list(folder.glob("*.parquet"))
+    rows = sum(pq.read_metadata(path).num_rows for path in shards)
+    whole = sum(path.stat().st_size for path in shards) / rows
+    assert 0.9 * whole < sum(sizes.values()) < whole
+    params = Params(light=LightParams(4))
+    columns = {name: sets._columns(params, name) for name in ("paper", *sets._SETS)}
+    assert set.union(*columns.values()) == columns["all"] < set(sizes)
+    assert all("noisy" in name or "denoised" in name for name in set(sizes) - columns["all"])
+    totals = {name: sum(sizes[column] for column in own) for name, own in columns.items()}
+    assert totals["light with groups"] > totals["light"] > totals["paper"]
+    together = totals["materials and labels"]
+    assert totals["materials"] + totals["labels"] > together + totals["paper"], "one has material"

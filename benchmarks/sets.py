@@ -1,0 +1,218 @@
+"""Rows about sets of channels: what each adds to a view's processor time and to its row's bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import pyarrow.parquet as pq
+
+from benchmarks.bench import Bench, resized
+from benchmarks.rows import Row, at_most, missing
+from benchmarks.timing import Spent, by_turns, ratio, spread
+from pipeline.channels import KINDS, ChannelSet, Kind
+from pipeline.dataset.columns import dataset_columns
+from pipeline.dataset.pack import pack_dataset
+from pipeline.frames import frame_path, kinds_of, write_frame
+from pipeline.params import EnvironmentParams, IlluminationParams, ImageParams, LightParams, Params
+from pipeline.passes.registry import (
+    PASSES,
+    SURFACES,
+    Result,
+    camera_of,
+    pass_seed,
+    render_surfaces,
+    render_truths,
+)
+from pipeline.pathtrace import integrator
+from pipeline.render.scene import RenderScene
+from pipeline.views import CameraFile, View, as_matrix, save_cameras
+
+_LAMPS = 8  # with a light group of their own
+_STEP = 0.06  # metres from frame to frame of a walk
+_TOGETHER = "materials and labels"
+_GROUPS = "light with groups"
+# What the rows name: sets beside `paper`.
+_SETS: dict[str, tuple[ChannelSet, ...]] = {
+    "materials": ("materials",),
+    "labels": ("labels",),
+    _TOGETHER: ("materials", "labels"),
+    "video": ("video",),
+    "light": ("light",),
+    _GROUPS: ("light",),
+    "environment": ("environment",),
+    "transport": ("transport",),
+    "all": ("all",),
+}
+_GOALS = {_TOGETHER: 1.05, "light": 1.15}
+
+
+def set_rows(bench: Bench) -> Iterator[Row]:
+    """Yield for each set its processor time relative to the set `paper`, and its bytes a row."""
+    if not integrator.available():
+        yield missing("all", "every set of channels", "light is not in scalar variants")
+        return
+    params, scene = _params(bench), bench.open(bench.home)
+    views = [
+        _moving(resized(view, (params.image.width, params.image.height)))
+        for view in bench.views[bench.home]
+    ]
+    data = bench.folder / "sets"
+    (data / "scenes").mkdir(parents=True)
+    (data / "scenes" / bench.home).symlink_to(bench.data / "scenes" / bench.home)
+    save_cameras(data / "cameras" / f"{bench.home}.json", CameraFile(bench.home, tuple(views)))
+    for view in views:  # compiles, too
+        _write_frames(data, scene, view, params)
+    pack_dataset(data, params)
+    sizes = _bytes_a_row(data / "dataset")
+    ways = _ways(scene, views[0], params)
+    for work in ways.values():  # twice with the round below: launches of kinds in turn are
+        work()  # recorded a second time
+    spent = by_turns(ways, bench.sizes.repeats)
+    paper = _sums(*(spent[name] for name in ("truth", "inputs", "illumination", "visibility")))
+    size = f"{params.image.width}x{params.image.height}, {params.groundtruth.spp} spp"
+    yield Row(
+        "paper",
+        f"shading and colour, denoised, inputs and panorama of a view, {size}",
+        spread([each.cpu for each in paper]),
+        "s",
+        "cpu",
+    )
+    for name in _SETS:
+        yield Row(
+            f"{name} / paper",
+            f"a view with {_shown(name)} as well, against one of `paper` alone",
+            ratio(_sums(paper, *_added(name, spent)), paper, "cpu"),
+            clock="cpu",
+            goal=at_most(_GOALS[name]) if name in _GOALS else None,
+        )
+    for name in ("paper", *_SETS):
+        own = _columns(params, name)
+        yield Row(
+            f"{name}, a row",
+            f"bytes in the shards of the columns of `paper`{_and(name)}, mean of {len(views)} "
+            f"views, {size}",
+            spread([sum(count for column, count in sizes.items() if column in own) / 1e3]),
+            "kB",
+        )
+
+
+def _and(name: str) -> str:
+    return "" if name == "paper" else f" and {_shown(name)}"
+
+
+def _shown(name: str) -> str:
+    return f"`light` and an image of each of {_LAMPS} lamps" if name == _GROUPS else f"`{name}`"
+
+
+def _params(bench: Bench) -> Params:
+    """Return parameters of all sets at the middle size, with the denoiser."""
+    width, height = bench.sizes.middle
+    return replace(
+        bench.params,
+        image=ImageParams(width=width, height=height),
+        channels=("all",),
+        groundtruth=replace(bench.params.groundtruth, denoise="oidn"),
+        light=LightParams(_LAMPS),
+        illumination=IlluminationParams(width=width),
+        environment=EnvironmentParams(width=width, spp=bench.params.groundtruth.spp),
+    )
+
+
+def _moving(view: View) -> View:
+    """Return a view in the middle of a walk straight ahead."""
+    poses = []
+    for step in (-_STEP, _STEP):
+        pose = view.pose.copy()
+        pose[:3, 3] += step * pose[:3, 2]
+        poses.append(as_matrix(pose))
+    return replace(view, trajectory="walk", frame=1, pose_before=poses[0], pose_after=poses[1])
+
+
+def _ways(scene: RenderScene, view: View, params: Params) -> dict[str, Callable[[], object]]:
+    """Return what is timed: traces with and without what a set takes from them, other passes."""
+    seed = params.seed
+    traces: dict[str, tuple[Kind, ...]] = {
+        "inputs": ("inputs",),
+        "materials": ("inputs", "materials"),
+        "labels": ("inputs", "labels"),
+        _TOGETHER: ("inputs", "materials", "labels"),
+        "video": ("inputs", "video"),
+        "surfaces": SURFACES,
+    }
+    alone: tuple[Kind, ...] = ("illumination", "visibility", "environment", "transport")
+    single = replace(params, light=LightParams())
+    return {
+        **{name: partial(render_surfaces, scene, view, kinds) for name, kinds in traces.items()},
+        "truth": partial(render_truths, scene, view, params, seed),
+        "light": partial(render_truths, scene, view, single, seed, light=True),
+        _GROUPS: partial(render_truths, scene, view, params, seed, light=True),
+        **{kind: partial(PASSES[kind].render, scene, view, params, seed) for kind in alone},
+    }
+
+
+def _added(name: str, spent: dict[str, list[Spent]]) -> list[list[Spent]]:
+    """Return the seconds that a set of `_SETS` adds to those of `paper`, in parts."""
+    if name == "all":
+        parts = [_more(spent["surfaces"], spent["inputs"]), _more(spent[_GROUPS], spent["truth"])]
+        return [*parts, spent["environment"], spent["transport"]]
+    if name in ("environment", "transport"):
+        return [spent[name]]
+    base = "truth" if name in ("light", _GROUPS) else "inputs"
+    return [_more(spent[name], spent[base])]
+
+
+def _more(whole: list[Spent], part: list[Spent]) -> list[Spent]:
+    pairs = zip(whole, part, strict=True)
+    return [Spent(max(a.cpu - b.cpu, 0), max(a.wall - b.wall, 0)) for a, b in pairs]
+
+
+def _sums(*parts: list[Spent]) -> list[Spent]:
+    rounds = zip(*parts, strict=True)
+    return [Spent(sum(s.cpu for s in each), sum(s.wall for s in each)) for each in rounds]
+
+
+def _write_frames(data: Path, scene: RenderScene, view: View, params: Params) -> None:
+    """Render and write all frames of a view."""
+    seeds = {kind: pass_seed(kind, view, params.seed) for kind in KINDS}
+    frames: dict[Kind, Result] = {
+        **render_surfaces(scene, view, SURFACES),
+        **render_truths(scene, view, params, seeds["color"], light=True),
+    }
+    for kind in kinds_of(params):
+        if kind not in frames:
+            frames[kind] = PASSES[kind].render(scene, view, params, seeds[kind])
+        channels, about = frames[kind]
+        path = frame_path(data, kind, view)
+        write_frame(path, kind, channels, camera_of(view, kind), **about, fingerprint="")
+
+
+def _bytes_a_row(folder: Path) -> dict[str, float]:
+    """Return the compressed bytes a row of each column of a dataset's shards."""
+    found: dict[str, float] = {}
+    rows = 0
+    for path in sorted(folder.glob("*.parquet")):
+        metadata = pq.read_metadata(path)
+        rows += metadata.num_rows
+        for group in range(metadata.num_row_groups):
+            for index in range(metadata.num_columns):
+                chunk = metadata.row_group(group).column(index)
+                name = chunk.path_in_schema.partition(".")[0]
+                found[name] = found.get(name, 0) + chunk.total_compressed_size
+    return {name: count / rows for name, count in found.items()}
+
+
+def _columns(params: Params, name: str) -> set[str]:
+    """Return the columns of a dataset of `paper` and the set `name` of `_SETS`."""
+    size = (params.image.width, params.image.height)
+    columns = dataset_columns(
+        size,
+        size,
+        shadows=True,
+        channels=_SETS.get(name, ("paper",)),
+        links=name in ("video", "all"),
+        lights=params.light.images if name in (_GROUPS, "all") else 0,
+    )
+    return {column.name for column in columns}
