@@ -24,7 +24,6 @@ from model.evaluation.metrics import measure
 from pipeline.frames import frame_path, read_frame
 from pipeline.params import ToneParams, TransportParams
 from pipeline.passes.groundtruth import rooms_box
-from pipeline.passes.inputs import facing_normals
 from pipeline.passes.transport import samples_for
 from pipeline.pathtrace.guiding import (
     _lit_by_lamps,
@@ -34,13 +33,12 @@ from pipeline.pathtrace.guiding import (
 from pipeline.pathtrace.irradiance import sunlit_surfaces
 from pipeline.pathtrace.light_pilot import plan_lights
 from pipeline.pathtrace.light_sampling import PlannedLights
-from pipeline.render import raycast
 from pipeline.render.drjit_arrays import column, vector
 from pipeline.render.scene import RenderScene, open_scene, set_variant
 from pipeline.tonemap import exposure_of, tonemap
 from pipeline.transport.cells import LightTable
 from pipeline.transport.launches import TransportLauncher
-from pipeline.transport.radiosity import Surfels, grid_size, light_surfels, solve, surfels_of
+from pipeline.transport.radiosity import Surfels, grid_size, solve
 from pipeline.views import View, load_cameras
 from scenes.arrays import AnyArray, Float32Array
 from scenes.contract import load_scene
@@ -76,32 +74,27 @@ class Bench:
     ) -> dict[str, Float32Array]:
         """Images of the method as it is, with these parameters."""
         found = surfels or self.surfels(params.surfels)
-        cells, light = solve(found, self.view.eye, params.bounces)
+        cache = LightTable(*solve(found, self.view.eye, params.bounces))
         spp = params.samples or samples_for(self.view.width * self.view.height)
-        return self.launcher.pixels(self.lights, LightTable(cells, light), self.view, spp, SEED)
+        return self.launcher.pixels(self.lights, cache, self.view, spp, SEED)
 
     def picture(self, indirect: Float32Array, **other: Float32Array) -> Float32Array:
         images = {**self.images, **other}
         light = images["albedo"] * (images["direct"] + indirect)
         return np.asarray(light + images["specular"] + images["emitted"])
 
-    def panorama(self) -> tuple[Surfels, Float32Array, AnyArray]:
-        """Surfels that a panorama around the eye sees, their reflectance and area."""
+    def panorama(self) -> tuple[Surfels, AnyArray]:
+        """Surfels that a panorama around the eye sees, and their area."""
         directions = fibonacci_sphere(_PANORAMA)
-        hits = raycast.surfaces(self.scene.geometry, self.view.eye, directions)
-        normals = facing_normals(hits, directions)
-        met = hits.shape >= 0
-        points = [
-            column(mi.Float, met.astype(np.float32)),
-            vector(mi.Vector3f, np.where(met[:, None], normals, (0, 0, 1))),
-            vector(mi.Point3f, hits.position.astype(np.float64)),
-        ]
-        arrays = light_surfels(
-            self.mitsuba, self.launcher._tables, self.lights, *points[::-1], mi.UInt32(SEED)
+        rays = (
+            vector(mi.Point3f, np.tile(self.view.eye, (_PANORAMA, 1))),
+            vector(mi.Vector3f, directions),
+            column(mi.Float, np.ones(_PANORAMA)),
         )
-        cosine = np.maximum(np.abs((normals * directions).sum(axis=-1)), 0.15)
-        area = 4 * np.pi / _PANORAMA * np.where(met, hits.distance, 0) ** 2 / cosine
-        return surfels_of(arrays), hits.reflectance.astype(np.float32), area
+        surfels = self.launcher.lit(self.lights, rays, SEED)
+        cosine = np.maximum(np.abs((surfels.normals * directions).sum(axis=-1)), 0.15)
+        squared = ((surfels.points - self.view.eye) ** 2).sum(axis=-1)
+        return surfels, 4 * np.pi / _PANORAMA * squared / cosine
 
     def places(self) -> tuple[AnyArray, AnyArray]:
         """Mean position and normal of each pixel, (H * W, 3)."""
@@ -130,15 +123,15 @@ def form_factors(
 
 def unoccluded_radiosity(bench: Bench, bounces: int) -> Float32Array:
     """Panorama surfels and form factors without visibility: the simplest radiosity."""
-    surfels, reflectance, area = bench.panorama()
+    surfels, area = bench.panorama()
     area = area.astype(np.float32)
     between = form_factors(surfels.points, surfels.normals, surfels.points, surfels.normals, area)
     light = surfels.direct
     for _ in range(bounces):
-        light = surfels.direct + between @ (reflectance * light)
+        light = surfels.direct + between @ (surfels.albedo * light)
     places, normals = bench.places()
     to_pixels = form_factors(places, normals, surfels.points, surfels.normals, area)
-    return (to_pixels @ (reflectance * light)).reshape(bench.images["direct"].shape)
+    return (to_pixels @ (surfels.albedo * light)).reshape(bench.images["direct"].shape)
 
 
 def virtual_lights(bench: Bench, count: int, visible: bool) -> Float32Array:

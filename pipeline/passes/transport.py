@@ -2,8 +2,8 @@
 
 Computed, not traced: direct light by shadow rays to all lamps, through windows and to the sun,
 indirect light by radiosity among surfels around the view (`pipeline.transport`). No path goes on
-from surface to surface. Left out: light that mirrors, metals and glass throw onto other surfaces
-(for the exchange of light all surfaces are diffuse), and light behind rough glass.
+from surface to surface. Left out: where mirrors, metals and glass throw light (between surfaces it
+is exchanged as if all reflected diffusely, as much as they do), and light behind rough glass.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from pipeline.views import View
 from scenes.arrays import Float32Array
 from scenes.errors import InputError
 
-REVISION = 2
+REVISION = 3
 _LAUNCHERS: WeakKeyDictionary[MaterialSets, TransportLauncher] = WeakKeyDictionary()
 # Samples by size of the image: up to so many pixels, so many samples each.
 _SAMPLES = ((40_000, 16), (100_000, 8))
@@ -92,9 +92,9 @@ def transport_of(
     lights = PlannedLights(scene, plan, plan_guiding(scene, plan, seed))
     size = grid_size(params.surfels, view.width, view.height)
     surfels = launcher.surfels(lights, view, size, seed)
-    cells, light = solve(surfels, view.eye, params.bounces)
+    cache = LightTable(*solve(surfels, view.eye, params.bounces))
     spp = params.samples or samples_for(view.width * view.height)
-    images = launcher.pixels(lights, LightTable(cells, light), view, spp, seed)
+    images = launcher.pixels(lights, cache, view, spp, seed)
     return Transport(*(images[name] for name in Transport.__dataclass_fields__))
 
 

@@ -64,12 +64,15 @@ class Cells:
         return np.where(found.any(axis=0), cell, len(self.keys))
 
     def means(self, light: Float32Array) -> Float32Array:
-        """Return the mean light of each cell's surfels (C + 1, 3); the last is that of all."""
+        """Return the means over each cell's surfels of light (M, N): (C + 1, N).
+
+        The last row is the mean of all surfels.
+        """
         cells = len(self.keys)
         weighted = light * self.measure[:, None]
         sums = [
-            sum(np.bincount(row, weighted[:, band], cells) for row in self.members)
-            for band in range(3)
+            sum(np.bincount(row, band, cells) for row in self.members)
+            for band in np.ascontiguousarray(weighted.T)
         ]
         means = np.stack(sums, axis=1) / self.total[:, None]
         mean = weighted.sum(axis=0, keepdims=True, dtype=np.float64) / self.measure.sum()
@@ -81,40 +84,64 @@ class LightTable:
     """Light by cell in a kernel; a dataclass, so that Dr.Jit finds its arrays."""
 
     keys: Any  # mi.UInt32, sorted
-    light: Any  # mi.Float, three bands a cell
-    mean: list[Any]  # mi.Float, of all surfels
+    irradiance: Any  # mi.Float, over pi, three bands a cell; the last entry is for all surfels
+    radiosity: Any  # mi.Float, likewise: what the surfels reflect
     origin: list[Any]  # mi.Float
 
-    def __init__(self, cells: Cells, light: Float32Array) -> None:
+    def __init__(self, cells: Cells, irradiance: Float32Array, radiosity: Float32Array) -> None:
         keys = np.full(1 << _SIZE_BITS, _UNUSED, dtype=np.uint32)
         keys[: len(cells.keys)] = cells.keys
-        table = np.zeros((1 << _SIZE_BITS, 3), dtype=np.float32)
-        table[: len(cells.keys)] = light[:-1]
-        self.keys, self.light = column(mi.UInt32, keys), column(mi.Float, table.ravel())
-        self.mean = [dr.opaque(mi.Float, float(band)) for band in light[-1]]
+        self.keys = column(mi.UInt32, keys)
+        self.irradiance, self.radiosity = _table(irradiance), _table(radiosity)
         self.origin = [dr.opaque(mi.Float, float(side)) for side in cells.origin]
 
-    def at(self, position: Any, normal: Any, active: Any) -> Any:
-        """Return the light at surface points, `mi.Color3f`."""
-        found = mi.Color3f(*self.mean)
-        missing = mi.Bool(active)
+    def find(self, position: Any, shift: Any, normal: Any, active: Any) -> Any:
+        """Return the entry of surface points, `mi.UInt32`.
+
+        The smallest cell at `position` + `shift` counts; if no surfel is there, as behind the edge
+        of a wall, the smallest cell at `position` that holds one.
+        """
         side = _side(normal)
-        for level in range(LEVELS):
-            key = mi.UInt32(level << (3 * _BITS + 3))
+
+        def step(missing: Any, entry: Any, place: Any, level: Any, scale: Any) -> tuple[Any, ...]:
+            key = mi.UInt32(level << (3 * _BITS + 3)) | side
             for axis in range(3):
-                cube = (position[axis] - self.origin[axis]) * (1 / (CELL * _GROWTH**level))
-                number = mi.UInt32(dr.clip(cube, 0, _MOST))
+                number = mi.UInt32(dr.clip((place[axis] - self.origin[axis]) * scale, 0, _MOST))
                 key |= number << ((2 - axis) * _BITS + 3)
-            key |= side
-            place = mi.UInt32(0)
+            found = mi.UInt32(0)
             for bit in reversed(range(_SIZE_BITS)):
-                further = place + (1 << bit)
+                further = found + (1 << bit)
                 before = dr.gather(mi.UInt32, self.keys, further - 1, missing)
-                place = dr.select(before < key, further, place)
-            hit = missing & (dr.gather(mi.UInt32, self.keys, place, missing) == key)
-            found = dr.select(hit, dr.gather(mi.Color3f, self.light, place, hit), found)
-            missing &= ~hit
-        return found
+                found = dr.select(before < key, further, found)
+            hit = missing & (dr.gather(mi.UInt32, self.keys, found, missing) == key)
+            entry = dr.select(hit, found, entry)
+            again = dr.any(place != position)
+            level = dr.select(again, level, level + 1)
+            scale = dr.select(again, scale, scale * (1 / _GROWTH))
+            missing = missing & ~hit & (level < LEVELS)
+            return missing, entry, mi.Point3f(position), level, scale
+
+        width = dr.width(position)
+        state = (
+            mi.Bool(active),
+            dr.full(mi.UInt32, 1 << _SIZE_BITS, width),
+            mi.Point3f(position + shift),
+            dr.zeros(mi.UInt32, width),
+            dr.full(mi.Float, 1 / CELL, width),
+        )
+        return dr.while_loop(
+            state,
+            cond=lambda missing, entry, place, level, scale: missing,
+            body=step,
+            labels=("missing", "entry", "place", "level", "scale"),
+        )[1]
+
+
+def _table(light: Float32Array) -> Any:
+    """Return the light of cells (C + 1, 3) as a table with a fixed number of entries."""
+    table = np.zeros(((1 << _SIZE_BITS) + 1, 3), dtype=np.float32)
+    table[: len(light) - 1], table[-1] = light[:-1], light[-1]
+    return column(mi.Float, table.ravel())
 
 
 def _keys(points: Float32Array, normals: Float32Array, origin: Float32Array) -> AnyArray:

@@ -16,6 +16,7 @@ import mitsuba as mi
 
 from pipeline.pathtrace.integrator import power_heuristic
 from pipeline.pathtrace.light_sampling import PlannedLights
+from pipeline.render.bsdf_tables import partner
 from pipeline.transport.cells import CELL, LightTable
 from pipeline.transport.rays import (
     ShapeTables,
@@ -98,21 +99,63 @@ def met(
     return si, emitted, dr.select(sampled, density, 0)
 
 
-def diffuse_radiance(
-    tables: ShapeTables, cache: LightTable, si: Any, direction: Any, sampler: Any, active: Any
-) -> Any:
-    """Return the light that surfaces met reflect diffusely, `mi.Color3f`.
+def look_up(cache: LightTable, si: Any, direction: Any, sampler: Any, active: Any) -> Any:
+    """Return the entries of `cache` for the surfaces that a direction meets, `mi.UInt32`.
 
-    The place is moved on its plane, by up to half a cell, before the look-up, so that cells do not
-    show as such.
+    Places are moved on their plane, by up to half a cell, so that cells do not show as such.
     """
-    active = active & si.is_valid()
     normal = facing_normal(si, direction)
     shift = mi.Vector2f(sampler.next_2d()) - 0.5
     frame = mi.Frame3f(mi.Normal3f(normal))
-    place = si.p + (frame.s * shift.x + frame.t * shift.y) * CELL
-    light = cache.at(place, normal, active)
-    return dr.select(active, light * tables.reflectance_at(si, active), 0)
+    moved = (frame.s * shift.x + frame.t * shift.y) * CELL
+    return cache.find(si.p, moved, normal, active & si.is_valid())
+
+
+@dataclass
+class Reflection:
+    """What surfaces reflect of a white environment, and one direction that gloss samples."""
+
+    diffuse: Any  # mi.Color3f, albedo of the diffuse lobes towards the ray
+    gloss: Any  # mi.Color3f, weight of `sample` for all other lobes; its mean is their albedo
+    sample: Any  # mi.BSDFSample3f
+
+
+def reflect(
+    tables: ShapeTables, lobes: Any, sampler: Any, si: Any, cosine: Any, active: Any
+) -> Reflection:
+    """Sample the reflection of the surfaces at `si` towards the rays that met them.
+
+    `lobes` is the table of the BSDFs' diffuse lobes; `cosine` are cosine-distributed directions in
+    world space. In the mean `diffuse` + `gloss` is the albedo by all lobes.
+    """
+    own = si.bsdf()
+    lobe = partner(lobes, own, active)
+    context, diffuse = mi.BSDFContext(), mi.BSDFContext()
+    diffuse.type_mask = mi.BSDFFlags.Diffuse
+    glossy = active & is_glossy(own)
+    # BSDF times cosine over the density of the cosine: in the mean the albedo of the lobes
+    towards = si.to_local(cosine)
+    density = dr.maximum(dr.abs(mi.Frame3f.cos_theta(towards)), 1e-4) * dr.inv_pi
+    estimate = mi.Color3f(lobe.eval(diffuse, si, towards, glossy)) / density
+    albedo = dr.select(glossy, estimate, tables.reflectance_at(si, active & ~glossy))
+
+    sample, weight = own.sample(context, si, sampler.next_1d(), sampler.next_2d(), glossy)
+    delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+    whole = own.eval(context, si, sample.wo, glossy & ~delta)
+    part = lobe.eval(diffuse, si, sample.wo, glossy & ~delta)
+    weight = weight * (1 - dr.select(delta, 0, share(part, whole)))
+    return Reflection(albedo, dr.select(glossy & (sample.pdf > 0), weight, 0), sample)
+
+
+def is_glossy(bsdf: Any) -> Any:
+    """Test for BSDFs with lobes that are not diffuse."""
+    flags = bsdf.flags()
+    return mi.has_flag(flags, mi.BSDFFlags.Glossy) | mi.has_flag(flags, mi.BSDFFlags.Delta)
+
+
+def share(part: Any, whole: Any) -> Any:
+    """Return part / whole, at most 1; 0 where either is 0."""
+    return dr.select((part > 0) & (whole > 0), dr.minimum(part / whole, 1), 0)
 
 
 def sampler_of(spp: int, count: int, seed: Any) -> Any:

@@ -19,7 +19,7 @@ from pipeline.render.drjit_arrays import column, to_numpy
 from pipeline.render.scene import RenderScene
 from pipeline.transport.cells import LightTable
 from pipeline.transport.pixels import IMAGES, gather_pixels
-from pipeline.transport.radiosity import Surfels, surfels_of, trace_surfels
+from pipeline.transport.radiosity import Surfels, light_surfels, surfels_of, trace_surfels
 from pipeline.transport.rays import ShapeTables
 from pipeline.transport.smoothing import smooth, without_fireflies
 from pipeline.views import View
@@ -44,10 +44,17 @@ class TransportLauncher:
 
     def surfels(self, lights: PlannedLights, view: View, size: Size, seed: int) -> Surfels:
         """Trace the surfels of a view, from a grid of `size` over its image."""
-        launch = self._recorded(trace_surfels, size)
-        seed = dr.opaque(mi.UInt32, derive32(seed, "surfels"))
+        number = dr.opaque(mi.UInt32, derive32(seed, "surfels"))
         camera = _camera(view, size)
-        return surfels_of(launch(self._scene, self._tables, lights, camera, size, seed))
+        launch = self._recorded(trace_surfels, size)
+        rays = launch(self._scene, self._tables, lights, camera, size, number)
+        return self.lit(lights, rays, seed)
+
+    def lit(self, lights: PlannedLights, rays: tuple[Any, Any, Any], seed: int) -> Surfels:
+        """Return the surfels that rays meet; `rays` as in `light_surfels`."""
+        number = dr.opaque(mi.UInt32, derive32(seed, "light of surfels"))
+        launch = self._recorded(light_surfels, dr.width(rays[-1]))
+        return surfels_of(launch(self._scene, self._tables, self._lobes, lights, rays, number))
 
     def pixels(
         self, lights: PlannedLights, cache: LightTable, view: View, spp: int, seed: int

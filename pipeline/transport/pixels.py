@@ -16,7 +16,16 @@ from pipeline.pathtrace.integrator import power_heuristic
 from pipeline.pathtrace.light_sampling import PlannedLights
 from pipeline.render.bsdf_tables import partner
 from pipeline.transport.cells import LightTable
-from pipeline.transport.gather import Gathered, diffuse_radiance, gather, met, sampler_of
+from pipeline.transport.gather import (
+    Gathered,
+    gather,
+    is_glossy,
+    look_up,
+    met,
+    reflect,
+    sampler_of,
+    share,
+)
 from pipeline.transport.radiosity import camera_ray
 from pipeline.transport.rays import ShapeTables, facing_normal, seen_surface, surface_point
 
@@ -62,8 +71,10 @@ def gather_pixels(
     emitted = left * mi.Color3f(si.emitter(scene).eval(si, mi.Bool(True)))
     normal = facing_normal(si, ray.d)
     found = gather(scene, tables, lights, sampler, si.p, normal, seen)
-    radiance = diffuse_radiance(tables, cache, found.si, found.direction, sampler, found.weight > 0)
-    indirect = radiance * found.weight
+    met_surface = (found.weight > 0) & found.si.is_valid()
+    entry = look_up(cache, found.si, found.direction, sampler, met_surface)
+    radiosity = dr.gather(mi.Color3f, cache.radiosity, entry, met_surface)
+    indirect = dr.select(met_surface, radiosity * found.weight, 0)
     albedo, specular = _gloss(scene, tables, lights, lobes, cache, sampler, si, normal, found, seen)
 
     images = {
@@ -97,41 +108,29 @@ def _gloss(
 ) -> tuple[Any, Any]:
     """Return the albedo of the diffuse lobes, and the radiance of all other lobes."""
     own = si.bsdf()
-    lobe = partner(lobes, own, seen)
     context, diffuse = mi.BSDFContext(), mi.BSDFContext()
     diffuse.type_mask = mi.BSDFFlags.Diffuse
-    flags = own.flags()
-    glossy = seen & (
-        mi.has_flag(flags, mi.BSDFFlags.Glossy) | mi.has_flag(flags, mi.BSDFFlags.Delta)
-    )
-    # BSDF times cosine over the density of the cosine: in the mean the albedo of the lobes
-    cosine = si.to_local(found.cosine)
-    density = dr.maximum(dr.dot(found.cosine, normal), 1e-4) * dr.inv_pi
-    estimate = mi.Color3f(lobe.eval(diffuse, si, cosine, glossy)) / density
-    albedo = dr.select(glossy, estimate, tables.reflectance_at(si, seen & ~glossy))
+    glossy = seen & is_glossy(own)
+    reflection = reflect(tables, lobes, sampler, si, found.cosine, seen)
 
     towards = si.to_local(found.emitter.d)
-    value, pdf, sample, weight = own.eval_pdf_sample(
-        context, si, towards, sampler.next_1d(), sampler.next_2d(), glossy
-    )
-    rest = 1 - _share(lobe.eval(diffuse, si, towards, glossy), value)
+    value, pdf = own.eval_pdf(context, si, towards, glossy)
+    lobe = partner(lobes, own, seen)
+    rest = 1 - share(lobe.eval(diffuse, si, towards, glossy), value)
     mis = dr.select(found.emitter.delta, 1, power_heuristic(found.emitter.pdf, pdf))
     specular = dr.select(glossy, found.arriving * value * rest * mis, 0)
 
+    sample, weight = reflection.sample, reflection.gloss
     delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
-    whole = own.eval(context, si, sample.wo, glossy & ~delta)
-    part = lobe.eval(diffuse, si, sample.wo, glossy & ~delta)
-    weight = weight * (1 - dr.select(delta, 0, _share(part, whole)))
-    active = glossy & (sample.pdf > 0) & dr.any(weight > 0)
+    active = glossy & dr.any(weight > 0)
     point = surface_point(si.p, normal)
     direction = si.to_world(sample.wo)
     other, emission, density = met(scene, tables, lights, point, direction, active, ~delta)
     emission *= dr.select(delta, 1, power_heuristic(sample.pdf, density))
-    radiance = diffuse_radiance(tables, cache, other, direction, sampler, active)
+    # Gloss shows the texture of what it meets, so cells give light alone.
+    lit = active & other.is_valid()
+    entry = look_up(cache, other, direction, sampler, lit)
+    light = dr.gather(mi.Color3f, cache.irradiance, entry, lit)
+    radiance = dr.select(lit, light * tables.reflectance_at(other, lit), 0)
     specular += dr.select(active, weight * (emission + radiance), 0)
-    return albedo, specular
-
-
-def _share(part: Any, whole: Any) -> Any:
-    """Return part / whole, at most 1; 0 where either is 0."""
-    return dr.select((part > 0) & (whole > 0), dr.minimum(part / whole, 1), 0)
+    return reflection.diffuse, specular

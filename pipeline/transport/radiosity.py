@@ -5,7 +5,8 @@ directions twice, and both places that they meet become surfels. So they lie whe
 light, behind the camera, behind furniture, in the next room and outdoors as well. Each surfel gets
 direct light by emitter samples and traces a few rays. What they meet is looked up in cells of
 surfels, which makes visibility exact and the exchange of light a sparse product; it is repeated for
-every bounce (Jacobi iteration). All surfaces count as diffuse, with their base colour.
+every bounce (Jacobi iteration). Surfaces reflect in all directions alike, with the albedo of all
+their lobes towards the ray that found them.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import numpy as np
 from pipeline.pathtrace.light_sampling import PlannedLights
 from pipeline.render.drjit_arrays import to_numpy
 from pipeline.transport.cells import Cells, max_surfels
-from pipeline.transport.gather import gather, sampler_of
+from pipeline.transport.gather import gather, reflect, sampler_of
 from pipeline.transport.rays import ShapeTables, facing_normal, first_surface, surface_point
 from scenes.arrays import AnyArray, Float32Array
 
@@ -36,37 +37,48 @@ class Surfels:
     points: Float32Array  # (M, 3)
     normals: Float32Array  # (M, 3)
     measure: Float32Array  # (M,): how much of what the view sees each stands for; 0: no surface
+    albedo: Float32Array  # (M, 3): by all lobes, towards the ray that found the surfel
     direct: Float32Array  # (M, 3)
     met_points: Float32Array  # (M * RAYS, 3)
     met_normals: Float32Array  # (M * RAYS, 3)
-    weights: Float32Array  # (M * RAYS, 3): reflectance times the ray's weight, 0 if nothing is met
+    weights: Float32Array  # (M * RAYS,): of the rays, 0 if nothing is met
 
 
-def solve(surfels: Surfels, centre: AnyArray, bounces: int = BOUNCES) -> tuple[Cells, Float32Array]:
-    """Return the cells of the surfels, and the light that falls on each (C + 1, 3).
+def solve(
+    surfels: Surfels, centre: AnyArray, bounces: int = BOUNCES
+) -> tuple[Cells, Float32Array, Float32Array]:
+    """Return the cells of the surfels, the light on each (C + 1, 3), and what each reflects of it.
 
     The last row is the mean of all. Direct light counts as well; `bounces` is how often light is
-    reflected before.
+    reflected before. The mean of a cell's reflected light, not of its reflectance and its light
+    apart, keeps energy where bright surfaces are brightly lit: a lamp's bowl before a wall.
     """
     count = len(surfels.points)
     valid = surfels.measure > 0
     cells = Cells.of(surfels.points[valid], surfels.normals[valid], surfels.measure[valid], centre)
     found = cells.find(surfels.met_points, surfels.met_normals)
-    light = cells.means(surfels.direct[valid])
+    weights, albedo = surfels.weights[:, None], surfels.albedo[valid]
+    light = surfels.direct
     for _ in range(bounces):
-        arriving = light[found] * surfels.weights
-        reflected = arriving.reshape(count, -1, 3).mean(axis=1, dtype=np.float32)
-        light = cells.means((surfels.direct + reflected)[valid])
-    return cells, light
+        arriving = cells.means(albedo * light[valid])[found] * weights
+        light = surfels.direct + arriving.reshape(count, -1, 3).mean(axis=1, dtype=np.float32)
+    both = cells.means(np.concatenate([light[valid], albedo * light[valid]], axis=1))
+    return cells, both[:, :3], both[:, 3:]
 
 
 def surfels_of(arrays: tuple[Any, ...]) -> Surfels:
-    """Return the surfels that `trace_surfels` made, in NumPy arrays."""
-    points, normals, measure, direct, met_points, met_normals, weights = to_numpy(*arrays)
-    direct = np.nan_to_num(direct.reshape(len(points), RAYS, 3)).mean(axis=1, dtype=np.float32)
+    """Return the surfels that `light_surfels` made, in NumPy arrays."""
+    points, normals, measure, albedo, direct, met_points, met_normals, weights = to_numpy(*arrays)
+
+    def mean(light: Float32Array) -> Float32Array:
+        rows = np.nan_to_num(light).reshape(len(points), RAYS, 3)
+        return rows.mean(axis=1, dtype=np.float32)
+
     # Where a ray meets nothing, position and normal are not defined.
     met_points, met_normals = (np.nan_to_num(each) for each in (met_points, met_normals))
-    return Surfels(points, normals, measure, direct, met_points, met_normals, weights)
+    return Surfels(
+        points, normals, measure, mean(albedo), mean(direct), met_points, met_normals, weights
+    )
 
 
 def grid_size(surfels: int, width: int, height: int) -> tuple[int, int]:
@@ -83,8 +95,8 @@ def trace_surfels(
     camera: tuple[Any, Any],
     size: tuple[int, int],
     seed: Any,
-) -> tuple[Any, ...]:
-    """Return the arrays of `Surfels` as Dr.Jit arrays; `direct` has a row for each ray.
+) -> tuple[Any, Any, Any]:
+    """Return origins and directions of the rays that meet surfels, and the surfels' measure.
 
     `camera` is the eye, `mi.Float` (3,), and the matrix from pixels of the grid, which is of
     `size` (columns, rows), to directions, `mi.Float` (9,).
@@ -98,7 +110,7 @@ def trace_surfels(
         camera, mi.Float(cell % columns) + offset.x, mi.Float(cell // columns) + offset.y
     )
     si, _ = first_surface(scene, tables, ray, mi.Bool(True))
-    places, normals, measures = [], [], []
+    origins, directions, measures = [], [], []
     measure = dr.select(si.is_valid(), mi.Float(1), 0)
     for bounce in range(2):
         normal = facing_normal(si, ray.d)
@@ -115,44 +127,56 @@ def trace_surfels(
         ray = point.spawn_ray(direction)
         si, _ = first_surface(scene, tables, ray, measure > 0)
         measure = dr.select(si.is_valid(), measure, 0)
-        active = measure > 0
-        places.append(dr.select(active, mi.Point3f(si.p), 0))
-        normals.append(dr.select(active, facing_normal(si, ray.d), mi.Vector3f(0, 0, 1)))
+        origins.append(dr.select(measure > 0, mi.Point3f(ray.o), 0))
+        directions.append(dr.select(measure > 0, mi.Vector3f(ray.d), mi.Vector3f(0, 0, 1)))
         measures.append(measure)
-    point = mi.Point3f(*(dr.concat([one[axis] for one in places]) for axis in range(3)))
-    normal = mi.Vector3f(*(dr.concat([one[axis] for one in normals]) for axis in range(3)))
-    measure = dr.concat(measures)
-    dr.eval(point, normal, measure)
-
-    return light_surfels(scene, tables, lights, point, normal, measure, seed + 1)
+    origin = mi.Point3f(*(dr.concat([one[axis] for one in origins]) for axis in range(3)))
+    direction = mi.Vector3f(*(dr.concat([one[axis] for one in directions]) for axis in range(3)))
+    return origin, direction, dr.concat(measures)
 
 
 def light_surfels(
     scene: Any,
     tables: ShapeTables,
+    lobes: Any,
     lights: PlannedLights,
-    point: Any,
-    normal: Any,
-    measure: Any,
+    rays: tuple[Any, Any, Any],
     seed: Any,
 ) -> tuple[Any, ...]:
-    """Return the arrays of `Surfels` at these places, as `trace_surfels` does."""
-    count = dr.width(point)
+    """Return the arrays of `Surfels` that rays meet, as Dr.Jit arrays.
+
+    `rays` are as `trace_surfels` returns them, `lobes` is the table of the BSDFs' diffuse lobes.
+    `albedo` and `direct` have a row for each of a surfel's `RAYS` rays.
+    """
+    origin, direction, measure = rays
+    count = dr.width(measure)
     index = dr.arange(mi.UInt32, count * RAYS) // RAYS
-    position = dr.gather(mi.Point3f, point, index)
-    towards = dr.gather(mi.Vector3f, normal, index)
+    sampler = sampler_of(RAYS, count, seed)
     active = dr.gather(mi.Float, measure, index) > 0
-    found = gather(scene, tables, lights, sampler_of(RAYS, count, seed), position, towards, active)
+    ray = mi.Ray3f(dr.gather(mi.Point3f, origin, index), dr.gather(mi.Vector3f, direction, index))
+    si, _ = first_surface(scene, tables, ray, active)
+    active &= si.is_valid()
+    normal = facing_normal(si, ray.d)
+    found = gather(scene, tables, lights, sampler, si.p, normal, active)
+    reflection = reflect(tables, lobes, sampler, si, found.cosine, active)
     hit = active & found.si.is_valid() & (found.weight > 0)
-    reflectance = tables.reflectance_at(found.si, hit)
-    return (
-        point,
-        normal,
-        measure,
-        found.direct,
+    first = dr.arange(mi.UInt32, count) * RAYS
+    place = dr.select(active, mi.Point3f(si.p), 0)
+    towards = dr.select(active, normal, mi.Vector3f(0, 0, 1))
+    met = dr.select(active, mi.Float(1), 0)
+    arrays = (
+        reflection.diffuse + reflection.gloss,
+        dr.select(active, found.direct, 0),
         dr.select(hit, mi.Point3f(found.si.p), 0),
         dr.select(hit, facing_normal(found.si, found.direction), mi.Vector3f(0, 0, 1)),
-        dr.select(hit, reflectance * found.weight, 0),
+        dr.select(hit, found.weight, 0),
+    )
+    dr.eval(arrays, place, towards, met)
+    return (
+        dr.gather(mi.Point3f, place, first),
+        dr.gather(mi.Vector3f, towards, first),
+        measure * dr.gather(mi.Float, met, first),
+        *arrays,
     )
 
 

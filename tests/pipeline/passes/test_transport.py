@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 import pytest
 
@@ -18,6 +20,7 @@ from pipeline.passes.groundtruth import render_both
 from pipeline.passes.transport import Transport, render_transport, transport_of
 from pipeline.render.scene import open_scene
 from pipeline.transport.guides import fast_guides
+from pipeline.transport.radiosity import RAYS, Surfels, solve
 from pipeline.views import View
 from scenes.errors import InputError
 from tests.fixtures.paths import ROOT
@@ -57,6 +60,50 @@ def test_a_closed_white_furnace_has_the_sum_of_its_bounces(tmp_path: Path) -> No
     assert found.indirect.mean() == pytest.approx(series, rel=1e-2)
     assert np.abs(found.indirect - series).mean() < 0.02
     assert found.color.mean() == pytest.approx(1 + 0.5 * (1 + series), rel=1e-2)
+
+
+def test_gloss_takes_part_in_the_exchange_of_light(tmp_path: Path) -> None:
+    # The furnace with walls of plastic: in the mean they reflect what all lobes reflect of light
+    # from all sides, more than their base colour.
+    plastic = (
+        '<bsdf type="principled"><rgb name="base_color" value="0.4"/>'
+        '<float name="roughness" value="0.3"/></bsdf>'
+    )
+    walls, _ = room_walls(plastic + emitting(0.0, 1.0).removeprefix(diffuse(0.0)))
+    scene = open_scene(write_scene(tmp_path / "a", walls))
+    params = TransportParams(samples=16, bounces=30)
+    found = transport_of(scene, make_view((0.3, -0.5, 1.4), (0.2, 1, -0.3)), params, 1)
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(1, 1 << 18)
+    si = dr.zeros(mi.SurfaceInteraction3f, 1 << 18)
+    si.wi = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
+    out = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
+    value = scene.geometry.shapes[0].bsdf().eval(mi.BSDFContext(), si, out)
+    density = mi.warp.square_to_cosine_hemisphere_pdf(out)
+    albedo = float(dr.mean(value[0] / density)[0])
+    assert 0.43 < albedo < 0.55
+    assert found.indirect.mean() == pytest.approx(albedo / (1 - albedo), rel=0.03)
+
+
+def test_bright_surfaces_in_bright_light_keep_their_energy_among_dark_ones() -> None:
+    # A lamp's bowl before a wall: what a cell reflects is the mean of the products.
+    def rows(*values: float) -> np.ndarray:
+        return np.array(values, dtype=np.float32)[:, None].repeat(3, axis=1)
+
+    empty = np.zeros((2 * RAYS, 3), dtype=np.float32)
+    surfels = Surfels(
+        points=rows(0.1, 0.12),
+        normals=np.array([[0, 0, 1]] * 2, dtype=np.float32),
+        measure=np.ones(2, dtype=np.float32),
+        albedo=rows(0.9, 0.1),
+        direct=rows(8.0, 0.0),
+        met_points=empty,
+        met_normals=empty,
+        weights=empty[:, 0],
+    )
+    _, irradiance, radiosity = solve(surfels, np.zeros(3))
+    assert irradiance == pytest.approx(4.0)
+    assert radiosity == pytest.approx(0.9 * 8 / 2)
 
 
 def test_energy_is_neither_made_nor_lost_in_a_room_with_a_lamp(tmp_path: Path) -> None:
