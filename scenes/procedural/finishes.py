@@ -42,6 +42,7 @@ class Finishes:
     handle: Material
     facade: Material
     threshold: Material
+    beam: Material
     glazing_bars: bool
     sash_width: float  # widest sash without a mullion, metres
     rooms: dict[str, RoomFinish]
@@ -89,7 +90,7 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
     for room, kind in rooms.items():
         wet = kind in ("bathroom", "kitchen")
         floor = planks
-        if wet or (kind == "dining" and rng.random() < 0.3):
+        if wet or (kind in ("dining", "hall") and rng.random() < 0.3):
             color = hex_color(pick(has.floor_tiles))
             floor = Material(
                 "tiles",
@@ -156,10 +157,22 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
             family=("running", "third")[int(rng.integers(2))] if red else "render",
         ),
         threshold=replace(style.wood, variant=variant()),
+        beam=_beam(rng, has, style),
         glazing_bars=bool(rng.random() < has.glazing_bars),
         sash_width=float(rng.uniform(0.8, 1.15)),
         rooms=finishes,
     )
+
+
+def _beam(rng: np.random.Generator, has: Interior, style: Style) -> Material:
+    """Draw the material of beams: old timber, steel or paint."""
+    kind = has.beams[int(rng.integers(len(has.beams)))]
+    variant = int(rng.integers(1 << 30))
+    if kind == "steel":
+        return Material("metal", hex_color("#3a3a3b"), 0.5)
+    if kind == "paint":
+        return Material("paint", hex_color("#e6e4df"), 0.5)
+    return replace(style.wood if kind == "wood" else style.dark_wood, variant=variant, wear=0.8)
 
 
 def _accent_wall(rng: np.random.Generator, has: Interior, style: Style, nap: str) -> Material:

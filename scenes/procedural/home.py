@@ -154,7 +154,7 @@ def _rooms(plan: Plan, furniture: Sequence[SceneItem]) -> tuple[Room, ...]:
             Room(
                 id=room.id,
                 name=room.type if number == 1 else f"{room.type} {number}",
-                type=room.type,
+                type="other" if room.type == "hall" else room.type,
                 floor=room.polygon,
                 floor_z=0.0,
                 ceiling_z=plan.height,

@@ -11,10 +11,10 @@ from shapely.geometry import Polygon
 
 from scenes.arrays import Float64Array
 from scenes.geometry.regions import buffered
-from scenes.procedural.furniture.geometry import BodyMesh, box, merge, prism
+from scenes.procedural.furniture.geometry import BodyMesh, box, cylinder, merge, prism, span
 from scenes.procedural.furniture.style import hex_color
 from scenes.procedural.piece import Material, PiecePart
-from scenes.procedural.plan import Plan
+from scenes.procedural.plan import Plan, WallEdge
 from scenes.procedural.scene_item import SceneItem, make_part
 from scenes.procedural.surroundings.buildings import Block, Roof, building, far_blocks
 from scenes.procedural.surroundings.plants import hedge, shrubs, tree
@@ -48,6 +48,8 @@ def build_outdoors(rng: np.random.Generator, plan: Plan) -> list[SceneItem]:
     if setting == "high floor":
         ground -= 2.9 * int(rng.integers(2, 9))
         items.append(_tower(plan, ground))
+    if plan.ground < _UPSTAIRS:
+        items += _balconies(rng, plan, outline)
     items += _grounds(rng, plan, centre, ground, setting)
     around = {
         "street": _street,
@@ -328,6 +330,88 @@ def _tower(plan: Plan, ground: float) -> SceneItem:
     shaft = prism(ring, ground - 0.3, plan.ground - 0.31)
     plaster = Material("plaster", hex_color("#b3aea4"), 0.9)
     return _outside("tower", "building", [make_part("shaft", plaster, shaft)])
+
+
+def _balconies(rng: np.random.Generator, plan: Plan, outline: Polygon) -> list[SceneItem]:
+    """Balconies before the glazed doors of an upper floor: slab, railing, and a place to sit."""
+    items = []
+    concrete = Material("stone", hex_color("#9a968e"), 0.8, family="concrete")
+    code = ("#4a4d50", "#cfccc4", "#2f3133", "#7d8084")[int(rng.integers(4))]
+    rail = Material("paint", hex_color(code), 0.5)
+    wood = Material("wood", hex_color("#94683f"), 0.7, variant=int(rng.integers(1 << 30)))
+    for opening in plan.openings:
+        deep, high, beside = rng.uniform((1.1, 0.95, 0.2), (1.8, 1.1, 1.0)).tolist()
+        seats, solid = rng.random(2)
+        edge, out = opening.edge, -opening.thickness
+        s0, s1 = -beside, opening.width + beside
+        if opening.kind != "patio":
+            continue
+        if edge.strip(s0, s1, out - 0.02, out - deep - 0.3).intersects(outline):
+            continue  # another wall of the home is in the way
+
+        def placed(
+            mesh: BodyMesh, edge: WallEdge = edge, out: float = out
+        ) -> BodyMesh:  # from (along, out, up)
+            s, away, up = mesh.vertices.T
+            (ax, ay), (nx, ny) = edge.along, edge.inward
+            x = edge.start[0] + s * ax + (out - away) * nx
+            y = edge.start[1] + s * ay + (out - away) * ny
+            # Along and outwards form a left-handed frame with up.
+            return BodyMesh(
+                np.stack([x, y, up], axis=1), mesh.faces[:, ::-1], mesh.uvs, mesh.smooth
+            )
+
+        floor = [span((s0, 0.002, -0.24), (s1, deep, -0.03))]
+        bars = [
+            span((s0, deep - 0.05, high), (s1, deep, high + 0.04)),
+            span((s0, 0.01, high), (s0 + 0.05, deep - 0.05, high + 0.04)),
+            span((s1 - 0.05, 0.01, high), (s1, deep - 0.05, high + 0.04)),
+        ]
+        if solid < 0.3:
+            bars += [
+                span((s0, deep - 0.03, -0.04), (s1, deep - 0.01, high)),
+                span((s0 + 0.01, 0.01, -0.04), (s0 + 0.03, deep - 0.03, high)),
+                span((s1 - 0.03, 0.01, -0.04), (s1 - 0.01, deep - 0.03, high)),
+            ]
+        else:
+            for s in np.arange(s0 + 0.025, s1, 0.11):
+                bars.append(span((s - 0.008, deep - 0.033, -0.04), (s + 0.008, deep - 0.017, high)))
+            for away in np.arange(0.1, deep - 0.06, 0.11):
+                for s in (s0 + 0.017, s1 - 0.033):
+                    bars.append(span((s, away - 0.008, -0.04), (s + 0.016, away + 0.008, high)))
+        parts = [
+            make_part("slab", concrete, *map(placed, floor)),
+            make_part("railing", rail, *map(placed, bars)),
+        ]
+        if seats < 0.6:
+            parts.append(make_part("seats", wood, *map(placed, _bistro(s0 + 0.45, deep / 2))))
+        name = f"balcony-{opening.id}"
+        items.append(_outside(name, "railing", parts))
+    return items
+
+
+def _bistro(s: float, away: float) -> list[BodyMesh]:
+    """Slatted seat and a small round table, standing on a balcony's floor."""
+    floor = -0.03
+    table = [
+        cylinder(0.27, floor + 0.68, floor + 0.7, 28).moved(s + 0.05, away),
+        cylinder(0.02, floor, floor + 0.68, 10).moved(s + 0.05, away),
+        cylinder(0.18, floor, floor + 0.015, 24).moved(s + 0.05, away),
+    ]
+    x = s + 0.62
+    chair = [
+        box((0.38, 0.07, 0.018), (x, away + 0.085 * k, floor + 0.44)) for k in (-2, -1, 0, 1, 2)
+    ]
+    chair += [
+        box((0.02, 0.36, 0.05), (x + 0.2 + 0.02 * k, away, floor + 0.55 + 0.09 * k))
+        for k in range(4)
+    ]
+    chair += [
+        box((0.025, 0.025, tall), (x + dx, away + dy, floor))
+        for dx, tall in ((-0.17, 0.44), (0.18, 0.9))
+        for dy in (-0.17, 0.17)
+    ]
+    return [*table, *chair]
 
 
 def _fields(rng: np.random.Generator, centre: Float64Array, ground: float) -> SceneItem:

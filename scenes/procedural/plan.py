@@ -3,7 +3,8 @@
 A plan lies in the world's XY plane, metres. Rooms are rectilinear polygons of net floor area; the
 space between and around them is wall. A rectangle is split recursively in proportion to the
 rooms' areas; then a room may lose a corner to the outside or to a bathroom, so that not all
-outlines and rooms are rectangles. Draws with uninhabitable rooms (too narrow, unreachable, no
+outlines and rooms are rectangles. A hall is a corridor between two rows of rooms, whose end may
+belong to the room beside it. Draws with uninhabitable rooms (too narrow, unreachable, no
 outer wall) are rejected.
 """
 
@@ -16,6 +17,7 @@ from typing import Literal
 
 import numpy as np
 import shapely
+from shapely import transform
 from shapely.geometry import LineString, MultiPolygon, Point, Polygon, box
 from shapely.geometry.polygon import orient
 
@@ -23,10 +25,12 @@ from scenes.contract import Point2
 from scenes.errors import PbrnetError
 from scenes.geometry.regions import buffered, difference, intersection, on_grid, simplified, union
 
-RoomType = Literal["living", "bedroom", "kitchen", "bathroom", "study", "dining"]
-OpeningKind = Literal["door", "archway", "entrance", "window", "patio"]
+RoomType = Literal["living", "bedroom", "kitchen", "bathroom", "study", "dining", "hall"]
+# "open": nearly the whole wall between two rooms is left out, below a lintel.
+OpeningKind = Literal["door", "archway", "open", "entrance", "window", "patio"]
 
 GRID = 0.05  # metres; cell boundaries lie on this grid
+LEAST_LINTEL = 0.16  # metres from the ceiling to the top of an opening; beams are less deep
 MAX_DRAWS = 600  # an accepted plan needs a few dozen draws at most
 
 # Range of gross floor area in square metres, and least clear width in metres.
@@ -37,7 +41,9 @@ SIZES: dict[RoomType, tuple[float, float, float]] = {
     "bathroom": (5.0, 8.5, 1.8),
     "study": (8.5, 13.0, 2.4),
     "dining": (11.0, 17.0, 2.8),
+    "hall": (3.6, 16.0, 1.05),
 }
+_LONGEST: dict[str, float] = {"hall": 9.0}  # greatest ratio of a room's sides; 3 for others
 PROGRAMMES: dict[int, tuple[tuple[float, tuple[RoomType, ...]], ...]] = {
     1: (
         (0.35, ("living",)),
@@ -64,15 +70,19 @@ PROGRAMMES: dict[int, tuple[tuple[float, tuple[RoomType, ...]], ...]] = {
         (0.6, ("living", "kitchen", "bedroom", "bathroom")),
         (0.2, ("living", "kitchen", "study", "bathroom")),
         (0.2, ("living", "dining", "kitchen", "bedroom")),
+        (0.3, ("hall", "living", "bedroom", "bathroom")),
     ),
     5: (
         (0.4, ("living", "kitchen", "bedroom", "bathroom", "study")),
         (0.35, ("living", "kitchen", "bedroom", "bathroom", "dining")),
         (0.25, ("living", "kitchen", "bedroom", "bathroom", "bedroom")),
+        (0.6, ("hall", "living", "kitchen", "bedroom", "bathroom")),
     ),
     6: (
         (0.6, ("living", "kitchen", "bedroom", "bathroom", "dining", "study")),
         (0.4, ("living", "kitchen", "bedroom", "bathroom", "bedroom", "dining")),
+        (0.5, ("hall", "living", "kitchen", "bedroom", "bathroom", "study")),
+        (0.5, ("hall", "living", "kitchen", "bedroom", "bathroom", "bedroom")),
     ),
 }
 # Cost of a door between two room types; doors form a tree of low cost that joins all rooms.
@@ -90,8 +100,10 @@ _DOOR_COST: dict[frozenset[str], float] = {
     frozenset({"dining", "bathroom"}): 2.5,
     frozenset({"kitchen", "bathroom"}): 3.0,
 }
+_HALL_COST = 0.6  # to any room
 _THROUGH_COST: dict[str, float] = {"bathroom": 50.0, "bedroom": 3.0, "study": 2.0}
-_HUBS = ("living", "dining", "kitchen", "study", "bedroom", "bathroom")
+WINDOWLESS: tuple[RoomType, ...] = ("bathroom", "hall")  # rooms that need no window
+_HUBS = ("hall", "living", "dining", "kitchen", "study", "bedroom", "bathroom")
 
 
 class PlanError(PbrnetError):
@@ -212,6 +224,16 @@ class PlanRoom:
 
 
 @dataclass(frozen=True)
+class Beam:
+    """A beam below the ceiling of a room, from wall to wall: its rectangle and depth, metres."""
+
+    room: str
+    low: Point2
+    high: Point2
+    depth: float
+
+
+@dataclass(frozen=True)
 class Plan:
     """Floor plan of one storey."""
 
@@ -223,6 +245,7 @@ class Plan:
     partition: float  # thickness of inner walls
     height: float  # floor to ceiling
     ground: float  # height of the ground outdoors, at most 0
+    beams: tuple[Beam, ...] = ()
 
     def room(self, room_id: str) -> PlanRoom:
         """Return the room with an id."""
@@ -263,10 +286,41 @@ def make_plan(rng: np.random.Generator, rooms_min: int, rooms_max: int) -> Plan:
             partition=partition,
             height=height,
             ground=ground,
+            beams=tuple(_draw_beams(rng, rooms, height)),
         )
     raise PlanError(
         f"no floor plan for rooms {', '.join(programme)} within {MAX_DRAWS} draws; use another seed"
     )
+
+
+def _draw_beams(rng: np.random.Generator, rooms: list[PlanRoom], height: float) -> list[Beam]:
+    """Beams of equal spacing across the dry rooms of one high home in three."""
+    drawn, spacing, wide = float(rng.random()), *rng.uniform((0.75, 0.1), (1.2, 0.18))
+    depth = float(rng.uniform(0.1, LEAST_LINTEL - 0.01))
+    if height < 2.5 or drawn > 0.33:
+        return []
+    beams = []
+    for room in rooms:
+        if room.type not in ("living", "dining", "bedroom", "study"):
+            continue
+        x0, y0, x1, y1 = room.shape.bounds
+        along_x = x1 - x0 < y1 - y0  # across the shorter side
+        first, last = (y0, y1) if along_x else (x0, x1)
+        count = int((last - first) / spacing)
+        for k in range(count):
+            middle = first + (last - first) * (k + 0.5) / count
+            a, b = middle - wide / 2, middle + wide / 2
+            strip = box(x0, a, x1, b) if along_x else box(a, y0, b, y1)
+            within = intersection(strip, room.shape)
+            for part in getattr(within, "geoms", [within]):
+                # Not where a wall of an L-shaped room runs within the beam.
+                if (
+                    part.geom_type == "Polygon"
+                    and part.area > 0.999 * box(*part.bounds).area > 0.05
+                ):
+                    low, high = part.bounds[:2], part.bounds[2:]
+                    beams.append(Beam(room.id, _rounded(low), _rounded(high), depth))
+    return beams
 
 
 def _snap(value: float) -> float:
@@ -283,6 +337,8 @@ def _draw_cells(
 ) -> list[Polygon] | None:
     """Gross cells of the rooms, in the programme's order; they tile the interior."""
     areas = [float(rng.uniform(*SIZES[kind][:2])) for kind in programme]
+    if "hall" in programme:
+        return _corridor_cells(rng, programme, areas, partition)
     carved = _carved_bathroom(rng, programme)
     sliced = [index for index in range(len(programme)) if index != carved]
     # The host room loses the area of the bathroom that is carved from it: start larger.
@@ -307,6 +363,56 @@ def _draw_cells(
         _notch(rng, cells, partition)
     result = [cells[index] for index in range(len(programme))]
     return result if all(cell.geom_type == "Polygon" for cell in result) else None
+
+
+def _corridor_cells(
+    rng: np.random.Generator, programme: tuple[RoomType, ...], areas: list[float], partition: float
+) -> list[Polygon] | None:
+    """Gross cells of two rows of rooms with a corridor between them, in the programme's order."""
+    hall = programme.index("hall")
+    order = [int(k) for k in rng.permutation(len(programme)) if k != hall]
+    rows = order[: (len(order) + 1) // 2], order[(len(order) + 1) // 2 :]
+    total = sum(areas[index] for index in order)
+    width = _snap(math.sqrt(total * float(rng.uniform(1.1, 1.7))))
+    wide = _snap(float(rng.uniform(1.2, 1.75)) + partition)
+    cells: dict[int, Polygon] = {}
+    first = _snap(sum(areas[index] for index in rows[0]) / width)
+    second = _snap(sum(areas[index] for index in rows[1]) / width)
+    _slice_row(rng, (0.0, first), width, rows[0], areas, cells)
+    _slice_row(rng, (first + wide, first + wide + second), width, rows[1], areas, cells)
+    end = width
+    row = rows[int(rng.integers(2))]
+    last = max(row, key=lambda index: cells[index].bounds[2])
+    x0, _, x1, _ = cells[last].bounds
+    if rng.random() < 0.65:  # a room takes the end of the corridor and becomes L-shaped
+        end = _snap(float(rng.uniform(x0 + 1.45, max(x0 + 1.5, x1 - 0.9))))
+        tail = box(end, first, width, first + wide)
+        cells[last] = union([cells[last], tail])
+    cells[hall] = box(0.0, first, end, first + wide)
+    if rng.random() < 0.5:
+        cells = {index: transform(cell, _swapped) for index, cell in cells.items()}
+    return [cells[index] for index in range(len(programme))]
+
+
+def _swapped(points: np.ndarray) -> np.ndarray:
+    return points[:, ::-1]
+
+
+def _slice_row(
+    rng: np.random.Generator,
+    between: tuple[float, float],
+    width: float,
+    row: list[int],
+    areas: list[float],
+    cells: dict[int, Polygon],
+) -> None:
+    """Split a row of rooms between two values of y by area."""
+    total = sum(areas[index] for index in row)
+    x = 0.0
+    for position, index in enumerate(row):
+        end = width if position == len(row) - 1 else _snap(x + width * areas[index] / total)
+        cells[index] = box(x, between[0], end, between[1])
+        x = end
 
 
 def _carved_bathroom(rng: np.random.Generator, programme: tuple[RoomType, ...]) -> int | None:
@@ -445,7 +551,9 @@ def _habitable(room: PlanRoom) -> bool:
     if shape.is_empty or shape.area < 0.75 * low or shape.area > 60:
         return False
     x0, y0, x1, y1 = shape.bounds
-    if min(x1 - x0, y1 - y0) < narrow or max(x1 - x0, y1 - y0) > 3.0 * min(x1 - x0, y1 - y0):
+    if min(x1 - x0, y1 - y0) < narrow:
+        return False
+    if max(x1 - x0, y1 - y0) > _LONGEST.get(room.type, 3.0) * min(x1 - x0, y1 - y0):
         return False
     if any(edge.length < 0.25 for edge in room.edges):
         return False
@@ -475,7 +583,7 @@ def _draw_openings(
     outer: float,
     height: float,
 ) -> list[Opening] | None:
-    doors = _draw_doors(rng, rooms, partition)
+    doors = _draw_doors(rng, rooms, partition, height)
     if doors is None:
         return None
     walls = difference(outline, inner)
@@ -487,7 +595,7 @@ def _draw_openings(
 
     windows = _draw_windows(rng, rooms, walls, outline, outer, height, taken)
     with_window = {window.rooms[0] for window in windows}
-    if any(room.id not in with_window and room.type != "bathroom" for room in rooms):
+    if any(room.id not in with_window and room.type not in WINDOWLESS for room in rooms):
         return None
     if len(rooms) == 1 and not windows:
         return None
@@ -514,7 +622,7 @@ def _shared_walls(
 
 
 def _draw_doors(
-    rng: np.random.Generator, rooms: list[PlanRoom], partition: float
+    rng: np.random.Generator, rooms: list[PlanRoom], partition: float, height: float
 ) -> list[Opening] | None:
     """Doors of a cheapest tree grown from the hub; None if a room needs a bathroom passage."""
     stretches: dict[tuple[int, int], list[tuple[WallEdge, float, float]]] = {}
@@ -534,7 +642,7 @@ def _draw_doors(
                 continue
             known, fresh = (i, j) if i in reached else (j, i)
             kinds = frozenset({rooms[known].type, rooms[fresh].type})
-            cost = _DOOR_COST.get(kinds, 4.0)
+            cost = _HALL_COST if "hall" in kinds else _DOOR_COST.get(kinds, 4.0)
             if known != hub:
                 cost += _THROUGH_COST.get(rooms[known].type, 0.0)
             if best is None or cost < best[0]:
@@ -559,8 +667,12 @@ def _draw_doors(
         other = rooms[max(known, fresh)]
         kinds = frozenset({host.type, other.type})
         open_plan = kinds <= {"living", "dining", "kitchen"} and s1 - s0 > 2.0
-        archway = open_plan and rng.random() < 0.55
-        if archway:
+        drawn = float(rng.random()) if open_plan else 1.0
+        kind: OpeningKind = "open" if drawn < 0.4 else ("archway" if drawn < 0.7 else "door")
+        if kind == "open":
+            width = _snap(s1 - s0 - 2 * float(rng.uniform(0.13, 0.4)))
+            top = height - float(rng.uniform(LEAST_LINTEL, 0.3))
+        elif kind == "archway":
             width = _snap(min(float(rng.uniform(1.2, 2.4)), s1 - s0 - 0.5))
             top = float(rng.choice([2.1, 2.2, 2.25]))
         else:
@@ -569,12 +681,14 @@ def _draw_doors(
         # Doors are mostly near a corner, which leaves long walls for furniture.
         low, high = s0 + 0.13, s1 - 0.13 - width
         place = float(rng.choice([low, high, rng.uniform(low, high)], p=[0.4, 0.4, 0.2]))
-        if archway:
+        if kind == "archway":
             place = float(rng.uniform(low, high))
+        elif kind == "open":
+            place = 0.5 * (s0 + s1 - width)
         doors.append(
             Opening(
                 id=f"door-{number}",
-                kind="archway" if archway else "door",
+                kind=kind,
                 start=_rounded(edge.at(place)),
                 end=_rounded(edge.at(place + width)),
                 thickness=partition,
@@ -626,7 +740,8 @@ def _draw_entrance(
 ) -> Opening | None:
     order = sorted(rooms, key=lambda room: _HUBS.index(room.type))
     for room in order:
-        edges = [edge for edge in room.edges if edge.outer and edge.length > 1.5]
+        least = 1.3 if room.type == "hall" else 1.5
+        edges = [edge for edge in room.edges if edge.outer and edge.length > least]
         for index in rng.permutation(len(edges)):
             edge = edges[int(index)]
             width = float(rng.choice([0.9, 0.95, 1.0]))
@@ -673,7 +788,7 @@ def _draw_windows(
             (edge for edge in room.edges if edge.outer and edge.length > 1.1),
             key=lambda edge: -edge.length,
         )
-        wanted = 1 if room.type == "bathroom" else max(1, round(room.shape.area / 9.0))
+        wanted = 1 if room.type in WINDOWLESS else max(1, round(room.shape.area / 9.0))
         found = 0
         for edge in edges:
             if found >= wanted:

@@ -50,6 +50,7 @@ def build_structure(plan: Plan, finishes: Finishes) -> tuple[list[SceneItem], li
         trim = _trim(plan, room, finishes, finish)
         if trim:
             items.append(_structure_item(f"trim-{room.id}", "skirting", room.id, trim))
+        items += _beams(plan, room, finishes)
     items.append(_facade(plan, finishes))
     items.append(_slabs(plan, finishes))
     portals = []
@@ -57,7 +58,7 @@ def build_structure(plan: Plan, finishes: Finishes) -> tuple[list[SceneItem], li
         if opening.kind in ("window", "patio"):
             items.append(_window(opening, finishes))
             portals.append(_portal(opening, clear=True))
-        else:
+        elif opening.kind != "open":
             items.append(_door(opening, finishes))
             if opening.kind == "entrance":
                 portals.append(_portal(opening, clear=False))
@@ -268,6 +269,21 @@ def _trim(plan: Plan, room: PlanRoom, finishes: Finishes, finish: RoomFinish) ->
             mesh = _extrude(ring, plan.height - drop, plan.height + 0.01)
             parts.append(make_part(f"cornice_{step:g}", finishes.ceiling, mesh))
     return parts
+
+
+def _beams(plan: Plan, room: PlanRoom, finishes: Finishes) -> list[SceneItem]:
+    """Beams below the ceiling, their ends in the walls."""
+    meshes = []
+    for beam in plan.beams:
+        if beam.room == room.id:
+            (x0, y0), (x1, y1) = beam.low, beam.high
+            grow_x, grow_y = (0.01, 0.0) if x1 - x0 > y1 - y0 else (0.0, 0.01)
+            low = (x0 - grow_x, y0 - grow_y, plan.height - beam.depth)
+            meshes.append(span(low, (x1 + grow_x, y1 + grow_y, plan.height + 0.01), bevel=0.004))
+    if not meshes:
+        return []
+    part = make_part("beams", finishes.beam, *meshes)
+    return [_structure_item(f"beams-{room.id}", "ceiling", room.id, [part])]
 
 
 def _facade(plan: Plan, finishes: Finishes) -> SceneItem:

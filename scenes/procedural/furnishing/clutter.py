@@ -44,6 +44,7 @@ _FLOOR: dict[str, tuple[tuple[str, float], ...]] = {
     "kitchen": (("kitchen_floor", 0.6),),
     "bathroom": (("bath_floor", 0.9),),
     "dining": (("play", 0.3),),
+    "hall": (("hall", 1.2),),
 }
 _HALL = 2.0  # mean number of things in the room behind the entrance
 _SOCKETS = 3  # greatest number in a room

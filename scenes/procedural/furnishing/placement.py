@@ -18,6 +18,7 @@ from scenes.procedural.furnishing.furnisher import Furnisher
 from scenes.procedural.furnishing.rooms.bathroom import furnish_bathroom
 from scenes.procedural.furnishing.rooms.bedroom import furnish_bedroom
 from scenes.procedural.furnishing.rooms.dining import furnish_dining
+from scenes.procedural.furnishing.rooms.hall import furnish_hall
 from scenes.procedural.furnishing.rooms.kitchen import furnish_kitchen
 from scenes.procedural.furnishing.rooms.living import furnish_living
 from scenes.procedural.furnishing.rooms.study import furnish_study
@@ -34,6 +35,7 @@ _FURNISH_ROOM: dict[str, Callable[[Furnisher], None]] = {
     "bathroom": furnish_bathroom,
     "study": furnish_study,
     "dining": furnish_dining,
+    "hall": furnish_hall,
 }
 
 
@@ -75,6 +77,7 @@ def _hang_ceiling_lamp(furnisher: Furnisher) -> None:
         "bedroom": ["ceiling_lamp", "ceiling_lamp", "pendant_lamp"],
         "dining": ["ceiling_lamp", "pendant_lamp"],
         "bathroom": ["ceiling_lamp"],
+        "hall": ["ceiling_lamp", "spot_rail"],
     }[furnisher.room.type]
     kind = str(rng.choice(kinds))
     lamp = (

@@ -92,6 +92,11 @@ class RoomSpace:
         self._blocked: Boxes = np.zeros((0, 2, 3))  # in front of openings: kept free
         self._origin = np.array(self.shape.bounds[:2])
         self._free = self._walkable_floor()
+        for beam in plan.beams:
+            if beam.room == room.id:
+                under = _raised(box(*beam.low, *beam.high), plan.height - beam.depth, plan.height)
+                self._boxes = np.concatenate([self._boxes, under])
+                self._owners.append("beam")
         self.doors: list[tuple[float, float]] = []
         for opening in plan.openings:
             if room.id in opening.rooms:
@@ -106,7 +111,9 @@ class RoomSpace:
         if opening.kind == "window":
             return
         depth = 0.7 if opening.kind != "patio" else 0.6
-        self._keep_clear(edge.strip(0, width, 0.0, depth), "passage")
+        # A way of a person's width leads through a wall that is left out.
+        aside = max(0.0, 0.5 * width - 0.6) if opening.kind == "open" else 0.0
+        self._keep_clear(edge.strip(aside, width - aside, 0.0, depth), "passage")
         self.doors.append(edge.at(width / 2, 0.35))
         if opening.kind in ("door", "entrance") and opening.swing == self.room.id:
             self._keep_clear(edge.strip(0, width, 0.0, width), "swing")

@@ -59,6 +59,7 @@ _KINDS = (
     FurnitureKind("console_table", "table", ("other", "living", "dining"), tables.console_table),
     FurnitureKind("bookshelf", "storage", ("living", "study", "bedroom"), storage.bookshelf),
     FurnitureKind("wardrobe", "storage", ("bedroom",), storage.wardrobe),
+    FurnitureKind("built_in_wardrobe", "storage", ("bedroom",), storage.built_in_wardrobe),
     FurnitureKind("chest_of_drawers", "storage", ("bedroom", "other"), storage.chest_of_drawers),
     FurnitureKind("sideboard", "storage", ("dining", "living"), storage.sideboard),
     FurnitureKind("tv_stand", "storage", ("living",), storage.tv_stand),

@@ -133,6 +133,7 @@ class Interior:
     glazing_bars: float = 0.3
     cornices: tuple[float, ...] = (0.0, 0.0, 0.05, 0.07)  # metres
     skirting: tuple[float, float] = (0.06, 0.12)  # least and greatest height, metres
+    beams: tuple[Literal["wood", "dark", "paint", "steel"], ...] = ("wood", "dark", "paint")
 
 
 def _shapes(**variants: tuple[str, ...]) -> Mapping[str, tuple[str, ...]]:
@@ -198,6 +199,7 @@ INTERIORS: Mapping[StyleName, Interior] = MappingProxyType({
         glazing_bars=0.3,
         cornices=(0.0,),
         skirting=(0.06, 0.09),
+        beams=("paint", "wood"),
     ),
     "mid-century": Interior(
         woods=("#8a5a36", "#7a4e2e", "#94633b"),
@@ -310,6 +312,7 @@ INTERIORS: Mapping[StyleName, Interior] = MappingProxyType({
         glazing_bars=0.8,
         cornices=(0.0,),
         skirting=(0.06, 0.1),
+        beams=("steel", "wood"),
     ),
     "farmhouse": Interior(
         woods=("#c29a63", "#b08450", "#cda873", "#a67c4c"),
@@ -370,6 +373,7 @@ INTERIORS: Mapping[StyleName, Interior] = MappingProxyType({
         glazing_bars=0.85,
         cornices=(0.0, 0.0, 0.05),
         skirting=(0.1, 0.15),
+        beams=("dark", "wood"),
     ),
     "classic": Interior(
         woods=("#6f3f26", "#7a4a2c", "#5b3522", "#8a5a36"),
@@ -490,6 +494,7 @@ INTERIORS: Mapping[StyleName, Interior] = MappingProxyType({
         glazing_bars=0.0,
         cornices=(0.0,),
         skirting=(0.04, 0.06),
+        beams=("paint",),
     ),
     "bohemian": Interior(
         woods=("#a06a3c", "#8a5a36", "#b08450", "#6f4a30"),
@@ -667,5 +672,6 @@ INTERIORS: Mapping[StyleName, Interior] = MappingProxyType({
         glazing_bars=0.5,
         cornices=(0.0,),
         skirting=(0.04, 0.07),
+        beams=("wood", "dark"),
     ),
 })  # fmt: skip

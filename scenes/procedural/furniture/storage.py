@@ -256,6 +256,46 @@ def wardrobe(rng: np.random.Generator, style: Style, width: float | None = None)
     return b.piece()
 
 
+def built_in_wardrobe(
+    rng: np.random.Generator, style: Style, width: float | None = None, height: float | None = None
+) -> FurniturePiece:
+    """A wardrobe from wall to wall and up to the ceiling, its upper doors above 2.05 metres."""
+    width = float(rng.uniform(1.5, 3.0)) if width is None else width
+    height = float(rng.uniform(2.4, 2.7)) if height is None else height
+    depth = float(rng.uniform(0.58, 0.64))
+    b = Builder("built-in wardrobe", "wardrobe", "wall", front_clearance=0.7)
+    finish = style.lacquer if rng.random() < 0.6 else style.cabinet
+    base, top = 0.07, height - 0.05
+    split = min(2.05, top - 0.22)
+    b.add(finish, *carcass(width, depth, base, top))
+    b.add(
+        finish,
+        box((width - 0.01, depth - 0.08, base + 0.001), (0, 0.03, 0)),
+        box((width - 0.002, depth - 0.04, 0.051), (0, 0.012, top - 0.001)),
+        shelf(width, depth, split + 0.009),
+    )
+    doors = max(2, round(width / float(rng.uniform(0.45, 0.6))))
+    each = width / doors
+    ajar = int(rng.integers(2 * doors))  # from `doors` on: all closed
+    for k in range(doors):
+        x0 = -width / 2 + k * each
+        hinge = "left" if k % 2 == 0 else "right"
+        angle = float(rng.uniform(18, 60)) if k == ajar else 0.0
+        add_door(b, style, finish, x0, x0 + each, base, split, depth, hinge, angle)
+        add_door(b, style, finish, x0, x0 + each, split, top - 0.002, depth, hinge, handle_low=True)
+    if ajar < doors:
+        rail = split - 0.1
+        ends = (-width / 2 + 0.02, 0, rail), (width / 2 - 0.02, 0, rail)
+        b.add(CHROME, bar(*ends, 0.012, 12), name="rail")
+        x = -width / 2 + ajar * each + 0.07
+        while x < -width / 2 + (ajar + 1) * each - 0.06:
+            cloth = (*style.cushions, style.throw, style.bedding, style.upholstery)
+            material = cloth[int(rng.integers(len(cloth)))]
+            add_garment(b, rng, material, x, rail, float(rng.uniform(0.65, 1.1)))
+            x += float(rng.uniform(0.075, 0.11))
+    return b.piece()
+
+
 def chest_of_drawers(
     rng: np.random.Generator, style: Style, width: float | None = None
 ) -> FurniturePiece:

@@ -20,7 +20,7 @@ import pytest
 import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from shapely.geometry import MultiPoint, Point, Polygon
+from shapely.geometry import LineString, MultiPoint, Point, Polygon
 
 from pipeline.render.scene import set_variant
 from scenes.color import luminance
@@ -35,7 +35,7 @@ from scenes.procedural.furniture import make_style
 from scenes.procedural.home import make_home
 from scenes.procedural.lighting import area_emitter
 from scenes.procedural.piece import Material, PiecePart
-from scenes.procedural.plan import SIZES, Plan, make_plan
+from scenes.procedural.plan import SIZES, Plan, WallEdge, make_plan
 from scenes.seeds import generator
 from tests.fixtures.geometry import hits
 
@@ -215,6 +215,7 @@ def test_the_plain_mitsuba_command_renders_a_home(homes: list[Home], tmp_path: P
 
 def test_plans_are_habitable() -> None:
     outlines = set()
+    forms: set[str] = set()
     for seed in range(60):
         plan = make_plan(generator(seed, "plan"), 1, 6)
         shapes = [room.shape for room in plan.rooms]
@@ -224,7 +225,7 @@ def test_plans_are_habitable() -> None:
             assert shape.is_valid and shape.exterior.is_ccw
             assert 0.75 * SIZES[room.type][0] <= shape.area <= 60
             assert inner.buffer(1e-4).covers(shape)
-            assert room.type == "bathroom" or any(
+            assert room.type in ("bathroom", "hall") or any(
                 opening.rooms == (room.id,) and opening.kind in ("window", "patio")
                 for opening in plan.openings
             ), f"seed {seed}: {room.type} without a window"
@@ -239,7 +240,21 @@ def test_plans_are_habitable() -> None:
                 one = [group for group in joined if group & set(opening.rooms)]
                 joined = [group for group in joined if group not in one] + [set().union(*one)]
         assert len(joined) == 1, f"seed {seed}: not all rooms can be reached"
+        for beam in plan.beams:
+            under = shapely.box(*beam.low, *beam.high)
+            room = plan.room(beam.room)
+            assert room.shape.buffer(1e-3).covers(under) and plan.height - beam.depth > 2.3
+            assert sum(edge_line(edge).distance(under) < 1e-3 for edge in room.edges) >= 2
+            assert all(opening.z1 < plan.height - beam.depth for opening in plan.openings)
+        forms |= {opening.kind for opening in plan.openings}
+        forms |= {room.type for room in plan.rooms} | ({"beams"} if plan.beams else set())
+        forms |= {"L" for room in plan.rooms if len(room.edges) == 6}
     assert outlines >= {4, 6}  # rectangles and L shapes at least
+    assert forms >= {"open", "archway", "patio", "hall", "beams", "L"}
+
+
+def edge_line(edge: WallEdge) -> LineString:
+    return LineString([edge.start, edge.end])
 
 
 def test_openings_pierce_walls_from_face_to_face() -> None:
@@ -457,7 +472,11 @@ def test_nothing_intersects(homes: list[Home]) -> None:
             item
             for item in home.scene.objects
             if item.id in home.bodies
-            and (not item.is_structure or item.category in ("door", "window"))
+            and (
+                not item.is_structure
+                or item.category in ("door", "window")
+                or item.id.startswith("beams-")
+            )
         ]
         assert len(items) > 20
         for index, first in enumerate(items):

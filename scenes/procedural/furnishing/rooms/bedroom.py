@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furnishing.furnisher import Furnisher
+from scenes.procedural.furnishing.furnisher import Furnisher, has_opening
 from scenes.procedural.furnishing.rooms.desks import place_desk
 from scenes.procedural.furnishing.rooms.seats import place_armchair
-from scenes.procedural.furnishing.space import PlacedPiece
+from scenes.procedural.furnishing.space import GAP, PlacedPiece
 from scenes.procedural.plan import WallEdge
 from scenes.procedural.scene_item import Pose
 
@@ -15,12 +15,13 @@ from scenes.procedural.scene_item import Pose
 def furnish_bedroom(furnisher: Furnisher) -> None:
     """Furnish a bedroom."""
     rng, space = furnisher.rng, furnisher.space
+    built_in = furnisher.chance(0.5) and furnisher.area > 9 and _build_in_wardrobe(furnisher)
     bed = None
     if furnisher.area > 9.5 and furnisher.chance(0.85):
         bed = _place_bed(furnisher, "double_bed")
     if bed is None:
         bed = _place_bed(furnisher, "single_bed")
-    if furnisher.wants(0.95):
+    if not built_in and furnisher.wants(0.95):
         furnisher.along_wall("wardrobe", where="corner")
     if furnisher.wants(0.6):
         furnisher.along_wall("chest_of_drawers")
@@ -44,6 +45,28 @@ def furnish_bedroom(furnisher: Furnisher) -> None:
         furnisher.hang("wall_shelf")
     if furnisher.wants(0.3):
         furnisher.hang("wall_mirror")
+
+
+def _build_in_wardrobe(furnisher: Furnisher) -> bool:
+    """Fill a short wall between two corners with a wardrobe; returns whether one fits."""
+    space = furnisher.space
+    edges = furnisher.room.edges
+    for index in furnisher.rng.permutation(len(edges)):
+        edge = edges[int(index)]
+        if not 1.5 < edge.length < 3.4 or any(
+            has_opening(edge, one) for one in space.plan.openings
+        ):
+            continue
+        under = max(
+            (beam.depth for beam in space.plan.beams if beam.room == furnisher.room.id), default=0.0
+        )
+        width, height = edge.length - 2 * GAP - 0.001, space.plan.height - under - 0.002
+        for _ in range(3):  # until its doors are closed where there is no room for open ones
+            piece = furnisher.make("built_in_wardrobe", width=width, height=height)
+            middle = 0.5 * (edge.length + float(piece.bounds[:, 0].sum()))
+            if space.try_place("built_in_wardrobe", piece, space.wall_pose(piece, edge, middle)):
+                return True
+    return False
 
 
 def _place_bed(furnisher: Furnisher, kind: str) -> PlacedPiece | None:

@@ -14,7 +14,11 @@ from scenes.procedural.furnishing.rooms.tables import place_dining_group
 def furnish_living(furnisher: Furnisher) -> None:
     """Furnish a living room."""
     sofa = place_seating(furnisher)
-    if furnisher.area > 19 and "dining" not in {room.type for room in furnisher.plan.rooms}:
+    dines_elsewhere = "dining" in {room.type for room in furnisher.plan.rooms} or any(
+        opening.kind == "open" and furnisher.room.id in opening.rooms
+        for opening in furnisher.plan.openings
+    )
+    if furnisher.area > 19 and not dines_elsewhere:
         place_dining_group(furnisher, small=True)
     for kind, probability in (("bookshelf", 0.8), ("sideboard", 0.45), ("console_table", 0.25)):
         if furnisher.wants(probability):

@@ -1,0 +1,45 @@
+"""Halls and corridors: coat hooks, shoe rack, console table, mirror, runner."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scenes.procedural.furnishing.furnisher import Furnisher
+from scenes.procedural.scene_item import Pose
+
+
+def furnish_hall(furnisher: Furnisher) -> None:
+    """Furnish a hall or corridor."""
+    furnisher.hang("coat_hooks")
+    if furnisher.wants(0.7):
+        furnisher.along_wall("shoe_rack")
+    if furnisher.wants(0.5):
+        furnisher.along_wall("console_table")
+    elif furnisher.wants(0.4):
+        furnisher.along_wall("bench")
+    if furnisher.wants(0.5):
+        furnisher.hang("wall_mirror")
+    if furnisher.wants(0.55):
+        _lay_runner(furnisher)
+    if furnisher.wants(0.4):
+        furnisher.put_plant()
+    furnisher.hang_pictures(furnisher.number(1, 4))
+    if furnisher.wants(0.35):
+        furnisher.hang("wall_lamp")
+
+
+def _lay_runner(furnisher: Furnisher) -> None:
+    """Lay a long rug along the hall."""
+    rng, space = furnisher.rng, furnisher.space
+    x0, y0, x1, y1 = space.shape.bounds
+    along_x = x1 - x0 > y1 - y0
+    width = min(float(rng.uniform(1.4, 2.6)), 0.75 * max(x1 - x0, y1 - y0))
+    depth = min(float(rng.uniform(0.6, 0.8)), 0.6 * min(x1 - x0, y1 - y0))
+    runner = furnisher.make("rug", width=width, depth=depth)
+    middle = space.middle()
+    yaw = 0.0 if along_x else 90.0
+    for _ in range(6):
+        shift = rng.uniform(-1, 1) * np.array([1.0, 0.0] if along_x else [0.0, 1.0])
+        x, y = middle + shift
+        if space.try_place("rug", runner, Pose(float(x), float(y), 0.0, yaw), zone=False):
+            return
