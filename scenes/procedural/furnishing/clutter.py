@@ -38,13 +38,13 @@ _ON: dict[str, tuple[str, float]] = {
 }
 # Type of room -> places on its floor, mean number of things there.
 _FLOOR: dict[str, tuple[tuple[str, float], ...]] = {
-    "living": (("play", 0.7), ("floor", 0.7), ("tv_floor", 0.4)),
+    "living": (("play", 0.7), ("floor", 0.7), ("tv_floor", 0.25)),
     "bedroom": (("bed_floor", 1.1), ("floor", 0.8), ("gym", 0.3)),
     "study": (("study_floor", 0.6), ("floor", 0.5), ("gym", 0.3)),
     "kitchen": (("kitchen_floor", 0.6),),
     "bathroom": (("bath_floor", 0.9),),
     "dining": (("play", 0.3),),
-    "hall": (("hall", 1.2),),
+    "hall": (("floor", 0.5),),
 }
 _HALL = 2.0  # mean number of things in the room behind the entrance
 _SOCKETS = 3  # greatest number in a room
