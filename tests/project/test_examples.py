@@ -70,6 +70,22 @@ def test_the_script_reads_the_dataset(
     assert all(line.startswith(words) for line, words in zip(lines, expected, strict=True)), lines
 
 
+@pytest.mark.check
+def test_rows_a_second_of_every_reader_that_is_installed(folder: Path, tmp_path: Path) -> None:
+    ran = subprocess.run(
+        [sys.executable, EXAMPLES / "rows_a_second.py", folder],
+        env={**os.environ, "HF_HUB_OFFLINE": "1", "HF_HOME": str(tmp_path / "cache")},
+        capture_output=True,
+        text=True,
+    )
+    assert ran.returncode == 0, ran.stderr
+    head, *lines = ran.stdout.splitlines()
+    assert head.startswith("12 rows, ") and "color" in head
+    speeds = {line.split()[0]: line.split()[1] for line in lines}
+    assert {"pyarrow", "pyarrow_threads", "datasets", "torch"} <= speeds.keys()
+    assert all(int(speeds[name]) > 0 for name in ("pyarrow", "pyarrow_threads", "torch"))
+
+
 def test_the_sample_is_a_small_dataset_of_all_splits() -> None:
     shards = sorted(SAMPLE.glob("*.parquet"))
     rows = {shard.name.partition("-")[0]: pq.read_metadata(shard).num_rows for shard in shards}
