@@ -2,9 +2,9 @@
 
 import sys
 
-import numpy as np
 import torch
 from network import display, fit, network, tensor
+from PIL import Image
 from rows import rows
 
 FOLDER, STEPS = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 200
@@ -34,4 +34,10 @@ fit(model, load("train"), error, STEPS)
 with torch.no_grad():
     predicted = model(test[0])
 print(f"error on rooms of other homes {start:.3f} -> {error(predicted, *test[1:]):.3f}")
-np.save("depth.npy", predicted.exp()[:, 0].numpy())  # up to a scale for each view
+_, log_depth, known = (values[:1] for values in test)
+offset = ((log_depth - predicted[:1]) * known).sum() / known.sum()  # the unknown scale
+pair = torch.cat([log_depth, predicted[:1] + offset], 3)[0, 0]
+grey = 255 * (pair - log_depth.min()) / (log_depth.max() - log_depth.min())
+Image.fromarray(grey.clamp(0, 255).numpy().astype("uint8")).save("depth.png")
+torch.save(model.state_dict(), "depth.pt")
+print("depth.png: true and predicted depth of a view; depth.pt: the network")
