@@ -21,6 +21,7 @@ import pytest
 from pipeline.dataset.checksums import verify_sums
 from pipeline.dataset.columns import dataset_columns
 from pipeline.dataset.pack import pack_dataset
+from tests.fixtures.browser import open_browser
 from tests.fixtures.dataset import make_data, small_params
 from tests.fixtures.paths import ROOT
 
@@ -150,6 +151,29 @@ def test_all_lights_at_one_are_the_colour(task: Callable[..., list[float]], tmp_
     data = json.loads(page.partition("const data = ")[2].partition(";\n")[0])
     halves = np.frombuffer(base64.b64decode(data["lights"]), "<f2")
     assert halves.size == 3 * data["width"] * data["height"] * len(data["labels"])
+
+
+def test_lights_are_switched_off_and_on_again_in_a_browser(
+    task: Callable[..., list[float]], tmp_path: Path
+) -> None:
+    task("relight.py")
+    sum_of_pixels = (
+        "(() => { const c = document.querySelector('canvas'); return c.getContext('2d')"
+        ".getImageData(0, 0, c.width, c.height).data.reduce((a, b) => a + b, 0); })()"
+    )
+    switch = (
+        "document.querySelectorAll('input[type=range]').forEach((r, i) => { if (i) { r.value = 0;"
+        " r.dispatchEvent(new Event('input', {bubbles: true})); } })"
+    )
+    with open_browser(tmp_path / "profile") as browser:
+        browser.open(tmp_path / "relight.html")
+        rendered = browser.script(sum_of_pixels)
+        opaque = browser.script("255 * canvas.width * canvas.height")
+        browser.script(switch)
+        browser.until(f"{sum_of_pixels} === {opaque}")
+        browser.script("document.querySelector('button').click()")
+        browser.until(f"{sum_of_pixels} === {rendered}")
+    assert rendered > 1.2 * opaque
 
 
 def test_a_novel_view_has_the_colours_of_the_true_one(task: Callable[..., list[float]]) -> None:
