@@ -48,6 +48,7 @@ TINT = ("tint.R", "tint.G", "tint.B")
 NOISY_SHADING = ("shading.R", "shading.G", "shading.B")
 SPECULAR = ("specular.R", "specular.G", "specular.B")
 BUMPED = ("bumped.X", "bumped.Y", "bumped.Z")
+HALF = ("half.R", "half.G", "half.B")
 DENOISED = ("denoised.R", "denoised.G", "denoised.B")
 DENOISED_SHADING = ("denoised.shading.R", "denoised.shading.G", "denoised.shading.B")
 # Of each direction in time: flow along columns and rows, occlusion, and outside of the image.
@@ -237,6 +238,16 @@ CHANNELS = (
         NOISY_SHADING,
         np.float16,
         f"Linear HDR RGB, {_FEW} shading's; of the same paths as noisy_color.",
+        RADIANCE,
+        nonnegative=True,
+    ),
+    Channel(
+        "noisy_half",
+        "noisy",
+        HALF,
+        np.float16,
+        "Linear HDR RGB: noisy_color of half of its samples, rounded down; its difference from "
+        "noisy_color tells the noise. With one sample noisy_color itself.",
         RADIANCE,
         nonnegative=True,
     ),

@@ -206,6 +206,8 @@ class GroundTruthParams:
     # relative error below which a view is finished, after min_spp to spp samples; 0: always spp
     noise: float = field(default=0.0, metadata=within(0, 1))
     min_spp: int = field(default=16, metadata=within(1, 1 << 20))
+    # of the views of the training and validation splits, without a noise target; 0: as the others
+    train_spp: int = field(default=0, metadata=within(0, 1 << 20) | OPTIONAL)
     max_depth: int = field(default=11, metadata=within(1, 1000))
     rr_depth: int = field(default=3, metadata=within(1, 1000))
     denoise: Literal["none", "oidn"] = "none"
@@ -226,6 +228,17 @@ class NoisyParams:
     """A few samples per pixel, independent of the ground truth, as input of a network."""
 
     spp: int = field(default=0, metadata=within(0, 16))  # 0: none
+    # [least, most] drawn for each view of the training and validation splits; (): spp
+    train: tuple[int, ...] = field(default=(), metadata=OPTIONAL)
+
+    def verify(self, where: str) -> None:
+        """Raise ValueError unless `train` is empty or a range that is above 0."""
+        if not self.train:
+            return
+        if len(self.train) != 2 or not 1 <= self.train[0] <= self.train[1] <= 16:
+            raise ValueError(f"{where}.train: {list(self.train)}; [least, most], from 1 to 16")
+        if not self.spp:
+            raise ValueError(f"{where}.train: {list(self.train)} needs spp, that of the test split")
 
 
 @dataclass(frozen=True)

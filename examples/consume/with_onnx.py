@@ -22,10 +22,9 @@ for name in names:
         cell = np.stack(planes, -1).view(planes.dtype.names[0])[..., 0]
     inputs[name] = np.atleast_1d(np.array(cell, np.float32))  # noisy_spp is a number
 unit = view["radiance_scale"][0].as_py()
-for name in {"intensity", "noisy_color", "denoised_color"} & set(names):
-    inputs[name] *= unit
-for name in (name for name in names if name.startswith("transport")):
-    inputs[name] *= unit
+for name in names:
+    if name == "intensity" or name.startswith(("transport", "noisy_c", "noisy_h", "denoised")):
+        inputs[name] *= unit
 outputs = [each.name for each in session.get_outputs()]
 images = dict(zip(outputs, session.run(outputs, inputs), strict=True))
 color = images["color"]

@@ -33,7 +33,7 @@ Tensors = dict[str, torch.Tensor]
 # Channels of every encoded input, then of the inputs that only some networks take.
 CHANNELS = {"depth": 2, "normal": 3, "intensity": 1, "distance": 1, "reflectance": 3}
 TRANSPORT_CHANNELS = {"transport": 9, "materials": 3}
-NOISY_SAMPLES_CHANNELS = {"noisy": 6}
+NOISY_SAMPLES_CHANNELS = {"noisy": 9}
 MAX_SAMPLES = 8  # per pixel, of noisy samples
 NEUTRAL = 0.5  # reflectance input where there is no surface; albedo of the shading frames
 DEFAULT_WHITE = 20.0  # exposed luminance that maps to white if it is unknown; typical indoors
@@ -67,7 +67,7 @@ def encode(
 
     With `noisy_samples`:
 
-    * `noisy`, 6 channels: colour of a few samples a pixel before and after denoising, linear
+    * `noisy`, 9 channels: colour of a few samples a pixel, of half of them, and denoised; linear
     * `samples`, (N, 1, 1, 1): ln(samples per pixel) / ln(`MAX_SAMPLES`)
 
     Traceable, see the module. Raises `InputError` for a view without transport or samples.
@@ -195,12 +195,12 @@ def _materials(view: ViewInputs) -> ArrayOrTensor:
 
 
 def _noisy(view: ViewInputs) -> ArrayOrTensor:
-    if view.noisy_color is None or view.denoised_color is None:
+    images = (view.noisy_color, view.noisy_half, view.denoised_color)
+    if any(image is None for image in images):
         raise InputError(
             f"{_name(view)}: has no noisy samples, which the network takes as input; set "
             "noisy.spp to 1 to 8, then run: pbrnet groundtruth, pbrnet dataset"
         )
-    images = (view.noisy_color, view.denoised_color)
     return array_namespace(view.depth).concatenate(images, axis=-1)
 
 

@@ -56,7 +56,7 @@ IMAGES: dict[str, int | None] = {
     "color": 3,
 }
 # Columns of datasets made with `noisy.spp`, for the methods that take noisy samples.
-NOISY_IMAGES: dict[str, int | None] = {"noisy_color": 3, "denoised_color": 3}
+NOISY_IMAGES: dict[str, int | None] = {"noisy_color": 3, "noisy_half": 3, "denoised_color": 3}
 # Columns of the set `transport` of `channels`, and those of `materials` that networks take.
 TRANSPORT_IMAGES: dict[str, int | None] = {
     "transport_direct": 3,
@@ -122,6 +122,7 @@ class ViewInputs:
     material_known: ArrayOrTensor | None = None  # 1 where the other two are known
     # Path-traced samples, float32 (H, W, 3), linear radiance
     noisy_color: ArrayOrTensor | None = None  # as color, with `noisy_spp` samples per pixel
+    noisy_half: ArrayOrTensor | None = None  # noisy_color of half of the samples
     denoised_color: ArrayOrTensor | None = None  # noisy_color, denoised
     noisy_spp: ArrayOrTensor = 0  # int; while a network is exported, a tensor (1,)
 

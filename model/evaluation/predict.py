@@ -20,7 +20,7 @@ from model.evaluation.inference import Networks, Prediction
 from model.evaluation.metrics import flip_map, measure
 from model.methods import METHODS
 from model.training.store import ModelCard
-from pipeline.channels import DENOISED, RGB, TINT, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
+from pipeline.channels import DENOISED, HALF, RGB, TINT, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
 from pipeline.frames import (
     Channels,
     Frame,
@@ -54,7 +54,7 @@ _NEEDED = {
     "intensity.Y": ("intensity.Y", "distance.Z"),
     TRANSPORT_INDIRECT[0]: (*TRANSPORT_DIRECT, *TRANSPORT_INDIRECT, *RGB),
     "material_known": ("roughness", "metalness", "material_known"),
-    DENOISED[0]: (*RGB, *DENOISED),
+    DENOISED[0]: (*RGB, *HALF, *DENOISED),
 }
 # Frames beside those of the inputs and the panorama: option of `from_frames`, channel as above.
 OTHER_FRAMES = {
@@ -364,6 +364,7 @@ def with_noisy_samples(example: Example, noisy: Channels, spp: int) -> Example:
     return replace(
         example,
         noisy_color=_stack(noisy, RGB),
+        noisy_half=_stack(noisy, HALF),
         denoised_color=_stack(noisy, DENOISED),
         noisy_spp=spp,
     )

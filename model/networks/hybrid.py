@@ -2,8 +2,8 @@
 
 Intel's denoiser was trained on far more images than any training here. The network therefore
 starts from the denoised image and learns to correct it. It knows what the denoiser does not: light
-transport (`pipeline.passes.transport`), which has no noise but errors of its own, and the number of
-samples, so that one set of weights serves for 1 to 8 of them.
+transport (`pipeline.passes.transport`), which has no noise but errors of its own, the difference of
+two halves of the samples, and their number: one set of weights serves for 1 to 8.
 
 For each pixel and band it predicts how far the picture moves towards light transport and towards
 the raw samples, and the logarithm of a factor. All are 0 at first: then the output is the denoised
@@ -23,8 +23,9 @@ from model.networks.bands import BandNet, bounded, geometry_of, log_light
 from model.networks.pbrnet import Architecture
 from scenes.color import decode_srgb
 
-# A band's samples, denoised samples, transport's picture, direct and indirect light, reflectance
-SIGNALS = 6
+# A band's samples, denoised samples, transport's picture, difference of the samples' halves, direct
+# and indirect light, reflectance
+SIGNALS = 7
 REFLECTANCE_OFFSET = 0.03  # added to reflectance before the division by it
 MAX_LOG_FACTOR = 3.0  # bound of the predicted logarithm: the factor is at most exp(3), about 20
 
@@ -39,11 +40,12 @@ class HybridNet(nn.Module):
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
         """Tensors of `encode` with transport and samples to linear colour (N, 3, H, W), >= 0."""
-        noisy, denoised = inputs["noisy"].float().split(3, dim=1)
+        noisy, half, denoised = inputs["noisy"].float().split(3, dim=1)
         direct, indirect, color = inputs["transport"].float().split(3, dim=1)
         reflectance = decode_srgb((inputs["reflectance"].float() + 1) / 2) + REFLECTANCE_OFFSET
         level = log_average((denoised / reflectance).mean(1, keepdim=True))
-        light = [image / reflectance for image in (noisy, denoised, color)]
+        images = (noisy, denoised, color, (half - noisy).abs())
+        light = [image / reflectance for image in images]
         signals = [log_light(image, level) for image in (*light, direct, indirect)]
         signals.append(inputs["reflectance"].float())
         samples = inputs["samples"].expand(-1, -1, *noisy.shape[-2:])

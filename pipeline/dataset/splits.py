@@ -1,18 +1,18 @@
-"""Scenes of the dataset with their cameras, and their split into train, validation and test."""
+"""Scenes of the dataset with their cameras, their split, and samples that depend on it."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.dataset.held_out import kept_back
-from pipeline.params import SplitParams
+from pipeline.params import GroundTruthParams, NoisyParams, Params, SplitParams
 from pipeline.views import CameraFile, View, load_cameras
 from scenes.contract import Scene, load_scene, scene_folders
 from scenes.errors import InputError
-from scenes.seeds import derive
+from scenes.seeds import derive, generator
 
 SPLITS = ("train", "validation", "test")
 
@@ -97,6 +97,44 @@ def split_plans(sources: Sequence[Source], shares: SplitParams, seed: int) -> di
     names = ["test"] * test + ["validation"] * validation
     dealt = dict(zip(order, names + ["train"] * (len(order) - len(names)), strict=True))
     return dealt | dict.fromkeys(sorted(held_out), "test")
+
+
+def split_sampling(scenes: Sequence[Scene], params: Params) -> Callable[[View], Params]:
+    """Return the parameters of each view's samples, which may depend on its split.
+
+    Views of the training and validation splits have `groundtruth.train_spp` samples, and a number
+    of noisy samples drawn from `noisy.train`, small ones more often: ln(number) is uniform.
+    """
+    if not params.groundtruth.train_spp and not params.noisy.train:
+        return lambda view: params
+    sources = [Source(scene, None) for scene in scenes]
+    splits = split_plans(sources, params.dataset.splits, params.seed)
+    tested = {each.scene.scene_id for each in sources if splits[each.plan] == "test"}
+
+    def params_of(view: View) -> Params:
+        if view.scene_id in tested:
+            truth, noisy = params.groundtruth, params.noisy
+        else:
+            truth, noisy = _training_truth(params.groundtruth), _training_noisy(params, view)
+        truth, noisy = replace(truth, train_spp=0), replace(noisy, train=())
+        return replace(params, groundtruth=truth, noisy=noisy)
+
+    return params_of
+
+
+def _training_truth(truth: GroundTruthParams) -> GroundTruthParams:
+    if not truth.train_spp:
+        return truth
+    return replace(truth, spp=truth.train_spp, noise=0.0)
+
+
+def _training_noisy(params: Params, view: View) -> NoisyParams:
+    if not params.noisy.train:
+        return params.noisy
+    least, most = params.noisy.train
+    rng = generator(params.seed, "noisy samples", view.scene_id, view.view_id)
+    number = least * ((most + 1) / least) ** rng.random()
+    return replace(params.noisy, spp=min(most, int(number)))
 
 
 def _quota(share: float, plans: int, least: int) -> int:

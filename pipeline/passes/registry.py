@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pipeline.channels import DENOISED, DENOISED_SHADING, NOISY_SHADING, RGB, Kind
+from pipeline.channels import DENOISED, DENOISED_SHADING, HALF, NOISY_SHADING, RGB, Kind
 from pipeline.frames import Channels, fingerprint
 from pipeline.params import GroundTruthParams, Params
 from pipeline.passes import (
@@ -180,13 +180,15 @@ def render_noisy(
     if traced_together(params):
         truths = render_both(scene, view, settings, albedo, seed)
         traced = [truths.color, truths.shading] if shading else [truths.color]
+        half = truths.halves.get("color", truths.color[0])
     else:
         greys = (None, albedo) if shading else (None,)
         traced = [render_truth(scene.neutral(grey), view, settings, seed) for grey in greys]
+        half = traced[0][0]  # of all samples
     color, *rest = traced
     reflectance, normal = _fast_guides(scene, view)
     clean = denoise(color[0], reflectance, normal, around=view.is_panorama)
-    channels = {**color[0], **_named(DENOISED, clean)}
+    channels = {**color[0], **_named(HALF, half), **_named(DENOISED, clean)}
     for image, _ in rest:
         clean = denoise(image, grey_guide(normal, albedo), normal, around=view.is_panorama)
         channels |= {**_named(NOISY_SHADING, image), **_named(DENOISED_SHADING, clean)}
@@ -278,7 +280,7 @@ def _panorama_determined_by(params: Params) -> dict[str, Any]:
 def _truth_determined_by(params: Params) -> dict[str, Any]:
     used = params.groundtruth.denoise != "none"
     return {
-        "truth": plain(params.groundtruth),
+        "truth": plain(params.groundtruth, brief=True),
         "denoiser": [denoiser_version(), inputs.REVISION] if used else None,
     }
 
@@ -303,6 +305,7 @@ def _noisy_determined_by(params: Params) -> dict[str, Any]:
     return {
         "trace": {name: getattr(trace, name) for name in used},
         "guides": fast.REVISION,
+        "halves": True,
         "shading": shading,
         "denoiser": [denoiser_version(), inputs.REVISION],
     }

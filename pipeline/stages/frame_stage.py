@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.channels import Kind
+from pipeline.dataset.splits import split_sampling
 from pipeline.frames import frame_path, holds, kinds_of
 from pipeline.params import Params
 from pipeline.passes.registry import SURFACES, TRACED, frame_fingerprint, traced_together
@@ -43,9 +44,12 @@ def run_frames(
         digests = scene_digests(data, scenes)
         views = _views(data, params, scenes, digests, renderer, plan)
         expected: dict[Path, _ExpectedFrame] = {}
+        seen = sorted({view.scene_id for view in views})
+        params_of = split_sampling([scenes[name] for name in seen], params)
         for kind in kinds:
             for view in views if kind in wanted else ():
-                digest = frame_fingerprint(kind, view, params, digests[view.scene_id], renderer)
+                own, scene = params_of(view), digests[view.scene_id]
+                digest = frame_fingerprint(kind, view, own, scene, renderer)
                 expected[frame_path(data, kind, view)] = _ExpectedFrame(kind, view, digest)
             # An unreadable scene may be repaired: its frames are not orphans.
             unreadable = {failure.scene_id for failure in plan.failures}
@@ -55,7 +59,7 @@ def run_frames(
         for paths in _by_trace(stale, params):
             view = expected[paths[0]].view
             fingerprints = {expected[path].kind: expected[path].fingerprint for path in paths}
-            job = FrameJob(data, view, digests[view.scene_id], params, fingerprints)
+            job = FrameJob(data, view, digests[view.scene_id], params_of(view), fingerprints)
             plan.add(job, *(expected[path].target(path) for path in paths))
         made = execute(data, params, scheduler, plan, renderer)
         # A worker of an earlier run may still have been alive and have overwritten a frame.

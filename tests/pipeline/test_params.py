@@ -37,6 +37,8 @@ PRESETS = sorted((ROOT / "params").glob("*.yaml"))
         ("scenes: {rooms_min: 5, rooms_max: 2}", ["rooms_min", "5", "2"]),
         ("scenes: {homes: -1}", ["homes"]),
         ("groundtruth: {spp: 33}", ["groundtruth.spp", "33"]),
+        ("noisy: {spp: 4, train: [8, 1]}", ["noisy.train", "[8, 1]", "from 1 to 16"]),
+        ("noisy: {train: [1, 8]}", ["noisy.train", "needs spp"]),
         ("groundtruth: {spp: .nan}", ["groundtruth.spp"]),
         ("cameras: {grid: .inf}", ["cameras.grid", "inf"]),
         ("illumination: {width: 161}", ["illumination.width", "161", "odd"]),

@@ -205,7 +205,7 @@ def test_it_learns_what_the_denoiser_does_wrong(view: Example) -> None:
 
     assert view.denoised_color is not None
     denoised = float(np.abs(tonemap(view.denoised_color, view.exposure_shading) - truth).mean())
-    assert error() == pytest.approx(denoised, rel=0.1)
+    assert error() == pytest.approx(denoised, rel=0.2)
     for _ in range(120):
         optimiser.zero_grad()
         exposed_loss(network, view, inputs).backward()  # type: ignore[no-untyped-call]

@@ -16,7 +16,8 @@ import pytest
 from pipeline.costs.ledger import read_ledger
 from pipeline.dataset.pack import pack_dataset
 from pipeline.dataset.parquet import images_of
-from pipeline.frames import Frame, frame_path, read_frame
+from pipeline.dataset.splits import split_sampling
+from pipeline.frames import Channels, Frame, frame_path, read_frame
 from pipeline.params import (
     CameraParams,
     FarmParams,
@@ -57,6 +58,7 @@ WITHOUT = replace(PARAMS, noisy=NoisyParams())
 SHADING = ("shading.R", "shading.G", "shading.B")
 IMAGES = {
     "noisy_color": ("R", "G", "B"),
+    "noisy_half": ("half.R", "half.G", "half.B"),
     "noisy_shading": SHADING,
     "denoised_color": ("denoised.R", "denoised.G", "denoised.B"),
     "denoised_shading": ("denoised.shading.R", "denoised.shading.G", "denoised.shading.B"),
@@ -108,6 +110,30 @@ def both(channels: dict[str, np.ndarray]) -> np.ndarray:
 def traced(room: tuple[RenderScene, View], spp: int, seed: int) -> np.ndarray:
     params = replace(PARAMS, noisy=NoisyParams(spp=spp))
     return both(render_noisy(*room, params, seed)[0])
+
+
+def halves(channels: Channels) -> tuple[np.ndarray, np.ndarray]:
+    """Colour of half of the samples and of all, float64 (H, W, 3)."""
+    bands = IMAGES["noisy_half"], IMAGES["noisy_color"]
+    half, whole = (np.stack([channels[name] for name in each], -1) for each in bands)
+    return half.astype(np.float64), whole.astype(np.float64)
+
+
+@pytest.mark.slow
+def test_half_of_the_samples_tells_the_noise_of_all(room: tuple[RenderScene, View]) -> None:
+    """Two halves a and b: whole - half is (b - a) / 2, whose variance is that of the whole."""
+    apart = [
+        halves(render_noisy(*room, replace(PARAMS, noisy=NoisyParams(4)), seed, shading=False)[0])
+        for seed in range(12)
+    ]
+    wholes = np.stack([whole for _, whole in apart])
+    told = np.mean([(whole - half) ** 2 for half, whole in apart])
+    assert told == pytest.approx(wholes.var(axis=0, ddof=1).mean(), rel=0.35)
+    one = render_noisy(*room, replace(PARAMS, noisy=NoisyParams(1)), 3)[0]
+    assert np.array_equal(*halves(one)), "one sample has no halves"
+    color = render_noisy(*room, replace(PARAMS, noisy=NoisyParams(1)), 3, shading=False)[0]
+    assert set(one) - set(color) == {*IMAGES["noisy_shading"], *IMAGES["denoised_shading"]}
+    assert all(np.array_equal(one[name], values) for name, values in color.items())
 
 
 def truth_of(room: tuple[RenderScene, View], spp: int, seed: int) -> np.ndarray:
@@ -215,6 +241,36 @@ def test_each_alone_where_the_variant_traces_them_apart(room: tuple[RenderScene,
     np.testing.assert_allclose(*means, rtol=0.2)
 
 
+@pytest.mark.slow
+def test_training_views_have_samples_of_their_own(data: Path) -> None:
+    """Two rooms: one is tested. Its frames stay; those of the other are rendered anew."""
+    noisy, truth = NoisyParams(spp=2, train=(1, 8)), replace(PARAMS.groundtruth, train_spp=6)
+    params = replace(PARAMS, noisy=noisy, groundtruth=truth)
+    before = files_of(data)
+    views = views_of(data)
+    scenes = [load_scene(folder) for folder in sorted((data / "scenes").iterdir())]
+    params_of = split_sampling(scenes, params)
+    changed = [view for view in views if params_of(view).groundtruth.spp == 6]
+    assert {view.scene_id for view in changed} in ({"alpha"}, {"beta"})
+    run_groundtruth(data, params)
+    after = files_of(data)
+    assert {name.split("/")[1] for name in after if after[name] != before[name]} == {
+        changed[0].scene_id
+    }
+    for view in views:
+        own = params_of(view)
+        assert read_frame(frame_path(data, "noisy", view)).meta["spp"] == own.noisy.spp
+        assert read_frame(frame_path(data, "color", view)).meta["spp"] == own.groundtruth.spp
+    numbers = [
+        params_of(replace(changed[0], view_id=f"v{number}")).noisy.spp for number in range(400)
+    ]
+    counts = np.bincount(numbers, minlength=9)
+    expected = 400 * np.diff(np.log(np.arange(1, 10))) / np.log(9)
+    assert counts[0] == 0 and len(counts) == 9
+    assert (np.abs(counts[1:] - expected) < 4 * np.sqrt(expected)).all()
+    assert run_groundtruth(data, params).made == 0
+
+
 def box_data(folder: Path, noisy: bool) -> Path:
     data = make_data(folder, small_params(), scenes=3, views=2)
     if noisy:
@@ -230,6 +286,7 @@ def add_noisy(data: Path, view: View, **meta: object) -> Path:
     grain = rng.exponential(1, (view.height, view.width))
     channels = {band: frames["color"][band] * grain for band in "RGB"}
     channels |= {name: frames["shading"][name[-1]] * grain for name in SHADING}
+    channels |= {name: frames["color"][name[-1]] for name in IMAGES["noisy_half"]}
     channels |= {name: frames["color"][name[-1]] for name in IMAGES["denoised_color"]}
     channels |= {name: frames["shading"][name[-1]] for name in IMAGES["denoised_shading"]}
     return write_view(data, "noisy", channels, view, **{"spp": 2, "noise": 0.99, **meta})
