@@ -3,7 +3,8 @@
 `make docs` runs this. The picture (`docs/images/architecture.svg`) and the index
 (`docs/modules.md`) come from the imports and docstrings of the code; tables between
 `<!-- generated: NAME -->` and `<!-- end -->` in README.md and docs/results.md come from
-`docs/data/quick-start.json` and `metrics/reference.json`, those in docs/benchmark.md from
+`docs/data/quick-start.json`, `metrics/reference.json` and the studies' files in `docs/data`
+(`pbrnet study all --docs docs`), those in docs/benchmark.md from
 `docs/data/benchmark.json`, which `make records` writes. With `--check` nothing is written, and the
 exit code is 1 if a file is not up to date.
 
@@ -21,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from code_map import Code, module_index, picture
+from study_tables import study_tables
 
 from model.benchmark.pictures import Task
 from model.benchmark.score import METRICS as METRICS_OF_TASK
@@ -154,6 +156,7 @@ def main() -> int:
     code = Code.read()
     quick = json.loads(QUICK_START.read_text())
     reference = json.loads((ROOT / "metrics" / "reference.json").read_text())
+    tables = study_tables(ROOT / "docs" / "data")
     readme, results = ROOT / "README.md", ROOT / "docs" / "results.md"
     wanted = {
         ROOT / "docs" / "images" / "architecture.svg": picture(code),
@@ -170,6 +173,7 @@ def main() -> int:
             {
                 "reference-methods": reference_methods(reference),
                 "reference-differences": reference_differences(reference),
+                **{name: _table(rows) for name, rows in tables.items()},
             },
         ).encode(),
     }

@@ -23,7 +23,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
 
-from pipeline.channels import KINDS, RADIANCE, dataset_channels
 from pipeline.dataset.parquet import (
     check_filled,
     check_types,
@@ -32,7 +31,7 @@ from pipeline.dataset.parquet import (
     open_parquet,
     reading,
 )
-from pipeline.radiance import is_scale
+from pipeline.radiance import RADIANCE_SCALE, RADIANCES, is_scale
 from pipeline.tonemap import Exposure
 from scenes.arrays import AnyArray, ArrayOrTensor, UInt8Array
 from scenes.checked import check_name
@@ -86,10 +85,7 @@ SCALARS = (
     "white_color",
     "K",
 )
-# Unit of a row's images of radiance, a scalar; absent from older datasets, where it is 1.
-RADIANCE_SCALE = "radiance_scale"
 NOISY_SPP = "noisy_spp"  # samples per pixel of `NOISY_IMAGES`, a scalar
-RADIANCES = frozenset(c.name for c in dataset_channels(KINDS) if c.unit == RADIANCE)
 _PIECE = 32704  # values; PyTorch starts threads from 32768 on
 _SHARD = re.compile(r"(train|validation|test)-(\d{5})-of-(\d{5})\.parquet")
 

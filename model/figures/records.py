@@ -12,10 +12,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from model.data.reader import RADIANCE_SCALE, RADIANCES
 from model.figures.row_pictures import uri
 from pipeline.dataset.parquet import check_types, images_of
 from pipeline.images import Picture, fit, read_picture
+from pipeline.radiance import RADIANCE_SCALE, RADIANCES
 from pipeline.views import load_cameras
 from scenes.checked import build, check_name
 from scenes.contract import Scene, load_scene, scene_folders

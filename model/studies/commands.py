@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
+import importlib
+
 import click
 
 from model.studies.registry import STUDIES, study_command
+
+ALL = "all"  # the command that makes the figures of docs/results.md, model/studies/complete.py
 
 
 class StudyGroup(click.Group):
     """Commands of the registered studies, imported on use."""
 
     def list_commands(self, context: click.Context) -> list[str]:
-        """Names of all studies, in the order of the registry."""
-        return list(STUDIES)
+        """Names of all studies, in the order of the registry, and `ALL`."""
+        return [*STUDIES, ALL]
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         """Import and return a study's command; None for an unknown name."""
+        if name == ALL:
+            found: click.Command = importlib.import_module("model.studies.complete").command
+            return found
         return study_command(name) if name in STUDIES else None
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """List the studies without importing them."""
         with formatter.section("Commands"):
-            formatter.write_dl(list(STUDIES.items()))
+            everything = (ALL, "Every figure and plot of the results, one command.")
+            formatter.write_dl([*STUDIES.items(), everything])
 
 
 @click.group(
@@ -32,6 +40,7 @@ Examples:
   pbrnet study pairs --score answers/*.json    score their answer files
   pbrnet study loss --dry-run              list trainings that differ in the loss
   pbrnet study flicker SCENE --view VIEW   measure temporal stability of predictions
+  pbrnet study all --docs docs             make all figures of docs/results.md that are missing
 
 Results go to metrics/studies/; `pbrnet report` shows them.""",
 )

@@ -16,11 +16,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from model.data.reader import IMAGES, RADIANCE_SCALE, SCALARS, Dataset, Split
+from model.data.reader import IMAGES, SCALARS, Dataset, Split
 from pipeline.channels import Kind
 from pipeline.dataset.parquet import image_cell
 from pipeline.params import ToneParams
-from pipeline.radiance import HALF_MAX
+from pipeline.radiance import HALF_MAX, RADIANCE_SCALE
 from pipeline.tonemap import exposure_of
 from scenes.arrays import AnyArray
 from scenes.files import atomic_directory, sweep, write_text

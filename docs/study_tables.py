@@ -1,0 +1,144 @@
+"""Tables of the studies for docs/results.md, from the files of `pbrnet study all --docs docs`."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from statistics import mean
+from typing import Any
+
+from model.studies.illumination.results import CHANGES
+from model.studies.time.results import PARTS, RENDERERS
+from model.studies.trials.results import LABELS
+from model.titles import METHOD_TITLES
+
+TRIALS = ("loss", "composition", "noise", "generalisation", "decomposition", "table")
+RAW = ("mitsuba", "planned")  # renderers without a denoiser
+SIZES = ("160x120", "480x360", "960x720")
+MEASURES = {"ssim": ("SSIM", 3), "psnr": ("PSNR, dB", 1), "flip": ("FLIP", 3)}
+FURTHER = {"detail": ("detail, dB", 1), "grid": ("grid", 2), "specular_flip": ("FLIP, glossy", 3)}
+Rows = list[list[str]]
+
+
+def study_tables(folder: Path) -> dict[str, Rows]:
+    """Rows of each table by its name in the text; without those whose file is missing."""
+    sources: dict[str, Callable[[Any], Rows]] = dict.fromkeys(TRIALS, trials_table)
+    sources["illumination"] = illumination_table
+    sources |= {f"time-{size}": time_table for size in SIZES}
+    tables = {
+        f"study-{name}": table(json.loads(path.read_text()))
+        for name, table in sources.items()
+        if (path := folder / f"{name}.json").is_file()
+    }
+    moves = [json.loads(path.read_text()) for path in sorted(folder.glob("flicker-*.json"))]
+    if moves:
+        tables["study-flicker"] = flicker_table(moves)
+    return tables
+
+
+def trials_table(found: dict[str, Any]) -> Rows:
+    """Rows of a study that compares trainings; the last column is relative to its reference."""
+    labels = {
+        **LABELS,
+        **importlib.import_module(f"model.studies.{found['study']}.results").LABELS,
+    }
+    reference = found["reference"]
+    rows = [row for row in found["rows"] if row["label"] != "truth"]
+    further = {
+        name: words
+        for name, words in FURTHER.items()
+        if any(row["metrics"].get(name) for row in rows)
+    }
+    measures = {**MEASURES, **further}
+    groups = len({row["group"] for row in rows}) > 1
+    head = [
+        *(["group"] if groups else []),
+        *("method", "training views", *(title for title, _ in measures.values())),
+        f"FLIP, minus that of `{reference}`",
+    ]
+    table = [head]
+    for row in rows:
+        gain = row["metrics"]["flip"]
+        table.append(
+            [
+                *([row["group"]] if groups else []),
+                f"{labels.get(row['label'], row['label'])}, `{row['label']}`",
+                "" if row["views"] is None else f"{row['views']:g}",
+                *(_estimate(row["metrics"].get(name), d) for name, (_, d) in measures.items()),
+                _signed(gain["gain"], gain["gain_low"], gain["gain_high"]) if gain else "",
+            ]
+        )
+    return table
+
+
+def illumination_table(found: dict[str, Any]) -> Rows:
+    """Rows of pattern, gain and correct sign by kind of change and method."""
+    table = [["change", "views", "method", "pattern", "gain", "sign right"]]
+    for name, title in CHANGES.items():
+        change = found["changes"].get(name)
+        if change is None or change["reference"] != "rendered":
+            continue
+        for method, figures in change["methods"].items():
+            gain, sign = figures["gain"], figures["sign"]
+            table.append(
+                [
+                    *(title, str(change["views"]), f"`{method}`"),
+                    _interval(figures["pattern"], 2),
+                    "" if gain is None else f"{gain['value']:.2f}",
+                    "" if sign is None else f"{100 * sign['value']:.0f} %",
+                ]
+            )
+    return table
+
+
+def time_table(found: dict[str, Any]) -> Rows:
+    """Rows of methods, the fastest first, without raw samples; the best so far in bold."""
+    titles = {**METHOD_TITLES, **RENDERERS, **PARTS}
+    table = [["method", "samples", "seconds", "FLIP", "SSIM"]]
+    best = 1.0
+    points = [point for point in found["points"] if point["method"] not in RAW]
+    for point in sorted(points, key=lambda point: point["seconds"]):
+        flip = f"{point['flip']:.3f}"
+        if point["flip"] < best:
+            best, flip = point["flip"], f"**{flip}**"
+        name = point["method"]
+        samples = "" if point["spp"] is None else str(point["spp"])
+        row = [f"{titles.get(name, name)}, `{name}`", samples, f"{point['seconds']:.2f}", flip]
+        table.append([*row, f"{point['ssim']:.3f}"])
+    return table
+
+
+def flicker_table(moves: list[dict[str, Any]]) -> Rows:
+    """Rows of the mean difference of neighbouring frames over several moves."""
+    methods = dict.fromkeys(name for move in moves for name in move["methods"])
+    table = [["method", "mean", f"least and most of {len(moves)} scenes"]]
+    for name in methods:
+        values = [move["methods"][name]["mean"] for move in moves if name in move["methods"]]
+        table.append([f"`{name}`", f"{mean(values):.4f}", f"{min(values):.4f}, {max(values):.4f}"])
+    return table
+
+
+def _estimate(figure: dict[str, Any] | None, digits: int) -> str:
+    if figure is None:
+        return ""
+    text = f"{figure['mean']:.{digits}f}"
+    if figure["low"] is not None:
+        text += f" ({figure['low']:.{digits}f} to {figure['high']:.{digits}f})"
+    return text + ("" if figure["spread"] is None else f" ±{figure['spread']:.{digits}f}")
+
+
+def _signed(value: float | None, low: float | None, high: float | None) -> str:
+    if value is None:
+        return ""
+    return f"{value:+.3f}" + ("" if low is None else f" ({low:+.3f} to {high:+.3f})")
+
+
+def _interval(figure: dict[str, Any] | None, digits: int) -> str:
+    if figure is None:
+        return ""
+    text = f"{figure['value']:.{digits}f}"
+    if figure["low"] is None:
+        return text
+    return f"{text} ({figure['low']:.{digits}f} to {figure['high']:.{digits}f})"
