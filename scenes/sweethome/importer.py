@@ -21,6 +21,7 @@ from scenes.errors import InputError
 from scenes.formats.archive import MAX_XML, HomeArchive
 from scenes.formats.java_objects import MAX_BYTES
 from scenes.formats.model_parts import UnreadableModel
+from scenes.geometry.mesh import face_areas
 from scenes.geometry.regions import simplified, union
 from scenes.importing.categories import category_of_piece, room_type
 from scenes.importing.changes import Changes
@@ -59,6 +60,7 @@ from scenes.sweethome.sun import Sky, make_sky
 from scenes.sweethome.views import Camera, default_camera, stored_cameras
 from scenes.sweethome.writer import write_scene
 
+_KNEE = 0.5  # metres from a floor or ceiling into its room
 _RESERVED_STEMS = (
     "wall",
     "floor",
@@ -363,12 +365,32 @@ class _Indoors:
 def _with_room(item: PlacedItem, indoors: _Indoors) -> PlacedItem:
     if item.category in ("wall", "ground", "structure", "skirting"):
         return item
+    if item.is_structure and item.category in ("floor", "ceiling"):
+        return replace(item, room=_room_of_slab(item, indoors))
     centre = item.centre
     for margin in (0.0, 0.25):
         room = indoors.room_at(centre, margin)
         if room is not None:
             return replace(item, room=room)
     return item
+
+
+def _room_of_slab(item: PlacedItem, indoors: _Indoors) -> str | None:
+    """Return the room that a floor or ceiling bounds by most of its area; None outdoors.
+
+    The middle of its bounds may lie in another room: that of an L-shaped corridor, of a terrace
+    around the house.
+    """
+    inwards = np.array([0.0, 0.0, 1.0 if item.category == "floor" else -1.0])
+    found: dict[str | None, float] = {}
+    for part in item.parts:
+        corners = part.mesh.corners
+        areas, normals = face_areas(corners)
+        for number in np.flatnonzero(normals @ inwards > 0.5):
+            middle = corners[number].mean(axis=0) + _KNEE * inwards
+            room = indoors.room_at(middle, 0.0)
+            found[room] = found.get(room, 0.0) + float(areas[number])
+    return max(found, key=lambda room: found[room]) if found else None
 
 
 def _portals(

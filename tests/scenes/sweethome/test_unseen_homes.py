@@ -195,3 +195,31 @@ def test_a_hidden_ceiling_is_shown_where_walls_enclose_the_room(
 def test_folders_in_a_home_s_name_stay_private(tmp_path: Path, name: str) -> None:
     scene = bring(tmp_path, draw.usual(name=name))
     assert scene.credits[0].title == "cottage"
+
+
+def test_a_bent_floor_belongs_to_the_room_that_it_fills(tmp_path: Path) -> None:
+    """A corridor around a bedroom, and a terrace around both: the middle of both is the bedroom."""
+
+    def bent(low: float, high: float, width: float, **more: object) -> str:
+        inner = low + width
+        corners = [(low, low), (high, low), (high, inner), (inner, inner), (inner, high)]
+        points = "".join(f"<point x='{x}' y='{y}'/>" for x, y in [*corners, (low, high)])
+        given = " ".join(f"{key}='{value}'" for key, value in more.items())
+        return f"<room {given}>{points}</room>"
+
+    body = (
+        draw.box_walls(0, 0, 600, 600)
+        + draw.wall("across", (200, 200), (600, 200))
+        + draw.wall("along", (200, 200), (200, 600))
+        + draw.room(210, 210, 380, 380, name="Bedroom")
+        + bent(10, 590, 180, name="Corridor")
+        + bent(-300, 1000, 280, name="Terrace", ceilingVisible="false")
+    )
+    home = bring(tmp_path, draw.home(body))
+    named = {room.name: room.id for room in home.rooms}
+    rooms = {item.name: item.room for item in home.objects}
+    for kind in ("floor", "ceiling"):
+        assert rooms[f"Bedroom {kind}"] == named["Bedroom"]
+        assert rooms[f"Corridor {kind}"] == named["Corridor"]
+    assert named.keys() == {"Bedroom", "Corridor"}
+    assert rooms["Terrace floor"] is None
