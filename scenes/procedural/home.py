@@ -26,10 +26,12 @@ from scenes.procedural.lighting import (
     choose_lit_lamps,
     draw_kelvin_offset,
     draw_lamp_states,
+    draw_screen_states,
     draw_sky,
     in_state,
     lamp_descriptions,
     lamp_items,
+    mean_radiance,
     sampling_weight,
 )
 from scenes.procedural.materials import MaterialLibrary
@@ -102,6 +104,7 @@ def make_home(
     kelvin_offset = draw_kelvin_offset(draws("light", "lamp colour", lighting))
     sky = draw_sky(draws("light", "sky", lighting), lighting, lamp_weight)
     states = draw_lamp_states(draws("light", "lamp states", lighting), lit, kelvin_offset)
+    states |= draw_screen_states(draws("light", "screens", lighting), lighting, furniture)
     if sky.is_dark:
         states |= {item.id: LampState(1.0, 0.0) for item in lamp_items(outdoors)}
     with writing_scene(Path(folder)) as partial:
@@ -185,7 +188,10 @@ def _write_shapes(
             if part.lumens > 0:
                 emitting.append(shape)
                 lumens += part.lumens
-                light = area_emitter(part, _OUTSIDE_WEIGHT if item.room is None else 1.0)
+                image = ""
+                if part.picture is not None:
+                    image = library.display(part.picture, mean_radiance(part))
+                light = area_emitter(part, _OUTSIDE_WEIGHT if item.room is None else 1.0, image)
             flat = "" if part.smooth else '<boolean name="face_normals" value="true"/>'
             shapes.append(
                 f'<shape type="ply" id="{shape}"><string name="filename" '
@@ -212,6 +218,8 @@ def _write_shapes(
 
 def _mesh(part: PiecePart, library: MaterialLibrary) -> Mesh:
     """The mesh of a part; its uvs change from metres to periods of the material's texture."""
+    if part.lumens > 0 and part.picture is not None:  # over the whole of its radiance's image
+        return Mesh(part.vertices, part.faces, None, part.uvs)
     # Faceted parts have no normals; their `<shape>` sets `face_normals`.
     normals = part.normals if part.smooth else None
     uvs = library.placed(part.material, part.vertices, part.faces, normals, part.uvs)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scenes.color import Color
 from scenes.contract import Light
 from scenes.geometry.mesh import face_areas
 from scenes.photometry import LUMEN, lamp_radiance
@@ -120,8 +121,25 @@ def draw_elevation(rng: np.random.Generator, least: float, most: float) -> float
 
 
 def lamp_items(items: Sequence[SceneItem]) -> list[SceneItem]:
-    """Return the items with a light source."""
-    return [item for item in items if any(part.lumens > 0 for part in item.parts)]
+    """Return the items with a light source, other than screens."""
+    return [
+        item
+        for item in items
+        if any(part.lumens > 0 and part.picture is None for part in item.parts)
+    ]
+
+
+def draw_screen_states(
+    rng: np.random.Generator, setting: str, items: Sequence[SceneItem]
+) -> dict[str, LampState]:
+    """Draw which screens are on, but by day, and how bright they are."""
+    share = {"day": 0.0, "evening": 0.35, "night": 0.4, "mixed": 0.25}[setting]
+    states = {}
+    for item in items:
+        on, bright = rng.random(2)
+        if any(part.picture is not None for part in item.parts) and on < share:
+            states[item.id] = LampState(round(0.4 + 0.6 * float(bright), 3), 0.0)
+    return states
 
 
 def lamp_descriptions(items: Sequence[SceneItem]) -> list[Lamp]:
@@ -200,15 +218,27 @@ def sampling_weight(part: PiecePart) -> float:
     return round(math.sqrt(part.lumens / 800.0), 4)
 
 
-def area_emitter(part: PiecePart, weight: float = 1.0) -> str:
+def mean_radiance(part: PiecePart) -> Color:
+    """Return the mean RGB radiance of a lit part's surface."""
+    area = float(face_areas(part.vertices[part.faces])[0].sum())
+    return lamp_radiance(part.lumens, area, part.kelvin)
+
+
+def area_emitter(part: PiecePart, weight: float = 1.0, image: str = "") -> str:
     """Return the `<emitter>` element of a lit part: its flux spread evenly over its surface.
 
-    `weight` scales its sampling weight: little light from outside reaches a room.
+    `weight` scales its sampling weight: little light from outside reaches a room. `image` is the
+    file of a screen's radiance.
     """
-    area = float(face_areas(part.vertices[part.faces])[0].sum())
-    radiance = " ".join(f"{value:.6g}" for value in lamp_radiance(part.lumens, area, part.kelvin))
+    radiance = " ".join(f"{value:.6g}" for value in mean_radiance(part))
+    emission = f'<rgb name="radiance" value="{radiance}"/>'
+    if image:
+        emission = (
+            f'<texture type="bitmap" name="radiance"><string name="filename" value="{image}"/>'
+            '<boolean name="raw" value="true"/></texture>'
+        )
     return (
-        f'<emitter type="area"><rgb name="radiance" value="{radiance}"/>'
+        f'<emitter type="area">{emission}'
         f'<float name="sampling_weight" value="{weight * sampling_weight(part):.4g}"/></emitter>'
     )
 

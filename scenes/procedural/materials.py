@@ -19,10 +19,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 from PIL import Image
 
 from scenes.arrays import AnyArray, Float64Array, Int64Array, UInt8Array
-from scenes.color import Color, encode_srgb
+from scenes.color import REC709, Color, encode_srgb
 from scenes.procedural.piece import CatalogueMaterial, Material
 from scenes.procedural.textures.families import (
     FAMILIES,
@@ -33,7 +34,7 @@ from scenes.procedural.textures.families import (
     has_surface,
     packed_surface,
 )
-from scenes.procedural.textures.pictures import picture
+from scenes.procedural.textures.pictures import picture, screen_picture
 from scenes.seeds import derive, generator
 
 MAX_REFLECTANCE = 0.82  # of diffuse surfaces, each channel
@@ -63,6 +64,7 @@ class MaterialLibrary:
     _ids: dict[Material | CatalogueMaterial, str] = field(default_factory=dict)
     _shared: dict[tuple[object, ...], str] = field(default_factory=dict)
     _xml: list[str] = field(default_factory=list)
+    _displays: list[str] = field(default_factory=list)
 
     def bsdf(self, material: Material | CatalogueMaterial) -> str:
         """Return the id of the BSDF for `material`; made on first use."""
@@ -115,6 +117,22 @@ class MaterialLibrary:
             offset = np.floor(offset * modules) / modules
         right = np.where(_is_left_handed(vertices, faces, normals, uvs)[:, None], [-1, 1], [1, 1])
         return uvs * right / self.tile(material) + offset
+
+    def display(self, seed: int, radiance: Color) -> str:
+        """Write the radiance of a screen that shows picture `seed`; returns the image's file.
+
+        `radiance` is its mean, linear RGB.
+        """
+        shown = screen_picture(generator(seed, "screen"), is_film=seed % 2 == 0)
+        mean = shown.mean(axis=(0, 1), dtype=np.float64)
+        level = float(np.dot(radiance, REC709) / np.dot(mean, REC709))
+        name = f"textures/{self.prefix}display-{len(self._displays)}.exr"
+        self._displays.append(name)
+        pixels = (shown[::-1] * level).astype(np.float16)  # Mitsuba shows the first row at v = 0
+        header = {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage}
+        with OpenEXR.File(header, {"RGB": np.ascontiguousarray(pixels)}) as file:
+            file.write(str(self.folder / name))
+        return name
 
     @property
     def xml(self) -> list[str]:

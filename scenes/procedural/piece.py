@@ -109,6 +109,8 @@ class PiecePart:
     lumens: float = 0.0  # above 0: the part emits while its lamp is on
     kelvin: float = 2800.0  # colour temperature of the emission
     given_normals: Float64Array | None = None  # (V, 3) unit vertex normals of a catalogue mesh
+    # Of a screen: seed of what it shows while on, over uv [0, 1]; even: a scene, odd: text.
+    picture: int | None = None
 
     @property
     def normals(self) -> Float64Array:

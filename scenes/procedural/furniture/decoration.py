@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from scenes.geometry.mesh import face_areas
 from scenes.procedural.furniture.build import Builder
 from scenes.procedural.furniture.geometry import (
     BodyMesh,
@@ -35,7 +38,7 @@ from scenes.procedural.furniture.style import (
     Style,
     hex_color,
 )
-from scenes.procedural.piece import FurniturePiece, Material
+from scenes.procedural.piece import FurniturePiece, Material, PiecePart
 
 LABEL = Material("paper", hex_color("#e9e1cc"), 0.8)
 LEAVES = ("#4f7a3a", "#3c6a3a", "#5f8a4a", "#2f5a3a", "#74935a", "#4a6b3f")
@@ -257,6 +260,39 @@ def _picture_plane(w: float, h: float, y: float) -> BodyMesh:
     return BodyMesh(board.vertices, board.faces, uvs, smooth=False)
 
 
+def display(w: float, h: float) -> BodyMesh:
+    """Rectangle in the plane y = 0 that faces -Y, with uvs [0, 1] x [0, 1]."""
+    points = np.array([[-w, 0, -h], [w, 0, -h], [w, 0, h], [-w, 0, h]])
+    uvs = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    return BodyMesh(points, np.array([[0, 1, 2], [0, 2, 3]]), uvs, smooth=False)
+
+
+def with_display(
+    piece: FurniturePiece,
+    rng: np.random.Generator,
+    shown: BodyMesh,
+    luminance: float,
+    is_film: bool = False,
+) -> FurniturePiece:
+    """Return a piece with a display that shows a picture while it is on.
+
+    `shown` is one-sided, with uvs [0, 1]; `luminance` is the picture's mean, candelas a square
+    metre. It shows a scene if it `is_film`, else windows with text.
+    """
+    area = float(face_areas(shown.vertices[shown.faces])[0].sum())
+    part = PiecePart(
+        "display",
+        shown.vertices,
+        shown.faces,
+        shown.uvs,
+        SCREEN,
+        lumens=round(np.pi * luminance * area, 1),
+        kelvin=6500.0,
+        picture=2 * int(rng.integers(1 << 30)) + (not is_film),
+    )
+    return replace(piece, parts=(*piece.parts, part))
+
+
 def _add_frame(
     b: Builder, material: Material, width: float, height: float, rail: float, depth: float
 ) -> None:
@@ -372,7 +408,9 @@ def television(
                 cylinder(0.008, 0, 0.008, 10).moved(x + side * 0.02, sy * 0.12),
                 name="feet",
             )
-    return b.piece()
+    w, h, middle = width / 2 - 0.012, height / 2 - 0.0165, z + height / 2 + 0.0045
+    luminance = float(rng.uniform(20, 60))  # mean of the picture, candelas a square metre
+    return with_display(b.piece(), rng, display(w, h).moved(0, -0.0138, middle), luminance, True)
 
 
 def monitor(rng: np.random.Generator, style: Style) -> FurniturePiece:
@@ -387,12 +425,8 @@ def monitor(rng: np.random.Generator, style: Style) -> FurniturePiece:
         name="case",
     )
     w, h, middle = width / 2 - 0.008, height / 2 - 0.011, z + height / 2 + 0.003
-    if rng.random() < 0.5:
-        dark = span((-w, y - 0.0135, middle - h), (w, y - 0.0115, middle + h))
-        b.add(SCREEN, dark, name="screen")
-    else:
-        shown = _picture_plane(w, h, -0.0135).moved(0, y, middle)
-        b.add(style.picture(rng), shown, name="screen")
+    dark = span((-w, y - 0.0135, middle - h), (w, y - 0.0115, middle + h))
+    b.add(SCREEN, dark, name="screen")
     b.add(BLACK_PLASTIC, box((0.05, 0.02, z + 0.14), (0, y + 0.025, 0.006)), name="stand")
     b.add(BLACK_PLASTIC, box((0.24, 0.19, 0.01), (0, y + 0.02, 0), 0.003), name="stand")
     keys = Material("plastic", hex_color("#d9d8d4" if rng.random() < 0.5 else "#2a2b2e"), 0.5)
@@ -415,7 +449,8 @@ def monitor(rng: np.random.Generator, style: Style) -> FurniturePiece:
     mouse = rounded_box((0.06, 0.1, 0.034), (0.25, -0.11, 0.0), 0.0165, (0, 0, 0.003), inner=1)
     b.add(BLACK_PLASTIC, mouse.moved(z=0.003), name="mouse")
     b.add(BLACK_PLASTIC, box((0.04, 0.07, 0.005), (0.25, -0.11, 0)), name="mouse")
-    return b.piece()
+    shown = display(w - 0.002, h - 0.002).moved(0, y - 0.0138, middle)
+    return with_display(b.piece(), rng, shown, float(rng.uniform(40, 100)))
 
 
 def laptop(rng: np.random.Generator, style: Style) -> FurniturePiece:
@@ -444,15 +479,13 @@ def laptop(rng: np.random.Generator, style: Style) -> FurniturePiece:
     )
     lid = Builder("", "", "free")
     lid.add(case, span((-width / 2, 0, 0), (width / 2, 0.006, depth), 0.002), name="case")
-    lid.add(
-        style.picture(rng),
-        _picture_plane(width / 2 - 0.008, depth / 2 - 0.011, -0.0012).moved(
-            0, 0, depth / 2 + 0.002
-        ),
-        name="screen",
-    )
-    b.add_from(lid.turned("x", -float(rng.uniform(10, 28))), y=depth / 2 - 0.006, z=0.012)
-    return b.piece()
+    w, h, middle = width / 2 - 0.008, depth / 2 - 0.011, depth / 2 + 0.002
+    lid.add(SCREEN, span((-w, -0.0012, middle - h), (w, 0, middle + h)), name="screen")
+    lean, y = -float(rng.uniform(10, 28)), depth / 2 - 0.006
+    b.add_from(lid.turned("x", lean), y=y, z=0.012)
+    shown = display(w - 0.002, h - 0.002).moved(0, -0.0015, middle)
+    shown = shown.turned("x", lean).moved(0, y, 0.012)
+    return with_display(b.piece(), rng, shown, float(rng.uniform(40, 100)))
 
 
 def books_stack(rng: np.random.Generator, style: Style) -> FurniturePiece:

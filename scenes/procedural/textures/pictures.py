@@ -1,4 +1,4 @@
-"""Abstract pictures, as they hang on walls."""
+"""Abstract pictures, as they hang on walls, and what screens show."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 from scenes.arrays import Float32Array, Float64Array
 from scenes.procedural.textures.fields import GRIT, Spectrum, axes, noise, smoothstep
 
+SCREEN_SIZE = (90, 160)  # rows and columns of pixels of what a screen shows
 _EDGE = Spectrum(1.8)  # of ragged outlines
 
 
@@ -61,3 +62,42 @@ def picture(rng: np.random.Generator, size: int) -> Float64Array:
             lay(stroke, palette[int(rng.integers(1, 6))])
     canvas = 1 + 0.03 * noise(rng, size, GRIT)
     return np.clip(image * canvas, 0.005, 0.85).astype(np.float64)
+
+
+def screen_picture(rng: np.random.Generator, is_film: bool) -> Float32Array:
+    """Return what a screen shows, linear RGB float32 (rows, columns, 3), its first row the top.
+
+    A film is a painting's scene, sometimes with a band of captions; else there are windows with
+    lines of text.
+    """
+    rows, columns = SCREEN_SIZE
+    if is_film:
+        drawn = picture(rng, columns)[:, :rows][:, ::-1].transpose(1, 2, 0)
+        shown = 1.15 * drawn**1.3
+        if rng.random() < 0.3:
+            shown[int(0.78 * rows) : int(0.9 * rows), int(0.06 * columns) : int(0.7 * columns)] = (
+                rng.uniform(0.05, 0.5, 3)
+            )
+        return shown.astype(np.float32)
+    dark = rng.random() < 0.35
+    paper, ink = (0.015, 0.55) if dark else (0.85, 0.06)
+    shown = np.empty((rows, columns, 3))
+    shown[:] = rng.uniform(0.02, 0.35, 3)  # desktop
+    for _ in range(int(rng.integers(1, 4))):
+        top, left = int(rng.integers(2, 30)), int(rng.integers(2, 60))
+        low, right = (
+            int(rng.integers(top + 35, rows - 3)),
+            int(rng.integers(left + 50, columns - 2)),
+        )
+        shown[top:low, left:right] = paper
+        shown[top : top + 4, left:right] = rng.uniform(0.05, 0.6, 3)
+        if rng.random() < 0.4:
+            shown[top + 4 : low, left : left + 14] = rng.uniform(0.05, 0.5, 3)
+            left += 14
+        for row in range(top + 8, low - 3, 4):
+            end = left + 4 + int((right - left - 8) * rng.uniform(0.15, 1.0))
+            words = rng.random(columns) < 0.82
+            line = np.zeros(columns, dtype=bool)
+            line[left + 4 : end] = words[left + 4 : end]
+            shown[row : row + 2, line] = ink
+    return shown.astype(np.float32)

@@ -32,7 +32,7 @@ from scenes.seeds import generator
 
 SEEDS = range(20)
 KINDS = sorted(FURNITURE_KINDS)
-SHEETS = ("curtain", "leaves")  # open meshes, seen from both sides
+SHEETS = ("curtain", "leaves", "display")  # open meshes, seen from both sides
 BUDGET = 15_000
 FLOOR = ("wall", "corner", "centre", "free", "on_top")
 
@@ -318,7 +318,7 @@ def test_pieces_touch_their_anchor(kind: str) -> None:
 def test_textures_are_laid_out_in_metres(kind: str) -> None:
     for seed in list(SEEDS)[:8]:
         for part in piece(kind, seed).parts:
-            if part.material.kind == "picture":
+            if part.material.kind == "picture" or part.picture is not None:
                 continue
             ratio = areas(part.uvs[part.faces]).sum() / areas(corners(part)).sum()
             assert 0.55 < ratio < 1.6, f"{kind}, seed {seed}, {part.name}: {ratio}"
@@ -326,7 +326,8 @@ def test_textures_are_laid_out_in_metres(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["picture", "laptop"])
 def test_pictures_fill_their_canvas(kind: str) -> None:
-    shown = [p for p in piece(kind, 0).parts if p.material.kind == "picture"]
+    parts = piece(kind, 0).parts
+    shown = [p for p in parts if p.material.kind == "picture" or p.picture is not None]
     assert shown
     for part in shown:
         assert part.uvs.min() == pytest.approx(0, abs=1e-6)
@@ -409,10 +410,13 @@ def test_lamps_emit_outwards_without_obstruction(kind: str) -> None:
             assert free.mean() > 0.2, (kind, seed, part.name, free.mean())
 
 
-def test_only_lamps_and_the_hood_emit() -> None:
+def test_only_lamps_the_hood_and_screens_emit() -> None:
     for kind in KINDS:
-        emits = any(part.lumens > 0 for part in piece(kind, 0).parts)
+        parts = piece(kind, 0).parts
+        emits = any(part.lumens > 0 and part.picture is None for part in parts)
         assert emits == (FURNITURE_KINDS[kind].category == "lamp" or kind == "extractor_hood"), kind
+        shows = any(part.picture is not None for part in parts)
+        assert shows == (kind in ("television", "monitor", "laptop")), kind
 
 
 @pytest.mark.parametrize(

@@ -31,11 +31,19 @@ from scenes.geometry.mesh import Mesh, face_areas
 from scenes.params import SceneParams
 from scenes.photometry import LUMEN
 from scenes.procedural.furnishing.placement import furnish
-from scenes.procedural.furniture import make_style
+from scenes.procedural.furniture import FURNITURE_KINDS, make_style
 from scenes.procedural.home import make_home
-from scenes.procedural.lighting import area_emitter
+from scenes.procedural.lighting import (
+    area_emitter,
+    draw_screen_states,
+    in_state,
+    lamp_items,
+    mean_radiance,
+)
+from scenes.procedural.materials import MaterialLibrary
 from scenes.procedural.piece import Material, PiecePart
 from scenes.procedural.plan import SIZES, Plan, WallEdge, make_plan
+from scenes.procedural.scene_item import SceneItem
 from scenes.seeds import generator
 from tests.fixtures.geometry import hits
 
@@ -99,10 +107,11 @@ class Home:
 @pytest.fixture(scope="session")
 def homes(tmp_path_factory: pytest.TempPathFactory) -> list[Home]:
     root = tmp_path_factory.mktemp("homes")
-    return [_home(root, seed) for seed in SEEDS]
+    return [home_of(root, seed) for seed in SEEDS]
 
 
-def _home(root: Path, seed: int) -> Home:
+def home_of(root: Path, seed: int) -> Home:
+    """Make the home of a seed below `root`."""
     folder = root / f"home-{seed}"
     make_home(folder, folder.name, SMALL, seed, SETTINGS[seed % 4])
     plan = make_plan(generator(seed, "plan"), SMALL.rooms_min, SMALL.rooms_max)
@@ -406,9 +415,33 @@ def test_lamps_emit_their_lumens(homes: list[Home]) -> None:
         if home.scene.lighting == "day":
             assert not lit & windows
         assert lit | windows == {room.id for room in home.scene.rooms}  # no room is dark
-        assert all(30 <= (lamp.lumens or 0) <= 6000 for lamp in lamps)
+        assert all(1 <= (lamp.lumens or 0) <= 6000 for lamp in lamps)  # 1 lm: a telephone's screen
         if home.scene.lighting == "night":
             assert lit == {room.id for room in home.scene.rooms}
+
+
+def test_screens_show_pictures_of_their_flux(tmp_path: Path) -> None:
+    set_variant("auto")
+    television = FURNITURE_KINDS["television"].make(generator(0), make_style(generator(0)))
+    part = next(part for part in television.parts if part.picture is not None)
+    (tmp_path / "textures").mkdir()
+    library = MaterialLibrary(tmp_path, 64)
+    image = library.display(part.picture or 0, mean_radiance(part))
+    bitmap = mi.Bitmap(str(tmp_path / image)).convert(mi.Bitmap.PixelFormat.RGB)
+    pixels = np.array(bitmap).astype(np.float64)
+    area = face_areas(part.vertices[part.faces])[0].sum()
+    flux = math.pi * area * float(luminance(pixels).mean())
+    assert flux == pytest.approx(part.lumens * LUMEN, rel=5e-3)
+    assert 15 < part.lumens < 300
+    assert f'value="{image}"' in area_emitter(part, image=image)
+    assert pixels.std() > 0.1 * pixels.mean()  # a picture, not a glow
+    item = SceneItem("tv", "television", "television", television.parts, False, "room")
+    assert lamp_items([item]) == []
+    states = [draw_screen_states(generator(k), "night", [item]) for k in range(40)]
+    assert 5 < sum(map(bool, states)) < 35
+    assert not any(draw_screen_states(generator(k), "day", [item]) for k in range(40))
+    (off,) = [in_state(one, None) for one in item.parts if one.picture is not None]
+    assert off.lumens == 0
 
 
 def test_a_variant_keeps_the_plan_and_differs_in_what_may_vary(
@@ -478,7 +511,7 @@ def test_nothing_intersects(homes: list[Home]) -> None:
                 or item.id.startswith("beams-")
             )
         ]
-        assert len(items) > 20
+        assert len(items) > 8
         for index, first in enumerate(items):
             for second in items[index + 1 :]:
                 if first.is_structure and second.is_structure:
@@ -702,25 +735,3 @@ def _makes_a_home(root: Path, seed: int) -> None:
     scene = make_home(folder, f"home-{seed}", SMALL, seed, SETTINGS[seed % 4])
     assert scene.rooms and scene.lights and scene.portals
     shutil.rmtree(folder)
-
-
-@pytest.mark.check
-@pytest.mark.timeout(3600)
-@pytest.mark.parametrize("first", range(1000, 2000, 50))
-def test_a_thousand_homes_are_sound(first: int, tmp_path: Path) -> None:
-    """All homes are made and differ; nothing intersects or floats; all rooms can be walked."""
-    seen = set()
-    for seed in range(first, first + 50):
-        home = _home(tmp_path, seed)
-        for rule in (
-            test_meshes_are_sound,
-            test_rooms_are_furnished,
-            test_nothing_intersects,
-            test_furniture_leaves_room_for_skirting,
-            test_nothing_floats,
-            test_rooms_can_be_walked,
-        ):
-            rule([home])
-        seen.add(tuple((item.category, item.bbox_min) for item in home.scene.objects))
-        shutil.rmtree(home.folder)
-    assert len(seen) == 50

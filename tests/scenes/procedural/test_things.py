@@ -36,6 +36,8 @@ def test_things_are_solid_and_touch_what_carries_them() -> None:
         assert sum(len(part.faces) for part in made.parts) < 9000, name
         for part in made.parts:
             where = (name, part.name)
+            if part.picture is not None:  # a display, one-sided
+                continue
             assert is_closed(part.vertices, part.faces), where
             for body in bodies(part.vertices, part.faces):
                 assert volume(part.vertices, body) > 0, where

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from scenes.procedural.furnishing.furnisher import Furnisher
 from scenes.procedural.furnishing.rooms.seats import (
     place_armchair,
@@ -14,6 +16,12 @@ from scenes.procedural.furnishing.rooms.tables import place_dining_group
 def furnish_living(furnisher: Furnisher) -> None:
     """Furnish a living room."""
     sofa = place_seating(furnisher)
+    if furnisher.chance(0.6) and all(item.kind != "tv_stand" for item in furnisher.space.items):
+        stand = furnisher.along_wall("tv_stand")
+        if stand is not None:
+            width = float(np.ptp(stand.piece.bounds[:, 0])) - 0.1
+            television = furnisher.make("television", width=min(1.2, width))
+            furnisher.space.on_top(furnisher.rng, "television", television, stand, centre=True)
     dines_elsewhere = "dining" in {room.type for room in furnisher.plan.rooms} or any(
         opening.kind == "open" and furnisher.room.id in opening.rooms
         for opening in furnisher.plan.openings

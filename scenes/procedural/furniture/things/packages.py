@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from scenes.procedural.furniture.build import Builder
+from scenes.procedural.furniture.decoration import display, with_display
 from scenes.procedural.furniture.geometry import (
     BodyMesh,
     bar,
@@ -126,6 +127,9 @@ def slab(
                     z + 0.0001,
                 )
                 b.add(RUBBER, box((0.5 * x / columns, 0.5 * y / rows, 0.0014), at), name="keys")
+    if screen:
+        shown = display(0.45 * x, 0.45 * y).turned("x", -90).moved(z=z + 0.001)
+        return with_display(b.piece(), rng, shown, float(rng.uniform(40, 100)))
     return b.piece()
 
 
