@@ -65,7 +65,7 @@ def picture(rng: np.random.Generator, size: int) -> Float64Array:
 
 
 def screen_picture(rng: np.random.Generator, is_film: bool) -> Float32Array:
-    """Return what a screen shows, linear RGB float32 (rows, columns, 3), its first row the top.
+    """Return the image on a screen, linear RGB float32 (rows, columns, 3), its first row the top.
 
     A film is a painting's scene, sometimes with a band of captions; else there are windows with
     lines of text.
