@@ -136,6 +136,19 @@ def test_a_killed_study_goes_on(
     assert result_of(place).changes["exchanged"].skipped == {"no other view": 1}
 
 
+@pytest.mark.check
+def test_light_transport_follows_the_changed_light(tmp_path: Path) -> None:
+    """Computed for each light, it knows better than the panorama where it gets brighter."""
+    place = lit_workplace(tmp_path, scenes=1, transport=True)
+    assert run(place, "--views", "2", "--spp", "64") == 0
+    changes = result_of(place).changes
+    for name in ("added", "lamps", "outdoors"):
+        found = changes[name].methods["radiosity"]
+        assert found.pattern is not None and found.pattern.value > 0.9, name
+        assert found.gain is not None and found.gain.value == pytest.approx(1, abs=0.1), name
+    assert "radiosity" not in changes["exchanged"].methods, "no scene has that light"
+
+
 def as_it_is(example: Example) -> LitView:
     return LitView(
         example,

@@ -14,7 +14,14 @@ from model.report.page import Places, write_report
 from model.studies.frame_store import with_samples
 from model.studies.time import study
 from model.studies.time.plot import time_figure
-from model.studies.time.results import PAPER, MethodPoint, TimeResult, fastest_better, part_rows
+from model.studies.time.results import (
+    HYBRID_SAMPLES,
+    PAPER,
+    MethodPoint,
+    TimeResult,
+    fastest_better,
+    part_rows,
+)
 from model.studies.time.study import ViewMeasurement, _parts_of
 from model.titles import METHOD_TITLES
 from model.training.train import Folders
@@ -109,6 +116,21 @@ def test_the_study_from_end_to_end_and_again(
     (metrics / "studies" / "time.json").write_text('{"seed": 0}')
     notes = write_report(places, PARAMS, tmp_path / "report.html")
     assert any("time.json" in note and "pbrnet study time" in note for note in notes)
+
+
+@pytest.mark.check
+def test_transport_and_samples_are_timed_at_any_number(tmp_path: Path) -> None:
+    place = lit_workplace(tmp_path, scenes=1, transport=True)
+    asked = ("--views", "1", "--repeats", "1", "--max-spp", "2", "--reference-spp", "64")
+    assert run(place, *asked) == 0
+    result = result_of(place)
+    points = {(point.method, point.spp): point for point in result.points}
+    assert {spp for method, spp in points if method == "hybrid"} == set(HYBRID_SAMPLES)
+    parts = {name: spent.seconds for name, spent in result.parts.items()}
+    plus = parts["inputs"] + parts["transport"] + parts["plus"]
+    assert points["plus", None].seconds == pytest.approx(plus)
+    assert points["radiosity", None].seconds == pytest.approx(parts["transport"])
+    assert points["radiosity", None].flip < 0.3, "a picture, without a network"
 
 
 @pytest.mark.slow
