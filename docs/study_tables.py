@@ -15,6 +15,8 @@ from model.studies.trials.results import LABELS
 from model.titles import METHOD_TITLES
 
 TRIALS = ("loss", "composition", "noise", "generalisation", "decomposition", "table")
+BUDGETS = (0.1, 0.2, 0.5, 1, 2, 5)  # seconds
+OURS = ("pbrnet", "product", "plus", "hybrid", "radiosity", "planned_denoised")
 RAW = ("mitsuba", "planned")  # renderers without a denoiser
 SIZES = ("160x120", "480x360", "960x720")
 MEASURES = {"ssim": ("SSIM", 3), "psnr": ("PSNR, dB", 1), "flip": ("FLIP", 3)}
@@ -32,6 +34,12 @@ def study_tables(folder: Path) -> dict[str, Rows]:
         for name, table in sources.items()
         if (path := folder / f"{name}.json").is_file()
     }
+    times = {
+        size: json.loads(path.read_text())
+        for size in SIZES
+        if (path := folder / f"time-{size}.json").is_file()
+    }
+    tables["study-budgets"] = budget_table(times)
     moves = [json.loads(path.read_text()) for path in sorted(folder.glob("flicker-*.json"))]
     if moves:
         tables["study-flicker"] = flicker_table(moves)
@@ -108,6 +116,27 @@ def time_table(found: dict[str, Any]) -> Rows:
         row = [f"{titles.get(name, name)}, `{name}`", samples, f"{point['seconds']:.2f}", flip]
         table.append([*row, f"{point['ssim']:.3f}"])
     return table
+
+
+def budget_table(times: dict[str, dict[str, Any]]) -> Rows:
+    """Rows of time budgets: at each size the best of this project, then of Mitsuba's `path`."""
+    table = [["seconds", *(f"{size}: {who}" for size in times for who in ("ours", "`path`"))]]
+    for budget in BUDGETS:
+        row = [f"{budget:g}"]
+        for found in times.values():
+            within = [p for p in found["points"] if p["seconds"] <= budget]
+            for theirs in (False, True):
+                methods = ("mitsuba_denoised",) if theirs else OURS
+                points = [p for p in within if p["method"] in methods]
+                best = min(points, key=lambda point: point["flip"], default=None)
+                row.append("–" if best is None else _point(best))
+        table.append(row)
+    return table
+
+
+def _point(point: dict[str, Any]) -> str:
+    samples = "" if point["spp"] is None else f" {point['spp']}"
+    return f"{point['flip']:.3f} (`{point['method']}{samples}`)"
 
 
 def flicker_table(moves: list[dict[str, Any]]) -> Rows:

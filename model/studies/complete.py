@@ -83,7 +83,7 @@ PARTS = (
     _study("illumination", "--views", "24"),
     _time("160x120", "--max-spp", "8", "--reference-spp", "512"),
     _time("480x360", "--repeats", "2", "--max-spp", "16", "--reference-spp", "256"),
-    _time("960x720", "--repeats", "2", "--max-spp", "16", "--reference-spp", "256"),
+    _time("960x720", "--repeats", "2", "--max-spp", "8", "--reference-spp", "128"),
 )
 
 

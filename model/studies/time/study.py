@@ -108,7 +108,10 @@ class TimeConfig:
 
 @dataclass(frozen=True)
 class ViewMeasurement:
-    """Measurements of one view: seconds by part and turn, errors by method and samples."""
+    """Measurements of one view: seconds by part and turn, errors by method and samples.
+
+    The dataset's own truth is measured in the last turn only.
+    """
 
     seconds: dict[str, list[float]]
     errors: dict[tuple[str, int | None], tuple[float, float]]  # FLIP, SSIM
@@ -178,6 +181,7 @@ def study_time(
         models={name: card.sha256 for name, card in sorted(networks.cards.items())},
         parts=_parts(measurements),
         points=_points(measurements),
+        better=_better(measurements),
     )
     with atomic_file(folder / "time.png") as partial:
         partial.write_bytes(time_plot(result))
@@ -222,6 +226,10 @@ class ViewBenchmark:
             if turn == _WARM_UP_TURNS:
                 self.seconds.clear()
             self._networks_turn()
+            if turn in (0, _WARM_UP_TURNS + repeats - 1):  # they take longer than all else
+                seed = derive(self.seed, "truths")
+                truths = partial(render_truths, self.scene, self.view, self.params, seed)
+                self._timed("truths", truths)
             self._renderer_turn(samples)
             progress.advance()
         return ViewMeasurement(dict(self.seconds), dict(self.errors), self.noise)
@@ -258,8 +266,6 @@ class ViewBenchmark:
     def _renderer_turn(self, samples: list[int]) -> None:
         scene, view, params = self.scene, self.view, self.params
         albedo, normal = self._timed("guides", lambda: guides(scene, view))
-        truth_seed = derive(self.seed, "truths")
-        self._timed("truths", lambda: render_truths(scene, view, params, truth_seed))
         renderers: dict[str, Callable[[Params], Channels]] = {"mitsuba": self._plain}
         if traced_together(params):
             renderers["planned"] = self._planned
@@ -360,6 +366,18 @@ def _points(measurements: list[ViewMeasurement]) -> tuple[MethodPoint, ...]:
         )
         points.append(MethodPoint(method, spp, seconds, flip, likeness))
     return tuple(sorted(points, key=lambda point: (point.method, point.spp or 0)))
+
+
+def _better(measurements: list[ViewMeasurement]) -> dict[str, int]:
+    """Count views by `TimeResult.better`, for methods and samples that both were measured."""
+    counts: dict[str, int] = {}
+    for measurement in measurements:
+        for (method, spp), (flip, _) in measurement.errors.items():
+            denoised = measurement.errors.get(("planned_denoised", spp))
+            if method in METHODS and spp is not None and denoised is not None:
+                name = f"{method} {spp}"
+                counts[name] = counts.get(name, 0) + (flip < denoised[0])
+    return counts
 
 
 def _parts_of(method: str, spp: int | None, materials: bool) -> tuple[str, ...]:

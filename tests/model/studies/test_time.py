@@ -130,6 +130,10 @@ def test_transport_and_samples_are_timed_at_any_number(tmp_path: Path) -> None:
     plus = parts["inputs"] + parts["transport"] + parts["plus"]
     assert points["plus", None].seconds == pytest.approx(plus)
     assert points["radiosity", None].seconds == pytest.approx(parts["transport"])
+    assert result.better.keys() == {"hybrid 1", "hybrid 2"}
+    for spp in (1, 2):
+        flips = points["hybrid", spp].flip, points["planned_denoised", spp].flip
+        assert result.better[f"hybrid {spp}"] == (flips[0] < flips[1]), "one view"
     assert points["radiosity", None].flip < 0.3, "a picture, without a network"
 
 
