@@ -4,8 +4,9 @@
 # make check   tests that take too long for every run: thousands of homes, hundreds of kills
 # make bench   measured figures and their goals, to docs/benchmarks.md: half an hour on 2 quiet cores
 #              (ONLY="shards farm" for some topics; the list: python -m benchmarks.run --help)
-# make records checksums of releases, the sample, views and rows of the open benchmark, after a change
-#              of the renderer's pixels (ONLY="tiny quick" for some of tiny, quick, sample, benchmark)
+# make records checksums of releases, the sample, views and rows of the open benchmark, the plan of
+#              a large release: after a change of the renderer's pixels
+#              (ONLY="tiny quick" for some of tiny, quick, sample, benchmark, plan)
 # make docs    documentation: generated parts (picture and index of the code, tables), and the site,
 #              build/site/index.html; a warning or a link that leads nowhere fails it
 # make site    the site alone

@@ -1,18 +1,21 @@
 """Records that depend on the pixels of the renderer: `make records`, after a change of them.
 
 Makes the releases of `recipes/` and records their checksums and costs, renews the sample of
-`examples/sample`, and pins the views of the open benchmark and scores this project's methods on
-them. The smallest release is deleted and made again, which must give the recorded checksums.
-Releases whose frames are still right are not rendered again. Afterwards `python docs/generate.py`
-writes the tables.
+`examples/sample`, pins the views of the open benchmark and scores this project's methods on them,
+and forecasts the release `indoor-75k` from the cost of views in two sizes, for which the machine
+should be quiet. The smallest release is deleted and made again, which must give the recorded
+checksums. Releases whose frames are still right are not rendered again. Afterwards
+`python docs/generate.py` writes the tables.
 """
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -21,12 +24,15 @@ from benchmarks.submissions import submissions
 from model.benchmark.pictures import Task
 from model.benchmark.score import METRICS, score_folder, table
 from model.benchmark.views import pin_views, save_views
+from pipeline.commands.release import processor
 from pipeline.export.rows import DatasetRows
 from pipeline.imports import ROOT
 from pipeline.release.recipe import RECIPES, load_recipe, load_record
 from scenes.files import write_json
 
-RELEASES = ("tiny", "quick", "sample", "benchmark")
+TOPICS = ("tiny", "quick", "sample", "benchmark", "plan")
+PLANNED = "indoor-75k"
+_PLAN = ("plan-small", "plan-large")
 _AGAIN = "tiny"
 
 
@@ -37,7 +43,7 @@ Examples:
   python -m benchmarks.records --only tiny --only benchmark"""
 )
 @click.option(
-    "--only", multiple=True, type=click.Choice(RELEASES), help="Only this release; repeatable."
+    "--only", multiple=True, type=click.Choice(TOPICS), help="Only this topic; repeatable."
 )
 @click.option(
     "--recipes",
@@ -55,27 +61,33 @@ Examples:
 )
 @click.option("--workers", type=int, default=None, help="Worker processes.")
 def main(only: tuple[str, ...], recipes: Path, out: Path, workers: int | None) -> None:
-    """Renew checksums of releases, the sample, and views and rows of the benchmark."""
+    """Renew checksums of releases, the sample, the benchmark's views and rows, and the plan."""
     own = recipes.resolve() == (ROOT / RECIPES).resolve()
-    spent = {}
-    for name in only or RELEASES:
+    tables = ROOT / "docs" / "data" if own else out
+    spent, done = {}, []
+    for topic in only or TOPICS:
         start = time.monotonic()
-        folder = out / name
-        _release(name, folder, recipes, workers, "--record")
-        if name == _AGAIN:
+        for name in _PLAN if topic == "plan" else (topic,):
+            _release(name, out / name, recipes, workers, "--record")
+            done.append(name)
+        folder = out / topic
+        if topic == _AGAIN:
             shutil.rmtree(folder)
-            _release(name, folder, recipes, workers)
-        if name == "sample" and own:
+            _release(topic, folder, recipes, workers)
+        if topic == "sample" and own:
             _renew(ROOT / "examples" / "sample", folder / "dataset")
-        if name == "benchmark":
-            data = ROOT / "docs" / "data" / "benchmark.json" if own else out / "benchmark.json"
-            _score(folder, recipes, data)
-        spent[name] = time.monotonic() - start
-    for name, seconds in spent.items():
+        if topic == "benchmark":
+            _score(folder, recipes, tables / "benchmark.json")
+        if topic == "plan":
+            _forecast([out / name for name in _PLAN], tables / "plan.json")
+        spent[topic] = time.monotonic() - start
+    for topic, seconds in spent.items():
+        click.echo(f"{topic:10} {seconds:6.0f} s")
+    for name in done:
         record = load_record(recipes, name)
         assert record is not None
         click.echo(
-            f"{name:10} {seconds:6.0f} s, {60 * record.core_hours:5.1f} core-minutes of stages, "
+            f"{name:10} {60 * record.core_hours:5.1f} core-minutes of stages, "
             f"{record.rows} rows, {record.bytes / 1e6:.1f} MB"
         )
 
@@ -95,6 +107,16 @@ def _renew(sample: Path, dataset: Path) -> None:
         path.unlink()
     for path in sorted(dataset.iterdir()):
         shutil.copyfile(path, sample / path.name)
+
+
+def _forecast(measured: Sequence[Path], out: Path) -> None:
+    """Write what the planned release would cost, from the ledgers of these folders."""
+    first, *others = map(str, measured)
+    command = [sys.executable, "-m", "pipeline.cli", "cost", "--json", "--recipe", PLANNED]
+    command += ["--data", first, *(word for other in others for word in ("--also", other))]
+    found = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    write_json(out, {"recipe": PLANNED, "machine": processor(), **found})
+    click.echo(f"{PLANNED}: {found['core_hours']:,.0f} core-hours")
 
 
 def _score(folder: Path, recipes: Path, out: Path) -> None:

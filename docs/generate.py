@@ -4,9 +4,9 @@
 (`docs/modules.md`) come from the imports and docstrings of the code; tables between
 `<!-- generated: NAME -->` and `<!-- end -->` in README.md and docs/results.md come from
 `docs/data/quick-start.json`, `metrics/reference.json` and the studies' files in `docs/data`
-(`pbrnet study all --docs docs`), those in docs/benchmark.md from
-`docs/data/benchmark.json`, which `make records` writes. With `--check` nothing is written, and the
-exit code is 1 if a file is not up to date.
+(`pbrnet study all --docs docs`), those in docs/benchmark.md and docs/cluster.md from
+`docs/data/benchmark.json` and `docs/data/plan.json`, which `make records` writes. With `--check`
+nothing is written, and the exit code is 1 if a file is not up to date.
 
 After a quick start, `--quick-start REPRO TEST` records its figures: the seconds that `make repro`
 and `make test` took on a quiet machine, and the evaluation in `metrics/`.
@@ -32,6 +32,7 @@ from pipeline.imports import ROOT
 METRICS = {"ssim": ("SSIM", 3), "psnr": ("PSNR, dB", 1), "flip": ("FLIP (less is better)", 3)}
 QUICK_START = ROOT / "docs" / "data" / "quick-start.json"
 BENCHMARK = ROOT / "docs" / "data" / "benchmark.json"
+PLAN = ROOT / "docs" / "data" / "plan.json"
 QUICK_METHODS = ("pbrnet", "product", "product_linear", "unet", "ceiling")
 
 
@@ -102,6 +103,21 @@ def benchmark_table(found: dict[str, Any], task: Task) -> str:
         seconds = f"{one['seconds']:.2g}" if one["seconds"] >= 0.001 else "under 0.001"
         rows.append([f"`{one['name']}`: {one['about']['method']}", *cells, seconds])
     return _table(rows)
+
+
+def plan_table(found: dict[str, Any]) -> str:
+    """Table of the forecast of a large release, by stage."""
+    rows = [["stage", "core-hours", "core-seconds a view"]]
+    stages = {**found["stages"], "together": found["core_hours"]}
+    for stage, hours in stages.items():
+        rows.append([stage, f"{hours:,.0f}", f"{3600 * hours / found['views']:.2f}"])
+    error = found["relative_error"]
+    within = "unknown" if error is None else f"{error:.0%}"
+    return (
+        f"`{found['recipe']}`: {found['views']:,} views of {found['scenes']:,} homes, measured on "
+        f"{found['machine']}. Frames: {found['frame_bytes'] / 1e12:.1f} TB. 95 % of the draws of "
+        f"half the measured homes predict the others within {within}.\n\n{_table(rows)}"
+    )
 
 
 def _table(rows: list[list[str]]) -> str:
@@ -183,6 +199,10 @@ def main() -> int:
         parts = {f"benchmark-{task}": benchmark_table(found, task) for task in METRICS_OF_TASK}
         views = f"{found['views']} views of {found['scenes']} homes, version {found['version']}."
         wanted[page] = filled(page, {"benchmark-views": views, **parts}).encode()
+    if PLAN.is_file():
+        page = ROOT / "docs" / "cluster.md"
+        plan = plan_table(json.loads(PLAN.read_text()))
+        wanted[page] = filled(page, {"plan": plan}).encode()
     stale = [
         path for path, data in wanted.items() if not path.is_file() or path.read_bytes() != data
     ]

@@ -11,7 +11,14 @@ import click
 
 from pipeline.channels import KINDS
 from pipeline.commands.options import Size, common_options
-from pipeline.costs.forecast import TOGETHER, HeldOut, fit_costs, frame_bytes, samples_of
+from pipeline.costs.forecast import (
+    TOGETHER,
+    HeldOut,
+    fit_costs,
+    frame_bytes,
+    joined,
+    samples_of,
+)
 from pipeline.costs.ledger import read_ledger
 from pipeline.frames import kinds_of
 from pipeline.params import Params
@@ -27,6 +34,7 @@ Examples:
   pbrnet cost --params params/paper.yaml --data small/data
   pbrnet cost --views 75000 --size 1024x768 --cores 256
   pbrnet cost --recipe indoor-75k             a release of recipes/
+  pbrnet cost --data small --also large       two image sizes measured: fixed costs are kept apart
   pbrnet cost --check                         errors of the forecast for measured scenes"""
 )
 @click.option(
@@ -54,6 +62,12 @@ Examples:
     metavar="WxH",
     help="Size of the images, instead of that of the parameters.",
 )
+@click.option(
+    "--also",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    multiple=True,
+    help="Further data folder, such as one of another image size (repeatable).",
+)
 @click.option("--recipe", default=None, help="Parameters of this recipe, instead of a file's.")
 @click.option(
     "--check", is_flag=True, help="Print only the errors of the forecast for measured scenes."
@@ -67,6 +81,7 @@ def cost(
     scenes: int | None,
     cores: int | None,
     size: tuple[int, int] | None,
+    also: tuple[Path, ...],
     recipe: str | None,
     check: bool,
     as_json: bool,
@@ -78,7 +93,7 @@ def cost(
     scenes; --check prints these errors only. Without --views, every scene counts with
     cameras.views_per_scene views, and the frames of its walks.
     """
-    ledger = read_ledger(data)
+    ledger = joined([read_ledger(folder) for folder in (data, *also)])
     if recipe is not None:
         params = load_recipe(RECIPES, recipe).parameters
     if size is not None:
@@ -125,7 +140,7 @@ def cost(
         click.echo(
             f"{cost.stage:14}{spent / 3600:>12,.2f}{spent / views:>12.3f}   {cost.measured}{note}"
         )
-    for kind in ("noisy", "environment"):
+    for kind in ("noisy", "environment", "transport"):
         if kind in kinds_of(params) and all(cost.stage != kind for cost in costs):
             click.echo(f"{kind}: not in the sum, because the ledger has no such frames yet")
     note = "error unknown: too few scenes" if math.isnan(error) else f"error within {error:.0%}"

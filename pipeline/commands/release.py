@@ -97,7 +97,7 @@ def release(
         core_seconds(read_ledger(out)),
         summary.total,
         sum(path.stat().st_size for path in dataset.iterdir()),
-        _processor(),
+        processor(),
         instruction_set(),
         {},
     )
@@ -151,7 +151,7 @@ def _compared(name: str, version: str, known: Record, sums: dict[str, str]) -> N
     raise PbrnetError(f"{name}: not as recorded{because}: {difference}")
 
 
-def _processor() -> str:
+def processor() -> str:
     """Return the processor's name."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()

@@ -26,7 +26,7 @@ SCENE_STAGES = ("scenes", "cameras")
 # "truth" is all that one trace of paths makes of a view: shading, colour, light
 VIEW_STAGES = (
     *("inputs", "materials", "labels", "video"),
-    *("illumination", "visibility", "truth", "noisy", "environment"),
+    *("illumination", "visibility", "truth", "noisy", "environment", "transport"),
 )
 TOGETHER = "together"
 _TRUTHS = ("shading", "color", "light")
@@ -76,6 +76,16 @@ class Measured:
         return Measured(
             self.scene[chosen], self.first[chosen], self.samples[chosen], self.seconds[chosen]
         )
+
+
+def joined(ledgers: Sequence[pa.Table]) -> pa.Table:
+    """Return several folders' ledgers as one; scenes of the same name stay apart."""
+    apart = []
+    for number, ledger in enumerate(ledgers):
+        place = ledger.schema.get_field_index("scene_id")
+        names = [f"{number}/{name}" for name in ledger["scene_id"].to_pylist()]
+        apart.append(ledger.set_column(place, ledger.schema.field(place), pa.array(names)))
+    return pa.concat_tables(apart)
 
 
 def fit_costs(ledger: pa.Table) -> tuple[list[StageCost], dict[str, HeldOut]]:

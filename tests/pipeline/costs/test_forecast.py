@@ -74,6 +74,20 @@ def test_known_costs_are_found_again_and_scale(tmp_path: Path) -> None:
     )
 
 
+def test_a_second_folder_of_another_size_keeps_fixed_costs_apart(tmp_path: Path) -> None:
+    """Scenes of the same names in both, as two releases have them."""
+    for name, size in (("small", (160, 120, 16)), ("large", (320, 240, 16))):
+        (tmp_path / name).mkdir()
+        measured(tmp_path / name, 6, (size,))
+    words = ["--json", "--scenes", "5", "--views", "40", "--size", "480x360"]
+    both = asked(tmp_path / "small", "--also", str(tmp_path / "large"), *words)
+    spp = Params().groundtruth.spp
+    true = 5 * OPEN + 40 * (FIXED + RATE * 480 * 360 * spp)
+    assert 3600 * json.loads(both)["stages"]["truth"] == pytest.approx(true)
+    alone = json.loads(asked(tmp_path / "small", *words))
+    assert 3600 * alone["stages"]["truth"] > 1.2 * true
+
+
 def test_one_size_grows_in_proportion(tmp_path: Path) -> None:
     measured(tmp_path, 6, ((160, 120, 16),))
     truth = truth_of(tmp_path)
