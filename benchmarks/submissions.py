@@ -9,8 +9,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+import click
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
@@ -20,10 +22,10 @@ from model.data.reader import Dataset, Example
 from model.evaluation.inference import Networks, load_networks
 from pipeline.costs.ledger import read_ledger
 from pipeline.export.images import rgb_planes, write_exr
-from pipeline.images import png_bytes, to_bytes
 from pipeline.tonemap import tonemap
 from scenes.arrays import AnyArray
 from scenes.color import decode_srgb, luminance
+from scenes.errors import InputError
 from scenes.files import write_json
 
 WEIGHTS = Path("weights")
@@ -32,15 +34,14 @@ _MATT = 0.5  # mean reflectance that the rules for albedo take for granted
 
 @dataclass(frozen=True)
 class Way:
-    """A method: picture of a view, and the stage of the pipeline whose cost belongs to it."""
+    """A method: picture of a view, and the pipeline's stages whose cost belongs to it."""
 
     name: str
     task: Task
     title: str
     samples: int  # a pixel, traced
     picture: Callable[[Example], AnyArray]
-    linear: bool = True  # radiance, albedo or vectors; else display values
-    stage: str = ""
+    stages: tuple[str, ...] = ()
 
 
 def submissions(dataset: Path, data: Path, views: ViewList, out: Path) -> dict[Task, list[Path]]:
@@ -48,7 +49,7 @@ def submissions(dataset: Path, data: Path, views: ViewList, out: Path) -> dict[T
 
     `data` is the data folder of the dataset: its ledger says what a stage took.
     """
-    reader = Dataset(dataset, "test", noisy=True)
+    reader = Dataset(dataset, "test", ("noisy", "transport"))
     names = {(view.scene_id, view.view_id) for view in views.views}
     examples = [one for one in reader.ordered() if (one.scene_id, one.view_id) in names]
     folders: dict[Task, list[Path]] = {}
@@ -58,8 +59,7 @@ def submissions(dataset: Path, data: Path, views: ViewList, out: Path) -> dict[T
         for path in folder.iterdir():
             path.unlink()
         seconds = _write(way, examples, folder)
-        if way.stage:
-            seconds += _stage_seconds(data, way.stage, names)
+        seconds += sum(_stage_seconds(data, stage, names) for stage in way.stages)
         write_json(folder / "seconds.json", seconds)
         about = {"method": way.title, "samples": way.samples}
         write_json(folder / "about.json", about)
@@ -68,29 +68,32 @@ def submissions(dataset: Path, data: Path, views: ViewList, out: Path) -> dict[T
 
 
 def _ways() -> Iterator[Way]:
-    networks = load_networks(WEIGHTS, ["plus", "hybrid"])
     yield Way("reflectance", "color", "reflectance x one grey", 0, lambda one: one.reflectance)
     yield Way(
         "radiosity", "color", "light transport", 0, lambda one: _there(one.transport_color),
-        stage="transport",
+        stages=("transport",),
     )  # fmt: skip
-    yield Way(
-        "plus", "color", "network, pretrained", 0, lambda one: networks.predict("plus", one).color,
-        linear=False,
-    )  # fmt: skip
+    yield from _network("plus", "network on light transport, pretrained", 0, ("transport",))
     yield Way(
         "denoised", "color", "4 samples, Open Image Denoise", 4,
-        lambda one: _there(one.denoised_color), stage="noisy",
+        lambda one: _there(one.denoised_color), stages=("noisy",),
     )  # fmt: skip
-    yield Way(
-        "hybrid", "color", "4 samples, network, pretrained", 4,
-        lambda one: _linear(networks, one), stage="noisy",
-    )  # fmt: skip
+    yield from _network("hybrid", "4 samples, network, pretrained", 4, ("noisy", "transport"))
     yield Way("grey", "albedo", "one grey", 0, lambda one: np.full_like(one.color, _MATT))
     yield Way("picture", "albedo", "the picture itself", 0, _as_displayed)
     yield Way("retinex", "albedo", "picture over its blurred luminance", 0, _retinex)
     yield Way("camera", "normal", "all towards the camera", 0, _towards)
     yield Way("box", "normal", "box: floor, ceiling, two walls", 0, _box)
+
+
+def _network(name: str, title: str, samples: int, stages: tuple[str, ...]) -> Iterator[Way]:
+    """Yield the method of pretrained networks; nothing if the weights are of an earlier form."""
+    try:
+        networks = load_networks(WEIGHTS, [name])
+    except InputError as error:
+        click.echo(f"left out: {error}")
+        return
+    yield Way(name, "color", title, samples, partial(_radiance, networks), stages)
 
 
 def _write(way: Way, examples: Sequence[Example], folder: Path) -> float:
@@ -102,10 +105,7 @@ def _write(way: Way, examples: Sequence[Example], folder: Path) -> float:
         picture = way.picture(example)
         spent.append(time.process_time() - before)
         name = f"{example.scene_id}--{example.view_id}"
-        if way.linear:
-            write_exr(folder / f"{name}.exr", rgb_planes(picture.astype(np.float32)))
-        else:
-            (folder / f"{name}.png").write_bytes(png_bytes(to_bytes(picture)))
+        write_exr(folder / f"{name}.exr", rgb_planes(picture.astype(np.float32)))
     return float(np.median(spent))
 
 
@@ -122,8 +122,8 @@ def _stage_seconds(data: Path, stage: str, names: set[tuple[str, str]]) -> float
     )
 
 
-def _linear(networks: Networks, example: Example) -> AnyArray:
-    return networks.radiance(example, networks.predict("hybrid", example)).color
+def _radiance(networks: Networks, example: Example) -> AnyArray:
+    return networks.radiance(example, networks.predict(networks.methods[0], example)).color
 
 
 def _there(image: AnyArray | None) -> AnyArray:
