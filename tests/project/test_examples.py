@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import base64
+import importlib
 import json
 import os
 import re
@@ -13,6 +14,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -181,3 +183,100 @@ def test_a_novel_view_has_the_colours_of_the_true_one(task: Callable[..., list[f
     moved, unmoved = off[::2], off[1::2]
     assert len(moved) > 8
     assert statistics.median(moved) < 0.4 * statistics.median(unmoved)
+
+
+@pytest.fixture
+def identities(
+    monkeypatch: pytest.MonkeyPatch,
+) -> Iterator[tuple[Any, dict[str, Any], dict[str, Any]]]:
+    """The task `identities`, a row of the sample with its tables, and the names of classes."""
+    monkeypatch.syspath_prepend(TASKS)
+    module = importlib.import_module("identities")
+    row = next(module.rows(SAMPLE, "test", None))
+    row |= {name: json.loads(row[name]) for name in module.TABLES}
+    yield module, row, json.loads((SAMPLE / "classes.json").read_text())
+    for name in ("identities", "rows"):
+        sys.modules.pop(name)
+
+
+def test_the_sample_keeps_all_promises(
+    identities: tuple[Any, dict[str, Any], dict[str, Any]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert identities[0].main(SAMPLE) == 0
+    assert capsys.readouterr().out.count("    24  ") > 20, "each is checked in each row"
+
+
+def _more(name: str, factor: float) -> Callable[[dict[str, Any]], None]:
+    return lambda row: row.update({name: row[name] * np.asarray(factor, row[name].dtype)})
+
+
+def _one_more(name: str) -> Callable[[dict[str, Any]], None]:
+    return lambda row: row[name].__setitem__((40, 50), row[name][40, 50] + 1)
+
+
+def _set(table: str, name: str, value: Any) -> Callable[[dict[str, Any]], None]:
+    return lambda row: row[table][0].update({name: value})
+
+
+@pytest.mark.parametrize(
+    ("change", "title"),
+    [
+        (_more("direct", 1.01), "direct + indirect"),
+        (_more("specular", 0.9), "diffuse + specular"),
+        (_more("irradiance", 1.01), "reflectance x irradiance"),
+        (_more("lights", 1.01), "sum of lights"),
+        (lambda row: row.update(radiance_scale=0.3), "log2 of radiance_scale"),
+        (_more("color", 1e-6), "subnormal halves"),
+        (lambda row: row.update(material_known=0 * row["valid"]), "values where there is none"),
+        (_more("roughness", 1.1), "materials beyond"),
+        (_one_more("nyu13"), "classes that disagree"),
+        (_one_more("instance"), "pixel counts"),
+        (_set("instances", "instance", 9999), "instances without an entry"),
+        (_set("instances", "occlusion", 0.5), "pixel counts"),
+        (_set("instances", "half_sizes", [0.1, 0.1, 0.1]), "points outside"),
+        (_set("instances", "centre_camera", [0, 0, 1]), "boxes in camera axes"),
+        (_more("depth", 1.5), "points outside"),
+        (lambda row: row["normal"].__imul__(np.float16([-1, 1, 1])), "normal off that of depth"),
+        (lambda row: row["layout"]["rooms"][0].update(ceiling_z=0.5), "camera outside its room"),
+        (_set("light_sources", "centre", [9, 9, 9]), "lamps outside"),
+        (_more("environment", 4), "panorama's light"),
+        (_more("environment_depth", 1.2), "panorama's distances"),
+    ],
+)
+def test_a_broken_promise_is_found(
+    change: Callable[[dict[str, Any]], None],
+    title: str,
+    identities: tuple[Any, dict[str, Any], dict[str, Any]],
+) -> None:
+    module, row, classes = identities
+    change(row)
+    found = [name for name, error, limit in module.checks(row, None, classes) if not error <= limit]
+    assert any(name.startswith(title) for name in found), found
+
+
+def test_broken_flow_is_found(identities: tuple[Any, dict[str, Any], dict[str, Any]]) -> None:
+    """A video of two frames from one camera: nothing moves, nothing is hidden or outside."""
+    module, row, classes = identities
+    masks = (f"{kind}_{way}" for kind in ("occluded", "outside") for way in ("forward", "backward"))
+    still = {"trajectory": "walk", **dict.fromkeys(masks, 0 * row["valid"])}
+    still |= {"flow_forward": 0 * row["normal"][..., :2], "flow_backward": np.zeros((72, 96, 2))}
+
+    def wrong(frame: dict[str, Any], before: dict[str, Any]) -> list[str]:
+        checks = module.checks(frame, before, classes)
+        return [name for name, error, limit in checks if not error <= limit]
+
+    frame = row | still
+    assert wrong(frame, frame) == []
+    moved = np.array(row["camera_to_world"])
+    moved[:3, 3] += 0.01 * moved[:3, 0]
+    assert wrong(frame, frame | {"camera_to_world": moved})[:2] == [
+        "flow_forward off, pixels",
+        "outside_forward wrong, pixels",
+    ]
+    (hidden,) = wrong(frame | {"occluded_backward": row["valid"]}, frame)
+    assert hidden.startswith("visible points")
+    assert wrong(frame | {"outside_backward": row["valid"]}, frame) == [
+        "outside_backward wrong, pixels"
+    ]
+    far = frame | {"depth": 0.5 * row["depth"]}  # a surface between the camera and what it saw
+    assert any(name.startswith("hidden points") for name in wrong(far, frame))
