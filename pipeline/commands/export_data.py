@@ -132,4 +132,6 @@ def export_data(
     out = out or data / "exports" / name
     done = run_export(FORMATS[name], Job(rows, data / "scenes", ExportOptions(**options), out))
     kept = f", {done.kept} of {done.parts} parts were there already" if done.kept else ""
-    click.echo(f"{len(rows.rows)} views as {name} in {out}{kept}")
+    views = min(done.views, len(rows.rows))  # some formats write a view's files in two parts
+    left = f", {len(rows.rows) - views} left out" if views < len(rows.rows) else ""
+    click.echo(f"{views} views as {name} in {out}{left}{kept}")

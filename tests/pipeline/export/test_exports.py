@@ -188,5 +188,10 @@ def test_the_command_exports_a_selection(dataset: Path, tmp_path: Path) -> None:
     done = CliRunner().invoke(export_data, ["--to", "colmap", "--scene", "home-z", *where])
     assert isinstance(done.exception, InputError)
     assert "home-a, home-b" in str(done.exception)
+    for name, said in {"tum": "3 views as tum", "coco": "6 views as coco"}.items():
+        where = ["--data", str(dataset.parent), "--out", str(tmp_path / name)]
+        done = CliRunner().invoke(export_data, ["--to", name, *where])
+        assert done.output.splitlines()[-1].startswith(said), done.output
+        assert ("3 left out" in done.output) == (name == "tum")
     usage = CliRunner().invoke(export_data, ["--help"]).output
     assert all(f"--to {name} " in usage for name in FORMATS)
