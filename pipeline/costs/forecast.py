@@ -108,8 +108,24 @@ def samples_of(stage: str, params: Params) -> float:
         return panorama.width**2 / 2
     if stage == "environment":
         return params.environment.width**2 / 2 * params.environment.spp
-    spp = {"truth": params.groundtruth.spp, "noisy": params.noisy.spp}.get(stage, 1)
+    spp = {"truth": _truth_samples(params), "noisy": _noisy_samples(params)}.get(stage, 1)
     return image.width * image.height * spp
+
+
+def _truth_samples(params: Params) -> float:
+    """Return the samples per pixel of the truth, the mean over the splits."""
+    truth, tested = params.groundtruth, params.dataset.splits.test
+    return tested * truth.spp + (1 - tested) * (truth.train_spp or truth.spp)
+
+
+def _noisy_samples(params: Params) -> float:
+    """Return the noisy samples per pixel, the mean over the splits, see `split_sampling`."""
+    noisy, tested = params.noisy, params.dataset.splits.test
+    if not noisy.train:
+        return noisy.spp
+    numbers = np.arange(noisy.train[0], noisy.train[1] + 1)
+    drawn = np.average(numbers, weights=np.log((numbers + 1) / numbers))
+    return float(tested * noisy.spp + (1 - tested) * drawn)
 
 
 def frame_bytes(ledger: pa.Table, params: Params) -> dict[str, float]:

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from pipeline.cli import cli
 from pipeline.costs.forecast import TOGETHER, StageCost, fit_costs, samples_of
 from pipeline.costs.ledger import Ledger, read_ledger
-from pipeline.params import GroundTruthParams, ImageParams, Params
+from pipeline.params import GroundTruthParams, ImageParams, NoisyParams, Params
 from scenes.errors import InputError
 
 OPEN, FIXED, RATE = 4.0, 0.6, 2e-6  # seconds a scene, a view, a sample
@@ -185,6 +185,19 @@ def test_noisy_frames_count_where_they_are_asked_for(tmp_path: Path) -> None:
     assert hours["noisy"] == pytest.approx(2.0)
     without = json.loads(asked(tmp_path, "--json", "--views", "3600"))["stages"]
     assert "noisy" not in without and without["truth"] > 0
+
+
+def test_samples_of_a_plan_are_the_mean_over_its_splits() -> None:
+    """A fifth is tested with 64 and 4 samples; training views have 16, and 1 or 2 drawn."""
+    params = Params(
+        image=ImageParams(20, 20),
+        groundtruth=GroundTruthParams(spp=64, train_spp=16),
+        noisy=NoisyParams(spp=4, train=(1, 2)),
+    )
+    assert samples_of("truth", params) == pytest.approx(400 * (0.2 * 64 + 0.8 * 16))
+    drawn = (np.log(2) + 2 * np.log(1.5)) / np.log(3)
+    assert samples_of("noisy", params) == pytest.approx(400 * (0.2 * 4 + 0.8 * drawn))
+    assert samples_of("truth", Params(image=params.image)) == 400 * GroundTruthParams().spp
 
 
 def test_a_view_whose_other_half_is_not_done_yet_does_not_count(tmp_path: Path) -> None:
