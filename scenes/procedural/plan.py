@@ -31,6 +31,7 @@ OpeningKind = Literal["door", "archway", "open", "entrance", "window", "patio"]
 
 GRID = 0.05  # metres; cell boundaries lie on this grid
 LEAST_LINTEL = 0.16  # metres from the ceiling to the top of an opening; beams are less deep
+STEP = 0.19  # metres, rise of a step
 MAX_DRAWS = 600  # an accepted plan needs a few dozen draws at most
 
 # Range of gross floor area in square metres, and least clear width in metres.
@@ -234,6 +235,31 @@ class Beam:
 
 
 @dataclass(frozen=True)
+class Stairs:
+    """A straight flight along a wall to a storey above, which is closed.
+
+    It covers `edge.strip(s0, s1, 0, width)` and rises towards s1, or towards s0 if `reverse`.
+    """
+
+    room: str
+    edge: WallEdge
+    s0: float
+    s1: float
+    width: float
+    reverse: bool
+
+    @property
+    def foot(self) -> tuple[float, float]:
+        """Stretch of the wall before the first step, from which the flight is entered."""
+        return (self.s1, self.s1 + 0.85) if self.reverse else (self.s0 - 0.85, self.s0)
+
+    @property
+    def footprint(self) -> Polygon:
+        """The flight seen from above."""
+        return self.edge.strip(self.s0, self.s1, 0.0, self.width)
+
+
+@dataclass(frozen=True)
 class Plan:
     """Floor plan of one storey."""
 
@@ -246,6 +272,7 @@ class Plan:
     height: float  # floor to ceiling
     ground: float  # height of the ground outdoors, at most 0
     beams: tuple[Beam, ...] = ()
+    stairs: Stairs | None = None
 
     def room(self, room_id: str) -> PlanRoom:
         """Return the room with an id."""
@@ -277,6 +304,7 @@ def make_plan(rng: np.random.Generator, rooms_min: int, rooms_max: int) -> Plan:
         openings = _draw_openings(rng, rooms, inner, outline, partition, outer, height)
         if openings is None:
             continue
+        beams = _draw_beams(rng, rooms, height)
         return Plan(
             rooms=tuple(rooms),
             openings=tuple(openings),
@@ -286,7 +314,8 @@ def make_plan(rng: np.random.Generator, rooms_min: int, rooms_max: int) -> Plan:
             partition=partition,
             height=height,
             ground=ground,
-            beams=tuple(_draw_beams(rng, rooms, height)),
+            beams=tuple(beams),
+            stairs=None if beams else _draw_stairs(rng, rooms, openings, height),
         )
     raise PlanError(
         f"no floor plan for rooms {', '.join(programme)} within {MAX_DRAWS} draws; use another seed"
@@ -295,7 +324,8 @@ def make_plan(rng: np.random.Generator, rooms_min: int, rooms_max: int) -> Plan:
 
 def _draw_beams(rng: np.random.Generator, rooms: list[PlanRoom], height: float) -> list[Beam]:
     """Beams of equal spacing across the dry rooms of one high home in three."""
-    drawn, spacing, wide = float(rng.random()), *rng.uniform((0.75, 0.1), (1.2, 0.18))
+    drawn = float(rng.random())
+    spacing, wide = float(rng.uniform(0.75, 1.2)), float(rng.uniform(0.1, 0.18))
     depth = float(rng.uniform(0.1, LEAST_LINTEL - 0.01))
     if height < 2.5 or drawn > 0.33:
         return []
@@ -321,6 +351,34 @@ def _draw_beams(rng: np.random.Generator, rooms: list[PlanRoom], height: float) 
                     low, high = part.bounds[:2], part.bounds[2:]
                     beams.append(Beam(room.id, _rounded(low), _rounded(high), depth))
     return beams
+
+
+def _draw_stairs(
+    rng: np.random.Generator, rooms: list[PlanRoom], openings: list[Opening], height: float
+) -> Stairs | None:
+    """Stairs in the living room of one home in three, if a wall has place for them."""
+    drawn = float(rng.random())
+    going, width = float(rng.uniform(0.22, 0.25)), float(rng.uniform(0.8, 0.9))
+    length = (round(height / STEP) - 1) * going
+    for room in rooms:
+        if drawn > 0.33 or room.type != "living" or room.shape.area < 20:
+            continue
+        ways = [
+            one.edge_in(room.id).strip(-0.1, one.width + 0.1, 0, 0.3 if one.kind == "window" else 1)
+            for one in openings
+            if room.id in one.rooms
+        ]
+        for index in rng.permutation(len(room.edges)):
+            edge = room.edges[int(index)]
+            for begin in (0.0, edge.length - length):  # the upper end is in a corner
+                stairs = Stairs(room.id, edge, begin, begin + length, width, begin == 0.0)
+                near, far = stairs.foot
+                whole = edge.strip(min(begin, near), max(begin + length, far), 0.0, width + 0.05)
+                if buffered(room.shape, 1e-3, join_style="mitre").covers(whole) and not any(
+                    whole.intersects(way) for way in ways
+                ):
+                    return stairs
+    return None
 
 
 def _snap(value: float) -> float:

@@ -19,7 +19,7 @@ from scenes.geometry.regions import buffered, difference
 from scenes.procedural.finishes import Finishes, RoomFinish
 from scenes.procedural.furniture.geometry import BodyMesh, bar, cylinder, merge, prism, span
 from scenes.procedural.piece import Material, PiecePart
-from scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
+from scenes.procedural.plan import STEP, Opening, Plan, PlanRoom, WallEdge
 from scenes.procedural.scene_item import SceneItem, make_part
 
 EMBED = 0.02  # metres that walls extend into the slabs below and above
@@ -44,13 +44,16 @@ def build_structure(plan: Plan, finishes: Finishes) -> tuple[list[SceneItem], li
         items.append(
             _structure_item(f"walls-{room.id}", "wall", room.id, _walls(plan, room, finish))
         )
-        ceiling = _panel(plan, room, plan.height, plan.height + EMBED)
+        ceiling = _panel(
+            plan, room, plan.height, plan.height + EMBED, _stairwell(plan, room, 0.005)
+        )
         parts = [make_part("ceiling", finishes.ceiling, ceiling)]
         items.append(_structure_item(f"ceiling-{room.id}", "ceiling", room.id, parts))
         trim = _trim(plan, room, finishes, finish)
         if trim:
             items.append(_structure_item(f"trim-{room.id}", "skirting", room.id, trim))
         items += _beams(plan, room, finishes)
+    items += _stairs(plan, finishes)
     items.append(_facade(plan, finishes))
     items.append(_slabs(plan, finishes))
     portals = []
@@ -102,9 +105,25 @@ def _extrude(shape: Polygon | MultiPolygon, z0: float, z1: float) -> BodyMesh:
     )
 
 
-def _panel(plan: Plan, room: PlanRoom, z0: float, z1: float) -> BodyMesh:
+def _panel(
+    plan: Plan, room: PlanRoom, z0: float, z1: float, hole: Polygon | None = None
+) -> BodyMesh:
     """Slab over the room's floor polygon, extended by `EMBED` below the walls."""
-    return _extrude(buffered(room.shape, EMBED, join_style="mitre"), z0, z1)
+    whole = buffered(room.shape, EMBED, join_style="mitre")
+    return _extrude(whole if hole is None else difference(whole, hole), z0, z1)
+
+
+def _stairwell(plan: Plan, room: PlanRoom | None, margin: float) -> Polygon | None:
+    """Opening in the ceiling above stairs, grown by a margin; None without stairs in the room."""
+    stairs = plan.stairs
+    if stairs is None or (room is not None and stairs.room != room.id):
+        return None
+    # Free of the wall, whose face ends at the ceiling; open where less than 2.05 m remain above.
+    closed = 0.9 * (1 - 2.05 / plan.height) * (stairs.s1 - stairs.s0)
+    s0, s1 = stairs.s0 + 0.03, stairs.s1 - 0.03
+    s0, s1 = (s0, s1 - closed) if stairs.reverse else (s0 + closed, s1)
+    hole = stairs.edge.strip(s0, s1, 0.03, stairs.width)
+    return buffered(hole, margin, join_style="mitre")
 
 
 def _floor(plan: Plan, room: PlanRoom, finish: RoomFinish) -> PiecePart:
@@ -271,6 +290,70 @@ def _trim(plan: Plan, room: PlanRoom, finishes: Finishes, finish: RoomFinish) ->
     return parts
 
 
+def _stairs(plan: Plan, finishes: Finishes) -> list[SceneItem]:
+    """The flight of stairs, and the closed shaft above it."""
+    stairs = plan.stairs
+    well = _stairwell(plan, None, 0.0)
+    if stairs is None or well is None:
+        return []
+    count = round(plan.height / STEP)
+    rise, length = plan.height / count, stairs.s1 - stairs.s0
+    going = length / (count - 1)
+
+    def placed(mesh: BodyMesh) -> BodyMesh:
+        """From (way up the flight, away from the wall, up) to the world."""
+        along, away, up = mesh.vertices.T
+        s = stairs.s1 - along if stairs.reverse else stairs.s0 + along
+        x = stairs.edge.start[0] + s * stairs.edge.along[0] + away * stairs.edge.inward[0]
+        y = stairs.edge.start[1] + s * stairs.edge.along[1] + away * stairs.edge.inward[1]
+        faces = mesh.faces[:, ::-1] if stairs.reverse else mesh.faces
+        return BodyMesh(np.stack([x, y, up], axis=1), faces, mesh.uvs, mesh.smooth)
+
+    profile = [(0.0, 0.001)]
+    for k in range(1, count):
+        x, z = (k - 1) * going, k * rise - 0.036
+        profile += [(x, z), (x + going, z)]
+    profile.append((length - 0.002, 0.001))
+    profile[-2] = (length - 0.002, profile[-2][1])
+    side = prism(profile, 0.002, stairs.width - 0.03)
+    # The prism was extruded along z: exchange y and z, which turns its faces over.
+    body = BodyMesh(side.vertices[:, [0, 2, 1]], side.faces[:, ::-1], side.uvs, smooth=False)
+    treads, rails = [], []
+    far = stairs.width - 0.06
+    tops = []
+    for k in range(1, count):
+        x, z = (k - 1) * going, k * rise
+        end = min(x + going, length - 0.003)
+        treads.append(span((x - 0.03, 0.003, z - 0.036), (end, stairs.width, z), 0.004, "y"))
+        top = z + 0.86
+        if top < plan.height - 0.08:
+            wide = 0.03 if k == 1 else 0.011
+            at = x + 0.5 * going
+            rails.append(span((at - wide, far - wide, z - 0.005), (at + wide, far + wide, top)))
+            tops.append((at, far, top))
+    rails.append(bar(tops[0], tops[-1], 0.024, 12))
+    flight = [
+        make_part("flight", finishes.casing, placed(body)),
+        make_part("treads", finishes.threshold, *map(placed, treads)),
+        make_part("banister", finishes.threshold, *map(placed, rails)),
+    ]
+    # Walls of the shaft behind the edge of the hole in the ceiling, and its lid.
+    x0, y0, x1, y1 = well.bounds
+    low, high, thick = plan.height + 0.004, plan.height + 2.2, 0.05
+    shaft = [
+        span((x0 - thick, y0 - thick, low), (x0, y1 + thick, high)),
+        span((x1, y0 - thick, low), (x1 + thick, y1 + thick, high)),
+        span((x0, y0 - thick, low), (x1, y0, high)),
+        span((x0, y1, low), (x1, y1 + thick, high)),
+        span((x0 - thick, y0 - thick, high - 0.01), (x1 + thick, y1 + thick, high + thick)),
+    ]
+    upper = make_part("shaft", finishes.ceiling, *shaft)
+    return [
+        _structure_item(f"stairs-{stairs.room}", "stairs", stairs.room, flight),
+        _structure_item("stairwell", "wall", stairs.room, [upper]),
+    ]
+
+
 def _beams(plan: Plan, room: PlanRoom, finishes: Finishes) -> list[SceneItem]:
     """Beams below the ceiling, their ends in the walls."""
     meshes = []
@@ -304,9 +387,11 @@ def _slabs(plan: Plan, finishes: Finishes) -> SceneItem:
     """Base slab, roof slab and thresholds of the whole storey."""
     outline = Polygon(plan.outline)
     base = _extrude(buffered(outline, 0.015, join_style="mitre"), plan.ground - 0.3, -0.5 * EMBED)
-    roof = _extrude(
-        buffered(outline, 0.18, join_style="mitre"), plan.height + 0.5 * EMBED, plan.height + 0.28
-    )
+    cover = buffered(outline, 0.18, join_style="mitre")
+    well = _stairwell(plan, None, 0.03)
+    if well is not None:
+        cover = difference(cover, well)
+    roof = _extrude(cover, plan.height + 0.5 * EMBED, plan.height + 0.28)
     sills = [
         make_part("roof", finishes.facade, roof),
         make_part("base", finishes.facade, base),

@@ -98,6 +98,12 @@ class RoomSpace:
                 self._boxes = np.concatenate([self._boxes, under])
                 self._owners.append("beam")
         self.doors: list[tuple[float, float]] = []
+        stairs = plan.stairs
+        if stairs is not None and stairs.room == room.id:
+            self._add_solids(_raised(buffered(stairs.footprint, 0.04), 0.0, plan.height), "stairs")
+            before = stairs.edge.strip(*stairs.foot, 0.0, stairs.width)
+            self._keep_clear(before, "passage")
+            self.doors.append(stairs.edge.at(sum(stairs.foot) / 2, 0.5 * stairs.width))
         for opening in plan.openings:
             if room.id in opening.rooms:
                 self._register_opening(opening)

@@ -255,11 +255,16 @@ def test_plans_are_habitable() -> None:
             assert room.shape.buffer(1e-3).covers(under) and plan.height - beam.depth > 2.3
             assert sum(edge_line(edge).distance(under) < 1e-3 for edge in room.edges) >= 2
             assert all(opening.z1 < plan.height - beam.depth for opening in plan.openings)
+        if plan.stairs is not None:
+            forms.add("stairs")
+            flight = plan.stairs.footprint
+            assert plan.room(plan.stairs.room).shape.buffer(1e-3).covers(flight)
+            assert all(flight.distance(one.footprint) > 0.02 for one in plan.openings)
         forms |= {opening.kind for opening in plan.openings}
         forms |= {room.type for room in plan.rooms} | ({"beams"} if plan.beams else set())
         forms |= {"L" for room in plan.rooms if len(room.edges) == 6}
     assert outlines >= {4, 6}  # rectangles and L shapes at least
-    assert forms >= {"open", "archway", "patio", "hall", "beams", "L"}
+    assert forms >= {"open", "archway", "patio", "hall", "beams", "stairs", "L"}
 
 
 def edge_line(edge: WallEdge) -> LineString:
@@ -508,7 +513,7 @@ def test_nothing_intersects(homes: list[Home]) -> None:
             and (
                 not item.is_structure
                 or item.category in ("door", "window")
-                or item.id.startswith("beams-")
+                or item.id.startswith(("beams-", "stairs-"))
             )
         ]
         assert len(items) > 8
