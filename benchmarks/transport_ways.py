@@ -38,6 +38,7 @@ from pipeline.render.scene import RenderScene, open_scene, set_variant
 from pipeline.tonemap import exposure_of, tonemap
 from pipeline.transport.cells import LightTable
 from pipeline.transport.launches import TransportLauncher
+from pipeline.transport.pixels import Samples
 from pipeline.transport.radiosity import Surfels, grid_size, solve
 from pipeline.views import View, load_cameras
 from scenes.arrays import AnyArray, Float32Array
@@ -75,8 +76,8 @@ class Bench:
         """Images of the method as it is, with these parameters."""
         found = surfels or self.surfels(params.surfels)
         cache = LightTable(*solve(found, self.view.eye, params.bounces))
-        spp = params.samples or samples_for(self.view.width * self.view.height)
-        return self.launcher.pixels(self.lights, cache, self.view, spp, SEED)
+        samples = Samples.of(params.samples or samples_for(self.view.width * self.view.height))
+        return self.launcher.pixels(self.lights, cache, self.view, samples, SEED)
 
     def picture(self, indirect: Float32Array, **other: Float32Array) -> Float32Array:
         images = {**self.images, **other}

@@ -25,12 +25,13 @@ from pipeline.render.material_sets import MaterialSets
 from pipeline.render.scene import RenderScene
 from pipeline.transport.cells import LightTable
 from pipeline.transport.launches import TransportLauncher
+from pipeline.transport.pixels import Samples
 from pipeline.transport.radiosity import grid_size, solve
 from pipeline.views import View
 from scenes.arrays import Float32Array
 from scenes.errors import InputError
 
-REVISION = 3
+REVISION = 4
 _LAUNCHERS: WeakKeyDictionary[MaterialSets, TransportLauncher] = WeakKeyDictionary()
 # Samples by size of the image: up to so many pixels, so many samples each.
 _SAMPLES = ((40_000, 16), (100_000, 8))
@@ -93,8 +94,8 @@ def transport_of(
     size = grid_size(params.surfels, view.width, view.height)
     surfels = launcher.surfels(lights, view, size, seed)
     cache = LightTable(*solve(surfels, view.eye, params.bounces))
-    spp = params.samples or samples_for(view.width * view.height)
-    images = launcher.pixels(lights, cache, view, spp, seed)
+    samples = Samples.of(params.samples or samples_for(view.width * view.height))
+    images = launcher.pixels(lights, cache, view, samples, seed)
     return Transport(*(images[name] for name in Transport.__dataclass_fields__))
 
 

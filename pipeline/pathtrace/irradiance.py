@@ -19,7 +19,8 @@ from pipeline.pathtrace.portals import (
     rectangle_densities,
     sample_rectangles,
 )
-from pipeline.render.drjit_arrays import column, vector
+from pipeline.render.drjit_arrays import column, to_numpy, vector
+from pipeline.render.meshes import triangles_of
 from scenes.arrays import BoolArray, Float64Array
 from scenes.color import luminance
 
@@ -79,12 +80,18 @@ def first_hits(
     For rays that hit nothing, the point is the origin and the normal is the reversed direction.
     """
     ray = mi.Ray3f(vector(mi.Point3f, origins), vector(mi.Vector3f, directions))
-    si = scene.ray_intersect(ray)
-    hit = si.is_valid()
-    normal = dr.select(dr.dot(si.n, ray.d) > 0, -si.n, si.n)
-    values = dr.select(hit, si.p, ray.o), dr.select(hit, normal, -ray.d)
-    points, normals = (np.array(value).T.astype(np.float64) for value in values)
-    return points, normals, np.array(hit)
+    triangles = triangles_of(scene)
+    if triangles is not None:
+        point, side, hit = triangles.intersect(scene, ray)
+    else:
+        si = scene.ray_intersect(ray)
+        point, side, hit = si.p, si.n, si.is_valid()
+    normal = dr.select(dr.dot(side, ray.d) > 0, -side, side)
+    values = dr.select(hit, point, ray.o), dr.select(hit, normal, -ray.d), hit
+    points, normals, met = to_numpy(*values)
+    # Rows that are not contiguous, as sums over them are rounded in another order otherwise
+    points, normals = (np.asfortranarray(each.astype(np.float64)) for each in (points, normals))
+    return points, normals, met
 
 
 def environment_of(scene: Any) -> Environment | None:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 import psutil
 
 from pipeline.params import Variant
-from pipeline.render import raycast
+from pipeline.render import meshes, raycast
 from pipeline.render.boxes import ObjectBoxes
 from pipeline.render.lights import Lights, collect_lights
 from pipeline.render.material_sets import MaterialSets
@@ -185,6 +185,7 @@ def free_memory() -> None:
     freed too; Dr.Jit's cache on disk restores them in milliseconds. Without the last step the heap
     stays fragmented and grows.
     """
+    meshes.forget()
     gc.collect()
     dr.flush_malloc_cache()
     dr.flush_kernel_cache()

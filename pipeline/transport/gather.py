@@ -34,8 +34,6 @@ class Gathered:
     weight: Any  # mi.Float: the surface met counts with its diffuse radiance times this
     si: Any  # what the direction meets
     direction: Any  # mi.Vector3f
-    emitter: Any  # mi.DirectionSample3f of the emitter sample
-    arriving: Any  # mi.Color3f: its radiance over density, 0 if occluded
     cosine: Any  # mi.Vector3f: another direction, cosine-distributed, to which no ray is traced
 
 
@@ -74,7 +72,7 @@ def gather(
         scene, tables, lights, point, direction, weight > 0, dr.full(mi.Bool, True)
     )
     direct += emitted * (weight * power_heuristic(pdf, density))
-    return Gathered(direct, weight, si, direction, ds, arriving, cosine)
+    return Gathered(direct, weight, si, direction, cosine)
 
 
 def met(
@@ -111,40 +109,38 @@ def look_up(cache: LightTable, si: Any, direction: Any, sampler: Any, active: An
     return cache.find(si.p, moved, normal, active & si.is_valid())
 
 
-@dataclass
-class Reflection:
-    """What surfaces reflect of a white environment, and one direction that gloss samples."""
-
-    diffuse: Any  # mi.Color3f, albedo of the diffuse lobes towards the ray
-    gloss: Any  # mi.Color3f, weight of `sample` for all other lobes; its mean is their albedo
-    sample: Any  # mi.BSDFSample3f
-
-
-def reflect(
-    tables: ShapeTables, lobes: Any, sampler: Any, si: Any, cosine: Any, active: Any
-) -> Reflection:
-    """Sample the reflection of the surfaces at `si` towards the rays that met them.
+def diffuse_albedo(tables: ShapeTables, lobes: Any, si: Any, cosine: Any, active: Any) -> Any:
+    """Estimate the albedo of the diffuse lobes at `si`, towards the rays that met it.
 
     `lobes` is the table of the BSDFs' diffuse lobes; `cosine` are cosine-distributed directions in
-    world space. In the mean `diffuse` + `gloss` is the albedo by all lobes.
+    world space: BSDF times cosine over their density.
     """
     own = si.bsdf()
-    lobe = partner(lobes, own, active)
-    context, diffuse = mi.BSDFContext(), mi.BSDFContext()
-    diffuse.type_mask = mi.BSDFFlags.Diffuse
     glossy = active & is_glossy(own)
-    # BSDF times cosine over the density of the cosine: in the mean the albedo of the lobes
+    diffuse = mi.BSDFContext()
+    diffuse.type_mask = mi.BSDFFlags.Diffuse
     towards = si.to_local(cosine)
     density = dr.maximum(dr.abs(mi.Frame3f.cos_theta(towards)), 1e-4) * dr.inv_pi
-    estimate = mi.Color3f(lobe.eval(diffuse, si, towards, glossy)) / density
-    albedo = dr.select(glossy, estimate, tables.reflectance_at(si, active & ~glossy))
+    value = mi.Color3f(partner(lobes, own, glossy).eval(diffuse, si, towards, glossy))
+    return dr.select(glossy, value / density, tables.reflectance_at(si, active & ~glossy))
 
-    sample, weight = own.sample(context, si, sampler.next_1d(), sampler.next_2d(), glossy)
+
+def reflect(lobes: Any, sampler: Any, si: Any, active: Any) -> tuple[Any, Any]:
+    """Sample the BSDF where it is glossy: a `mi.BSDFSample3f`, and the weight of its other lobes.
+
+    The mean of the weight is the albedo of all lobes but the diffuse ones.
+    """
+    own = si.bsdf()
+    active = active & is_glossy(own)
+    diffuse = mi.BSDFContext()
+    diffuse.type_mask = mi.BSDFFlags.Diffuse
+    sample, weight = own.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d(), active)
     delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
-    whole = own.eval(context, si, sample.wo, glossy & ~delta)
-    part = lobe.eval(diffuse, si, sample.wo, glossy & ~delta)
+    smooth = active & ~delta
+    whole = own.eval(mi.BSDFContext(), si, sample.wo, smooth)
+    part = partner(lobes, own, smooth).eval(diffuse, si, sample.wo, smooth)
     weight = weight * (1 - dr.select(delta, 0, share(part, whole)))
-    return Reflection(albedo, dr.select(glossy & (sample.pdf > 0), weight, 0), sample)
+    return sample, dr.select(active & (sample.pdf > 0), weight, 0)
 
 
 def is_glossy(bsdf: Any) -> Any:

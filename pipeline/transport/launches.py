@@ -18,8 +18,13 @@ from pipeline.render.bsdf_tables import partner_table
 from pipeline.render.drjit_arrays import column, to_numpy
 from pipeline.render.scene import RenderScene
 from pipeline.transport.cells import LightTable
-from pipeline.transport.pixels import IMAGES, gather_pixels
-from pipeline.transport.radiosity import Surfels, light_surfels, surfels_of, trace_surfels
+from pipeline.transport.pixels import IMAGES, Samples, gather_pixels
+from pipeline.transport.radiosity import (
+    Surfels,
+    light_surfels,
+    surfels_in_view,
+    surfels_of,
+)
 from pipeline.transport.rays import ShapeTables
 from pipeline.transport.smoothing import smooth, without_fireflies
 from pipeline.views import View
@@ -45,10 +50,9 @@ class TransportLauncher:
     def surfels(self, lights: PlannedLights, view: View, size: Size, seed: int) -> Surfels:
         """Trace the surfels of a view, from a grid of `size` over its image."""
         number = dr.opaque(mi.UInt32, derive32(seed, "surfels"))
-        camera = _camera(view, size)
-        launch = self._recorded(trace_surfels, size)
-        rays = launch(self._scene, self._tables, lights, camera, size, number)
-        return self.lit(lights, rays, seed)
+        launch = self._recorded(surfels_in_view, size)
+        tables = self._scene, self._tables, self._lobes
+        return surfels_of(launch(*tables, lights, _camera(view, size), size, number))
 
     def lit(self, lights: PlannedLights, rays: tuple[Any, Any, Any], seed: int) -> Surfels:
         """Return the surfels that rays meet; `rays` as in `light_surfels`."""
@@ -57,17 +61,17 @@ class TransportLauncher:
         return surfels_of(launch(self._scene, self._tables, self._lobes, lights, rays, number))
 
     def pixels(
-        self, lights: PlannedLights, cache: LightTable, view: View, spp: int, seed: int
+        self, lights: PlannedLights, cache: LightTable, view: View, samples: Samples, seed: int
     ) -> dict[str, Float32Array]:
         """Return the images of `IMAGES`, float32 (H, W, bands); light is smoothed."""
         size = (view.width, view.height)
         camera = _camera(view, size)
         seed = dr.opaque(mi.UInt32, derive32(seed, "pixels"))
-        bands = self._recorded(gather_pixels, (*size, spp))(
-            self._scene, self._tables, lights, self._lobes, cache, camera, size, spp, seed
+        bands = self._recorded(gather_pixels, (*size, samples))(
+            self._scene, self._tables, lights, self._lobes, cache, camera, size, samples, seed
         )
         dr.eval(bands)
-        smoothed = self._recorded(_smoothed, size)(bands, camera[0], size, spp)
+        smoothed = self._recorded(_smoothed, size)(bands, camera[0], size, samples)
         found = _named(list(to_numpy(*bands)), view)
         clean = to_numpy(*smoothed)
         for name, image in zip(_SMOOTHED, clean, strict=True):
@@ -100,7 +104,7 @@ def _named(bands: list[Any], view: View) -> dict[str, Float32Array]:
     return found
 
 
-def _smoothed(bands: list[Any], eye: Any, size: Size, spp: int) -> list[Any]:
+def _smoothed(bands: list[Any], eye: Any, size: Size, samples: Samples) -> list[Any]:
     """Return the smoothed light of the bands that `gather_pixels` made, `mi.Color3f` each."""
     first = {name: sum(list(IMAGES.values())[:place]) for place, name in enumerate(IMAGES)}
 
@@ -108,23 +112,19 @@ def _smoothed(bands: list[Any], eye: Any, size: Size, spp: int) -> list[Any]:
         return kind(*bands[first[name] : first[name] + 3])
 
     images = [image(mi.Color3f, name) for name in _SMOOTHED]
+    light = first["light_squares"]
+    squares = [bands[light], bands[light + 1], bands[first["specular_squares"]]]
+    counts = (samples.light, samples.light, samples.gloss)
     noise = [
-        dr.maximum(square - dr.square(mi.luminance(each)), 0) / max(1, spp - 1)
-        for each, square in zip(images, bands[first["squares"] :], strict=True)
+        dr.maximum(square - dr.square(mi.luminance(each)), 0) / max(1, count - 1)
+        for each, square, count in zip(images, squares, counts, strict=True)
     ]
     # Light on a surface is that of the samples which see one.
-    seen = bands[first["seen"]]
-    share = dr.select(seen > 0, dr.rcp(seen), 0)
+    lit = bands[first["lit"]]
+    share = dr.select(lit > 0, dr.rcp(lit), 0)
     specular = without_fireflies(images[2], size)
     images = [images[0] * share, images[1] * share, specular]
     noise = [noise[0] * dr.square(share), noise[1] * dr.square(share), noise[2]]
     origin = mi.Vector3f(*(dr.gather(mi.Float, eye, mi.UInt32(axis)) for axis in range(3)))
-    return smooth(
-        images,
-        noise,
-        image(mi.Vector3f, "normal"),
-        image(mi.Vector3f, "position"),
-        seen,
-        origin,
-        size,
-    )
+    surfaces = image(mi.Vector3f, "normal"), image(mi.Vector3f, "position"), bands[first["seen"]]
+    return smooth(images, noise, surfaces, lit, origin, size)

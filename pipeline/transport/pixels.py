@@ -1,13 +1,15 @@
 """Final gathering: the light at what each pixel sees, averaged over its samples.
 
-Every sample of a pixel is a camera ray, an emitter sample, one gathered direction, and where the
-material has a gloss one direction of its own sampling. Gloss sees the diffuse light of what that
-direction meets. A perfect mirror shows what a camera ray meets behind it.
+Three kernels, each with camera rays of its own, because they need unlike numbers of them. Surfaces
+give textures and edges and cost least. Light takes an emitter sample and one gathered direction.
+Gloss, where the material has any, takes an emitter sample and one direction of its own sampling; it
+costs most and adds least. Gloss sees the diffuse light of what that direction meets. A perfect
+mirror shows what a camera ray meets behind it.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -17,7 +19,7 @@ from pipeline.pathtrace.light_sampling import PlannedLights
 from pipeline.render.bsdf_tables import partner
 from pipeline.transport.cells import LightTable
 from pipeline.transport.gather import (
-    Gathered,
+    diffuse_albedo,
     gather,
     is_glossy,
     look_up,
@@ -29,18 +31,69 @@ from pipeline.transport.gather import (
 from pipeline.transport.radiosity import camera_ray
 from pipeline.transport.rays import ShapeTables, facing_normal, seen_surface, surface_point
 
+Image = dict[str, Any]
+
 # Means over a pixel's samples, with the number of bands of each.
 IMAGES = {
-    "direct": 3,  # light on the surface: radiance of a white diffuse one
-    "indirect": 3,
-    "specular": 3,  # radiance that the surface reflects by its other lobes
     "emitted": 3,  # radiance of lamps and sky
     "albedo": 3,  # of the diffuse lobes
     "normal": 3,
     "position": 3,
     "seen": 1,  # 1 where a surface is seen
-    "squares": 3,  # of the luminance of direct, indirect, specular
+    "direct": 3,  # light on the surface: radiance of a white diffuse one
+    "indirect": 3,
+    "lit": 1,  # `seen` by the samples of light
+    "light_squares": 2,  # of the luminance of direct and indirect
+    "specular": 3,  # radiance that the surface reflects by its other lobes
+    "specular_squares": 1,
 }
+
+
+_FEWER = {64: 16, 16: 8, 8: 4, 4: 2}  # grids of nearly equal sides, as stratified samples need
+
+
+class Samples(NamedTuple):
+    """Samples per pixel of each kernel."""
+
+    surfaces: int
+    light: int
+    gloss: int
+
+    @classmethod
+    def of(cls, spp: int) -> Samples:
+        """Return the samples for images with this many camera rays a pixel."""
+        light = _FEWER.get(spp, spp)
+        return cls(spp, light, _FEWER.get(light, light))
+
+
+class Kernel(NamedTuple):
+    """Inputs of the kernels.
+
+    `lobes` is the table of the BSDFs' diffuse lobes, `camera` as in `trace_surfels` for pixels of
+    an image of `size` (width, height).
+    """
+
+    scene: Any
+    tables: ShapeTables
+    lights: PlannedLights
+    lobes: Any
+    cache: LightTable
+    camera: tuple[Any, Any]
+    size: tuple[int, int]
+
+    def means(self, image: Any, spp: int, seed: Any) -> list[Any]:
+        """Return the bands of a kernel's images, means over `spp` samples, (H * W,) each."""
+        width, height = self.size
+        sampler = sampler_of(spp, width * height, seed)
+        pixel = dr.arange(mi.UInt32, width * height * spp) // spp
+        offset = sampler.next_2d()
+        x, y = mi.Float(pixel % width) + offset.x, mi.Float(pixel // width) + offset.y
+        seen = seen_surface(self.scene, self.tables, camera_ray(self.camera, x, y))
+        images = image(self, sampler, *seen)
+        bands = [band for bands in images.values() for band in bands]
+        bands = [dr.select(dr.isfinite(band), band, 0) for band in bands]
+        dr.eval(bands)  # in one kernel: a sum over blocks evaluates what it is given by itself
+        return [dr.block_sum(band, spp) / spp for band in bands]
 
 
 def gather_pixels(
@@ -51,86 +104,79 @@ def gather_pixels(
     cache: LightTable,
     camera: tuple[Any, Any],
     size: tuple[int, int],
-    spp: int,
+    samples: Samples,
     seed: Any,
 ) -> list[Any]:
-    """Return the bands of `IMAGES`, `mi.Float` (H * W,) each.
+    """Return the bands of `IMAGES`, `mi.Float` (H * W,) each; inputs as in `Kernel`."""
+    kernel = Kernel(scene, tables, lights, lobes, cache, camera, size)
+    return [
+        band
+        for number, (image, spp) in enumerate(
+            zip((_surfaces, _light, _gloss), samples, strict=True)
+        )
+        for band in kernel.means(image, spp, seed + number)
+    ]
 
-    `lobes` is the table of the BSDFs' diffuse lobes, `camera` as in `trace_surfels` for pixels of
-    an image of `size` (width, height).
-    """
-    width, height = size
-    sampler = sampler_of(spp, width * height, seed)
-    pixel = dr.arange(mi.UInt32, width * height * spp) // spp
-    offset = sampler.next_2d()
-    ray = camera_ray(
-        camera, mi.Float(pixel % width) + offset.x, mi.Float(pixel // width) + offset.y
-    )
-    si, ray, left = seen_surface(scene, tables, ray)
+
+def _surfaces(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> Image:
     seen = si.is_valid()
-    emitted = left * mi.Color3f(si.emitter(scene).eval(si, mi.Bool(True)))
     normal = facing_normal(si, ray.d)
-    found = gather(scene, tables, lights, sampler, si.p, normal, seen)
-    met_surface = (found.weight > 0) & found.si.is_valid()
-    entry = look_up(cache, found.si, found.direction, sampler, met_surface)
-    radiosity = dr.gather(mi.Color3f, cache.radiosity, entry, met_surface)
-    indirect = dr.select(met_surface, radiosity * found.weight, 0)
-    albedo, specular = _gloss(scene, tables, lights, lobes, cache, sampler, si, normal, found, seen)
-
-    images = {
-        "direct": found.direct,
-        "indirect": indirect,
-        "specular": left * specular,
-        "emitted": emitted,
-        "albedo": left * albedo,
+    cosine = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
+    towards = mi.Frame3f(mi.Normal3f(normal)).to_world(cosine)
+    return {
+        "emitted": left * mi.Color3f(si.emitter(kernel.scene).eval(si, mi.Bool(True))),
+        "albedo": left * diffuse_albedo(kernel.tables, kernel.lobes, si, towards, seen),
         "normal": dr.select(seen, normal, 0),
         "position": dr.select(seen, mi.Vector3f(si.p), 0),
         "seen": [dr.select(seen, mi.Float(1), 0)],
-        "squares": [dr.square(mi.luminance(each)) for each in (found.direct, indirect, specular)],
     }
-    bands = [band for image in images.values() for band in image]
-    bands = [dr.select(dr.isfinite(band), band, 0) for band in bands]
-    dr.eval(bands)  # in one kernel: a sum over blocks evaluates what it is given by itself
-    return [dr.block_sum(band, spp) / spp for band in bands]
 
 
-def _gloss(
-    scene: Any,
-    tables: ShapeTables,
-    lights: PlannedLights,
-    lobes: Any,
-    cache: LightTable,
-    sampler: Any,
-    si: Any,
-    normal: Any,
-    found: Gathered,
-    seen: Any,
-) -> tuple[Any, Any]:
-    """Return the albedo of the diffuse lobes, and the radiance of all other lobes."""
+def _light(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> Image:
+    seen = si.is_valid()
+    scene, tables, lights, cache = kernel.scene, kernel.tables, kernel.lights, kernel.cache
+    found = gather(scene, tables, lights, sampler, si.p, facing_normal(si, ray.d), seen)
+    reflecting = (found.weight > 0) & found.si.is_valid()
+    entry = look_up(cache, found.si, found.direction, sampler, reflecting)
+    radiosity = dr.gather(mi.Color3f, cache.radiosity, entry, reflecting)
+    indirect = dr.select(reflecting, radiosity * found.weight, 0)
+    return {
+        "direct": found.direct,
+        "indirect": indirect,
+        "lit": [dr.select(seen, mi.Float(1), 0)],
+        "light_squares": [dr.square(mi.luminance(each)) for each in (found.direct, indirect)],
+    }
+
+
+def _gloss(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> Image:
+    scene, tables, lights, cache = kernel.scene, kernel.tables, kernel.lights, kernel.cache
     own = si.bsdf()
-    context, diffuse = mi.BSDFContext(), mi.BSDFContext()
+    glossy = si.is_valid() & is_glossy(own)
+    point = surface_point(si.p, facing_normal(si, ray.d))
+    ds, light = lights.sample(scene, point, sampler.next_2d(), glossy)
+    towards = si.to_local(ds.d)
+    value, pdf = own.eval_pdf(mi.BSDFContext(), si, towards, glossy)
+    diffuse = mi.BSDFContext()
     diffuse.type_mask = mi.BSDFFlags.Diffuse
-    glossy = seen & is_glossy(own)
-    reflection = reflect(tables, lobes, sampler, si, found.cosine, seen)
-
-    towards = si.to_local(found.emitter.d)
-    value, pdf = own.eval_pdf(context, si, towards, glossy)
-    lobe = partner(lobes, own, seen)
+    lobe = partner(kernel.lobes, own, glossy)
     rest = 1 - share(lobe.eval(diffuse, si, towards, glossy), value)
-    mis = dr.select(found.emitter.delta, 1, power_heuristic(found.emitter.pdf, pdf))
-    specular = dr.select(glossy, found.arriving * value * rest * mis, 0)
+    mis = dr.select(ds.delta, 1, power_heuristic(ds.pdf, pdf))
+    arriving = dr.select(glossy & (ds.pdf > 0), mi.Color3f(light), 0)
+    specular = arriving * value * rest * mis
 
-    sample, weight = reflection.sample, reflection.gloss
+    sample, weight = reflect(kernel.lobes, sampler, si, glossy)
     delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
     active = glossy & dr.any(weight > 0)
-    point = surface_point(si.p, normal)
     direction = si.to_world(sample.wo)
     other, emission, density = met(scene, tables, lights, point, direction, active, ~delta)
     emission *= dr.select(delta, 1, power_heuristic(sample.pdf, density))
     # Gloss shows the texture of what it meets, so cells give light alone.
     lit = active & other.is_valid()
     entry = look_up(cache, other, direction, sampler, lit)
-    light = dr.gather(mi.Color3f, cache.irradiance, entry, lit)
-    radiance = dr.select(lit, light * tables.reflectance_at(other, lit), 0)
+    irradiance = dr.gather(mi.Color3f, cache.irradiance, entry, lit)
+    radiance = dr.select(lit, irradiance * tables.reflectance_at(other, lit), 0)
     specular += dr.select(active, weight * (emission + radiance), 0)
-    return reflection.diffuse, specular
+    return {
+        "specular": left * specular,
+        "specular_squares": [dr.square(mi.luminance(left * specular))],
+    }

@@ -21,7 +21,7 @@ import numpy as np
 from pipeline.pathtrace.light_sampling import PlannedLights
 from pipeline.render.drjit_arrays import to_numpy
 from pipeline.transport.cells import Cells, max_surfels
-from pipeline.transport.gather import gather, reflect, sampler_of
+from pipeline.transport.gather import diffuse_albedo, gather, reflect, sampler_of
 from pipeline.transport.rays import ShapeTables, facing_normal, first_surface, surface_point
 from scenes.arrays import AnyArray, Float32Array
 
@@ -135,6 +135,21 @@ def trace_surfels(
     return origin, direction, dr.concat(measures)
 
 
+def surfels_in_view(
+    scene: Any,
+    tables: ShapeTables,
+    lobes: Any,
+    lights: PlannedLights,
+    camera: tuple[Any, Any],
+    size: tuple[int, int],
+    seed: Any,
+) -> tuple[Any, ...]:
+    """Return the arrays of the `Surfels` of a view; see `trace_surfels` and `light_surfels`."""
+    rays = trace_surfels(scene, tables, lights, camera, size, seed)
+    dr.eval(rays)
+    return light_surfels(scene, tables, lobes, lights, rays, seed + 1)
+
+
 def light_surfels(
     scene: Any,
     tables: ShapeTables,
@@ -158,14 +173,14 @@ def light_surfels(
     active &= si.is_valid()
     normal = facing_normal(si, ray.d)
     found = gather(scene, tables, lights, sampler, si.p, normal, active)
-    reflection = reflect(tables, lobes, sampler, si, found.cosine, active)
+    _, gloss = reflect(lobes, sampler, si, active)
     hit = active & found.si.is_valid() & (found.weight > 0)
     first = dr.arange(mi.UInt32, count) * RAYS
     place = dr.select(active, mi.Point3f(si.p), 0)
     towards = dr.select(active, normal, mi.Vector3f(0, 0, 1))
     met = dr.select(active, mi.Float(1), 0)
     arrays = (
-        reflection.diffuse + reflection.gloss,
+        diffuse_albedo(tables, lobes, si, found.cosine, active) + gloss,
         dr.select(active, found.direct, 0),
         dr.select(hit, mi.Point3f(found.si.p), 0),
         dr.select(hit, facing_normal(found.si, found.direction), mi.Vector3f(0, 0, 1)),

@@ -15,43 +15,44 @@ import mitsuba as mi
 
 PASSES = 3
 _KERNEL = (1 / 16, 1 / 4, 3 / 8, 1 / 4, 1 / 16)
-_SHARPNESS = 32  # exponent of the cosine between two normals
-_OFFSET = 0.01  # of the distance from the camera: scale of distances from the tangent plane
+_SHARPNESS = 8  # exponent of the cosine between two normals
+_OFFSET = 0.03  # of the distance from the camera: scale of distances from the tangent plane
+_SPIKE = 2.0  # most luminance of a pixel, relative to the brightest of its neighbours
 _DEVIATIONS = 4.0  # scale of differences in luminance, in standard deviations
 
 
 def smooth(
     images: list[Any],
     noise: list[Any],
-    normal: Any,
-    position: Any,
-    seen: Any,
+    surfaces: tuple[Any, Any, Any],
+    lit: Any,
     eye: Any,
     size: tuple[int, int],
 ) -> list[Any]:
     """Return smoothed images, `mi.Color3f` of W * H pixels each.
 
-    `noise` is the variance of each image's luminance, `seen` the share of a pixel's samples that
-    see a surface; `normal` and `position` are means over these.
+    `noise` is the variance of each image's luminance. `surfaces` are means of normal and position
+    over a pixel's camera rays, and the share of these that see a surface; `lit` is that share of
+    the rays that found the light.
     """
+    normal, position, seen = surfaces
     share = dr.select(seen > 0, dr.rcp(seen), 0)
     normal, position = dr.normalize(normal * share), position * share
     normal = dr.select(seen > 0, normal, 0)
     scale = dr.rcp(_OFFSET * dr.norm(position - eye) + 1e-6)
-    width, height = size
-    index = dr.arange(mi.UInt32, width * height)
-    column, row = mi.Int32(index % width), mi.Int32(index // width)
+    taps = _Taps(normal, position, scale, lit, size)
+    # Guided by single pixels' noisy light, the filter would follow the noise: few samples are
+    # bright, and pixels without one would keep to themselves. So the first pass compares means.
+    own, variance = _guides(taps, [mi.luminance(image) for image in images], noise)
     for number in range(PASSES):
-        step = 1 << number
-        images, noise = _pass(
-            images, noise, normal, position, seen, scale, (column, row), size, step
-        )
+        images, noise = _pass(taps, images, noise, own, variance, 1 << number)
         dr.eval(images, noise)
+        own, variance = [mi.luminance(image) for image in images], noise
     return images
 
 
 def without_fireflies(image: Any, size: tuple[int, int]) -> Any:
-    """Return an image in which no pixel is brighter than the brightest of its eight neighbours.
+    """Return an image in which no pixel is twice as bright as all of its eight neighbours.
 
     `image` is `mi.Color3f` of W * H pixels. A lone spike of gloss would decide on the exposure.
     """
@@ -67,62 +68,72 @@ def without_fireflies(image: Any, size: tuple[int, int]) -> Any:
                 inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
                 place = mi.UInt32(dr.select(inside, y * width + x, 0))
                 brightest = dr.maximum(brightest, dr.gather(mi.Float, own, place, inside))
-    return image * dr.select(own > brightest, brightest / own, 1)
+    limit = _SPIKE * brightest
+    return image * dr.select(own > limit, limit / own, 1)
+
+
+class _Taps:
+    """Neighbours of all pixels, and how alike their surfaces are."""
+
+    def __init__(
+        self, normal: Any, position: Any, scale: Any, lit: Any, size: tuple[int, int]
+    ) -> None:
+        self.normal, self.position, self.scale, self.lit = normal, position, scale, lit
+        self.width, self.height = size
+        index = dr.arange(mi.UInt32, self.width * self.height)
+        self.column, self.row = mi.Int32(index % self.width), mi.Int32(index // self.width)
+
+    def at(self, across: int, down: int, step: int) -> tuple[Any, Any, Any]:
+        """Return index, validity and weight of the neighbour so many steps away."""
+        x, y = self.column + across * step, self.row + down * step
+        inside = (x >= 0) & (x < self.width) & (y >= 0) & (y < self.height)
+        index = mi.UInt32(dr.select(inside, y * self.width + x, 0))
+        kernel = _KERNEL[down + 2] * _KERNEL[across + 2]
+        if (across, down) == (0, 0):
+            return index, inside, kernel * dr.maximum(self.lit, 1e-4)
+        other = dr.gather(mi.Vector3f, self.normal, index, inside)
+        there = dr.gather(mi.Vector3f, self.position, index, inside)
+        lit = dr.gather(mi.Float, self.lit, index, inside)
+        alike = dr.maximum(dr.dot(other, self.normal), 0)
+        for _ in range(_SHARPNESS.bit_length() - 1):
+            alike = dr.square(alike)
+        apart = dr.abs(dr.dot(there - self.position, self.normal)) * self.scale
+        return index, inside, dr.select(inside, kernel * alike * lit * dr.exp(-apart), 0)
+
+
+def _guides(taps: _Taps, light: list[Any], noise: list[Any]) -> tuple[list[Any], list[Any]]:
+    """Return means of luminance over 5 x 5 pixels of one surface, and of its variance."""
+    dr.eval(light)
+    means, variances = ([mi.Float(0) for _ in light] for _ in range(2))
+    total = mi.Float(0)
+    for down in range(-2, 3):
+        for across in range(-2, 3):
+            index, inside, weight = taps.at(across, down, 1)
+            total += weight
+            for k in range(len(light)):
+                means[k] += weight * dr.gather(mi.Float, light[k], index, inside)
+                variances[k] += weight * dr.gather(mi.Float, noise[k], index, inside)
+    guides = [mean / total for mean in means], [variance / total for variance in variances]
+    dr.eval(guides)
+    return guides
 
 
 def _pass(
-    images: list[Any],
-    noise: list[Any],
-    normal: Any,
-    position: Any,
-    seen: Any,
-    scale: Any,
-    place: tuple[Any, Any],
-    size: tuple[int, int],
-    step: int,
+    taps: _Taps, images: list[Any], noise: list[Any], own: list[Any], variance: list[Any], step: int
 ) -> tuple[list[Any], list[Any]]:
-    column, row = place
-    width, height = size
-
-    def neighbour(across: int, down: int) -> tuple[Any, Any]:
-        x, y = column + across, row + down
-        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-        return mi.UInt32(dr.select(inside, y * width + x, 0)), inside
-
-    own = [mi.luminance(image) for image in images]
-    limits = []
-    for variance in noise:
-        total, count = mi.Float(0), mi.Float(0)
-        for across in (-1, 0, 1):
-            for down in (-1, 0, 1):
-                index, inside = neighbour(across, down)
-                total += dr.gather(mi.Float, variance, index, inside)
-                count += dr.select(inside, mi.Float(1), 0)
-        limits.append(dr.rcp(_DEVIATIONS * dr.sqrt(total / count) + 1e-12))
+    """Return images and noise after one pass; differences are those of `own`."""
+    limits = [dr.rcp(_DEVIATIONS * dr.sqrt(each) + 1e-12) for each in variance]
     sums = [mi.Color3f(0) for _ in images]
     variances, weights = ([mi.Float(0) for _ in images] for _ in range(2))
-    for down in range(5):
-        for across in range(5):
-            index, inside = neighbour((across - 2) * step, (down - 2) * step)
-            other = dr.gather(mi.Vector3f, normal, index, inside)
-            there = dr.gather(mi.Vector3f, position, index, inside)
-            share = dr.gather(mi.Float, seen, index, inside)
-            alike = dr.maximum(dr.dot(other, normal), 0)
-            for _ in range(_SHARPNESS.bit_length() - 1):
-                alike = dr.square(alike)
-            apart = dr.abs(dr.dot(there - position, normal)) * scale
-            kernel = _KERNEL[down] * _KERNEL[across]
-            common = dr.select(inside, kernel * alike * share * dr.exp(-apart), 0)
-            if (down, across) == (2, 2):
-                common = mi.Float(kernel)
-            for k, (image, variance) in enumerate(zip(images, noise, strict=True)):
-                light = dr.gather(mi.Color3f, image, index, inside)
-                differs = dr.abs(mi.luminance(light) - own[k]) * limits[k]
-                weight = common * dr.exp(-differs)
-                sums[k] += light * weight
+    for down in range(-2, 3):
+        for across in range(-2, 3):
+            index, inside, common = taps.at(across, down, step)
+            for k, (image, known) in enumerate(zip(images, noise, strict=True)):
+                other = dr.gather(mi.Float, own[k], index, inside)
+                weight = common * dr.exp(-dr.abs(other - own[k]) * limits[k])
+                sums[k] += dr.gather(mi.Color3f, image, index, inside) * weight
                 weights[k] += weight
-                known = dr.gather(mi.Float, variance, index, inside)
-                variances[k] += dr.square(weight) * known
+                variances[k] += dr.square(weight) * dr.gather(mi.Float, known, index, inside)
     smoothed = [total / weight for total, weight in zip(sums, weights, strict=True)]
     left = [v / dr.square(weight) for v, weight in zip(variances, weights, strict=True)]
     return smoothed, left
