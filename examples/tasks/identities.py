@@ -32,7 +32,7 @@ def light(row):
 
 
 def masks(row):
-    """Where nothing is seen or known, masks and values are 0; elsewhere values are possible."""
+    """Masks and values are 0 where nothing is seen or known; elsewhere values are possible."""
     nothing, unknown, seen = row["valid"] == 0, row["material_known"] == 0, row["valid"] > 0
     empty = ("depth", "normal", "reflectance", "instance", "material", "material_known")
     left = [row[name][nothing] for name in empty]
