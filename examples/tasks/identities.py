@@ -149,21 +149,18 @@ def layout(row):
         return max(outside(room["floor"], np.array([place[:2]]))[0], height)
 
     if row["layout"]["room"]:
-        yield (
-            "camera outside its room, metres",
-            max(apart(row["layout"]["room"], pose(row)[1]), 0),
-            0,
-        )
+        far = apart(row["layout"]["room"], pose(row)[1])
+        yield "camera outside its room, metres", max(far, 0), 0.1
     lamps = [lamp for lamp in row["light_sources"] if lamp["room"] in rooms and lamp["centre"]]
     far = max((apart(lamp["room"], lamp["centre"]) for lamp in lamps), default=0)
     yield "lamps outside their rooms, metres", max(far, 0), 0.1
     for one in row["instances"]:
         room, here = rooms.get(one["room"]), row["instance"] == one["instance"]
-        if one["category_name"] == "floor" and room:
+        if one["category_name"] == "floor" and room:  # one floor may serve several rooms
             here &= np.abs(world[..., 2] - room["floor_z"]) < 0.02
+            far = [outside(each["floor"], world[here][:, :2]) for each in rooms.values()]
             if here.sum() > 24:  # doorsills are floor, too
-                share = (outside(room["floor"], world[here][:, :2]) > 0.5).mean()
-                yield "floor outside its room, share", share, 0.01
+                yield "floors outside all rooms, share", (np.min(far, 0) > 0.5).mean(), 0.01
 
 
 def flow(row, other, way):
