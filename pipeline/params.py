@@ -228,7 +228,7 @@ class NoisyParams:
     """A few samples per pixel, independent of the ground truth, as input of a network."""
 
     spp: int = field(default=0, metadata=within(0, 16))  # 0: none
-    # [least, most] drawn for each view of the training and validation splits; (): spp
+    # [least, most] drawn for each scene of the training and validation splits; (): spp
     train: tuple[int, ...] = field(default=(), metadata=OPTIONAL)
 
     def verify(self, where: str) -> None:

@@ -103,7 +103,8 @@ def split_sampling(scenes: Sequence[Scene], params: Params) -> Callable[[View], 
     """Return the parameters of each view's samples, which may depend on its split.
 
     Views of the training and validation splits have `groundtruth.train_spp` samples, and a number
-    of noisy samples drawn from `noisy.train`, small ones more often: ln(number) is uniform.
+    of noisy samples drawn from `noisy.train`, small ones more often: ln(number) is uniform. The
+    views of a scene have the same number, because a launch of another number is compiled anew.
     """
     if not params.groundtruth.train_spp and not params.noisy.train:
         return lambda view: params
@@ -132,7 +133,7 @@ def _training_noisy(params: Params, view: View) -> NoisyParams:
     if not params.noisy.train:
         return params.noisy
     least, most = params.noisy.train
-    rng = generator(params.seed, "noisy samples", view.scene_id, view.view_id)
+    rng = generator(params.seed, "noisy samples", view.scene_id)
     number = least * ((most + 1) / least) ** rng.random()
     return replace(params.noisy, spp=min(most, int(number)))
 

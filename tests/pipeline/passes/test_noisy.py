@@ -262,7 +262,7 @@ def test_training_views_have_samples_of_their_own(data: Path) -> None:
         assert read_frame(frame_path(data, "noisy", view)).meta["spp"] == own.noisy.spp
         assert read_frame(frame_path(data, "color", view)).meta["spp"] == own.groundtruth.spp
     numbers = [
-        params_of(replace(changed[0], view_id=f"v{number}")).noisy.spp for number in range(400)
+        params_of(replace(changed[0], scene_id=f"s{number}")).noisy.spp for number in range(400)
     ]
     counts = np.bincount(numbers, minlength=9)
     expected = 400 * np.diff(np.log(np.arange(1, 10))) / np.log(9)
