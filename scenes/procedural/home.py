@@ -138,7 +138,8 @@ def make_home(
             lighting=lighting,
             plan=f"home-{seed:016x}",
         )
-        text = _scene_xml(plan, furniture, library, shapes, sky)
+        standing = [*furniture, *(item for item in building if item.category == "stairs")]
+        text = _scene_xml(plan, standing, library, shapes, sky)
         (partial / "scene.xml").write_text(text, encoding="utf-8")
         save_scene(partial, scene)
     object.__setattr__(scene, "folder", Path(folder))
@@ -279,7 +280,7 @@ def _is_near(point: Float64Array, box: Float64Array) -> bool:
 
 def _scene_xml(
     plan: Plan,
-    furniture: Sequence[SceneItem],
+    standing: Sequence[SceneItem],
     library: MaterialLibrary,
     shapes: list[str],
     sky: Sky,
@@ -288,7 +289,7 @@ def _scene_xml(
         '<?xml version="1.0" encoding="utf-8"?>',
         '<scene version="3.0.0">',
         '<integrator type="path"><integer name="max_depth" value="11"/></integrator>',
-        _sensor(plan, furniture),
+        _sensor(plan, standing),
         sky.xml,
         *library.xml,
         *shapes,
@@ -297,11 +298,11 @@ def _scene_xml(
     return "\n".join(lines) + "\n"
 
 
-def _sensor(plan: Plan, furniture: Sequence[SceneItem]) -> str:
-    """Sensor element with a view across the largest room, for the `mitsuba` command."""
+def _sensor(plan: Plan, standing: Sequence[SceneItem]) -> str:
+    """Sensor with a view across the largest room, free of what stands there, for `mitsuba`."""
     room = max(plan.rooms, key=lambda candidate: candidate.shape.area)
     middle = room.shape.representative_point()
-    boxes = [item.bounds for item in furniture if item.room == room.id]
+    boxes = [item.bounds for item in standing if item.room == room.id]
     corners = sorted(
         (edge.at(0.0) for edge in room.edges),
         key=lambda point: -math.dist(point, (middle.x, middle.y)),

@@ -657,6 +657,18 @@ def _before(plan: Plan, room_id: str, opening: Any) -> Point:
     return Point(opening.edge.at(opening.width / 2, depth))
 
 
+def test_the_sensor_stands_free(homes: list[Home]) -> None:
+    for home in homes:
+        found = re.search(r'lookat origin="([^"]+)"', (home.folder / "scene.xml").read_text())
+        assert found is not None
+        eye = np.array([float(value) for value in found.group(1).split(",")])
+        for item in home.scene.objects:
+            if item.category == "stairs" or not item.is_structure:
+                inside = (eye > item.bbox_min).all() and (eye < item.bbox_max).all()
+                assert not inside, f"seed {home.seed}: the sensor is in {item.id}"
+    assert any(item.category == "stairs" for home in homes for item in home.scene.objects)
+
+
 def test_floors_and_walls_are_textured_in_real_scale(homes: list[Home]) -> None:
     """A uv unit is one period of the texture and has the same length in metres everywhere."""
     sides = {"tiles": (0.2, 2.8), "planks": (0.8, 4.0), "carpet": (0.3, 3), "plaster": (0.3, 3)}
