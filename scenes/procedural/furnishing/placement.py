@@ -13,6 +13,7 @@ import numpy as np
 
 from scenes.procedural.furnishing.asset_sampler import AssetSampler
 from scenes.procedural.furnishing.clutter import leave_things
+from scenes.procedural.furnishing.drapery import drape_cloth
 from scenes.procedural.furnishing.extras import add_catalogue_extras
 from scenes.procedural.furnishing.furnisher import Furnisher
 from scenes.procedural.furnishing.rooms.bathroom import furnish_bathroom
@@ -59,6 +60,7 @@ def _furnish_room(furnisher: Furnisher) -> None:
         furnish_windows(furnisher)
     _FURNISH_ROOM[furnisher.room.type](furnisher)
     _hang_ceiling_lamp(furnisher)
+    drape_cloth(furnisher)
     fill_sills(furnisher)
     _place_small_objects(furnisher)
     leave_things(furnisher)

@@ -6,6 +6,8 @@ import numpy as np
 
 from scenes.procedural.furniture.build import Builder
 from scenes.procedural.furniture.cabinets import add_door, add_drawer, carcass
+from scenes.procedural.furniture.cloth import plane, surface
+from scenes.procedural.furniture.drapes import dropped, hung
 from scenes.procedural.furniture.geometry import (
     BodyMesh,
     bar,
@@ -18,7 +20,6 @@ from scenes.procedural.furniture.geometry import (
     rounded_box,
     span,
     superellipse,
-    thick_sheet,
     tube,
 )
 from scenes.procedural.furniture.style import (
@@ -112,40 +113,20 @@ def bath_tub(rng: np.random.Generator, style: Style, width: float = 1.7) -> Furn
         name="shower",
     )
     if rng.random() < 0.6:
-        _add_towel(b, style, side * -0.35 * width, -half_y, height + 0.006, 0.36, 0.3, rng)
+        tub = np.concatenate([part.vertices[part.faces] for part in b.piece().parts])
+        x = side * -0.3 * width
+        near = (np.abs(tub[..., 0] - x).min(axis=1) < 0.35) & (tub[..., 1].min(axis=1) < 0.3)
+        towel = dropped(
+            rng,
+            [surface(tub[near], 0.012), plane(2, 0.02)],
+            (0.42, float(rng.uniform(0.7, 0.9))),
+            (x, -half_y - float(rng.uniform(0.0, 0.05)), height + 0.06),
+            turn=float(rng.normal(0, 5)),
+            tight=float(rng.uniform(0.04, 0.15)),
+            thickness=0.008,
+        )
+        b.add(style.towel, towel, name="towel")
     return b.piece()
-
-
-def _add_towel(
-    b: Builder,
-    style: Style,
-    x: float,
-    y: float,
-    z: float,
-    width: float,
-    fall: float,
-    rng: np.random.Generator,
-    back: float = 0.12,
-    gap: float = 0.013,
-) -> None:
-    """Add a towel over an edge along x at (y, z), hanging `fall` m in front and `back` m behind."""
-    count = 15
-    front = np.linspace(fall, 0, 7)
-    arc = np.linspace(0, np.pi, 6)[1:-1]
-    rear = np.linspace(0, back, 4)
-    drop = np.concatenate([-front, gap * np.sin(arc), -rear])
-    out = np.concatenate([0 * front - gap, -gap * np.cos(arc), 0 * rear + gap])
-    s = np.linspace(-0.5, 0.5, count)
-    wave = (
-        0.006
-        * np.sin(9 * s + rng.uniform(0, 6))[:, None]
-        * np.minimum(np.abs(np.minimum(drop, 0)) / 0.15, 1)[None, :]
-    )
-    points = np.empty((count, len(drop), 3))
-    points[..., 0] = x + s[:, None] * width
-    points[..., 1] = y + out[None, :] - np.abs(wave) * (out[None, :] < 0)
-    points[..., 2] = z + drop[None, :]
-    b.add(style.towel, thick_sheet(points, 0.006), name="towel")
 
 
 def wash_basin(
@@ -463,31 +444,14 @@ def towel_rail(rng: np.random.Generator, style: Style) -> FurniturePiece:
             z = 0.04 + 0.055 * k
             rungs.append(z)
             b.add(metal, bar((-width / 2, y - 0.008, z), (width / 2, y - 0.008, z), 0.01, 10))
-    _add_towel(
-        b,
-        style,
-        float(rng.uniform(-0.03, 0.03)),
-        y - 0.008,
-        rungs[-2] + 0.006,
-        0.36,
-        0.42,
-        rng,
-        0.2,
-        0.018,
-    )
+    wide, rows = float(rng.uniform(0.28, 0.34)), [rungs[-2]]
     if rng.random() < 0.5:
-        _add_towel(
-            b,
-            style,
-            float(rng.uniform(-0.05, 0.05)),
-            y - 0.008,
-            rungs[len(rungs) // 3] + 0.006,
-            0.28,
-            0.2,
-            rng,
-            0.12,
-            0.018,
-        )
+        rows.append(rungs[len(rungs) // 3])
+    fronts = rng.uniform((0.36, 0.16), (0.5, 0.22))
+    for z, front, back in zip(rows, fronts, (0.2, 0.12), strict=False):
+        towel = hung(rng, wide, float(front), back, 0.018, 0.06)
+        x = float(rng.uniform(-0.02, 0.02))
+        b.add(style.towel, towel.moved(x, y - 0.008, z), name="towel")
     return b.piece()
 
 

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.arrays import Float64Array
+from scenes.arrays import BoolArray, Float64Array
 from scenes.procedural.furniture.build import Builder
 from scenes.procedural.furniture.cabinets import feet, leg_material
-from scenes.procedural.furniture.geometry import (
-    BodyMesh,
-    box,
-    pillow,
-    rounded_box,
-    span,
-    thick_sheet,
+from scenes.procedural.furniture.cloth import (
+    Push,
+    Weave,
+    block,
+    normals,
+    plane,
+    refined,
+    settle,
+    solid,
+    started,
+    stuffed,
 )
+from scenes.procedural.furniture.geometry import BodyMesh, box, rounded_box, span
 from scenes.procedural.furniture.style import Style
 from scenes.procedural.piece import FurniturePiece, Material
 
@@ -32,82 +37,74 @@ def single_bed(rng: np.random.Generator, style: Style, width: float = 0.9) -> Fu
     return _bed(rng, style, "single bed", width, 1)
 
 
-def _drape(beyond: Float64Array, radius: float) -> tuple[Float64Array, Float64Array]:
-    """Outward and downward displacement of cloth over a rounded edge, metres.
-
-    `beyond` is the arc length past the start of the edge; negative on the flat side.
-    """
-    arc = np.clip(beyond, 0, radius * np.pi / 2)
-    hang = np.maximum(beyond - radius * np.pi / 2, 0)
-    out = np.minimum(beyond, 0) + radius * np.sin(arc / radius) + 0.08 * hang
-    return out, radius * (1 - np.cos(arc / radius)) + hang
+_DUVET = 0.034  # metres thick
+_CLOSE = 0.004  # metres between the layers of one that is turned back
+_STEP = 0.05  # metres between the points of a duvet before it is refined
 
 
-class _Wrinkles:
-    """Waves, creases and folds that all layers of a bed's bedding share."""
-
-    def __init__(self, rng: np.random.Generator, height: float) -> None:
-        self.height = height  # amplitude, metres
-        self.waves = [(*rng.uniform(-7, 7, 2), rng.uniform(0, 6.3)) for _ in range(7)]
-        self.creases = [
-            (rng.uniform(0, np.pi), rng.uniform(-0.7, 0.7), rng.uniform(0.03, 0.07))
-            for _ in range(6)
-        ]
-        self.phases = rng.uniform(0, 6, 4)
-
-    def lift(self, s: Float64Array, t: Float64Array) -> Float64Array:
-        """Return the added height in metres at cloth coordinates s across and t along the bed."""
-        up = np.zeros_like(s)
-        for a, c, phase in self.waves:
-            up += 0.4 * np.sin(a * s + c * t + phase)
-        for turn, at, width in self.creases:
-            along = -s * np.sin(turn) + t * np.cos(turn)
-            across = s * np.cos(turn) + t * np.sin(turn) + 0.04 * np.sin(5 * along)
-            up += 1.6 * np.exp(-(((across - at) / width) ** 2)) * np.exp(-((along / 0.6) ** 2))
-        return self.height * up
-
-    def fold(self, along: Float64Array, side: int) -> Float64Array:
-        """Return folds of the hanging cloth, in [-1.6, 1.6], at the sides (0) or the foot (1)."""
-        first, second = self.phases[2 * side : 2 * side + 2]
-        return np.asarray(np.sin(9 * along + first) + 0.6 * np.sin(17 * along + second))
-
-
-def _cover(
-    wrinkles: _Wrinkles,
-    half_x: float,
-    foot: float,
-    head: float,
-    top: float,
-    hang: float,
-    foot_hang: float,
-    thickness: float,
-    counts: tuple[int, int] = (41, 27),
+def _duvet(
+    rng: np.random.Generator, bodies: list[Push], width: float, top: float, untidy: float
 ) -> BodyMesh:
-    """Layer of bedding with its upper side at z = `top`, from y = `foot` to y = `head`.
+    """A duvet on a mattress `width` wide with its upper side at `top`, metres.
 
-    It hangs down at x = +-`half_x` by `hang` metres below the rounded edge, and at the foot by
-    `foot_hang` if that is above 0.
+    Made with its upper end turned back, left as it was slept in, or heaped at the foot; `untidy`
+    in [0, 1] decides how often.
     """
-    radius = 0.08
-    core = half_x - radius
-    half_width = core + radius * np.pi / 2 + hang
-    s = np.sin(np.linspace(-1, 1, counts[0]) * 1.25) / np.sin(1.25) * half_width
-    start = foot + radius
-    low = start - (radius * np.pi / 2 + foot_hang) if foot_hang > 0 else foot
-    t = np.linspace(low, head, counts[1])
-    out_x, drop_x = _drape(np.abs(s) - core, radius)
-    out_y, drop_y = _drape(start - t, radius) if foot_hang > 0 else (start - t, 0 * t)
-    across, along = np.meshgrid(s, t, indexing="ij")
-    down_x = np.broadcast_to(drop_x[:, None], across.shape)
-    down_y = np.broadcast_to(drop_y[None, :], across.shape)
-    side = np.minimum(down_x / 0.2, 1.2) * wrinkles.fold(along, 0)
-    end = np.minimum(down_y / 0.2, 1.2) * wrinkles.fold(across, 1)
-    lying = np.exp(-6 * (down_x + down_y))  # wrinkles lift the lying part only
-    points = np.empty((*across.shape, 3))
-    points[..., 0] = np.sign(across) * (core + out_x[:, None] + 0.017 * side)
-    points[..., 1] = (start - out_y)[None, :] - 0.015 * end
-    points[..., 2] = top - down_x - down_y + wrinkles.lift(across, along) * lying
-    return thick_sheet(points, thickness)
+    wide = width + float(rng.uniform(0.3, 0.48) if width > 1 else rng.uniform(0.4, 0.5))
+    long = float(rng.uniform(1.9, 2.05))
+    n, m = round(wide / _STEP) + 1, round(long / _STEP) + 1
+    rest = (wide / (n - 1), long / (m - 1))
+    slept = rng.random() < 0.15 + 0.8 * untidy
+    heaped = slept and rng.random() < 0.35
+    tight = rng.uniform(0.05, 0.14, 2) if slept else np.array([0.035, 0.045])
+    if heaped:
+        tight = np.array([float(rng.uniform(0.08, 0.16)), float(rng.uniform(0.3, 0.45))])
+    turn = float(rng.normal(0, 2 + 7 * slept)) * np.pi / 180
+    aside = float(rng.normal(0, 0.02 + 0.1 * slept))
+    s = (np.arange(n) / (n - 1) - 0.5)[:, None] * wide
+    t = np.arange(m)[None, :] * rest[1]
+    back = 0.0 if heaped else float(rng.uniform(0.25, 0.5))
+    fold = m - 1 - round(back / rest[1])  # the row along which it is turned back
+    slant = float(rng.normal(0, 0.15 + 0.35 * slept))  # of the fold, metres from side to side
+    line = fold * rest[1] + slant * s / wide
+    over = t > line
+    along = np.where(over, 2 * line - t, t)
+    waves = np.zeros((n, m))
+    for _ in range(7):
+        a, c, phase = rng.uniform(-9, 9), rng.uniform(-12, 12) * (1 + heaped), rng.uniform(0, 6.3)
+        waves = waves + rng.uniform(0.4, 1) * np.sin(a * s + c * along + phase)
+    # As high as the length that is pushed together needs.
+    height = 0.025 + 0.3 * float(np.sqrt(tight).max()) * (0.12 + 0.1 * heaped)
+    x = s * (1 - tight[0])
+    y = along * (1 - tight[1])
+    z = top + 0.07 + height * waves + 0.03 * over * (1 + np.minimum(t - line, 0.1) / 0.1)
+    y = y - 0.985 + float(rng.uniform(0.0, 0.06)) - 0.14 * (rng.random() < 0.6)
+    cosine, sine = np.round([np.cos(turn), np.sin(turn)], 9)
+    place = started((x * cosine - y * sine + aside, x * sine + y * cosine, z))
+    pushes = [*bodies, plane(1, 0.52, -1.0)]
+    if back > 0:
+        pushes.append(_turned_back(over, np.round(2 * line / rest[1] - np.arange(m)[None, :])))
+    weave = Weave(1.0, 0.2, 0.04, 0.02)
+    place = settle(place, rest, pushes, 150, weave, friction=0.9)
+    fine = refined(place)
+    return solid(fine, (0.5 * rest[0], 0.5 * rest[1]), _DUVET)
+
+
+def _turned_back(over: BoolArray, below: Float64Array) -> Push:
+    """Keep the points that are turned back, `over`, off those under them, in column `below`."""
+    m = over.shape[1]
+    column = np.clip(below, 0, m - 1).astype(np.int64)
+    row = np.broadcast_to(np.arange(over.shape[0])[:, None], over.shape)
+
+    def push(place: Float64Array) -> BoolArray:
+        under, facing = place[:, row, column], normals(place)[:, row, column]
+        offset = place - under
+        depth = offset[0] * facing[0] + offset[1] * facing[1] + offset[2] * facing[2]
+        hit = over & (depth < _CLOSE)
+        place += np.where(hit, (_CLOSE - depth) * facing, 0.0)
+        return hit
+
+    return push
 
 
 def _bed(
@@ -196,31 +193,16 @@ def _bed(
         rounded_box((width, length, top - mattress_z), (0, 0, mattress_z), 0.05, (0, 0, 0.006)),
         name="mattress",
     )
-    wrinkles = _Wrinkles(rng, float(rng.uniform(0.005, 0.012)))
-    beside = outer / 2 + 0.07  # the hanging cloth clears the frame
-    over_foot = not padded and rng.random() < 0.7
-    cover = _cover(
-        wrinkles,
-        beside,
-        front - 0.065 if over_foot else -length / 2 + 0.01,
-        length / 2 - float(rng.uniform(0.45, 0.6)),
-        top + 0.042,
-        float(rng.uniform(0.1, 0.2)),
-        float(rng.uniform(0.08, 0.16)) if over_foot else 0.0,
-        0.034,
-    )
-    parts.add(style.bedding, cover, name="duvet")
-    edge = float(cover.vertices[:, 1].max())
-    fold = _cover(
-        wrinkles, beside + 0.012, edge - 0.26, edge + 0.006, top + 0.056, 0.08, 0, 0.013, (35, 9)
-    )
-    parts.add(sheet, fold, name="fold")
-    if rng.random() < 0.5:
-        start = -length / 2 + float(rng.uniform(0.1, 0.3))
-        throw = _cover(
-            wrinkles, beside + 0.011, start, start + 0.5, top + 0.054, 0.22, 0, 0.011, (35, 11)
-        )
-        parts.add(style.throw, throw, name="throw")
+    gap = _DUVET + 0.005
+    bodies = [
+        block((-width / 2, -length / 2, mattress_z), (width / 2, length / 2, top), 0.05, gap),
+        block((-outer / 2, front, 0.0), (outer / 2, length / 2, rail_high), 0.02, gap),
+        plane(2, 0.045),
+        plane(1, front - 0.1),
+        *(plane(0, -side * (outer / 2 + 0.13), side) for side in (-1.0, 1.0)),
+    ]
+    duvet = _duvet(rng, bodies, width, top, style.disorder)
+    parts.add(style.bedding, duvet, name="duvet")
     rows = 2 if sleepers == 2 and rng.random() < 0.6 else 1
     for k in range(sleepers):
         x = (k - (sleepers - 1) / 2) * (width / 2)
@@ -230,8 +212,8 @@ def _bed(
             cloth = style.bedding if row == 1 else sheet
             parts.add(
                 cloth,
-                pillow(size, rng=rng)
-                .turned("z", float(rng.uniform(-4, 4)))
+                stuffed(size, int(rng.integers(4)), dented=True, turned=rng.random() < 0.5)
+                .turned("z", float(rng.normal(0, 2 + 9 * style.disorder)))
                 .turned("x", float(lean))
                 .moved(x, length / 2 - 0.22 - 0.17 * row, top + 0.215 - 0.035 * row - 0.085),
                 name="pillow",
@@ -239,7 +221,8 @@ def _bed(
     if rng.random() < 0.45:
         parts.add(
             style.cushions[0],
-            pillow((0.4, 0.3, 0.14), rng=rng)
+            stuffed((0.4, 0.3, 0.14), int(rng.integers(4)))
+            .turned("z", float(rng.normal(0, 10)))
             .turned("x", 48)
             .moved(0.0, length / 2 - 0.58, top + 0.1),
             name="cushion",

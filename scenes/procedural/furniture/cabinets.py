@@ -181,6 +181,12 @@ def add_drawer(
     )
 
 
+def left_open(rng: np.random.Generator, style: Style, count: int) -> int:
+    """Return which of `count` doors or drawers was left open; `count` if none, as in tidy homes."""
+    one = int(rng.integers(count))
+    return one if rng.random() < 0.1 + 0.6 * style.disorder else count
+
+
 def feet(
     style: Style,
     width: float,

@@ -8,6 +8,7 @@ import numpy as np
 
 from scenes.geometry.mesh import face_areas
 from scenes.procedural.furniture.build import Builder
+from scenes.procedural.furniture.drapes import hooked
 from scenes.procedural.furniture.geometry import (
     BodyMesh,
     bar,
@@ -15,7 +16,6 @@ from scenes.procedural.furniture.geometry import (
     cylinder,
     grid,
     lathe,
-    loft,
     merge,
     rounded_box,
     span,
@@ -681,50 +681,18 @@ def coat_hooks(rng: np.random.Generator, style: Style) -> FurniturePiece:
     width = float(rng.uniform(0.6, 0.9))
     b = Builder("coat hooks", "coat hooks", "on_wall", mount_height=float(rng.uniform(1.6, 1.7)))
     b.add(style.wood, span((-width / 2, -0.022, -0.05), (width / 2, 0, 0.05), 0.003))
-    count = int(width / 0.15)
+    count, last = int(width / 0.15), -1.0
     for k in range(count):
         x = (k - (count - 1) / 2) * 0.15
         path = [(x, -0.02, -0.01), (x, -0.05, -0.03), (x, -0.08, -0.02), (x, -0.088, 0.015)]
         b.add(style.metal, tube(path, 0.006, 8), name="hooks")
         b.add(style.metal, sphere(0.009, 10, 6).moved(x, -0.088, 0.018), name="hooks")
-        if rng.random() < 0.4:
-            _add_coat(
-                b, rng, (*style.cushions, style.upholstery, style.throw)[int(rng.integers(5))], x
-            )
+        if x - last > 0.28 and rng.random() < 0.25 + 0.5 * style.disorder:
+            last = x
+            cloth = (*style.cushions, style.second_upholstery, style.throw)[int(rng.integers(5))]
+            size = (float(rng.uniform(0.5, 0.8)), float(rng.uniform(0.62, 0.85)))
+            b.add(cloth, hooked(rng, size).moved(x, -0.085, -0.012), name="coat")
     return b.piece()
-
-
-def _add_coat(b: Builder, rng: np.random.Generator, cloth: Material, x: float) -> None:
-    """Add a hanging coat with two sleeves, sagging shoulders and folds down to the hem."""
-    length = float(rng.uniform(0.75, 1.0))
-    count, rows = 48, 13
-    t = np.linspace(0, 1, rows) ** 1.4
-    angle = 2 * np.pi * np.arange(count) / count
-    phase = float(rng.uniform(0, 6))
-    half_x = np.interp(t, [0, 0.04, 0.12, 0.25, 0.55, 1], [0.03, 0.06, 0.13, 0.155, 0.15, 0.19])
-    half_y = np.interp(t, [0, 0.04, 0.12, 0.5, 1], [0.02, 0.035, 0.05, 0.055, 0.07])
-    rings = np.empty((rows, count, 3))
-    for k in range(rows):
-        strength = min(1.0, 2.5 * t[k])
-        fold = 1 + strength * (
-            0.13 * np.sin(7 * angle + phase + 0.5 * t[k]) + 0.06 * np.sin(4 * angle - phase)
-        )
-        # Groove down the middle, where the front edges overlap.
-        groove = 1 - 0.35 * strength * np.exp(-(((angle - 1.5 * np.pi) / 0.16) ** 2))
-        rings[k, :, 0] = x + half_x[k] * np.cos(angle) * fold
-        rings[k, :, 1] = -0.1 + half_y[k] * np.sin(angle) * fold * groove
-        rings[k, :, 2] = -0.02 - length * t[k]
-    b.add(cloth, loft(rings[::-1]), name="coat")
-    for side in (-1, 1):
-        sag = float(rng.uniform(-0.01, 0.02))
-        sleeve = [
-            (x + side * 0.085, -0.1, -0.07),
-            (x + side * 0.15, -0.11, -0.17),
-            (x + side * 0.185, -0.12 - sag, -0.34),
-            (x + side * 0.19, -0.125 - sag, -0.52),
-            (x + side * 0.18, -0.14 - sag, -0.68),
-        ]
-        b.add(cloth, tube(sleeve, [0.035, 0.056, 0.054, 0.048, 0.043], 14), name="coat")
 
 
 def storage_box(rng: np.random.Generator, style: Style) -> FurniturePiece:

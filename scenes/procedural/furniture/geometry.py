@@ -499,6 +499,30 @@ def thick_sheet(points: Float64Array, thickness: float) -> BodyMesh:
     return merge([front, back, *rims])
 
 
+def rims(
+    upper: Float64Array, lower: Float64Array, faces: Int64Array, uvs: Float64Array
+) -> BodyMesh:
+    """Return the faces that join the open edges of a mesh (`upper`, `faces`) to those of a copy.
+
+    `upper` and `lower` (V, 3) are the same vertices of both; the copy's faces are reversed.
+    """
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    count = len(upper)
+    open_ones = ~np.isin(edges @ [count, 1], edges @ [1, count])
+    a, b = edges[open_ones].T
+    used, numbers = np.unique(np.concatenate([a, b]), return_inverse=True)
+    a, b = numbers[: len(a)], numbers[len(a) :]
+    below = len(used)
+    joined = np.concatenate(
+        [np.stack([b, a, a + below], 1), np.stack([b, a + below, b + below], 1)]
+    )
+    across = np.linalg.norm(upper[used] - lower[used], axis=1)
+    aside = uvs[used] + np.stack([across, across], axis=1)
+    return BodyMesh(
+        np.concatenate([upper[used], lower[used]]), joined, np.concatenate([uvs[used], aside])
+    )
+
+
 def _facets(points: Float64Array) -> BodyMesh:
     """`grid` with separate vertices for each strip along i: corners between strips stay sharp."""
     strips = []

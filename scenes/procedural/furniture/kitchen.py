@@ -10,7 +10,14 @@ import numpy as np
 
 from scenes.arrays import Float64Array
 from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.cabinets import BOARD, add_door, add_drawer, carcass, shelf
+from scenes.procedural.furniture.cabinets import (
+    BOARD,
+    add_door,
+    add_drawer,
+    carcass,
+    left_open,
+    shelf,
+)
 from scenes.procedural.furniture.geometry import (
     BodyMesh,
     bar,
@@ -88,8 +95,10 @@ def _add_doors(
     chance: float = 0.2,
     handed: str = "left",
 ) -> bool:
-    """Add one or two doors; returns True if one is ajar, with probability `chance`."""
-    ajar = float(rng.uniform(15, 75)) if rng.random() < chance else 0.0
+    """Add one or two doors; returns True if one is ajar, with a mean probability of `chance`."""
+    ajar = (
+        float(rng.uniform(15, 75)) if rng.random() < chance * (0.2 + 1.6 * style.disorder) else 0.0
+    )
     if width > 0.62:
         add_door(b, style, style.kitchen, -width / 2, 0, z0, z1, depth, "left", ajar, low_handles)
         add_door(b, style, style.kitchen, 0, width / 2, z0, z1, depth, "right", 0.0, low_handles)
@@ -128,7 +137,7 @@ def drawer_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> F
     b.add(INSIDE, *carcass(width, DEPTH, PLINTH, under - 0.001))
     shares = [0.0, 0.42, 0.78, 1.0] if rng.random() < 0.5 else [0.0, 0.3, 0.6, 0.8, 1.0]
     zs = PLINTH + (under - 0.002 - PLINTH) * np.array(shares)
-    pulled = int(rng.integers(0, 2 * len(shares)))
+    pulled = left_open(rng, style, len(shares) - 1)
     for k in range(len(shares) - 1):
         out = float(rng.uniform(0.08, 0.28)) if k == pulled else 0.0
         add_drawer(

@@ -6,19 +6,17 @@ import numpy as np
 
 from scenes.procedural.furniture.build import Builder
 from scenes.procedural.furniture.cabinets import feet, leg_material
+from scenes.procedural.furniture.cloth import stuffed
 from scenes.procedural.furniture.geometry import (
-    BodyMesh,
     bar,
     box,
     cylinder,
     lathe,
     loft,
-    pillow,
     post,
     rounded_box,
     sphere,
     superellipse,
-    thick_sheet,
     tube,
 )
 from scenes.procedural.furniture.style import BLACK_PLASTIC, CHROME, RUBBER, Style
@@ -247,55 +245,23 @@ def _couch(
         size = rng.uniform(0.38, 0.46)
         end = (-1, 1, 0)[k]
         x = end * (inner / 2 - size / 2 - rng.uniform(0.0, 0.06))
-        b.add(
-            style.cushions[int(rng.integers(len(style.cushions)))],
-            pillow((size, size, 0.15), rng=rng)
-            .turned("z", rng.uniform(-6, 6))
+        askew = 3 + 12 * style.disorder
+        loose_one = (
+            stuffed((size, size, 0.15), int(rng.integers(5)), turned=rng.random() < 0.5)
+            .moved(z=-0.075)
+            .turned("z", float(rng.normal(0, askew)))
             .turned("x", 90 - rng.uniform(20, 28))
             .turned("z", -end * rng.uniform(5, 22))
-            .moved(x, depth / 2 - back - 0.29, seat_z + 0.5 * size - 0.01),
+        )
+        lowest = float(loose_one.vertices[:, 2].min()) + 0.012  # it sinks in
+        b.add(
+            style.cushions[int(rng.integers(len(style.cushions)))],
+            loose_one.moved(x, depth / 2 - back - 0.29, seat_z - lowest),
             name="cushion",
         )
-    if rng.random() < 0.3:
-        hand = float(rng.choice([-1.0, 1.0]))
-        throw = _throw(rng, arm, arm_z - seat_z, hand).moved(y=-depth / 2 + 0.2, z=arm_z + 0.012)
-        b.add(style.throw, throw.moved(x=hand * (width / 2 - arm / 2)), name="throw")
     if name == "sofa" and loose == 2:  # between the cushions at its ends
         b.surface(0, -depth / 2 + 0.22, seat_z + 0.008, inner / 2 - 0.62, 0.17)
     return b.piece()
-
-
-def _throw(rng: np.random.Generator, arm: float, inside: float, side: float) -> BodyMesh:
-    """Throw over an armrest of width `arm` with its top at z = 0.
-
-    It hangs down to z = -`inside` on the seat's side; `side` is the sign of x outwards.
-    """
-    half, outside = arm / 2 + 0.018, float(rng.uniform(0.22, 0.34))
-    path = np.array(
-        [
-            (half, -outside),
-            (half, -0.5 * outside),
-            (half, -0.05),
-            (half - 0.05, 0.016),
-            (0, 0.02),
-            (-half + 0.05, 0.016),
-            (-half, -0.05),
-            (-half, -inside + 0.03),
-        ]
-    )
-    for _ in range(2):  # corner cutting (Chaikin 1974)
-        quarter, rest = 0.75 * path[:-1] + 0.25 * path[1:], 0.25 * path[:-1] + 0.75 * path[1:]
-        cut = np.stack([quarter, rest], axis=1).reshape(-1, 2)
-        path = np.concatenate([path[:1], cut, path[-1:]])
-    y = np.linspace(-0.13, 0.13, 13)
-    wave = np.sin(26 * y + rng.uniform(0, 6)) + 0.5 * np.sin(47 * y + rng.uniform(0, 6))
-    fall = np.clip(-path[:, 1] / 0.2, 0, 1)
-    points = np.empty((len(path), len(y), 3))
-    points[..., 0] = path[:, :1] + np.sign(path[:, :1]) * 0.006 * fall[:, None] * (1.5 + wave)
-    points[..., 1] = y * (1 + 0.12 * fall[:, None])
-    points[..., 2] = path[:, 1:] - 0.012 * fall[:, None] * np.sin(9 * y)
-    mesh = thick_sheet(points[::-1], 0.009)
-    return mesh if side > 0 else mesh.mirrored()
 
 
 def stool(rng: np.random.Generator, style: Style) -> FurniturePiece:

@@ -12,6 +12,7 @@ from scenes.procedural.furniture.cabinets import (
     add_drawer,
     carcass,
     feet,
+    left_open,
     leg_material,
     shelf,
 )
@@ -227,7 +228,7 @@ def wardrobe(rng: np.random.Generator, style: Style, width: float | None = None)
     each = width / doors
     drawers = 0.0 if rng.random() < 0.5 else 0.22
     bottom = base + drawers
-    ajar = int(rng.integers(doors + 1))  # equal to `doors`: all closed
+    ajar = left_open(rng, style, doors)
     for k in range(doors):
         x0 = -width / 2 + k * each
         hinge = "left" if k == 0 else "right"
@@ -312,7 +313,7 @@ def chest_of_drawers(
     b.add(finish, box((width + 0.016, depth + 0.012, 0.025), (0, 0, height - 0.025), 0.003))
     rows = 3 if height < 0.9 else 4
     zs = np.linspace(foot, height - 0.026, rows + 1)
-    pulled = int(rng.integers(0, rows + 1))
+    pulled = left_open(rng, style, rows)
     for k in range(rows):
         out = float(rng.uniform(0.08, 0.22)) if k == pulled else 0.0
         add_drawer(
@@ -353,7 +354,7 @@ def sideboard(rng: np.random.Generator, style: Style, width: float | None = None
     b.add(finish, box((width + 0.01, depth + 0.006, 0.022), (0, 0, height - 0.022), 0.003))
     third = width / 3
     top = height - 0.024
-    ajar = int(rng.integers(0, 4))
+    ajar = left_open(rng, style, 3)
     for k, hinge in ((0, "left"), (2, "right")):
         x0 = -width / 2 + k * third
         angle = float(rng.uniform(15, 60)) if ajar == k else 0.0
@@ -430,7 +431,7 @@ def night_table(rng: np.random.Generator, style: Style) -> FurniturePiece:
     b.add(finish, box((width + 0.01, depth + 0.006, 0.02), (0, 0, height - 0.02), 0.003))
     split = height - 0.022 - 0.17
     b.add(finish, shelf(width, depth, split))
-    out = float(rng.uniform(0.05, 0.14)) if rng.random() < 0.35 else 0.0
+    out = float(rng.uniform(0.05, 0.14)) if left_open(rng, style, 1) == 0 else 0.0
     add_drawer(
         b, style, finish, style.wood, -width / 2, width / 2, split, height - 0.022, depth, out
     )

@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.cabinets import BOARD, add_drawer, carcass, feet, leg_material
+from scenes.procedural.furniture.cabinets import (
+    BOARD,
+    add_drawer,
+    carcass,
+    feet,
+    left_open,
+    leg_material,
+)
+from scenes.procedural.furniture.cloth import block, plane
+from scenes.procedural.furniture.drapes import dropped
 from scenes.procedural.furniture.geometry import (
     box,
     cylinder,
@@ -16,7 +25,7 @@ from scenes.procedural.furniture.geometry import (
     superellipse,
 )
 from scenes.procedural.furniture.style import GLASS, Style
-from scenes.procedural.piece import FurniturePiece
+from scenes.procedural.piece import FurniturePiece, Material
 
 
 def dining_table(
@@ -51,8 +60,34 @@ def dining_table(
             box((2 * x, 0.02, apron), (0, side * y, under - apron + 0.001)),
             box((0.02, 2 * y - 0.02, apron - 0.002), (side * x, 0, under - apron + 0.002)),
         )
+    if rng.random() < 0.2:
+        hang, thin = float(rng.uniform(0.12, 0.21)), 0.003
+        top_box = block(
+            (-width / 2, -depth / 2, under), (width / 2, depth / 2, height), 0.008, thin + 0.001
+        )
+        size = (width + 2 * hang, depth + 2 * hang)
+        cloth = dropped(
+            rng,
+            [top_box, plane(2, height + thin + 0.0012, -1.0)],
+            size,
+            (0, 0, height + 0.01),
+            turn=float(rng.normal(0, 0.6)),
+            tight=0.0,
+            rumple=0.1,
+            thickness=thin,
+            step=0.045,
+        )
+        b.add(_table_linen(rng, style), cloth, name="cloth")
+        height = height + thin + 0.002
     b.surface(0, 0, height, width / 2 - 0.05, depth / 2 - 0.05)
     return b.piece()
+
+
+def _table_linen(rng: np.random.Generator, style: Style) -> Material:
+    """White or coloured linen, plain or checked."""
+    color = (0.72, 0.71, 0.68) if rng.random() < 0.5 else style.cushions[2].color
+    family = ("linen", "plain", "checked")[int(rng.integers(3))]
+    return Material("fabric", color, 0.9, variant=int(rng.integers(1 << 20)), family=family)
 
 
 def round_table(
@@ -196,7 +231,7 @@ def desk(rng: np.random.Generator, style: Style, width: float | None = None) -> 
     parts.add(style.cabinet, *carcass(pedestal, inner, 0.04, under - 0.001))
     parts.add(style.dark_wood, box((pedestal - 0.04, inner - 0.08, 0.041), (0, 0.01, 0)))
     heights = np.linspace(0.04, under - 0.004, 4)
-    pulled = int(rng.integers(0, 5))
+    pulled = left_open(rng, style, 4)
     for k in range(3):
         add_drawer(
             parts,

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from scenes.procedural.furniture.build import Builder
+from scenes.procedural.furniture.cloth import stuffed
 from scenes.procedural.furniture.geometry import (
     bar,
     box,
     cylinder,
     grid,
     loft,
-    pillow,
     rounded_box,
     sphere,
     superellipse,
@@ -123,7 +123,7 @@ def cushion(rng: np.random.Generator, style: Style) -> FurniturePiece:
     size = float(rng.uniform(0.38, 0.5))
     b = Builder("cushion", "cushion", "on_top")
     fabric = style.cushions[int(rng.integers(len(style.cushions)))]
-    b.add(fabric, pillow((size, size * rng.uniform(0.75, 1.0), 0.15), rng=rng))
+    b.add(fabric, stuffed((size, size * rng.uniform(0.75, 1.0), 0.15), int(rng.integers(5))))
     return b.piece()
 
 

@@ -44,12 +44,14 @@ from scenes.procedural.materials import MaterialLibrary
 from scenes.procedural.piece import Material, PiecePart
 from scenes.procedural.plan import SIZES, Plan, WallEdge, make_plan
 from scenes.procedural.scene_item import SceneItem
+from scenes.reconstruction.raycast import RayCaster
 from scenes.seeds import generator
 from tests.fixtures.geometry import hits
 
 SMALL = SceneParams(texture_size=64)
 SEEDS = (0, 1, 2, 3, 4, 5, 6, 7)
 FORTY = range(200, 240)  # more seeds, of which every run makes a sample
+CLOTHS = ("textile", "clothing", "towel")
 SETTINGS = ("day", "evening", "night", "mixed")
 
 
@@ -152,7 +154,7 @@ def test_meshes_are_sound(homes: list[Home]) -> None:
             assert np.isfinite(mesh.vertices).all() and np.isfinite(mesh.uvs).all(), path.name
             assert mesh.faces.min() >= 0 and mesh.faces.max() < len(mesh.vertices), path.name
             triangles += len(mesh.faces)
-        assert triangles < 400_000
+        assert triangles < 1_000_000
 
 
 def test_equal_seeds_give_equal_bytes(homes: list[Home], tmp_path: Path) -> None:
@@ -576,27 +578,31 @@ def _cross(home: Home, first: SceneObject, second: SceneObject) -> bool:
 
 
 def _pierces(one: np.ndarray, other: np.ndarray) -> bool:
+    """Return True if an edge of `one` passes through `other`, 3 mm or more from its ends."""
+    low, high = other.min(axis=(0, 1)) - 0.01, other.max(axis=(0, 1)) + 0.01
+    one = one[((one.max(axis=1) > low) & (one.min(axis=1) < high)).all(axis=1)]
     starts = one.reshape(-1, 3)
     edges = np.roll(one, -1, axis=1).reshape(-1, 3) - starts
     lengths = np.linalg.norm(edges, axis=1)
-    return any(
-        ((distances > 3e-3) & (distances < length - 3e-3)).any()
-        for start, edge, length in zip(starts, edges, lengths, strict=True)
-        if length > 6e-3
-        for distances in [hits(start, edge / length, other)]
-    )
+    long = lengths > 6e-3
+    if not long.any():
+        return False
+    ways = edges[long] / lengths[long, None]
+    distances = RayCaster(other).cast(starts[long] + 3e-3 * ways, ways)[0]
+    return bool((distances < lengths[long] - 6e-3).any())
 
 
 def _holds(one: np.ndarray, other: np.ndarray) -> bool:
-    """Return True if a ray from the centre of `other` crosses `one` an odd number of times."""
-    found = hits(other.mean(axis=(0, 1)), np.array([0.48, 0.36, 0.8]), one)
+    """Return True if a ray from the top of `other` crosses `one` an odd number of times."""
+    points = other.reshape(-1, 3)
+    found = hits(points[np.argmax(points[:, 2])], np.array([0.48, 0.36, 0.8]), one)
     return len(np.unique(np.round(found[found > 0], 5))) % 2 == 1
 
 
 def test_nothing_floats(homes: list[Home]) -> None:
     """Each object is on the floor, on another object, at the ceiling or on a wall.
 
-    Cloth may sink up to 2 cm into a cushion.
+    Cloth may sink up to 2 cm into a cushion, and hang over what reaches nearly as high as it does.
     """
     for home in homes:
         for room in home.scene.rooms:
@@ -622,7 +628,22 @@ def test_nothing_floats(homes: list[Home]) -> None:
                         for below, _, top in home.bodies[other.id]
                     )
                 )
+                held = held or (item.category in CLOTHS and _hangs_over(home, item, solid))
                 assert held, f"seed {home.seed}: {item.id} floats at {low:.3f}"
+
+
+def _hangs_over(home: Home, cloth: SceneObject, others: list[SceneObject]) -> bool:
+    """Return True if a fiftieth of the cloth lies within 3 cm above other objects."""
+    below = [
+        home.triangles(other)
+        for other in others
+        if other.id != cloth.id and _boxes_meet(cloth, other)
+    ]
+    if not below:
+        return False
+    points = home.triangles(cloth).mean(axis=1)
+    down = RayCaster(np.concatenate(below)).cast(points, np.array([0.0, 0.0, -1.0]))[0]
+    return bool((down < 0.03).mean() > 0.02)
 
 
 def test_rooms_can_be_walked(homes: list[Home]) -> None:

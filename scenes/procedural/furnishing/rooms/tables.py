@@ -78,13 +78,18 @@ def _place_chairs(furnisher: Furnisher, table: PlacedPiece, round_one: bool) -> 
     for relative_yaw, offset in seats:
         # At yaw 0 the chair is beyond the table's +Y edge and faces -Y.
         edge = float(high[1]) if relative_yaw in (0.0, 180.0) else float(high[0])
-        for pulled in (float(rng.uniform(-0.12, 0.12)), 0.12, 0.3):
+        disorder = furnisher.style.disorder
+        drawn = float(rng.uniform(-0.12, 0.12))
+        if furnisher.chance(0.5 * disorder):  # somebody got up and left it so
+            drawn = float(rng.uniform(0.1, 0.4))
+        askew = float(rng.normal(0, 2 + 10 * disorder)) * (2.0 if drawn > 0.12 else 1.0)
+        for pulled, turn in ((drawn, askew), (drawn, 0.0), (0.12, 0.0), (0.3, 0.0)):
             distance = edge + depth / 2 - 0.16 + pulled
             local = Pose(0.0, 0.0, 0.0, relative_yaw).apply(np.array([[offset, distance, 0.0]]))
             if relative_yaw == 180.0:
                 local[0, 0] = offset
             at = table.pose.apply(local)[0]
-            yaw = (table.pose.yaw + relative_yaw) % 360
+            yaw = (table.pose.yaw + relative_yaw + turn) % 360
             pose = Pose(float(at[0]), float(at[1]), table.pose.z, yaw)
             if space.try_place("dining_chair", chair, pose, zone=False, allow=(table.id,)):
                 count += 1

@@ -1,0 +1,255 @@
+"""Cloth thrown over furniture: throws, clothes, towels and table cloths, as it falls there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from scenes.arrays import BoolArray, Float64Array
+from scenes.procedural.furniture.build import Builder
+from scenes.procedural.furniture.cloth import (
+    LINEN,
+    Push,
+    Weave,
+    block,
+    cleared,
+    plane,
+    refined,
+    settle,
+    solid,
+    started,
+    surface,
+)
+from scenes.procedural.furniture.geometry import BodyMesh
+from scenes.procedural.piece import FurniturePiece, Material
+
+Cut = Literal["sheet", "shirt", "trousers"]
+_DEEPEST = 0.0025  # metres that a cloth may reach into what it lies on
+_FINE_STEPS = 25
+
+
+def dropped(
+    rng: np.random.Generator,
+    bodies: Sequence[Push],
+    size: tuple[float, float],
+    at: tuple[float, float, float],
+    *,
+    turn: float = 0.0,
+    tight: float = 0.04,
+    rumple: float = 1.0,
+    thickness: float = 0.005,
+    step: float = 0.03,
+    cut: Cut = "sheet",
+    steps: int = 100,
+    friction: float = 0.8,
+    weave: Weave = LINEN,
+) -> BodyMesh:
+    """Return a cloth of `size` that fell from `at`, below its middle, onto bodies.
+
+    `turn` in degrees about Z; `tight` is the share by which it was pushed together before, `rumple`
+    scales the waves it falls in.
+    `bodies` keep it away by its thickness and more.
+    """
+    n, m = (max(6, round(length / step) + 1) for length in size)
+    rest = (size[0] / (n - 1), size[1] / (m - 1))
+    u = (np.arange(n) / (n - 1) - 0.5)[:, None]
+    v = (np.arange(m) / (m - 1) - 0.5)[None, :]
+    waves = np.zeros((n, m))
+    for _ in range(6):
+        a, c = rng.uniform(-16, 16, 2)
+        waves = waves + rng.uniform(0.4, 1) * np.sin(a * u + c * v + rng.uniform(0, 6.3))
+    x, y = u * size[0] * (1 - tight), v * size[1] * (1 - tight)
+    cosine, sine = np.round([np.cos(np.radians(turn)), np.sin(np.radians(turn))], 9)
+    height = rumple * (0.008 + 0.03 * float(np.sqrt(tight)))
+    place = started(
+        (
+            at[0] + x * cosine - y * sine,
+            at[1] + x * sine + y * cosine,
+            at[2] + height * (waves - waves.min()),
+        )
+    )
+    cells = _cells(cut, n - 1, m - 1)
+    ghost = None if cells is None else ~_corners(cells)
+    place = refined(settle(place, rest, bodies, steps, weave, ghost=ghost, friction=friction))
+    rest = (0.5 * rest[0], 0.5 * rest[1])
+    if cells is not None:
+        cells = cells.repeat(2, axis=0).repeat(2, axis=1)
+        ghost = ~_corners(cells)
+    # Again at twice the resolution: the sheet bends around thin rails.
+    place = settle(place, rest, bodies, _FINE_STEPS, weave, ghost=ghost, friction=friction)
+    return solid(place, rest, thickness, cells)
+
+
+def _cells(cut: Cut, n: int, m: int) -> BoolArray | None:
+    """The quads (n, m) of a grid that the outline of a garment has; None: all."""
+    if cut == "sheet":
+        return None
+    u = np.abs((np.arange(n) + 0.5) / n - 0.5)[:, None]
+    v = ((np.arange(m) + 0.5) / m)[None, :]
+    if cut == "shirt":  # body and two sleeves; the neck is at v = 1
+        body = (u < 0.27) & (v < 1.0)
+        sleeves = (v > 0.72) & (u < 0.5)
+        neck = (u < 0.07) & (v > 0.93)
+        return np.asarray((body | sleeves) & ~neck)
+    legs = (u > 0.04) | (v > 0.66)
+    return np.asarray(np.broadcast_to(legs & (u < 0.5), (n, m)))
+
+
+def hung(
+    rng: np.random.Generator,
+    size: float,
+    front: float,
+    back: float,
+    gap: float,
+    wall: float,
+    thickness: float = 0.006,
+    step: float = 0.025,
+) -> BodyMesh:
+    """Return a towel of width `size` over a bar along x through the origin; the wall is at +y.
+
+    It hangs down by `front` and `back` metres; it keeps `gap` metres from the bar's axis, and in
+    front of the plane y = `wall`.
+    """
+    n = round(size / step) + 1
+    around = np.pi * gap
+    m = round((front + back + around) / step) + 1
+    rest = (size / (n - 1), (front + back + around) / (m - 1))
+    s = (np.arange(n) / (n - 1) - 0.5)[:, None] * size
+    t = np.arange(m)[None, :] * rest[1]  # from the hem in front, over the bar
+    arc = np.clip((t - front) / gap, 0, np.pi)
+    y = -gap * np.cos(arc)
+    fallen = np.maximum(front - t, 0) + np.maximum(t - front - around, 0)
+    tight = float(rng.uniform(0.05, 0.22))
+    waves = np.zeros((n, m))
+    for _ in range(5):
+        waves = waves + rng.uniform(0.3, 1) * np.sin(
+            rng.uniform(10, 45) * s + rng.uniform(-2.5, 2.5) * t + rng.uniform(0, 6.3)
+        )
+    deep = 0.022 * float(np.sqrt(tight))
+    loose = np.minimum(fallen / 0.08, 1.0)
+    side = np.where(t < front + 0.5 * around, -1.0, 1.0)
+    lean = float(rng.normal(0, 0.05))  # one corner hangs lower
+    place = started(
+        (
+            s * (1 - tight * (0.4 + 0.6 * loose)),
+            y + side * deep * loose * np.abs(waves),
+            gap * np.sin(arc) - fallen * (1 + lean * s / size),
+        )
+    )
+    held = np.ones((n, m))
+    held[:, int(np.argmin(np.abs(t[0] - front - 0.5 * around)))] = 0.0
+
+    def push(place: Float64Array) -> BoolArray:
+        y = place[1]
+        near, far = np.where(side < 0, -1.0, gap), np.where(side < 0, -gap, wall)
+        level = (place[2] < 0.0) & ((y < near) | (y > far))
+        place[1] = np.where(place[2] < 0.0, np.clip(y, near, np.maximum(near, far)), y)
+        return level
+
+    place = settle(place, rest, [push], 120, Weave(1.0, 0.2, 0.02), mass=held, friction=0.15)
+    return solid(refined(place)[:, :, ::-1], (0.5 * rest[0], 0.5 * rest[1]), thickness)
+
+
+def hooked(
+    rng: np.random.Generator,
+    size: tuple[float, float],
+    *,
+    cut: Cut = "sheet",
+    thickness: float = 0.005,
+    step: float = 0.042,
+) -> BodyMesh:
+    """Return a cloth on a hook at the origin, in front of the wall y = 0.03, hanging down."""
+    n, m = (round(length / step) + 1 for length in size)
+    rest = (size[0] / (n - 1), size[1] / (m - 1))
+    u = (np.arange(n) / (n - 1) - 0.5)[:, None]
+    v = ((m - 1 - np.arange(m)) / (m - 1))[None, :]  # 0 at the top
+    pleats = rng.uniform(2.2, 3.4)
+    phase = 2 * np.pi * pleats * u + rng.uniform(0, 6.3) + 0.4 * np.sin(5 * v + rng.uniform(0, 6))
+    narrow = 0.22 + 0.2 * v
+    deep = size[0] / pleats * 0.22 * (0.5 + 0.5 * v)
+    place = started(
+        (
+            u * size[0] * narrow,
+            -0.05 - deep * np.sin(phase) + 0 * v,
+            -size[1] * v - 0.45 * size[0] * np.abs(u) + 0.0,
+        )
+    )
+    held = np.where((np.abs(u) * size[0] < 0.04) & (v * size[1] < 0.04), 0.0, 1.0)
+    cells = _cells(cut, n - 1, m - 1)
+    ghost = None if cells is None else ~_corners(cells)
+    place = settle(
+        place,
+        rest,
+        [plane(1, 0.02, -1.0)],
+        130,
+        Weave(1.0, 0.15, 0.03),
+        mass=held,
+        ghost=ghost,
+        friction=0.3,
+    )
+    if cells is not None:
+        cells = cells.repeat(2, axis=0).repeat(2, axis=1)
+    return solid(refined(place), (0.5 * rest[0], 0.5 * rest[1]), thickness, cells)
+
+
+def _corners(cells: BoolArray) -> BoolArray:
+    """Points (n + 1, m + 1) of the quads (n, m) that are there."""
+    kept = np.zeros((cells.shape[0] + 1, cells.shape[1] + 1), dtype=bool)
+    for rows in (slice(0, -1), slice(1, None)):
+        for columns in (slice(0, -1), slice(1, None)):
+            kept[rows, columns] |= cells
+    return kept
+
+
+def over(
+    rng: np.random.Generator,
+    carrier: FurniturePiece,
+    name: str,
+    category: str,
+    material: Material,
+    size: tuple[float, float],
+    at: tuple[float, float, float],
+    *,
+    turn: float = 0.0,
+    tight: float = 0.05,
+    thickness: float = 0.006,
+    cut: Cut = "sheet",
+    within: Sequence[Push] = (),
+    gap: float = 0.004,
+) -> FurniturePiece | None:
+    """Return a cloth that lies over a piece of furniture, in the frame of that piece.
+
+    `at` is where its middle is dropped; `within` are further bodies. It is
+    kept `gap` metres away. None if it ended up inside.
+    """
+    triangles = np.concatenate([part.vertices[part.faces] for part in carrier.parts])
+    half = 0.5 * float(np.hypot(*size))
+    low = triangles.min(axis=1)[:, :2] - np.array(at[:2])
+    high = triangles.max(axis=1)[:, :2] - np.array(at[:2])
+    near = ((low < half + 0.05) & (high > -half - 0.05)).all(axis=1)
+    bodies = [*within, plane(2, thickness + 0.02), surface(triangles[near], thickness + gap)]
+    mesh = dropped(rng, bodies, size, at, turn=turn, tight=tight, thickness=thickness, cut=cut)
+    mended = cleared(mesh, triangles[near], _DEEPEST)
+    if mended is None:
+        return None
+    b = Builder(name, category, "free")
+    b.add(material, mended, name="cloth")
+    return b.piece()
+
+
+def slices(points: Float64Array, low: float, gap: float, high: float = 0.06) -> list[Push]:
+    """Blocks around the points (N, 3) of an upright thing above z = `low`, each `high` m high."""
+    top = float(points[:, 2].max())
+    count = max(1, round((top - low) / high))
+    levels = np.linspace(low, top, count + 1)
+    bodies = []
+    for k in range(count):
+        # The slice below, too: blocks that step back would hold the cloth in a notch.
+        own = points[(points[:, 2] >= levels[k] - 0.03) & (points[:, 2] <= levels[k + 1] + 0.03)]
+        if len(own):
+            first, last = own.min(axis=0), own.max(axis=0)
+            first[2], last[2] = levels[k] - 0.01, levels[k + 1]
+            bodies.append(block(first, last, 0.008, gap))
+    return bodies
