@@ -25,6 +25,7 @@ _CLOTHES: dict[str, tuple[Cut, float, float]] = {
 }
 _BACK = 0.05  # metres below the top of a chair's back within which its middle is looked for
 _NARROWEST = 0.22  # metres, of a throw
+_TRIES = 2
 _MOST = 3  # pieces of cloth left in a room
 
 
@@ -39,16 +40,18 @@ def drape_cloth(furnisher: Furnisher) -> None:
         base, slope, drape = _WAYS[carrier.kind]
         if not furnisher.chance(base + slope * furnisher.style.disorder):
             continue
-        made = drape(furnisher, carrier.piece, used)
-        on_back = drape is _over_back
-        if made is None or (on_back and made.bounds[1, 2] < carrier.piece.bounds[1, 2]):
-            continue  # it slid down
-        kind = made.name.replace(" ", "_")
         owners = {item.id for item in furnisher.space.items}
-        if furnisher.space.try_place(
-            kind, made, carrier.pose, zone=False, touching=(carrier.id,), allow=owners
-        ):
-            used.add(kind)
+        for _ in range(_TRIES):
+            made = drape(furnisher, carrier.piece, used)
+            on_back = drape is _over_back
+            if made is None or (on_back and made.bounds[1, 2] < carrier.piece.bounds[1, 2]):
+                continue  # it slid down
+            kind = made.name.replace(" ", "_")
+            if furnisher.space.try_place(
+                kind, made, carrier.pose, zone=False, touching=(carrier.id,), allow=owners
+            ):
+                used.add(kind)
+                break
 
 
 def _over_back(

@@ -24,6 +24,7 @@ _GRAVITY = 0.0006  # metres a step squared
 _DAMPING = 0.93
 _FASTEST = 0.03  # metres a step
 _REFRESH = 3  # steps for which the nearest samples of a surface are kept
+_NEAR = 0.01  # metres
 _SPACING = 0.012  # metres between the samples of a surface
 _AT_EDGES = 3  # nearest samples that are asked for
 _ROUNDED = 6  # decimals, of starts and results
@@ -133,6 +134,39 @@ def cleared(mesh: BodyMesh, triangles: Float64Array, depth: float) -> BodyMesh |
                 np.add.at(count, end, 1.0)
         places = places + move / np.maximum(count, 1)[:, None]
     return replace(mesh, vertices=places[label])
+
+
+def pierces(triangles: Float64Array, mesh: BodyMesh) -> bool:
+    """Test whether edges of triangles (N, 3, 3) pass through a mesh, 2 mm or more from their ends.
+
+    Looks at edges that come within `_NEAR` of the middle of a face of the mesh.
+    """
+    starts = triangles.reshape(-1, 3)
+    edges = np.roll(triangles, -1, axis=1).reshape(-1, 3) - starts
+    length = np.sqrt(edges[:, 0] ** 2 + edges[:, 1] ** 2 + edges[:, 2] ** 2)
+    long = length > 0.005
+    starts, edges, length = starts[long], edges[long], length[long]
+    corners = mesh.vertices[mesh.faces]
+    tree = cKDTree(corners.sum(axis=1) / 3)
+    count = np.ceil(length / _NEAR).astype(np.int64)
+    owner = np.repeat(np.arange(len(count)), count)
+    step = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    places = starts[owner] + ((step + 0.5) / count[owner])[:, None] * edges[owner]
+    found = np.isfinite(tree.query(places, distance_upper_bound=2 * _NEAR)[0])
+    a, ab, ac = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = np.cross(ab, ac)
+    for k in np.unique(owner[found]).tolist():
+        # Möller and Trumbore 1997
+        offset = starts[k] - a
+        volume = -(normal * edges[k]).sum(axis=1)
+        scale = 1 / np.where(np.abs(volume) < 1e-14, np.inf, volume)
+        turned = np.cross(offset, edges[k])
+        u, v = (ac * turned).sum(axis=1) * scale, -(ab * turned).sum(axis=1) * scale
+        t = (normal * offset).sum(axis=1) * scale
+        margin = 0.002 / length[k]
+        if ((u >= 0) & (v >= 0) & (u + v <= 1) & (t > margin) & (t < 1 - margin)).any():
+            return True
+    return False
 
 
 class _Samples:

@@ -15,6 +15,7 @@ from scenes.procedural.furniture.cloth import (
     Weave,
     block,
     cleared,
+    pierces,
     plane,
     refined,
     settle,
@@ -222,7 +223,7 @@ def over(
     """Return a cloth that lies over a piece of furniture, in the frame of that piece.
 
     `at` is where its middle is dropped; `within` are further bodies. It is
-    kept `gap` metres away. None if it ended up inside.
+    kept `gap` metres away. None if it ended up in it.
     """
     triangles = np.concatenate([part.vertices[part.faces] for part in carrier.parts])
     half = 0.5 * float(np.hypot(*size))
@@ -232,7 +233,7 @@ def over(
     bodies = [*within, plane(2, thickness + 0.02), surface(triangles[near], thickness + gap)]
     mesh = dropped(rng, bodies, size, at, turn=turn, tight=tight, thickness=thickness, cut=cut)
     mended = cleared(mesh, triangles[near], _DEEPEST)
-    if mended is None:
+    if mended is None or pierces(triangles[near], mended):
         return None
     b = Builder(name, category, "free")
     b.add(material, mended, name="cloth")

@@ -17,6 +17,7 @@ from scenes.procedural.furniture.geometry import (
     rounded_box,
     sphere,
     superellipse,
+    thick_sheet,
     tube,
 )
 from scenes.procedural.furniture.style import BLACK_PLASTIC, CHROME, RUBBER, Style
