@@ -25,7 +25,7 @@ _CLOTHES: dict[str, tuple[Cut, float, float]] = {
 }
 _BACK = 0.05  # metres below the top of a chair's back within which its middle is looked for
 _NARROWEST = 0.22  # metres, of a throw
-_TRIES = 2
+_TRIES = 1
 _MOST = 3  # pieces of cloth left in a room
 
 
