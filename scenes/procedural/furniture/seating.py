@@ -246,7 +246,7 @@ def _couch(
         size = rng.uniform(0.38, 0.46)
         end = (-1, 1, 0)[k]
         x = end * (inner / 2 - size / 2 - rng.uniform(0.0, 0.06))
-        askew = 3 + 12 * style.disorder
+        askew = 2 + 7 * style.disorder
         loose_one = (
             stuffed((size, size, 0.15), int(rng.integers(5)), turned=rng.random() < 0.5)
             .moved(z=-0.075)

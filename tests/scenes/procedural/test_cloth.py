@@ -1,0 +1,92 @@
+"""Cloth: the shapes in which it hangs and lies, and what it keeps away from."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from scenes.procedural.furniture.cloth import (
+    Weave,
+    block,
+    cleared,
+    pierces,
+    plump,
+    settle,
+    solid,
+    started,
+    stuffed,
+)
+from scenes.procedural.furniture.drapes import dropped, hooked, hung
+from scenes.procedural.furniture.geometry import BodyMesh, box, grid
+from scenes.seeds import generator
+from tests.scenes.procedural.test_furniture import is_closed, volume
+
+
+def test_a_strip_held_at_both_ends_hangs_as_a_catenary() -> None:
+    count, length, apart = 31, 1.0, 0.6
+    x = np.linspace(-apart / 2, apart / 2, count)[:, None] + np.zeros((1, 3))
+    y = np.zeros((count, 1)) + np.linspace(-0.03, 0.03, 3)[None, :]
+    held = np.ones((count, 3))
+    held[[0, -1]] = 0.0
+    rest = (length / (count - 1), 0.03)
+    place = started((x, y, -0.01 * np.cos(np.pi * x / apart)))
+    place = settle(place, rest, [], 700, Weave(1.0, 0.0, 0.0), mass=held, iterations=12)
+    a = brentq(lambda a: 2 * a * np.sinh(apart / 2 / a) - length, 0.05, 1.0)
+    sag = a * (np.cosh(apart / 2 / a) - 1)
+    assert place[2, count // 2, 1] == pytest.approx(-sag, rel=0.03)
+    steps = np.linalg.norm(np.diff(place, axis=1), axis=0)
+    assert steps == pytest.approx(rest[0], rel=0.04)
+
+
+def test_a_cloth_over_a_table_keeps_off_it_and_hangs_down_at_its_sides() -> None:
+    table = block((-0.4, -0.3, 0.0), (0.4, 0.3, 0.7), 0.01, 0.008)
+    made = [dropped(generator(3), [table], (1.2, 1.0), (0, 0, 0.72), tight=0.0) for _ in range(2)]
+    assert np.array_equal(made[0].vertices, made[1].vertices)
+    x, y, z = made[0].vertices.T
+    inside = (np.abs(x) < 0.397) & (np.abs(y) < 0.297) & (z < 0.697)
+    assert not inside.any()
+    assert z.max() < 0.76 and 0.27 < z.min() < 0.45
+    assert is_closed(made[0].vertices, made[0].faces)
+
+
+def test_towels_stay_before_the_wall_and_garments_have_their_outline() -> None:
+    towel = hung(generator(1), 0.4, 0.5, 0.3, 0.016, 0.06)
+    assert towel.vertices[:, 1].max() < 0.065
+    assert towel.vertices[:, 2].min() == pytest.approx(-0.5, abs=0.05)
+    shirt = hooked(generator(2), (1.1, 0.7), cut="shirt")
+    whole = hooked(generator(2), (1.1, 0.7))
+    for mesh in (towel, shirt, whole):
+        assert is_closed(mesh.vertices, mesh.faces)
+    assert 0.4 < _area(shirt) / _area(whole) < 0.9
+
+
+def test_a_stuffed_cushion_is_thick_in_its_middle_and_dented_by_a_head() -> None:
+    mesh = stuffed((0.7, 0.45, 0.16), 1)
+    assert is_closed(mesh.vertices, mesh.faces)
+    assert 0.3 < volume(mesh.vertices, mesh.faces) / (0.7 * 0.45 * 0.16) < 0.9
+    middle = (plump(1, 65).shape[2] // 2, plump(1, 65).shape[3] // 2)
+    assert plump(1, 65, True)[(2, 0, *middle)] < plump(1, 65)[(2, 0, *middle)]
+
+
+def test_what_pierces_a_cloth_is_noticed_and_moved_out() -> None:
+    x, y = np.meshgrid(np.linspace(-0.1, 0.1, 21), np.linspace(-0.1, 0.1, 21), indexing="ij")
+    sheet = grid(np.stack([x, y, 0 * x + 0.05], axis=-1))
+
+    def post(height: float, at: float = 0.0, wide: float = 0.031) -> np.ndarray:
+        mesh = box((wide, wide, height), (at, 0, 0))
+        return np.asarray(mesh.vertices[mesh.faces])
+
+    assert pierces(post(0.1), sheet) and not pierces(post(0.045), sheet)
+    assert not pierces(post(0.1, 0.3), sheet)
+    sunk = sheet.moved(z=-0.004)
+    place = np.moveaxis(sunk.vertices.reshape(21, 21, 3), -1, 0)
+    lying = solid(place, (0.01, 0.01), 0.001)
+    raised = cleared(lying, post(0.047, wide=0.4), 0.001)
+    assert raised is not None
+    assert raised.vertices[:, 2].min() > 0.047
+
+
+def _area(mesh: BodyMesh) -> float:
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
