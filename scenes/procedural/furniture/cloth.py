@@ -24,7 +24,9 @@ _GRAVITY = 0.0006  # metres a step squared
 _DAMPING = 0.93
 _FASTEST = 0.03  # metres a step
 _REFRESH = 3  # steps for which the nearest samples of a surface are kept
-_NEAR = 0.01  # metres
+_NEAR = 0.01  # metres between the places of a long edge at which faces are looked for
+_LONG = 0.04  # metres
+_FACES = 12  # nearest faces of a mesh that are tested there
 _SPACING = 0.012  # metres between the samples of a surface
 _AT_EDGES = 3  # nearest samples that are asked for
 _ROUNDED = 6  # decimals, of starts and results
@@ -137,36 +139,38 @@ def cleared(mesh: BodyMesh, triangles: Float64Array, depth: float) -> BodyMesh |
 
 
 def pierces(triangles: Float64Array, mesh: BodyMesh) -> bool:
-    """Test whether edges of triangles (N, 3, 3) pass through a mesh, 2 mm or more from their ends.
+    """Test whether long edges of triangles (N, 3, 3) pass through a mesh, 2 mm from their ends.
 
-    Looks at edges that come within `_NEAR` of the middle of a face of the mesh.
+    The corners of rails and boards; fine meshes have no edge of `_LONG`, and are passed over.
     """
     starts = triangles.reshape(-1, 3)
     edges = np.roll(triangles, -1, axis=1).reshape(-1, 3) - starts
     length = np.sqrt(edges[:, 0] ** 2 + edges[:, 1] ** 2 + edges[:, 2] ** 2)
-    long = length > 0.005
-    starts, edges, length = starts[long], edges[long], length[long]
+    starts, edges, length = starts[length > _LONG], edges[length > _LONG], length[length > _LONG]
+    if len(length) == 0:
+        return False
     corners = mesh.vertices[mesh.faces]
     tree = cKDTree(corners.sum(axis=1) / 3)
     count = np.ceil(length / _NEAR).astype(np.int64)
     owner = np.repeat(np.arange(len(count)), count)
     step = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
     places = starts[owner] + ((step + 0.5) / count[owner])[:, None] * edges[owner]
-    found = np.isfinite(tree.query(places, distance_upper_bound=2 * _NEAR)[0])
-    a, ab, ac = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    normal = np.cross(ab, ac)
-    for k in np.unique(owner[found]).tolist():
-        # Möller and Trumbore 1997
-        offset = starts[k] - a
-        volume = -(normal * edges[k]).sum(axis=1)
-        scale = 1 / np.where(np.abs(volume) < 1e-14, np.inf, volume)
-        turned = np.cross(offset, edges[k])
-        u, v = (ac * turned).sum(axis=1) * scale, -(ab * turned).sum(axis=1) * scale
-        t = (normal * offset).sum(axis=1) * scale
-        margin = 0.002 / length[k]
-        if ((u >= 0) & (v >= 0) & (u + v <= 1) & (t > margin) & (t < 1 - margin)).any():
-            return True
-    return False
+    found, which = tree.query(places, k=_FACES, distance_upper_bound=2 * _NEAR)
+    close = np.isfinite(found)
+    face, edge = which[close], np.broadcast_to(owner[:, None], which.shape)[close]
+    # Möller and Trumbore 1997
+    start, along = starts[edge], edges[edge]
+    a = corners[face, 0]
+    ab, ac = corners[face, 1] - a, corners[face, 2] - a
+    normal, offset = np.cross(ab, ac), start - a
+    volume = -(normal * along).sum(axis=1)
+    scale = 1 / np.where(np.abs(volume) < 1e-14, np.inf, volume)
+    turned = np.cross(offset, along)
+    u, v = (ac * turned).sum(axis=1) * scale, -(ab * turned).sum(axis=1) * scale
+    t = (normal * offset).sum(axis=1) * scale
+    margin = 0.002 / length[edge]
+    crossed = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > margin) & (t < 1 - margin)
+    return bool((crossed & (scale != 0)).any())
 
 
 class _Samples:
