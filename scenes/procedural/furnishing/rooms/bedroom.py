@@ -21,6 +21,10 @@ def furnish_bedroom(furnisher: Furnisher) -> None:
         bed = _place_bed(furnisher, "double_bed")
     if bed is None:
         bed = _place_bed(furnisher, "single_bed")
+    if bed is None and built_in:  # which leaves no place for a bed
+        space.remove_last()
+        built_in = False
+        bed = _place_bed(furnisher, "double_bed") or _place_bed(furnisher, "single_bed")
     if not built_in and furnisher.wants(0.95):
         furnisher.along_wall("wardrobe", where="corner")
     if furnisher.wants(0.6):
