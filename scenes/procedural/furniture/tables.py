@@ -62,9 +62,9 @@ def dining_table(
         )
     if rng.random() < 0.2:
         hang, thin = float(rng.uniform(0.12, 0.21)), 0.003
-        top_box = block(
-            (-width / 2, -depth / 2, under), (width / 2, depth / 2, height), 0.008, thin + 0.001
-        )
+        # Down to below the hem, so that the cloth does not swing in under the top.
+        low, high = (-width / 2, -depth / 2, height - 0.4), (width / 2, depth / 2, height)
+        top_box = block(low, high, 0.008, thin + 0.001)
         size = (width + 2 * hang, depth + 2 * hang)
         cloth = dropped(
             rng,

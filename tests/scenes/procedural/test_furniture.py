@@ -34,7 +34,7 @@ SEEDS = range(20)
 KINDS = sorted(FURNITURE_KINDS)
 SHEETS = ("curtain", "leaves", "display")  # open meshes, seen from both sides
 BUDGET = 15_000
-CLOTH_BUDGET = 50_000  # of kinds with simulated cloth
+CLOTH_BUDGET = 60_000  # of kinds with simulated cloth
 CLOTHED = (
     "double_bed",
     "single_bed",
