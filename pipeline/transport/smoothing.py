@@ -17,7 +17,6 @@ PASSES = 3
 _KERNEL = (1 / 16, 1 / 4, 3 / 8, 1 / 4, 1 / 16)
 _SHARPNESS = 8  # exponent of the cosine between two normals
 _OFFSET = 0.03  # of the distance from the camera: scale of distances from the tangent plane
-_SPIKE = 2.0  # most luminance of a pixel, relative to the brightest of its neighbours
 _DEVIATIONS = 4.0  # scale of differences in luminance, in standard deviations
 
 
@@ -52,7 +51,7 @@ def smooth(
 
 
 def without_fireflies(image: Any, size: tuple[int, int]) -> Any:
-    """Return an image in which no pixel is twice as bright as all of its eight neighbours.
+    """Return an image in which no pixel is brighter than the brightest of its eight neighbours.
 
     `image` is `mi.Color3f` of W * H pixels. A lone spike of gloss would decide on the exposure.
     """
@@ -68,8 +67,7 @@ def without_fireflies(image: Any, size: tuple[int, int]) -> Any:
                 inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
                 place = mi.UInt32(dr.select(inside, y * width + x, 0))
                 brightest = dr.maximum(brightest, dr.gather(mi.Float, own, place, inside))
-    limit = _SPIKE * brightest
-    return image * dr.select(own > limit, limit / own, 1)
+    return image * dr.select(own > brightest, brightest / own, 1)
 
 
 class _Taps:
