@@ -36,8 +36,9 @@ def smooth(
     """
     normal, position, seen = surfaces
     share = dr.select(seen > 0, dr.rcp(seen), 0)
-    normal, position = dr.normalize(normal * share), position * share
-    normal = dr.select(seen > 0, normal, 0)
+    # Normals of a thin edge may cancel: such a pixel has no neighbour but itself.
+    normal = dr.select(dr.squared_norm(normal) > 0, dr.normalize(normal * share), 0)
+    position = position * share
     scale = dr.rcp(_OFFSET * dr.norm(position - eye) + 1e-6)
     taps = _Taps(normal, position, scale, lit, size)
     # Guided by single pixels' noisy light, the filter would follow the noise: few samples are

@@ -34,7 +34,7 @@ _ROUNDED = 6  # decimals, of starts and results
 
 @dataclass(frozen=True)
 class Weave:
-    """How a sheet resists: shares of a spring's error that one iteration removes."""
+    """Resistance of a sheet: shares of a spring's error that one iteration removes."""
 
     stretch: float = 1.0
     shear: float = 0.25

@@ -21,6 +21,7 @@ from pipeline.passes.transport import Transport, render_transport, transport_of
 from pipeline.render.scene import open_scene
 from pipeline.transport.guides import fast_guides
 from pipeline.transport.radiosity import RAYS, Surfels, solve
+from pipeline.transport.smoothing import smooth
 from pipeline.views import View
 from scenes.errors import InputError
 from tests.fixtures.paths import ROOT
@@ -230,6 +231,25 @@ def test_a_mirror_shows_the_lamp_and_the_wall_behind_the_camera(tmp_path: Path) 
     wall = found.color[2, 2]
     assert wall == pytest.approx(found.albedo[2, 2] * (found.direct + found.indirect)[2, 2])
     assert wall.min() > 0
+
+
+def test_a_pixel_whose_normals_cancel_keeps_its_light_and_leaves_its_neighbours_theirs() -> None:
+    # Both sides of a thin edge in one pixel: the mean of their normals is zero.
+    normals = np.tile(np.array([[0.0], [0.0], [1.0]]), 81)
+    normals[:, 40] = 0
+    light = np.full(81, 2.0)
+    light[40] = 7.0
+    index = dr.arange(mi.UInt32, 81)
+    position = mi.Vector3f(mi.Float(index % 9), mi.Float(index // 9), 0)
+    [smoothed] = smooth(
+        [mi.Color3f(mi.Float(light))],
+        [mi.Float(np.full(81, 100.0))],
+        (mi.Vector3f(normals), position, mi.Float(np.ones(81))),
+        mi.Float(np.ones(81)),
+        mi.Vector3f(4, 4, 5),
+        (9, 9),
+    )
+    assert np.allclose(np.array(smoothed), light, rtol=1e-5)
 
 
 def test_channels_are_those_of_the_table_and_of_any_light(tmp_path: Path) -> None:
