@@ -268,11 +268,9 @@ def test_broken_flow_is_found(identities: tuple[Any, dict[str, Any], dict[str, A
     frame = row | still
     assert wrong(frame, frame) == []
     moved = np.array(row["camera_to_world"])
-    moved[:3, 3] += 0.01 * moved[:3, 0]
-    assert wrong(frame, frame | {"camera_to_world": moved})[:2] == [
-        "flow_forward off, pixels",
-        "outside_forward wrong, pixels",
-    ]
+    moved[:3, 3] += 0.1 * moved[:3, 0]
+    found = wrong(frame, frame | {"camera_to_world": moved})
+    assert {"flow_forward off, pixels", "outside_forward wrong, pixels"} <= set(found)
     (hidden,) = wrong(frame | {"occluded_backward": row["valid"]}, frame)
     assert hidden.startswith("visible points")
     assert wrong(frame | {"outside_backward": row["valid"]}, frame) == [
