@@ -16,7 +16,6 @@ from importlib.metadata import version
 from pathlib import Path
 
 import click
-from PIL import Image
 
 from model.data.reader import Dataset
 from model.evaluation.inference import available
@@ -26,6 +25,7 @@ from pipeline.params import Params
 from scenes.checked import plain
 from scenes.errors import InputError
 from scenes.files import atomic_file, digest_bytes, digest_file, read_json, write_json
+from scenes.image_files import open_image
 
 STUDIES_FOLDER = Path("metrics/studies")
 RECORD = STUDIES_FOLDER / "all.json"
@@ -211,8 +211,7 @@ def _saved(part: Part, suffix: str) -> Path:
 
 def _jpeg(path: Path) -> bytes:
     stream = io.BytesIO()
-    with Image.open(path) as image:
-        picture = image.convert("RGB")
-        picture.thumbnail((WIDEST, 10 * WIDEST))
-        picture.save(stream, "JPEG", quality=QUALITY)
+    picture = open_image(path).convert("RGB")
+    picture.thumbnail((WIDEST, 10 * WIDEST))
+    picture.save(stream, "JPEG", quality=QUALITY)
     return stream.getvalue()

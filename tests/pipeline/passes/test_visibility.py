@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from model.data.direct_light import direct_light
-from model.data.encoding import encode
-from model.evaluation.predict import example_of
+from model.evaluation.predict import Rendered, example_of
 from pipeline.frames import Channels, kinds_of
 from pipeline.params import IlluminationParams, Params
 from pipeline.passes.illumination import render_illumination
@@ -191,21 +190,20 @@ def test_sources_are_drawn_by_their_weight() -> None:
     assert (number[2] == 1).all() and ((number >= 0) & (number < 3)).all()
 
 
-def test_what_is_given_to_the_network_has_the_shadows(tmp_path: Path) -> None:
+def test_direct_light_of_the_panorama_has_the_shadows(tmp_path: Path) -> None:
     lamp = ball("lamp", (0.6, -1.0, 2.0), 0.03, glow(50))
     board = quad("board", (0.3, 1.0, 1.75), (0, -1, 0), (0.25, 0.2), diffuse())
     scene, view = opened(tmp_path, WALL + board + lamp), looking_at_a_wall()
     light: Channels = render_illumination(scene, view, PARAMS)
     light |= render_visibility(scene, view, PARAMS, light)
     assert light["intensity.Y"].shape == (64, 128) and light["visibility.Y"].shape == (60, 80)
-    example = example_of(view, render_inputs(scene, view), light, Card(), None)  # type: ignore[arg-type]
-    bare = replace(example, visibility=None)
-    assert example.visibility is not None
-    shaded, lit = (direct_light(each, 0.5)[0] for each in (example, bare))
-    assert np.array_equal(shaded, lit * example.visibility[..., None])
-    direct, plain = (encode([each], direct_light=True)["direct"] for each in (example, bare))
-    assert np.array_equal(direct[0, -1].numpy(), example.visibility)
-    assert (plain[0, -1] == 1).all() and not np.array_equal(direct[0, 0], plain[0, 0])
+    given = Rendered(panorama=light)
+    example = example_of(view, render_inputs(scene, view), given, Card(), None)  # type: ignore[arg-type]
+    shadows = light["visibility.Y"].astype(np.float32)
+    lit = direct_light(example, 0.5)[0]
+    shaded = direct_light(replace(example, visibility=shadows), 0.5)[0]
+    assert shadows.min() < 0.5 < shadows.max()
+    assert np.array_equal(shaded, lit * shadows[..., None]) and lit.max() > 0
 
 
 def test_panoramas_do_not_depend_on_the_shadows_asked_for(tmp_path: Path) -> None:
