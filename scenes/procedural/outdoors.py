@@ -369,7 +369,7 @@ def _balconies(rng: np.random.Generator, plan: Plan, outline: Polygon) -> list[S
         ]
         if solid < 0.3:
             bars += [
-                span((s0, deep - 0.03, -0.04), (s1, deep - 0.01, high)),
+                span((s0 + 0.002, deep - 0.03, -0.04), (s1 - 0.002, deep - 0.01, high)),
                 span((s0 + 0.01, 0.01, -0.04), (s0 + 0.03, deep - 0.03, high)),
                 span((s1 - 0.03, 0.01, -0.04), (s1 - 0.01, deep - 0.03, high)),
             ]

@@ -71,7 +71,7 @@ def building(
     for turn in range(4):
         length, out = (width, depth / 2) if turn % 2 == 0 else (depth, width / 2)
         if turn in block.faces:
-            face = _facade(rng, length, high, block, size, turn == block.faces[0])
+            face = _facade(rng, length, high, block, size, turn)
         else:
             face = [_sheet(-length / 2, length / 2, -0.4, high)], [], [[] for _ in panes]
         for target, found in zip([walls, trims, *panes], [face[0], face[1], *face[2]], strict=True):
@@ -102,13 +102,16 @@ def far_blocks(
 ) -> SceneItem:
     """Return plain blocks in the haze of a town, from `near` metres on."""
     groups: list[list[BodyMesh]] = [[], [], []]
-    for _ in range(count):
+    for number in range(count):
         distance = near + float(rng.exponential(140.0))
         angle = float(rng.uniform(0, 2 * np.pi))
         place = centre + distance * np.array([np.cos(angle), np.sin(angle)])
         width, depth = float(rng.uniform(10, 40)), float(rng.uniform(9, 16))
         high = float(rng.gamma(3.0, 4.0)) + 5
-        mesh = box((width, depth, high + 1), (0, 0, -1)).turned("z", float(rng.uniform(0, 180)))
+        below = 1 + 0.01 * number  # metres; blocks that overlap share no plane
+        mesh = box((width, depth, high + below), (0, 0, -below)).turned(
+            "z", float(rng.uniform(0, 180))
+        )
         haze = min(2, int((distance - near) / 140))
         groups[haze].append(mesh.moved(place[0], place[1], ground))
     colors = ("#8d8a86", "#8f9294", "#979ca0")
@@ -126,9 +129,14 @@ def _facade(
     high: float,
     block: Block,
     size: tuple[float, float],
-    is_front: bool,
+    turn: int,
 ) -> tuple[list[BodyMesh], list[BodyMesh], list[list[BodyMesh]]]:
-    """Return wall, trim and panes of a facade in the plane y = 0 that faces -Y."""
+    """Return wall, trim and panes of a facade in the plane y = 0 that faces -Y.
+
+    No two faces lie in one plane with the same front (a test holds it): which of them a ray meets
+    would depend on the processor.
+    """
+    is_front = turn == block.faces[0]
     columns = max(1, int((length - 0.8) / float(rng.uniform(2.1, 3.0))))
     wide, tall = size
     spacing = length / columns
@@ -153,13 +161,14 @@ def _facade(
             panes[_state(rng)].append(pane)
             if block.detailed:
                 trims += _frame(x, wide, sill, top)
-                trims.append(box((wide + 0.12, 0.14, 0.05), (x, -0.05, sill - 0.05)))
+                trims.append(box((wide + 0.12, 0.14, 0.05), (x, -0.05, sill - 0.06)))
         if door:
             for x in centres[:: int(rng.integers(1, 3))]:
-                trims += _balcony(float(x), spacing - 0.3, sill)
+                trims += _balcony(float(x), spacing - 0.3, sill - 0.02)
     walls.append(_sheet(-length / 2, length / 2, bottom, high))
     if block.detailed:
-        trims.append(box((length + 0.1, 0.16, 0.18), (0, -0.02, high - 0.2)))
+        cornice = length + (0.2 if turn % 2 == 0 else -0.12)  # the sides' end at the front's
+        trims.append(box((cornice, 0.16, 0.18), (0, -0.02, high - 0.2)))
         if is_front:
             trims.append(box((1.1, 0.1, 2.15), (float(centres[0]) + spacing / 2, -0.02, -0.1)))
     return walls, trims, panes
@@ -180,22 +189,22 @@ def _sheet(x0: float, x1: float, z0: float, z1: float, y: float = 0.0) -> BodyMe
 
 
 def _reveal(x0: float, x1: float, z0: float, z1: float) -> list[BodyMesh]:
-    """Return the four sides of a window's recess, which faces -Y."""
+    """Return the four sides of a window's recess, which faces -Y; they face its middle."""
     corners = [[x0, 0, z0], [x0, 0, z1], [x1, 0, z1], [x1, 0, z0], [x0, 0, z0]]
     front = np.array(corners, dtype=float)
-    return [grid(np.stack([front + np.array([0, _RECESS, 0]), front]))]
+    return [grid(np.stack([front, front + np.array([0, _RECESS, 0])]))]
 
 
 def _frame(x: float, wide: float, z0: float, z1: float) -> list[BodyMesh]:
     """Return the frame of a window and the bar between its sashes."""
-    y, bar = _RECESS - 0.03, 0.06
-    tall = z1 - z0
+    y, bar, lap = _RECESS - 0.03, 0.06, 0.005
+    beside = (wide - bar) / 2 - lap
     return [
-        box((wide, 0.06, bar), (x, y, z0)),
-        box((wide, 0.06, bar), (x, y, z1 - bar)),
-        box((bar, 0.06, tall), (x - wide / 2 + bar / 2, y, z0)),
-        box((bar, 0.06, tall), (x + wide / 2 - bar / 2, y, z0)),
-        box((bar, 0.06, tall), (x, y, z0)),
+        *(box((wide, 0.06, bar), (x, y, z)) for z in (z0, z1 - bar)),
+        *(
+            box((bar, 0.05, z1 - z0 - 2 * lap), (x + shift, y, z0 + lap))
+            for shift in (-beside, 0.0, beside)
+        ),
     ]
 
 
@@ -210,7 +219,7 @@ def _balcony(x: float, wide: float, z: float) -> list[BodyMesh]:
         span((x - wide / 2, -deep, z - 0.16), (x + wide / 2, 0, z)),
         box((wide, 0.05, 0.05), (x, -deep + 0.03, z + high)),
         *(
-            box((0.04, deep, 0.04), (x + side, -deep / 2, z + high))
+            box((0.04, deep, 0.04), (x + side, -deep / 2, z + high + 0.005))
             for side in (-wide / 2, wide / 2)
         ),
         *bars,
@@ -231,12 +240,17 @@ def _roof(rng: np.random.Generator, block: Block, high: float) -> list[BodyMesh]
         ]
         hut = box((2.5, 2.5, 1.8), (float(rng.uniform(-0.3, 0.3)) * width, 0, high))
         return [
-            span((-width / 2, -depth / 2, high - 0.05), (width / 2, depth / 2, high)),
+            span(
+                (0.02 - width / 2, 0.02 - depth / 2, high - 0.05),
+                (width / 2 - 0.02, depth / 2 - 0.02, high),
+            ),
             *ring,
             hut,
         ]
     ridge = float(rng.uniform(0.3, 0.5)) * depth
-    chimney = box((0.6, 0.5, ridge + 0.8), (float(rng.uniform(-0.3, 0.3)) * width, 0.3, high))
+    chimney = box(
+        (0.6, 0.5, ridge + 0.75), (float(rng.uniform(-0.3, 0.3)) * width, 0.3, high + 0.05)
+    )
     if block.roof == "hip":
         a, b = width / 2 + eaves, depth / 2 + eaves
         inset = max(0.2, a - b)

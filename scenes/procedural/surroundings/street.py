@@ -92,7 +92,8 @@ def fence(rng: np.random.Generator, centre: Float64Array, half: float, ground: f
             box((wide, 0.02, high * float(rng.uniform(0.98, 1.02))), (x, -half, 0.04))
             for x in np.arange(-half, half, 1.35 * wide)
         ]
-        run += [box((2 * half, 0.04, 0.08), (0, -half + 0.03, z * high)) for z in (0.2, 0.8)]
+        step = 0.01 * (side % 2)  # rails that meet in a corner share no plane
+        run += [box((2 * half, 0.04, 0.08), (0, -half + 0.03, z * high + step)) for z in (0.2, 0.8)]
         boards.append(merge(run).turned("z", 90.0 * side))
     color = hex_color(("#8a7358", "#6f6252", "#b8b2a6", "#5a5650")[int(rng.integers(4))])
     wood = Material("wood", color, 0.8, variant=int(rng.integers(1 << 30)))

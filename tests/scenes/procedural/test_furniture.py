@@ -6,8 +6,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-import shapely
-import trimesh
 
 from scenes.geometry.mesh import face_areas
 from scenes.procedural.furniture import FURNITURE_KINDS, make_style
@@ -29,6 +27,7 @@ from scenes.procedural.furniture.geometry import (
 from scenes.procedural.piece import FurniturePiece, PiecePart
 from scenes.reconstruction.raycast import RayCaster
 from scenes.seeds import generator
+from tests.fixtures.planes import bodies, coplanar_overlap, welded
 
 SEEDS = range(20)
 KINDS = sorted(FURNITURE_KINDS)
@@ -140,12 +139,6 @@ def areas(triangles: np.ndarray) -> np.ndarray:
     return face_areas(np.pad(triangles, ((0, 0), (0, 0), (0, 3 - triangles.shape[2]))))[0]
 
 
-def welded(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Faces with equal indices for vertices at the same position."""
-    labels = np.unique(np.round(vertices, 6) + 0.0, axis=0, return_inverse=True)[1].reshape(-1)
-    return labels[faces]
-
-
 def is_closed(vertices: np.ndarray, faces: np.ndarray) -> bool:
     """Return True if every edge occurs equally often in both directions: closed and oriented."""
     faces = welded(vertices, faces)
@@ -153,14 +146,6 @@ def is_closed(vertices: np.ndarray, faces: np.ndarray) -> bool:
     edges = edges[edges[:, 0] != edges[:, 1]]
     keys, reverse = (edges @ [faces.max() + 1, 1], edges @ [1, faces.max() + 1])
     return np.array_equal(np.sort(keys), np.sort(reverse))
-
-
-def bodies(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
-    """The faces of each connected body."""
-    places = welded(vertices, faces)
-    edges = np.concatenate([places[:, [0, 1]], places[:, [1, 2]]])
-    label = trimesh.graph.connected_component_labels(edges, node_count=int(places.max()) + 1)
-    return [faces[label[places[:, 0]] == number] for number in np.unique(label[places[:, 0]])]
 
 
 def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
@@ -507,32 +492,3 @@ def test_a_shared_plane_would_be_noticed() -> None:
     assert coplanar_overlap([corners_of(mesh) for mesh in boxes]) == pytest.approx(0.5)
     apart = [boxes[0], boxes[1].moved(z=-1e-3)]
     assert coplanar_overlap([corners_of(mesh) for mesh in apart]) == 0
-
-
-def coplanar_overlap(bodies_: list[np.ndarray]) -> float:
-    """Greatest overlap in a plane between faces of different bodies, m2.
-
-    `bodies_`: triangles (F, 3, 3) of each body. Faces count as coplanar if normals and offsets
-    agree to 1e-4 and 20 micrometres; faces below 20 mm2 are ignored.
-    """
-    triangles = np.concatenate(bodies_)
-    owner = np.repeat(np.arange(len(bodies_)), [len(body) for body in bodies_])
-    area, normals = face_areas(triangles)
-    large = area > 2e-5
-    triangles, owner, normals = triangles[large], owner[large], normals[large]
-    offsets = (normals * triangles[:, 0]).sum(axis=1)
-    keys = np.rint(np.column_stack([normals * 1e4, offsets / 2e-5])).astype(np.int64)
-    plane = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
-    pairs = np.unique(np.column_stack([plane, owner]), axis=0)
-    worst = 0.0
-    for number in np.flatnonzero(np.bincount(pairs[:, 0]) > 1):
-        members = np.flatnonzero(plane == number)
-        keep = np.delete(np.arange(3), np.argmax(np.abs(normals[members[0]])))
-        polygons = shapely.polygons(triangles[members][:, :, keep])
-        faces = [
-            shapely.union_all(polygons[owner[members] == each])
-            for each in np.unique(owner[members])
-        ]
-        overlap = sum(face.area for face in faces) - shapely.union_all(faces).area
-        worst = max(worst, float(overlap))
-    return worst
