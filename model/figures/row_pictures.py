@@ -70,6 +70,13 @@ _LABELS = ("material", "instance", "nyu40")
 _SHARES = ("visibility", "roughness", "metalness", "emission", "occluded_forward")
 
 
+def rows_with(name: str, sheet: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Return the rows that have this image; without a next frame there is no motion to it."""
+    if name.endswith("_forward"):
+        sheet = [row for row in sheet if np.any(row.get("flow_forward", 0))]
+    return [row for row in sheet if name in row]
+
+
 def tone_mapped(name: str, row: Mapping[str, Any], shared: bool = False) -> Picture:
     """Draw colour or shading as networks see it; `shared`: under the exposure of shading."""
     by = "shading" if shared else name

@@ -37,6 +37,7 @@ from model.figures.row_pictures import (
     light_pictures,
     mosaic,
     row_label,
+    rows_with,
     shrink,
     uri,
 )
@@ -181,17 +182,19 @@ class _Page:
     def _sheets(self, sheet: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         if not sheet:
             return []
+        shown = {name: rows_with(name, sheet) for name in MODALITIES}
         return [
             {
                 "title": title,
                 "description": words,
                 "wide": name in ("intensity", "distance", "tint"),
                 "pictures": [
-                    {"uri": uri(shrink(draw(name, row))), "label": row_label(row)} for row in sheet
+                    {"uri": uri(shrink(draw(name, row))), "label": row_label(row)}
+                    for row in shown[name]
                 ],
             }
             for name, (title, words) in MODALITIES.items()
-            if name in sheet[0]  # some columns are optional
+            if shown[name]
         ]
 
     def _guide(self, sheet: Sequence[dict[str, Any]]) -> dict[str, Any] | None:

@@ -18,7 +18,7 @@ from click.testing import CliRunner
 from model.commands.report import report
 from model.figures.charts import line_chart, line_figure, strip_figure, strip_plot
 from model.figures.diagrams import TALL, WIDE, Node, chain, panorama_guide
-from model.figures.row_pictures import environment_pictures, light_pictures
+from model.figures.row_pictures import environment_pictures, light_pictures, rows_with
 from model.report.page import Places, write_report
 from pipeline.dataset.pack import pack_dataset
 from pipeline.frames import frame_path
@@ -364,6 +364,14 @@ def test_the_surroundings_are_shown_with_their_geometry() -> None:
     titles, pictures = zip(*environment_pictures(row), strict=True)
     assert titles == ("Environment", "Distance along the rays", "Normal")
     assert {picture.shape for picture in pictures} == {(8, 16, 3)}
+
+
+def test_motion_is_shown_only_of_views_with_a_next_frame() -> None:
+    still, last = {"depth": 1}, {"depth": 1, "flow_forward": np.zeros((2, 2, 2))}
+    moving = {"depth": 1, "flow_forward": np.ones((2, 2, 2)), "occluded_forward": np.zeros((2, 2))}
+    sheet = [still, last, moving]
+    assert rows_with("depth", sheet) == sheet
+    assert rows_with("flow_forward", sheet) == rows_with("occluded_forward", sheet) == [moving]
 
 
 def test_the_chain_has_every_stage_in_both_layouts() -> None:
