@@ -14,16 +14,15 @@ so every tile size would need a kernel of its own.)
 from __future__ import annotations
 
 import shutil
-import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import OpenEXR
-from PIL import Image
 
 from scenes.arrays import AnyArray, Float64Array, Int64Array, UInt8Array
 from scenes.color import REC709, Color, encode_srgb
+from scenes.formats.png import write_png
 from scenes.procedural.piece import CatalogueMaterial, Material
 from scenes.procedural.textures.families import (
     FAMILIES,
@@ -213,7 +212,9 @@ class MaterialLibrary:
         family = family_of(material)
         side = max(_SMALLEST, self.texture_size // FAMILIES[material.kind][family].detail)
         wear = self.wear if material.wear is None else material.wear
-        draw = derive(self.seed, "surface", *_key(material)) % SEEDS
+        # Walls of one paint differ in offset, scale and contrast; nobody tells their rollers apart.
+        own = ("plaster",) if material.kind == "plaster" else _key(material)
+        draw = derive(self.seed, "surface", *own) % SEEDS
         return material.kind, family, draw, side, min(WEARS - 1, int(wear * WEARS))
 
     def _surface(self, material: Material) -> PackedSurface:
@@ -231,9 +232,7 @@ class MaterialLibrary:
 
     def _save(self, image: UInt8Array, name: str) -> None:
         """Write an image; Mitsuba shows its first row at v = 0."""
-        path = self.folder / "textures" / f"{name}.png"
-        # Noise hardly repeats: Huffman coding alone is faster and as small.
-        Image.fromarray(image).save(path, compress_type=zlib.Z_HUFFMAN_ONLY)
+        write_png(self.folder / "textures" / f"{name}.png", image)
 
 
 def colored(material: Material, drawn: PackedSurface, contrast: float = 1.0) -> UInt8Array:

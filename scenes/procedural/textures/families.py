@@ -27,7 +27,7 @@ WEARS = 3  # steps from new to old
 class Family:
     """A way to make surfaces.
 
-    `detail`: divisor of the side of its textures; `hard`: scratched rather than stained; `sheen`
+    `detail`: divisor of the side of its textures, 2 at least for what stands outdoors; `hard`: scratched rather than stained; `sheen`
     of the fibres; `wears`: how much age shows.
     """
 
@@ -142,8 +142,8 @@ FAMILIES: dict[str, dict[str, Family]] = {
         "trowelled": _hard(masonry.trowelled, wears=0.6),
         "woodchip": _hard(masonry.woodchip, 1, wears=0.6),
         "brushed": _hard(masonry.brushed, wears=0.6),
-        "render": _hard(masonry.rendered, 1),
-        "roughcast": _hard(masonry.rendered, 1, grain=2.2),
+        "render": _hard(masonry.rendered, 2),
+        "roughcast": _hard(masonry.rendered, 2, grain=2.2),
     },
     "wallpaper": {
         name: Family(partial(masonry.papered, print_of=name), 1, hard=False)
@@ -166,7 +166,7 @@ FAMILIES: dict[str, dict[str, Family]] = {
         "brushed": _hard(masonry.brushed, 2),
         "powder": _hard(goods.lacquer, 4, wears=0.3, peel=4.0),
         "panelled": _hard(masonry.planked, 2),
-        "roof": _hard(masonry.roof_tiles, 1),
+        "roof": _hard(masonry.roof_tiles, 2),
     },
     "plastic": {
         "smooth": _hard(goods.plastic, 8, wears=0.3),
@@ -194,13 +194,12 @@ FAMILIES: dict[str, dict[str, Family]] = {
     },
     "picture": {"canvas": _soft(goods.canvas, 4, sheen=0.0)},
     "leaf": {"leaf": _soft(goods.leaf, 4, sheen=0.0)},
-    "grass": {"lawn": _soft(goods.lawn, 1, sheen=0.0), "meadow": _soft(goods.lawn, 1, sheen=0.0,
-                                                                      long=2.0)},
+    "grass": {"lawn": _soft(goods.lawn, sheen=0.0), "meadow": _soft(goods.lawn, sheen=0.0, long=2.0)},
     "soil": {
         "crumbs": _soft(goods.soil, 4, sheen=0.0),
         "mulch": _soft(goods.soil, 4, sheen=0.0, crumbs=1.8),
         "gravel": _soft(goods.gravel, 2, sheen=0.0),
-        "asphalt": _soft(goods.asphalt, 1, sheen=0.0),
+        "asphalt": _soft(goods.asphalt, sheen=0.0),
         "bark": _soft(woods.bark, 4, sheen=0.0),
     },
 }  # fmt: skip

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scenes.arrays import Float32Array, Float64Array, Int64Array
+from scenes.arrays import Float32Array, Float64Array, Int16Array, Int64Array
 from scenes.seeds import generator
 
 DRAWS = 2  # different fields of each spectrum; shifts and turns make many of them
@@ -65,11 +65,13 @@ def noise(rng: np.random.Generator, size: int, spectrum: Spectrum = CLOUD) -> Fl
     """Return noise of a spectrum with mean 0 and standard deviation 1, at a random shift."""
     field = _field(size, spectrum, int(rng.integers(DRAWS)))
     shift = rng.integers(0, size, 2)
-    return np.roll(field, (int(shift[0]), int(shift[1])), axis=(0, 1))
+    field = np.roll(field, (int(shift[0]), int(shift[1])), axis=(0, 1))
+    return field * np.float32(1 / _GRID)
 
 
-@lru_cache(maxsize=40)
-def _field(size: int, spectrum: Spectrum, draw: int) -> Float32Array:
+@lru_cache(maxsize=80)
+def _field(size: int, spectrum: Spectrum, draw: int) -> Int16Array:
+    """Noise in steps of the grid."""
     cutoff = min(size // 2, _CUTOFF)
     rng = generator(draw, "noise", *(str(part) for part in spectrum))
     along_v = np.fft.fftfreq(2 * cutoff, 1 / (2 * cutoff))[:, None]
@@ -83,7 +85,7 @@ def _field(size: int, spectrum: Spectrum, draw: int) -> Float32Array:
     whole[:cutoff, : cutoff + 1] = part[:cutoff]
     whole[-cutoff:, : cutoff + 1] = part[cutoff:]
     made = np.fft.irfft2(whole, s=(size, size))
-    return (np.rint(made * (_GRID / max(float(made.std()), 1e-12))) / _GRID).astype(np.float32)
+    return np.rint(made * (_GRID / max(float(made.std()), 1e-12))).astype(np.int16)
 
 
 @lru_cache(maxsize=8)
@@ -218,20 +220,19 @@ def cells(rng: np.random.Generator, size: int, count: int) -> tuple[Float32Array
     """
     points = (rng.integers(0, 1024, (2, count, count)) / 1024).astype(np.float32)
     own = (rng.integers(0, 1024, (count, count)) / 1024).astype(np.float32)
-    u, v = axes(size)
-    a, b = u * count, v * count
-    i, j = np.floor(a).astype(np.int64), np.floor(b).astype(np.int64)
+    ramp = ((np.arange(size) + 0.5) / size).astype(np.float32) * count
+    step = np.floor(ramp).astype(np.int64)
     near = constant(size, 9.0)
     second = constant(size, 9.0)
     name = constant(size, 0.0)
     for step_i in (-1, 0, 1):
         for step_j in (-1, 0, 1):
-            k, m = (i + step_i) % count, (j + step_j) % count
-            x = points[0][m, k] + (i + step_i) - a
-            y = points[1][m, k] + (j + step_j) - b
-            far = (x * x + y * y).astype(np.float32)
-            closer = far < near
-            second = np.minimum(second, np.where(closer, near, far))
-            name = np.where(closer, own[m, k], name)
+            i, j = step + step_i, step + step_j
+            lattice = np.ix_(j % count, i % count)
+            x = points[0][lattice] + (i - ramp).astype(np.float32)
+            y = points[1][lattice] + (j - ramp).astype(np.float32)[:, None]
+            far = x * x + y * y
+            name = np.where(far < near, own[lattice], name)
+            second = np.minimum(second, np.maximum(near, far))
             near = np.minimum(near, far)
     return np.sqrt(near), np.sqrt(second), name
