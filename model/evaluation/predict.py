@@ -36,7 +36,7 @@ from pipeline.params import NoisyParams, Params, ToneParams
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
 from pipeline.passes.materials import render_materials
-from pipeline.passes.registry import render_noisy, render_truths
+from pipeline.passes.registry import render_samples, render_truths
 from pipeline.passes.transport import render_transport
 from pipeline.photograph import meter, photograph
 from pipeline.render.scene import RenderScene, open_scene, set_variant
@@ -356,7 +356,7 @@ def trace_samples(scene: RenderScene, view: View, params: Params, spp: int) -> C
     """Noisy samples of a view, raw and denoised; colour only."""
     seed = derive(params.seed, "predict", view.scene_id, view.view_id, "noisy")
     params = replace(params, noisy=NoisyParams(spp))
-    return render_noisy(scene, view, params, seed, shading=False)[0]
+    return render_samples(scene, view, params, seed)
 
 
 def with_noisy_samples(example: Example, noisy: Channels, spp: int) -> Example:

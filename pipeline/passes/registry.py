@@ -28,7 +28,7 @@ from pipeline.passes import (
 )
 from pipeline.passes.denoise import Image, denoise, denoiser_version, grey_guide, guides
 from pipeline.passes.environment import render_environment
-from pipeline.passes.groundtruth import render_both, render_truth
+from pipeline.passes.groundtruth import render_both, render_color, render_truth
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import inputs_of, render_inputs, visible_surfaces
 from pipeline.passes.labels import labels_of, render_labels
@@ -168,35 +168,56 @@ def render_surfaces(scene: RenderScene, view: View, kinds: Sequence[Kind]) -> di
     return {kind: made[kind]() for kind in kinds}
 
 
-def render_noisy(
-    scene: RenderScene, view: View, params: Params, seed: int, shading: bool = True
-) -> Result:
+def render_noisy(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
     """Render colour and shading with `noisy.spp` samples per pixel, unbiased and denoised.
 
-    Returns the channels of the kind `noisy` and the statistics of colour; without `shading` those
-    of colour only, with equal bits. Raises `InputError` for a material without neutral twin.
+    Returns the channels of the kind `noisy` and the statistics of colour. Raises `InputError` for a
+    material without neutral twin.
     """
     settings, albedo = _noisy_trace(params), params.shading.albedo
     if traced_together(params):
         truths = render_both(scene, view, settings, albedo, seed)
-        traced = [truths.color, truths.shading] if shading else [truths.color]
-        half = truths.halves.get("color", truths.color[0])
+        color, shading = truths.color, truths.shading
+        half = truths.halves.get("color", color[0])
     else:
-        greys = (None, albedo) if shading else (None,)
-        traced = [render_truth(scene.neutral(grey), view, settings, seed) for grey in greys]
-        half = traced[0][0]  # of all samples
-    color, *rest = traced
-    reflectance, normal = _fast_guides(scene, view)
+        color, shading = (
+            render_truth(scene.neutral(grey), view, settings, seed) for grey in (None, albedo)
+        )
+        half = color[0]  # of all samples
+    reflectance, normal = sample_guides(scene, view)
     clean = denoise(color[0], reflectance, normal, around=view.is_panorama)
-    channels = {**color[0], **_named(HALF, half), **_named(DENOISED, clean)}
-    for image, _ in rest:
-        clean = denoise(image, grey_guide(normal, albedo), normal, around=view.is_panorama)
-        channels |= {**_named(NOISY_SHADING, image), **_named(DENOISED_SHADING, clean)}
-    lost = max(stats["lost_pixels"] for _, stats in traced)
+    image, stats = shading
+    grey = denoise(image, grey_guide(normal, albedo), normal, around=view.is_panorama)
+    channels = {
+        **_samples(color[0], half, clean),
+        **_named(NOISY_SHADING, image),
+        **_named(DENOISED_SHADING, grey),
+    }
+    lost = max(color[1]["lost_pixels"], stats["lost_pixels"])
     return channels, {**color[1], "lost_pixels": lost, "denoiser": denoiser_version()}
 
 
-def _fast_guides(scene: RenderScene, view: View) -> tuple[Image, Image]:
+def render_samples(scene: RenderScene, view: View, params: Params, seed: int) -> Channels:
+    """Render the channels of colour in a `noisy` frame, for a picture rather than for a frame.
+
+    Colour is traced alone, so its samples are others than those of `render_noisy`.
+    """
+    settings = _noisy_trace(params)
+    if integrator.available():
+        color, half = render_color(scene, view, settings, seed)
+    else:
+        color, _ = render_truth(scene.neutral(None), view, settings, seed)
+        half = color
+    clean = denoise(color, *sample_guides(scene, view), around=view.is_panorama)
+    return _samples(color, half, clean)
+
+
+def _samples(color: Channels, half: Channels, clean: Channels) -> Channels:
+    """Return the channels of colour in a `noisy` frame."""
+    return {**color, **_named(HALF, half), **_named(DENOISED, clean)}
+
+
+def sample_guides(scene: RenderScene, view: View) -> tuple[Image, Image]:
     """Return guides that cost less than the samples they guide, where the variant has them."""
     if integrator.available() and not view.is_panorama:
         return fast_guides(scene, view)

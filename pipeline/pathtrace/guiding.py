@@ -33,6 +33,7 @@ from pipeline.pathtrace.irradiance import (
 from pipeline.pathtrace.light_pilot import ASSUMED_ALBEDO, LightPlan
 from pipeline.pathtrace.portals import (
     Rectangles,
+    cross,
     geometry_factor,
     perpendicular,
     sample_rectangles,
@@ -223,7 +224,7 @@ def _fitted_rectangle(
     normal = share @ facing
     normal = normal / np.linalg.norm(normal)
     sideways = perpendicular(normal)
-    upwards = np.cross(sideways, normal)
+    upwards = cross(sideways, normal)
     centre = share @ hits
     halves = [
         np.maximum(np.sqrt(3 * share @ ((hits - centre) @ axis) ** 2), _MIN_HALF_SIDE) * axis

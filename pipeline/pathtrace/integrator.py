@@ -17,6 +17,9 @@ no density of one material divides the value of the other. Where the directions 
 bit-identical for all colours: direction and roulette follow the neutral throughput while it is not
 zero.
 
+Colour can also be traced alone, in some 0.85 of the time: then each vertex has one material,
+roulette follows the throughput of colour, and samples are others than those of a joint trace.
+
 Window panes change the camera ray and its weight, for both images alike, before all of this; see
 `pipeline.pathtrace.panes`.
 
@@ -28,8 +31,9 @@ variants without Dr.Jit loops (`available`).
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, reduce
 from typing import Any
 
 import drjit as dr
@@ -83,11 +87,13 @@ class JointPath:
     lights: UniformLights | PlannedLights = field(default_factory=UniformLights)
     parts: LightParts | NoParts = field(default_factory=NoParts)
     panes: Panes | None = None
+    alone: bool = False  # colour without neutral image; `twins` tells a recording which BSDFs exist
 
     def integrator(self) -> Any:
         """Return a Mitsuba integrator: colour in `R`, `G`, `B`, the others in three AOVs each.
 
-        They are the neutral image and those of `parts`. A band of zeros may follow.
+        They are the neutral image, unless colour is alone, and those of `parts`. A band of zeros
+        may follow.
         """
         return _integrator_class()(self)
 
@@ -95,7 +101,7 @@ class JointPath:
     def trace(self, scene: Any, sampler: Any, ray: Any, active: Any) -> list[Any]:
         """Return the radiance along `ray` in each image, `mi.Color3f`.
 
-        The images are colour, the neutral twin, and those of `parts`.
+        The images are colour, the neutral twin (unless colour is alone), and those of `parts`.
         """
         # Loop state
         ray = mi.Ray3f(ray)  # current segment of the path
@@ -103,8 +109,8 @@ class JointPath:
         eta = mi.Float(1)  # product of the relative indices of refraction along the path
         previous = dr.zeros(mi.Interaction3f)  # previous vertex, for densities of emitter sampling
         ray, weight, mirrored = self.first_pane(scene, sampler, ray, active)
-        colour = _camera_state(weight)  # radiance, throughput, density in the scene's own colours
-        neutral = _camera_state(weight)  # the same in the neutral twin
+        # Radiance, throughput, density: in the scene's own colours, and in the neutral twin
+        states = [_camera_state(weight) for _ in self.image_names]
         parts = self.parts.start()  # of the light in colour
         parts.start_in_mirror(mirrored)
         active = mi.Bool(active)  # paths that are still traced
@@ -116,51 +122,49 @@ class JointPath:
 
             # Emission at the vertex that BSDF sampling found
             ds = mi.DirectionSample3f(scene, si=si, ref=previous)
-            density = self.lights.density(scene, previous, ds, ~(colour.delta & neutral.delta))
+            indirect = ~_all([state.delta for state in states])
+            density = self.lights.density(scene, previous, ds, indirect)
             emitted = ds.emitter.eval(si, active)
-            weight = self.bsdf_sampling_weight(colour, density)
-            colour.radiance += colour.throughput * emitted * weight
-            parts.add_emission(self.parts, ds, colour.throughput, emitted * weight)
-            neutral.radiance += (
-                neutral.throughput * emitted * self.bsdf_sampling_weight(neutral, density)
-            )
+            weight = self.bsdf_sampling_weight(states[0], density)
+            parts.add_emission(self.parts, ds, states[0].throughput, emitted * weight)
+            self.add_emission(states, emitted, density)
 
             # Next-event estimation: one emitter sample and one shadow ray for both materials
             active_next = active & si.is_valid() & (depth + 1 < self.max_depth)
             own = si.bsdf(ray)
-            twin = partner(self.twins, own, active_next)
-            smooth = active_next & mi.has_flag(own.flags() | twin.flags(), mi.BSDFFlags.Smooth)
+            bsdfs = self.materials(own, active_next)
+            smooth = active_next & _any([_is_smooth(bsdf) for bsdf in bsdfs])
             ds, light = self.lights.sample(scene, si, sampler.next_2d(), smooth)
             lit = smooth & (ds.pdf != 0)
             first, second = sampler.next_1d(), sampler.next_2d()
-            of_colour, of_neutral = self.scatter_both(
-                (own, twin), si, ds.d, first, second, active_next, smooth
-            )
-            value = self.emitter_sampling_value(of_colour, ds)
-            colour.radiance[lit] += colour.throughput * light * value
-            arriving = dr.select(lit, light * value, 0)
+            found = self.scatter_all(bsdfs, si, ds.d, first, second, active_next, smooth)
+            arriving = dr.select(lit, light * self.emitter_sampling_value(found[0], ds), 0)
             parts.add_emitter_sample(
-                self.parts, own, si, ds, of_colour, colour.throughput, arriving, active_next
+                self.parts, own, si, ds, found[0], states[0].throughput, arriving, active_next
             )
-            neutral.radiance[lit] += (
-                neutral.throughput * light * self.emitter_sampling_value(of_neutral, ds)
-            )
+            self.add_emitter_sample(states, found, ds, light, lit)
 
-            # One direction for both images
-            direction, relative_eta, random = self.choose_direction(
-                colour, neutral, of_colour, of_neutral, sampler.next_1d()
-            )
+            # One direction for all images
+            direction, relative_eta, random = self.next_direction(states, found, sampler.next_1d())
             eta *= relative_eta
             previous = mi.Interaction3f(si)
             ray = si.spawn_ray(si.to_world(direction))
 
-            # Russian roulette for both images at once
+            # Russian roulette for all images at once
             depth[si.is_valid()] += 1
-            survival, factor = self.roulette(colour, neutral, eta, depth)
-            colour.throughput *= factor
-            neutral.throughput *= factor
+            survival, factor = self.roulette(states[0], states[-1], eta, depth)
+            _scale(states, factor)
             active = active_next & (random < survival)
-        return [colour.radiance, neutral.radiance, *parts.images()]
+        return [*(state.radiance for state in states), *parts.images()]
+
+    @property
+    def image_names(self) -> tuple[str, ...]:
+        """Names of the images that are traced with a throughput of their own."""
+        return ("colour",) if self.alone else ("colour", "neutral")
+
+    def materials(self, own: Any, active: Any) -> list[Any]:
+        """Return the BSDF of each image."""
+        return [own] if self.alone else [own, partner(self.twins, own, active)]
 
     def first_pane(self, scene: Any, sampler: Any, ray: Any, active: Any) -> tuple[Any, Any, Any]:
         """Return camera rays after the first window pane, their weights, and which it mirrors.
@@ -171,9 +175,23 @@ class JointPath:
             return ray, mi.Float(1), mi.Bool(False)
         return self.panes.meet(scene, ray, sampler.next_1d(active), active)
 
-    def scatter_both(
+    def add_emission(self, states: list[PathState], emitted: Any, density: Any) -> None:
+        """Add emission that BSDF sampling found to each image."""
+        for state in states:
+            weight = self.bsdf_sampling_weight(state, density)
+            state.radiance += state.throughput * emitted * weight
+
+    def add_emitter_sample(
+        self, states: list[PathState], found: list[Scattering], ds: Any, light: Any, lit: Any
+    ) -> None:
+        """Add an emitter sample to each image."""
+        for state, scattering in zip(states, found, strict=True):
+            value = self.emitter_sampling_value(scattering, ds)
+            state.radiance[lit] += state.throughput * light * value
+
+    def scatter_all(
         self,
-        bsdfs: tuple[Any, Any],
+        bsdfs: list[Any],
         si: Any,
         light: Any,
         first: Any,
@@ -181,7 +199,7 @@ class JointPath:
         active: Any,
         smooth: Any,
     ) -> list[Scattering]:
-        """Evaluate and sample both materials; `light` is the direction of the emitter sample.
+        """Evaluate and sample each material; `light` is the direction of the emitter sample.
 
         If paths are guided at this vertex, every direction counts with its density in the mixture
         of guiding and BSDF sampling.
@@ -228,6 +246,16 @@ class JointPath:
         weight = dr.select(ds.delta, 1, power_heuristic(ds.pdf, scattering.pdf))
         return scattering.value * weight
 
+    def next_direction(
+        self, states: list[PathState], found: list[Scattering], random: Any
+    ) -> tuple[Any, Any, Any]:
+        """Choose the next direction and update the states; as `choose_direction`."""
+        if not self.alone:
+            (colour, neutral), (of_colour, of_neutral) = states, found
+            return self.choose_direction(colour, neutral, of_colour, of_neutral, random)
+        _follow(states[0], found[0])
+        return found[0].sample.wo, found[0].sample.eta, random
+
     def choose_direction(
         self,
         colour: PathState,
@@ -241,10 +269,8 @@ class JointPath:
         Returns the local direction, the relative index of refraction along it, and a random
         number that is independent of the choice.
         """
-        for state, scattering in ((colour, of_colour), (neutral, of_neutral)):
-            state.throughput = state.throughput * scattering.weight
-            state.pdf = scattering.sample.pdf
-            state.delta = mi.has_flag(scattering.sample.sampled_type, mi.BSDFFlags.Delta)
+        _follow(colour, of_colour)
+        _follow(neutral, of_neutral)
         colour_alive, neutral_alive = (dr.any(state.throughput != 0) for state in (colour, neutral))
         gap = dr.squared_norm(of_colour.sample.wo - of_neutral.sample.wo)
         differ = colour_alive & neutral_alive & (gap > _SAME_DIRECTION)
@@ -287,6 +313,30 @@ def _camera_state(weight: Any) -> PathState:
     return PathState(mi.Color3f(0), mi.Color3f(weight), mi.Float(1), mi.Bool(True))
 
 
+def _follow(state: PathState, scattering: Scattering) -> None:
+    """Update a path's state for the direction that its material sampled."""
+    state.throughput = state.throughput * scattering.weight
+    state.pdf = scattering.sample.pdf
+    state.delta = mi.has_flag(scattering.sample.sampled_type, mi.BSDFFlags.Delta)
+
+
+def _scale(states: list[PathState], factor: Any) -> None:
+    for state in states:
+        state.throughput *= factor
+
+
+def _is_smooth(bsdf: Any) -> Any:
+    return mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+
+
+def _all(masks: list[Any]) -> Any:
+    return reduce(operator.and_, masks)
+
+
+def _any(masks: list[Any]) -> Any:
+    return reduce(operator.or_, masks)
+
+
 @cache
 def _integrator_class() -> Any:
     """Return the integrator class for a `JointPath`; its base class needs a Mitsuba variant."""
@@ -305,7 +355,7 @@ def _integrator_class() -> Any:
             return colour, mi.Bool(active), bands + [mi.Float(0)] * padding
 
         def aov_names(self) -> list[str]:
-            images = ("neutral", *self.path.parts.names)
+            images = (*self.path.image_names[1:], *self.path.parts.names)
             names = [f"{image}.{band}" for image in images for band in "RGB"]
             # With a power of two of channels, a film adds samples up in another order, and colour
             # would differ in its last bit. Its other four channels are colour and weight.

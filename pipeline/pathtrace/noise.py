@@ -73,7 +73,7 @@ class BlockStatistics:
 
     def noise(self) -> float:
         """Return the root mean square of `relative_error` over the pixels."""
-        return float(np.sqrt(np.mean(self.relative_error() ** 2)))
+        return _root_mean_square(self.relative_error())
 
     def image(self) -> Channels:
         """Return the mean radiance, clamped to 0 from below: `R`, `G`, `B`, float32 (H, W)."""
@@ -89,10 +89,11 @@ class BlockStatistics:
         """Return the statistics that `pipeline.passes.groundtruth.render_truth` documents."""
         mean = self._mean()
         lum = luminance(np.maximum(mean, 0))
-        fireflies = fireflies_in(lum, self.relative_error())
+        error = self.relative_error()
+        fireflies = fireflies_in(lum, error)
         return {
             "blocks": self.blocks,
-            "noise": self.noise(),
+            "noise": _root_mean_square(error),
             "nan_pixels": int((self.finite < self.blocks).sum()),
             "lost_pixels": int((self.finite == 0).sum()),
             "negative_pixels": int((mean < 0).any(axis=-1).sum()),
@@ -104,6 +105,10 @@ class BlockStatistics:
 
     def _mean(self) -> Float64Array:
         return np.asarray(self.total / np.maximum(self.finite, 1)[..., None])
+
+
+def _root_mean_square(values: Float64Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _clamped(mean: Float64Array) -> Channels:

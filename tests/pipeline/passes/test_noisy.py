@@ -33,6 +33,7 @@ from pipeline.passes.registry import (
     frame_fingerprint,
     pass_seed,
     render_noisy,
+    render_samples,
     render_truths,
 )
 from pipeline.render.scene import RenderScene, open_scene, set_variant
@@ -123,16 +124,37 @@ def halves(channels: Channels) -> tuple[np.ndarray, np.ndarray]:
 def test_half_of_the_samples_tells_the_noise_of_all(room: tuple[RenderScene, View]) -> None:
     """Two halves a and b: whole - half is (b - a) / 2, whose variance is that of the whole."""
     seeds = range(12)
-    apart = [halves(render_noisy(*room, PARAMS, seed, shading=False)[0]) for seed in seeds]
+    apart = [halves(render_samples(*room, PARAMS, seed)) for seed in seeds]
     wholes = np.stack([whole for _, whole in apart])
     told = np.mean([(whole - half) ** 2 for half, whole in apart])
     assert told == pytest.approx(wholes.var(axis=0, ddof=1).mean(), rel=0.35)
-    both_images, color = (
-        render_noisy(*room, PARAMS, 3, shading=wanted)[0] for wanted in (True, False)
-    )
+
+
+@pytest.mark.slow
+def test_samples_for_a_picture_are_those_of_colour_alone(
+    room: tuple[RenderScene, View], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Other samples than a frame's, of the same expectation, without a trace of shading."""
+    frame = render_noisy(*room, PARAMS, 3)[0]
+    with monkeypatch.context() as patch:
+        patch.setattr(registry, "render_both", lambda *_: pytest.fail("traces shading"))
+        picture = render_samples(*room, PARAMS, 3)
     shading = {*IMAGES["noisy_shading"], *IMAGES["denoised_shading"]}
-    assert set(both_images) - set(color) == shading
-    assert all(np.array_equal(both_images[name], values) for name, values in color.items())
+    assert set(frame) - set(picture) == shading
+    assert all(values.shape == frame[name].shape for name, values in picture.items())
+    many = replace(PARAMS, noisy=NoisyParams(spp=8))
+    means = np.stack(
+        [
+            [np.mean([channels[band].mean() for band in "RGB"]) for channels in (ours, theirs)]
+            for ours, theirs in (
+                (render_samples(*room, many, seed), render_noisy(*room, many, 50 + seed)[0])
+                for seed in range(12)
+            )
+        ]
+    )
+    error = np.hypot(*means.std(axis=0, ddof=1)) / np.sqrt(len(means))
+    assert error < 0.02 * means.mean()
+    assert abs(np.subtract(*means.mean(axis=0))) < 4 * error
 
 
 def truth_of(room: tuple[RenderScene, View], spp: int, seed: int) -> np.ndarray:

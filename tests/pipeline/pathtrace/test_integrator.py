@@ -20,6 +20,7 @@ from tests.fixtures.joint import (
     FAITHFUL,
     MAX_DEPTH,
     PARTING,
+    alone,
     deviations,
     joined,
     plain,
@@ -68,6 +69,25 @@ def test_without_roulette_both_images_are_paths_own(tmp_path: Path) -> None:
                 got[:, pixels].mean(), wanted[:, pixels].mean(), rtol=5e-3, err_msg=name
             )
     assert abs(pair[0] - pair[1]).mean() > 0.1 * pair[0].mean()
+
+
+@pytest.mark.slow
+def test_colour_alone_is_paths_own(tmp_path: Path) -> None:
+    """Sample by sample without roulette, where a twin would part from it; with it unbiased."""
+    scene, view, regions = shelf(tmp_path, PARTING)
+    got = alone(scene, view, MAX_DEPTH + 1, 16, 2, 5)
+    wanted = plain(scene, view, None, MAX_DEPTH + 1, 16, 2, 5)
+    same = np.isclose(got, wanted, rtol=1e-3, atol=1e-5).all(axis=-1)
+    for name, pixels in regions.items():
+        assert same[:, pixels].mean() > 0.99, name
+    ours, theirs = (
+        region_means(images, regions)
+        for images in (
+            alone(scene, view, 2, SPP, COPIES, 1),
+            plain(scene, view, None, 2, SPP, COPIES, 2),
+        )
+    )
+    assert abs(deviations(ours, theirs)).max() < 4.5
 
 
 @pytest.fixture(scope="module", params=[(FAITHFUL, 1.05), (PARTING, 1.15)], ids=["same", "parting"])
