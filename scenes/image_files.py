@@ -14,7 +14,7 @@ import warnings
 from pathlib import Path
 
 import opengl_basisu
-from PIL import Image
+from PIL import Image, ImageOps
 
 from scenes.errors import InputError
 
@@ -28,8 +28,10 @@ class UnreadableImage(InputError):
     """The file is not an image of a known format, is damaged, or too large."""
 
 
-def open_image(source: Path | bytes, *, load: bool = True) -> Image.Image:
+def open_image(source: Path | bytes, *, load: bool = True, upright: bool = False) -> Image.Image:
     """Return the image in a file or in bytes; with `load=False` only the header is read.
+
+    `upright`: turn a photograph as its EXIF orientation says.
 
     Raises `UnreadableImage` for everything that is wrong with it.
     """
@@ -40,13 +42,15 @@ def open_image(source: Path | bytes, *, load: bool = True) -> Image.Image:
             return _open_ktx(source)
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
-            image = Image.open(
+            image: Image.Image = Image.open(
                 io.BytesIO(source) if isinstance(source, bytes) else source, formats=FORMATS
             )
             if image.width * image.height > MAX_PIXELS:
                 raise UnreadableImage(f"{image.width} x {image.height} pixels")
             if load:
                 image.load()
+            if upright:
+                image = ImageOps.exif_transpose(image)
     except UnreadableImage:
         raise
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:

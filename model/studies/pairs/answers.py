@@ -10,18 +10,19 @@ import json
 import re
 import stat
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from scipy.stats import binomtest
 
-from model.studies.pairs.results import MistakenRate, PairsResult
+from model.studies.pairs.results import ChosenRate, FoldersResult, MistakenRate, PairsResult
 from scenes.checked import build, within
 from scenes.errors import InputError
 
 T = TypeVar("T")
+R = TypeVar("R", MistakenRate, ChosenRate)
 Side = Literal["left", "right"]
 MAX_BYTES = 2**20  # of a key or answer file; a thousand answers take 80 kB
 MAX_PAIRS = 1000
@@ -41,7 +42,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Key:
-    """Contract of `NAME-key.json`, beside the page `NAME.html`."""
+    """Contract of `NAME-key.json`, beside the page `NAME.html` of methods and the renderer."""
 
     study: Literal["pairs"]
     version: Literal[1]
@@ -57,9 +58,52 @@ class Key:
 
     def verify(self, where: str) -> None:
         """Raise ValueError if there are no pairs, or two with the same id."""
-        names = [pair.pair for pair in self.pairs]
-        if not names or len(set(names)) < len(names):
-            raise ValueError(f"{where}.pairs: no pairs, or two with the same id")
+        _verify_ids([pair.pair for pair in self.pairs], where)
+
+
+@dataclass(frozen=True)
+class PictureFile:
+    """Picture of a folder."""
+
+    folder: str  # name of the folder in `FolderKey.folders`
+    file: str  # its name in the folder
+
+
+@dataclass(frozen=True)
+class FolderPair:
+    """Origin of both pictures of a pair."""
+
+    pair: str  # id on the page
+    left: PictureFile
+    right: PictureFile
+
+
+@dataclass(frozen=True)
+class FolderKey:
+    """Contract of `NAME-key.json`, beside the page `NAME.html` of folders of pictures."""
+
+    study: Literal["pairs"]
+    version: Literal[2]
+    page: str
+    seed: int
+    question: str
+    seconds: float = field(metadata=within(above=0))  # a pair is shown
+    answer_seconds: float = field(metadata=within(above=0))
+    folders: tuple[str, ...]
+    pairs: tuple[FolderPair, ...]
+
+    def verify(self, where: str) -> None:
+        """Raise ValueError for repeated ids, and for a pair that is not of two of the folders."""
+        _verify_ids([pair.pair for pair in self.pairs], where)
+        for index, pair in enumerate(self.pairs):
+            sides = {pair.left.folder, pair.right.folder}
+            if len(sides) < 2 or not sides <= set(self.folders):
+                raise ValueError(f"{where}.pairs[{index}]: not of two of the folders")
+
+
+def _verify_ids(names: Sequence[str], where: str) -> None:
+    if not names or len(set(names)) < len(names):
+        raise ValueError(f"{where}.pairs: no pairs, or two with the same id")
 
 
 @dataclass(frozen=True)
@@ -67,7 +111,7 @@ class Answer:
     """Choice of one person in one pair."""
 
     pair: str
-    side: Side | None  # taken for the rendering; None: no answer in time
+    side: Side | None  # chosen; None: no answer in time
     ms: int = field(metadata=within(0, 3_600_000))  # since the pictures appeared
     timed_out: bool
 
@@ -97,19 +141,24 @@ class Answers:
             raise ValueError(f"{where}.session: {self.session!r} is not 32 hex digits")
 
 
-def read_key(path: Path) -> Key:
+def read_key(path: Path) -> Key | FolderKey:
     """Read the key of a page; `InputError` names the file and the field of an error."""
     if not path.is_file():
         raise InputError(f"{path}: no such key; pbrnet study pairs writes it beside the page")
-    return _read(Key, path)
+
+    def kind(content: Any) -> type[Key | FolderKey]:
+        folders = isinstance(content, dict) and content.get("version") == 2
+        return FolderKey if folders else Key
+
+    return _read(path, kind)
 
 
-def read_answers(path: Path, key: Key) -> Answers:
+def read_answers(path: Path, key: Key | FolderKey) -> Answers:
     """Read the answers of one person to the key's page, with every pair answered once.
 
     `InputError` names the file and the field that does not match the key.
     """
-    answers = _read(Answers, path)
+    answers = _read(path, lambda _content: Answers)
     if answers.page != key.page:
         raise InputError(
             _readable(f"{path}.page: {answers.page!r}, but the key is of the page {key.page!r}")
@@ -134,7 +183,7 @@ def read_answers(path: Path, key: Key) -> Answers:
     return answers
 
 
-def read_all(paths: Sequence[Path], key: Key) -> list[Answers]:
+def read_all(paths: Sequence[Path], key: Key | FolderKey) -> list[Answers]:
     """Read the answers of all persons; raises `InputError` if a run is given twice."""
     found: list[Answers] = []
     sessions: dict[str, Path] = {}
@@ -174,22 +223,62 @@ def score(key: Key, people: Sequence[Answers]) -> PairsResult:
         seconds=key.seconds,
         people=len(people),
         pairs=len(key.pairs),
-        methods={method: _figure(*count) for method, count in counts.items()},
+        methods={method: _figure(MistakenRate, *count) for method, count in counts.items()},
     )
 
 
-def _figure(answers: int, mistaken: int, timeouts: int) -> MistakenRate:
+def score_folders(key: FolderKey, people: Sequence[Answers]) -> FoldersResult:
+    """Return the share of answers that chose each folder's picture, over all people.
+
+    Of all its pairs, and of those against each other folder; intervals as in `score`.
+    """
+    solutions = {pair.pair: pair for pair in key.pairs}
+    counts: dict[str, dict[str, Counter[str]]] = {name: {} for name in key.folders}
+    for person in people:
+        for answer in person.answers:
+            pair = solutions[answer.pair]
+            for side, own, other in (
+                ("left", pair.left.folder, pair.right.folder),
+                ("right", pair.right.folder, pair.left.folder),
+            ):
+                count = counts[own].setdefault(other, Counter())
+                if answer.side is None:
+                    count["timeouts"] += 1
+                else:
+                    count["answers"] += 1
+                    count["chosen"] += answer.side == side
+    return FoldersResult(
+        page=key.page,
+        seed=key.seed,
+        question=key.question,
+        seconds=key.seconds,
+        people=len(people),
+        pairs=len(key.pairs),
+        folders={name: _chosen(sum(others.values(), Counter())) for name, others in counts.items()},
+        against={
+            name: {other: _chosen(count) for other, count in others.items()}
+            for name, others in counts.items()
+        },
+    )
+
+
+def _chosen(count: Counter[str]) -> ChosenRate:
+    return _figure(ChosenRate, count["answers"], count["chosen"], count["timeouts"])
+
+
+def _figure(kind: type[R], answers: int, chosen: int, timeouts: int) -> R:
     if not answers:
-        return MistakenRate(0, 0, timeouts, None, None, None)
-    around = binomtest(mistaken, answers).proportion_ci(0.95, method="wilson")
+        return kind(0, 0, timeouts, None, None, None)
+    around = binomtest(chosen, answers).proportion_ci(0.95, method="wilson")
     low, high = (min(1.0, max(0.0, float(end))) for end in (around.low, around.high))
-    return MistakenRate(answers, mistaken, timeouts, mistaken / answers, low, high)
+    return kind(answers, chosen, timeouts, chosen / answers, low, high)
 
 
-def _read(cls: type[T], path: Path) -> T:
-    """Read a small JSON file as `cls`; every error is an `InputError` of one line."""
+def _read(path: Path, kind: Callable[[Any], type[T]]) -> T:
+    """Read a small JSON file as the `kind` of its content; errors are an `InputError` of a line."""
     try:
-        return build(cls, _parse(path), str(path), InputError)
+        content = _parse(path)
+        return build(kind(content), content, str(path), InputError)
     except InputError as error:
         raise InputError(_readable(str(error))) from None
 

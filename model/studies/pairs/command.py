@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,33 @@ import click
 
 from model.evaluation.evaluate import EVALUATED_METHODS
 from model.options import FILE, models_option
-from model.studies.pairs.answers import MAX_PAIRS, Pair, read_all, read_key, score
-from model.studies.pairs.results import PairsResult, interval, percent
-from model.studies.pairs.study import PairsConfig, WrittenPage, key_path_of, write_pairs_page
+from model.studies.pairs.answers import (
+    MAX_PAIRS,
+    FolderKey,
+    FolderPair,
+    Key,
+    read_all,
+    read_key,
+    score,
+    score_folders,
+)
+from model.studies.pairs.folders import parse_folders, write_folders_page
+from model.studies.pairs.results import (
+    ChosenRate,
+    FoldersResult,
+    MistakenRate,
+    PairsResult,
+    folder_figures,
+    interval,
+    percent,
+)
+from model.studies.pairs.study import (
+    QUESTION,
+    PairsConfig,
+    WrittenPage,
+    key_path_of,
+    write_pairs_page,
+)
 from model.training.train import Folders
 from pipeline.commands.options import common_options
 from pipeline.params import Params
@@ -25,10 +50,11 @@ from scenes.files import write_json
 Examples:
   pbrnet study pairs                            50 pairs, 3 seconds each
   pbrnet study pairs --method pbrnet --method unet --pairs 40 --seed 7 --out other.html
+  pbrnet study pairs --folder old=renders/old --folder new=renders/new
   pbrnet study pairs --score answers/*.json
 
-Give observers only the page. The key beside it, NAME-key.json, says which pictures are the
-renderer's. Keep it: without it, answers cannot be scored.""",
+Give observers only the page. The key beside it, NAME-key.json, says where each picture is
+from. Keep it: without it, answers cannot be scored.""",
 )
 @click.argument("files", nargs=-1, type=FILE, metavar="[FILE]...")
 @click.option("--score", "scoring", is_flag=True, help="Score the answer files FILE.")
@@ -37,7 +63,7 @@ renderer's. Keep it: without it, answers cannot be scored.""",
     type=click.IntRange(2, MAX_PAIRS),
     default=50,
     show_default=True,
-    help="Maximum number of pairs, equal for all methods; no view is shown twice.",
+    help="Maximum number of pairs, equal for all methods; no view or picture is shown twice.",
 )
 @click.option(
     "--seconds",
@@ -61,6 +87,19 @@ renderer's. Keep it: without it, answers cannot be scored.""",
     help="A method to show; repeatable.  [default: pbrnet, product, trained baselines]",
 )
 @click.option(
+    "--folder",
+    "folders",
+    multiple=True,
+    metavar="NAME=FOLDER",
+    help="Compare folders of PNG or JPEG pictures instead of methods; at least two.",
+)
+@click.option(
+    "--question",
+    default=None,
+    metavar="TEXT",
+    help=f"Question about pictures of folders.  [default: {QUESTION}]",
+)
+@click.option(
     "--out",
     type=FILE,
     default=None,
@@ -78,6 +117,8 @@ def command(
     scoring: bool,
     replace: bool,
     methods: tuple[str, ...],
+    folders: tuple[str, ...],
+    question: str | None,
     **options: Any,
 ) -> None:
     """Ask observers which of two pictures is the photo-realistic rendering (Table II).
@@ -85,9 +126,12 @@ def command(
     Writes a self-contained page that runs in any browser; observers answer, save a file and send
     it. With --score, reads answer files and reports how often each method's picture was taken for
     the renderer's.
+
+    With --folder, the pictures come from folders, such as renders of an old and a new version, or
+    photographs, and people choose the one that looks more like a photograph.
     """
-    folders = Folders.beside(data, models, models)
-    studies = folders.metrics / "studies"
+    places = Folders.beside(data, models, models)
+    studies = places.metrics / "studies"
     page = out or studies / "pairs.html"
     if page.suffix != ".html":
         raise click.BadParameter(f"{page}: the file name must end in .html", param_hint="--out")
@@ -96,54 +140,82 @@ def command(
             "--score needs the answer files, and they need --score: "
             "pbrnet study pairs --score FILE..."
         )
+    if folders and methods:
+        raise click.UsageError("--folder and --method exclude each other")
+    if question is not None and not folders:
+        raise click.UsageError("--question is about pictures of folders: give --folder, too")
     if scoring:
         key = read_key(key_path_of(page))
-        result = score(key, read_all(files, key))
+        people = read_all(files, key)
+        result = score_folders(key, people) if isinstance(key, FolderKey) else score(key, people)
         target = studies / "pairs.json"
         write_json(target, plain(result))
         lines = _result_lines(result, target)
+    elif folders:
+        asked = QUESTION if question is None else question
+        config = PairsConfig(folders=parse_folders(folders), question=asked, **options)
+        lines = _page_lines(write_folders_page(params.seed, config, page, replace), config, page)
     else:
         config = PairsConfig(methods=tuple(dict.fromkeys(methods)), **options)
-        lines = _page_lines(write_pairs_page(params, folders, config, page, replace), config, page)
+        lines = _page_lines(write_pairs_page(params, places, config, page, replace), config, page)
     for line in lines:
         click.echo(line)
 
 
 def _page_lines(written: WrittenPage, config: PairsConfig, page: Path) -> list[str]:
-    names = dict.fromkeys(pair.method for pair in sorted(written.key.pairs, key=_by_method))
-    count = len(written.key.pairs)
+    key, count = written.key, len(written.key.pairs)
     lines = [
-        f"{page}: {count} pairs, {written.each} each of {', '.join(names)}; "
+        f"{page}: {count} pairs, {_shares(key, written.each)}; "
         f"{written.practice} more for practice ({page.stat().st_size / 1e6:.1f} MB, "
-        f"page {written.key.page})"
+        f"page {key.page})"
     ]
-    if count < config.pairs:
+    if count < config.pairs and isinstance(key, Key):
         lines.append(
-            f"{count} pairs, not {config.pairs}: no view is shown twice (the {written.key.split} "
+            f"{count} pairs, not {config.pairs}: no view is shown twice (the {key.split} "
             f"split has {written.views}), and every method gets the same even number"
         )
+    elif count < config.pairs:
+        lines.append(
+            f"{count} pairs, not {config.pairs}: no picture is shown twice (the smallest folder "
+            f"has {written.views}), and every two folders get the same even number"
+        )
     if not written.practice:
-        lines.append("no practice pairs: the study uses all views")
+        every = "views" if isinstance(key, Key) else "pictures"
+        lines.append(f"no practice pairs: the study uses all {every}")
     lines.append(f"{written.key_path}: the key; do not give it to observers")
     return lines
 
 
-def _by_method(pair: Pair) -> int:
-    return EVALUATED_METHODS.index(pair.method)
+def _shares(key: Key | FolderKey, each: int) -> str:
+    if isinstance(key, FolderKey):
+        both = ", ".join(map(" and ".join, combinations(key.folders, 2)))
+        alike = sum(map(_has_one_name, key.pairs))
+        return f"{each} each of {both}, {alike} in all of the same file name"
+    shown = {pair.method for pair in key.pairs}
+    return f"{each} each of {', '.join(name for name in EVALUATED_METHODS if name in shown)}"
 
 
-def _result_lines(result: PairsResult, target: Path) -> list[str]:
+def _has_one_name(pair: FolderPair) -> bool:
+    return Path(pair.left.file).stem == Path(pair.right.file).stem
+
+
+def _result_lines(result: PairsResult | FoldersResult, target: Path) -> list[str]:
     people = "1 person" if result.people == 1 else f"{result.people} people"
     lines = [f"{people}, {result.pairs} pairs each, shown {result.seconds:g} s"]
-    for method in EVALUATED_METHODS:
-        if method not in result.methods:
-            continue
-        figure = result.methods[method]
+    figures: dict[str, MistakenRate] | dict[str, ChosenRate]
+    if isinstance(result, FoldersResult):
+        lines.append(result.question)
+        figures, words, meaning = folder_figures(result), "chosen", "chosen as often as the other"
+    else:
+        figures = {
+            name: result.methods[name] for name in EVALUATED_METHODS if name in result.methods
+        }
+        words, meaning = "taken for the rendering", "indistinguishable"
+    for name, figure in figures.items():
         around = f" ({interval(figure)})" if figure.answers else ""
         late = f", {figure.timeouts} without an answer in time" if figure.timeouts else ""
         lines.append(
-            f"{method:>14}: {percent(figure.rate)}{around} taken for the rendering, "
-            f"{figure.answers} answers{late}"
+            f"{name:>14}: {percent(figure.rate)}{around} {words}, {figure.answers} answers{late}"
         )
-    lines.append(f"{target}: 50 % means indistinguishable")
+    lines.append(f"{target}: 50 % means {meaning}")
     return lines

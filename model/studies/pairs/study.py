@@ -10,7 +10,7 @@ import base64
 import os
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from model.data.reader import Dataset
 from model.evaluation.evaluate import image_of, open_split, true_color
 from model.evaluation.inference import Networks
 from model.methods import BASELINES, trained_baselines
-from model.studies.pairs.answers import Key, Pair, Side, read_key
+from model.studies.pairs.answers import FolderKey, Key, Pair, Side, read_key
 from model.training.train import Folders
 from pipeline.images import Picture, png_bytes
 from pipeline.params import Params
@@ -35,6 +35,7 @@ from scenes.files import digest_bytes, write_json, write_text
 from scenes.seeds import generator
 
 PRACTICE_PAIRS = 2  # before the study; not scored
+QUESTION = "Which of the two looks more like a photograph?"  # about folders of pictures
 _GAP = 0.5  # blank time before a pair, seconds
 _PADDING = 1024  # bytes; the PNGs of a pair are padded to the same multiple of it
 
@@ -47,6 +48,8 @@ class PairsConfig:
     seconds: float = 3.0  # a pair is shown
     answer_seconds: float = 5.0  # for the answer, after the pair has disappeared
     methods: tuple[str, ...] = ()  # empty: pbrnet, product and all trained baselines
+    folders: tuple[tuple[str, Path], ...] = ()  # names and places, for a page of pictures of files
+    question: str = QUESTION  # for a page of folders
 
 
 @dataclass(frozen=True)
@@ -54,8 +57,8 @@ class PlannedPair:
     """View, method and sides of a pair."""
 
     number: int  # index of the view in the split
-    method: str
-    truth: Side
+    method: str  # or the names of both folders
+    truth: Side  # or the side of the first folder
 
 
 @dataclass(frozen=True)
@@ -75,10 +78,10 @@ class PairPlan:
 class WrittenPage:
     """Key of the written page, and numbers of views and pairs."""
 
-    key: Key
+    key: Key | FolderKey
     key_path: Path
-    views: int  # of the split
-    each: int  # pairs of every method
+    views: int  # of the split, or pictures in the smallest folder
+    each: int  # pairs of every method, or of every two folders
     practice: int  # practice pairs
 
 
@@ -144,41 +147,63 @@ def write_pairs_page(
         pair: equal_length_pngs([pictures[pair][side] for side in ("left", "right")], rng)
         for pair in (*plan.practice, *plan.pairs)
     }
-    content = {
+
+    def key_of(page: str) -> Key:
+        return Key(
+            study="pairs",
+            version=1,
+            page=page,
+            seed=params.seed,
+            split=dataset.split,
+            seconds=config.seconds,
+            answer_seconds=config.answer_seconds,
+            models=weights,
+            pairs=tuple(
+                Pair(pair_id(index), *names[pair.number], pair.method, pair.truth)
+                for index, pair in enumerate(plan.pairs)
+            ),
+        )
+
+    key = write_page_and_key(out, params.seed, config, plan, shown, key_of, replace)
+    return WrittenPage(key, key_path_of(out), len(dataset), plan.each, len(plan.practice))
+
+
+def write_page_and_key(
+    out: Path,
+    seed: int,
+    config: PairsConfig,
+    plan: PairPlan,
+    shown: Mapping[PlannedPair, Sequence[bytes]],
+    key_of: Callable[[str], Key | FolderKey],
+    replace: bool,
+) -> Key | FolderKey:
+    """Write the page `out` and its key, which `key_of` makes with the page's id.
+
+    `shown`: PNGs of every planned pair, left and right. Raises as `write_pairs_page`.
+    """
+    content: dict[str, Any] = {
         "study": "pairs",
-        "version": 1,
-        "seed": params.seed,
+        "version": 1,  # of the answer files
+        "seed": seed,
         "seconds": config.seconds,
         "answer_seconds": config.answer_seconds,
         "gap": min(_GAP, config.seconds),
     }
+    if config.folders:
+        content["question"] = config.question
     seen = [picture for pictures in shown.values() for picture in pictures]
     page = digest_bytes(repr(sorted(content.items())).encode(), *seen)[:16]
-    key = Key(
-        study="pairs",
-        version=1,
-        page=page,
-        seed=params.seed,
-        split=dataset.split,
-        seconds=config.seconds,
-        answer_seconds=config.answer_seconds,
-        models=weights,
-        pairs=tuple(
-            Pair(_name(index), *names[pair.number], pair.method, pair.truth)
-            for index, pair in enumerate(plan.pairs)
-        ),
-    )
-    key_path = key_path_of(out)
+    key, key_path = key_of(page), key_path_of(out)
     if not replace:
         _check_key_may_be_replaced(key_path, key)
     write_json(key_path, plain(key))
     content |= {
         "page": page,
         "practice": [_page_pair(f"practice-{i}", shown[c]) for i, c in enumerate(plan.practice)],
-        "pairs": [_page_pair(_name(i), shown[c]) for i, c in enumerate(plan.pairs)],
+        "pairs": [_page_pair(pair_id(i), shown[c]) for i, c in enumerate(plan.pairs)],
     }
     write_text(out, _render(content))
-    return WrittenPage(key, key_path, len(dataset), plan.each, len(plan.practice))
+    return key
 
 
 def key_path_of(page: Path) -> Path:
@@ -220,7 +245,7 @@ def _pictures(
     return names, pictures
 
 
-def _check_key_may_be_replaced(path: Path, key: Key) -> None:
+def _check_key_may_be_replaced(path: Path, key: Key | FolderKey) -> None:
     if not path.exists():
         return
     try:
@@ -238,7 +263,8 @@ def _side(half: int) -> Side:
     return "right" if half else "left"
 
 
-def _name(index: int) -> str:
+def pair_id(index: int) -> str:
+    """Return the id of a pair on the page."""
     return f"p{index + 1:04d}"
 
 
@@ -253,6 +279,7 @@ def _render(content: dict[str, Any]) -> str:
     template = templates("model.studies.pairs").get_template("pairs.html")
     return template.render(
         content=content,
+        question=content.get("question"),
         pairs=len(content["pairs"]),
         practice=len(content["practice"]),
         seconds=f"{content['seconds']:g}",

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image
 
 from model.studies.pairs.answers import Key, read_answers, read_key, score
-from model.studies.pairs.study import PairsConfig, write_pairs_page
+from model.studies.pairs.folders import write_folders_page
+from model.studies.pairs.study import QUESTION, PairsConfig, write_pairs_page
 from pipeline.params import Params
 from tests.fixtures.browser import PATIENCE, Browser, open_browser
 from tests.fixtures.study import workplace
@@ -240,3 +242,31 @@ def test_a_phone_shows_the_pair_without_scrolling(browser: Browser) -> None:
             assert min(box["height"] for box in boxes[2:]) >= 44, "as large as a finger"
         finally:
             browser.call("Emulation.clearDeviceMetricsOverride")
+
+
+def test_pictures_of_folders_are_shown_in_one_size(one_browser: Browser, tmp_path: Path) -> None:
+    """Of whatever size and format the files are."""
+    for folder, suffix, sizes in (
+        ("old", ".png", [(80, 64), (64, 80)]),
+        ("new", ".jpg", [(300, 90), (120, 120)]),
+    ):
+        (tmp_path / folder).mkdir()
+        for index, size in enumerate(sizes):
+            Image.new("RGB", size, (80, 90, 99)).save(tmp_path / folder / f"{index}{suffix}")
+    folders = tuple((name, tmp_path / name) for name in ("old", "new"))
+    page = tmp_path / "pairs.html"
+    write_folders_page(0, PairsConfig(folders=folders), page)
+    one_browser.events.clear()
+    one_browser.open(page)
+    assert one_browser.script("document.title") == QUESTION
+    one_browser.script("document.querySelector('#start').click()")
+    for _ in range(2):
+        one_browser.until(OPEN)
+        boxes = one_browser.script(
+            "['left-picture', 'right-picture'].map(id => document.getElementById(id)).map("
+            "e => [e.clientWidth, e.clientHeight, e.naturalWidth, e.naturalHeight])"
+        )
+        assert boxes[0] == boxes[1] and min(boxes[0]) >= 64
+        one_browser.press("f")
+    one_browser.until("!document.querySelector('#done').hidden")
+    assert not one_browser.errors()
