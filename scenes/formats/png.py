@@ -37,7 +37,7 @@ def write_png(path: Path, image: UInt8Array) -> None:
     path.write_bytes(
         _SIGNATURE
         + _chunk(b"IHDR", header)
-        + _chunk(b"IDAT", coder.compress(rows) + coder.flush())
+        + _chunk(b"IDAT", coder.compress(rows.data) + coder.flush())
         + _chunk(b"IEND", b"")
     )
 

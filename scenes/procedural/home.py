@@ -40,11 +40,13 @@ from scenes.procedural.piece import CatalogueCredit, PiecePart
 from scenes.procedural.plan import Plan, make_plan
 from scenes.procedural.scene_item import SceneItem
 from scenes.procedural.structure import build_structure
+from scenes.procedural.use import leave_traces
 from scenes.seeds import generator
 
 EYE_HEIGHT = 1.55  # metres; of the sensor in scene.xml
 HALF_FOV = 0.5534  # radians, horizontal
 _OUTSIDE_WEIGHT = 0.03  # of sampling weights of street lamps and other homes' windows
+_NEW = 0.1  # wear of homes that show no traces of use
 _SENSOR_MARGIN = 0.25  # metres between the sensor and the bounds of furniture
 
 
@@ -87,7 +89,12 @@ def make_home(
         sampler = AssetSampler(draws("furniture", "catalogue"), load_kind_index(assets), params)
     furniture = furnish(draws("furniture", "furniture"), plan, style, sampler)
     outdoors = build_outdoors(draws("outdoors", "outdoors"), plan)
-    items = [*building, *furniture, *outdoors]
+    looks = draws("finishes", "textures")
+    texture_seed, wear = int(looks.integers(1 << 62)), float(looks.random())
+    used = [*building, *furniture]
+    if wear > _NEW:
+        used = leave_traces(used, plan, texture_seed)
+    items = [*used, *outdoors]
     with_window = {
         room
         for opening in plan.openings
@@ -108,13 +115,7 @@ def make_home(
     if sky.is_dark:
         states |= {item.id: LampState(1.0, 0.0) for item in lamp_items(outdoors)}
     with writing_scene(Path(folder)) as partial:
-        looks = draws("finishes", "textures")
-        library = MaterialLibrary(
-            partial,
-            params.texture_size,
-            seed=int(looks.integers(1 << 62)),
-            wear=float(looks.random()),
-        )
+        library = MaterialLibrary(partial, params.texture_size, seed=texture_seed, wear=wear)
         objects, lights, shapes = _write_shapes(partial, items, states, library)
         scene = Scene(
             scene_id=scene_id,

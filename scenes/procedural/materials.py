@@ -13,17 +13,18 @@ so every tile size would need a kernel of its own.)
 
 from __future__ import annotations
 
+import math
 import shutil
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import OpenEXR
 
 from scenes.arrays import AnyArray, Float64Array, Int64Array, UInt8Array
-from scenes.color import REC709, Color, encode_srgb
+from scenes.color import REC709, Color
 from scenes.formats.png import write_png
-from scenes.procedural.piece import CatalogueMaterial, Material
+from scenes.procedural.piece import CatalogueMaterial, Material, Use
 from scenes.procedural.textures.families import (
     FAMILIES,
     SEEDS,
@@ -33,7 +34,9 @@ from scenes.procedural.textures.families import (
     has_surface,
     packed_surface,
 )
+from scenes.procedural.textures.fields import encoded
 from scenes.procedural.textures.pictures import picture, screen_picture
+from scenes.procedural.textures.traces import Layout, laid_out, spread, traced
 from scenes.seeds import derive, generator
 
 MAX_REFLECTANCE = 0.82  # of diffuse surfaces, each channel
@@ -42,6 +45,8 @@ _SMALLEST = 64  # pixels a side
 _PICTURE = 256  # pixels a side of pictures, at most
 _ROUGHNESS_STEP = 0.05  # materials of one surface whose roughness rounds alike share its texture
 _SMOOTHEST = 0.05
+_TRACED = 0.36  # texels a metre of a surface with traces of use, relative to `texture_size`
+_MOST_TRACED = 1.6  # its texels, relative to the square of `texture_size`
 _JOINTED = ("tiles", "brick")  # the accent is the joints' colour, and not part of the mean
 _DEFAULT_ACCENT = 0.75
 _SCALES = (0.88, 1.14)  # least and most of a pattern without modules, relative to its true size
@@ -61,6 +66,8 @@ class MaterialLibrary:
     seed: int = 0
     wear: float = 0.0
     _ids: dict[Material | CatalogueMaterial, str] = field(default_factory=dict)
+    _layouts: dict[Material, Layout] = field(default_factory=dict)
+    _tiles: dict[Material, UInt8Array] = field(default_factory=dict)
     _shared: dict[tuple[object, ...], str] = field(default_factory=dict)
     _xml: list[str] = field(default_factory=list)
     _displays: list[str] = field(default_factory=list)
@@ -109,13 +116,29 @@ class MaterialLibrary:
             return uvs
         if material.kind == "picture":
             return uvs
-        modules = self._surface(material).modules
-        rng = generator(self.seed, "offset", *_key(material))
-        offset = rng.random(2)
-        if modules is not None:
-            offset = np.floor(offset * modules) / modules
+        if material.use is not None:
+            return (uvs - material.use.low) / self._layout(material).size
+        offset = self._offset(material)
         right = np.where(_is_left_handed(vertices, faces, normals, uvs)[:, None], [-1, 1], [1, 1])
         return uvs * right / self.tile(material) + offset
+
+    def _offset(self, material: Material) -> Float64Array:
+        """Offset (2,) of a material's pattern, in tiles: whole modules where there are joints."""
+        modules = self._surface(material).modules
+        offset = generator(self.seed, "offset", *_key(material)).random(2)
+        return offset if modules is None else np.floor(offset * modules) / modules
+
+    def _layout(self, material: Material) -> Layout:
+        """Where the texels of a surface with traces of use come from."""
+        if material not in self._layouts:
+            assert material.use is not None
+            side = len(self._surface(material).shade)
+            tile = self.tile(material)
+            finest = min(side, math.floor(_TRACED * self.texture_size * tile))
+            most = int(_MOST_TRACED * self.texture_size**2)
+            offset = self._offset(material)
+            self._layouts[material] = laid_out(material.use, tile, offset, finest, most)
+        return self._layouts[material]
 
     def display(self, seed: int, radiance: Color) -> str:
         """Write the radiance of a screen that shows picture `seed`; returns the image's file.
@@ -145,6 +168,9 @@ class MaterialLibrary:
             return f'<bsdf type="twosided" id="{name}">{inner}</bsdf>'
         if material.kind == "glass":
             return f'<bsdf type="thindielectric" id="{name}"/>'
+        if material.use is not None:
+            color, rough, normal = self._traced(material, material.use, name)
+            return self._principled(material, name, color, rough, normal)
         color = self._color(material, name)
         if material.translucent:
             # diff_trans is in [0, 2]: at 1, half of the light that is not absorbed is transmitted.
@@ -156,12 +182,48 @@ class MaterialLibrary:
         steps = round(material.roughness / _ROUGHNESS_STEP)
         rough = self._share(("rough", *self._named(material), steps), _roughness(drawn, steps))
         normal = self._share(("normal", *self._named(material)), drawn.normal)
+        return self._principled(
+            material, name, color, _reference("roughness", rough), _reference("normalmap", normal)
+        )
+
+    def _principled(
+        self, material: Material, name: str, color: str, rough: str, normal: str
+    ) -> str:
+        """BSDF of an opaque surface from its three textures."""
         lobe = _float("metallic", 1.0) if material.kind == "metal" else ""
         if sheen := FAMILIES[material.kind][family_of(material)].sheen:
             lobe = _float("sheen", sheen)
-        inner = f'<bsdf type="principled">{color}<ref name="roughness" id="{rough}"/>{lobe}</bsdf>'
-        mapped = f'<bsdf type="normalmap"><ref name="normalmap" id="{normal}"/>{inner}</bsdf>'
+        inner = f'<bsdf type="principled">{color}{rough}{lobe}</bsdf>'
+        mapped = f'<bsdf type="normalmap">{normal}{inner}</bsdf>'
         return f'<bsdf type="twosided" id="{name}">{mapped}</bsdf>'
+
+    def _traced(self, material: Material, use: Use, name: str) -> tuple[str, str, str]:
+        """Textures of colour, roughness and normal of a surface with traces of use."""
+        layout, drawn = self._layout(material), self._surface(material)
+        plain = replace(material, use=None)
+        if plain not in self._tiles:
+            self._tiles[plain] = colored(plain, drawn, self._contrast(plain))
+        steps = round(material.roughness / _ROUGHNESS_STEP)
+        family = FAMILIES[material.kind][family_of(material)]
+        color, rough = traced(
+            spread(self._tiles[plain], layout),
+            spread(_roughness(drawn, steps), layout),
+            use,
+            layout,
+            (self.wear if material.wear is None else material.wear) * (1 + family.wears) / 2,
+            family.hard,
+        )
+        for image, part in (
+            (color, ""),
+            (rough, "-rough"),
+            (spread(drawn.normal, layout), "-normal"),
+        ):
+            self._save(image, name + part)
+        return (
+            _image("base_color", f"textures/{name}.png"),
+            _image("roughness", f"textures/{name}-rough.png", raw=True, nearest=True),
+            _image("normalmap", f"textures/{name}-normal.png", raw=True),
+        )
 
     def _describe_catalogue(self, material: CatalogueMaterial, name: str) -> str:
         """BSDF of a catalogue material; its images are copied into the scene."""
@@ -263,7 +325,7 @@ def colored(material: Material, drawn: PackedSurface, contrast: float = 1.0) -> 
         # Rounded: sums may differ in their last digits between processors.
         mean = np.rint(linear.mean(axis=(1, 2), keepdims=True, dtype=np.float64) * 65536) / 65536
         linear *= (base / np.maximum(mean, 1e-4)).astype(np.float32)
-    return _encode(linear)
+    return np.ascontiguousarray(encoded(linear).transpose(1, 2, 0))
 
 
 def _roughness(drawn: PackedSurface, steps: int) -> UInt8Array:
@@ -295,25 +357,16 @@ def _key(material: Material) -> tuple[str, ...]:
 
 def _picture_image(material: Material, size: int) -> UInt8Array:
     """Return a picture as an image whose first row is its top."""
-    return _encode(picture(generator(material.variant, "picture"), size))[::-1]
-
-
-def _encode(linear: AnyArray) -> UInt8Array:
-    """Encode planes of linear RGB (3, size, size) as an sRGB image, uint8 (size, size, 3)."""
-    steps = np.clip(linear * np.float32(4095) + np.float32(0.5), 0, 4095).astype(np.uint16)
-    return np.ascontiguousarray(_SRGB[steps].transpose(1, 2, 0))
-
-
-def _srgb_table() -> UInt8Array:
-    """8-bit sRGB (IEC 61966-2-1) of the linear values 0, 1/4095, ..., 1."""
-    return np.rint(encode_srgb(np.arange(4096) / 4095) * 255).astype(np.uint8)
-
-
-_SRGB = _srgb_table()
+    planes = encoded(picture(generator(material.variant, "picture"), size))
+    return np.ascontiguousarray(planes.transpose(1, 2, 0)[::-1])
 
 
 def _clamped(color: Color, limit: float) -> Color:
     return (min(color[0], limit), min(color[1], limit), min(color[2], limit))
+
+
+def _reference(name: str, to: str) -> str:
+    return f'<ref name="{name}" id="{to}"/>'
 
 
 def _float(name: str, value: float) -> str:

@@ -47,6 +47,35 @@ CREASE_COSINE = float(np.cos(np.radians(50)))  # edges that turn by more stay sh
 
 
 @dataclass(frozen=True)
+class Trace:
+    """A trace of use on a surface, along the line from `start` to `end`, (s, t) metres.
+
+    `kind` is one of `scenes.procedural.textures.traces.LOOKS`; `strength` 1 is an old one's.
+    """
+
+    kind: str
+    start: tuple[float, float]
+    end: tuple[float, float]
+    radius: float  # metres
+    strength: float = 1.0
+
+
+@dataclass(frozen=True)
+class Use:
+    """Where one surface was used: it has images of its own over [`low`, `high`].
+
+    (s, t) are metres in the surface, right-handed seen from its front. `panels` (s0, t0, s1, t1,
+    du, dv) say which part of the pattern is where: at (s + du, t + dv) of its uvs.
+    """
+
+    low: tuple[float, float]
+    high: tuple[float, float]
+    panels: tuple[tuple[float, float, float, float, float, float], ...]
+    traces: tuple[Trace, ...]
+    seed: int = 0
+
+
+@dataclass(frozen=True)
 class Material:
     """A procedural material; `MaterialLibrary` makes a BSDF and textures from it.
 
@@ -64,6 +93,7 @@ class Material:
     translucent: bool = False  # diffusely transmitting: lampshades, thin curtains
     family: str = ""
     wear: float | None = None  # from new (0) to old (1); None: as the home
+    use: Use | None = None  # traces of use by place; None: the texture repeats
 
 
 @dataclass(frozen=True)

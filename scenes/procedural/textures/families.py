@@ -27,8 +27,8 @@ WEARS = 3  # steps from new to old
 class Family:
     """A way to make surfaces.
 
-    `detail`: divisor of the side of its textures, 2 at least for what stands outdoors; `hard`: scratched rather than stained; `sheen`
-    of the fibres; `wears`: how much age shows.
+    `detail`: divisor of the side of its textures, 2 at least for what stands outdoors; `hard`:
+    scratched rather than stained; `sheen` of the fibres; `wears`: how much age shows.
     """
 
     make: Callable[[np.random.Generator, int], Surface]
@@ -194,7 +194,10 @@ FAMILIES: dict[str, dict[str, Family]] = {
     },
     "picture": {"canvas": _soft(goods.canvas, 4, sheen=0.0)},
     "leaf": {"leaf": _soft(goods.leaf, 4, sheen=0.0)},
-    "grass": {"lawn": _soft(goods.lawn, sheen=0.0), "meadow": _soft(goods.lawn, sheen=0.0, long=2.0)},
+    "grass": {
+        "lawn": _soft(goods.lawn, sheen=0.0),
+        "meadow": _soft(goods.lawn, sheen=0.0, long=2.0),
+    },
     "soil": {
         "crumbs": _soft(goods.soil, 4, sheen=0.0),
         "mulch": _soft(goods.soil, 4, sheen=0.0, crumbs=1.8),

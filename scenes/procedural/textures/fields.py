@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scenes.arrays import Float32Array, Float64Array, Int16Array, Int64Array
+from scenes.arrays import AnyArray, Float32Array, Float64Array, Int16Array, Int64Array, UInt8Array
+from scenes.color import encode_srgb
 from scenes.seeds import generator
 
 DRAWS = 2  # different fields of each spectrum; shifts and turns make many of them
@@ -236,3 +237,14 @@ def cells(rng: np.random.Generator, size: int, count: int) -> tuple[Float32Array
             second = np.minimum(second, np.maximum(near, far))
             near = np.minimum(near, far)
     return np.sqrt(near), np.sqrt(second), name
+
+
+def encoded(linear: AnyArray) -> UInt8Array:
+    """Encode linear values as 8-bit sRGB (IEC 61966-2-1), in steps of 1/4095."""
+    steps = np.clip(linear * np.float32(4095) + np.float32(0.5), 0, 4095).astype(np.uint16)
+    return np.asarray(_srgb()[steps])
+
+
+@lru_cache(maxsize=1)
+def _srgb() -> UInt8Array:
+    return np.rint(encode_srgb(np.arange(4096) / 4095) * 255).astype(np.uint8)
