@@ -52,15 +52,16 @@ class Look(NamedTuple):
 
 
 LOOKS: dict[str, Look] = {
-    "walk": Look(soil=0.17, shade=-0.1, hard=0.2, soft=-0.08),
-    "seat": Look(soil=0.07, shade=-0.1, hard=0.1, soft=-0.15),
-    "touch": Look(soil=0.16, shade=-0.03, hard=0.1, soft=-0.08),
-    "ring": Look(soil=0.2, hard=0.18),
-    "spill": Look(soil=0.24, hard=0.12, soft=0.02, broken="blotch"),
-    "scale": Look(dust=0.3, hard=0.22, broken="blotch"),
-    "scuff": Look(soil=0.05, shade=0.3, hard=0.28, soft=-0.03, broken="scratch"),
-    "dust": Look(dust=0.22, hard=0.22, soft=0.0),
-    "bleach": Look(shade=0.2, soft=0.0, broken="none"),
+    "walk": Look(soil=0.22, shade=-0.12, hard=0.24, soft=-0.08),
+    "seat": Look(soil=0.1, shade=-0.12, hard=0.1, soft=-0.15),
+    "touch": Look(soil=0.22, shade=-0.04, hard=0.12, soft=-0.08),
+    "ring": Look(soil=0.36, hard=0.2),
+    "spill": Look(soil=0.36, hard=0.14, soft=0.02, broken="blotch"),
+    "scale": Look(dust=0.35, hard=0.25, broken="blotch"),
+    "scuff": Look(soil=0.08, shade=0.36, hard=0.3, soft=-0.03, broken="scratch"),
+    "dust": Look(dust=0.3, hard=0.25),
+    "soot": Look(soil=0.16),
+    "bleach": Look(shade=0.24, broken="none"),
 }
 
 
