@@ -178,12 +178,7 @@ def _clamped_distance(distance: ArrayOrTensor) -> ArrayOrTensor:
 
 def _transport(view: ViewInputs) -> ArrayOrTensor:
     images = (view.transport_direct, view.transport_indirect, view.transport_color)
-    if any(image is None for image in images):
-        raise InputError(
-            f"{_name(view)}: has no light transport, which the network takes as input; set "
-            "channels: [transport], then run: pbrnet groundtruth, pbrnet dataset"
-        )
-    return array_namespace(view.depth).concatenate(images, axis=-1)
+    return _side_by_side(view, images, "light transport", "channels: [transport]")
 
 
 def _materials(view: ViewInputs) -> ArrayOrTensor:
@@ -196,12 +191,20 @@ def _materials(view: ViewInputs) -> ArrayOrTensor:
 
 def _noisy(view: ViewInputs) -> ArrayOrTensor:
     images = (view.noisy_color, view.noisy_half, view.denoised_color)
-    if any(image is None for image in images):
+    return _side_by_side(view, images, "noisy samples", "noisy.spp to 1 to 8")
+
+
+def _side_by_side(
+    view: ViewInputs, images: Sequence[ArrayOrTensor | None], what: str, parameter: str
+) -> ArrayOrTensor:
+    """Images side by side as channels; raises `InputError` if one is missing."""
+    known = [image for image in images if image is not None]
+    if len(known) < len(images):
         raise InputError(
-            f"{_name(view)}: has no noisy samples, which the network takes as input; set "
-            "noisy.spp to 1 to 8, then run: pbrnet groundtruth, pbrnet dataset"
+            f"{_name(view)}: has no {what}, which the network takes as input; set {parameter}, "
+            "then run: pbrnet groundtruth, pbrnet dataset"
         )
-    return array_namespace(view.depth).concatenate(images, axis=-1)
+    return array_namespace(view.depth).concatenate(known, axis=-1)
 
 
 def _samples(view: ViewInputs) -> torch.Tensor:
