@@ -349,7 +349,7 @@ def rendered_for(
 def compute_transport(scene: RenderScene, view: View, params: Params) -> Channels:
     """Light transport of a view."""
     seed = derive(params.seed, "predict", view.scene_id, view.view_id, "transport")
-    return render_transport(scene, view, params.transport, seed)
+    return render_transport(scene, view, params.transport, seed)[0]
 
 
 def trace_samples(scene: RenderScene, view: View, params: Params, spp: int) -> Channels:

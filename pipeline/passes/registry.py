@@ -100,7 +100,7 @@ def _environment(scene: RenderScene, view: View, params: Params, seed: int) -> R
 
 
 def _transport(scene: RenderScene, view: View, params: Params, seed: int) -> Result:
-    return render_transport(scene, view, params.transport, seed), {}
+    return render_transport(scene, view, params.transport, seed)
 
 
 def _truth(kind: Kind) -> Render:

@@ -25,13 +25,13 @@ from pipeline.render.material_sets import MaterialSets
 from pipeline.render.scene import RenderScene
 from pipeline.transport.cells import LightTable
 from pipeline.transport.launches import TransportLauncher
-from pipeline.transport.pixels import Samples
+from pipeline.transport.pixels import LOST, Samples
 from pipeline.transport.radiosity import grid_size, solve
 from pipeline.views import View
 from scenes.arrays import Float32Array
 from scenes.errors import InputError
 
-REVISION = 5
+REVISION = 6
 _LAUNCHERS: WeakKeyDictionary[MaterialSets, TransportLauncher] = WeakKeyDictionary()
 # Samples by size of the image: up to so many pixels, so many samples each.
 _SAMPLES = ((40_000, 16), (100_000, 8))
@@ -45,7 +45,11 @@ class Transport:
     `direct` and `indirect` are irradiance / pi: the radiance of a white diffuse surface, 0 where
     no surface is seen. Where a mirror is seen they are those of what it shows, which `albedo` and
     the mirror's colour have dimmed. `albedo` is that of the diffuse lobes, averaged over the pixel,
-    `specular` the radiance by other lobes, `emitted` that of lamps and sky.
+    `specular` the radiance by other lobes, `emitted` that of lamps and sky. In a pixel of several
+    surfaces light counts as much as each of them reflects it.
+
+    `nan_pixels` counts pixels with samples that are not finite, and `nan_surfels` such surfels;
+    both count as 0. `lost_pixels` counts pixels without any other samples.
     """
 
     direct: Float32Array
@@ -53,6 +57,14 @@ class Transport:
     specular: Float32Array
     emitted: Float32Array
     albedo: Float32Array
+    nan_pixels: int = 0
+    nan_surfels: int = 0
+    lost_pixels: int = 0
+
+    @property
+    def statistics(self) -> dict[str, int]:
+        """Numbers of values that are not finite, for the frame's attribute."""
+        return {name: getattr(self, name) for name in ("nan_pixels", "nan_surfels", "lost_pixels")}
 
     @property
     def color(self) -> Float32Array:
@@ -62,18 +74,20 @@ class Transport:
 
 def render_transport(
     render_scene: RenderScene, view: View, params: TransportParams, seed: int
-) -> Channels:
+) -> tuple[Channels, dict[str, int]]:
     """Return the channels of a `transport` frame, float32 (H, W): light and picture.
 
-    `seed` is the view's own seed. Raises `InputError` in a scalar variant, and for a panorama.
+    And the statistics of `Transport`. `seed` is the view's own seed. Raises `InputError` in a
+    scalar variant, and for a panorama.
     """
     found = transport_of(render_scene, view, params, seed)
     bands = {TRANSPORT_DIRECT: found.direct, TRANSPORT_INDIRECT: found.indirect, RGB: found.color}
-    return {
+    channels = {
         name: np.ascontiguousarray(image[..., band])
         for names, image in bands.items()
         for band, name in enumerate(names)
     }
+    return channels, found.statistics
 
 
 def transport_of(
@@ -88,7 +102,7 @@ def transport_of(
     scene, home = render_scene.neutral(None).mitsuba, render_scene.scene
     if not scene.emitters():
         dark = np.zeros((view.height, view.width, 3), dtype=np.float32)
-        return Transport(*([dark] * 5))
+        return Transport(dark, dark, dark, dark, dark)
     plan = plan_lights(scene, view, home.portals, seed, rooms_box(home.rooms))
     lights = PlannedLights(scene, plan, plan_guiding(scene, plan, seed))
     size = grid_size(params.surfels, view.width, view.height)
@@ -96,7 +110,17 @@ def transport_of(
     cache = LightTable(*solve(surfels, view.eye, params.bounces))
     samples = Samples.of(params.samples or samples_for(view.width * view.height))
     images = launcher.pixels(lights, cache, view, samples, seed)
-    return Transport(*(images[name] for name in Transport.__dataclass_fields__))
+    lost = np.max([images[name] for name in LOST], axis=0)
+    return Transport(
+        images["direct"],
+        images["indirect"],
+        images["specular"],
+        images["emitted"],
+        images["albedo"],
+        nan_pixels=int((lost > 0).sum()),
+        nan_surfels=surfels.lost,
+        lost_pixels=int((lost >= 1).sum()),
+    )
 
 
 def samples_for(pixels: int) -> int:

@@ -78,7 +78,7 @@ def _trace(
     x = mi.Float(pixel % width) + (mi.Float(part % SUBPIXELS) + 0.5) / SUBPIXELS
     y = mi.Float(pixel // width) + (mi.Float(part // SUBPIXELS) + 0.5) / SUBPIXELS
     ray = camera_ray(camera, x, y)
-    si, _ = first_surface(scene, tables, ray, mi.Bool(True))
+    si, _ = first_surface(scene, tables, ray, mi.Bool(True), coherent=True)
     seen = si.is_valid()
     normal = facing_normal(si, ray.d)
     turn = [dr.gather(mi.Float, axes, mi.UInt32(place)) for place in range(9)]

@@ -26,7 +26,7 @@ from pipeline.transport.radiosity import (
     surfels_of,
 )
 from pipeline.transport.rays import ShapeTables
-from pipeline.transport.smoothing import smooth, without_fireflies
+from pipeline.transport.smoothing import smooth, spread_fireflies
 from pipeline.views import View
 from scenes.arrays import Float32Array, Float64Array
 from scenes.seeds import derive32
@@ -63,7 +63,10 @@ class TransportLauncher:
     def pixels(
         self, lights: PlannedLights, cache: LightTable, view: View, samples: Samples, seed: int
     ) -> dict[str, Float32Array]:
-        """Return the images of `IMAGES`, float32 (H, W, bands); light is smoothed."""
+        """Return the images of `IMAGES`, float32 (H, W, bands).
+
+        `direct`, `indirect` and `specular` are smoothed, and no longer weighted.
+        """
         size = (view.width, view.height)
         camera = _camera(view, size)
         seed = dr.opaque(mi.UInt32, derive32(seed, "pixels"))
@@ -111,20 +114,27 @@ def _smoothed(bands: list[Any], eye: Any, size: Size, samples: Samples) -> list[
     def image(kind: Any, name: str) -> Any:
         return kind(*bands[first[name] : first[name] + 3])
 
-    images = [image(mi.Color3f, name) for name in _SMOOTHED]
-    light = first["light_squares"]
-    squares = [bands[light], bands[light + 1], bands[first["specular_squares"]]]
-    counts = (samples.light, samples.light, samples.gloss)
-    noise = [
-        dr.maximum(square - dr.square(mi.luminance(each)), 0) / max(1, count - 1)
-        for each, square, count in zip(images, squares, counts, strict=True)
+    # Light is that of the samples which see a surface, each as much as it is reflected.
+    weight = image(mi.Color3f, "weight")
+    inverse = dr.select(weight > 0, dr.rcp(weight), 0)
+    images = [image(mi.Color3f, name) * inverse for name in ("direct", "indirect")]
+    specular = image(mi.Color3f, "specular")
+    means, squares = first["light_means"], first["light_squares"]
+    moments = [
+        (bands[means], bands[squares], samples.light),
+        (bands[means + 1], bands[squares + 1], samples.light),
+        (mi.luminance(specular), bands[first["specular_squares"]], samples.gloss),
     ]
-    # Light on a surface is that of the samples which see one.
+    noise = [
+        dr.maximum(square - dr.square(mean), 0) / max(1, count - 1)
+        for mean, square, count in moments
+    ]
     lit = bands[first["lit"]]
-    share = dr.select(lit > 0, dr.rcp(lit), 0)
-    specular = without_fireflies(images[2], size)
-    images = [images[0] * share, images[1] * share, specular]
-    noise = [noise[0] * dr.square(share), noise[1] * dr.square(share), noise[2]]
+    share = dr.square(dr.select(lit > 0, dr.rcp(lit), 0))
+    specular, noise[2] = spread_fireflies(specular, size, noise[2])
+    images, noise = [*images, specular], [noise[0] * share, noise[1] * share, noise[2]]
     origin = mi.Vector3f(*(dr.gather(mi.Float, eye, mi.UInt32(axis)) for axis in range(3)))
     surfaces = image(mi.Vector3f, "normal"), image(mi.Vector3f, "position"), bands[first["seen"]]
-    return smooth(images, noise, surfaces, lit, origin, size)
+    direct, indirect, specular = smooth(images, noise, surfaces, lit, origin, size)
+    # The thin edge of a chair has no neighbours to be smoothed with: its noise stays.
+    return [*(spread_fireflies(image, size)[0] for image in (direct, indirect)), specular]

@@ -4,7 +4,7 @@ Three kernels, each with camera rays of its own, because they need unlike number
 give textures and edges and cost least. Light takes an emitter sample and one gathered direction.
 Gloss, where the material has any, takes an emitter sample and one direction of its own sampling; it
 costs most and adds least. Gloss sees the diffuse light of what that direction meets. A perfect
-mirror shows what a camera ray meets behind it.
+mirror shows what a camera ray meets behind it. Values that are not finite become 0 and are counted.
 """
 
 from __future__ import annotations
@@ -40,15 +40,22 @@ IMAGES = {
     "normal": 3,
     "position": 3,
     "seen": 1,  # 1 where a surface is seen
-    "direct": 3,  # light on the surface: radiance of a white diffuse one
+    "lost_surfaces": 1,  # 1 where a value is not finite: it counts as 0
+    "direct": 3,  # light on the surface: radiance of a white diffuse one; times `weight`
     "indirect": 3,
+    "weight": 3,  # reflectance and a little more, 0 where no surface is seen
     "lit": 1,  # `seen` by the samples of light
-    "light_squares": 2,  # of the luminance of direct and indirect
+    "light_means": 2,  # luminance of direct and indirect, without weights
+    "light_squares": 2,
+    "lost_light": 1,
     "specular": 3,  # radiance that the surface reflects by its other lobes
     "specular_squares": 1,
+    "lost_gloss": 1,
 }
+LOST = ("lost_surfaces", "lost_light", "lost_gloss")
 
 
+_LEAST_WEIGHT = 0.005  # of light on a black surface
 _FEWER = {64: 16, 16: 8, 8: 4, 4: 2}  # grids of nearly equal sides, as stratified samples need
 
 
@@ -91,7 +98,11 @@ class Kernel(NamedTuple):
         seen = seen_surface(self.scene, self.tables, camera_ray(self.camera, x, y))
         images = image(self, sampler, *seen)
         bands = [band for bands in images.values() for band in bands]
+        finite = dr.full(mi.Bool, True, width * height * spp)
+        for band in bands:
+            finite &= dr.isfinite(band)
         bands = [dr.select(dr.isfinite(band), band, 0) for band in bands]
+        bands.append(dr.select(finite, mi.Float(0), 1))
         dr.eval(bands)  # in one kernel: a sum over blocks evaluates what it is given by itself
         return [dr.block_sum(band, spp) / spp for band in bands]
 
@@ -140,11 +151,17 @@ def _light(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> Image:
     entry = look_up(cache, found.si, found.direction, sampler, reflecting)
     radiosity = dr.gather(mi.Color3f, cache.radiosity, entry, reflecting)
     indirect = dr.select(reflecting, radiosity * found.weight, 0)
+    # Where a white curtain hides half of a dark wall in the sun, mean reflectance times mean light
+    # would be too bright: light counts as much as it is reflected.
+    weight = dr.select(seen, tables.reflectance_at(si, seen) + _LEAST_WEIGHT, 0)
+    luminance = [mi.luminance(each) for each in (found.direct, indirect)]
     return {
-        "direct": found.direct,
-        "indirect": indirect,
+        "direct": weight * found.direct,
+        "indirect": weight * indirect,
+        "weight": weight,
         "lit": [dr.select(seen, mi.Float(1), 0)],
-        "light_squares": [dr.square(mi.luminance(each)) for each in (found.direct, indirect)],
+        "light_means": luminance,
+        "light_squares": [dr.square(each) for each in luminance],
     }
 
 

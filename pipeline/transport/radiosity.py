@@ -42,6 +42,7 @@ class Surfels:
     met_points: Float32Array  # (M * RAYS, 3)
     met_normals: Float32Array  # (M * RAYS, 3)
     weights: Float32Array  # (M * RAYS,): of the rays, 0 if nothing is met
+    lost: int = 0  # surfels with light or albedo that is not finite, which counts as 0
 
 
 def solve(
@@ -70,6 +71,9 @@ def surfels_of(arrays: tuple[Any, ...]) -> Surfels:
     """Return the surfels that `light_surfels` made, in NumPy arrays."""
     points, normals, measure, albedo, direct, met_points, met_normals, weights = to_numpy(*arrays)
 
+    sound = np.isfinite(albedo).all(axis=-1) & np.isfinite(direct).all(axis=-1)
+    lost = int((~sound.reshape(-1, RAYS)).any(axis=1).sum())
+
     def mean(light: Float32Array) -> Float32Array:
         rows = np.nan_to_num(light).reshape(len(points), RAYS, 3)
         return rows.mean(axis=1, dtype=np.float32)
@@ -77,7 +81,7 @@ def surfels_of(arrays: tuple[Any, ...]) -> Surfels:
     # Where a ray meets nothing, position and normal are not defined.
     met_points, met_normals = (np.nan_to_num(each) for each in (met_points, met_normals))
     return Surfels(
-        points, normals, measure, mean(albedo), mean(direct), met_points, met_normals, weights
+        points, normals, measure, mean(albedo), mean(direct), met_points, met_normals, weights, lost
     )
 
 
@@ -167,11 +171,12 @@ def light_surfels(
     count = dr.width(measure)
     index = dr.arange(mi.UInt32, count * RAYS) // RAYS
     sampler = sampler_of(RAYS, count, seed)
-    active = dr.gather(mi.Float, measure, index) > 0
-    ray = mi.Ray3f(dr.gather(mi.Point3f, origin, index), dr.gather(mi.Vector3f, direction, index))
-    si, _ = first_surface(scene, tables, ray, active)
-    active &= si.is_valid()
-    normal = facing_normal(si, ray.d)
+    # One ray finds each surfel, all of its rays start there.
+    found, _ = first_surface(scene, tables, mi.Ray3f(origin, direction), measure > 0)
+    dr.eval(found)
+    si = dr.gather(mi.SurfaceInteraction3f, found, index)
+    active = (dr.gather(mi.Float, measure, index) > 0) & si.is_valid()
+    normal = facing_normal(si, dr.gather(mi.Vector3f, direction, index))
     found = gather(scene, tables, lights, sampler, si.p, normal, active)
     _, gloss = reflect(lobes, sampler, si, active)
     hit = active & found.si.is_valid() & (found.weight > 0)

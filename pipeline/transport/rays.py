@@ -62,19 +62,21 @@ class ShapeTables:
         return active & ((kind == 1) | (masked & cut))
 
 
-def first_surface(scene: Any, tables: ShapeTables, ray: Any, active: Any) -> tuple[Any, Any]:
+def first_surface(
+    scene: Any, tables: ShapeTables, ray: Any, active: Any, coherent: bool = False
+) -> tuple[Any, Any]:
     """Return the first surface interaction along each ray, past clear glass and cut-outs.
 
     And whether the ray passed any: no shadow ray does.
     """
-    si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=True, active=active)
+    si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=coherent, active=active)
     if not tables.passable:
         return si, mi.Bool(False)
 
     def step(passing: Any, si: Any, layer: Any) -> tuple[Any, Any, Any]:
         onward = si.spawn_ray(ray.d)
         behind = scene.ray_intersect(
-            onward, ray_flags=mi.RayFlags.All, coherent=True, active=passing
+            onward, ray_flags=mi.RayFlags.All, coherent=coherent, active=passing
         )
         return tables.passes(behind, passing) & (layer < MAX_LAYERS), behind, layer + 1
 
@@ -92,7 +94,7 @@ def seen_surface(scene: Any, tables: ShapeTables, ray: Any) -> tuple[Any, Any, A
 
     The last is the product of the mirrors' reflectances, `mi.Color3f`, 1 where there is none.
     """
-    si, _ = first_surface(scene, tables, ray, mi.Bool(True))
+    si, _ = first_surface(scene, tables, ray, mi.Bool(True), coherent=True)
     left = mi.Color3f(1)
     for _ in range(_MIRRORS):
         bsdf = si.bsdf()

@@ -51,24 +51,48 @@ def smooth(
     return images
 
 
-def without_fireflies(image: Any, size: tuple[int, int]) -> Any:
-    """Return an image in which no pixel is brighter than the brightest of its eight neighbours.
+def spread_fireflies(image: Any, size: tuple[int, int], noise: Any = 0) -> tuple[Any, Any]:
+    """Return an image whose lone bright pixels share their excess with their eight neighbours.
 
-    `image` is `mi.Color3f` of W * H pixels. A lone spike of gloss would decide on the exposure.
+    `image` is `mi.Color3f` of W * H pixels, `noise` the variance of its luminance. What a pixel has
+    more than the brightest of its neighbours is divided among it and them: a lone spike of gloss
+    would decide on the exposure, and cutting it off would lose its energy. Where the spike is noise
+    its neighbours get their share of that, too, so that the filter spreads it further.
     """
+    own = mi.luminance(image)
+    around = _neighbours(size)
+    noise = mi.Float(noise) + dr.zeros(mi.Float, dr.width(own))
+    brightest = mi.Float(0)
+    for index, inside in around:
+        same = index == dr.arange(mi.UInt32, dr.width(own))
+        other = dr.gather(mi.Float, own, index, inside & ~same)
+        brightest = dr.maximum(brightest, other)
+    kept = dr.select(own > brightest, brightest / own, 1)
+    pixels = mi.Float(0)  # that share the excess: fewer at the border
+    for _, inside in around:
+        pixels += dr.select(inside, 1, 0)
+    excess = image * ((1 - kept) / pixels)
+    uncertain = noise * dr.square((1 - kept) / pixels)
+    image, noise = image * kept, noise * dr.square(kept)
+    dr.eval(excess, uncertain)
+    for index, inside in around:
+        image += dr.gather(mi.Color3f, excess, index, inside)
+        noise += dr.gather(mi.Float, uncertain, index, inside)
+    return image, noise
+
+
+def _neighbours(size: tuple[int, int]) -> list[tuple[Any, Any]]:
+    """Return indices of the 3 x 3 pixels around each, and which of them lie in the image."""
     width, height = size
     index = dr.arange(mi.UInt32, width * height)
     column, row = mi.Int32(index % width), mi.Int32(index // width)
-    own = mi.luminance(image)
-    brightest = mi.Float(0)
-    for across in (-1, 0, 1):
-        for down in (-1, 0, 1):
-            if (across, down) != (0, 0):
-                x, y = column + across, row + down
-                inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-                place = mi.UInt32(dr.select(inside, y * width + x, 0))
-                brightest = dr.maximum(brightest, dr.gather(mi.Float, own, place, inside))
-    return image * dr.select(own > brightest, brightest / own, 1)
+    found = []
+    for down in (-1, 0, 1):
+        for across in (-1, 0, 1):
+            x, y = column + across, row + down
+            inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+            found.append((mi.UInt32(dr.select(inside, y * width + x, 0)), inside))
+    return found
 
 
 class _Taps:

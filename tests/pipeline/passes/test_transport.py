@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -20,8 +21,10 @@ from pipeline.passes.groundtruth import render_both
 from pipeline.passes.transport import Transport, render_transport, transport_of
 from pipeline.render.scene import open_scene
 from pipeline.transport.guides import fast_guides
+from pipeline.transport.pixels import Kernel
 from pipeline.transport.radiosity import RAYS, Surfels, solve
-from pipeline.transport.smoothing import smooth
+from pipeline.transport.rays import ShapeTables
+from pipeline.transport.smoothing import smooth, spread_fireflies
 from pipeline.views import View
 from scenes.errors import InputError
 from tests.fixtures.paths import ROOT
@@ -252,10 +255,64 @@ def test_a_pixel_whose_normals_cancel_keeps_its_light_and_leaves_its_neighbours_
     assert np.allclose(np.array(smoothed), light, rtol=1e-5)
 
 
+def test_an_edge_before_a_bright_wall_has_the_mean_of_both_colours(tmp_path: Path) -> None:
+    # A white screen in the shade hides half of a dark wall in bright light. The mean reflectance
+    # times the mean light would be five times as bright as either half of the pixel.
+    lamp = quad("lamp", (-1, 0.1, 1), (0, 1, 0), (0.5, 0.5), glow(40.0))
+    screen = quad("screen", (-2, 0, 1), (0, -1, 0), (2, 2), diffuse(0.9))
+    wall = quad("wall", (0, 2, 1), (0, -1, 0), (4, 4), diffuse(0.1))
+    view = make_view((0, -2, 1), (0, 1, 0), size=(17, 24), focal=14)
+    found = computed(tmp_path / "a", lamp + screen + wall, view)
+    light = found.direct + found.indirect
+    assert light[:, 9].mean() > 8 * light[:, 7].mean()
+    middle = found.color[8:16]  # above and below, light changes over the lengths that are smoothed
+    halves = (middle[:, 7] + middle[:, 9]) / 2
+    assert middle[:, 8].mean() == pytest.approx(halves.mean(), rel=0.2)
+
+
+def test_a_lone_bright_pixel_shares_its_energy_with_its_neighbours() -> None:
+    random = np.random.default_rng(3)
+    image = random.uniform(0.9, 1.1, (7, 9)).astype(np.float32)
+    image[3, 4], image[0, 8] = 91.0, 41.0
+    noise = np.zeros_like(image)
+    noise[3, 4] = 81.0**2
+    spread, uncertain = spread_fireflies(
+        mi.Color3f(mi.Float(image.ravel())), (9, 7), mi.Float(noise.ravel())
+    )
+    got = np.array(spread)[0].reshape(7, 9)
+    assert got.sum() == pytest.approx(image.sum(), rel=1e-5)
+    assert got[2:5, 3:6] == pytest.approx(11, abs=0.5)  # 90 among nine pixels
+    assert got[:2, 7:] == pytest.approx(11, abs=0.5)  # 40 among the four of a corner
+    assert got[5:, :3] == pytest.approx(image[5:, :3], abs=0.15)
+    # Its neighbours are as uncertain as they are bright: the filter does not keep them.
+    assert np.sqrt(np.array(uncertain).reshape(7, 9)[2, 3]) == pytest.approx(9, rel=0.05)
+
+
+def test_samples_that_are_not_finite_are_counted(tmp_path: Path) -> None:
+    scene = open_scene(write_scene(tmp_path / "a", room_walls(diffuse(0.5))[0]))
+    eye, matrix = mi.Float([0, -1, 1.5]), mi.Float([1, 0, -8, 0, 0, 8, 0, -1, 6])
+    tables = ShapeTables(scene.geometry)
+    kernel = Kernel(scene.geometry.scene, tables, None, None, None, (eye, matrix), (16, 12))
+
+    def faulty(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> dict[str, Any]:
+        half = dr.arange(mi.UInt32, 16 * 12 * 4) % 4 < 2
+        left_half = (dr.arange(mi.UInt32, 16 * 12 * 4) // 4) % 16 < 8
+        other = dr.full(mi.Float, 2, 16 * 12 * 4)
+        return {"value": [dr.select(half & left_half, mi.Float(math.nan), 1), other]}
+
+    value, other, lost = (
+        np.array(band).reshape(12, 16) for band in kernel.means(faulty, 4, mi.UInt32(1))
+    )
+    assert (value[:, :8] == 0.5).all() and (value[:, 8:] == 1).all()
+    assert (other == 2).all()
+    assert (lost[:, :8] == 0.5).all() and (lost[:, 8:] == 0).all()
+
+
 def test_channels_are_those_of_the_table_and_of_any_light(tmp_path: Path) -> None:
     walls, _ = room_walls(diffuse(0.5))
     view = make_view(size=(16, 12))
-    dark = render_transport(open_scene(write_scene(tmp_path / "a", walls)), view, PARAMS, 1)
+    dark, facts = render_transport(open_scene(write_scene(tmp_path / "a", walls)), view, PARAMS, 1)
+    assert facts == {"nan_pixels": 0, "nan_surfels": 0, "lost_pixels": 0}
     assert set(dark) == {band for each in channels_of("transport") for band in each.bands}
     assert all(not image.any() for image in dark.values())
 
@@ -280,7 +337,7 @@ from tests.fixtures.render import make_view
 set_variant()
 dr.set_thread_count(int(sys.argv[2]))
 view = make_view((0.3, -0.5, 1.4), (0.2, 1, -0.3))
-found = render_transport(open_scene(load_scene(Path(sys.argv[1]))), view, TransportParams(), 1)
+found, _ = render_transport(open_scene(load_scene(Path(sys.argv[1]))), view, TransportParams(), 1)
 print(digest_bytes(*(found[name].tobytes() for name in sorted(found))))
 """
 
