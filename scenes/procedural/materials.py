@@ -130,7 +130,7 @@ class MaterialLibrary:
         return offset if modules is None else np.floor(offset * modules) / modules
 
     def _layout(self, material: Material) -> Layout:
-        """Where the texels of a surface with traces of use come from."""
+        """The layout of a surface with traces of use."""
         if material not in self._layouts:
             assert material.use is not None
             side = len(self._surface(material).shade)

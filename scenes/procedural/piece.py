@@ -62,7 +62,7 @@ class Trace:
 
 @dataclass(frozen=True)
 class Use:
-    """Where one surface was used: it has images of its own over [`low`, `high`].
+    """Use of one surface by place: it has images of its own over [`low`, `high`].
 
     (s, t) are metres in the surface, right-handed seen from its front. `panels` (s0, t0, s1, t1,
     du, dv) say which part of the pattern is where: at (s + du, t + dv) of its uvs.

@@ -1,4 +1,4 @@
-"""Where a home was used: walked paths, seats, hands at doors, table tops, hob and sink, windows.
+"""Use of a home by place: walked paths, seats, hands at doors, table tops, hob and sink, windows.
 
 Surfaces that show it get materials of their own (`Material.use`). Nothing is added to the geometry:
 faces are dealt out to other parts, and walls are cut round the places that were touched.
@@ -416,7 +416,7 @@ def _rubbed(
 def _wall_behind(
     item: SceneItem, low: Float64Array, high: Float64Array, inward: Float64Array
 ) -> float | None:
-    """Where the wall is that a box stands at with its back, along the wall's normal."""
+    """The wall that a box stands at with its back: its place along its normal, metres."""
     axis = int(np.argmax(np.abs(inward)))
     others = [other for other in range(3) if other != axis]
     back = low[axis] if inward[axis] > 0 else high[axis]

@@ -37,7 +37,7 @@ _RIM = 0.004  # metres; half the width of the ring that a glass leaves
 
 
 class Look(NamedTuple):
-    """How a trace of strength 1 changes an old surface.
+    """Change of an old surface by a trace of strength 1.
 
     Shares of grime and dust over it, factor on its reflectance less 1, change of its perceptual
     roughness if it is hard and if it is soft; `broken` by clouds, blotches or scratches.
