@@ -2,7 +2,7 @@
 # make quick   lint, and the tests without a cluster, a training or a long render
 # make test    formatting, lint, types, tests (PROCESSES=2 of them at once, 2 GiB each)
 # make check   tests that take too long for every run: thousands of homes, hundreds of kills
-# make bench   measured figures and their goals, to docs/benchmarks.md: half an hour on 2 quiet cores
+# make bench   measured figures and their goals, to docs/benchmarks.md: an hour on 2 quiet cores
 #              (ONLY="shards farm" for some topics; the list: python -m benchmarks.run --help)
 # make records checksums of releases, the sample, views and rows of the open benchmark, the plan of
 #              a large release: after a change of the renderer's pixels

@@ -26,6 +26,12 @@ _LIT = """
 scenes: {{homes: {homes}, rooms_min: 3}}
 cameras: {{views_per_scene: 1}}
 """  # of different light, with many lamps
+# Of a root seed of its own: homes that the committed weights have not seen.
+_UNSEEN = """
+seed: 37
+scenes: {{homes: {homes}}}
+cameras: {{views_per_scene: 4}}
+"""
 # The denoiser is left out: it is work that a plain loop does not do.
 _PARAMETERS = """
 scenes: {{homes: {homes}}}
@@ -37,7 +43,7 @@ dataset: {{splits: {{test: 0, validation: 0}}, row_group: 16, checks: {{max_nois
 
 @dataclass(frozen=True)
 class Sizes:
-    """Amounts of work; `FULL` takes about half an hour on two idle cores."""
+    """Amounts of work; `FULL` takes about an hour on two idle cores."""
 
     homes: int = 6  # more than workers, as in any dataset
     lit: int = 6  # more homes, for equal-time error
@@ -52,12 +58,29 @@ class Sizes:
     clay: int = 512  # those of the clay's
     rows: int = 16  # views in the shards that are read
     rows_spp: int = 8
+    budget_homes: int = 2  # of the time budgets
+    # Sizes of their pictures; samples a pixel that each renderer gives the reference.
+    budget_sizes: tuple[tuple[int, int], ...] = ((160, 120), (480, 360), (960, 720))
+    budget_spp: tuple[int, ...] = (1024, 256, 96)
+    budgets: tuple[float, ...] = (0.1, 0.2, 0.5, 1, 2, 5)  # seconds
+
+    @property
+    def budget_references(self) -> dict[tuple[int, int], int]:
+        """Samples of the reference by image size."""
+        return dict(zip(self.budget_sizes, self.budget_spp, strict=True))
+
+    @property
+    def label(self) -> str:
+        """Word for these amounts in files of results."""
+        return "small" if self == SMALL else "full"
 
 
 FULL = Sizes()
 SMALL = Sizes(  # for trying the program: its figures mean nothing
     homes=2, lit=1, trials=1, views=1, spp=4, repeats=1, processes=1,
     large=(64, 48), middle=(48, 36), reference=32, clay=32, rows=2, rows_spp=1,
+    budget_homes=1, budget_sizes=((48, 36), (64, 48)), budget_spp=(64, 64),
+    budgets=(0.1, 0.2),
 )  # fmt: skip
 
 
@@ -90,10 +113,27 @@ class Bench:
         write_text(file, _LIT.format(homes=self.sizes.lit))
         return _made(self.folder / "lit", load_params(file))
 
+    @cached_property
+    def unseen_params(self) -> Params:
+        """Parameters of `unseen`."""
+        file = self.folder / "unseen.yaml"
+        write_text(file, _UNSEEN.format(homes=self.sizes.budget_homes))
+        return load_params(file)
+
+    @cached_property
+    def unseen(self) -> dict[str, list[View]]:
+        """Views of homes that have been in no training."""
+        return _made(self.folder / "unseen", self.unseen_params)
+
     @property
     def home(self) -> str:
         """Name of the home with the most views."""
         return max(self.views, key=lambda name: len(self.views[name]))
+
+    def open_unseen(self, name: str) -> RenderScene:
+        """Open a home of `unseen` for rendering."""
+        assert name in self.unseen
+        return open_scene(load_scene(self.folder / "unseen" / "scenes" / name))
 
     def open(self, name: str, lit: bool = False) -> RenderScene:
         """Open a home of `views`, or of `lit`, for rendering."""

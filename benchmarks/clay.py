@@ -62,13 +62,20 @@ def _triangles(mesh: Any) -> Mesh:
 
 
 def _bare(scene: Scene, name: str, shapes: set[str]) -> Scene:
-    """Return the scene's description with the remaining shapes and the sky as the only light."""
+    """Return the scene's description with the remaining shapes and the sky as the only light.
+
+    Windows stay as openings without panes, which Cycles would not see.
+    """
     objects = [
         replace(item, shapes=tuple(shape for shape in item.shapes if shape in shapes))
         for item in scene.objects
     ]
     return replace(
-        scene, scene_id=name, objects=tuple(objects), lights=(Light("sky", "environment"),)
+        scene,
+        scene_id=name,
+        objects=tuple(objects),
+        lights=(Light("sky", "environment"),),
+        portals=tuple(replace(portal, panes=0) for portal in scene.portals),
     )
 
 
@@ -81,15 +88,20 @@ def _description(
             for name, color in kept
         ],
         "sky": SKY,
-        "camera": {
-            "width": view.width,
-            "height": view.height,
-            "fov_x": 2 * math.atan(0.5 * view.width / view.K[0][0]),
-            "camera_to_world": [list(row) for row in view.camera_to_world],
-        },
+        "camera": camera_for_blender(view),
         "windows": windows_of(scene.scene.portals),
         "max_depth": max_depth,
         "threads": len(os.sched_getaffinity(0)),
+    }
+
+
+def camera_for_blender(view: View) -> dict[str, Any]:
+    """Return image size, horizontal field of view (radians) and pose, in OpenCV axes."""
+    return {
+        "width": view.width,
+        "height": view.height,
+        "fov_x": 2 * math.atan(0.5 * view.width / view.K[0][0]),
+        "camera_to_world": [list(row) for row in view.camera_to_world],
     }
 
 

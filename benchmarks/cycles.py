@@ -10,21 +10,22 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import OpenEXR
 
 from benchmarks.bench import ROOT, Bench, Reference, pixels, resized
-from benchmarks.clay import SKY, write_clay
+from benchmarks.clay import SKY, camera_for_blender, write_clay
 from benchmarks.rendering import plain_render
 from benchmarks.rows import Row, at_least, at_most, missing
-from benchmarks.timing import spend, spread
+from benchmarks.timing import Spent, spend, spread
+from pipeline.params import GroundTruthParams
 from pipeline.passes.groundtruth import render_both, render_truth
 from pipeline.pathtrace import integrator
 from pipeline.render.scene import RenderScene, open_scene
@@ -36,6 +37,7 @@ MEANING = "efficiency at equal core-seconds, clay under a constant sky"
 _PATIENCE = 1800  # seconds to install, or for one render
 AGREE = 0.01
 
+Denoise = Literal["", "FAST", "ACCURATE"]  # "": no denoiser
 Tried = tuple[np.ndarray, float]  # an image, and core-seconds
 
 
@@ -61,13 +63,31 @@ class Blender:
 
     def render(self, portals: bool, spp: int, seed: int) -> Tried:
         """Return an image and its core-seconds, by the renderer's processor clock."""
-        out = self.folder / f"cycles-{seed}-{portals}.exr"
-        job = {"spp": spp, "seed": seed, "portals": portals, "out": str(out)}
+        image, spent = self.picture(spp, seed, portals)
+        return image, spent.cpu
+
+    def picture(
+        self,
+        spp: int,
+        seed: int,
+        portals: bool = False,
+        view: View | None = None,
+        denoise: Denoise = "",
+    ) -> tuple[np.ndarray, Spent]:
+        """Return an image (H, W, 3) and the renderer's own seconds.
+
+        Of `view`, or of the last one. `denoise`: as Cycles prefilters the guides of its denoiser.
+        """
+        out = self.folder / "cycles.exr"
+        job: dict[str, Any] = {"spp": spp, "seed": seed, "portals": portals, "out": str(out)}
+        job["denoise"] = denoise
+        if view is not None:
+            job["camera"] = camera_for_blender(view)
         assert self.process.stdin is not None
         print(json.dumps(job), file=self.process.stdin, flush=True)
         spent = self.answer()
         with OpenEXR.File(str(out)) as file:
-            return np.array(file.channels()["RGB"].pixels), spent["cpu"]
+            return np.array(file.channels()["RGB"].pixels), Spent(spent["cpu"], spent["wall"])
 
 
 def blender_python(tools: Path, given: Path | None) -> Path:
@@ -146,9 +166,10 @@ def cycles_rows(bench: Bench, given: Path | None = None) -> Iterator[Row]:
 
 def _compare(bench: Bench, interpreter: Path) -> Iterator[Row]:
     sizes, depth = bench.sizes, bench.params.groundtruth.max_depth
-    view = _bright_view(bench)
     folder = bench.folder / "clay"
-    home = bench.open(bench.home)
+    home, views = bench.open(bench.home), bench.views[bench.home]
+    brightest, *_ = views_by_light(home, views, bench.folder / "probe", bench.params.groundtruth)
+    view = resized(brightest, sizes.middle)
     clay = open_scene(write_clay(home, view, depth, folder))
     with blender(interpreter, folder) as other:
         ways = _ways(bench, clay, view, other)
@@ -156,23 +177,23 @@ def _compare(bench: Bench, interpreter: Path) -> Iterator[Row]:
             way(sizes.spp, 99)  # builds, compiles
         long = {name: ways[name](sizes.clay, 0)[0] for name in ("planned", "portals")}
         reference = Reference(long["planned"], long["portals"])
-        apart = _apart(reference, long)
+        difference = apart(reference, long["portals"], long["planned"])
         size = f"{view.width}x{view.height}, {sizes.clay} spp each, Blender {other.version}"
         yield Row(
             "mean of Cycles' long render / ours",
             f"how far it is from 1 in the worst of three bands; {size}",
-            spread([apart]),
+            spread([difference]),
             goal=at_most(AGREE),
         )
         own = {"planned": reference, "path": reference, "cycles": reference, "portals": reference}
-        if apart > AGREE:  # each is held against its own kind
+        if difference > AGREE:  # each is held against its own kind
             own = _own_references(ways, long, sizes.clay)
         costs: dict[str, list[float]] = {name: [] for name in ways}
         for turn in range(sizes.repeats):
             for name, way in ways.items():
                 image, cpu = way(sizes.spp, 2 + turn)
                 costs[name].append(cpu * own[name].error(image))
-    yield from _rows(costs, sizes.spp, apart <= AGREE)
+    yield from _rows(costs, sizes.spp, difference <= AGREE)
 
 
 def _rows(costs: dict[str, list[float]], spp: int, common: bool) -> Iterator[Row]:
@@ -226,22 +247,21 @@ def _own_references(
     return {"planned": ours, "path": ours, "cycles": theirs, "portals": theirs}
 
 
-def _apart(reference: Reference, long: dict[str, np.ndarray]) -> float:
-    """Return the largest relative difference of the two long renders' means, over bands."""
-    means = [
-        np.minimum(long[name], reference.limit).mean(axis=(0, 1)) for name in ("portals", "planned")
-    ]
+def apart(reference: Reference, first: np.ndarray, second: np.ndarray) -> float:
+    """Return the largest relative difference of two long renders' means, over bands."""
+    means = [np.minimum(image, reference.limit).mean(axis=(0, 1)) for image in (first, second)]
     return float(np.abs(means[0] / means[1] - 1).max())
 
 
-def _bright_view(bench: Bench) -> View:
-    """Return the view of the home that receives most light from the sky."""
-    views = bench.views[bench.home]
-    folder = bench.folder / "probe"
-    home = bench.open(bench.home)
+def views_by_light(
+    home: RenderScene, views: Sequence[View], folder: Path, truth: GroundTruthParams
+) -> list[View]:
+    """Return the views of a home by the light that they receive from the sky, the brightest first.
+
+    `folder` is for the clay scene that is looked at.
+    """
     clay = open_scene(write_clay(home, views[0], 3, folder))
-    quick = replace(bench.params.groundtruth, spp=4, block_spp=4)
-    small = [resized(view, (48, 36)) for view in views]
-    images = [pixels(render_truth(clay, view, quick, 0)) for view in small]
+    quick = replace(truth, spp=4, block_spp=4)
+    images = [pixels(render_truth(clay, resized(view, (48, 36)), quick, 0)) for view in views]
     light = [np.minimum(image, 0.9 * SKY).mean() for image in images]  # not the sky itself
-    return resized(views[int(np.argmax(light))], bench.sizes.middle)
+    return [views[index] for index in np.argsort(light)[::-1]]

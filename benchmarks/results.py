@@ -32,6 +32,7 @@ TITLES = {
     "shards": "Shards",
     "formats": "Formats of the dataset's images",
     "cycles": "Against Blender Cycles",
+    "budgets": "Every time budget",
     "published": "Beside published figures",
 }
 _CLOCKS = {"cpu": "processor", "wall": "wall", "": ""}

@@ -1,8 +1,9 @@
 """Benchmarks of docs/benchmarks.md: `make bench`, or `python -m benchmarks.run`.
 
-Writes benchmarks/results.json and docs/benchmarks.md after every row. All topics take about half an
-hour on two idle cores. Blender Cycles is installed into build/bench/ if it is missing (a download
-of 370 MB); its topic is skipped where that fails.
+Writes benchmarks/results.json and docs/benchmarks.md after every row; the topic `budgets` also
+docs/data/budgets.json and two pictures, for docs/results.md. All topics take about an hour on two
+idle cores. Blender Cycles is installed into build/bench/ if it is missing (a download of 370 MB);
+its topics are skipped where that fails.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from pathlib import Path
 import click
 
 from benchmarks.bench import FULL, ROOT, SMALL, Bench
+from benchmarks.budgets import budget_rows
 from benchmarks.cycles import cycles_rows
 from benchmarks.farm import farm_rows
 from benchmarks.formats import format_rows
@@ -57,7 +59,7 @@ Examples:
 @click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
-    help="Folder for results.json and benchmarks.md, instead of benchmarks/ and docs/.",
+    help="Folder for what is written, instead of benchmarks/ and docs/.",
 )
 def main(
     only: tuple[str, ...], resume: bool, small: bool, bpy: Path | None, out: Path | None
@@ -68,8 +70,9 @@ def main(
     """
     set_variant()
     paths = (ROOT / "benchmarks" / "results.json", ROOT / "docs" / "benchmarks.md")
+    docs = ROOT / "docs"
     if out is not None:
-        paths = (out / "results.json", out / "benchmarks.md")
+        paths, docs = (out / "results.json", out / "benchmarks.md"), out
     results = Results(*paths, sizes="small" if small else "full")
     if only or resume:
         results.load()
@@ -82,6 +85,7 @@ def main(
         "shards": shard_rows,
         "formats": format_rows,
         "cycles": partial(cycles_rows, given=bpy),
+        "budgets": partial(budget_rows, given=bpy, docs=docs),
         "published": published_rows,
     }
     wanted = [

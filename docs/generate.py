@@ -4,7 +4,8 @@
 (`docs/modules.md`) come from the imports and docstrings of the code; tables between
 `<!-- generated: NAME -->` and `<!-- end -->` in README.md and docs/results.md come from
 `docs/data/quick-start.json`, `metrics/reference.json` and the studies' files in `docs/data`
-(`pbrnet study all --docs docs`), those in docs/benchmark.md and docs/cluster.md from
+(`pbrnet study all --docs docs`), those of the time budgets from `docs/data/budgets.json`, which
+`make bench ONLY=budgets` writes, those in docs/benchmark.md and docs/cluster.md from
 `docs/data/benchmark.json` and `docs/data/plan.json`, which `make records` writes. With `--check`
 nothing is written, and the exit code is 1 if a file is not up to date.
 
@@ -22,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from code_map import Code, module_index, picture
-from study_tables import study_tables
+from study_tables import clay_budget_table, clay_budget_words, study_tables
 
 from model.benchmark.pictures import Task
 from model.benchmark.score import METRICS as METRICS_OF_TASK
@@ -33,6 +34,7 @@ METRICS = {"ssim": ("SSIM", 3), "psnr": ("PSNR, dB", 1), "flip": ("FLIP (less is
 QUICK_START = ROOT / "docs" / "data" / "quick-start.json"
 BENCHMARK = ROOT / "docs" / "data" / "benchmark.json"
 PLAN = ROOT / "docs" / "data" / "plan.json"
+BUDGETS = ROOT / "docs" / "data" / "budgets.json"
 QUICK_METHODS = ("pbrnet", "product", "product_linear", "unet", "ceiling")
 
 
@@ -103,6 +105,20 @@ def benchmark_table(found: dict[str, Any], task: Task) -> str:
         seconds = f"{one['seconds']:.2g}" if one["seconds"] >= 0.001 else "under 0.001"
         rows.append([f"`{one['name']}`: {one['about']['method']}", *cells, seconds])
     return _table(rows)
+
+
+def budget_parts(readme: bool) -> str:
+    """Words, table and plot of the time budgets on clay scenes; the README has no table."""
+    if not BUDGETS.is_file():
+        return "Not measured for this version yet: `make bench ONLY=budgets`."
+    found = json.loads(BUDGETS.read_text())
+    folder = "docs/images" if readme else "images"
+    plot = f"![FLIP over seconds for a further picture, at three sizes]({folder}/budgets.png)"
+    words = clay_budget_words(found)
+    if readme:
+        return f"{plot}\n\n{words}"
+    sheet = f"![Reference and each one's best picture in a second]({folder}/budgets.jpg)"
+    return f"{words}\n\n{_table(clay_budget_table(found))}\n\n{plot}\n\n{sheet}"
 
 
 def plan_table(found: dict[str, Any]) -> str:
@@ -182,6 +198,7 @@ def main() -> int:
             {
                 "quick-start-time": quick_start_time(quick),
                 "quick-start-table": quick_start_table(quick),
+                "budgets": budget_parts(readme=True),
             },
         ).encode(),
         results: filled(
@@ -190,6 +207,7 @@ def main() -> int:
                 "reference-methods": reference_methods(reference),
                 "reference-differences": reference_differences(reference),
                 **{name: _table(rows) for name, rows in tables.items()},
+                "budgets": budget_parts(readme=False),
             },
         ).encode(),
     }

@@ -139,6 +139,59 @@ def _point(point: dict[str, Any]) -> str:
     return f"{point['flip']:.3f} (`{point['method']}{samples}`)"
 
 
+def clay_budget_table(found: dict[str, Any]) -> Rows:
+    """Rows of sizes and budgets on clay scenes: FLIP and SSIM of the best pictures."""
+    groups = {"ours": "ours", "path": "`path`, denoised", "cycles": "Blender Cycles, denoised"}
+    table = [["size", "seconds", *groups.values()]]
+    for cell in found["cells"]:
+        row = [cell["size"], f"{cell['budget']:g}"]
+        for group in groups:
+            point = cell[group]
+            if point is None:
+                row.append("–")
+                continue
+            flip = f"{point['flip']:.3f}"
+            flip = f"**{flip}**" if group == cell["first"] else flip
+            samples = f" {point['spp']}" if point["spp"] else ""
+            row.append(f"{flip}, {point['ssim']:.3f} (`{point['method']}{samples}`)")
+        table.append(row)
+    return table
+
+
+def clay_budget_words(found: dict[str, Any]) -> str:
+    """Sentences on conditions, and on the budgets in which this project's picture is not first."""
+    sizes = ", ".join(found["reference_spp"])
+    spp = ", ".join(str(number) for number in found["reference_spp"].values())
+    apart = ", ".join(f"{value:.3f}" for value in found["halves_flip"].values())
+    processors = f"{found['processors']} processors ({found['processor']})"
+    clock = "elapsed" if found["clock"] == "wall" else "processor"
+    trained = ", ".join(f"`{name}` {views}" for name, views in found["trained_views"].items())
+    sentences = [
+        "" if found["sizes"] == "full" else "**A trial run; its figures mean nothing.**",
+        f"{found['homes']} views of as many homes; {clock} seconds of {processors}, of which other "
+        f"programs used {found['others_busy']:.1f}; Blender {found['blender']}.",
+        f"At {sizes}: reference of 2 x {spp} samples a pixel, FLIP between its halves {apart}, "
+        f"means within {100 * found['halves_apart']:.1f} %.",
+        f"Views that the networks were trained on: {trained or 'none'}.",
+        _not_first(found["cells"]),
+    ]
+    return " ".join(filter(None, sentences))
+
+
+def _not_first(cells: list[dict[str, Any]]) -> str:
+    ours = [cell for cell in cells if cell["first"] == "ours"]
+    lost = [cell for cell in cells if cell["first"] not in ("ours", None)]
+    nobody = [cell for cell in cells if cell["first"] is None]
+    text = f"**Ours is first in {len(ours)} of {len(cells)} budgets.**"
+    if lost:
+        words = (f"{cell['size']} in {cell['budget']:g} s ({cell['first']})" for cell in lost)
+        text += f" It is not in: {', '.join(words)}."
+    if nobody:
+        words = (f"{cell['size']} in {cell['budget']:g} s" for cell in nobody)
+        text += f" No picture is in time: {', '.join(words)}."
+    return text
+
+
 def flicker_table(moves: list[dict[str, Any]]) -> Rows:
     """Rows of the mean difference of neighbouring frames over several moves."""
     methods = dict.fromkeys(name for move in moves for name in move["methods"])

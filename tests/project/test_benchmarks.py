@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,7 +21,9 @@ import pytest
 
 from benchmarks import cycles, farm, sets
 from benchmarks.bench import SMALL, Bench, Reference
-from benchmarks.clay import windows_of
+from benchmarks.budget_results import Point, cells, means
+from benchmarks.budgets import fitting
+from benchmarks.clay import _bare, windows_of
 from benchmarks.cycles import BlenderMissing, blender_python, cycles_rows, run_step
 from benchmarks.results import Results, page_of
 from benchmarks.rows import Row, at_least, at_most, missing
@@ -41,7 +44,7 @@ from model.data.reader import IMAGES, OPTIONAL_IMAGES, Dataset
 from pipeline.dataset.pack import pack_dataset
 from pipeline.export.rows import DatasetRows
 from pipeline.params import LightParams, Params, SplitParams
-from scenes.contract import Portal
+from scenes.contract import Light, Portal, Scene
 from scenes.errors import InputError
 from tests.fixtures.dataset import make_data, small_params
 from tests.fixtures.model import box_rows, write_shard
@@ -298,6 +301,38 @@ def test_windows_are_rectangles_that_face_inwards() -> None:
     assert middle == pytest.approx([1, 0, 1.5])
 
 
+def test_clay_has_no_panes_and_no_light_but_the_sky() -> None:
+    corners = ((0, 0, 1), (2, 0, 1), (2, 0, 2), (0, 0, 2))
+    window = Portal("window", "window", corners, (0, -1, 0), True, panes=2)
+    home = Scene("home", {}, (), (), (Light("lamp", "area"),), (window,), ())
+    clay = _bare(home, "clay", set())
+    assert [portal.panes for portal in clay.portals] == [0]
+    assert [light.kind for light in clay.lights] == ["environment"]
+
+
+def test_a_budget_gets_the_samples_that_fit() -> None:
+    """0.2 s whatever the samples, and 0.05 s each."""
+    probes = [(2, 0.3), (8, 0.6)]
+    assert [fitting(probes, budget) for budget in (0.2, 0.26, 0.5, 1, 5)] == [0, 1, 4, 12, 64]
+
+
+def test_the_best_picture_in_time_is_found_in_each_budget() -> None:
+    points = [
+        Point("4x3", "radiosity", 0, 0.1, 0.20, 0.9),
+        Point("4x3", "hybrid", 2, 0.52, 0.10, 0.9),
+        Point("4x3", "cycles", 4, 0.4, 0.15, 0.9),
+        Point("4x3", "cycles_fast", 8, 0.5, 0.11, 0.9),
+        Point("4x3", "mitsuba_denoised", 64, 0.9, 0.05, 0.9),
+    ]
+    rows = cells(points, (0.05, 0.2, 0.5, 1))
+    assert [row["first"] for row in rows] == [None, "ours", "ours", "path"]
+    assert rows[1]["cycles"] is None and rows[2]["cycles"].spp == 8
+    assert rows[2]["ours"].method == "hybrid"  # 0.52 s are 0.5 s within the clock's noise
+    half = [replace(point, seconds=3 * point.seconds, flip=0.0) for point in points[:2]]
+    (first, second) = means([points, half])
+    assert (first.seconds, first.flip) == pytest.approx((0.2, 0.1)) and second.method == "hybrid"
+
+
 def test_shards_and_frames_are_read_to_the_same_images(tmp_path: Path) -> None:
     """The comparison of speeds is one of equal results."""
     params = small_params(row_group=2, splits=SplitParams(validation=0, test=0))
@@ -376,7 +411,7 @@ def test_the_command_names_its_topics() -> None:
         [sys.executable, "-m", "benchmarks.run", "--help"], capture_output=True, text=True
     )
     assert done.returncode == 0
-    assert "--only" in done.stdout and "cycles" in done.stdout
+    assert all(word in done.stdout for word in ("--only", "cycles", "budgets"))
 
 
 def test_sets_of_channels_cost_what_they_take_beside_paper() -> None:

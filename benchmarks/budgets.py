@@ -1,0 +1,406 @@
+"""Rows of the time budgets: the best picture in 0.1 to 5 s, by this project, Mitsuba and Cycles.
+
+Homes of a root seed of their own become clay scenes, which both renderers show alike: the
+reference of a view is the mean of the two denoised long renders, which must agree. A picture's
+seconds are those of one further view of an open scene, in a process that has rendered others of
+that size and number of samples before: light plan, transport, inputs, guides, samples, denoiser
+and networks all count; opening the scene, compiling and writing files do not. Blender Cycles gets
+the camera and keeps its data, and measures itself.
+
+From two probes of a view that is not scored, each renderer gets the samples that fit into each
+budget. Then the methods take turns. Elapsed seconds count on a quiet machine; if others use it,
+processor seconds divided by the number of processors do.
+
+Writes `data/budgets.json`, `images/budgets.png` and a sheet of pictures, `images/budgets.jpg`.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from statistics import mean, median
+from typing import Any
+
+import numpy as np
+import torch
+
+from benchmarks.bench import ROOT, Bench, Reference, resized
+from benchmarks.budget_results import GROUPS, Point, budget_plot, cells, means
+from benchmarks.clay import write_clay
+from benchmarks.cycles import (
+    AGREE,
+    Blender,
+    BlenderMissing,
+    Denoise,
+    apart,
+    blender,
+    blender_python,
+    views_by_light,
+)
+from benchmarks.results import OtherLoad, processor
+from benchmarks.rows import Row, at_least, at_most, missing
+from benchmarks.timing import Clock, Spent, spend, spread
+from model.data.encoding import MAX_SAMPLES
+from model.evaluation.inference import Networks, available, load_networks
+from model.evaluation.metrics import flip_map, ssim
+from model.evaluation.predict import example_of, rendered_for
+from pipeline.channels import RGB
+from pipeline.frames import Channels
+from pipeline.images import contact_sheet, jpeg_bytes
+from pipeline.params import GroundTruthParams, Params
+from pipeline.passes.denoise import denoise
+from pipeline.passes.groundtruth import render_color, render_truth
+from pipeline.passes.inputs import render_inputs
+from pipeline.passes.registry import sample_guides
+from pipeline.passes.transport import transport_of
+from pipeline.pathtrace import integrator
+from pipeline.render.scene import RenderScene, open_scene
+from pipeline.tonemap import exposure_of, to_bytes, tonemap
+from pipeline.views import View
+from scenes.arrays import Float32Array
+from scenes.files import atomic_file, write_json
+
+NAME = "ours in every time budget"
+# Most samples of the methods that take samples.
+MOST = dict.fromkeys(("planned_denoised", *GROUPS["path"], *GROUPS["cycles"]), 1 << 12)
+MOST["hybrid"] = MAX_SAMPLES
+_BLOCK = 16  # most samples of one block
+_QUIET = 0.1  # processors in use by others
+_LISTEN = 3.0  # seconds
+_PROBES = (1, 4)  # samples
+_MARGIN = 0.97  # of a budget, for which samples are chosen
+_LONG = 1.5  # seconds; longer pictures have one turn
+_SHEET = 1.0  # seconds; budget of the pictures on the sheet
+
+Picture = tuple[Float32Array, Spent]  # linear (H, W, 3)
+Way = Callable[[View, int, int], Picture]  # view, samples, seed
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Parameters, networks and clock, which all homes share."""
+
+    params: Params
+    networks: dict[str, Networks]  # by method
+    clock: Clock
+    processors: int
+
+    def seconds(self, spent: Spent) -> float:
+        """Return the seconds by which budgets are kept."""
+        return spent.wall if self.clock == "wall" else spent.cpu / self.processors
+
+
+def budget_rows(
+    bench: Bench, given: Path | None = None, docs: Path = ROOT / "docs"
+) -> Iterator[Row]:
+    """Yield agreement of the renderers by home, and in how many budgets ours is the best."""
+    meaning = "budgets in which the lowest FLIP is ours"
+    if not integrator.available():
+        yield missing(NAME, meaning, "joint traces are not in scalar variants")
+        return
+    try:
+        interpreter = blender_python(bench.tools, given)
+    except BlenderMissing as error:
+        yield missing(NAME, meaning, str(error))
+        return
+    weights = ROOT / "weights"
+    networks: dict[str, Networks] = {
+        name: load_networks(weights, [name])
+        for name in ("plus", "hybrid")
+        if name in available(weights)
+    }
+    processors = len(os.sched_getaffinity(0))
+    torch.set_num_threads(processors)
+    setting = Setting(bench.unseen_params, networks, clock(), processors)
+    load, started = OtherLoad(), time.monotonic()
+    views: list[list[ClayView]] = []
+    version = ""
+    for name in list(bench.unseen)[: bench.sizes.budget_homes]:
+        home = Home(bench, setting, name)
+        views.append([])
+        with blender(interpreter, home.folder) as other:
+            version = other.version
+            for size, spp in bench.sizes.budget_references.items():
+                view = ClayView(home, other, size, spp)
+                yield view.agreement()
+                view.measure(bench.sizes.budgets, bench.sizes.repeats)
+                views[-1].append(view)
+    others = load.processors(time.monotonic() - started)
+    about = {"blender": version, "others_busy": round(others, 2)}
+    yield from _rows(_written(bench, setting, views, about, docs))
+
+
+def _written(
+    bench: Bench,
+    setting: Setting,
+    views: Sequence[Sequence[ClayView]],
+    about: dict[str, Any],
+    docs: Path,
+) -> list[dict[str, Any]]:
+    """Write the files of the measured views, by home and size; return the cells."""
+    budgets = bench.sizes.budgets
+    points = means([[point for view in home for point in view.points] for home in views])
+    found = cells(points, budgets)
+    sizes = list(zip(*views, strict=True))  # of all homes each
+    record = {
+        **about,
+        "sizes": bench.sizes.label,
+        "homes": len(views),
+        "clock": setting.clock,
+        "processors": setting.processors,
+        "processor": processor(),
+        "trained_views": {name: each.card.data.views for name, each in setting.networks.items()},
+        "reference_spp": {each[0].size: each[0].spp for each in sizes},
+        "halves_flip": {each[0].size: mean(view.between for view in each) for each in sizes},
+        "halves_apart": max(view.apart for each in sizes for view in each),
+        "points": [asdict(point) for point in points],
+        "cells": [
+            {**row, **{group: row[group] and asdict(row[group]) for group in GROUPS}}
+            for row in found
+        ],
+    }
+    write_json(docs / "data" / "budgets.json", record)
+    words = f"Homes of clay, {len(views)}, a view of each; numbers: samples a pixel"
+    large = "{}x{}".format(*bench.sizes.large)
+    sheet = next(view for view in views[0] if view.size == large).sheet()
+    labels = tuple(label for label, _ in sheet)
+    pictures = contact_sheet([to_bytes(image) for _, image in sheet], 2, labels)
+    for file, data in (
+        ("budgets.png", budget_plot(points, budgets, words)),
+        ("budgets.jpg", jpeg_bytes(pictures)),
+    ):
+        with atomic_file(docs / "images" / file) as partial_file:
+            partial_file.write_bytes(data)
+    return found
+
+
+def clock() -> Clock:
+    """Return the clock that is right now: "wall" on a quiet machine, else "cpu"."""
+    load, started = OtherLoad(), time.monotonic()
+    time.sleep(_LISTEN)
+    return "wall" if load.processors(time.monotonic() - started) < _QUIET else "cpu"
+
+
+def fitting(probes: Sequence[tuple[int, float]], budget: float) -> int:
+    """Return the samples that fit into a budget, by two probes of (samples, seconds); 0: none.
+
+    Of 1, 2, 3, 4, 6, 8, 12, 16, ...: blocks of samples are powers of two.
+    """
+    (few, short), (many, long) = probes
+    rate = max((long - short) / (many - few), 1e-9)
+    most = (_MARGIN * budget - (short - few * rate)) / rate
+    if most < 1:
+        return 0
+    power = 1 << int(np.log2(most))
+    return power + power // 2 if power > 1 and most >= 1.5 * power else power
+
+
+class Home:
+    """A clay scene of a home, and the ways to render its views in this process."""
+
+    def __init__(self, bench: Bench, setting: Setting, name: str) -> None:
+        self.setting, self.params, self.name = setting, setting.params, name
+        self.folder = bench.folder / f"clay-{name}"
+        self.sheet_width = bench.sizes.large[0]
+        home = bench.open_unseen(name)
+        depth = self.params.groundtruth.max_depth
+        self.views = views_by_light(
+            home, bench.unseen[name], bench.folder / f"probe-{name}", self.params.groundtruth
+        )
+        self.clay: RenderScene = open_scene(write_clay(home, self.views[0], depth, self.folder))
+
+    def ways(self) -> dict[str, Way]:
+        """Ways of this process by method; networks without weights are left out."""
+        found: dict[str, Way] = {
+            "radiosity": timed(self._radiosity),
+            "planned_denoised": timed(self.planned),
+            "mitsuba_denoised": timed(self._path),
+        }
+        for name in self.setting.networks:
+            found[name] = timed(partial(self._net, name))
+        return found
+
+    def planned(self, view: View, spp: int, seed: int) -> Float32Array:
+        """Colour by this project's path tracer, denoised."""
+        color, _ = render_color(self.clay, view, self._settings(spp), seed)
+        return self._denoised(view, color)
+
+    def _path(self, view: View, spp: int, seed: int) -> Float32Array:
+        """Colour by Mitsuba's `path`, with the same guides and denoiser."""
+        color, _ = render_truth(self.clay.neutral(None), view, self._settings(spp), seed)
+        return self._denoised(view, color)
+
+    def _denoised(self, view: View, color: Channels) -> Float32Array:
+        clean = denoise(color, *sample_guides(self.clay, view))
+        return np.stack([clean[band] for band in RGB], axis=-1)
+
+    def _settings(self, spp: int) -> GroundTruthParams:
+        return replace(self.params.groundtruth, spp=spp, block_spp=min(spp, _BLOCK), denoise="none")
+
+    def _radiosity(self, view: View, _: int, seed: int) -> Float32Array:
+        return transport_of(self.clay, view, self.params.transport, seed).color
+
+    def _net(self, name: str, view: View, spp: int, seed: int) -> Float32Array:
+        """The picture of `pbrnet predict`, in the unit of the scene."""
+        networks, params = self.setting.networks[name], replace(self.params, seed=seed)
+        given = rendered_for(self.clay, view, params, [networks.card], spp)
+        example = example_of(view, render_inputs(self.clay, view), given, networks.card, None)
+        found = networks.predict(name, example).linear
+        assert found is not None
+        return found
+
+
+class ClayView:
+    """The measured view of a home at one image size, with its reference."""
+
+    def __init__(self, home: Home, other: Blender, size: tuple[int, int], spp: int) -> None:
+        self.home, self.setting, self.spp = home, home.setting, spp
+        self.size = f"{size[0]}x{size[1]}"
+        first, *others = (resized(view, size) for view in home.views)
+        self.view, self.others = first, (others or [first])
+        self.ways = {**home.ways(), **_cycles(other)}
+        ours = home.planned(self.view, spp, 1)
+        theirs, _ = self.ways["cycles_portals"](self.view, spp, 1)
+        self.reference = Reference(ours, theirs)
+        self.apart = apart(self.reference, theirs, ours)
+        self.exposure = exposure_of(self.reference.image, home.params.tone)
+        self.truth = self._shown(self.reference.image)
+        self.between = self._flip(self._shown(ours), self._shown(theirs))
+        self.spent: dict[tuple[str, int], list[float]] = defaultdict(list)
+        self.quality: dict[tuple[str, int], tuple[float, float]] = {}
+        self.kept: dict[tuple[str, int], Float32Array] = {}
+
+    def agreement(self) -> Row:
+        """Return the row that compares the two long renders."""
+        return Row(
+            f"Cycles' mean / ours - 1, {self.home.name}, {self.size}",
+            "largest difference of the means of the two denoised long renders, over three bands",
+            spread([self.apart]),
+            goal=at_most(AGREE),
+        )
+
+    def measure(self, budgets: Sequence[float], turns: int) -> None:
+        """Time and score all methods, with the samples that fit into the budgets."""
+        jobs = self._jobs(budgets)
+        here = [job for job in jobs if job[0] not in GROUPS["cycles"]]
+        for turn, view in enumerate((self.others * 2)[:2]):  # until all launches are recorded
+            for method, spp in here:
+                self.ways[method](view, spp, turn)
+        for turn in range(turns):
+            for job in jobs:
+                if turn == 0 or self.spent[job][0] < _LONG:
+                    self._turn(job, turn)
+
+    @property
+    def points(self) -> list[Point]:
+        """Medians of the turns, and the quality of the first."""
+        return [
+            Point(self.size, method, spp, median(seconds), *self.quality[method, spp])
+            for (method, spp), seconds in self.spent.items()
+        ]
+
+    def sheet(self) -> list[tuple[str, Float32Array]]:
+        """Reference and best picture of each group in `_SHEET` seconds: labels, display values."""
+        shown = [("reference", self.truth)]
+        for group, methods in GROUPS.items():
+            jobs = [
+                job
+                for job, seconds in self.spent.items()
+                if job[0] in methods and median(seconds) <= _SHEET
+            ]
+            if jobs:
+                best = min(jobs, key=lambda job: self.quality[job][0])
+                words = f"{group}: {best[0]} {best[1] or ''}, FLIP {self.quality[best][0]:.3f}"
+                shown.append((words, self.kept[best]))
+        return shown
+
+    def _jobs(self, budgets: Sequence[float]) -> list[tuple[str, int]]:
+        """Methods and samples to measure."""
+        jobs: list[tuple[str, int]] = []
+        for method, way in self.ways.items():
+            if method not in MOST:
+                jobs.append((method, 0))
+                continue
+            probes = [(spp, self._probe(way, spp)) for spp in _PROBES]
+            chosen = {min(fitting(probes, budget), MOST[method]) for budget in budgets} - {0}
+            jobs += [(method, spp) for spp in sorted(chosen)]
+        return jobs
+
+    def _probe(self, way: Way, spp: int) -> float:
+        """Seconds of a picture of another view, after two that compile."""
+        views = (self.others * 3)[:3]
+        return [self.setting.seconds(way(view, spp, n)[1]) for n, view in enumerate(views)][-1]
+
+    def _turn(self, job: tuple[str, int], turn: int) -> None:
+        method, spp = job
+        image, spent = self.ways[method](self.view, spp, 10 + turn)
+        self.spent[job].append(self.setting.seconds(spent))
+        if job not in self.quality:
+            shown = self._shown(image)
+            self.quality[job] = self._flip(self.truth, shown), ssim(self.truth, shown)
+            if self.view.width == self.home.sheet_width:
+                self.kept[job] = shown
+
+    def _shown(self, image: np.ndarray) -> Float32Array:
+        """Display values under the exposure of the reference."""
+        return tonemap(np.asarray(image, np.float32), self.exposure)
+
+    @staticmethod
+    def _flip(truth: Float32Array, image: Float32Array) -> float:
+        return float(flip_map(truth, image).mean())
+
+
+def timed(render: Callable[[View, int, int], Float32Array]) -> Way:
+    """Return a way of this process with its seconds."""
+
+    def work(view: View, spp: int, seed: int) -> Picture:
+        found: list[Float32Array] = []
+        spent = spend(lambda: found.append(render(view, spp, seed)))
+        return found[0], spent
+
+    return work
+
+
+def _cycles(other: Blender) -> dict[str, Way]:
+    """Ways of Cycles, denoised: as Blender does and quickly, with portals in the windows or not."""
+
+    def picture(
+        portals: bool, denoise: Denoise, view: View, spp: int, seed: int
+    ) -> tuple[np.ndarray, Spent]:
+        return other.picture(spp, seed, portals, view, denoise)
+
+    return {
+        name: partial(picture, "portals" in name, "FAST" if "fast" in name else "ACCURATE")
+        for name in GROUPS["cycles"]
+    }
+
+
+def _rows(found: Sequence[dict[str, Any]]) -> Iterator[Row]:
+    """Yield in how many budgets ours is the best, and by how much in each image size."""
+    yield Row(
+        NAME,
+        f"budgets of {len(found)} (image sizes x seconds) in which the lowest FLIP is ours, in the "
+        "mean over the homes; where no picture is in time none is first",
+        spread([sum(row["first"] == "ours" for row in found)]),
+        unit=f"of {len(found)}",
+        goal=at_least(len(found)),
+    )
+    for size in dict.fromkeys(row["size"] for row in found):
+        ratios = [
+            min(other.flip for other in others) / row["ours"].flip
+            for row in found
+            if row["size"] == size
+            and row["ours"]
+            and (others := [row[group] for group in ("path", "cycles") if row[group]])
+        ]
+        name = f"FLIP of the best other / ours, {size}"
+        meaning = "over the budgets in which there is a picture of ours and another"
+        if ratios:
+            yield Row(name, meaning, spread(ratios))
+        else:
+            yield missing(name, meaning, "in no budget")
