@@ -10,6 +10,9 @@ another operator, Reinhard's in `pipeline.tonemap`; nothing here changes a store
 * **White balance**: gains of the bands towards a grey illuminant, which is estimated as a
   Minkowski mean ("shades of grey", Finlayson and Trezzi 2004) and corrected for the most part: a
   picture by lamplight stays a little warm.
+* **Sharpening**: an unsharp mask of the luminance with a radius of `SHARPENING_RADIUS` pixels, in
+  display tones, as cameras make up for their lenses and colour filters. Renders have neither, but
+  the box filter of a pixel. Halos are limited to `_HALO`.
 * **Curve**: a sigmoid of each band by itself (Naka and Rushton 1966) that keeps middle grey and
   reaches white, where a sensor clips, `WHITE_STOPS` above it. So bright colours turn pale.
 
@@ -20,7 +23,7 @@ training on rendered views that is to hold on photographs: to be called when row
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -44,6 +47,10 @@ _MINKOWSKI = 2.0
 _BALANCE = 0.75  # share of the illuminant's colour, in logarithms, that is corrected
 _MOST_GAIN = 4.0  # of a band relative to luminance
 _CONTRAST = 1.35  # exponent of the curve
+SHARPENING = 1.0  # amount of the unsharp mask
+SHARPENING_RADIUS = 0.8  # standard deviation of its blur, pixels
+_HALO = 0.1  # of the range of display tones, most that it changes
+_TONES = 2.2  # exponent of the display tones in which it works
 
 
 @dataclass(frozen=True)
@@ -53,6 +60,7 @@ class PhotoSettings:
     gain: float  # exposed value of radiance 1
     balance: tuple[float, float, float] = (1.0, 1.0, 1.0)  # gains of the bands, luminance kept
     contrast: float = _CONTRAST  # exponent of the curve
+    sharpening: float = SHARPENING  # amount of the unsharp mask; 0: none
 
 
 def meter(image: FloatingArray) -> PhotoSettings:
@@ -93,7 +101,26 @@ def develop(image: FloatingArray, settings: PhotoSettings) -> Float32Array:
 
 def photograph(image: FloatingArray, settings: PhotoSettings | None = None) -> UInt8Array:
     """Photograph linear radiance (H, W, 3), by its own settings unless given; uint8 sRGB."""
-    return to_bytes(develop(image, meter(image) if settings is None else settings))
+    settings = meter(image) if settings is None else settings
+    return to_bytes(develop(sharpened(image, settings), settings))
+
+
+def sharpened(image: FloatingArray, settings: PhotoSettings) -> Float32Array:
+    """Return linear radiance (H, W, 3) whose luminance is sharpened as by a camera.
+
+    Colours keep their ratios. What clips, and what is black, stays as it is.
+    """
+    light = _radiance(image)
+    if not settings.sharpening:
+        return light
+    white = GREY * 2**WHITE_STOPS
+    exposed = luminance(light.astype(np.float64)) * settings.gain
+    tone = np.minimum(exposed / white, 1.0) ** (1 / _TONES)
+    detail = tone - ndimage.gaussian_filter(tone, SHARPENING_RADIUS, mode="nearest")
+    added = np.clip(settings.sharpening * detail, -_HALO, _HALO)
+    ratio = np.maximum(tone + added, 0) / np.where(tone > 0, tone, 1.0)
+    factor = np.where((tone > 0) & (tone < 1), ratio**_TONES, 1.0)
+    return light * factor[..., None].astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -133,14 +160,18 @@ def varied_photograph(
     metered = meter(radiance)
     red, green, blue = metered.balance
     balance = (red * math.exp(warmth / 2), green, blue * math.exp(-warmth / 2))
-    settings = PhotoSettings(metered.gain * 2**stops, balance, contrast or _CONTRAST)
-    light = radiance * (1 - vignetting * _corners(*radiance.shape[:2]))[..., None]
+    settings = replace(
+        metered, gain=metered.gain * 2**stops, balance=balance, contrast=contrast or _CONTRAST
+    )
+    light = (
+        sharpened(radiance, settings) * (1 - vignetting * _corners(*radiance.shape[:2]))[..., None]
+    )
     if blur:
         light = ndimage.gaussian_filter(light, (blur, blur, 0), mode="nearest")
     # Shot noise: its variance grows with the light. Dark parts keep a tenth of middle grey's.
     deviation = noise * np.sqrt(np.maximum(light * settings.gain, 0.1 * GREY) * GREY)
     noisy = light + deviation / settings.gain * rng.standard_normal(light.shape)
-    picture = photograph(noisy, settings)
+    picture = photograph(noisy, replace(settings, sharpening=0.0))
     low, high = ranges.quality
     if not high:
         return picture

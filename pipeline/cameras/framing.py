@@ -21,6 +21,7 @@ LARGEST_LAMP = 0.12  # of the view, one lamp
 LARGEST_THING = 0.5  # of the view, one object
 NEAREST = 1.2  # metres, geometric mean of the distances of what is seen
 THIRDS = 2.0  # most that a subject on a third adds to the score of a view
+THINGS = 0.8  # that each object in view, however small, adds to the score of a view
 _BLOCKS = (8, 6)  # columns and rows in which a view is tested for blank surfaces
 _BLANK = 0.97  # share of a block that one surface fills if it is blank
 _BARE = ("wall", "ceiling", "door", "structure", "slab", "skirting")

@@ -31,7 +31,12 @@ _BANDS = (0.02, 0.35)  # cycles a pixel, of the fit to the power spectrum
 _BLACK = 3.0  # luma of 255 up to which a pixel is black
 _LEAST_PIXELS = 2e-4  # share of a view, from which labels count an object
 _SMALL = 0.6  # metres, longest side of the box of a thing
-_FIXED = ("lamp", "picture", "curtain", "radiator", "sink", "wash basin", "mirror", "toilet")
+_FIXED = (
+    *("lamp", "picture", "curtain", "radiator", "sink", "wash basin", "mirror", "toilet"),
+    # furniture, and what belongs to it or to the building
+    *("night table", "stool", "table", "chair", "cushion", "books", "switch", "cable"),
+)
+_FITTINGS = ("tap", "smoke detector", "thermostat", "intercom", "vent", "keyboard", "pair of shoes")
 _FEW = 5  # rooms of a type, fewer say nothing about repeats
 _SMALLEST = 1e-6  # of the brightest pixel, luminance below which logarithms are cut off
 
@@ -215,7 +220,8 @@ def repeats(scenes: Iterable[Scene], most: int = 12) -> list[dict[str, Any]]:
 def is_thing(item: SceneObject) -> bool:
     """Test whether an object is a small thing that may stand anywhere."""
     size = np.subtract(item.bbox_max, item.bbox_min).max()
-    return not item.is_structure and bool(size < _SMALL) and item.category not in _FIXED
+    fixed = item.is_structure or item.category in _FIXED or item.name in _FITTINGS
+    return bool(size < _SMALL) and not fixed
 
 
 def draw_realism(found: Realism) -> Figure:

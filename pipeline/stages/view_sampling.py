@@ -33,7 +33,7 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry import Polygon
 
-from pipeline.cameras.framing import THIRDS, Framing, framing_of, is_framed
+from pipeline.cameras.framing import THINGS, THIRDS, Framing, framing_of, is_framed
 from pipeline.params import CameraParams, ImageParams, Params
 from pipeline.render.scene import RenderScene, cast, render_ids
 from pipeline.views import CameraFile, View, as_matrix, camera_model, intrinsics_of, look, rolled
@@ -48,7 +48,7 @@ from scenes.geometry.directions import (
 )
 from scenes.seeds import generator
 
-REVISION = 4
+REVISION = 5
 _DOORWAY = 0.3  # metres outside a room that count as in it: under doors, sloping ceilings
 _ENCLOSED = 0.75  # share of directions that hit one object if the eye is inside it
 _FURNISHED = 3  # objects that some candidate of a furnished scene sees
@@ -306,6 +306,7 @@ def sights(
     width = 2 * height if params.image.is_panorama else options.id_width
     small = replace(params.image, width=width, height=height)
     chunk = max(1, _PIXELS // (small.width * small.height))
+    structure = {item.id for item in scene.objects if item.is_structure}
     for half_fov_x, group in itertools.groupby(cameras, key=lambda camera: camera[1]):
         image = replace(small, half_fov_x=half_fov_x)
         poses = [pose for pose, _ in group]
@@ -319,7 +320,8 @@ def sights(
                 framing = None
                 if options.framing == "photograph":
                     framing = framing_of(image_ids, scene, objects)
-                    score += THIRDS * framing.thirds
+                    shown = sum(name not in structure for name in seen)
+                    score += THIRDS * framing.thirds + THINGS * shown
                 bare = coarse.is_flat and not objects
                 yield Sight(score, objects, seen, coarse, bare, framing)
 

@@ -122,6 +122,14 @@ class CatalogueCredit:
     source: str
 
 
+@dataclass(frozen=True, eq=False)
+class Contained:
+    """A thing that a piece holds and that is an object of its own: books, a pillow, a coat."""
+
+    name: str
+    category: str
+
+
 @dataclass(frozen=True)
 class PiecePart:
     """One shape: a triangle mesh of one material.
@@ -141,6 +149,7 @@ class PiecePart:
     given_normals: Float64Array | None = None  # (V, 3) unit vertex normals of a catalogue mesh
     # Of a screen: seed of what it shows while on, over uv [0, 1]; even: a scene, odd: text.
     picture: int | None = None
+    own: Contained | None = None  # the object that the part belongs to, if not the piece
 
     @property
     def normals(self) -> Float64Array:

@@ -8,7 +8,13 @@ import numpy as np
 
 from scenes.arrays import Float64Array
 from scenes.procedural.furniture.geometry import BodyMesh, merge
-from scenes.procedural.piece import CatalogueCredit, FurniturePiece, Material, PiecePart
+from scenes.procedural.piece import (
+    CatalogueCredit,
+    Contained,
+    FurniturePiece,
+    Material,
+    PiecePart,
+)
 
 
 @dataclass(frozen=True)
@@ -64,17 +70,26 @@ def _sine_cosine(degrees: float) -> tuple[float, float]:
     return float(np.sin(np.radians(degrees))), float(np.cos(np.radians(degrees)))
 
 
-def place_piece(piece: FurniturePiece, pose: Pose, item_id: str, room: str | None) -> SceneItem:
-    """Transform a piece of furniture to its pose in the world."""
-    parts = tuple(
-        replace(
-            part,
-            vertices=pose.apply(part.vertices),
-            given_normals=(None if part.given_normals is None else pose.rotate(part.given_normals)),
-        )
-        for part in piece.parts
-    )
-    return SceneItem(item_id, piece.name, piece.category, parts, False, room, piece.credit)
+def place_piece(
+    piece: FurniturePiece, pose: Pose, item_id: str, room: str | None
+) -> list[SceneItem]:
+    """Transform a piece of furniture to its pose in the world.
+
+    Returns the piece itself, then the things that it holds, numbered in its parts' order: a bed
+    `room-0-bed-1` holds `room-0-bed_1-pillow-1`.
+    """
+    carrier = "_".join(item_id.rsplit("-", 1))
+    groups: dict[Contained | None, list[PiecePart]] = {None: []}
+    for part in piece.parts:
+        normals = None if part.given_normals is None else pose.rotate(part.given_normals)
+        placed = replace(part, vertices=pose.apply(part.vertices), given_normals=normals)
+        groups.setdefault(part.own, []).append(placed)
+    items = []
+    for number, (own, parts) in enumerate(groups.items()):
+        name, category = (own.name, own.category) if own else (piece.name, piece.category)
+        one = f"{carrier}-{name.replace(' ', '_')}-{number}" if own else item_id
+        items.append(SceneItem(one, name, category, tuple(parts), False, room, piece.credit))
+    return items
 
 
 def make_part(name: str, material: Material, *meshes: BodyMesh, smooth: bool = False) -> PiecePart:

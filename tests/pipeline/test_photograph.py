@@ -15,6 +15,7 @@ from pipeline.photograph import (
     develop,
     meter,
     photograph,
+    sharpened,
     varied_photograph,
 )
 from scenes.color import decode_srgb, encode_srgb, luminance
@@ -74,6 +75,20 @@ def test_a_large_bright_window_lowers_the_exposure_a_little() -> None:
     average = np.log(luminance(large)).mean() - np.log(luminance(small)).mean()
     assert 2**-0.7 <= low.gain / high.gain * np.exp(average) < 1
     assert (photograph(large)[:32, :32] == 255).all(), "it still clips"
+
+
+def test_sharpening_steepens_edges_within_its_halo_and_keeps_flat_parts_and_hues() -> None:
+    edge = np.full((24, 48, 3), 10 * LUMEN, np.float32) * np.float32([1.0, 0.8, 0.6])
+    edge[:, 24:] *= 2
+    settings = meter(edge)
+    soft = develop(edge, replace(settings, sharpening=0.0))[12]
+    shown = photograph(edge, settings)[12] / 255.0
+    luma, plain = shown @ [0.2126, 0.7152, 0.0722], soft @ [0.2126, 0.7152, 0.0722]
+    assert luma[24] - luma[23] > 1.15 * (plain[24] - plain[23])
+    assert np.abs(luma - plain).max() < 0.15
+    assert np.abs(shown[[2, 45]] - soft[[2, 45]]).max() < 0.003
+    linear = sharpened(edge, settings)
+    assert linear[..., 2] / linear[..., 0] == pytest.approx(np.full((24, 48), 0.6), rel=1e-5)
 
 
 def test_pictures_of_nothing_and_of_damaged_frames() -> None:

@@ -6,6 +6,7 @@ fittings. Valid poses are decided by `RoomSpace`, so nothing floats, meets or bl
 
 from __future__ import annotations
 
+from scenes.procedural.furnishing.cables import run_cables
 from scenes.procedural.furnishing.furnisher import Furnisher
 from scenes.procedural.furnishing.space import PlacedPiece
 from scenes.procedural.furniture.things import BY_PLACE
@@ -14,65 +15,90 @@ from scenes.procedural.scene_item import Pose
 
 # Kind of furniture -> place, mean number of things there in a home of middling disorder.
 _ON: dict[str, tuple[str, float]] = {
-    "base_cupboard": ("worktop", 2.6),
-    "drawer_unit": ("worktop", 2.6),
-    "sink_unit": ("sink", 2.4),
-    "dining_table": ("dining", 3.2),
-    "round_table": ("dining", 2.6),
-    "coffee_table": ("coffee", 3.0),
-    "side_table": ("coffee", 1.2),
-    "desk": ("desk", 4.5),
-    "night_table": ("bedside", 2.2),
-    "bookshelf": ("shelf", 4.0),
-    "wall_shelf": ("shelf", 2.2),
-    "sideboard": ("shelf", 2.4),
-    "chest_of_drawers": ("dresser", 3.0),
-    "console_table": ("hall_top", 2.4),
-    "tv_stand": ("tv", 2.2),
-    "wash_basin": ("bath", 2.8),
-    "washing_machine": ("laundry", 1.8),
-    "bath_tub": ("tub", 1.2),
-    "toilet": ("toilet_top", 0.5),
-    "wardrobe": ("top", 1.4),
-    "fridge": ("top", 0.6),
+    "base_cupboard": ("worktop", 3.6),
+    "drawer_unit": ("worktop", 3.6),
+    "sink_unit": ("sink", 3.2),
+    "dining_table": ("dining", 4.5),
+    "round_table": ("dining", 4.0),
+    "coffee_table": ("coffee", 4.5),
+    "side_table": ("coffee", 2.2),
+    "desk": ("desk", 6.5),
+    "night_table": ("bedside", 3.2),
+    "bookshelf": ("shelf", 7.0),
+    "wall_shelf": ("shelf", 3.5),
+    "wall_board": ("shelf", 4.5),
+    "rack": ("shelf", 7.0),
+    "shower": ("tub", 2.5),
+    "sideboard": ("shelf", 4.5),
+    "chest_of_drawers": ("dresser", 4.5),
+    "console_table": ("hall_top", 3.6),
+    "tv_stand": ("tv", 3.2),
+    "wash_basin": ("bath", 4.0),
+    "washing_machine": ("laundry", 3.0),
+    "bath_tub": ("tub", 2.0),
+    "toilet": ("toilet_top", 1.0),
+    "wardrobe": ("top", 2.2),
+    "fridge": ("top", 1.2),
+    "bench": ("seat", 1.2),
+    "pouf": ("seat", 0.6),
+    "storage_box": ("seat", 0.4),
 }
+# Type of room -> place whose things its shelves hold instead
+_SHELF = {"bathroom": "bath", "kitchen": "worktop", "bedroom": "dresser"}
 # Type of room -> places on its floor, mean number of things there.
 _FLOOR: dict[str, tuple[tuple[str, float], ...]] = {
-    "living": (("play", 0.7), ("floor", 0.7), ("tv_floor", 0.25)),
-    "bedroom": (("bed_floor", 1.1), ("floor", 0.8), ("gym", 0.3)),
-    "study": (("study_floor", 0.6), ("floor", 0.5), ("gym", 0.3)),
-    "kitchen": (("kitchen_floor", 0.6),),
-    "bathroom": (("bath_floor", 0.9),),
-    "dining": (("play", 0.3),),
-    "hall": (("floor", 0.5),),
+    "living": (("play", 1.0), ("floor", 1.6), ("tv_floor", 0.3)),
+    "bedroom": (("bed_floor", 1.4), ("floor", 1.6), ("gym", 0.4)),
+    "study": (("study_floor", 0.8), ("floor", 1.4), ("gym", 0.4)),
+    "kitchen": (("kitchen_floor", 1.6),),
+    "bathroom": (("bath_floor", 2.2),),
+    "dining": (("play", 0.5), ("floor", 0.8)),
+    "hall": (("floor", 1.2), ("hall", 1.0)),
+}
+# Type of room -> place on its walls, mean number of things there.
+_WALLS: dict[str, tuple[str, float]] = {
+    "living": ("dry_wall", 1.6),
+    "bedroom": ("bed_wall", 3.0),
+    "study": ("desk_wall", 2.4),
+    "kitchen": ("kitchen_wall", 2.6),
+    "bathroom": ("bath_wall", 3.4),
+    "dining": ("dry_wall", 1.8),
+    "hall": ("hall_wall", 2.0),
 }
 _HALL = 2.0  # mean number of things in the room behind the entrance
-_SOCKETS = 3  # greatest number in a room
+_SOCKETS = (1, 4)  # least and greatest number in a room
 _BESIDE_DOOR = 0.17  # metres from the opening to the centre of a switch
 
 
 def leave_things(furnisher: Furnisher) -> None:
     """Leave things in a furnished room, and mount its sockets, switches and detectors."""
     rng, space = furnisher.rng, furnisher.space
-    used: set[str] = set()
+    run_cables(furnisher)
     for carrier in list(space.items):
         if carrier.kind in _ON and carrier.piece.surfaces:
             place, mean = _ON[carrier.kind]
+            if place == "shelf" and carrier.kind != "bookshelf":
+                place = _SHELF.get(furnisher.room.type, place)
             for _ in range(_count(furnisher, mean)):
-                _leave_on(furnisher, place, carrier, used)
+                _leave_on(furnisher, place, carrier)
     for place, mean in _FLOOR.get(furnisher.room.type, ()):
         for _ in range(_count(furnisher, mean)):
-            _leave_on_floor(furnisher, place, used)
+            _leave_on_floor(furnisher, place)
     doors = [one for one in space.plan.openings if furnisher.room.id in one.rooms]
     for opening in doors:
         if opening.kind == "entrance":
             for _ in range(_count(furnisher, _HALL)):
-                _leave_on_floor(furnisher, "hall", used)
+                _leave_on_floor(furnisher, "hall")
             _mount_beside(furnisher, "entrance", opening, 1.0)
         if opening.kind in ("door", "entrance"):
             _mount_beside(furnisher, "door", opening, 0.0)
+    place, mean = _WALLS[furnisher.room.type]
+    for _ in range(_count(furnisher, mean)):
+        kind = _choose(furnisher, place)
+        if kind is not None and furnisher.space.on_wall(rng, kind, furnisher.make(kind), tries=10):
+            furnisher.left.add(kind)
     sockets = BY_PLACE["wall"]
-    for _ in range(int(rng.integers(1, _SOCKETS + 1))):
+    for _ in range(int(rng.integers(_SOCKETS[0], _SOCKETS[1] + 1))):
         kind = sockets[int(rng.integers(len(sockets)))]
         space.on_wall(rng, kind, furnisher.make(kind), tries=12)
     if furnisher.room.type in ("bathroom", "kitchen") and furnisher.chance(0.6):
@@ -86,17 +112,19 @@ def leave_things(furnisher: Furnisher) -> None:
 
 def _count(furnisher: Furnisher, mean: float) -> int:
     """Number of things to leave, by the home's disorder and the density of its style."""
-    mean *= furnisher.style.interior.density
-    return int(furnisher.rng.poisson(mean * (0.35 + 1.3 * furnisher.style.disorder)))
+    mean *= furnisher.style.interior.density**0.7
+    return int(furnisher.rng.poisson(mean * (0.9 + 1.2 * furnisher.style.disorder)))
 
 
-def _choose(furnisher: Furnisher, place: str, used: set[str]) -> str | None:
-    kinds = [name for name in BY_PLACE[place] if name not in used]
+def _choose(furnisher: Furnisher, place: str) -> str | None:
+    kinds = [
+        name for name in BY_PLACE[place] if name not in furnisher.left and furnisher.may_leave(name)
+    ]
     return kinds[int(furnisher.rng.integers(len(kinds)))] if kinds else None
 
 
-def _leave_on(furnisher: Furnisher, place: str, carrier: PlacedPiece, used: set[str]) -> None:
-    kind = _choose(furnisher, place, used)
+def _leave_on(furnisher: Furnisher, place: str, carrier: PlacedPiece) -> None:
+    kind = _choose(furnisher, place)
     if kind is None:
         return
     rng = furnisher.rng
@@ -104,11 +132,11 @@ def _leave_on(furnisher: Furnisher, place: str, carrier: PlacedPiece, used: set[
     yaw = float(rng.uniform(-8, 8) if straight else rng.uniform(-180, 180))
     item = furnisher.space.on_top(rng, kind, furnisher.make(kind), carrier, yaw=yaw, tries=5)
     if item is not None:
-        used.add(kind)
+        furnisher.left.add(kind)
 
 
-def _leave_on_floor(furnisher: Furnisher, place: str, used: set[str]) -> None:
-    kind = _choose(furnisher, place, used)
+def _leave_on_floor(furnisher: Furnisher, place: str) -> None:
+    kind = _choose(furnisher, place)
     if kind is None:
         return
     rng, space, piece = furnisher.rng, furnisher.space, furnisher.make(kind)
@@ -118,7 +146,7 @@ def _leave_on_floor(furnisher: Furnisher, place: str, used: set[str]) -> None:
         where = "corner" if furnisher.chance(0.5) else "any"
         item = space.against_wall(rng, kind, piece, where=where, zone=False, tries=8)
     if item is not None:
-        used.add(kind)
+        furnisher.left.add(kind)
 
 
 def _mount_beside(furnisher: Furnisher, place: str, opening: Opening, offset: float) -> None:

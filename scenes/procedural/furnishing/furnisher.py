@@ -13,7 +13,13 @@ from scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
 from scenes.procedural.scene_item import Pose
 
 Point = np.ndarray
+# Furniture that is left like a thing: in few rooms each.
+_SMALL = (
+    *("books_stack", "vase", "candle", "fruit_bowl", "laptop", "crockery", "bottle", "kettle"),
+    *("microwave", "cooking_pot", "toiletries", "storage_box", "wall_clock"),
+)
 _PLANTS = 6  # different small plants of a home
+_SHARE = 0.16  # of the rooms in which a kind of thing may be left
 
 
 class Furnisher:
@@ -33,10 +39,19 @@ class Furnisher:
         self.plants = plants
         self.space = RoomSpace(plan, room)
         self.area = room.shape.area
+        self._plants_here: set[str] = set()
+        self.left: set[str] = set()  # kinds of things that were left in the room
+        names = (*THINGS, *_SMALL)
+        drawn = rng.random(len(names))
+        self._kept_out = {name for name, one in zip(names, drawn, strict=True) if one > _SHARE}
 
     def chance(self, probability: float) -> bool:
         """Return True with that probability."""
         return bool(self.rng.random() < probability)
+
+    def may_leave(self, kind: str) -> bool:
+        """Test whether a kind of thing may be left in this room, so that none is in most."""
+        return kind not in self._kept_out
 
     def wants(self, probability: float) -> bool:
         """Return True with that probability in a home of middling density; for optional pieces."""
@@ -54,10 +69,14 @@ class Furnisher:
             return sampled
         if kind != "small_plant":
             return self._generate(kind, options)
-        if len(self.plants) < _PLANTS:
-            self.plants.append(self._generate(kind, options))
-            return self.plants[-1]
-        return self.plants[int(self.rng.integers(_PLANTS))]
+        known = [plant for plant in self.plants if plant.name not in self._plants_here]
+        if len(self.plants) < _PLANTS or not known:
+            chosen = self._generate(kind, options)
+            self.plants.append(chosen)
+        else:
+            chosen = known[int(self.rng.integers(len(known)))]
+        self._plants_here.add(chosen.name)
+        return chosen
 
     def _generate(self, kind: str, options: dict[str, float]) -> FurniturePiece:
         made = THINGS[kind] if kind in THINGS else FURNITURE_KINDS[kind]
@@ -105,7 +124,7 @@ class Furnisher:
             if edge is None:
                 continue
             s = space.position_on(edge, np.array([item.pose.x, item.pose.y]))
-            number = 2 if self.chance(0.3) else 1
+            number = 2 if self.chance(0.35) else 1
             for k in range(number):
                 piece = self.make("picture")
                 size = 0.5 * float(np.ptp(piece.bounds[:, 0]))

@@ -51,7 +51,8 @@ def furnish(
         _furnish_room(furnisher)
         if sampler is not None:
             add_catalogue_extras(furnisher.space, sampler)
-        items += [placed.scene_item(room.id) for placed in furnisher.space.items]
+        for placed in furnisher.space.items:
+            items += placed.scene_items(room.id)
     return items
 
 
@@ -114,9 +115,9 @@ def _place_small_objects(furnisher: Furnisher) -> None:
         "wash_basin": (("toiletries", "candle"), 0, 1),
         "washing_machine": (("toiletries", "storage_box", "small_plant"), 0, 1),
         "toilet": (("small_plant", "candle"), 0, 1),
-        "bookshelf": (("small_plant", "storage_box", "vase"), 0, 2),
+        "bookshelf": (("small_plant", "storage_box", "vase", "laptop"), 0, 2),
         "wardrobe": (("storage_box",), 0, 1),
-        "fridge": (("storage_box", "small_plant"), 0, 1),
+        "fridge": (("storage_box", "small_plant", "microwave"), 0, 1),
         "wall_shelf": (("small_plant", "books_stack", "vase", "candle"), 0, 2),
         "bath_tub": (("toiletries", "candle"), 0, 1),
     }
@@ -126,5 +127,7 @@ def _place_small_objects(furnisher: Furnisher) -> None:
         kinds, low, high = wanted[item.kind]
         for _ in range(int(rng.integers(low, high + 1))):
             kind = str(rng.choice(kinds))
+            if not furnisher.may_leave(kind):
+                continue
             yaw = float(rng.uniform(-25, 25))
             furnisher.space.on_top(rng, kind, furnisher.make(kind), item, yaw=yaw, tries=6)

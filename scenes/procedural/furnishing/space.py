@@ -38,7 +38,9 @@ CELL = 0.05  # of the walking grid, metres
 SKIRTING_TOP = 0.125  # metres; upper bound of skirting heights
 GAP = SKIRTING + 0.004  # metres between a wall and furniture against it
 # Categories with one box per connected body.
-_SEVERAL_BOXES = ("table", "desk", "chair", "stool", "curtain", "radiator", "bench", "kitchen unit")
+_SEVERAL_BOXES = (
+    *("table", "desk", "chair", "stool", "curtain", "radiator", "bench", "kitchen unit", "cable"),
+)
 
 
 @dataclass
@@ -62,8 +64,8 @@ class PlacedPiece:
             [self.collision_boxes[:, 0].min(axis=0), self.collision_boxes[:, 1].max(axis=0)]
         )
 
-    def scene_item(self, room: str) -> SceneItem:
-        """Return the piece as an item of the scene."""
+    def scene_items(self, room: str) -> list[SceneItem]:
+        """Return the piece and the things that it holds as items of the scene."""
         return place_piece(self.piece, self.pose, self.id, room)
 
 

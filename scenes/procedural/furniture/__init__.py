@@ -65,6 +65,8 @@ _KINDS = (
     FurnitureKind("tv_stand", "storage", ("living",), storage.tv_stand),
     FurnitureKind("night_table", "storage", ("bedroom",), storage.night_table),
     FurnitureKind("wall_shelf", "storage", DRY, storage.wall_shelf),
+    FurnitureKind("wall_board", "storage", ("bathroom", "kitchen"), storage.wall_board),
+    FurnitureKind("rack", "storage", ("bathroom", "kitchen", "study"), storage.rack),
     FurnitureKind("shoe_rack", "storage", ("other", "bedroom"), storage.shoe_rack),
     FurnitureKind("double_bed", "bed", ("bedroom",), beds.double_bed),
     FurnitureKind("single_bed", "bed", ("bedroom",), beds.single_bed),

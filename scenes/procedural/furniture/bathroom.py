@@ -83,7 +83,8 @@ def bath_tub(rng: np.random.Generator, style: Style, width: float = 1.7) -> Furn
         .moved(side * (half_x - 0.094), 0, height - 0.15),
         name="drain",
     )
-    b.add(CHROME, _tap(0.15, 0.14).moved(0, half_y - 0.033, height), name="tap")
+    with b.holding("tap", "fitting"):
+        b.add(CHROME, _tap(0.15, 0.14).moved(0, half_y - 0.033, height), name="tap")
     t = np.linspace(0, 1, 14)
     hose = np.stack(
         [
@@ -212,11 +213,12 @@ def wash_basin(
         ]
         b.add(CERAMIC, loft(np.stack(column)), name="pedestal")
     b.add(CHROME, cylinder(0.022, -0.1245, -0.1215, 20).moved(0, -0.03, height), name="drain")
-    b.add(
-        CHROME if rng.random() < 0.7 else style.metal,
-        _tap(0.13, 0.15).moved(0, 0.16, height - 0.001),
-        name="tap",
-    )
+    with b.holding("tap", "fitting"):
+        b.add(
+            CHROME if rng.random() < 0.7 else style.metal,
+            _tap(0.13, 0.15).moved(0, 0.16, height - 0.001),
+            name="tap",
+        )
     if half_x - bowl_x > 0.105:
         for side in (-1, 1):
             b.surface(side * (half_x - 0.053), -0.02, height, 0.04, 0.16)
@@ -382,6 +384,10 @@ def shower(rng: np.random.Generator, style: Style, width: float = 0.9) -> Furnit
         name="hand shower",
     )
     b.add(CHROME, bar((x, y, 1.6), (x + 0.09, y - 0.02, 1.6), 0.01, 8), name="riser")
+    if width > 0.85:  # a board in the corner of the walls
+        low = (0.002 - half, half - 0.182, 1.1)
+        b.add(GLASS, span(low, (0.182 - half, half - 0.002, 1.106)), name="board")
+        b.surface(0.092 - half, half - 0.092, 1.106, 0.085, 0.085, 0.4)
     return b.piece()
 
 
@@ -451,7 +457,8 @@ def towel_rail(rng: np.random.Generator, style: Style) -> FurniturePiece:
     for z, front, back in zip(rows, fronts, (0.2, 0.12), strict=False):
         towel = hung(rng, wide, float(front), back, 0.018, 0.06)
         x = float(rng.uniform(-0.02, 0.02))
-        b.add(style.towel, towel.moved(x, y - 0.008, z), name="towel")
+        with b.holding("towel", "towel"):
+            b.add(style.towel, towel.moved(x, y - 0.008, z), name="towel")
     return b.piece()
 
 
@@ -539,12 +546,15 @@ def toiletries(rng: np.random.Generator, style: Style) -> FurniturePiece:
         name="dispenser",
     )
     cup = [(0.03, 0), (0.034, 0.09), (0.0315, 0.09), (0.0275, 0.006), (0, 0.006)]
-    b.add(CERAMIC, lathe(cup, 24).moved(0.04), name="beaker")
-    for k in range(2):
-        lean = -0.02 + 0.04 * k
-        tint = style.accents[k]
-        brush = Material("plastic", tint.color, 0.4)
-        top = (0.04 + 1.3 * lean, 0.012, 0.185)
-        b.add(brush, bar((0.04 - 0.5 * lean, -0.01, 0.008), top, 0.003, 8), name="toothbrush")
-        b.add(WHITE_PLASTIC, box((0.009, 0.012, 0.024), (top[0], 0.005, 0.164)), name="toothbrush")
+    with b.holding("beaker", "fitting"):
+        b.add(CERAMIC, lathe(cup, 24).moved(0.04), name="beaker")
+        for k in range(2):
+            lean = -0.02 + 0.04 * k
+            tint = style.accents[k]
+            brush = Material("plastic", tint.color, 0.4)
+            top = (0.04 + 1.3 * lean, 0.012, 0.185)
+            b.add(brush, bar((0.04 - 0.5 * lean, -0.01, 0.008), top, 0.003, 8), name="toothbrush")
+            b.add(
+                WHITE_PLASTIC, box((0.009, 0.012, 0.024), (top[0], 0.005, 0.164)), name="toothbrush"
+            )
     return b.piece()

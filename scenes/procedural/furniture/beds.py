@@ -202,7 +202,8 @@ def _bed(
         *(plane(0, -side * (outer / 2 + 0.13), side) for side in (-1.0, 1.0)),
     ]
     duvet = _duvet(rng, bodies, width, top, style.disorder)
-    parts.add(style.bedding, duvet, name="duvet")
+    with parts.holding("duvet", "textile"):
+        parts.add(style.bedding, duvet, name="duvet")
     rows = 2 if sleepers == 2 and rng.random() < 0.6 else 1
     for k in range(sleepers):
         x = (k - (sleepers - 1) / 2) * (width / 2)
@@ -210,22 +211,22 @@ def _bed(
             size = (min(0.72, width / sleepers - 0.06), 0.46, 0.17)
             lean = rng.uniform(24, 36) + 14 * (row == 0)
             cloth = style.bedding if row == 1 else sheet
-            parts.add(
-                cloth,
+            pillow = (
                 stuffed(size, int(rng.integers(4)), dented=True, turned=rng.random() < 0.5)
                 .turned("z", float(rng.normal(0, 2 + 9 * style.disorder)))
                 .turned("x", float(lean))
-                .moved(x, length / 2 - 0.22 - 0.17 * row, top + 0.215 - 0.035 * row - 0.085),
-                name="pillow",
+                .moved(x, length / 2 - 0.22 - 0.17 * row, top + 0.215 - 0.035 * row - 0.085)
             )
+            with parts.holding("pillow", "cushion"):
+                parts.add(cloth, pillow, name="pillow")
     if rng.random() < 0.45:
-        parts.add(
-            style.cushions[0],
+        cushion = (
             stuffed((0.4, 0.3, 0.14), int(rng.integers(4)))
             .turned("z", float(rng.normal(0, 10)))
             .turned("x", 48)
-            .moved(0.0, length / 2 - 0.58, top + 0.1),
-            name="cushion",
+            .moved(0.0, length / 2 - 0.58, top + 0.1)
         )
+        with parts.holding("cushion", "cushion"):
+            parts.add(style.cushions[0], cushion, name="cushion")
     b.add_from(parts, y=-middle)
     return b.piece()

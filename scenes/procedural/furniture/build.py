@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from scenes.assets.free_space import SupportSurface
 from scenes.procedural.furniture.geometry import Axis, BodyMesh, merge
-from scenes.procedural.piece import Anchor, FurniturePiece, Material, PiecePart
+from scenes.procedural.piece import Anchor, Contained, FurniturePiece, Material, PiecePart
 
 
 @dataclass
@@ -23,9 +25,10 @@ class Builder:
     side_clearance: float = 0.0
     mount_height: float = 0.0
     surfaces: list[SupportSurface] = field(default_factory=list)
-    _groups: dict[tuple[str, Material, bool, float, float], list[BodyMesh]] = field(
-        default_factory=dict
+    _groups: dict[tuple[str, Material, bool, float, float, Contained | None], list[BodyMesh]] = (
+        field(default_factory=dict)
     )
+    _own: Contained | None = None
 
     def add(
         self,
@@ -37,12 +40,25 @@ class Builder:
     ) -> None:
         """Add meshes of a material; the part's name defaults to the kind of the material."""
         for mesh in meshes:
-            key = (name or material.kind, material, mesh.smooth, lumens, kelvin)
+            key = (name or material.kind, material, mesh.smooth, lumens, kelvin, self._own)
             self._groups.setdefault(key, []).append(mesh)
 
+    @contextmanager
+    def holding(self, name: str, category: str) -> Iterator[None]:
+        """Context in which what is added is a thing that the piece holds, an object of its own."""
+        outer, self._own = self._own, Contained(name, category)
+        try:
+            yield
+        finally:
+            self._own = outer
+
     def add_from(self, other: Builder, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> None:
-        """Add all meshes of another builder, translated by metres."""
-        for key, meshes in other._groups.items():
+        """Add all meshes of another builder, translated by metres.
+
+        What the other holds stays an object of its own.
+        """
+        for (name, material, smooth, lumens, kelvin, own), meshes in other._groups.items():
+            key = (name, material, smooth, lumens, kelvin, own or self._own)
             self._groups.setdefault(key, []).extend(mesh.moved(x, y, z) for mesh in meshes)
 
     def turned(self, axis: Axis, degrees: float) -> Builder:
@@ -68,7 +84,7 @@ class Builder:
         """Return the finished piece; its part names are unique."""
         used: Counter[str] = Counter()
         parts = []
-        for (name, material, smooth, lumens, kelvin), meshes in self._groups.items():
+        for (name, material, smooth, lumens, kelvin, own), meshes in self._groups.items():
             used[name] += 1
             mesh = merge(meshes)
             parts.append(
@@ -81,6 +97,7 @@ class Builder:
                     smooth,
                     lumens,
                     kelvin,
+                    own=own,
                 )
             )
         return FurniturePiece(

@@ -83,12 +83,12 @@ def block(low: Sequence[float], high: Sequence[float], radius: float, gap: float
     return push
 
 
-def surface(triangles: Float64Array, gap: float) -> Push:
+def surface(triangles: Float64Array | Samples, gap: float) -> Push:
     """Triangles (N, 3, 3), kept `gap` metres away from on their front sides.
 
     They are sampled: a point is moved off the plane of the nearest sample.
     """
-    samples = _Samples(triangles)
+    samples = triangles if isinstance(triangles, Samples) else Samples(triangles)
     reach = gap + 2.5 * _SPACING
     calls = 0
     near = which = np.zeros(0, dtype=np.int64)
@@ -111,12 +111,12 @@ def surface(triangles: Float64Array, gap: float) -> Push:
     return push
 
 
-def cleared(mesh: BodyMesh, triangles: Float64Array, depth: float) -> BodyMesh | None:
+def cleared(mesh: BodyMesh, triangles: Float64Array | Samples, depth: float) -> BodyMesh | None:
     """Return a mesh whose vertices and edges that triangles (N, 3, 3) pierce are moved out of them.
 
     None if some stay `depth` metres or more behind triangles that are near.
     """
-    samples = _Samples(triangles)
+    samples = triangles if isinstance(triangles, Samples) else Samples(triangles)
     places, label = np.unique(np.round(mesh.vertices, 7), axis=0, return_inverse=True)
     label = label.reshape(-1)
     corners = label[mesh.faces]
@@ -173,7 +173,7 @@ def pierces(triangles: Float64Array, mesh: BodyMesh) -> bool:
     return bool((crossed & (scale != 0)).any())
 
 
-class _Samples:
+class Samples:
     """Points on triangles with their normals; those at an edge occur once for each face there."""
 
     def __init__(self, triangles: Float64Array) -> None:

@@ -16,6 +16,7 @@ from scenes.procedural.furniture.geometry import (
     cylinder,
     grid,
     lathe,
+    loft,
     merge,
     rounded_box,
     span,
@@ -34,6 +35,7 @@ from scenes.procedural.furniture.style import (
     STEEL,
     TERRACOTTA,
     WHITE_PAINT,
+    WHITE_PLASTIC,
     WICKER,
     Style,
     hex_color,
@@ -112,19 +114,24 @@ def plant(rng: np.random.Generator, style: Style, height: float | None = None) -
 def small_plant(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A pot plant for tables and sills."""
     b = Builder("small plant", "plant", "on_top")
-    _foliage(
-        b,
-        rng,
-        style,
-        float(rng.uniform(0.22, 0.4)),
-        float(rng.uniform(0.05, 0.07)),
-        float(rng.uniform(0.08, 0.12)),
-    )
+    kind = _PLANTS[int(rng.integers(len(_PLANTS)))]
+    b.name = {"broad": "rubber plant", "sword": "aloe"}.get(kind, kind)
+    height, radius = float(rng.uniform(0.22, 0.4)), float(rng.uniform(0.05, 0.07))
+    _foliage(b, rng, style, height, radius, float(rng.uniform(0.08, 0.12)), kind)
     return b.piece()
 
 
+_PLANTS = ("broad", "palm", "sword", "cactus", "herbs")
+
+
 def _foliage(
-    b: Builder, rng: np.random.Generator, style: Style, height: float, radius: float, pot: float
+    b: Builder,
+    rng: np.random.Generator,
+    style: Style,
+    height: float,
+    radius: float,
+    pot: float,
+    kind: str = "",
 ) -> None:
     _add_pot(b, rng, style, radius, pot)
     green = hex_color(LEAVES[int(rng.integers(len(LEAVES)))])
@@ -136,7 +143,7 @@ def _foliage(
     stalk = Material("leaf", (green[0] * 1.1, green[1] * 0.9, green[2] * 0.8), 0.6)
     base = 0.84 * pot
     rise = height - base
-    kind = ("broad", "palm", "sword")[int(rng.integers(3))]
+    kind = kind or _PLANTS[int(rng.integers(3))]
 
     def branch(turn: float, extent: float, top: float) -> np.ndarray:
         t = np.linspace(0, 1, 6)
@@ -150,7 +157,21 @@ def _foliage(
             axis=1,
         )
 
-    if kind == "broad":
+    if kind == "cactus":
+        _add_cactus(b, rng, leaves[0], 0.6 * radius, base, rise)
+    elif kind == "herbs":
+        for k in range(int(rng.integers(26, 40))):
+            turn, out = k * 2.4, 0.75 * radius * float(np.sqrt(rng.random()))
+            tall = rise * float(rng.uniform(0.45, 1.0))
+            foot = (out * float(np.cos(turn)), out * float(np.sin(turn)), base)
+            tip = (1.7 * foot[0], 1.7 * foot[1], base + tall)
+            b.add(stalk, bar(foot, tip, 0.0013, 8), name="stalks")
+            for share in (0.45, 0.7, 0.92):
+                leaf = _leaf(float(rng.uniform(0.018, 0.032)), 0.02, 0.8, rows=4)
+                at = np.array(foot) + share * (np.array(tip) - np.array(foot))
+                leaf = leaf.turned("y", -20.0).turned("z", float(rng.uniform(0, 360)))
+                b.add(leaves[int(rng.integers(2))], leaf.moved(*at), name="leaves")
+    elif kind == "broad":
         for k in range(int(rng.integers(14, 22))):
             turn = k * 2.4 + float(rng.uniform(-0.3, 0.3))
             share = float(rng.uniform(0.35, 1.0))
@@ -203,12 +224,31 @@ def _foliage(
             )
 
 
+def _add_cactus(
+    b: Builder, rng: np.random.Generator, skin: Material, radius: float, base: float, rise: float
+) -> None:
+    """Add one to three ribbed columns of a cactus that stand at z = base, `rise` metres high."""
+    angle = 2 * np.pi * np.arange(48) / 48
+    count = int(rng.integers(1, 4))
+    for k in range(count):
+        size = radius * float(rng.uniform(0.45, 0.6)) if count > 1 else radius
+        tall = rise * float(rng.uniform(0.6, 0.95))
+        x, y = (0.55 * radius * f(2.1 * k) if count > 1 else 0.0 for f in (np.cos, np.sin))
+        ribs = 1 + 0.1 * np.cos(12 * angle)
+        rings = []
+        for z, wide in ((0.0, 0.75), (0.2, 1.0), (0.6, 1.0), (0.85, 0.8), (0.96, 0.45), (1, 0.1)):
+            ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+            rings.append(ring * (size * wide * ribs)[:, None] + (x, y, base - 0.002 + z * tall))
+        b.add(skin, loft(np.stack(rings)), name="columns")
+
+
 def vase(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A vase, sometimes with twigs."""
     b = Builder("vase", "vase", "on_top")
     height = float(rng.uniform(0.16, 0.34))
     add_vase(b, rng, style.accents[int(rng.integers(len(style.accents)))], 0, 0, 0, height)
     if rng.random() < 0.6:
+        b.name = "vase with twigs"
         twig = Material("wood", hex_color("#6a4c34"), 0.8)
         bloom = style.cushions[int(rng.integers(len(style.cushions)))]
         for k in range(int(rng.integers(5, 9))):
@@ -430,25 +470,27 @@ def monitor(rng: np.random.Generator, style: Style) -> FurniturePiece:
     b.add(BLACK_PLASTIC, box((0.05, 0.02, z + 0.14), (0, y + 0.025, 0.006)), name="stand")
     b.add(BLACK_PLASTIC, box((0.24, 0.19, 0.01), (0, y + 0.02, 0), 0.003), name="stand")
     keys = Material("plastic", hex_color("#d9d8d4" if rng.random() < 0.5 else "#2a2b2e"), 0.5)
-    b.add(
-        STEEL if rng.random() < 0.5 else BLACK_PLASTIC,
-        box((0.43, 0.125, 0.01), (-0.03, -0.11, 0.002), 0.003),
-        name="keyboard",
-    )
-    b.add(BLACK_PLASTIC, box((0.4, 0.1, 0.0035), (-0.03, -0.11, 0)), name="keyboard")
-    for row in range(5):
-        x = -0.235
-        while x < 0.165:
-            wide = 0.1 if row == 0 and -0.12 < x < -0.05 else 0.0155
-            b.add(
-                keys,
-                box((wide, 0.0165, 0.005), (x + wide / 2, -0.154 + 0.0215 * row, 0.0115)),
-                name="keys",
-            )
-            x += wide + 0.0035
+    with b.holding("keyboard", "electronics"):
+        b.add(
+            STEEL if rng.random() < 0.5 else BLACK_PLASTIC,
+            box((0.43, 0.125, 0.01), (-0.03, -0.11, 0.002), 0.003),
+            name="keyboard",
+        )
+        b.add(BLACK_PLASTIC, box((0.4, 0.1, 0.0035), (-0.03, -0.11, 0)), name="keyboard")
+        for row in range(5):
+            x = -0.235
+            while x < 0.165:
+                wide = 0.1 if row == 0 and -0.12 < x < -0.05 else 0.0155
+                b.add(
+                    keys,
+                    box((wide, 0.0165, 0.005), (x + wide / 2, -0.154 + 0.0215 * row, 0.0115)),
+                    name="keys",
+                )
+                x += wide + 0.0035
     mouse = rounded_box((0.06, 0.1, 0.034), (0.25, -0.11, 0.0), 0.0165, (0, 0, 0.003), inner=1)
-    b.add(BLACK_PLASTIC, mouse.moved(z=0.003), name="mouse")
-    b.add(BLACK_PLASTIC, box((0.04, 0.07, 0.005), (0.25, -0.11, 0)), name="mouse")
+    with b.holding("computer mouse", "electronics"):
+        b.add(BLACK_PLASTIC, mouse.moved(z=0.003), name="mouse")
+        b.add(BLACK_PLASTIC, box((0.04, 0.07, 0.005), (0.25, -0.11, 0)), name="mouse")
     shown = display(w - 0.002, h - 0.002).moved(0, y - 0.0138, middle)
     return with_display(b.piece(), rng, shown, float(rng.uniform(40, 100)))
 
@@ -491,8 +533,9 @@ def laptop(rng: np.random.Generator, style: Style) -> FurniturePiece:
 def books_stack(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A stack of three to six books."""
     b = Builder("stack of books", "books", "on_top")
-    add_stack(b, rng, style, 0, 0, 0, int(rng.integers(3, 7)), float(rng.uniform(-20, 20)))
-    return b.piece()
+    held = Builder("", "", "free")
+    add_stack(held, rng, style, 0, 0, 0, int(rng.integers(3, 7)), float(rng.uniform(-20, 20)))
+    return replace(b.piece(), parts=tuple(replace(part, own=None) for part in held.piece().parts))
 
 
 def fruit_bowl(rng: np.random.Generator, style: Style) -> FurniturePiece:
@@ -555,11 +598,12 @@ def crockery(rng: np.random.Generator, style: Style) -> FurniturePiece:
         ]
         b.add(glaze, lathe(plate, 36).moved(x=-0.07, z=0.0075 * k), name="plates")
     for k in range(int(rng.integers(2, 4))):
-        b.add(
-            style.accents[int(rng.integers(5))] if rng.random() < 0.4 else glaze,
-            _cup().turned("z", float(rng.uniform(0, 360))).moved(0.13, (k - 0.8) * 0.1, 0),
-            name="cups",
-        )
+        with b.holding("cup", "crockery"):
+            b.add(
+                style.accents[int(rng.integers(5))] if rng.random() < 0.4 else glaze,
+                _cup().turned("z", float(rng.uniform(0, 360))).moved(0.13, (k - 0.8) * 0.1, 0),
+                name="cups",
+            )
     return b.piece()
 
 
@@ -587,25 +631,17 @@ def candle(rng: np.random.Generator, style: Style) -> FurniturePiece:
         turn = 2 * np.pi * k / 3 + 0.4
         x, y = 0.052 * float(np.cos(turn)), 0.052 * float(np.sin(turn))
         radius, height = float(rng.uniform(0.024, 0.034)), float(rng.uniform(0.06, 0.16))
-        b.add(
-            wax,
-            lathe(
-                [
-                    (radius, 0.0035),
-                    (radius, height),
-                    (0.8 * radius, height),
-                    (0.6 * radius, height - 0.006),
-                    (0, height - 0.007),
-                ],
-                22,
-            ).moved(x, y),
-            name="wax",
-        )
-        b.add(
-            BLACK_PLASTIC,
-            bar((x, y, height - 0.009), (x + 0.002, y, height + 0.008), 0.0012, 8),
-            name="wick",
-        )
+        profile = [
+            (radius, 0.0035),
+            (radius, height),
+            (0.8 * radius, height),
+            (0.6 * radius, height - 0.006),
+            (0, height - 0.007),
+        ]
+        wick = bar((x, y, height - 0.009), (x + 0.002, y, height + 0.008), 0.0012, 8)
+        with b.holding("candle", "candle"):
+            b.add(wax, lathe(profile, 22).moved(x, y), name="wax")
+            b.add(BLACK_PLASTIC, wick, name="wick")
     return b.piece()
 
 
@@ -691,16 +727,18 @@ def coat_hooks(rng: np.random.Generator, style: Style) -> FurniturePiece:
             last = x
             cloth = (*style.cushions, style.second_upholstery, style.throw)[int(rng.integers(5))]
             size = (float(rng.uniform(0.5, 0.8)), float(rng.uniform(0.62, 0.85)))
-            b.add(cloth, hooked(rng, size).moved(x, -0.085, -0.012), name="coat")
+            with b.holding("coat", "clothing"):
+                b.add(cloth, hooked(rng, size).moved(x, -0.085, -0.012), name="coat")
     return b.piece()
 
 
 def storage_box(rng: np.random.Generator, style: Style) -> FurniturePiece:
     """A lidded box of cardboard or an open basket."""
-    b = Builder("storage box", "box", "free")
+    b = Builder("storage basket", "box", "free")
     width, depth = float(rng.uniform(0.3, 0.42)), float(rng.uniform(0.24, 0.34))
     height = float(rng.uniform(0.2, 0.3))
     if rng.random() < 0.5:
+        b.name = "storage box"
         paper = Material("paper", style.accents[int(rng.integers(5))].color, 0.85)
         b.add(paper, box((width, depth, height - 0.02), (0, 0, 0), 0.002), name="box")
         b.add(
@@ -727,12 +765,21 @@ def storage_box(rng: np.random.Generator, style: Style) -> FurniturePiece:
 
 
 def waste_bin(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """An open round bin."""
+    """An open round bin, a basket for paper, or a bin with a pedal."""
     radius, height = float(rng.uniform(0.11, 0.14)), float(rng.uniform(0.26, 0.33))
     b = Builder("waste bin", "bin", "free")
-    material = (
-        style.metal if rng.random() < 0.5 else WICKER if rng.random() < 0.3 else BLACK_PLASTIC
-    )
+    kind = ("waste bin", "paper basket", "pedal bin", "mesh bin")[int(rng.integers(4))]
+    b.name = kind
+    if kind == "pedal bin":
+        case = STEEL if rng.random() < 0.6 else WHITE_PLASTIC
+        b.add(case, cylinder(radius, 0.012, height, 32, 0.006), name="bin")
+        b.add(BLACK_PLASTIC, cylinder(0.97 * radius, 0.0, 0.0121, 32), name="foot")
+        lid = [(1.01 * radius, height + 0.003), (0.9 * radius, height + 0.022), (0, height + 0.03)]
+        b.add(case, lathe(lid, 32), name="lid")
+        pedal = box((0.06, 0.05, 0.008), (0, -radius - 0.015, 0.008), 0.002)
+        b.add(BLACK_PLASTIC, pedal, name="pedal")
+        return b.piece()
+    material = {"paper basket": WICKER, "mesh bin": style.metal}.get(kind, BLACK_PLASTIC)
     profile = [
         (0.8 * radius, 0.0),
         (radius, height),
@@ -765,5 +812,6 @@ def bottle(rng: np.random.Generator, style: Style) -> FurniturePiece:
     for x, y in ((0.1, -0.03), (0.085, 0.075)):
         glass = [(0.028, 0.0), (0.034, 0.1), (0.0325, 0.1), (0.0265, 0.006), (0.0, 0.006)]
         at = (x + float(rng.uniform(-0.01, 0.02)), y + float(rng.uniform(-0.01, 0.01)))
-        b.add(GLASS, lathe(glass, 24).moved(*at), name="glasses")
+        with b.holding("glass", "glass"):
+            b.add(GLASS, lathe(glass, 24).moved(*at), name="glasses")
     return b.piece()

@@ -12,6 +12,7 @@ from scenes.procedural.furniture.build import Builder
 from scenes.procedural.furniture.cloth import (
     LINEN,
     Push,
+    Samples,
     Weave,
     block,
     cleared,
@@ -230,9 +231,10 @@ def over(
     low = triangles.min(axis=1)[:, :2] - np.array(at[:2])
     high = triangles.max(axis=1)[:, :2] - np.array(at[:2])
     near = ((low < half + 0.05) & (high > -half - 0.05)).all(axis=1)
-    bodies = [*within, plane(2, thickness + 0.02), surface(triangles[near], thickness + gap)]
+    samples = Samples(triangles[near])
+    bodies = [*within, plane(2, thickness + 0.02), surface(samples, thickness + gap)]
     mesh = dropped(rng, bodies, size, at, turn=turn, tight=tight, thickness=thickness, cut=cut)
-    mended = cleared(mesh, triangles[near], _DEEPEST)
+    mended = cleared(mesh, samples, _DEEPEST)
     if mended is None or pierces(triangles[near], mended):
         return None
     b = Builder(name, category, "free")

@@ -125,8 +125,10 @@ def base_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) ->
     level = 0.5 * (PLINTH + split)
     b.add(INSIDE, shelf(width, DEPTH, level))
     if shown:
-        b.add(STEEL, _pot(0.11, 0.12).moved(-0.1 * width, 0, level), name="pots")
-        b.add(CERAMIC, _plates(5).moved(0.0, 0, PLINTH + BOARD), name="plates")
+        with b.holding("pot", "pot"):
+            b.add(STEEL, _pot(0.11, 0.12).moved(-0.1 * width, 0, level), name="pots")
+        with b.holding("plates", "crockery"):
+            b.add(CERAMIC, _plates(5).moved(0.0, 0, PLINTH + BOARD), name="plates")
     b.surface(0, 0, style.worktop_height, width / 2 - 0.02, 0.27)
     return b.piece()
 
@@ -185,27 +187,20 @@ def sink_unit(rng: np.random.Generator, style: Style, width: float = 0.8) -> Fur
     t = np.linspace(0, np.pi, 12)
     arch = np.stack([0 * t, 0.225 - 0.1 + 0.1 * np.cos(t), 0.28 + 0.1 * np.sin(t)], axis=1)
     path = np.concatenate([[[0, 0.225, 0.0], [0, 0.225, 0.2]], arch, [[0, 0.025, 0.22]]])
-    b.add(
-        tap,
-        tube(path, 0.0125, 12).moved(x, 0, high - 0.001),
-        cylinder(0.026, 0, 0.05, 20, 0.003).moved(x, 0.225, high),
-        name="tap",
-    )
-    b.add(
-        tap,
-        bar((x + 0.015, 0.225, high + 0.075), (x + 0.085, 0.205, high + 0.105), 0.006, 8),
-        name="tap",
-    )
+    with b.holding("tap", "fitting"):
+        b.add(
+            tap,
+            tube(path, 0.0125, 12).moved(x, 0, high - 0.001),
+            cylinder(0.026, 0, 0.05, 20, 0.003).moved(x, 0.225, high),
+            name="tap",
+        )
+        b.add(
+            tap,
+            bar((x + 0.015, 0.225, high + 0.075), (x + 0.085, 0.205, high + 0.105), 0.006, 8),
+            name="tap",
+        )
     b.add(INSIDE, *carcass(width, DEPTH, PLINTH, under - 0.001, top=False))
     _add_doors(b, rng, style, width, PLINTH, under - 0.003, DEPTH)
-    if rng.random() < 0.6:
-        b.add(
-            Material("plastic", hex_color("#3f9a5a"), 0.2),
-            lathe([(0.028, 0), (0.028, 0.12), (0.01, 0.15), (0.01, 0.18), (0, 0.18)], 18)
-            .scaled(y=0.7)
-            .moved(x - 0.17, 0.235, high),
-            name="soap",
-        )
     free = width / 2 + abs(x) - half_x - 0.04
     if free > 0.16:
         b.surface(-float(np.sign(x)) * (width / 2 - free / 2), -0.02, high, free / 2 - 0.01, 0.24)
@@ -311,11 +306,12 @@ def hob_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> Furn
     if rng.random() < 0.2:
         x, y, radius = places[int(rng.integers(4))]
         z = high + (0.0405 if gas else 0.0083)
-        b.add(
-            STEEL if rng.random() < 0.6 else style.accents[0],
-            _pot(0.1, float(rng.uniform(0.09, 0.15)), rng.random() < 0.5).moved(x, y, z),
-            name="pot",
-        )
+        with b.holding("pot on the hob", "pot"):
+            b.add(
+                STEEL if rng.random() < 0.6 else style.accents[0],
+                _pot(0.1, float(rng.uniform(0.09, 0.15)), rng.random() < 0.5).moved(x, y, z),
+                name="pot",
+            )
     return b.piece()
 
 
@@ -367,12 +363,13 @@ def fridge(rng: np.random.Generator, style: Style, width: float = 0.6) -> Furnit
             )
             if note.kind == "picture":
                 board = BodyMesh(board.vertices, board.faces, uvs, smooth=False)
-            b.add(note, board, name="note")
-            b.add(
-                style.accents[1],
-                cylinder(0.011, 0, 0.006, 14).turned("x", 90).moved(x, f - 0.001, z + 0.045),
-                name="magnet",
-            )
+            with b.holding("note", "paper"):
+                b.add(note, board, name="note")
+                b.add(
+                    style.accents[1],
+                    cylinder(0.011, 0, 0.006, 14).turned("x", 90).moved(x, f - 0.001, z + 0.045),
+                    name="magnet",
+                )
     b.surface(0, 0.03, height, width / 2 - 0.05, depth / 2 - 0.08)
     return b.piece()
 
@@ -392,11 +389,12 @@ def wall_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) ->
     if _add_doors(parts, rng, style, width, 0.0, height, depth, True, 0.3, handed):
         glaze = style.accents[int(rng.integers(5))]
         for z in (BOARD, *levels):
-            parts.add(
-                CERAMIC,
-                _plates(int(rng.integers(3, 8))).moved(-0.2 * width, 0.01, z),
-                name="plates",
-            )
+            with parts.holding("plates", "crockery"):
+                parts.add(
+                    CERAMIC,
+                    _plates(int(rng.integers(3, 8))).moved(-0.2 * width, 0.01, z),
+                    name="plates",
+                )
             cup = lathe(
                 [
                     (0.03, 0),
@@ -409,7 +407,8 @@ def wall_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) ->
                 20,
             )
             for k in range(2):
-                parts.add(glaze, cup.moved(0.22 * width, -0.06 + 0.11 * k, z), name="cups")
+                with parts.holding("cup", "crockery"):
+                    parts.add(glaze, cup.moved(0.22 * width, -0.06 + 0.11 * k, z), name="cups")
     b.add_from(parts, y=-depth / 2)
     return b.piece()
 

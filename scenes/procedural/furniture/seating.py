@@ -255,11 +255,12 @@ def _couch(
             .turned("z", -end * rng.uniform(5, 22))
         )
         lowest = float(loose_one.vertices[:, 2].min()) + 0.012  # it sinks in
-        b.add(
-            style.cushions[int(rng.integers(len(style.cushions)))],
-            loose_one.moved(x, depth / 2 - back - 0.29, seat_z - lowest),
-            name="cushion",
-        )
+        with b.holding("cushion", "cushion"):
+            b.add(
+                style.cushions[int(rng.integers(len(style.cushions)))],
+                loose_one.moved(x, depth / 2 - back - 0.29, seat_z - lowest),
+                name="cushion",
+            )
     if name == "sofa" and loose == 2:  # between the cushions at its ends
         b.surface(0, -depth / 2 + 0.22, seat_z + 0.008, inner / 2 - 0.62, 0.17)
     return b.piece()

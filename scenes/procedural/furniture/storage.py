@@ -45,10 +45,13 @@ def add_books(
 ) -> None:
     """Add a row of books on a shelf from x = low to high at z, spines near y = front.
 
-    Books differ in size and colour and are at most `depth` deep; one in twelve leans.
+    Books differ in size and colour and are at most `depth` deep; one in twelve leans. The row is
+    an object of its own.
     """
+    bindings = [style.books[int(k)] for k in rng.permutation(len(style.books))[:_BINDINGS]]
     x = low + 0.004
     stop = low + fill * (high - low)
+    row = Builder("", "", "free")
     while True:
         thickness = float(rng.uniform(0.014, 0.045))
         height = min(float(rng.normal(0.22, 0.03)), headroom - 0.015)
@@ -57,15 +60,20 @@ def add_books(
         sine, cosine = np.sin(np.radians(lean)), np.cos(np.radians(lean))
         need = thickness * cosine + height * sine
         if x + need > stop or height < 0.1:
-            return
+            break
         y = front + float(rng.uniform(0.0, 0.018))
         cover, pages = _book(thickness, height, deep)
         # A leaning book touches the shelf with its lower right corner.
         at = (x + float(height * sine), y, z + float(thickness * sine))
-        binding = style.books[int(rng.integers(len(style.books)))]
-        b.add(binding, cover.turned("y", -lean).moved(*at), name="books")
-        b.add(PAGES, pages.turned("y", -lean).moved(*at), name="pages")
+        binding = bindings[int(rng.integers(len(bindings)))]
+        row.add(binding, cover.turned("y", -lean).moved(*at), name="books")
+        row.add(PAGES, pages.turned("y", -lean).moved(*at), name="pages")
         x += float(need) + 0.0008
+    with b.holding("books", "books"):
+        b.add_from(row)
+
+
+_BINDINGS = 4  # colours of the books in a row
 
 
 def _book(thickness: float, height: float, depth: float) -> tuple[BodyMesh, BodyMesh]:
@@ -152,7 +160,7 @@ def bookshelf(
     width: float | None = None,
     height: float | None = None,
 ) -> FurniturePiece:
-    """A tall open shelf with rows and stacks of books, vases and baskets."""
+    """A tall open shelf with rows and stacks of books and baskets, and room for things."""
     width = float(rng.uniform(0.7, 1.1)) if width is None else width
     height = float(rng.uniform(1.75, 2.1)) if height is None else height
     depth = rng.uniform(0.28, 0.33)
@@ -175,18 +183,24 @@ def bookshelf(
         if level == 0 and kind < 0.5:
             half = (min(0.17, (right - left) / 4 - 0.01), depth / 2 - 0.045)
             for x in (left + 0.25 * (right - left), left + 0.75 * (right - left)):
-                add_basket(b, x, 0.0, z, half, min(0.2, 0.7 * room))
-        elif kind < 0.75:
-            fill = float(rng.uniform(0.7, 1.0))
-            add_books(b, rng, style, left, right, z, front, room, fill)
-        else:
-            middle = left + float(rng.uniform(0.45, 0.6)) * (right - left)
-            add_books(b, rng, style, left, middle, z, front, room, 1.0)
-            if rng.random() < 0.5:
-                add_stack(b, rng, style, (middle + right) / 2, 0.0, z, int(rng.integers(2, 5)))
-            else:
-                glaze = style.accents[int(rng.integers(len(style.accents)))]
-                add_vase(b, rng, glaze, (middle + right) / 2, 0.0, z, min(0.24, 0.8 * room))
+                with b.holding("basket", "box"):
+                    add_basket(b, x, 0.0, z, half, min(0.2, 0.7 * room))
+            continue
+        # One or two rows of books from the sides, then a stack or room for things between them.
+        begin, end = left, right
+        if kind < 0.85:
+            begin += float(rng.uniform(0.25, 0.6)) * (right - left)
+            add_books(b, rng, style, left, begin, z, front, room, 1.0)
+        if kind > 0.55:
+            end -= float(rng.uniform(0.15, 0.32)) * (right - left)
+            add_books(b, rng, style, end, right, z, front, room, 1.0)
+        if end - begin > 0.3 and rng.random() < 0.3:
+            with b.holding("books", "books"):
+                add_stack(b, rng, style, end - 0.14, 0.0, z, int(rng.integers(2, 5)))
+            end -= 0.28
+        if end - begin > 0.1:
+            half = (0.5 * (end - begin) - 0.012, depth / 2 - 0.05)
+            b.surface(0.5 * (begin + end), 0.0, z, *half, room - 0.01)
     b.surface(0, 0.01, height, width / 2 - 0.05, depth / 2 - 0.03)
     return b.piece()
 
@@ -414,8 +428,10 @@ def tv_stand(rng: np.random.Generator, style: Style, width: float | None = None)
     )
     black = Material("plastic", (0.012, 0.012, 0.014), 0.3)
     wide = min(0.3, third - 0.1)
-    b.add(black, box((wide, 0.22, 0.05), (0.02, -0.02, middle + 0.001), 0.003), name="player")
-    add_stack(b, rng, style, 0.0, -0.02, foot + BOARD, int(rng.integers(1, 4)))
+    with b.holding("player", "electronics"):
+        b.add(black, box((wide, 0.22, 0.05), (0.02, -0.02, middle + 0.001), 0.003), name="player")
+    with b.holding("books", "books"):
+        add_stack(b, rng, style, 0.0, -0.02, foot + BOARD, int(rng.integers(1, 4)))
     b.surface(0, 0, height, width / 2 - 0.05, depth / 2 - 0.05)
     return b.piece()
 
@@ -436,7 +452,8 @@ def night_table(rng: np.random.Generator, style: Style) -> FurniturePiece:
         b, style, finish, style.wood, -width / 2, width / 2, split, height - 0.022, depth, out
     )
     if rng.random() < 0.7:
-        add_stack(b, rng, style, 0, 0.0, foot + BOARD, int(rng.integers(2, 4)))
+        with b.holding("books", "books"):
+            add_stack(b, rng, style, 0, 0.0, foot + BOARD, int(rng.integers(2, 4)))
     b.surface(0, 0, height, width / 2 - 0.04, depth / 2 - 0.04)
     return b.piece()
 
@@ -444,7 +461,7 @@ def night_table(rng: np.random.Generator, style: Style) -> FurniturePiece:
 def wall_shelf(
     rng: np.random.Generator, style: Style, width: float | None = None
 ) -> FurniturePiece:
-    """A wall shelf on brackets with books and a vase, at eye height."""
+    """A wall shelf on brackets with books and room for things, at eye height."""
     width = float(rng.uniform(0.6, 1.1)) if width is None else width
     depth, thickness = rng.uniform(0.2, 0.25), 0.025
     b = Builder("wall shelf", "shelf", "on_wall", mount_height=float(rng.uniform(1.35, 1.6)))
@@ -460,12 +477,51 @@ def wall_shelf(
             ),
             bar((x, -0.006, -0.13), (x, -depth + 0.06, -thickness - 0.003), 0.005, 8),
         )
-    middle = float(rng.uniform(-0.1, 0.3)) * width
-    add_books(
-        b, rng, style, -width / 2 + 0.03, middle, 0.0005, -depth + 0.03, 0.3, 1.0, depth - 0.034
+    low, high = -width / 2 + 0.03, width / 2 - 0.03
+    middle = low + float(rng.uniform(0.3, 0.65)) * (high - low)
+    add_books(b, rng, style, low, middle, 0.0005, -depth + 0.03, 0.3, 1.0, depth - 0.034)
+    b.surface(
+        0.5 * (middle + high) + 0.01,
+        -depth / 2,
+        0.0,
+        0.5 * (high - middle) - 0.01,
+        depth / 2 - 0.02,
     )
-    glaze = style.accents[int(rng.integers(len(style.accents)))]
-    add_vase(b, rng, glaze, width / 2 - 0.11, -depth / 2, 0.0005, float(rng.uniform(0.14, 0.24)))
+    return b.piece()
+
+
+def wall_board(rng: np.random.Generator, style: Style) -> FurniturePiece:
+    """A board on the wall with room for things, for bathrooms and kitchens."""
+    width, depth = float(rng.uniform(0.4, 0.8)), float(rng.uniform(0.14, 0.2))
+    b = Builder("wall board", "shelf", "on_wall", mount_height=float(rng.uniform(1.25, 1.5)))
+    top = style.wood if rng.random() < 0.6 else style.lacquer
+    b.add(top, span((-width / 2, -depth, -0.02), (width / 2, 0, 0), 0.002))
+    for side in (-1, 1):
+        x = side * (width / 2 - 0.06)
+        b.add(style.metal, span((x - 0.01, -0.004, -0.1), (x + 0.01, 0, -0.0205)))
+        b.add(style.metal, bar((x, -0.006, -0.08), (x, -depth + 0.03, -0.0235), 0.004, 8))
+    b.surface(0, -depth / 2, 0.0, width / 2 - 0.015, depth / 2 - 0.01)
+    return b.piece()
+
+
+def rack(rng: np.random.Generator, style: Style) -> FurniturePiece:
+    """A narrow open rack of three to five boards between four posts."""
+    width, depth = float(rng.uniform(0.36, 0.6)), float(rng.uniform(0.28, 0.34))
+    height = float(rng.uniform(0.9, 1.6))
+    b = Builder("rack", "shelf", "wall", front_clearance=0.4)
+    frame = style.metal if rng.random() < 0.6 else style.wood
+    board = style.wood if rng.random() < 0.7 else style.lacquer
+    for x in (-1, 1):
+        for y in (-1, 1):
+            at = (x * (width / 2 - 0.011), y * (depth / 2 - 0.011), 0.0)
+            b.add(frame, box((0.022, 0.022, height), at, 0.002))
+    levels = np.linspace(0.12, height - 0.03, max(3, round(height / 0.36)))
+    for low, high in zip(levels, [*levels[1:], 9.0], strict=True):
+        z = float(low)
+        low_corner = (0.023 - width / 2, 0.002 - depth / 2, z - 0.018)
+        b.add(board, span(low_corner, (width / 2 - 0.023, depth / 2 - 0.002, z)))
+        half = (width / 2 - 0.03, depth / 2 - 0.01)
+        b.surface(0, 0, z, *half, float(high) - z - 0.03)
     return b.piece()
 
 
@@ -505,10 +561,11 @@ def shoe_rack(rng: np.random.Generator, style: Style) -> FurniturePiece:
             if rng.random() < 0.8:
                 material = _SHOES[int(rng.integers(len(_SHOES)))]
                 sole = WHITE_PLASTIC if material.kind == "fabric" else RUBBER
-                for step in (0.0, 0.095):
-                    upper, under = _shoe()
-                    b.add(material, upper.moved(x + step, 0.0, z + 0.0195), name="shoe")
-                    b.add(sole, under.moved(x + step, 0.0, z + 0.0195), name="sole")
+                with b.holding("pair of shoes", "shoe"):
+                    for step in (0.0, 0.095):
+                        upper, under = _shoe()
+                        b.add(material, upper.moved(x + step, 0.0, z + 0.0195), name="shoe")
+                        b.add(sole, under.moved(x + step, 0.0, z + 0.0195), name="sole")
             x += 0.22
     return b.piece()
 

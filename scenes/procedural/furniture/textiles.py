@@ -54,7 +54,8 @@ def curtains(
         points = np.stack(
             [outer, np.broadcast_to(y, x.shape), np.broadcast_to(z[:, None], x.shape)], axis=-1
         )
-        b.add(style.curtain, grid(points[:, ::-1] if side < 0 else points), name="curtain")
+        with b.holding("curtain", "curtain"):
+            b.add(style.curtain, grid(points[:, ::-1] if side < 0 else points), name="curtain")
         for k in range(int(pleats)):
             at = float(np.interp(2 * np.pi * (k + 0.5), phase, s)) * bunch
             turn = 2 * np.pi * np.arange(14) / 14

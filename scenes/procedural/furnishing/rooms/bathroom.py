@@ -31,8 +31,11 @@ def furnish_bathroom(furnisher: Furnisher) -> None:
             space.in_corner(rng, kind, furnisher.make(kind))
     if furnisher.chance(0.35):
         furnisher.put_plant()
-    if furnisher.chance(0.25):
-        furnisher.hang_pictures(1)
+    for kind, probability in (("wall_board", 0.75), ("rack", 0.55), ("wall_board", 0.35)):
+        if furnisher.wants(probability):
+            furnisher.hang(kind) if kind == "wall_board" else furnisher.along_wall(kind)
+    if furnisher.chance(0.35):
+        furnisher.hang_pictures(furnisher.number(1, 2))
 
 
 def _place_sanitary(furnisher: Furnisher) -> tuple[PlacedPiece | None, PlacedPiece | None]:

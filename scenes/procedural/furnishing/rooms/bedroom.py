@@ -39,13 +39,13 @@ def furnish_bedroom(furnisher: Furnisher) -> None:
         furnisher.put_plant()
     if furnisher.wants(0.3):
         space.in_corner(rng, "floor_lamp", furnisher.make("floor_lamp"))
-    for kind, probability in (("storage_box", 0.35), ("pouf", 0.25), ("waste_bin", 0.15)):
+    for kind, probability in (("storage_box", 0.2), ("pouf", 0.18), ("waste_bin", 0.3)):
         if furnisher.wants(probability):
             space.in_corner(rng, kind, furnisher.make(kind)) or space.anywhere(
                 rng, kind, furnisher.make(kind)
             )
-    furnisher.hang_pictures(furnisher.number(1, 2))
-    if furnisher.wants(0.35):
+    furnisher.hang_pictures(furnisher.number(2, 4))
+    for _ in range(furnisher.number(0, 2)):
         furnisher.hang("wall_shelf")
     if furnisher.wants(0.3):
         furnisher.hang("wall_mirror")

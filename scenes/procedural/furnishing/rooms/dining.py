@@ -19,6 +19,6 @@ def furnish_dining(furnisher: Furnisher) -> None:
         space.in_corner(rng, "floor_lamp", furnisher.make("floor_lamp"))
     for _ in range(furnisher.number(1, 2)):
         furnisher.put_plant()
-    furnisher.hang_pictures(furnisher.number(1, 3))
+    furnisher.hang_pictures(furnisher.number(2, 4))
     if furnisher.wants(0.3):
         furnisher.hang("wall_lamp")

@@ -23,7 +23,7 @@ def furnish_hall(furnisher: Furnisher) -> None:
         _lay_runner(furnisher)
     if furnisher.wants(0.4):
         furnisher.put_plant()
-    furnisher.hang_pictures(furnisher.number(1, 4))
+    furnisher.hang_pictures(furnisher.number(2, 5))
     if furnisher.wants(0.35):
         furnisher.hang("wall_lamp")
 

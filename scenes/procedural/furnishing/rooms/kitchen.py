@@ -34,11 +34,13 @@ def furnish_kitchen(furnisher: Furnisher) -> None:
         furnisher.along_wall("sideboard")
     if furnisher.chance(0.4):
         furnisher.put_plant()
-    if furnisher.chance(0.6):
+    if furnisher.may_leave("wall_clock"):
         furnisher.hang("wall_clock")
-    furnisher.hang_pictures(furnisher.number(0, 2))
-    if furnisher.chance(0.3):
-        furnisher.hang("wall_shelf")
+    furnisher.hang_pictures(furnisher.number(1, 3))
+    for _ in range(furnisher.number(0, 2)):
+        furnisher.hang("wall_shelf" if furnisher.chance(0.4) else "wall_board")
+    if furnisher.wants(0.2):
+        furnisher.along_wall("rack")
 
 
 def _place_units(furnisher: Furnisher) -> list[PlacedPiece]:

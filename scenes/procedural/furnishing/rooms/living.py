@@ -42,10 +42,10 @@ def furnish_living(furnisher: Furnisher) -> None:
     place_second_seats(furnisher)
     if furnisher.wants(0.3):
         furnisher.space.anywhere(furnisher.rng, "pouf", furnisher.make("pouf"))
-    furnisher.hang_pictures(furnisher.number(1, 3))
+    furnisher.hang_pictures(furnisher.number(2, 5))
     if furnisher.wants(0.4):
         furnisher.hang("wall_shelf")
-    if furnisher.wants(0.3):
+    if furnisher.may_leave("wall_clock"):
         furnisher.hang("wall_clock")
     if furnisher.wants(0.25):
         furnisher.hang("wall_lamp")

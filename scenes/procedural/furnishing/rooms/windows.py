@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from scenes.procedural.furnishing.furnisher import Furnisher
+from scenes.procedural.furniture.things import BY_PLACE
 from scenes.procedural.scene_item import Pose
 from scenes.procedural.structure import pane_depth
 
@@ -30,8 +31,17 @@ def fill_sills(furnisher: Furnisher) -> None:
         depth = pane_depth(window) - 0.05
         if window.z0 <= 0 or depth < 0.14:
             continue
-        for _ in range(int(furnisher.rng.integers(0, 3))):
-            kind = str(furnisher.rng.choice(["small_plant", "small_plant", "vase", "candle"]))
+        things = filter(furnisher.may_leave, BY_PLACE["sill"])
+        kinds = [
+            "small_plant",
+            "small_plant",
+            *(one for one in things if one not in furnisher.left),
+        ]
+        for _ in range(int(furnisher.rng.integers(0, 4))):
+            kind = kinds[int(furnisher.rng.integers(len(kinds)))]
+            if kind != "small_plant":
+                kinds.remove(kind)
+                furnisher.left.add(kind)
             piece = furnisher.make(kind)
             low, high = piece.bounds
             size = float((high - low)[:2].max())

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from scipy import ndimage
 
 from scenes.procedural.furniture.build import Builder
 from scenes.procedural.furniture.decoration import display, with_display
@@ -226,6 +229,48 @@ def charger(rng: np.random.Generator, style: Style, name: str = "charger") -> Fu
         name="plug",
     )
     return b.piece()
+
+
+def power_cable(rng: np.random.Generator, style: Style, run: float, end: float) -> FurniturePiece:
+    """A plug in a socket, an object of its own, and its cable to furniture at the wall.
+
+    The origin is the socket's middle. The cable hangs to the side of the furniture at x = `run` and
+    climbs behind it, in the gap to the wall, to z = `end`; metres.
+    """
+    b = Builder("cable", "cable", "on_wall")
+    plastic = WHITE_PLASTIC if rng.random() < 0.5 else BLACK_PLASTIC
+    with b.holding("socket", "switch"):
+        b.add(WHITE_PLASTIC, box((0.085, 0.01, 0.085), (0, -0.005, -0.0425), 0.003), name="plate")
+    b.add(plastic, cylinder(0.018, 0.0102, 0.045, 18, 0.003).turned("x", 90), name="plug")
+    low = -float(rng.uniform(0.11, 0.15))
+    behind = run + _BEHIND * _sign(run)
+    corners = np.array(
+        [
+            *((0.0, -0.034, -0.012), (0.0, -0.036, -0.07), (0.3 * run, -0.03, low)),
+            *((0.7 * run, -0.018, low), (run, _IN_GAP, -0.085), (behind, _IN_GAP, -0.04)),
+            (behind, _IN_GAP, end),
+        ]
+    )
+    t = np.linspace(0, len(corners) - 1, 60)
+    path = np.stack([np.interp(t, np.arange(len(corners)), corners[:, k]) for k in range(3)], 1)
+    path = ndimage.gaussian_filter1d(path, 3.0, axis=0, mode="nearest")
+    b.add(plastic, tube(path, 0.0025, 8), name="cable")
+    gap = sorted((run, behind + 0.01 * _sign(run)))
+    hanging = sorted((-0.01 * _sign(run), run))
+    boxes = [
+        [[-0.0425, -0.05, -0.0425], [0.0425, 0.0, 0.0425]],
+        [[hanging[0], -0.04, -0.16], [hanging[1], -0.002, -0.02]],
+        [[gap[0], -0.0085, -0.12], [gap[1], -0.0005, end + 0.005]],
+    ]
+    return replace(b.piece(), boxes=np.array(boxes))
+
+
+_IN_GAP = -0.0045  # metres, of a cable in the gap between furniture and wall
+_BEHIND = 0.05  # metres, how far behind the furniture a cable climbs
+
+
+def _sign(value: float) -> float:
+    return 1.0 if value > 0 else -1.0
 
 
 def power_strip(rng: np.random.Generator, style: Style) -> FurniturePiece:

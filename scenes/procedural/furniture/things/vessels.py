@@ -330,6 +330,8 @@ def wrapped_food(rng: np.random.Generator, style: Style, name: str) -> Furniture
         "orange": ("#d07a28", 0.038, 0.98),
         "tomato": ("#b5301f", 0.033, 0.85),
         "avocado": ("#39402a", 0.036, 1.0),
+        "pear": ("#a7a242", 0.034, 1.25),
+        "pepper": ("#c03a22", 0.04, 1.1),
     }[name]
     r *= _uniform(rng, 0.9, 1.12)
     turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 12)
