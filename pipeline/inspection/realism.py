@@ -34,9 +34,12 @@ _SMALL = 0.6  # metres, longest side of the box of a thing
 _FIXED = (
     *("lamp", "picture", "curtain", "radiator", "sink", "wash basin", "mirror", "toilet"),
     # furniture, and what belongs to it or to the building
-    *("night table", "stool", "table", "chair", "cushion", "books", "switch", "cable"),
+    *("night table", "stool", "table", "chair", "shelf", "cushion", "books", "switch", "cable"),
 )
-_FITTINGS = ("tap", "smoke detector", "thermostat", "intercom", "vent", "keyboard", "pair of shoes")
+_FITTINGS = (
+    *("tap", "smoke detector", "thermostat", "intercom", "vent", "keyboard", "computer mouse"),
+    *("pair of shoes", "towel"),
+)
 _FEW = 5  # rooms of a type, fewer say nothing about repeats
 _SMALLEST = 1e-6  # of the brightest pixel, luminance below which logarithms are cut off
 

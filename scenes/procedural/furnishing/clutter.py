@@ -40,7 +40,6 @@ _ON: dict[str, tuple[str, float]] = {
     "wardrobe": ("top", 2.2),
     "fridge": ("top", 1.2),
     "bench": ("seat", 1.2),
-    "pouf": ("seat", 0.6),
     "storage_box": ("seat", 0.4),
 }
 # Type of room -> place whose things its shelves hold instead

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from scenes.procedural.furnishing.asset_sampler import AssetSampler
 from scenes.procedural.furnishing.space import GAP, PlacedPiece, RoomSpace, yaw_facing
 from scenes.procedural.furniture import FURNITURE_KINDS, Style
+from scenes.procedural.furniture.decoration import SPECIES
 from scenes.procedural.furniture.things import THINGS
 from scenes.procedural.piece import FurniturePiece
 from scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
@@ -18,8 +21,7 @@ _SMALL = (
     *("books_stack", "vase", "candle", "fruit_bowl", "laptop", "crockery", "bottle", "kettle"),
     *("microwave", "cooking_pot", "toiletries", "storage_box", "wall_clock"),
 )
-_PLANTS = 6  # different small plants of a home
-_SHARE = 0.16  # of the rooms in which a kind of thing may be left
+_SHARE = 0.15  # of the rooms in which a kind of thing may be left
 
 
 class Furnisher:
@@ -39,7 +41,7 @@ class Furnisher:
         self.plants = plants
         self.space = RoomSpace(plan, room)
         self.area = room.shape.area
-        self._plants_here: set[str] = set()
+        self._species = [k for k in rng.permutation(len(SPECIES)).tolist() if self.chance(_SHARE)]
         self.left: set[str] = set()  # kinds of things that were left in the room
         names = (*THINGS, *_SMALL)
         drawn = rng.random(len(names))
@@ -51,7 +53,7 @@ class Furnisher:
 
     def may_leave(self, kind: str) -> bool:
         """Test whether a kind of thing may be left in this room, so that none is in most."""
-        return kind not in self._kept_out
+        return bool(self._species) if kind == "small_plant" else kind not in self._kept_out
 
     def wants(self, probability: float) -> bool:
         """Return True with that probability in a home of middling density; for optional pieces."""
@@ -69,16 +71,14 @@ class Furnisher:
             return sampled
         if kind != "small_plant":
             return self._generate(kind, options)
-        known = [plant for plant in self.plants if plant.name not in self._plants_here]
-        if len(self.plants) < _PLANTS or not known:
-            chosen = self._generate(kind, options)
-            self.plants.append(chosen)
-        else:
-            chosen = known[int(self.rng.integers(len(known)))]
-        self._plants_here.add(chosen.name)
-        return chosen
+        wanted = self._species.pop() if self._species else int(self.rng.integers(len(SPECIES)))
+        for known in self.plants:
+            if known.name == SPECIES[wanted]:
+                return known
+        self.plants.append(self._generate(kind, {**options, "species": wanted}))
+        return self.plants[-1]
 
-    def _generate(self, kind: str, options: dict[str, float]) -> FurniturePiece:
+    def _generate(self, kind: str, options: Mapping[str, float]) -> FurniturePiece:
         made = THINGS[kind] if kind in THINGS else FURNITURE_KINDS[kind]
         return made.make(self.rng, self.style, **options)
 

@@ -287,7 +287,8 @@ def toilet(rng: np.random.Generator, style: Style) -> FurniturePiece:
         name="cistern",
     )
     b.add(CHROME, cylinder(0.022, 0, 0.006, 20).moved(0, back - 0.084, tank + 0.029), name="button")
-    b.surface(0, back - 0.084, tank + 0.03, 0.13, 0.05)
+    for side in (-1, 1):  # beside the button
+        b.surface(side * 0.096, back - 0.084, tank + 0.03, 0.065, 0.055)
     return b.piece()
 
 
@@ -454,6 +455,8 @@ def towel_rail(rng: np.random.Generator, style: Style) -> FurniturePiece:
     if rng.random() < 0.5:
         rows.append(rungs[len(rungs) // 3])
     fronts = rng.uniform((0.36, 0.16), (0.5, 0.22))
+    if len(rows) == 2:  # the upper one ends above the lower one
+        fronts[0] = min(float(fronts[0]), rows[0] - rows[1] - 0.09)
     for z, front, back in zip(rows, fronts, (0.2, 0.12), strict=False):
         towel = hung(rng, wide, float(front), back, 0.018, 0.06)
         x = float(rng.uniform(-0.02, 0.02))

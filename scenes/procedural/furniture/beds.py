@@ -217,8 +217,9 @@ def _bed(
                 .turned("x", float(lean))
                 .moved(x, length / 2 - 0.22 - 0.17 * row, top + 0.215 - 0.035 * row - 0.085)
             )
-            with parts.holding("pillow", "cushion"):
-                parts.add(cloth, pillow, name="pillow")
+            lowest = float(pillow.vertices[:, 2].min())
+            with parts.holding("pillow", "cushion"):  # it sinks in
+                parts.add(cloth, pillow.moved(z=top - 0.012 - lowest), name="pillow")
     if rng.random() < 0.45:
         cushion = (
             stuffed((0.4, 0.3, 0.14), int(rng.integers(4)))
@@ -226,7 +227,8 @@ def _bed(
             .turned("x", 48)
             .moved(0.0, length / 2 - 0.58, top + 0.1)
         )
+        lowest = float(cushion.vertices[:, 2].min())
         with parts.holding("cushion", "cushion"):
-            parts.add(style.cushions[0], cushion, name="cushion")
+            parts.add(style.cushions[0], cushion.moved(z=top - 0.01 - lowest), name="cushion")
     b.add_from(parts, y=-middle)
     return b.piece()

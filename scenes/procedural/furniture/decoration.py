@@ -111,17 +111,20 @@ def plant(rng: np.random.Generator, style: Style, height: float | None = None) -
     return b.piece()
 
 
-def small_plant(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A pot plant for tables and sills."""
-    b = Builder("small plant", "plant", "on_top")
-    kind = _PLANTS[int(rng.integers(len(_PLANTS)))]
-    b.name = {"broad": "rubber plant", "sword": "aloe"}.get(kind, kind)
+def small_plant(
+    rng: np.random.Generator, style: Style, species: int | None = None
+) -> FurniturePiece:
+    """A pot plant for tables and sills, of a species of `SPECIES`."""
+    species = int(rng.integers(len(SPECIES))) if species is None else species
+    b = Builder(SPECIES[species], "plant", "on_top")
+    kind = _PLANTS[species]
     height, radius = float(rng.uniform(0.22, 0.4)), float(rng.uniform(0.05, 0.07))
     _foliage(b, rng, style, height, radius, float(rng.uniform(0.08, 0.12)), kind)
     return b.piece()
 
 
 _PLANTS = ("broad", "palm", "sword", "cactus", "herbs")
+SPECIES = ("rubber plant", "palm", "aloe", "cactus", "herbs")  # of small plants
 
 
 def _foliage(
@@ -601,7 +604,7 @@ def crockery(rng: np.random.Generator, style: Style) -> FurniturePiece:
         with b.holding("cup", "crockery"):
             b.add(
                 style.accents[int(rng.integers(5))] if rng.random() < 0.4 else glaze,
-                _cup().turned("z", float(rng.uniform(0, 360))).moved(0.13, (k - 0.8) * 0.1, 0),
+                _cup().turned("z", float(rng.uniform(0, 360))).moved(0.13, (k - 0.8) * 0.135, 0),
                 name="cups",
             )
     return b.piece()

@@ -127,8 +127,7 @@ def base_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) ->
     if shown:
         with b.holding("pot", "pot"):
             b.add(STEEL, _pot(0.11, 0.12).moved(-0.1 * width, 0, level), name="pots")
-        with b.holding("plates", "crockery"):
-            b.add(CERAMIC, _plates(5).moved(0.0, 0, PLINTH + BOARD), name="plates")
+        b.add(CERAMIC, _plates(5).moved(0.0, 0, PLINTH + BOARD), name="plates")
     b.surface(0, 0, style.worktop_height, width / 2 - 0.02, 0.27)
     return b.piece()
 
@@ -349,7 +348,7 @@ def fridge(rng: np.random.Generator, style: Style, width: float = 0.6) -> Furnit
         )
         for z in (start + 0.03, start + length - 0.03):
             b.add(STEEL, bar((x, f + 0.003, z), (x, f - 0.035, z), 0.006, 8), name="handle")
-    if rng.random() < 0.6:
+    if rng.random() < 0.16:
         for _ in range(int(rng.integers(2, 5))):
             x, z = float(rng.uniform(-0.2, 0.2)), float(rng.uniform(1.15, 1.5))
             note = (
@@ -389,12 +388,11 @@ def wall_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) ->
     if _add_doors(parts, rng, style, width, 0.0, height, depth, True, 0.3, handed):
         glaze = style.accents[int(rng.integers(5))]
         for z in (BOARD, *levels):
-            with parts.holding("plates", "crockery"):
-                parts.add(
-                    CERAMIC,
-                    _plates(int(rng.integers(3, 8))).moved(-0.2 * width, 0.01, z),
-                    name="plates",
-                )
+            parts.add(
+                CERAMIC,
+                _plates(int(rng.integers(3, 8))).moved(-0.2 * width, 0.01, z),
+                name="plates",
+            )
             cup = lathe(
                 [
                     (0.03, 0),
@@ -407,8 +405,7 @@ def wall_cupboard(rng: np.random.Generator, style: Style, width: float = 0.6) ->
                 20,
             )
             for k in range(2):
-                with parts.holding("cup", "crockery"):
-                    parts.add(glaze, cup.moved(0.22 * width, -0.06 + 0.11 * k, z), name="cups")
+                parts.add(glaze, cup.moved(0.22 * width, -0.06 + 0.11 * k, z), name="cups")
     b.add_from(parts, y=-depth / 2)
     return b.piece()
 

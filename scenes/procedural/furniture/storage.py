@@ -180,7 +180,7 @@ def bookshelf(
     front = -depth / 2 + 0.045
     for level, z in enumerate(zs):
         kind = rng.random()
-        if level == 0 and kind < 0.5:
+        if level == 0 and kind < 0.16:
             half = (min(0.17, (right - left) / 4 - 0.01), depth / 2 - 0.045)
             for x in (left + 0.25 * (right - left), left + 0.75 * (right - left)):
                 with b.holding("basket", "box"):
@@ -428,8 +428,11 @@ def tv_stand(rng: np.random.Generator, style: Style, width: float | None = None)
     )
     black = Material("plastic", (0.012, 0.012, 0.014), 0.3)
     wide = min(0.3, third - 0.1)
-    with b.holding("player", "electronics"):
-        b.add(black, box((wide, 0.22, 0.05), (0.02, -0.02, middle + 0.001), 0.003), name="player")
+    if rng.random() < 0.25:
+        with b.holding("player", "electronics"):
+            b.add(
+                black, box((wide, 0.22, 0.05), (0.02, -0.02, middle + 0.001), 0.003), name="player"
+            )
     with b.holding("books", "books"):
         add_stack(b, rng, style, 0.0, -0.02, foot + BOARD, int(rng.integers(1, 4)))
     b.surface(0, 0, height, width / 2 - 0.05, depth / 2 - 0.05)

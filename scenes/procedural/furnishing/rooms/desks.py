@@ -42,7 +42,7 @@ def place_desk(furnisher: Furnisher) -> PlacedPiece | None:
                 allow=(item.id,),
             ):
                 break
-        kind = "monitor" if furnisher.chance(0.65) else "laptop"
+        kind = "monitor" if furnisher.chance(0.85) else "laptop"
         space.on_top(rng, kind, furnisher.make(kind), item, tries=30)
         space.on_top(rng, "desk_lamp", furnisher.make("desk_lamp"), item, tries=30)
         return item

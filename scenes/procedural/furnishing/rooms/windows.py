@@ -31,17 +31,13 @@ def fill_sills(furnisher: Furnisher) -> None:
         depth = pane_depth(window) - 0.05
         if window.z0 <= 0 or depth < 0.14:
             continue
-        things = filter(furnisher.may_leave, BY_PLACE["sill"])
-        kinds = [
-            "small_plant",
-            "small_plant",
-            *(one for one in things if one not in furnisher.left),
-        ]
         for _ in range(int(furnisher.rng.integers(0, 4))):
+            things = [one for one in BY_PLACE["sill"] if one not in furnisher.left]
+            kinds = list(filter(furnisher.may_leave, ["small_plant", "small_plant", *things]))
+            if not kinds:
+                break
             kind = kinds[int(furnisher.rng.integers(len(kinds)))]
-            if kind != "small_plant":
-                kinds.remove(kind)
-                furnisher.left.add(kind)
+            furnisher.left.add(kind)
             piece = furnisher.make(kind)
             low, high = piece.bounds
             size = float((high - low)[:2].max())
