@@ -44,10 +44,11 @@ MAX_REFLECTANCE = 0.82  # of diffuse surfaces, each channel
 _MAX_TEXTILE = 0.79  # likewise; their sheen adds to it
 _SMALLEST = 64  # pixels a side
 _PICTURE = 256  # pixels a side of pictures, at most
+_DRAWS = {"plaster": 1, "paint": 1, "plastic": 1}  # of a family in one home, where not 2
 _ROUGHNESS_STEP = 0.05  # materials of one surface whose roughness rounds alike share its texture
 _SMOOTHEST = 0.05
-_TRACED = 0.36  # texels a metre of a surface with traces of use, relative to `texture_size`
-_MOST_TRACED = 1.6  # its texels, relative to the square of `texture_size`
+_TRACED = 0.33  # texels a metre of a surface with traces of use, relative to `texture_size`
+_MOST_TRACED = 1.1  # its texels, relative to the square of `texture_size`
 _JOINTED = ("tiles", "brick")  # the accent is the joints' colour, and not part of the mean
 _DEFAULT_ACCENT = 0.75
 _SCALES = (0.88, 1.14)  # least and most of a pattern without modules, relative to its true size
@@ -181,7 +182,8 @@ class MaterialLibrary:
             )
         drawn = self._surface(material)
         steps = round(material.roughness / _ROUGHNESS_STEP)
-        rough = self._share(("rough", *self._named(material), steps), _roughness(drawn, steps))
+        coarse = _roughness(self._coarse(material), steps)
+        rough = self._share(("rough", *self._named(material), steps), coarse)
         normal = self._share(("normal", *self._named(material)), drawn.normal)
         return self._principled(
             material, name, color, _reference("roughness", rough), _reference("normalmap", normal)
@@ -263,7 +265,7 @@ class MaterialLibrary:
         if material.kind == "picture":
             image = _picture_image(material, min(self.texture_size, _PICTURE))
         else:
-            image = colored(material, self._surface(material), self._contrast(material))
+            image = colored(material, self._coarse(material), self._contrast(material))
         self._save(image, name)
         return _image("base_color", f"textures/{name}.png")
 
@@ -275,13 +277,21 @@ class MaterialLibrary:
         family = family_of(material)
         side = max(_SMALLEST, self.texture_size // FAMILIES[material.kind][family].detail)
         wear = self.wear if material.wear is None else material.wear
-        # Walls of one paint differ in offset, scale and contrast; nobody tells their rollers apart.
-        own = ("plaster",) if material.kind == "plaster" else _key(material)
-        draw = derive(self.seed, "surface", *own) % SEEDS
+        # A home has few draws of a family: offset, scale and contrast tell its materials apart.
+        which = derive(self.seed, "surface", *_key(material)) % _DRAWS.get(material.kind, 2)
+        draw = derive(self.seed, "draw", material.kind, family, str(which)) % SEEDS
         return material.kind, family, draw, side, min(WEARS - 1, int(wear * WEARS))
 
     def _surface(self, material: Material) -> PackedSurface:
         return packed_surface(*self._named(material))
+
+    def _coarse(self, material: Material) -> PackedSurface:
+        """The surface with as much detail as its colour needs: of plaster, a half."""
+        drawn = self._surface(material)
+        if material.kind != "plaster" or len(drawn.shade) < 2 * _SMALLEST:
+            return drawn
+        mix, shade, rough = (each[::2, ::2] for each in (drawn.mix, drawn.shade, drawn.rough))
+        return replace(drawn, mix=mix, shade=shade, rough=rough)
 
     def _share(self, key: tuple[object, ...], image: UInt8Array) -> str:
         """Return the id of a texture of raw numbers, which is written on first use."""

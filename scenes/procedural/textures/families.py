@@ -86,8 +86,8 @@ FAMILIES: dict[str, dict[str, Family]] = {
         "stacked": _hard(masonry.tiled, 1, columns=3, rows=12, joint=0.003),
         "third": _hard(masonry.tiled, 1, columns=2, rows=6, shift=1 / 3, body="matt"),
         "hexagon": _hard(masonry.tiled, 1, columns=7, hexagon=True, body="matt"),
-        "mosaic": _hard(masonry.tiled, 1, columns=24, rows=24, metres=0.6, joint=0.003),
-        "penny": _hard(masonry.tiled, 1, columns=20, metres=0.6, hexagon=True, joint=0.004),
+        "mosaic": _hard(masonry.tiled, 2, columns=24, rows=24, metres=0.6, joint=0.003),
+        "penny": _hard(masonry.tiled, 2, columns=20, metres=0.6, hexagon=True, joint=0.004),
         "handmade": _hard(masonry.tiled, 1, columns=10, rows=10, body="handmade", joint=0.003),
         "terracotta": _hard(masonry.tiled, 1, body="handmade", joint=0.009),
         "marble": _hard(masonry.tiled, 1, columns=2, rows=2, body="stone", joint=0.002),
@@ -95,9 +95,9 @@ FAMILIES: dict[str, dict[str, Family]] = {
         "cement": _hard(masonry.tiled, 1, columns=6, rows=6, body="inlaid", joint=0.002),
     },
     "brick": {
-        "running": _hard(masonry.brickwork, 1),
-        "third": _hard(masonry.brickwork, 1, bond="third", worn=1.6),
-        "stack": _hard(masonry.brickwork, 1, bond="stack", worn=0.5),
+        "running": _hard(masonry.brickwork),
+        "third": _hard(masonry.brickwork, bond="third", worn=1.6),
+        "stack": _hard(masonry.brickwork, bond="stack", worn=0.5),
     },
     "fabric": {
         "plain": _soft(cloth.woven),
