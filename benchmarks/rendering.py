@@ -18,23 +18,18 @@ from benchmarks.bench import ROOT, Bench, resized
 from benchmarks.plain_loop import plain_sensor
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import Spent, by_turns, ratio, spread
-from pipeline.params import EnvironmentParams, IlluminationParams, LightParams, NoisyParams
-from pipeline.passes.denoise import guides
+from pipeline.params import EnvironmentParams, IlluminationParams, LightParams
 from pipeline.passes.environment import render_environment
 from pipeline.passes.groundtruth import render_both
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
 from pipeline.passes.registry import (
-    render_noisy,
-    render_samples,
     render_surfaces,
     render_truths,
 )
-from pipeline.passes.transport import transport_of
 from pipeline.pathtrace import integrator as joint
 from pipeline.render.scene import RenderScene
 from pipeline.stages import view_sampling
-from pipeline.transport.guides import fast_guides
 from pipeline.views import CameraFile, View, as_matrix
 
 _LAMPS = 8  # with a light group of their own
@@ -102,7 +97,6 @@ def render_rows(bench: Bench) -> Iterator[Row]:
     yield from _joint_rows(spent, f"{view.width}x{view.height}, {truth.spp} spp")
     yield from _cheap_rows(spent, len(bench.views[bench.home]))
     yield from _light_rows(bench, scene, view)
-    yield from _preview_rows(bench, scene, view)
     yield _panorama_row(bench, scene)
     yield _camera_row(bench, scene)
 
@@ -185,57 +179,6 @@ def _light_rows(bench: Bench, scene: RenderScene, view: View) -> Iterator[Row]:
         f"an image of each of {_LAMPS} lamps, sky, sun and the rest as well",
         ratio(spent["groups"], spent["truth"], "cpu"),
         clock="cpu",
-    )
-
-
-def _preview_rows(bench: Bench, scene: RenderScene, view: View) -> Iterator[Row]:
-    """Yield what light transport costs, and the path to a picture of one sample."""
-    small = resized(view, (160, 120))
-    single = replace(bench.params, noisy=NoisyParams(1))
-    ways: dict[str, Callable[[], object]] = {
-        "small": lambda: transport_of(scene, small, bench.params.transport, 0),
-        "large": lambda: transport_of(scene, view, bench.params.transport, 0),
-        "guides": lambda: guides(scene, view),
-        "fast": lambda: fast_guides(scene, view),
-        "sample": lambda: render_samples(scene, view, single, 0),
-        "frame": lambda: render_noisy(scene, view, single, 0),
-    }
-    for work in ways.values():  # compiles, and records the launches
-        work()
-    spent = by_turns(ways, bench.sizes.repeats)
-    size = f"{view.width}x{view.height}"
-    for name, key, shown in (
-        ("transport, 160x120", "small", "160x120"),
-        ("transport", "large", size),
-    ):
-        yield Row(
-            name,
-            f"direct and indirect light and the picture of `radiosity`, {shown}, kernels compiled",
-            spread([each.cpu for each in spent[key]]),
-            "s",
-            "cpu",
-        )
-    yield Row(
-        "guides of few samples / guides of the ground truth",
-        f"albedo and normal of nine rays a pixel, {size}",
-        ratio(spent["fast"], spent["guides"], "cpu"),
-        clock="cpu",
-        goal=at_most(0.5),
-    )
-    yield Row(
-        "one denoised sample",
-        f"colour of one sample a pixel for a picture, guided and denoised, {size}",
-        spread([each.cpu for each in spent["sample"]]),
-        "s",
-        "cpu",
-        at_most(1.25),
-    )
-    yield Row(
-        "a noisy frame of one sample",
-        f"colour and shading of one joint sample a pixel, both guided and denoised, {size}",
-        spread([each.cpu for each in spent["frame"]]),
-        "s",
-        "cpu",
     )
 
 

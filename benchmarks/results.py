@@ -25,6 +25,7 @@ from scenes.files import read_json, write_json, write_text
 
 TITLES = {
     "render": "One view",
+    "previews": "Light transport, and pictures of one sample",
     "sets": "Sets of channels",
     "variant": "LLVM against scalar",
     "strategies": "Equal-time error, by scene and strategy",

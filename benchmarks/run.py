@@ -22,6 +22,7 @@ from benchmarks.budgets import budget_rows
 from benchmarks.cycles import cycles_rows
 from benchmarks.farm import farm_rows
 from benchmarks.formats import format_rows
+from benchmarks.previews import preview_rows
 from benchmarks.published import published_rows
 from benchmarks.rendering import render_rows, variant_rows
 from benchmarks.results import TITLES, OtherLoad, Results, figure
@@ -78,6 +79,7 @@ def main(
         results.load()
     topics: dict[str, Topic] = {
         "render": render_rows,
+        "previews": preview_rows,
         "sets": set_rows,
         "variant": variant_rows,
         "strategies": strategy_rows,

@@ -207,7 +207,7 @@ def test_the_page_tells_figures_ranges_goals_and_what_is_missing(tmp_path: Path)
     assert "| speed | 1,234/s | 1,000/s to 2,000/s | processor |  |" in page
     assert "| other | not measured: it is not here | | | >= 2.5 |" in page
     assert "- **reading**: rows a second." in page
-    assert "**Not complete**: not measured yet: render, sets, variant" in page
+    assert "**Not complete**: not measured yet: render, previews, sets, variant" in page
     assert "trial" not in page
     kept = json.loads((tmp_path / "results.json").read_text())["topics"]["shards"]
     assert kept["complete"] and [row.get("met") for row in kept["rows"]] == [False, None, None]

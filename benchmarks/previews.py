@@ -1,0 +1,72 @@
+"""Rows about pictures without a long trace: light transport, and one denoised sample."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+from benchmarks.bench import Bench, resized
+from benchmarks.rows import Row, at_most, missing
+from benchmarks.timing import by_turns, ratio, spread
+from pipeline.params import NoisyParams
+from pipeline.passes.denoise import guides
+from pipeline.passes.registry import render_noisy, render_samples
+from pipeline.passes.transport import transport_of
+from pipeline.pathtrace import integrator
+from pipeline.transport.guides import fast_guides
+
+
+def preview_rows(bench: Bench) -> Iterator[Row]:
+    """Yield what light transport costs, and the path to a picture of one sample."""
+    if not integrator.available():
+        yield missing("transport", "direct and indirect light", "not in scalar variants")
+        return
+    scene = bench.open(bench.home)
+    view = resized(bench.views[bench.home][0], bench.sizes.large)
+    small = resized(view, (160, 120))
+    single = replace(bench.params, noisy=NoisyParams(1))
+    ways: dict[str, Callable[[], object]] = {
+        "small": lambda: transport_of(scene, small, bench.params.transport, 0),
+        "large": lambda: transport_of(scene, view, bench.params.transport, 0),
+        "guides": lambda: guides(scene, view),
+        "fast": lambda: fast_guides(scene, view),
+        "sample": lambda: render_samples(scene, view, single, 0),
+        "frame": lambda: render_noisy(scene, view, single, 0),
+    }
+    for work in ways.values():  # compiles; the round that is not counted records once more
+        work()
+    spent = by_turns(ways, bench.sizes.repeats)
+    size = f"{view.width}x{view.height}"
+    for name, key, shown in (
+        ("transport, 160x120", "small", "160x120"),
+        ("transport", "large", size),
+    ):
+        yield Row(
+            name,
+            f"direct and indirect light and the picture of `radiosity`, {shown}, kernels compiled",
+            spread([each.cpu for each in spent[key]]),
+            "s",
+            "cpu",
+        )
+    yield Row(
+        "guides of few samples / guides of the ground truth",
+        f"albedo and normal of nine rays a pixel, {size}",
+        ratio(spent["fast"], spent["guides"], "cpu"),
+        clock="cpu",
+        goal=at_most(0.5),
+    )
+    yield Row(
+        "one denoised sample",
+        f"colour of one sample a pixel for a picture, guided and denoised, {size}",
+        spread([each.cpu for each in spent["sample"]]),
+        "s",
+        "cpu",
+        at_most(1.25),
+    )
+    yield Row(
+        "a noisy frame of one sample",
+        f"colour and shading of one joint sample a pixel, both guided and denoised, {size}",
+        spread([each.cpu for each in spent["frame"]]),
+        "s",
+        "cpu",
+    )
