@@ -46,7 +46,7 @@ from scenes.procedural.plan import SIZES, Plan, WallEdge, make_plan
 from scenes.procedural.scene_item import SceneItem
 from scenes.reconstruction.raycast import RayCaster
 from scenes.seeds import generator
-from tests.fixtures.geometry import hits
+from tests.fixtures.geometry import hits, is_sunk
 
 SMALL = SceneParams(texture_size=64)
 SEEDS = (0, 1, 2, 3, 4, 5, 6, 7)
@@ -521,7 +521,7 @@ def test_nothing_intersects(homes: list[Home]) -> None:
         assert len(items) > 8
         for index, first in enumerate(items):
             for second in items[index + 1 :]:
-                if (first.is_structure and second.is_structure) or _is_sunk(first, second):
+                if (first.is_structure and second.is_structure) or is_sunk(first, second):
                     continue
                 if _boxes_meet(first, second):
                     # Cloth sinks into upholstery.
@@ -545,19 +545,6 @@ def test_furniture_leaves_room_for_skirting(homes: list[Home]) -> None:
                 for footprint, low, _ in home.bodies[item.id]:
                     if item.room == room.id and low < high - 0.005:
                         assert clear.covers(footprint), f"seed {home.seed}: {item.id}"
-
-
-def _is_sunk(first: SceneObject, second: SceneObject) -> bool:
-    """Return True for bedding and cushions, and the bed or sofa that holds them."""
-    holder = "-".join(second.id.split("-")[:3])
-    return (
-        second.category in ("cushion", "textile")
-        and second.id.count("-") == 4
-        and (
-            first.id.replace("-", "_") == holder.replace("-", "_")
-            or (first.id.startswith(holder + "-") and first.category in ("cushion", "textile"))
-        )
-    )
 
 
 def _boxes_meet(first: SceneObject, second: SceneObject) -> bool:

@@ -242,7 +242,7 @@ def power_cable(rng: np.random.Generator, style: Style, run: float, end: float) 
     with b.holding("socket", "switch"):
         b.add(WHITE_PLASTIC, box((0.085, 0.01, 0.085), (0, -0.005, -0.0425), 0.003), name="plate")
     b.add(plastic, cylinder(0.018, 0.0102, 0.045, 18, 0.003).turned("x", 90), name="plug")
-    low = -float(rng.uniform(0.11, 0.15))
+    low = -float(rng.uniform(0.07, 0.1))  # above the highest skirting
     behind = run + _BEHIND * _sign(run)
     corners = np.array(
         [
@@ -259,7 +259,7 @@ def power_cable(rng: np.random.Generator, style: Style, run: float, end: float) 
     hanging = sorted((-0.01 * _sign(run), run))
     boxes = [
         [[-0.0425, -0.05, -0.0425], [0.0425, 0.0, 0.0425]],
-        [[hanging[0], -0.04, -0.16], [hanging[1], -0.002, -0.02]],
+        [[hanging[0], -0.04, -0.11], [hanging[1], -0.002, -0.02]],
         [[gap[0], -0.0085, -0.12], [gap[1], -0.0005, end + 0.005]],
     ]
     return replace(b.piece(), boxes=np.array(boxes))
