@@ -11,7 +11,7 @@ from typing import Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, NullFormatter
 
 # Methods by whose they are; each group's best counts.
 GROUPS = {
@@ -128,16 +128,17 @@ def budget_plot(points: Sequence[Point], budgets: Sequence[float], words: str) -
             axes.axvline(budget, color="#dddddd", zorder=0)
         axes.set_xscale("log")
         axes.set_yscale("log")
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.tick_params(which="both", labelsize=7)
+        axes.set_xticks(list(budgets), [f"{budget:g}" for budget in budgets])
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        for set_formatter in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+            set_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.tick_params(which="both", labelsize=8)
         axes.set_title(size, fontsize=11)
         axes.set_xlabel("seconds for a further picture")
         axes.grid(True, which="both", axis="y", alpha=0.25)
     panels[0].set_ylabel("ꟻLIP: lower is nearer to the reference")
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=9)
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(sizes) + 1, fontsize=9)
     figure.suptitle(words, fontsize=10)
     stream = io.BytesIO()
     figure.savefig(stream, format="png", metadata={"Software": None})

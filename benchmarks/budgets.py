@@ -165,7 +165,7 @@ def _written(
         ],
     }
     write_json(docs / "data" / "budgets.json", record)
-    words = f"Homes of clay, {len(views)}, a view of each; numbers: samples a pixel"
+    words = f"{len(views)} homes as clay, a view of each; numbers: samples a pixel"
     large = "{}x{}".format(*bench.sizes.large)
     sheet = next(view for view in views[0] if view.size == large).sheet()
     labels = tuple(label for label, _ in sheet)
