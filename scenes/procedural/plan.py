@@ -737,7 +737,8 @@ def _draw_doors(
             width = float(rng.choice([0.8, 0.85, 0.9]))
             top = 2.05
         # Doors are mostly near a corner, which leaves long walls for furniture.
-        low, high = s0 + 0.13, s1 - 0.13 - width
+        low = s0 + 0.13
+        high = max(low, s1 - 0.13 - width)  # a rounded width may leave a little less
         place = float(rng.choice([low, high, rng.uniform(low, high)], p=[0.4, 0.4, 0.2]))
         if kind == "archway":
             place = float(rng.uniform(low, high))

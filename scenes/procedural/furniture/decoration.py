@@ -731,7 +731,7 @@ def coat_hooks(rng: np.random.Generator, style: Style) -> FurniturePiece:
             cloth = (*style.cushions, style.second_upholstery, style.throw)[int(rng.integers(5))]
             size = (float(rng.uniform(0.5, 0.8)), float(rng.uniform(0.62, 0.85)))
             with b.holding("coat", "clothing"):
-                b.add(cloth, hooked(rng, size).moved(x, -0.085, -0.012), name="coat")
+                b.add(cloth, hooked(rng, size).moved(x, -0.045, -0.012), name="coat")
     return b.piece()
 
 

@@ -351,6 +351,8 @@ def fridge(rng: np.random.Generator, style: Style, width: float = 0.6) -> Furnit
     if rng.random() < 0.16:
         for _ in range(int(rng.integers(2, 5))):
             x, z = float(rng.uniform(-0.2, 0.2)), float(rng.uniform(1.15, 1.5))
+            if abs(z - split) < 0.075:
+                z = split + 0.075  # on one door
             note = (
                 style.picture(rng)
                 if rng.random() < 0.4

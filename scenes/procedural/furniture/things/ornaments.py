@@ -194,7 +194,7 @@ def on_hook(
         cloth = style.towel
     wide, long = (float(length * rng.uniform(0.9, 1.1)) for length in size)
     with b.holding(name, category):
-        b.add(cloth, hooked(rng, (wide, long)).moved(0, -0.085, -0.012), name="cloth")
+        b.add(cloth, hooked(rng, (wide, long)).moved(0, -0.035, -0.012), name="cloth")
     return b.piece()
 
 
