@@ -17,6 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from scenes.arrays import BoolArray, Float64Array, Int64Array
+from scenes.geometry.regions import simplified
 from scenes.procedural.piece import Material, PiecePart, Trace, Use
 from scenes.procedural.plan import Plan, PlanRoom
 from scenes.procedural.scene_item import SceneItem
@@ -195,7 +196,7 @@ def _paths(
             steps = [k for k in steps if not solid.flat[k]]
             if len(steps) > 1:
                 line = shapely.LineString([(x.flat[k], y.flat[k]) for k in steps])
-                corners = shapely.get_coordinates(line.simplify(0.5 * _CELL))
+                corners = shapely.get_coordinates(simplified(line, 0.5 * _CELL))
                 found.append(([_rounded(corner) for corner in corners], strength))
     return found
 
