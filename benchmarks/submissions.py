@@ -30,6 +30,7 @@ from scenes.files import write_json
 
 WEIGHTS = Path("weights")
 _MATT = 0.5  # mean reflectance that the rules for albedo take for granted
+_COMPILED = 4.0  # a view with the compilation of its kernels, relative to the quickest, at least
 
 
 @dataclass(frozen=True)
@@ -110,16 +111,19 @@ def _write(way: Way, examples: Sequence[Example], folder: Path) -> float:
 
 
 def _stage_seconds(data: Path, stage: str, names: set[tuple[str, str]]) -> float:
-    """Return the median CPU seconds of a view in a stage, without opening the scene."""
-    return float(
-        np.median(
-            [
-                (row["seconds"] - (row["opening"] or 0)) * (row["threads"] or 1)
-                for row in read_ledger(data).to_pylist()
-                if row["stage"] == stage and (row["scene_id"], row["view_id"]) in names
-            ]
-        )
+    """Return the median CPU seconds of a view in a stage, without opening the scene.
+
+    The first view of a scene in each worker compiles its kernels, which takes many times as long
+    as the view: those that took `_COMPILED` times the quickest are left out.
+    """
+    seconds = np.array(
+        [
+            (row["seconds"] - (row["opening"] or 0)) * (row["threads"] or 1)
+            for row in read_ledger(data).to_pylist()
+            if row["stage"] == stage and (row["scene_id"], row["view_id"]) in names
+        ]
     )
+    return float(np.median(seconds[seconds < _COMPILED * seconds.min()]))
 
 
 def _radiance(networks: Networks, example: Example) -> AnyArray:
