@@ -27,13 +27,15 @@ def error(predicted, log_depth, known):
     return (square - mean**2).clamp(min=1e-6).sqrt().mean()
 
 
-model, test = network(4, 1), load("test")
+model, train, test = network(4, 1), load("train"), load("test")
 with torch.no_grad():
-    start = error(model(test[0]), *test[1:])
-fit(model, load("train"), error, STEPS)
+    start = [error(model(views[0]), *views[1:]) for views in (train, test)]
+fit(model, train, error, STEPS)
 with torch.no_grad():
     predicted = model(test[0])
-print(f"error on rooms of other homes {start:.3f} -> {error(predicted, *test[1:]):.3f}")
+    end = [error(model(views[0]), *views[1:]) for views in (train, test)]
+print(f"error on training views {start[0]:.3f} -> {end[0]:.3f}")
+print(f"error on rooms of other homes {start[1]:.3f} -> {end[1]:.3f}")
 _, log_depth, known = (values[:1] for values in test)
 offset = ((log_depth - predicted[:1]) * known).sum() / known.sum()  # the unknown scale
 pair = torch.cat([log_depth, predicted[:1] + offset], 3)[0, 0]
