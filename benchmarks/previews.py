@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from benchmarks.bench import Bench, resized
-from benchmarks.rows import Row, at_most, missing
+from benchmarks.rows import Goal, Row, at_most, missing
 from benchmarks.timing import by_turns, ratio, spread
 from pipeline.params import NoisyParams
 from pipeline.passes.denoise import guides
@@ -37,17 +37,13 @@ def preview_rows(bench: Bench) -> Iterator[Row]:
         work()
     spent = by_turns(ways, bench.sizes.repeats)
     size = f"{view.width}x{view.height}"
-    for name, key, shown in (
-        ("transport, 160x120", "small", "160x120"),
-        ("transport", "large", size),
-    ):
-        yield Row(
-            name,
-            f"direct and indirect light and the picture of `radiosity`, {shown}, kernels compiled",
-            spread([each.cpu for each in spent[key]]),
-            "s",
-            "cpu",
-        )
+
+    def seconds(name: str, key: str, meaning: str, goal: Goal | None = None) -> Row:
+        return Row(name, meaning, spread([each.cpu for each in spent[key]]), "s", "cpu", goal)
+
+    light = "direct and indirect light and the picture of `radiosity`, {}, kernels compiled"
+    yield seconds("transport, 160x120", "small", light.format("160x120"))
+    yield seconds("transport", "large", light.format(size))
     yield Row(
         "guides of few samples / guides of the ground truth",
         f"albedo and normal of nine rays a pixel, {size}",
@@ -55,18 +51,7 @@ def preview_rows(bench: Bench) -> Iterator[Row]:
         clock="cpu",
         goal=at_most(0.5),
     )
-    yield Row(
-        "one denoised sample",
-        f"colour of one sample a pixel for a picture, guided and denoised, {size}",
-        spread([each.cpu for each in spent["sample"]]),
-        "s",
-        "cpu",
-        at_most(1.25),
-    )
-    yield Row(
-        "a noisy frame of one sample",
-        f"colour and shading of one joint sample a pixel, both guided and denoised, {size}",
-        spread([each.cpu for each in spent["frame"]]),
-        "s",
-        "cpu",
-    )
+    sample = f"colour of one sample a pixel for a picture, guided and denoised, {size}"
+    yield seconds("one denoised sample", "sample", sample, at_most(1.25))
+    frame = f"colour and shading of one joint sample a pixel, both guided and denoised, {size}"
+    yield seconds("a noisy frame of one sample", "frame", frame)
