@@ -129,6 +129,10 @@ def parse(xml: Path) -> Graph:
         raise InputError(f"{xml}: {_first_words(error)}") from None
     if not len(state.nodes) or str(state.nodes[0].type).rpartition(".")[2] != "Scene":
         raise InputError(f"{xml}: the outermost element is not <scene>")
+    if not mi.variant().startswith("cuda"):  # whose ray tracer has no such choice
+        # Without it, a ray that is aimed at an edge may slip between two triangles, others with
+        # AVX2 than with AVX-512.
+        state.nodes[0].props["embree_use_robust_intersections"] = True
     return Graph(Path(xml), state, {})
 
 

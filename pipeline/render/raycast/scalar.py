@@ -10,7 +10,15 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from pipeline.render.raycast.triangles import Triangles, meet, owners_of, partners_of, triangles_of
+from pipeline.render.raycast.triangles import (
+    ASIDE,
+    Triangles,
+    edge_slack,
+    meet,
+    owners_of,
+    partners_of,
+    triangles_of,
+)
 from pipeline.render.scene_geometry import (
     MAX_LAYERS,
     MAX_SURFACES,
@@ -184,22 +192,41 @@ def _first_hit(geometry: SceneGeometry, ray: Any, through: bool) -> tuple[int, f
 def _intersect(geometry: SceneGeometry, ray: Any) -> Any:
     """Return the first hit of a ray; on a mesh, face and place follow `triangles`.
 
-    Where faces of several shapes lie in one plane, the last of them is hit.
+    Where faces of several shapes lie in one plane, the last opaque one of them is hit.
     """
     hit = geometry.scene.ray_intersect_preliminary(ray)
-    face = _face(geometry, hit)
+    face = _first_face(geometry, ray, hit)
     if not face:
         return hit
-    last = max([face, *_partners_met(geometry, ray, face, same_side=True)])
-    if last != face:
-        triangles = _triangles(geometry)
-        owner = int(owners_of(triangles)[last])
-        hit.shape, hit.prim_index = geometry.shapes[owner], last - int(triangles.first[owner])
-    t, u, v, determinant = _meet(geometry, ray, last)
-    if determinant:
-        hit.t = t / determinant
-        hit.prim_uv = mi.ScalarPoint2f(u / determinant, v / determinant)
+    triangles, owners = _triangles(geometry), owners_of(_triangles(geometry))
+    partners = _partners_met(geometry, ray, face, same_side=True)
+    last = max(partners if partners and geometry.clear[owners[face]] else [face, *partners])
+    owner = int(owners[last])
+    hit.shape, hit.prim_index = geometry.shapes[owner], last - int(triangles.first[owner])
+    hit.valid = True
+    t, u, v, _ = _meet(geometry, ray, last)
+    if t is not None:
+        hit.t, hit.prim_uv = t, mi.ScalarPoint2f(u, v)
     return hit
+
+
+def _first_face(geometry: SceneGeometry, ray: Any, hit: Any) -> int:
+    """Return the number of the face that a ray meets first; 0 for none, and for no mesh.
+
+    Of the faces that Embree finds along the ray or one of `triangles.ASIDE` about it.
+    """
+    face, across = _face(geometry, hit), mi.Frame3f(ray.d)
+    other = float(hit.t) if hit.is_valid() and not face else float("inf")  # of a sphere, say
+    candidates = {face}
+    for x, y in ASIDE:
+        aside = mi.Ray3f(ray.o, ray.d + across.s * x + across.t * y)
+        candidates.add(_face(geometry, geometry.scene.ray_intersect_preliminary(aside)))
+    met = []
+    for candidate in candidates - {0}:
+        t, u, v, slack = _meet(geometry, ray, candidate)
+        if t is not None and 0 < t < other and min(u, v) >= -slack and u + v <= 1 + slack:
+            met.append((t, -candidate))
+    return -min(met)[1] if met else face
 
 
 def _face(geometry: SceneGeometry, hit: Any) -> int:
@@ -215,19 +242,22 @@ def _partners_met(geometry: SceneGeometry, ray: Any, face: int, same_side: bool)
     starts, partners = _partners(geometry, same_side)
     met = []
     for other in partners[starts[face] : starts[face + 1]].tolist():
-        t, u, v, determinant = _meet(geometry, ray, other)
-        if determinant:
-            t, u, v = t / determinant, u / determinant, v / determinant
-            if t > 0 and u >= 0 and v >= 0 and u + v <= 1:
-                met.append(other)
+        t, u, v, _ = _meet(geometry, ray, other)
+        if t is not None and t > 0 and u >= 0 and v >= 0 and u + v <= 1:
+            met.append(other)
     return met
 
 
 def _meet(geometry: SceneGeometry, ray: Any, face: int) -> tuple[Any, ...]:
+    """Return t, u, v and `edge_slack` of a ray in a face's plane; None if it is parallel."""
     triangles = _triangles(geometry)
     corners = triangles.vertices[triangles.faces[face]].astype(np.float64).tolist()
     origin, direction = ([float(value) for value in vector] for vector in (ray.o, ray.d))
-    return meet(origin, direction, *corners)
+    t, u, v, determinant = meet(origin, direction, *corners)
+    if not determinant:
+        return None, None, None, None
+    t, u, v = t / determinant, u / determinant, v / determinant
+    return t, u, v, edge_slack(corners, t / determinant)
 
 
 def _past(hit: Any, ray: Any) -> float:
@@ -256,7 +286,8 @@ def _partners(geometry: SceneGeometry, same_side: bool) -> tuple[AnyArray, AnyAr
     key = f"partners_{same_side}"
     if key not in geometry.__dict__:
         opaque = ~(geometry.clear | geometry.masked)
-        found = partners_of(_triangles(geometry), opaque, same_side)
+        clear = geometry.clear if same_side else None
+        found = partners_of(_triangles(geometry), opaque, same_side, clear)
         object.__setattr__(geometry, key, found)
     partners: tuple[AnyArray, AnyArray] = geometry.__dict__[key]
     return partners

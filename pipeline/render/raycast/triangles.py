@@ -3,6 +3,11 @@
 Embree finds the triangle. The distance and the barycentric coordinates that it returns are made of
 approximate reciprocals, which differ by instruction set and vendor; here they are computed again.
 Only +, -, * and / occur, so NumPy, Python and Dr.Jit agree.
+
+Which of the faces at an edge a ray meets, and whether it meets one at a silhouette, Embree decides
+with the same rounding. So it looks along three more rays close by (`ASIDE`), which that edge parts,
+and of all faces found the nearest one counts that the ray itself meets, or passes by less than
+`_REACH`: too little to see, and more than Embree's rounding.
 """
 
 from __future__ import annotations
@@ -19,7 +24,10 @@ from scenes.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 Vector = Any  # x, y, z: a sequence of numbers, or of arrays
 _COPLANAR = 1e-5  # metres between two faces that are in one plane
 _GRID = 1e-3  # of normals and of distances to the origin (metres): first guess of equal planes
-_SMALL = 1e-4  # square metres: smaller faces are seen by hardly a pixel
+_REACH = 2e-6  # radians by which a ray may pass a face that it meets
+# Sideways parts of the three directions, ten times as far; no line has all of them on one side.
+ASIDE = ((1.9e-5, 6.2e-6), (-1.49e-5, 1.33e-5), (-4.1e-6, -1.95e-5))
+_SMALL = 1e-5  # square metres: smaller faces are met by hardly a ray
 
 
 @dataclass(frozen=True)
@@ -60,21 +68,44 @@ def owners_of(triangles: Triangles) -> Int64Array:
 
 
 def partners_of(
-    triangles: Triangles, opaque: BoolArray, same_side: bool
+    triangles: Triangles, opaque: BoolArray, same_side: bool, clear: BoolArray | None = None
 ) -> tuple[Int64Array, Int64Array]:
     """Return which faces of other shapes each face overlaps in a common plane.
 
     Which of them a ray meets first is a matter of rounding. `opaque[i]` says whether shape i takes
     part; faces below `_SMALL` do not. With `same_side`, partners have the same front: others are
-    things that touch, such as a cupboard and its wall, and seldom seen. The partners of face f are
-    `partners[starts[f] : starts[f + 1]]`.
+    things that touch, such as a cupboard and its wall, and seldom seen. Faces of `clear` shapes,
+    such as the bottom of a glass, get the opaque ones below or behind them as partners. The
+    partners of face f are `partners[starts[f] : starts[f + 1]]`.
+    """
+    first, second = _overlaps(triangles, opaque, same_side)
+    if clear is not None and clear.any():
+        found = _overlaps(triangles, opaque | clear, same_side=False)
+        owner = owners_of(triangles)
+        mixed = clear[owner[found[0]]] & opaque[owner[found[1]]]
+        first, second = (
+            np.concatenate([some, more[mixed]])
+            for some, more in zip((first, second), found, strict=True)
+        )
+        order = np.lexsort((second, first))
+        first, second = first[order], second[order]
+    starts = np.searchsorted(first, np.arange(len(triangles.faces) + 1))
+    return starts.astype(np.int64), second
+
+
+def _overlaps(
+    triangles: Triangles, taken: BoolArray, same_side: bool
+) -> tuple[Int64Array, Int64Array]:
+    """Return the pairs of faces of two shapes that overlap in a plane, each pair both ways around.
+
+    `taken[i]` says whether shape i takes part. Sorted.
     """
     faces = triangles.faces
     owner = owners_of(triangles)
     corners = triangles.vertices[faces].astype(np.float64)
     normal = _cross_rows(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     doubled = np.sqrt(_dot(normal.T, normal.T))
-    chosen = np.flatnonzero((doubled > 2 * _SMALL) & opaque[owner])
+    chosen = np.flatnonzero((doubled > 2 * _SMALL) & taken[owner])
     normal = normal[chosen] / doubled[chosen, None]
     axis = np.abs(normal).argmax(axis=1)
     if not same_side:
@@ -96,8 +127,7 @@ def partners_of(
     first, second = (np.concatenate(part) for part in zip(*found, strict=True))
     pairs = np.unique(np.concatenate([first * len(chosen) + second, second * len(chosen) + first]))
     first, second = np.divmod(pairs, max(len(chosen), 1))
-    starts = np.searchsorted(chosen[first], np.arange(len(faces) + 1))
-    return starts.astype(np.int64), chosen[second]
+    return chosen[first], chosen[second]
 
 
 def _in_planes(
@@ -178,6 +208,18 @@ def meet(origin: Vector, direction: Vector, a: Vector, b: Vector, c: Vector) -> 
     edge_b, edge_c, offset = _minus(b, a), _minus(c, a), _minus(origin, a)
     p, q = _cross(direction, edge_c), _cross(offset, edge_b)
     return _dot(edge_c, q), _dot(offset, p), _dot(direction, q), _dot(edge_b, p)
+
+
+def edge_slack(corners: Sequence[Vector], scaled: Any) -> Any:
+    """Return by how much barycentric coordinates may be outside [0, 1] for a ray that meets a face.
+
+    That is `_REACH` seen from the ray's origin. `scaled` is the distance of the face's plane along
+    the ray, divided by the determinant of `meet`.
+    """
+    a, b, c = corners
+    edges = (_minus(b, a), _minus(c, a))
+    longest = sum(abs(part) for edge in edges for part in edge)  # or a little more
+    return _REACH * longest * abs(scaled)
 
 
 def _minus(a: Vector, b: Vector) -> Vector:

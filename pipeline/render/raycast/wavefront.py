@@ -14,7 +14,15 @@ import mitsuba as mi
 import numpy as np
 
 from pipeline.render.drjit_arrays import column, registry_id, registry_table, to_numpy, vector
-from pipeline.render.raycast.triangles import Triangles, meet, owners_of, partners_of, triangles_of
+from pipeline.render.raycast.triangles import (
+    ASIDE,
+    Triangles,
+    edge_slack,
+    meet,
+    owners_of,
+    partners_of,
+    triangles_of,
+)
 from pipeline.render.scene_geometry import MAX_LAYERS, MAX_SURFACES, SceneGeometry, TextureSlot
 from scenes.arrays import AnyArray
 
@@ -243,26 +251,69 @@ def _step(
 def _intersect(geometry: SceneGeometry, tables: dict[str, Any], ray: Any) -> Any:
     """Return the first hit of each ray; on a mesh, face and place follow `triangles`.
 
-    Where faces of several shapes lie in one plane, the last of them is hit.
+    Where faces of several shapes lie in one plane, the last opaque one of them is hit.
     """
     hit = geometry.scene.ray_intersect_preliminary(ray, coherent=True)
-    face, on_mesh = _face(tables, hit)
+    face = _first_face(geometry, tables, ray, hit)
     ties = tables["ties"]
     if ties is not None:
-        _, _, face = dr.while_loop(
-            state=(*_places(ties, face, on_mesh), face),
-            cond=lambda place, end, face: place < end,
-            body=lambda place, end, face: (place + 1, end, _last(tables, ray, place, face)),
-            labels=("place", "end", "face"),
+        owner = dr.gather(mi.UInt32, tables["owner"], face, face > 0)
+        clear = dr.gather(mi.UInt32, tables["clear"], owner, face > 0) == 1
+        _, _, last = dr.while_loop(
+            state=(*_places(ties, face, face > 0), dr.select(clear, 0, face)),
+            cond=lambda place, end, last: place < end,
+            body=lambda place, end, last: (place + 1, end, _last(tables, ray, place, last)),
+            labels=("place", "end", "last"),
         )
-        owner = dr.gather(mi.UInt32, tables["owner"], face, on_mesh)
-        hit.shape = dr.select(on_mesh, dr.reinterpret_array(mi.ShapePtr, owner), hit.shape)
-        first = dr.gather(mi.UInt32, tables["first"], owner, on_mesh)
-        hit.prim_index = dr.select(on_mesh, face - first, hit.prim_index)
-    exact, t, u, v = _meet(tables, ray, face, on_mesh)
+        face = dr.select(last > 0, last, face)
+    on_mesh = face > 0
+    owner = dr.gather(mi.UInt32, tables["owner"], face, on_mesh)
+    hit.shape = dr.select(on_mesh, dr.reinterpret_array(mi.ShapePtr, owner), hit.shape)
+    first = dr.gather(mi.UInt32, tables["first"], owner, on_mesh)
+    hit.prim_index = dr.select(on_mesh, face - first, hit.prim_index)
+    exact, t, u, v, _ = _meet(tables, ray, face, on_mesh)
     hit.t = dr.select(exact, mi.Float(t), hit.t)
     hit.prim_uv = dr.select(exact, mi.Point2f(mi.Float(u), mi.Float(v)), hit.prim_uv)
+    hit.valid |= on_mesh
     return hit
+
+
+def _first_face(geometry: SceneGeometry, tables: dict[str, Any], ray: Any, hit: Any) -> Any:
+    """Return the number of the face that each ray meets first; 0 for none, and for no mesh.
+
+    Of the faces that Embree finds along the ray or one of `triangles.ASIDE` about it.
+    """
+    face, on_mesh = _face(tables, hit)
+    double = dr.float64_array_t(mi.Float)
+    other = dr.select(hit.is_valid() & ~on_mesh, double(hit.t), dr.inf)  # of a sphere, say
+    met, t = _reaches(tables, ray, face, on_mesh)
+    across = mi.Frame3f(ray.d)
+
+    def look(number: Any, face: Any, t: Any) -> tuple[Any, ...]:
+        x, y = (mi.Float(0), mi.Float(0))
+        for place, (to_right, up) in enumerate(ASIDE):
+            x, y = dr.select(number == place, to_right, x), dr.select(number == place, up, y)
+        aside = mi.Ray3f(ray)
+        aside.d = ray.d + across.s * x + across.t * y
+        found = geometry.scene.ray_intersect_preliminary(aside, coherent=True)
+        candidate, on_mesh = _face(tables, found)
+        met, distance = _reaches(tables, ray, candidate, on_mesh)
+        nearer = met & ((distance < t) | ((distance == t) & (candidate > face)))
+        return number + 1, dr.select(nearer, candidate, face), dr.select(nearer, distance, t)
+
+    _, face, _ = dr.while_loop(
+        state=(mi.UInt32(0), dr.select(on_mesh, face, 0), dr.select(met, t, other)),
+        cond=lambda number, face, t: number < len(ASIDE),
+        body=look,
+        labels=("number", "face", "t"),
+    )
+    return face
+
+
+def _reaches(tables: dict[str, Any], ray: Any, face: Any, active: Any) -> tuple[Any, Any]:
+    """Return whether each ray meets a face or passes close to its edge, and the distance."""
+    exact, t, u, v, slack = _meet(tables, ray, face, active)
+    return exact & (t > 0) & (u >= -slack) & (v >= -slack) & (u + v <= 1 + slack), t
 
 
 def _face(tables: dict[str, Any], hit: Any) -> tuple[Any, Any]:
@@ -290,18 +341,19 @@ def _meets_partner(
 ) -> tuple[Any, Any]:
     """Return the partner at `place`, and whether the ray meets it."""
     other = dr.gather(mi.UInt32, partners[1], place)
-    exact, t, u, v = _meet(tables, ray, other, dr.full(mi.Bool, True))
+    exact, t, u, v, _ = _meet(tables, ray, other, dr.full(mi.Bool, True))
     return other, exact & (t > 0) & (u >= 0) & (v >= 0) & (u + v <= 1)
 
 
 def _meet(tables: dict[str, Any], ray: Any, face: Any, active: Any) -> tuple[Any, ...]:
-    """Return whether a ray crosses a face's plane, and t, u and v there in double precision."""
+    """Return whether a ray crosses a face's plane; t, u, v and `edge_slack` in double precision."""
     corner = dr.gather(mi.Vector3u, tables["faces"], face, active)
     points = [dr.gather(mi.Point3f, tables["vertices"], number, active) for number in corner]
     double = dr.float64_array_t(mi.Float)
-    rows = ([double(value) for value in vector] for vector in (ray.o, ray.d, *points))
+    rows = [[double(value) for value in vector] for vector in (ray.o, ray.d, *points)]
     t, u, v, determinant = meet(*rows)
-    return active & (determinant != 0), t / determinant, u / determinant, v / determinant
+    t, u, v = t / determinant, u / determinant, v / determinant
+    return active & (determinant != 0), t, u, v, edge_slack(rows[2:], t / determinant)
 
 
 def _onward(ray: Any, hit: Any) -> Any:
@@ -411,12 +463,12 @@ def _touching(geometry: SceneGeometry) -> _Touching:
 
 
 def _partners(geometry: SceneGeometry, triangles: Triangles) -> tuple[Any, Any] | None:
-    """Return `starts` and `partners` of `partners_of` of the same side, or None if there are none.
+    """Return `starts` and `partners` of faces that are hit in one another's place, None without.
 
     The partners of face f are `partners[starts[f] : starts[f + 1]]`.
     """
     opaque = ~(geometry.clear | geometry.masked)
-    starts, partners = partners_of(triangles, opaque, same_side=True)
+    starts, partners = partners_of(triangles, opaque, True, geometry.clear)
     return (mi.UInt32(starts), mi.UInt32(partners)) if len(partners) else None
 
 

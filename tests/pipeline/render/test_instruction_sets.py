@@ -16,6 +16,7 @@ from scenes.geometry.directions import unit
 from tests.fixtures.instruction_sets import NARROW, digests_under, embree_shim, has_avx512
 from tests.fixtures.render import diffuse, quad, write_scene
 
+GLASS = '<bsdf type="thindielectric"/>'
 WIDE = pytest.mark.skipif(not has_avx512(), reason="this processor has no wider instructions")
 
 
@@ -110,3 +111,34 @@ def test_faces_in_one_plane_are_partners_at_every_distance_from_the_origin(turn:
             scene = triangles.Triangles(vertices, faces, np.array([1, 2]))
             starts, partners = triangles.partners_of(scene, np.array([True, True]), True)
             assert partners.tolist() == [2, 1] and starts.tolist() == [0, 0, 1, 2]
+
+
+@pytest.mark.usefixtures("variant")
+def test_a_table_is_seen_through_the_bottom_of_the_glass_that_stands_on_it(tmp_path: Path) -> None:
+    """Bottom and table lie in one plane; a ray that passes the one must not pass the other."""
+    table = quad("table", (0, 2, 0.5), (0, 0, 1), (1, 1), diffuse(), (0, 1, 0))
+    bottom = quad("glass", (0, 2, 0.5), (0, 0, -1), (0.1, 0.1), GLASS, (0, 1, 0))
+    floor = quad("floor", (0, 2, 0), (0, 0, 1), (3, 3), diffuse(), (0, 1, 0))
+    geometry = open_scene(write_scene(tmp_path / "scene", bottom + table + floor)).geometry
+    names = [shape.id() for shape in geometry.shapes]
+    x, y = (a.ravel() for a in np.meshgrid(np.linspace(-0.2, 0.2, 31), np.linspace(1.8, 2.2, 29)))
+    rays = unit(np.stack([x, y, np.full_like(x, -1.1)], axis=1))
+    seen, distance = raycast.nearest(geometry, (0.0, 0.0, 1.6), rays)
+    assert (seen == names.index("table")).all()
+    np.testing.assert_allclose(rays[:, 2] * distance, -1.1, rtol=1e-6)
+
+
+@pytest.mark.usefixtures("variant")
+def test_no_ray_slips_between_the_faces_that_meet_at_an_edge(tmp_path: Path) -> None:
+    """Rays at the diagonals of small quads far off, which are the edges of their triangles."""
+    place = np.array([300.1, 401.7, 55.3])
+    front = quad("front", tuple(place), (0, -1, 0), (0.05, 0.05), diffuse())
+    wall = quad("wall", (300, 402, 55), (0, -1, 0), (9, 9), diffuse())
+    geometry = open_scene(write_scene(tmp_path / "scene", wall + front)).geometry
+    names = [shape.id() for shape in geometry.shapes]
+    eye = np.array([299.3, 398.2, 54.9])
+    for slope in (1, -1):
+        s = np.linspace(-0.049, 0.049, 101)
+        rays = unit(place + np.stack([s, 0 * s, slope * s], axis=1) - eye)
+        seen, _ = raycast.nearest(geometry, tuple(eye), rays)
+        assert (seen == names.index("front")).all()
