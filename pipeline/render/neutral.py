@@ -96,7 +96,7 @@ def diffuse_lobe(graph: Graph, index: int) -> Any:
     black["reflectance"] = 0.0
     blend = mi.Properties("blendbsdf")
     blend["weight"], blend["bsdf_0"], blend["bsdf_1"] = transmission, opaque, create(black)
-    return create(blend)
+    return graph.compose(blend)
 
 
 def reflectance_twin(graph: Graph, index: int) -> Any:
