@@ -1,10 +1,9 @@
-"""Which instances the virtual calls of kernels reach.
+"""Which instances the virtual calls of kernels may meet.
 
-A call on `mi.BSDFPtr` may meet any BSDF of Dr.Jit's registry, so each form of BSDF there becomes a
-function of every kernel with such a call. Mitsuba also registers BSDFs that only others hold, as
-a `twosided` holds a `normalmap` and this a `principled`. No kernel calls those: their code is part
-of the outermost one's. Without them in the registry, kernels of a furnished home have a third of
-the functions.
+A call on `mi.BSDFPtr` may meet every BSDF in Dr.Jit's registry: each is traced for each call, and
+each form of BSDF becomes a function of the kernel. Mitsuba also registers BSDFs that only others
+hold, as a `twosided` holds a `normalmap` and this a `principled`. Calls never meet those; their
+code is part of the outermost one's. The same goes for emitters that are not in the scene.
 """
 
 from __future__ import annotations
@@ -20,32 +19,36 @@ import mitsuba as mi
 from pipeline.render.drjit_arrays import registry_id
 
 # Dr.Jit keeps pointers to these names.
-_DOMAIN = ctypes.c_char_p(b"BSDF")
-_HELD = ctypes.c_char_p(b"BSDF held by another")
+_HIDDEN = ctypes.c_char_p(b"not called")
 
 
 class _Registry(NamedTuple):
     """Functions of `drjit-core/jit.h`, which Dr.Jit's Python modules lack."""
 
+    bound: Any  # (variant, domain) -> highest id
     find: Any  # (variant, domain, id) -> pointer
     put: Any  # (variant, domain, pointer) -> id
     remove: Any  # (pointer)
 
 
-def keep_from_calls(bsdf: Any) -> None:
-    """Take a BSDF that only other BSDFs hold out of the reach of virtual calls.
+def keep_from_calls(instance: Any) -> None:
+    """Take a BSDF or an emitter out of the reach of virtual calls.
 
-    It moves to another domain of the registry, from which it is removed when it is freed. Does
-    nothing in scalar variants, and where Dr.Jit's library does not export its registry: kernels
-    are larger there.
+    It moves to another domain of the registry, from which it is removed when it is freed. Its
+    methods can still be called on the object itself. Does nothing in scalar variants, and where
+    Dr.Jit's library does not export its registry: kernels are larger there.
     """
-    registry = _registry()
-    if registry is None or not dr.is_jit_v(mi.Float):
+    registry = _registry() if dr.is_jit_v(mi.Float) else None
+    if registry is None:
         return
-    variant = _variant(str(mi.variant()))
-    if registry.find(variant, _DOMAIN, registry_id(bsdf, mi.BSDFPtr)) == bsdf.ptr:
-        registry.remove(bsdf.ptr)
-        registry.put(variant, _HELD, bsdf.ptr)
+    pointer = mi.BSDFPtr if isinstance(instance, mi.BSDF) else mi.EmitterPtr
+    variant, domain = _name(str(mi.variant())), _name(str(pointer.Domain))
+    number = registry_id(instance, pointer)  # in its domain, maybe the other one already
+    if number > registry.bound(variant, domain):
+        return
+    if registry.find(variant, domain, number) == instance.ptr:
+        registry.remove(instance.ptr)
+        registry.put(variant, _HIDDEN, instance.ptr)
 
 
 def available() -> bool:
@@ -54,7 +57,7 @@ def available() -> bool:
 
 
 @cache
-def _variant(name: str) -> ctypes.c_char_p:
+def _name(name: str) -> ctypes.c_char_p:
     return ctypes.c_char_p(name.encode())
 
 
@@ -65,14 +68,17 @@ def _registry() -> _Registry | None:
         try:
             library = ctypes.CDLL(str(folder / file))
             # Names as g++ and clang++ make them of those in the header.
+            bound = library["_Z21jit_registry_id_boundPKcS0_"]
             find = library["_Z16jit_registry_ptrPKcS0_j"]
             put = library["_Z16jit_registry_putPKcS0_Pv"]
             remove = library["_Z19jit_registry_removePKv"]
         except (OSError, AttributeError):
             continue
-        find.restype, put.restype, remove.restype = ctypes.c_void_p, ctypes.c_uint32, None
+        bound.restype = put.restype = ctypes.c_uint32
+        find.restype, remove.restype = ctypes.c_void_p, None
+        bound.argtypes = [ctypes.c_char_p, ctypes.c_char_p]
         find.argtypes = [ctypes.c_char_p, ctypes.c_char_p, ctypes.c_uint32]
         put.argtypes = [ctypes.c_char_p, ctypes.c_char_p, ctypes.c_void_p]
         remove.argtypes = [ctypes.c_void_p]
-        return _Registry(find, put, remove)
+        return _Registry(bound, find, put, remove)
     return None
