@@ -9,6 +9,7 @@ code is part of the outermost one's. The same goes for emitters that are not in 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -51,9 +52,51 @@ def keep_from_calls(instance: Any) -> None:
         registry.put(variant, _HIDDEN, instance.ptr)
 
 
+def level_ids() -> None:
+    """Give the ids of BSDFs, emitters and shapes bounds that most scenes share.
+
+    Kernels hold one table for all their calls, as long as the highest ids, and places in it are
+    compiled in. An instance beyond a scene's own sets the bound: with as many materials as a
+    large home has, or twice as many, and so on. It stays, and no call meets it. The ids before it
+    are taken by nothing for a moment, then free again.
+    """
+    registry = _registry() if dr.is_jit_v(mi.Float) else None
+    if registry is None:
+        return
+    variant = _name(str(mi.variant()))
+    for pointer, (least, make) in _BOUNDS.items():
+        domain = _name(pointer)
+        bound = registry.bound(variant, domain)
+        wanted = least
+        while wanted < bound:
+            wanted *= 2
+        if wanted == bound:
+            continue
+        taken: list[tuple[int, int]] = []  # address and id
+        while not taken or taken[-1][1] < wanted - 1:
+            place = len(taken) + 1  # no address of an object
+            taken.append((place, registry.put(variant, domain, place)))
+        _LAST.append(make())
+        for place, _ in taken:
+            registry.remove(place)
+
+
 def available() -> bool:
     """Test whether Dr.Jit's library exports its registry."""
     return _registry() is not None
+
+
+def _last_mesh() -> Any:
+    return mi.Mesh("last", 3, 1)
+
+
+# Least bound of ids, and what makes the last instance, by domain.
+_BOUNDS: dict[str, tuple[int, Callable[[], Any]]] = {
+    "BSDF": (2048, lambda: mi.load_dict({"type": "diffuse"})),
+    "Emitter": (64, lambda: mi.load_dict({"type": "constant"})),
+    "Shape": (2048, _last_mesh),
+}
+_LAST: list[Any] = []  # the last instances, kept
 
 
 @cache

@@ -20,6 +20,7 @@ import psutil
 from pipeline.params import Variant
 from pipeline.render import meshes, raycast
 from pipeline.render.boxes import ObjectBoxes
+from pipeline.render.dispatch import level_ids
 from pipeline.render.lights import Lights, collect_lights
 from pipeline.render.material_sets import MaterialSets
 from pipeline.render.materials import MaterialTable
@@ -168,6 +169,7 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
     )
     box = root.bbox()
     bbox = np.array([np.array(box.min).ravel(), np.array(box.max).ravel()], dtype=np.float64)
+    level_ids()
     return RenderScene(
         scene,
         geometry,
