@@ -12,7 +12,7 @@ from pipeline.params import GroundTruthParams
 from pipeline.passes.groundtruth import render_both
 from pipeline.render import dispatch
 from pipeline.render.drjit_arrays import registry_id
-from pipeline.render.scene import RenderScene, open_scene
+from pipeline.render.scene import RenderScene, free_memory, open_scene
 from tests.fixtures.render import ball, glow, make_view, room_walls, write_scene
 
 pytestmark = pytest.mark.usefixtures("wavefront")
@@ -43,6 +43,7 @@ def room(folder: Path, roughness: list[float]) -> RenderScene:
 
 def largest_kernel(scene: RenderScene) -> str:
     """Render a view; return the hash of the largest kernel."""
+    free_memory()  # materials of other tests would be compiled in
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
         dr.kernel_history_clear()
         render_both(scene, VIEW, PARAMS, 0.5, 1)
