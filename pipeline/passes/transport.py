@@ -31,7 +31,7 @@ from pipeline.views import View
 from scenes.arrays import Float32Array
 from scenes.errors import InputError
 
-REVISION = 6
+REVISION = 7
 _LAUNCHERS: WeakKeyDictionary[MaterialSets, TransportLauncher] = WeakKeyDictionary()
 # Samples by size of the image: up to so many pixels, so many samples each.
 _SAMPLES = ((40_000, 16), (100_000, 8))

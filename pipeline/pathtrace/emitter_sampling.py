@@ -60,7 +60,9 @@ class EmitterSampler:
             share_of[registry[others]] = plan.emitters[others] / rest
         self.slot_of, self.share_of = column(mi.UInt32, slot_of), column(mi.Float, share_of)
         self.rest = dr.opaque(mi.Float, rest)
-        self.emitters = mi.EmitterPtr([emitters[row] for row in (*weighted, *others)])
+        # From memory: a single id would be compiled in.
+        numbers = column(mi.UInt32, registry[[*weighted, *others]])
+        self.emitters = dr.reinterpret_array(mi.EmitterPtr, numbers)
         self.choice = None
         if len(others):
             self.choice = mi.DiscreteDistribution(column(mi.Float, plan.emitters[others]))
@@ -84,7 +86,7 @@ class EmitterSampler:
     def probability(self, emitter: Any, probabilities: list[Any]) -> Any:
         """Return the probability that an emitter is sampled, given those at the vertex."""
         number = dr.reinterpret_array(mi.UInt32, emitter)
-        known = number < dr.width(self.slot_of)
+        known = number < dr.opaque(mi.UInt32, dr.width(self.slot_of))
         slot = dr.gather(mi.UInt32, self.slot_of, number, known)
         share = dr.gather(mi.Float, self.share_of, number, known)
         found = share * probabilities[self.slots]

@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.pathtrace.light_pilot import LightPlan
 from pipeline.pathtrace.portals import geometry_factor
 from pipeline.pathtrace.rectangle_sampling import RectangleSampler, opaque_floats
+from pipeline.render.drjit_arrays import registry_id
 
 
 @dataclass(init=False, eq=False)
@@ -23,6 +24,7 @@ class EnvironmentSampler:
     """
 
     environment: Any  # mi.Emitter
+    pointer: Any  # mi.EmitterPtr to it
     own_sampling: bool
     portals: RectangleSampler | None
     has_sun: bool
@@ -33,6 +35,8 @@ class EnvironmentSampler:
 
     def __init__(self, scene: Any, plan: LightPlan) -> None:
         self.environment = scene.environment()
+        number = dr.opaque(mi.UInt32, registry_id(self.environment, mi.EmitterPtr))
+        self.pointer = dr.reinterpret_array(mi.EmitterPtr, number)
         emitters = scene.emitters()
         row = next(row for row, emitter in enumerate(emitters) if emitter.is_environment())
         self.own_sampling = bool(plan.emitters[row] > 0)
@@ -96,7 +100,7 @@ class EnvironmentSampler:
         ds.d, ds.n = direction, -direction
         ds.dist = 2 * scene.bbox().bounding_sphere().radius
         ds.p = si.p + direction * ds.dist
-        ds.emitter = mi.EmitterPtr(self.environment)
+        ds.emitter = self.pointer
         ds.pdf = dr.select(valid, density, 0)
         miss = dr.zeros(mi.SurfaceInteraction3f)
         miss.wi = -direction

@@ -101,7 +101,7 @@ class PlannedLights:
         density = mi.Float(0)
         sky = mi.Bool(False)
         if self.outdoors is not None:
-            sky = ds.emitter == mi.EmitterPtr(self.outdoors.environment)
+            sky = ds.emitter == self.outdoors.pointer
             density = dr.select(sky, self.outdoors.density(ref.p, ds.d, probabilities), 0)
         if self.emitters is not None:
             sampled = active if self._samples_environment else active & ~sky
@@ -171,7 +171,7 @@ class PlannedLights:
         # The sample's own density: computed anew it may differ, as at the very edge of a disc.
         density = ds.pdf * self.emitters.probability(emitter, probabilities)
         if self.outdoors is not None and self.outdoors.own_sampling:
-            sky = (ds.emitter == mi.EmitterPtr(self.outdoors.environment)) & ~ds.delta
+            sky = (ds.emitter == self.outdoors.pointer) & ~ds.delta
             density += dr.select(sky, self.outdoors.density(si.p, ds.d, probabilities), 0)
         # A few of millions of `sunsky` samples are not finite: they count as zero.
         valid = (ds.pdf > 0) & dr.isfinite(ds.pdf) & dr.all(dr.isfinite(light))

@@ -9,6 +9,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from pipeline.render.dispatch import keep_from_calls
 from pipeline.render.scene_geometry import SceneGeometry
 from pipeline.render.scenegraph import Graph
 from scenes.arrays import BoolArray, Float64Array, Int32Array
@@ -72,10 +73,12 @@ def collect_lights(graph: Graph, geometry: SceneGeometry) -> Lights:
             sky, sun = graph.props(node), graph.props(node)
             sky["sun_scale"] = 0.0
             environment = graph.make_from(node, sky)
+            keep_from_calls(environment)
             if "sun_scale" not in sun or sun["sun_scale"] > 0:
                 sun["sky_scale"] = 0.0
                 lamp = graph.make_from(node, sun)
                 lamp.set_scene(geometry.scene)
+                keep_from_calls(lamp)
                 add(lamp, -1, np.zeros(3), 0.0, True)
         elif plugin in _ENVIRONMENTS:
             environment = graph.make(node)

@@ -11,7 +11,7 @@ from typing import Any
 
 import mitsuba as mi
 
-from pipeline.render.neutral import diffuse_lobe, neutral_twin, reflectance_twin
+from pipeline.render.neutral import NeutralTwins, diffuse_lobe
 from pipeline.render.scenegraph import Graph, create, shapes_of
 from scenes.errors import InputError
 
@@ -29,8 +29,10 @@ class MaterialSets:
     third. Therefore one neutral set always exists. Its albedo is data, not code.
     """
 
-    def __init__(self, graph: Graph) -> None:
+    def __init__(self, graph: Graph, reflectances: dict[int, Any]) -> None:
+        """Make the materials of a scene; `reflectances` are reflectance twins by BSDF node."""
         self._graph = graph
+        self._reflectances = reflectances
         self._own = _material_set(graph, None)
         self._neutral: MaterialSet = []
         self._neutral_albedo: float | None = None
@@ -90,7 +92,7 @@ class MaterialSets:
                 made[material] = (own, own)  # Mitsuba's default material is diffuse
                 if material >= 0:
                     lobe = diffuse_lobe(self._graph, material)
-                    made[material] = lobe, reflectance_twin(self._graph, material)
+                    made[material] = lobe, self._reflectances[material]
             found.append((own, *made[material]))
         return found
 
@@ -104,6 +106,7 @@ class MaterialSets:
 def _material_set(graph: Graph, albedo: float | None) -> MaterialSet:
     """Return every shape with its own BSDF (`albedo` None) or its neutral twin."""
     twins: dict[int, Any] = {}
+    made = NeutralTwins(graph, albedo or 0.0)
     pairs = []
     for node, material in _shapes(graph):
         shape = graph.make(node)
@@ -111,9 +114,7 @@ def _material_set(graph: Graph, albedo: float | None) -> MaterialSet:
             pairs.append((shape, shape.bsdf()))
             continue
         if material not in twins:
-            twins[material] = (
-                neutral_twin(graph, material, albedo) if material >= 0 else _diffuse(albedo)
-            )
+            twins[material] = made.twin(material) if material >= 0 else _diffuse(albedo)
         pairs.append((shape, twins[material]))
     return pairs
 

@@ -12,6 +12,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from pipeline.render.scene_geometry import Mirror
 from pipeline.render.scenegraph import Graph, create
 from scenes.errors import InputError
 
@@ -33,39 +34,59 @@ _TINTS = ("specular_transmittance", "spec_tint", "sheen_tint")
 _DEFAULT_BASE = 0.5
 
 
-def neutral_twin(graph: Graph, index: int, albedo: float) -> Any:
-    """Return the BSDF of node `index` with every colour replaced by the grey `albedo`.
+class NeutralTwins:
+    """Neutral twins of a scene's BSDFs, with every colour replaced by the grey `albedo`.
 
-    Metals become grey mirrors of that reflectance, tinted glass becomes clear. A colourless
-    constant `specular_reflectance` is gloss, not colour, and stays. Raises `InputError` for a
-    BSDF that the table does not hold.
+    BSDFs that differ in colour alone have one twin: kernels are traced through each BSDF.
     """
-    plugin, props = graph.plugin(index), graph.props(index)
-    if plugin == "null":
-        return graph.make(index)
-    if plugin in _WRAPPERS:
-        for name, child in graph.references(index).items():
-            if graph.kind(child) == "BSDF":
-                props[name] = neutral_twin(graph, child, albedo)
-        return graph.make_from(index, props)
-    if plugin in _CONDUCTORS:
-        _drop(props, "eta", "k", "material", "specular_reflectance")
-        props["material"] = "none"
-        props["specular_reflectance"] = albedo
-        return graph.make_from(index, props)
-    if plugin in _BASE:
-        _drop(props, _BASE[plugin])
-        props[_BASE[plugin]] = albedo
-    elif plugin not in _DIELECTRICS:
-        raise InputError(
-            f"{graph.where(index)}: this material has no neutral twin; "
-            f"use one of {', '.join(sorted({*_BASE, *_CONDUCTORS, *_DIELECTRICS}))}"
-        )
-    _drop(props, *_TINTS)
-    gloss = "specular_reflectance"
-    if gloss in props and not _colourless(props[gloss]):
-        del props[gloss]
-    return graph.make_from(index, props)
+
+    def __init__(self, graph: Graph, albedo: float) -> None:
+        self._graph = graph
+        self._albedo = albedo
+        self._made: dict[tuple[str, ...], Any] = {}
+
+    def twin(self, index: int) -> Any:
+        """Return the neutral twin of node `index`.
+
+        Metals become grey mirrors of that reflectance, tinted glass becomes clear. A colourless
+        constant `specular_reflectance` is gloss, not colour, and stays. Raises `InputError` for a
+        BSDF that the table does not hold.
+        """
+        graph, albedo = self._graph, self._albedo
+        plugin, props = graph.plugin(index), graph.props(index)
+        if plugin == "null":
+            return graph.make(index)
+        if plugin in _WRAPPERS:
+            for name, child in graph.references(index).items():
+                if graph.kind(child) == "BSDF":
+                    props[name] = self.twin(child)
+            return self._make(index, props)
+        if plugin in _CONDUCTORS:
+            _drop(props, "eta", "k", "material", "specular_reflectance")
+            props["material"] = "none"
+            props["specular_reflectance"] = albedo
+            return self._make(index, props)
+        if plugin in _BASE:
+            _drop(props, _BASE[plugin])
+            props[_BASE[plugin]] = albedo
+        elif plugin not in _DIELECTRICS:
+            raise InputError(
+                f"{graph.where(index)}: this material has no neutral twin; "
+                f"use one of {', '.join(sorted({*_BASE, *_CONDUCTORS, *_DIELECTRICS}))}"
+            )
+        _drop(props, *_TINTS)
+        gloss = "specular_reflectance"
+        if gloss in props and not _colourless(props[gloss]):
+            del props[gloss]
+        return self._make(index, props)
+
+    def _make(self, index: int, props: Any) -> Any:
+        """Return the BSDF of these properties; the one made before if they are equal."""
+        names = sorted(props.keys())
+        key = (props.plugin_name(), *(f"{name} = {_described(props[name])}" for name in names))
+        if key not in self._made:
+            self._made[key] = self._graph.make_from(index, props)
+        return self._made[key]
 
 
 def diffuse_lobe(graph: Graph, index: int) -> Any:
@@ -96,7 +117,7 @@ def diffuse_lobe(graph: Graph, index: int) -> Any:
     black["reflectance"] = 0.0
     blend = mi.Properties("blendbsdf")
     blend["weight"], blend["bsdf_0"], blend["bsdf_1"] = transmission, opaque, create(black)
-    return create(blend)
+    return graph.compose(blend)
 
 
 def reflectance_twin(graph: Graph, index: int) -> Any:
@@ -128,6 +149,14 @@ def passes_light(graph: Graph, index: int) -> bool:
     True for smooth dielectrics, thin panes and the null BSDF.
     """
     return graph.plugin(index) in ("dielectric", "thindielectric", "null")
+
+
+def mirrored_sides(graph: Graph, index: int) -> Mirror:
+    """Return which sides of node `index` are a perfect mirror, without bumps and masks."""
+    children = graph.nested(index, "BSDF")
+    if graph.plugin(index) == "twosided":
+        return "both" if all(graph.plugin(child) == "conductor" for child in children) else ""
+    return "front" if graph.plugin(index) == "conductor" else ""
 
 
 def has_mask(graph: Graph, index: int) -> bool:
@@ -172,6 +201,20 @@ def normal_incidence(conductor: Any) -> np.ndarray:
     if not (eta.any() or k.any()):
         return np.ones(3)
     return np.clip(((eta - 1) ** 2 + k**2) / ((eta + 1) ** 2 + k**2), 0, 1)
+
+
+def _described(value: Any) -> str:
+    """Return a property's value as text; of an object, which one it is."""
+    if isinstance(value, mi.Properties.ResolvedReference):
+        return f"node {value.index()}"
+    if isinstance(value, mi.Object):
+        return f"object {value.ptr}"
+    if isinstance(value, bool | int | float | str):
+        return repr(value)
+    try:
+        return repr(np.array(value, dtype=np.float64).tolist())
+    except (TypeError, ValueError):
+        return f"object {id(value)}"
 
 
 def _drop(props: Any, *names: str) -> None:

@@ -20,10 +20,11 @@ import psutil
 from pipeline.params import Variant
 from pipeline.render import meshes, raycast
 from pipeline.render.boxes import ObjectBoxes
+from pipeline.render.dispatch import level_ids
 from pipeline.render.lights import Lights, collect_lights
 from pipeline.render.material_sets import MaterialSets
 from pipeline.render.materials import MaterialTable
-from pipeline.render.neutral import has_mask, passes_light, reflectance_twin
+from pipeline.render.neutral import has_mask, mirrored_sides, passes_light, reflectance_twin
 from pipeline.render.scene_geometry import SceneGeometry
 from pipeline.render.scenegraph import Graph, create, parse, shapes_of
 from scenes.arrays import Float32Array, Float64Array, Int32Array
@@ -135,7 +136,7 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
     root = graph.make(0)
     _check_geometry(scene, root)
     index_of = {shape: i for i, item in enumerate(scene.objects) for shape in item.shapes}
-    shapes, objects, clear, masked, twins, materials = [], [], [], [], [], []
+    shapes, objects, clear, masked, mirrors, twins, materials = [], [], [], [], [], [], []
     made: dict[int, Any] = {}
     for node in shapes_of(graph):
         if graph.plugin(node) == "shapegroup":
@@ -148,6 +149,7 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
         clear.append(bool(bsdfs) and all(passes_light(graph, bsdf) for bsdf in bsdfs))
         masked.append(any(has_mask(graph, bsdf) for bsdf in bsdfs))
         own = graph.nested(node, "BSDF")
+        mirrors.append(mirrored_sides(graph, own[0]) if own else "")
         if own and own[0] not in made:
             made[own[0]] = reflectance_twin(graph, own[0])
         twins.append(made[own[0]] if own else _default_reflectance(made))
@@ -162,16 +164,18 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
         np.array(objects, dtype=np.int32),
         np.array(clear, dtype=bool),
         np.array(masked, dtype=bool),
+        tuple(mirrors),
         tuple(twins),
     )
     box = root.bbox()
     bbox = np.array([np.array(box.min).ravel(), np.array(box.max).ravel()], dtype=np.float64)
+    level_ids()
     return RenderScene(
         scene,
         geometry,
         collect_lights(graph, geometry),
         bbox,
-        MaterialSets(graph),
+        MaterialSets(graph, made),
         MaterialTable(graph, materials),
         ObjectBoxes(geometry),
         neutral_albedo,

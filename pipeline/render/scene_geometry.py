@@ -8,6 +8,7 @@ from typing import Any, Literal
 from scenes.arrays import BoolArray, Float32Array, Int32Array
 
 Way = Literal["eval_1", "eval", "eval_3", "eval_1_grad"]  # of evaluating a texture
+Mirror = Literal["", "front", "both"]  # sides of a shape that are a perfect mirror
 MAX_LAYERS = 16  # clear surfaces that one ray may pass: a glass cabinet, a glass door and so on
 
 MAX_SURFACES = 512  # that one ray may meet where it goes on behind each
@@ -18,7 +19,8 @@ class SceneGeometry:
     """Shapes of a loaded scene, with the properties that ray casting needs.
 
     `objects[i]` is the object index of shape i (-1: belongs to no object), `clear[i]` says that
-    camera rays pass shape i undeviated, `masked[i]` that its BSDF has an alpha mask.
+    camera rays pass shape i undeviated, `masked[i]` that its BSDF has an alpha mask, `mirrors[i]`
+    how it is a perfect mirror.
     """
 
     scene: Any  # mi.Scene
@@ -26,6 +28,7 @@ class SceneGeometry:
     objects: Int32Array
     clear: BoolArray
     masked: BoolArray
+    mirrors: tuple[Mirror, ...]
     reflectances: tuple[Any, ...]  # reflectance twin of each shape's BSDF
 
 

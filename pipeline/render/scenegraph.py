@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import mitsuba as mi
 import numpy as np
 import OpenEXR
 
+from pipeline.render.dispatch import keep_from_calls
 from scenes.errors import InputError
 from scenes.formats.scene_xml import check_scene_xml
 
@@ -88,9 +90,27 @@ class Graph:
         if "filename" in props:
             self._resolve_file(index, props)
         try:
-            return create(props)
+            return self.compose(props)
         except RuntimeError as error:
             raise InputError(f"{self.where(index)}: {_first_words(error)}") from None
+
+    def compose(self, props: Any) -> Any:
+        """Return `create(props)`; if a BSDF, those that it holds are kept from virtual calls."""
+        made = create(props)
+        if isinstance(made, mi.BSDF):
+            on_shapes = {self.made[node].ptr for node in self.shaders if node in self.made}
+            values = [props[key] for key in props.keys()]  # noqa: SIM118 (as above)
+            for value in values:
+                if isinstance(value, mi.BSDF) and value.ptr not in on_shapes:
+                    keep_from_calls(value)
+        return made
+
+    @cached_property
+    def shaders(self) -> frozenset[int]:
+        """The BSDF nodes that a shape holds directly."""
+        nodes = range(len(self.nodes))
+        shapes = [node for node in nodes if self.kind(node) == "Shape"]
+        return frozenset(bsdf for shape in shapes for bsdf in self.nested(shape, "BSDF"))
 
     def where(self, index: int) -> str:
         """Return file, line and element of a node, for error messages."""

@@ -25,6 +25,8 @@ class ShapeTables:
     clear: Any  # mi.UInt32: 1 if rays pass the shape, 2 if it has a mask
     reflectance: Any  # mi.BSDFPtr: the reflectance twin of its BSDF
     passable: bool  # whether any shape is clear or masked
+    mirror: Any  # mi.UInt32: sides that are a perfect mirror, none, the front, or both
+    mirrored: bool  # whether any shape is one
 
     def __init__(self, geometry: SceneGeometry) -> None:
         shapes = list(zip(geometry.shapes, geometry.clear, geometry.masked, strict=True))
@@ -43,6 +45,10 @@ class ShapeTables:
         )
         self.reflectance = dr.reinterpret_array(mi.BSDFPtr, numbers)
         self.passable = bool(geometry.clear.any() or geometry.masked.any())
+        sides = [("", "front", "both").index(mirror) for mirror in geometry.mirrors]
+        pairs = list(zip(geometry.shapes, sides, strict=True))
+        self.mirror = registry_table(pairs, mi.ShapePtr, 0, mi.UInt32)
+        self.mirrored = any(sides)
 
     def reflectance_at(self, si: Any, active: Any) -> Any:
         """Return the base colour in [0, 1] of the surface at `si`, `mi.Color3f`."""
@@ -50,6 +56,12 @@ class ShapeTables:
         bsdf = dr.gather(mi.BSDFPtr, self.reflectance, shape, active)
         colour = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(si, active))
         return dr.clip(mi.Color3f(colour), 0, 1)
+
+    def mirrors(self, si: Any, active: Any) -> Any:
+        """Test whether the surface at `si` is a perfect mirror on the side that the ray met."""
+        active = active & si.is_valid()
+        sides = dr.gather(mi.UInt32, self.mirror, dr.reinterpret_array(mi.UInt32, si.shape), active)
+        return active & ((sides == 2) | ((sides == 1) & (mi.Frame3f.cos_theta(si.wi) > 0)))
 
     def passes(self, si: Any, active: Any) -> Any:
         """Test whether rays go on behind the surface at `si`: clear glass, or cut out."""
@@ -96,14 +108,23 @@ def seen_surface(scene: Any, tables: ShapeTables, ray: Any) -> tuple[Any, Any, A
     """
     si, _ = first_surface(scene, tables, ray, mi.Bool(True), coherent=True)
     left = mi.Color3f(1)
-    for _ in range(_MIRRORS):
-        bsdf = si.bsdf()
-        mirror = si.is_valid() & _is_mirror(bsdf.flags())
-        sample, weight = bsdf.sample(mi.BSDFContext(), si, 0.5, mi.Point2f(0.5), mirror)
-        reflected = si.spawn_ray(si.to_world(sample.wo))
-        ray = dr.select(mirror, reflected, ray)
-        left = dr.select(mirror, left * mi.Color3f(mi.unpolarized_spectrum(weight)), left)
-        si = dr.select(mirror, first_surface(scene, tables, ray, mirror)[0], si)
+    if not tables.mirrored:
+        return si, ray, left
+
+    # By formula: a call to sample the mirror's BSDF would compile the sampling of all others, too.
+    def step(mirror: Any, si: Any, ray: Any, left: Any, count: Any) -> tuple[Any, ...]:
+        left = left * tables.reflectance_at(si, mirror)
+        ray = si.spawn_ray(si.to_world(mi.reflect(si.wi)))
+        si, _ = first_surface(scene, tables, ray, mirror)
+        count = count + 1
+        return tables.mirrors(si, mirror) & (count < _MIRRORS), si, ray, left, count
+
+    _, si, ray, left, _ = dr.while_loop(
+        state=(tables.mirrors(si, mi.Bool(True)), si, mi.Ray3f(ray), left, mi.UInt32(0)),
+        cond=lambda mirror, si, ray, left, count: mirror,
+        body=step,
+        labels=("mirror", "si", "ray", "left", "count"),
+    )
     return si, ray, left
 
 
@@ -127,16 +148,3 @@ def surface_point(position: Any, normal: Any) -> Any:
     si.sh_frame = mi.Frame3f(mi.Normal3f(normal))
     si.wi = mi.Vector3f(0, 0, 1)
     return si
-
-
-def _is_mirror(flags: Any) -> Any:
-    """Test for BSDFs that reflect in one direction only, and let nothing through."""
-    others = (
-        mi.BSDFFlags.Smooth,
-        mi.BSDFFlags.DeltaTransmission,
-        mi.BSDFFlags.Null,
-    )
-    mirror = mi.has_flag(flags, mi.BSDFFlags.DeltaReflection)
-    for other in others:
-        mirror &= ~mi.has_flag(flags, other)
-    return mirror

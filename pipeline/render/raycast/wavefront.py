@@ -180,17 +180,21 @@ def sample_emitters(
     emitters: tuple[Any, ...], indices: AnyArray, origin: AnyArray, samples: AnyArray
 ) -> tuple[AnyArray, ...]:
     """Return direction (N, 3), distance (N,), radiance over density (N, 3), density (N,)."""
-    table = mi.UInt32([registry_id(emitter, mi.EmitterPtr) for emitter in emitters])
-    number = dr.gather(mi.UInt32, table, column(mi.UInt32, indices))
-    pointer = dr.reinterpret_array(mi.EmitterPtr, number)
     si = dr.zeros(mi.SurfaceInteraction3f, len(indices))
     # Opaque, or the position would be compiled into the kernel, one kernel per view.
     si.p = mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in origin))
-    ds, weight = pointer.sample_direction(si, vector(mi.Point2f, samples))
+    # A switch over these alone: sun and sky are apart here, and not met by virtual calls.
+    calls = [partial(_sampled, emitter) for emitter in emitters]
+    ds, weight = dr.switch(column(mi.UInt32, indices), calls, si, vector(mi.Point2f, samples))
     direction, distance, weights, density = to_numpy(
         ds.d, ds.dist, mi.Color3f(weight), dr.select(ds.delta, 0, ds.pdf)
     )
     return direction.astype(np.float64), distance, weights, density.astype(np.float64)
+
+
+def _sampled(emitter: Any, si: Any, sample: Any) -> tuple[Any, Any]:
+    ds, weight = emitter.sample_direction(si, sample)
+    return ds, mi.Color3f(weight)
 
 
 def _ray(origins: AnyArray, directions: AnyArray) -> Any:
