@@ -120,8 +120,9 @@ def _place_small_objects(furnisher: Furnisher) -> None:
         "fridge": (("storage_box", "small_plant", "microwave"), 0, 1),
         "wall_shelf": (("small_plant", "books_stack", "vase", "candle"), 0, 2),
         "bath_tub": (("toiletries", "candle"), 0, 1),
+        "niche": (("vase", "books_stack", "small_plant", "candle", "storage_box"), 2, 5),
     }
-    for item in list(furnisher.space.items):
+    for item in [*furnisher.space.items, *furnisher.space.niches]:
         if item.kind not in wanted or not item.piece.surfaces:
             continue
         kinds, low, high = wanted[item.kind]
