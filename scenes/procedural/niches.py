@@ -19,6 +19,7 @@ BOARD = 0.024  # metres, thickness of a board
 _EMBED = 0.01  # metres that the lining reaches into wall, floor and ceiling
 _SHARE = 0.26  # of the rooms, tried: in many no wall has place for one
 _ROOMS = ("living", "bedroom", "dining", "study", "bathroom", "hall")
+_LEVEL = 0.3  # metres, least height between boards
 _BEFORE = 0.8  # metres that stay free before it
 
 
@@ -40,6 +41,7 @@ def _draw_niche(rng: np.random.Generator, plan: Plan, room: PlanRoom) -> Niche |
         return None
     if room.type == "bathroom":
         low += 0.3
+    count = max(1, min(count, int((top - low) / _LEVEL)))
     between = np.linspace(low, top, count + 1)[1:-1]
     ways = [
         one.edge_in(room.id).strip(
@@ -57,7 +59,7 @@ def _draw_niche(rng: np.random.Generator, plan: Plan, room: PlanRoom) -> Niche |
         edge = room.edges[index]
         following = room.edges[(index + 1) % len(room.edges)]
         free = edge.length - wide
-        starts = [place * free]
+        starts = [round(place * free, 3)]
         if _is_corner(edge, following):
             starts.insert(0, free)
         if _is_corner(room.edges[index - 1], edge):

@@ -30,6 +30,7 @@ _KNEES = (1.0, 1.6)  # metres
 _RUNS = (1.0, 2.0)  # metres
 _RISES = (0.5, 1.4)  # metres per metre
 _STANDING = 1.9  # metres, free height where people stand
+_SILL = 1.3  # metres, least height of a roof window's lower edge
 _OVER = 0.12  # metres above openings in walls that meet the slope
 _TOUCH = 1e-9  # metres
 _LINING = 0.012  # thickness of the boards round a roof window
@@ -46,12 +47,15 @@ def draw_roof(rng: np.random.Generator, plan: Plan) -> Plan:
     x0, y0, x1, y1 = Polygon(plan.inner).bounds
     corners = ((x0, y1), (x0, y0), (x1, y0), (x1, y1), (x0, y1))
     sides = [WallEdge(start, end, True) for start, end in pairwise(corners)]
+    bare = replace(plan, beams=(), stairs=None)
+    one: Plan | None = None
     for index in rng.permutation(4).tolist():
-        sloping = _with_slope(rng, replace(plan, beams=(), stairs=None), sides[index])
-        if sloping is not None:
-            opposite = _with_slope(rng, sloping, sides[(index + 2) % 4]) if both else None
-            return opposite or sloping
-    return plan
+        sloping = _with_slope(rng, bare, sides[index])
+        opposite = sloping and _with_slope(rng, sloping, sides[(index + 2) % 4])
+        if both and opposite:
+            return opposite
+        one = one or sloping
+    return one or plan
 
 
 def _with_slope(rng: np.random.Generator, plan: Plan, side: WallEdge) -> Plan | None:
@@ -117,7 +121,7 @@ def _roof_windows(
     """Roof windows above the places of windows in the slope's wall; two for a wide one."""
     found: list[RoofWindow] = []
     wide = round(float(rng.uniform(0.62, 1.15)), 2)
-    near = round(float(rng.uniform(0.14, 0.22)), 3)
+    near = round(max(float(rng.uniform(0.14, 0.22)), _depth_of(slope, _SILL)), 3)
     far = round(min(slope.run - float(rng.uniform(0.12, 0.25)), near + 1.3), 3)
     for window in windows:
         middle = slope.edge.coordinates(window.edge.at(0.5 * window.width))[0]
@@ -128,7 +132,7 @@ def _roof_windows(
             name = window.id if number == 0 else f"{window.id}-{number + 1}"
             made = RoofWindow(name, window.rooms[0], slope, s0, s1, near, far)
             around = buffered(made.footprint, 0.1, join_style="mitre")
-            if plan.room(made.room).shape.covers(around):
+            if far - near > 0.45 and plan.room(made.room).shape.covers(around):
                 found.append(made)
     return found
 

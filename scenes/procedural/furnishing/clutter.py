@@ -28,7 +28,7 @@ _ON: dict[str, tuple[str, float]] = {
     "wall_shelf": ("shelf", 3.5),
     "wall_board": ("shelf", 4.5),
     "rack": ("shelf", 7.0),
-    "niche": ("shelf", 6.0),
+    "niche": ("shelf", 9.0),
     "shower": ("tub", 2.5),
     "sideboard": ("shelf", 4.5),
     "chest_of_drawers": ("dresser", 4.5),
