@@ -144,7 +144,7 @@ def make_home(
 
 
 def _shape_of(plan: Plan) -> dict[str, list]:
-    """What `scene.json` records of sloping ceilings and niches."""
+    """Sloping ceilings and niches, as `scene.json` records them."""
     found: dict[str, list] = {}
     if plan.slopes:
         found["slopes"] = [

@@ -198,7 +198,7 @@ class Slope:
         return self.knee + self.rise * ((x - x0) * nx + (y - y0) * ny)
 
     def strip(self, margin: float = 0.0) -> Polygon:
-        """What lies below the slope and the eaves, seen from above; `margin` past the ridge."""
+        """Area below the slope and the eaves, seen from above; it ends `margin` past the ridge."""
         return self.edge.strip(-9.0, self.edge.length + 9.0, -9.0, self.run + margin)
 
 
